@@ -1,0 +1,76 @@
+"""omnitrack_sim: the Omnidirectional Tractable Three Module Robot in pipes, on MuJoCo.
+
+Names are loaded on first use, so that ``import omnitrack_sim`` stays light.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from omnitrack_sim.errors import GeometryError, InputError, OmnitrackError, OutputError, RenderError, ScenarioError
+    from omnitrack_sim.outcome import Outcome
+    from omnitrack_sim.pipes import Elbow, PipeNetwork, Step, Straight, Tee, route
+    from omnitrack_sim.plots import plot_summary
+    from omnitrack_sim.render import render_frame, render_video
+    from omnitrack_sim.robot import Robot
+    from omnitrack_sim.scenario import Scenario, load_scenario, override, shipped_scenarios
+    from omnitrack_sim.sim.result import Result, load_result
+    from omnitrack_sim.sim.runner import run, run_batch
+    from omnitrack_sim.trajectory import Trajectory
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "errors": ("GeometryError", "InputError", "OmnitrackError", "OutputError", "RenderError", "ScenarioError"),
+    "outcome": ("Outcome",),
+    "pipes": ("Elbow", "PipeNetwork", "Step", "Straight", "Tee", "route"),
+    "plots": ("plot_summary",),
+    "render": ("render_frame", "render_video"),
+    "robot": ("Robot",),
+    "scenario": ("Scenario", "load_scenario", "override", "shipped_scenarios"),
+    "sim.result": ("Result", "load_result"),
+    "sim.runner": ("run", "run_batch"),
+    "trajectory": ("Trajectory",),
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+
+__all__ = [
+    "Elbow",
+    "GeometryError",
+    "InputError",
+    "OmnitrackError",
+    "Outcome",
+    "OutputError",
+    "PipeNetwork",
+    "RenderError",
+    "Result",
+    "Robot",
+    "Scenario",
+    "ScenarioError",
+    "Step",
+    "Straight",
+    "Tee",
+    "Trajectory",
+    "load_result",
+    "load_scenario",
+    "override",
+    "plot_summary",
+    "render_frame",
+    "render_video",
+    "route",
+    "run",
+    "run_batch",
+    "shipped_scenarios",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,83 @@
+"""The crawler motors: torque-speed line, torque limit, integral part of the speed loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from omnitrack_sim.frames import Array
+
+
+@dataclass(frozen=True)
+class Motor:
+    """A gearmotor at its output shaft. Source of each value: see ``MOTORS``.
+
+    Attributes:
+        no_load_speed: rad/s. stall_torque: N m, where the torque-speed line meets zero speed.
+        torque_limit: N m, what the motor (or its current limit) gives at most.
+    """
+
+    no_load_speed: float
+    stall_torque: float
+    torque_limit: float
+
+
+MOTORS = {
+    # The paper's simulation prescribes the speeds. Torque limit: the Pololu motor's extrapolated stall torque. Assumed.
+    "simulation": Motor(no_load_speed=20.0, stall_torque=12.0, torque_limit=1.18),
+    # Pololu 1000:1 HPCB 12 V (986.41:1): 34.6 rpm without load, 12 kg cm extrapolated stall torque, 2.5 kg cm
+    # recommended limit. Scaled from the maker's figures for the other ratios of the family.
+    "pololu_1000_hpcb": Motor(no_load_speed=3.62, stall_torque=1.18, torque_limit=0.245),
+}
+"""Crawler motors by name."""
+
+INTEGRAL_TIME = 0.1
+"""Integral time of the speed loop, s; assumed."""
+
+
+class Drive:
+    """The electrical side of n robots' crawler motors: what the speed servo is asked and how much force it may give.
+
+    The belt itself, with the reflected rotor inertia and the proportional speed loop, is part of the physics. Here are
+    the integral part, the torque-speed line and the torque limit.
+
+    Args:
+        motor: the crawler motor.
+        torque_limit: (n,) N m, overrides the motor's own.
+        lug_radius: m, belt speed over shaft speed (Eq. 1).
+        n: number of robots.
+    """
+
+    def __init__(self, motor: Motor, torque_limit: ArrayLike, lug_radius: float, n: int):
+        self.motor, self.lug_radius = motor, lug_radius
+        self.torque_limit = np.broadcast_to(np.asarray(torque_limit, float), (n,))[:, None]
+        self.saturated = np.zeros((n, 3), bool)
+        self._correction = np.zeros((n, 3))  # m/s, integral part
+
+    def advance(self, command: Array, belt_speed: Array, torque: Array, dt: float) -> tuple[Array, Array, Array]:
+        """One control step.
+
+        Args:
+            command: (n, 3) m/s, belt speeds asked.
+            belt_speed: (n, 3) m/s, as they are.
+            torque: (n, 3) N m, what the motors gave last.
+            dt: s since the last call.
+
+        Returns:
+            Set points of the speed servo (n, 3) m/s, and the least and largest belt force (n, 3) N it may give.
+        """
+        lowest, highest = self._torque_range(belt_speed / self.lug_radius)
+        self.saturated = (torque <= 0.999 * lowest) | (torque >= 0.999 * highest)
+        # The integral grows only where the motor can follow (no wind-up in a stall).
+        error = command - belt_speed
+        self._correction = np.where(self.saturated, self._correction, self._correction + error * dt / INTEGRAL_TIME)
+        return command + self._correction, lowest / self.lug_radius, highest / self.lug_radius
+
+    def _torque_range(self, speed: Array) -> tuple[Array, Array]:
+        """Least and largest torque (n, 3) N m at ``speed`` rad/s: the torque-speed line where the motor drives, the limit."""
+        line = self.motor.stall_torque / self.motor.no_load_speed
+        highest = np.clip(self.motor.stall_torque - line * speed, 0.0, self.torque_limit)
+        lowest = -np.clip(self.motor.stall_torque + line * speed, 0.0, self.torque_limit)
+        return lowest, highest

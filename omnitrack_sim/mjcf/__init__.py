@@ -1,0 +1,1 @@
+"""MuJoCo models: walls, robot, looks, meshes. The only users of MjSpec, trimesh and manifold3d."""

@@ -1,0 +1,162 @@
+"""Published copies of the models: MJCF in ``models/``, meshes in ``assets/``. Generated, byte for byte the same each time."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import trimesh
+
+from omnitrack_sim.frames import quaternion_from_matrix
+from omnitrack_sim.mjcf.looks import add_cameras, add_pipe_looks, add_robot_looks
+from omnitrack_sim.mjcf.meshes import fitting_mesh
+from omnitrack_sim.mjcf.robot import add_robot
+from omnitrack_sim.mjcf.scene import build_scene
+from omnitrack_sim.mjcf.spec import new_spec
+from omnitrack_sim.mjcf.walls import add_walls
+from omnitrack_sim.pipes import Elbow, Fitting, PipeNetwork, Placed, Route, Step, Straight, Tee, route
+from omnitrack_sim.robot import Robot
+
+FITTINGS: Mapping[str, Fitting] = {
+    "straight": Straight(0.5),
+    "elbow_1.5d": Elbow(0.24),
+    "elbow_90mm": Elbow(0.09),
+    "tee": Tee(),
+}
+"""The published fittings, by the name of their files."""
+SCENES: Mapping[str, str] = {"straight": "straight", "elbow": "elbow_1.5d", "tee": "tee"}
+"""Scene name and the fitting that its robot stands before."""
+START_DISTANCE = 0.10
+"""Robot's centre from the start of the route in a scene's keyframe ``start``, m."""
+
+
+def write_models(models_dir: Path, assets_dir: Path) -> list[Path]:
+    """Write every published file; returns their paths. The folders are made when missing.
+
+    XML keeps six digits, so simulations build their models in memory and these files are for viewing and for others.
+    """
+    written = []
+    for path, content in _files(Path(models_dir), Path(assets_dir)).items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+        written.append(path)
+    return written
+
+
+def check_models(models_dir: Path, assets_dir: Path) -> list[str]:
+    """Names of files that are missing, differ from what ``write_models`` would write, or are no longer generated."""
+    files = _files(Path(models_dir), Path(assets_dir))
+    wrong = [path.name for path, content in files.items() if not path.is_file() or path.read_bytes() != content]
+    strays = {p for folder, ends in ((models_dir, ("xml",)), (assets_dir, ("obj", "stl"))) for e in ends for p in Path(folder).glob(f"*.{e}")}
+    return sorted([*wrong, *(p.name for p in strays - set(files))])
+
+
+def _files(models_dir: Path, assets_dir: Path) -> dict[Path, bytes]:
+    files: dict[Path, bytes] = {}
+    for name, spec in _specs().items():
+        text, meshes = _published(spec, f"{name.removeprefix('scene_')}_" if name.startswith("scene_") else "")
+        files[models_dir / f"{name}.xml"] = text
+        files |= {assets_dir / file: content for file, content in meshes.items()}
+    for name, fitting in FITTINGS.items():
+        mesh = fitting_mesh(fitting)
+        files[assets_dir / f"{name}.stl"] = trimesh.exchange.stl.export_stl(mesh)
+        files[assets_dir / f"{name}.obj"] = _obj(mesh.vertices, mesh.faces)
+    return files
+
+
+def _specs() -> dict[str, mujoco.MjSpec]:
+    specs = {"robot": _robot_spec()}
+    specs |= {f"pipe_{name}": _pipe_spec(name, fitting) for name, fitting in FITTINGS.items()}
+    specs |= {f"scene_{name}": _scene_spec(name, FITTINGS[fitting]) for name, fitting in SCENES.items()}
+    return specs
+
+
+def _robot_spec() -> mujoco.MjSpec:
+    """The robot alone, at rest where nothing pulls on it."""
+    spec = new_spec("omnitrack_robot")
+    robot = Robot()
+    spec.option.gravity = [0, 0, 0]
+    chassis = add_robot(spec, robot)
+    add_robot_looks(spec, robot)
+    light = spec.worldbody.add_light(name="sun", pos=[0.5, -1, 1], dir=[-0.5, 1, -1])
+    light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    chassis.add_camera(name="front", pos=[0, 0, 0.5], xyaxes=[0, -1, 0, 1, 0, 0], mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK)
+    chassis.add_camera(name="side", pos=[0, -0.5, 0], xyaxes=[1, 0, 0, 0, 0, 1], mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK)
+    return spec
+
+
+def _pipe_spec(name: str, fitting: Fitting) -> mujoco.MjSpec:
+    """One fitting in its own frame: collision walls and the look of its far half."""
+    from omnitrack_sim.frames import Pose
+
+    spec = new_spec(f"omnitrack_pipe_{name}")
+    network = PipeNetwork((Placed(name, fitting, Pose()),))
+    add_walls(spec, network)
+    add_pipe_looks(spec, network)
+    add_cameras(spec, network)
+    return spec
+
+
+def _scene_route(fitting: Fitting) -> Route:
+    steps = [Step("entry", Straight(0.4), "start", "end")]
+    if isinstance(fitting, Straight):
+        steps.append(Step("straight", fitting, "start", "end"))
+    elif isinstance(fitting, Elbow):
+        steps += [Step("elbow", fitting, "start", "end"), Step("exit", Straight(0.4), "start", "end")]
+    else:
+        steps += [Step("tee", fitting, "run_start", "branch"), Step("exit", Straight(0.4), "start", "end")]
+    return route(steps)
+
+
+def _scene_spec(name: str, fitting: Fitting) -> mujoco.MjSpec:
+    """A pipe run with the robot in its entry: keyframe ``start``."""
+    way, robot = _scene_route(fitting), Robot()
+    spec = build_scene(way.network, robot, looks=True)
+    spec.modelname = f"omnitrack_scene_{name}"
+    model = spec.copy().compile()
+    data = mujoco.MjData(model)
+    start = np.array([START_DISTANCE])
+    data.qpos[:3] = way.centreline.at(start)[0][0]
+    data.qpos[3:7] = quaternion_from_matrix(way.centreline.frame(start)[0])
+    spec.add_key(name="start", qpos=data.qpos.copy())
+    chassis = spec.body("chassis")
+    chassis.pos, chassis.quat = data.qpos[:3], data.qpos[3:7]
+    return spec
+
+
+def _published(spec: mujoco.MjSpec, prefix: str) -> tuple[bytes, dict[str, bytes]]:
+    """XML that reads its meshes from ``../assets``, and those meshes by file name.
+
+    Pipes of a scene have files of their own (``prefix``); the robot's are shared by all models.
+    """
+    spec.compile()
+    root = ET.fromstring(spec.to_xml())
+    compiler = root.find("compiler")
+    if compiler is None:
+        compiler = ET.Element("compiler")
+        root.insert(0, compiler)
+    compiler.set("meshdir", "../assets")
+    meshes: dict[str, bytes] = {}
+    by_name = {mesh.name: mesh for mesh in spec.meshes}
+    for element in root.iter("mesh"):
+        name = element.get("name")
+        if name is None or name not in by_name or element.get("class") == name:
+            continue
+        mesh = by_name[name]
+        file = f"{prefix if name.startswith(('pipe_', 'front_')) else 'robot_'}{name}.obj"
+        meshes[file] = _obj(np.reshape(mesh.uservert, (-1, 3)), np.reshape(mesh.userface, (-1, 3)))
+        for attribute in ("vertex", "face", "normal", "texcoord"):
+            element.attrib.pop(attribute, None)
+        element.set("file", file)
+    ET.indent(root)
+    return ET.tostring(root, encoding="utf-8") + b"\n", meshes
+
+
+def _obj(vertices: np.ndarray, faces: np.ndarray) -> bytes:
+    """Wavefront OBJ: m, seven digits, faces counted from 1."""
+    lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in np.asarray(vertices, float) + 0.0]
+    lines += [f"f {a} {b} {c}" for a, b, c in np.asarray(faces) + 1]
+    return ("\n".join(lines) + "\n").encode()

@@ -1,0 +1,141 @@
+"""Solid pipe fittings as triangle meshes, for pictures and export. Collision never uses them.
+
+Each fitting is (outer solids together) - (bores together): uniting finished pipe *shells* instead would leave the wall
+of the run across the mouth of the branch. The genus tells the two apart: openings - 1 when every bore is open.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import trimesh
+from manifold3d import CrossSection, Manifold, Mesh
+from numpy.typing import ArrayLike
+
+from omnitrack_sim.frames import Array
+from omnitrack_sim.pipes import Elbow, Fitting, Straight, Tee
+
+THICKNESS = 0.004
+"""Wall thickness of every fitting, m: a 168 mm pipe with a 160 mm bore; assumed."""
+SECTIONS = 96
+"""Corners of a pipe's cross-section."""
+DEGREES_PER_RING = 3.75
+"""Bend angle between neighbouring cross-sections of an elbow, degrees."""
+FILLET_POINTS = 7
+"""Points on the fillet's arc, ends included."""
+OVERCUT = 2e-4
+"""How far cutting solids reach into what is already empty, m."""
+
+
+def fitting_mesh(fitting: Fitting, thickness: float = THICKNESS, sections: int = SECTIONS) -> trimesh.Trimesh:
+    """The wall of a fitting as a watertight solid of genus openings - 1, m, fitting frame.
+
+    The bore is inscribed: corners lie on the exact surface, faces up to R (1 - cos(pi / sections)) inside it.
+    """
+    return manifold_to_trimesh(_wall(fitting, thickness, sections))
+
+
+def cutaway_mesh(
+    fitting: Fitting, towards: ArrayLike, thickness: float = THICKNESS, sections: int = SECTIONS, keep: bool = True
+) -> trimesh.Trimesh:
+    """Half of a fitting: the half facing ``towards`` is taken away, so that one looks into the bore.
+
+    Args:
+        fitting: what to cut.
+        towards: (3,) direction of the viewer in the fitting frame. Elbows and tees are cut along their own plane, on
+            the viewer's side; a straight pipe along its axis.
+        thickness: of the wall, m.
+        sections: corners of the cross-section.
+        keep: True for the half that stays, False for the one taken away.
+    """
+    side = np.asarray(cut_normal(fitting, towards)) * (-1.0 if keep else 1.0)
+    return manifold_to_trimesh(_wall(fitting, thickness, sections).trim_by_plane(tuple(side), 0.0))
+
+
+def cut_normal(fitting: Fitting, towards: ArrayLike) -> Array:
+    """Unit normal (3,) of the cut through the fitting's axis, fitting frame, on the side of ``towards`` (3,)."""
+    x, y, _ = np.asarray(towards, float)
+    if not isinstance(fitting, Straight):
+        return np.array([0.0, math.copysign(1.0, y), 0.0])
+    across = np.array([x, y, 0.0])
+    length = float(np.linalg.norm(across))
+    return across / length if length > 1e-6 else np.array([0.0, 1.0, 0.0])
+
+
+def _wall(fitting: Fitting, thickness: float, sections: int) -> Manifold:
+    bore = _fill(fitting, fitting.radius, sections)
+    if isinstance(fitting, Tee):
+        bore += _fillet(fitting, 1.0, sections) + _fillet(fitting, -1.0, sections)
+    return _fill(fitting, fitting.radius + thickness, sections) - bore
+
+
+def _fill(fitting: Fitting, radius: float, sections: int) -> Manifold:
+    """Solid of a given radius about the fitting's axes, between its ports."""
+    if isinstance(fitting, Straight):
+        return Manifold.cylinder(fitting.length, radius, circular_segments=sections)
+    if isinstance(fitting, Elbow):
+        return _torus_sector(fitting, radius, sections)
+    run = Manifold.cylinder(fitting.run_length, radius, circular_segments=sections, center=True)
+    branch = Manifold.cylinder(fitting.branch_length, radius, circular_segments=sections).rotate((0.0, 90.0, 0.0))
+    return run + branch
+
+
+def _torus_sector(fitting: Elbow, radius: float, sections: int) -> Manifold:
+    """Disc revolved about the torus axis; what would lie beyond that axis is left out (spindle)."""
+    disc = CrossSection.circle(radius, sections).translate((fitting.mean_radius, 0.0))
+    degrees = math.degrees(fitting.angle)
+    steps = max(3, math.ceil(degrees / DEGREES_PER_RING))
+    sector = Manifold.revolve(disc, circular_segments=steps, revolve_degrees=degrees)
+    # revolve() sweeps from +x towards +y about z; the elbow sweeps from -x towards +z about y
+    return sector.transform([[-1, 0, 0, fitting.mean_radius], [0, 0, 1, 0], [0, 1, 0, 0]])
+
+
+def _fillet(tee: Tee, side: float, sections: int) -> Manifold:
+    """What a ball of the fillet radius rounds off the rim on one side of the branch (``side`` = sign of z).
+
+    The ball's centre runs on the saddle where two cylinders of radius R + f meet. Each cross-section is bounded by the
+    ball's arc between its two points of tangency and closed within the bores.
+    """
+    steps = sections // 2
+    angles = (np.arange(1, steps) - steps / 2) * 2 * math.pi / sections
+    cos, sin, zero = np.cos(angles), np.sin(angles), np.zeros_like(angles)
+    to_run = np.stack([cos, sin, zero], axis=-1)  # (m, 3) away from the run's axis
+    to_branch = np.stack([zero, sin, side * cos], axis=-1)
+    diagonal = np.stack([cos, sin, side * cos], axis=-1)
+    radius, fillet = tee.radius, tee.fillet_radius
+    centre = (radius + fillet) * diagonal
+    weight = np.linspace(0.0, 1.0, FILLET_POINTS)[:, None, None]
+    arc = (1 - weight) * to_run + weight * to_branch
+    arc = centre - fillet * arc / np.linalg.norm(arc, axis=-1, keepdims=True)  # (FILLET_POINTS, m, 3)
+    rings = np.concatenate(
+        [
+            arc,
+            (arc[-1] - OVERCUT * to_branch)[None],
+            ((radius - OVERCUT) * diagonal)[None],
+            (arc[0] - OVERCUT * to_run)[None],
+        ]
+    )
+    solid = trimesh.Trimesh(*_loft(rings.transpose(1, 0, 2)), process=False)
+    if solid.volume < 0:
+        solid.invert()
+    return Manifold(Mesh(np.asarray(solid.vertices, np.float32), np.asarray(solid.faces, np.uint32)))
+
+
+def _loft(rings: Array) -> tuple[Array, np.ndarray]:
+    """Vertices and faces of the solid through closed rings (m, k, 3), with fans over both ends."""
+    count, corners, _ = rings.shape
+    index = np.arange(count * corners).reshape(count, corners)
+    a, b = index[:-1], index[1:]
+    a_next, b_next = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
+    sides = np.concatenate([np.stack([a, a_next, b], -1).reshape(-1, 3), np.stack([a_next, b_next, b], -1).reshape(-1, 3)])
+    hub = corners - 2  # the corner inside the bores sees every other one
+    fan = [(hub, (hub + i) % corners, (hub + i + 1) % corners) for i in range(1, corners - 1)]
+    first, last = index[0][np.array(fan)][:, ::-1], index[-1][np.array(fan)]
+    return rings.reshape(-1, 3), np.concatenate([sides, first, last])
+
+
+def manifold_to_trimesh(solid: Manifold) -> trimesh.Trimesh:
+    """The same solid, vertices (n, 3) and faces (m, 3) in the order of the boolean kernel."""
+    mesh = solid.to_mesh()
+    return trimesh.Trimesh(np.asarray(mesh.vert_properties[:, :3], float), np.asarray(mesh.tri_verts), process=False)

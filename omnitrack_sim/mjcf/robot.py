@@ -1,0 +1,215 @@
+"""The robot as MJCF: chassis, three sprung arms, rolling modules, two travelling tracks of lugs each.
+
+A track is a row of sphere lugs on a slide joint along the module. The lugs of a running belt stand still on the wall while
+the robot passes over them, as on the real chain; after each lug pitch the plant moves the row back by one pitch, so it
+never runs out. The motor's reflected rotor inertia is the armature of that joint, so belt, friction and robot are solved
+together in one implicit step: a belt speed prescribed from outside would need steps of microseconds against stiff
+friction, because three belts in one pipe are coupled rigidly.
+"""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+from omnitrack_sim.frames import rotation_about, quaternion_from_matrix
+from omnitrack_sim.robot import MODULE_ANGLES, Robot
+from omnitrack_sim.trajectory import TRACKS
+
+COLLISION_GROUP = 3
+LUG_SOLREF = (0.004, 1.0)
+"""Contact time constant, s, and damping ratio: the stiffest that a 2 ms step holds (MuJoCo needs two steps)."""
+LUG_SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
+ROTOR_INERTIA_REFLECTED = 0.0088
+"""Rotor inertia of a gearmotor at its output, kg m²: 9e-9 kg m² (2 g, 3 mm) times 986.41²; assumed."""
+TRACK_MASS = 1e-3
+"""Mass of a run of lugs, kg: small, because the module's mass counts the chain already."""
+BELT_SERVO_TIME = 0.02
+"""Time constant of the crawler motor's speed loop without load, s; assumed."""
+CHAIN_SOLREF = (0.004, 1.0)
+"""The two runs of a chain move as one."""
+ROLL_STIFFNESS = 20.0
+"""Position gain of the rotary motor's servo, N m/rad; assumed. Its damping is critical for the reflected inertia."""
+FREE_SPRING_LENGTH = 10.0
+"""Upper end of the springs' dead band, m: springs push only."""
+
+
+def add_robot(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
+    """Add the robot to the world at the origin, robot frame = world frame; returns the chassis.
+
+    Bodies ``chassis``, ``arm_i``, ``module_i``, ``track_upper_i``, ``track_lower_i`` for i = 1, 2, 3; joints
+    ``robot`` (free), ``slide_i``, ``pitch_i``, ``roll_i``,
+    ``belt_upper_i``, ``belt_lower_i`` (coupled: the two runs of one chain); tendons ``spring_front_i``,
+    ``spring_rear_i``; actuators ``roll_i`` (position, rad) and
+    ``belt_i`` (velocity servo, m/s; forces in N at the belt); one net contact force sensor ``contact_upper_i`` / ``contact_lower_i`` a track.
+    """
+    chassis = spec.worldbody.add_body(name="chassis")
+    chassis.add_freejoint(name="robot")
+    _set_cylinder_inertia(chassis, robot.chassis_mass, 0.025, robot.chassis_length)
+    for number, angle in enumerate(MODULE_ANGLES, start=1):
+        arm = _add_arm(chassis, robot, number, angle)
+        module = _add_module(arm, robot, number)
+        for track, side in zip(TRACKS, (1.0, -1.0), strict=True):
+            _add_track(module, robot, f"{track}_{number}", side)
+            _add_contact_sensor(spec, f"{track}_{number}")
+        _add_springs(spec, robot, number)
+        _add_roll_motor(spec, robot, number)
+        _add_belt_motor(spec, robot, number)
+        for kind in (mujoco.mjtSensor.mjSENS_FRAMELINVEL, mujoco.mjtSensor.mjSENS_FRAMEANGVEL):
+            name = "velocity" if kind == mujoco.mjtSensor.mjSENS_FRAMELINVEL else "spin"
+            spec.add_sensor(
+                name=f"{name}_{number}", type=kind, objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=f"module_{number}"
+            )
+    return chassis
+
+
+def _set_cylinder_inertia(body: mujoco.MjsBody, mass: float, radius: float, length: float) -> None:
+    """Mass and inertia of a solid cylinder along z, kg and kg m²."""
+    across = mass * (3 * radius**2 + length**2) / 12
+    body.mass = mass
+    body.inertia = [across, across, mass * radius**2 / 2]
+    body.explicitinertial = True
+
+
+def _add_arm(chassis: mujoco.MjsBody, robot: Robot, number: int, angle: float) -> mujoco.MjsBody:
+    turn = rotation_about([0, 0, 1], angle)
+    arm = chassis.add_body(
+        name=f"arm_{number}", pos=turn @ [robot.module_distance, 0, 0], quat=quaternion_from_matrix(turn)
+    )
+    _set_cylinder_inertia(arm, robot.arm_mass, 0.01, robot.shaft_spacing)
+    arm.add_joint(
+        name=f"slide_{number}",
+        type=mujoco.mjtJoint.mjJNT_SLIDE,
+        axis=[1, 0, 0],
+        limited=True,
+        range=robot.slide_range,
+        damping=[robot.slide_damping, 0, 0],
+    )
+    arm.add_joint(
+        name=f"pitch_{number}",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=[0, 1, 0],
+        limited=True,
+        range=[-robot.pitch_limit, robot.pitch_limit],
+        damping=[robot.pitch_damping, 0, 0],
+    )
+    return arm
+
+
+def _add_module(arm: mujoco.MjsBody, robot: Robot, number: int) -> mujoco.MjsBody:
+    module = arm.add_body(name=f"module_{number}")
+    _set_cylinder_inertia(module, robot.module_mass, robot.lug_radius, robot.length)
+    module.add_joint(
+        name=f"roll_{number}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1], armature=ROTOR_INERTIA_REFLECTED
+    )
+    return module
+
+
+def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float) -> None:
+    """One run of the chain: a row of sphere lugs along z, ``side`` = 1 above the module axis, -1 below it.
+
+    A positive belt speed moves the upper run backward, which drives forward where it is at the wall, and the lower run
+    forward.
+    """
+    track = module.add_body(name=f"track_{name}")
+    track.mass, track.inertia, track.explicitinertial = TRACK_MASS, [TRACK_MASS * robot.lug_radius**2] * 3, True
+    track.add_joint(
+        name=f"belt_{name}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, -side], armature=belt_inertia(robot) / 2
+    )
+    for index, z in enumerate(lug_places(robot)):
+        track.add_geom(
+            name=f"lug_{name}_{index}",
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[robot.lug_radius - robot.track_offset, 0, 0],
+            pos=[side * robot.track_offset, 0, z],
+            contype=1,
+            conaffinity=2,
+            condim=3,
+            priority=1,
+            friction=[0.9, 0, 0],
+            solref=LUG_SOLREF,
+            solimp=LUG_SOLIMP,
+            mass=0,
+            group=COLLISION_GROUP,
+        )
+
+
+def lug_pitch(robot: Robot) -> float:
+    """Distance of neighbouring lugs along a track, m."""
+    return robot.contact_length / robot.lugs_per_track
+
+
+def lug_places(robot: Robot) -> np.ndarray:
+    """z of the lugs on the module (K,), m: K lugs at one pitch, centred, so that the row covers the contact length."""
+    return (np.arange(robot.lugs_per_track) - (robot.lugs_per_track - 1) / 2) * lug_pitch(robot)
+
+
+def belt_inertia(robot: Robot) -> float:
+    """Reflected inertia of the crawler gearmotor at the belt, kg: J / r²."""
+    return ROTOR_INERTIA_REFLECTED / robot.lug_radius**2
+
+
+def _add_springs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
+    """Front and rear springs of an arm (Fig. 2): each pushes on the arm at its own shafts, and only pushes.
+
+    Together they give the radial stiffness k and the pitch stiffness k (spacing / 2)^2.
+    """
+    for end, side in (("front", 1.0), ("rear", -1.0)):
+        spring = spec.add_tendon(name=f"spring_{end}_{number}")
+        spring.wrap_joint(f"slide_{number}", 1.0)
+        spring.wrap_joint(f"pitch_{number}", side * robot.shaft_spacing / 2)
+        spring.stiffness = [robot.module_stiffness / 2, 0, 0]
+        spring.springlength = [spring_free_length(robot, robot.preload), FREE_SPRING_LENGTH]
+
+
+def spring_free_length(robot: Robot, preload: float) -> float:
+    """Arm travel at which the springs are free, m: preload over the stiffness of the module's springs."""
+    return preload / robot.module_stiffness
+
+
+def _add_roll_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
+    motor = spec.add_actuator(
+        name=f"roll_{number}",
+        trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        target=f"roll_{number}",
+        forcelimited=True,
+        forcerange=[-robot.roll_torque, robot.roll_torque],
+    )
+    motor.set_to_position(kp=ROLL_STIFFNESS, kv=2 * math.sqrt(ROLL_STIFFNESS * ROTOR_INERTIA_REFLECTED))
+
+
+def _add_belt_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
+    """Velocity servo on the upper run, and the lower run tied to it."""
+    motor = spec.add_actuator(
+        name=f"belt_{number}",
+        trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        target=f"belt_upper_{number}",
+        forcelimited=True,
+        forcerange=[-1.0, 1.0],
+    )
+    motor.set_to_velocity(kv=belt_inertia(robot) / BELT_SERVO_TIME)
+    spec.add_equality(
+        name=f"chain_{number}",
+        type=mujoco.mjtEq.mjEQ_JOINT,
+        objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        name1=f"belt_lower_{number}",
+        name2=f"belt_upper_{number}",
+        data=[0, 1, *[0] * 10],
+        solref=CHAIN_SOLREF,
+    )
+
+
+def _add_contact_sensor(spec: mujoco.MjSpec, name: str) -> None:
+    """Net wall force of a track: (found, force (3,), position (3,)), world axes; the force is the track's on the wall."""
+    fields = mujoco.mjtConDataField
+    wanted = sum(1 << int(f) for f in (fields.mjCONDATA_FOUND, fields.mjCONDATA_FORCE, fields.mjCONDATA_POS))
+    net_force, slots = 3, 1
+    spec.add_sensor(
+        name=f"contact_{name}",
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        objname=f"track_{name}",
+        intprm=[wanted, net_force, slots],
+    )

@@ -1,0 +1,49 @@
+"""How a run can end, and what to try next."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Outcome(StrEnum):
+    """The end of one trial. A failed traversal is a result, not an error."""
+
+    REACHED_GOAL = "reached_goal"
+    MOTION_SINGULARITY = "motion_singularity"
+    STALLED = "stalled"
+    STUCK = "stuck"
+    SLIPPING = "slipping"
+    NO_MOTION_LINE = "no_motion_line"
+    LEFT_PIPE = "left_pipe"
+    TIMED_OUT = "timed_out"
+    DIVERGED = "diverged"
+
+    @property
+    def advice(self) -> str:
+        """One sentence: what happened and what to try."""
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    Outcome.REACHED_GOAL: "The robot reached the goal.",
+    Outcome.MOTION_SINGULARITY: (
+        "A module lost the wall in a tee and the turn stopped: align before the tee (control.align = true) or start with "
+        "theta5 inside the safe margin."
+    ),
+    Outcome.STALLED: (
+        "A crawler motor stood still at its torque limit: raise robot.torque_limit, lower robot.preload or take another "
+        "robot.motor."
+    ),
+    Outcome.STUCK: (
+        "The robot stopped without a stall or slip: look at tilt and contact in the summary plot, and try another theta5 "
+        "or contact length."
+    ),
+    Outcome.SLIPPING: "The belts ran but the robot did not follow: raise contact.friction or robot.preload.",
+    Outcome.NO_MOTION_LINE: (
+        "The modules lie on the no-motion line (roll near 90 degrees), where both tracks touch and oppose each other: "
+        "start with another start.roll_deg."
+    ),
+    Outcome.LEFT_PIPE: "The robot's centre left the pipes: check start.distance and gravity against the friction.",
+    Outcome.TIMED_OUT: "Time ran out while the robot still moved: raise physics.time_limit.",
+    Outcome.DIVERGED: "The physics diverged: lower physics.timestep or look for extreme parameters.",
+}

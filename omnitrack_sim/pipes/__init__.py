@@ -1,0 +1,21 @@
+"""Pipes: fittings, networks, routes and their exact inner surface. Pure NumPy."""
+
+from omnitrack_sim.pipes.centreline import Centreline, Segment
+from omnitrack_sim.pipes.fittings import Elbow, Fitting, Straight, Tee
+from omnitrack_sim.pipes.network import TEE_TURN_RADIUS, Passage, PipeNetwork, Placed, Route, Step, route
+
+__all__ = [
+    "TEE_TURN_RADIUS",
+    "Centreline",
+    "Elbow",
+    "Fitting",
+    "Passage",
+    "PipeNetwork",
+    "Placed",
+    "Route",
+    "Segment",
+    "Step",
+    "Straight",
+    "Tee",
+    "route",
+]

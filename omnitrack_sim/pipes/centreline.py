@@ -1,0 +1,113 @@
+"""The centreline of a route: straight lines and circular arcs, by arc length."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnitrack_sim.frames import Array, dot
+
+SEARCH = 0.15
+"""How far from the last known arc length ``locate`` looks, m: routes may come close to themselves."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A line (curvature 0) or arc that starts at ``point`` along ``tangent`` and bends towards ``normal``.
+
+    Attributes:
+        length: m. curvature: 1/m.
+        point: (3,) m. tangent, normal: (3,) unit vectors, world frame.
+    """
+
+    length: float
+    curvature: float
+    point: Array
+    tangent: Array
+    normal: Array
+
+
+class Centreline:
+    """Arc length -> point, tangent, normal, curvature; and back. Beyond its ends it goes on straight."""
+
+    def __init__(self, segments: Sequence[Segment], side: Array):
+        """``side`` (3,) is the x axis of the frame at the start, across the first tangent."""
+        self.length = sum(s.length for s in segments)
+        self._start = np.cumsum([0.0, *(s.length for s in segments[:-1])])  # (S,) m
+        self._length = np.array([s.length for s in segments])
+        self._curvature = np.array([s.curvature for s in segments])
+        self._straight = self._curvature == 0
+        self._safe_curvature = np.where(self._straight, 1.0, self._curvature)
+        self._point, self._tangent, self._normal = (
+            np.array([getattr(s, name) for s in segments]) for name in ("point", "tangent", "normal")
+        )  # (S, 3)
+        self._side = np.empty_like(self._point)  # x axis of the rotation-minimising frame at each segment's start
+        for i, segment in enumerate(segments):
+            self._side[i] = side
+            angle = np.array([segment.length * segment.curvature])
+            side = _carried(side[None], segment.tangent[None], segment.normal[None], angle)[0]
+        last = np.arange(len(segments)) == len(segments) - 1
+        self._lowest = np.where(np.arange(len(segments)) == 0, -np.inf, 0.0)
+        self._highest = np.where(last, np.inf, self._length)
+        # Arcs at the ends are not continued round: the pipe is.
+        self._lowest[0] = self._lowest[0] if self._straight[0] else 0.0
+        self._highest[-1] = self._highest[-1] if self._straight[-1] else self._length[-1]
+
+    def at(self, s: Array) -> tuple[Array, Array, Array, Array]:
+        """Point (n, 3) m, tangent (n, 3), normal (n, 3) towards which it bends, curvature (n,) 1/m at arc length (n,) m.
+
+        On a straight the normal is the side of the route's frame.
+        """
+        s = np.asarray(s, float)
+        i = self._segment(s)
+        u, k, straight = s - self._start[i], self._safe_curvature[i][:, None], self._straight[i][:, None]
+        inside = np.clip(u, 0.0, self._length[i])
+        angle = (inside * self._curvature[i])[:, None]
+        t, n = self._tangent[i], self._normal[i]
+        sin, cos = np.sin(angle), np.cos(angle)
+        tangent, normal = t * cos + n * sin, n * cos - t * sin
+        point = self._point[i] + np.where(straight, inside[:, None] * t, (t * sin + n * (1 - cos)) / k)
+        point = point + (u - inside)[:, None] * tangent
+        normal = np.where(straight, self._side[i], normal)
+        return point, tangent, normal, np.where(u == inside, self._curvature[i], 0.0)
+
+    def frame(self, s: Array) -> Array:
+        """Rotations (n, 3, 3) of the route's frame at arc length (n,) m: z the tangent, x carried without twist."""
+        s = np.asarray(s, float)
+        i = self._segment(s)
+        angle = np.clip(s - self._start[i], 0.0, self._length[i]) * self._curvature[i]
+        x = _carried(self._side[i], self._tangent[i], self._normal[i], angle)
+        _, z, _, _ = self.at(s)
+        return np.stack([x, np.cross(z, x), z], axis=-1)
+
+    def locate(self, points: Array, near: Array | None = None) -> Array:
+        """Arc length (n,) m of the centreline's point nearest to each of ``points`` (n, 3) m.
+
+        With ``near`` (n,) m only arc lengths within ``SEARCH`` of it are looked at.
+        """
+        offset = points[:, None] - self._point  # (n, S, 3)
+        along, across = dot(offset, self._tangent), dot(offset, self._normal)
+        k = self._safe_curvature
+        u = np.where(self._straight, along, np.arctan2(along * k, 1 - across * k) / k)
+        u = np.clip(u, self._lowest, self._highest)
+        angle = u * k
+        reach = np.where(self._straight, u, np.sin(angle) / k)
+        bend = np.where(self._straight, 0.0, (1 - np.cos(angle)) / k)
+        miss = offset - reach[..., None] * self._tangent - bend[..., None] * self._normal
+        squared, s = dot(miss, miss), u + self._start
+        if near is not None:
+            squared = squared + 1e6 * (np.abs(s - near[:, None]) > SEARCH)
+        return s[np.arange(len(s)), np.argmin(squared, axis=1)]
+
+    def _segment(self, s: Array) -> np.ndarray:
+        return np.clip(np.searchsorted(self._start, s, side="right") - 1, 0, len(self._start) - 1)
+
+
+def _carried(side: Array, tangent: Array, normal: Array, angle: Array) -> Array:
+    """Vectors ``side`` (n, 3), carried without twist through a bend by ``angle`` (n,) rad from tangent to normal."""
+    angle = angle[:, None]
+    along_n = dot(side, normal)[:, None]
+    across = side - along_n * normal
+    return across + along_n * (normal * np.cos(angle) - tangent * np.sin(angle))

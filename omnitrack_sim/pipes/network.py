@@ -1,0 +1,264 @@
+"""Fittings joined port to port: placement, checks, routes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from omnitrack_sim.errors import Fault, GeometryError
+from omnitrack_sim.frames import Array, Pose, rotation_about
+from omnitrack_sim.pipes.centreline import Centreline, Segment
+from omnitrack_sim.pipes.fittings import Fitting, Tee
+
+TEE_TURN_RADIUS = 0.09
+"""Radius of the arc that leads from run to branch, m: the paper's tight elbow."""
+SAMPLE_SPACING = 0.02
+"""Spacing of the samples along the axis that overlaps are looked for with, m."""
+OVERLAP = 1e-3
+"""Depth by which two bores may share space unnoticed, m."""
+JOINED = 1e-6
+"""Distance within which two open ports are the same place, m."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A fitting with its name and its pose in the world."""
+
+    name: str
+    fitting: Fitting
+    pose: Pose
+
+    def signed_distance(self, points: Array) -> tuple[Array, Array]:
+        """As ``Fitting.signed_distance``, for points and gradient in the world frame."""
+        distance, gradient = self.fitting.signed_distance(self.pose.inverse().apply(points))
+        return distance, gradient @ self.pose.rotation.T
+
+    def extent(self, points: Array) -> Array:
+        """As ``Fitting.extent``, for points in the world frame."""
+        return self.fitting.extent(self.pose.inverse().apply(points))
+
+    def port(self, name: str) -> Pose:
+        """A port in the world frame."""
+        return self.pose @ self.fitting.ports[name]
+
+    def bore_samples(self) -> Array:
+        """Points (k, 3) m on the fitting's axis curves and near its inner surface, world frame."""
+        is_tee = isinstance(self.fitting, Tee)
+        pairs = [("run_start", "run_end"), ("branch", "run_end")] if is_tee else [tuple(self.fitting.ports)]
+        samples = []
+        for enter, leave in pairs:
+            segments, side = _segments(self, enter, leave, self.fitting.radius)
+            line = Centreline(segments, side)
+            s = np.linspace(0, line.length, max(2, int(np.ceil(line.length / SAMPLE_SPACING)) + 1))
+            point, frame = line.at(s)[0], line.frame(s)
+            around = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+            ring = 0.95 * self.fitting.radius * np.stack([np.cos(around), np.sin(around), 0 * around], axis=-1)
+            samples += [point, (point[:, None] + np.einsum("sij,kj->ski", frame, ring)).reshape(-1, 3)]
+        return np.concatenate(samples)
+
+    def holds(self, points: Array, margin: float) -> bool:
+        """Whether any of ``points`` (n, 3) m, world frame, lies in this bore by more than ``margin`` m."""
+        inside = self.signed_distance(points)[0] > margin
+        return bool((inside & (self.extent(points) > margin)).any())
+
+
+@dataclass(frozen=True)
+class PipeNetwork:
+    """Placed fittings and which ports are joined: ((part, port), (part, port)) by index and name.
+
+    Raises:
+        GeometryError: joined bores of different diameter, or parts that run into each other.
+    """
+
+    parts: tuple[Placed, ...]
+    joints: tuple[tuple[tuple[int, str], tuple[int, str]], ...] = ()
+
+    def __post_init__(self) -> None:
+        faults = [*self._mismatches(), *self._overlaps()]
+        if faults:
+            raise GeometryError(faults)
+
+    @property
+    def open_ends(self) -> tuple[tuple[int, str], ...]:
+        """Ports that nothing is joined to, (part index, port name)."""
+        taken = {end for joint in self.joints for end in joint}
+        return tuple((i, p) for i, part in enumerate(self.parts) for p in part.fitting.ports if (i, p) not in taken)
+
+    def signed_distance(self, points: Array) -> tuple[Array, Array]:
+        """Distance (...,) m from ``points`` (..., 3) m to the inner surface, positive in a bore; unit gradient (..., 3).
+
+        World frame. Each part counts between its port planes; beyond all of them the distance is negative, towards the
+        nearest port plane.
+        """
+        points = np.asarray(points, float)
+        best = np.full(points.shape[:-1], -np.inf)
+        gradient = np.zeros(points.shape)
+        for part in self.parts:
+            distance, direction = part.signed_distance(points)
+            extent = part.extent(points)
+            value = np.where(extent >= -JOINED, distance, np.minimum(distance, extent))
+            better = value > best
+            best, gradient = np.where(better, value, best), np.where(better[..., None], direction, gradient)
+        return best, gradient
+
+    def _mismatches(self) -> list[Fault]:
+        faults = []
+        for (i, port_i), (j, port_j) in self.joints:
+            a, b = self.parts[i], self.parts[j]
+            if abs(a.fitting.radius - b.fitting.radius) > JOINED:
+                diameters = f"{2 * a.fitting.radius:.6g} m and {2 * b.fitting.radius:.6g} m"
+                faults.append(Fault(f"pipes.{j}.inner_diameter", f"joins {a.name!r} ({port_i}) to {b.name!r} ({port_j}) of {diameters}"))
+        return faults
+
+    def _overlaps(self) -> list[Fault]:
+        joined = {frozenset((i, j)) for (i, _), (j, _) in self.joints}
+        samples = [part.bore_samples() for part in self.parts]
+        faults = []
+        for i, j in combinations(range(len(self.parts)), 2):
+            if frozenset((i, j)) in joined:
+                continue
+            a, b = self.parts[i], self.parts[j]
+            if a.holds(samples[j], OVERLAP) or b.holds(samples[i], OVERLAP):
+                faults.append(Fault(f"pipes.{j}", f"{b.name!r} runs into {a.name!r} (pipes.{i})"))
+        return faults
+
+
+@dataclass(frozen=True)
+class Step:
+    """One fitting of a route: entered at port ``enter``, left at ``leave``, turned by ``turn`` rad about the joint's axis."""
+
+    name: str
+    fitting: Fitting
+    enter: str
+    leave: str
+    turn: float = 0.0
+
+
+@dataclass(frozen=True)
+class Passage:
+    """One fitting as it is passed, in arc length along the route.
+
+    Attributes:
+        index: of the part. kind, enter, leave: of the fitting and its ports. radius: bore radius, m.
+        s_enter, s_leave: port planes, m.
+        is_turn: the route bends here.
+        s_bend_start, s_bend_end, bend_radius: of the centreline's arc, m; nan where it does not bend.
+        opening: first and last arc length beside a tee's opening, m; nan elsewhere.
+        turn_direction: (3,) unit vector at the entry, world frame: where the route bends to, or where the branch opens.
+    """
+
+    index: int
+    kind: str
+    enter: str
+    leave: str
+    radius: float
+    s_enter: float
+    s_leave: float
+    is_turn: bool
+    s_bend_start: float
+    s_bend_end: float
+    bend_radius: float
+    opening: tuple[float, float]
+    turn_direction: Array
+
+
+@dataclass(frozen=True)
+class Route:
+    """A way through a network: the network itself, its centreline and the fittings in order."""
+
+    network: PipeNetwork
+    centreline: Centreline
+    fittings: tuple[Passage, ...]
+
+
+def route(steps: Sequence[Step], start: Pose | None = None, tee_turn_radius: float = TEE_TURN_RADIUS) -> Route:
+    """Join fittings one after the other and lay the centreline through them.
+
+    The x axes of joined ports coincide, then the new fitting is turned by ``Step.turn`` about the joint's axis: a chain of
+    elbows without turns stays in one plane.
+
+    Args:
+        steps: at least one.
+        start: frame of the first entry, z into the pipe; the world frame when not given.
+        tee_turn_radius: m, radius of the centreline's arc between run and branch.
+
+    Raises:
+        GeometryError: unknown ports, a fitting left where it is entered, bores that do not fit, parts that overlap.
+    """
+    _check_ports(steps)
+    frame, distance = start or Pose(), 0.0
+    parts, segments, passages = [], [], []
+    for index, step in enumerate(steps):
+        frame = Pose(frame.rotation @ rotation_about([0, 0, 1], step.turn), frame.position)
+        entry = Pose(frame.rotation * [1, -1, -1], frame.position)  # the port looks back along the route
+        part = Placed(step.name, step.fitting, entry @ step.fitting.ports[step.enter].inverse())
+        new, _ = _segments(part, step.enter, step.leave, tee_turn_radius)
+        passages.append(_passage(index, step, new, distance))
+        distance += sum(s.length for s in new)
+        parts.append(part)
+        segments.extend(new)
+        frame = part.port(step.leave)
+    joints = tuple(((i, a.leave), (i + 1, b.enter)) for i, (a, b) in enumerate(zip(steps, steps[1:], strict=False)))
+    network = PipeNetwork(tuple(parts), joints)
+    side = (start or Pose()).rotation @ rotation_about([0, 0, 1], steps[0].turn)[:, 0]
+    return Route(network, Centreline(segments, side), tuple(passages))
+
+
+def _check_ports(steps: Sequence[Step]) -> None:
+    faults = [] if steps else [Fault("pipes", "a route needs at least one pipe")]
+    for i, step in enumerate(steps):
+        choices = step.fitting.choices
+        for end in ("enter", "leave"):
+            if getattr(step, end) not in choices:
+                faults.append(Fault(f"pipes.{i}.{end}", f"{step.fitting.kind} has no port {getattr(step, end)!r}", choices))
+        if step.enter == step.leave:
+            faults.append(Fault(f"pipes.{i}.leave", f"is {step.leave!r}, where the {step.fitting.kind} is entered", choices))
+    if faults:
+        raise GeometryError(faults)
+
+
+def _segments(part: Placed, enter: str, leave: str, tee_turn_radius: float) -> tuple[list[Segment], Array]:
+    """The axis curve of a placed fitting in the world frame, and the side vector at its start."""
+    path = part.fitting.path(enter, leave, tee_turn_radius)
+    turn = part.pose.rotation
+    point, t, n = part.pose.apply(path.point), turn @ path.tangent, turn @ path.normal
+    side, segments = n, []
+    for length, k in path.segments:
+        segments.append(Segment(length, k, point, t, n))
+        if k == 0:
+            point = point + length * t
+        else:
+            sin, cos = np.sin(length * k), np.cos(length * k)
+            point = point + (t * sin + n * (1 - cos)) / k
+            t, n = t * cos + n * sin, n * cos - t * sin
+    return segments, side
+
+
+def _passage(index: int, step: Step, segments: list[Segment], distance: float) -> Passage:
+    starts = distance + np.cumsum([0.0, *(s.length for s in segments)])
+    bend = next((i for i, s in enumerate(segments) if s.curvature > 0), None)
+    is_turn = bend is not None
+    radius = step.fitting.radius
+    opening = (np.nan, np.nan)
+    if isinstance(step.fitting, Tee):
+        # The opening is as wide as the branch, about the point where the axes meet.
+        into = step.fitting.branch_length if step.enter == "branch" else step.fitting.run_length / 2
+        opening = (distance + into - radius, distance + into + radius)
+    return Passage(
+        index=index,
+        kind=step.fitting.kind,
+        enter=step.enter,
+        leave=step.leave,
+        radius=radius,
+        s_enter=distance,
+        s_leave=float(starts[-1]),
+        is_turn=is_turn,
+        s_bend_start=float(starts[bend]) if bend is not None else np.nan,
+        s_bend_end=float(starts[bend + 1]) if bend is not None else np.nan,
+        bend_radius=1 / segments[bend].curvature if bend is not None else np.nan,
+        opening=opening,
+        turn_direction=segments[0].normal,
+    )

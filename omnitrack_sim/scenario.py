@@ -1,0 +1,393 @@
+"""Scenario files: what a user writes, validated as a whole before anything runs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, get_args
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from omnitrack_sim.control import CONTROLLERS
+from omnitrack_sim.errors import Fault, GeometryError, ScenarioError
+from omnitrack_sim.frames import Pose, unit
+from omnitrack_sim.outcome import Outcome
+from omnitrack_sim.pipes import TEE_TURN_RADIUS, Elbow, Route, Step, Straight, Tee, route
+from omnitrack_sim.robot import Robot
+
+ControllerName = Literal["jacobian"]
+assert set(get_args(ControllerName)) == set(CONTROLLERS)
+
+NOSE_ROOM = 0.005
+"""Room between the robot's nose and the end of the route at the goal, m."""
+PER_TRIAL_ROBOT_FIELDS = {"preload", "torque_limit", "roll_torque"}
+"""Robot fields that may differ between the trials of one batch: they are floats of the compiled model."""
+
+
+class Table(BaseModel):
+    """A frozen table of a scenario file; unknown keys are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+Positive = Annotated[float, Field(gt=0)]
+
+
+class StraightPipe(Table):
+    """A straight pipe."""
+
+    kind: Literal["straight"]
+    length: Positive  # m
+    inner_diameter: Positive = 0.16  # m
+    turn_deg: float = 0.0  # rotation about the joint's axis
+    name: str | None = None
+
+    def step(self, index: int) -> Step:
+        """As a step of a route."""
+        pipe = Straight(self.length, self.inner_diameter)
+        return Step(self.name or f"{self.kind}_{index}", pipe, "start", "end", math.radians(self.turn_deg))
+
+
+class ElbowPipe(Table):
+    """A bend."""
+
+    kind: Literal["elbow"]
+    mean_radius: Positive = 0.24  # m
+    angle_deg: Annotated[float, Field(gt=0, le=180)] = 90.0
+    inner_diameter: Positive = 0.16  # m
+    turn_deg: float = 0.0
+    name: str | None = None
+
+    def step(self, index: int) -> Step:
+        """As a step of a route."""
+        pipe = Elbow(self.mean_radius, math.radians(self.angle_deg), self.inner_diameter)
+        return Step(self.name or f"{self.kind}_{index}", pipe, "start", "end", math.radians(self.turn_deg))
+
+
+TeePort = Literal["run_start", "run_end", "branch"]
+
+
+class TeePipe(Table):
+    """An equal tee, entered and left at named ports."""
+
+    kind: Literal["tee"]
+    enter: TeePort = "run_start"
+    leave: TeePort = "branch"
+    run_length: Positive = 0.32  # m
+    branch_length: Positive = 0.16  # m, from the run's axis
+    fillet_radius: Positive = 0.005  # m
+    inner_diameter: Positive = 0.16  # m
+    turn_deg: float = 0.0
+    name: str | None = None
+
+    def step(self, index: int) -> Step:
+        """As a step of a route."""
+        pipe = Tee(self.run_length, self.branch_length, self.fillet_radius, self.inner_diameter)
+        return Step(self.name or f"{self.kind}_{index}", pipe, self.enter, self.leave, math.radians(self.turn_deg))
+
+
+Pipe = Annotated[StraightPipe | ElbowPipe | TeePipe, Field(discriminator="kind")]
+
+
+class Start(Table):
+    """Where and how the robot begins, and how the route lies in the world."""
+
+    theta5_deg: float = 0.0  # module 1 from the turning direction of the next fitting
+    distance: float = 0.10  # m along the centreline from the start port to the robot's centre
+    roll_deg: float = 0.0  # roll of all modules; 0: upper track at the wall
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)  # direction of the route's first axis, world frame
+    turn_deg: float = 0.0  # rotation of the whole route about that axis
+
+    @model_validator(mode="after")
+    def _axis_has_a_direction(self) -> Self:
+        if np.linalg.norm(self.axis) == 0:
+            raise ValueError("axis is zero; give a direction such as [0, 0, 1]")
+        return self
+
+
+class World(Table):
+    """Gravity, world frame."""
+
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)  # m/s²
+
+
+class Contact(Table):
+    """Lugs on the wall."""
+
+    friction: Annotated[float, Field(ge=0, le=5)] = 0.9  # Coulomb coefficient; latex on dry plastic, assumed
+
+
+class Control(Table):
+    """The controller and its parameters."""
+
+    kind: ControllerName = "jacobian"
+    cruise_speed: Annotated[float, Field(gt=0, le=1)] = 0.1  # m/s
+    align: bool = True  # roll to a safe orientation before a fitting
+    gain: Annotated[float, Field(ge=0)] = 40.0  # 1/m, rotation per metre for a heading error
+    lookahead: Annotated[float, Field(ge=0)] = 0.03  # m
+    rotation_limit: Positive = 15.0  # rad/m
+    speed_limit: Positive = 0.2  # m/s, of a belt
+    tee_turn_radius: Positive = TEE_TURN_RADIUS  # m, arc from run to branch
+    safe_margin_deg: Annotated[float, Field(gt=0, le=60)] = 11.73  # half-width of the safe range of theta5
+
+
+class Physics(Table):
+    """Numerics."""
+
+    timestep: Annotated[float, Field(gt=0, le=0.005)] = 0.002  # s
+    control_period: Annotated[float, Field(gt=0, le=0.05)] = 0.01  # s
+    record_period: Annotated[float, Field(gt=0, le=1)] = 0.02  # s
+    time_limit: Positive | None = None  # s; none: four times the route at cruise speed, and 20 s
+    wall_tolerance: Annotated[float, Field(ge=1e-6, le=2e-3)] = 1e-4  # m, walls against the exact surface
+    staves: Annotated[int, Field(ge=8, le=720)] | None = None  # wall pieces around a bore; none: by tolerance
+
+    @model_validator(mode="after")
+    def _periods_are_whole_steps(self) -> Self:
+        for name, period, step in (
+            ("control_period", self.control_period, self.timestep),
+            ("record_period", self.record_period, self.control_period),
+        ):
+            if abs(period / step - round(period / step)) > 1e-6 or round(period / step) < 1:
+                raise ValueError(f"{name} of {period} s is not a whole multiple of {step} s")
+        return self
+
+
+class Goal(Table):
+    """Where the run is over."""
+
+    distance: Positive | None = None  # m along the centreline; none: the robot's nose at the end of the route
+
+
+class Expect(Table):
+    """What the author of the file expects; ``omnitrack run`` says whether it came true."""
+
+    outcome: Outcome | None = None
+
+
+class Scenario(Table):
+    """One run: pipes, robot, start, world, control. Keys and units: see docs/scenarios.md."""
+
+    name: str = "scenario"
+    pipes: Annotated[tuple[Pipe, ...], Field(min_length=1)]
+    start: Start = Start()
+    world: World = World()
+    contact: Contact = Contact()
+    robot: Robot = Robot()
+    control: Control = Control()
+    physics: Physics = Physics()
+    goal: Goal = Goal()
+    expect: Expect = Expect()
+    seed: Annotated[int, Field(ge=0)] = 0
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        faults = self._faults()
+        if faults:
+            raise ScenarioError(faults)
+        return self
+
+    def route(self) -> Route:
+        """The pipes joined, and the centreline through them."""
+        z = unit(self.start.axis)
+        # Shortest turn from +z to the axis; a route that runs straight down is turned about y.
+        helper = np.array([1.0, 0, 0]) if abs(z[0]) < 0.9 else np.array([0, 0, -1.0 if z[0] > 0 else 1.0])
+        x = unit(helper - z * (helper @ z))
+        turn = math.radians(self.start.turn_deg)
+        x = x * math.cos(turn) + np.cross(z, x) * math.sin(turn)
+        pose = Pose(np.stack([x, np.cross(z, x), z], axis=-1), np.zeros(3))
+        return route([p.step(i) for i, p in enumerate(self.pipes)], pose, self.control.tee_turn_radius)
+
+    @property
+    def goal_distance(self) -> float:
+        """Arc length of the robot's centre at the goal, m."""
+        if self.goal.distance is not None:
+            return self.goal.distance
+        return self.route().centreline.length - self.robot.length / 2 - NOSE_ROOM
+
+    @property
+    def time_limit_s(self) -> float:
+        """Simulated seconds after which a run is over."""
+        if self.physics.time_limit is not None:
+            return self.physics.time_limit
+        return 4 * self.route().centreline.length / self.control.cruise_speed + 20.0
+
+    def model_key(self) -> str:
+        """What the compiled model depends on; scenarios with equal keys can share a batch."""
+        physics = self.physics.model_dump(include={"timestep", "wall_tolerance", "staves"})
+        start = self.start.model_dump(include={"axis", "turn_deg"})
+        robot = self.robot.model_dump(exclude=PER_TRIAL_ROBOT_FIELDS)
+        pipes = [pipe.model_dump() for pipe in self.pipes]
+        return json.dumps([pipes, start, robot, physics], sort_keys=True)
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of the resolved scenario, hexadecimal."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()
+
+    def _faults(self) -> list[Fault]:
+        """What the tables cannot see alone: geometry, start and goal on the route, arms that fit the bore."""
+        faults, names = [], []
+        for i, pipe in enumerate(self.pipes):
+            try:
+                names.append(pipe.step(i).name)
+            except GeometryError as error:
+                faults += [Fault(f"pipes.{i}.{f.where.rpartition('.')[2]}", f.problem, f.choices) for f in error.faults]
+        if faults:
+            return faults
+        try:
+            line = self.route()
+        except GeometryError as error:
+            return list(error.faults)
+        faults = [
+            Fault(f"pipes.{i}.name", f"{name!r} is taken by an earlier pipe") for i, name in enumerate(names) if name in names[:i]
+        ]
+        low, high = self.robot.slide_range
+        for i, passage in enumerate(line.fittings):
+            slide = passage.radius - self.robot.nominal_pipe_radius
+            if not low < slide < high:
+                reach = [2 * (self.robot.nominal_pipe_radius + s) for s in (low, high)]
+                faults.append(
+                    Fault(
+                        f"pipes.{i}.inner_diameter",
+                        f"is {2 * passage.radius:.4g} m; the arms reach bores from {reach[0]:.4g} to {reach[1]:.4g} m",
+                    )
+                )
+                break
+        half, length = self.robot.length / 2, line.centreline.length
+        distance = self.start.distance
+        if not half <= distance <= length - half:
+            faults.append(
+                Fault(
+                    "start.distance",
+                    f"is {distance} m; the robot lies inside the pipe from {half:.4f} to {length - half:.4f} m",
+                )
+            )
+        elif self.goal.distance is not None and not distance < self.goal.distance <= length:
+            faults.append(
+                Fault("goal.distance", f"is {self.goal.distance} m; must be over start.distance and at most {length:.4f} m")
+            )
+        return faults
+
+
+def load_scenario(source: str | Path) -> Scenario:
+    """Read a scenario file, or a shipped scenario by name.
+
+    Raises:
+        ScenarioError: no such file, bad TOML, or any fault in it; every fault is listed with its path in the file.
+    """
+    path = _find(source)
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ScenarioError(Fault(str(path), f"is not valid TOML: {error}")) from error
+    except OSError as error:
+        raise ScenarioError(Fault(str(path), f"cannot be read: {error.strerror}")) from error
+    return validate({"name": path.stem} | data)
+
+
+def validate(data: Mapping[str, Any]) -> Scenario:
+    """A scenario from plain data, as read from TOML or JSON.
+
+    Raises:
+        ScenarioError: lists every fault with its dotted path.
+    """
+    try:
+        return Scenario.model_validate(data)
+    except ValidationError as error:
+        raise ScenarioError([_fault(item) for item in error.errors()]) from None
+
+
+def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
+    """A copy with values changed by dotted path, such as ``{"control.cruise_speed": 0.12, "pipes.0.length": 1.0}``.
+
+    Raises:
+        ScenarioError: unknown paths (with the choices at that place) or values that do not fit.
+    """
+    data = scenario.model_dump(mode="json")
+    faults = []
+    for path, value in changes.items():
+        fault = _set(data, path, value)
+        faults += [fault] if fault else []
+    if faults:
+        raise ScenarioError(faults)
+    return validate(data)
+
+
+def _set(data: Any, path: str, value: Any) -> Fault | None:
+    """Set one dotted path in nested tables and lists; the fault where there is no such place."""
+    *parents, last = path.split(".")
+    place = data
+    for key in [*parents, last]:
+        choices = [str(i) for i in range(len(place))] if isinstance(place, list) else list(place) if isinstance(place, dict) else []
+        if key not in choices:
+            return Fault(path, f"there is no {key!r} here" if choices else f"{key!r} is below a plain value", tuple(choices))
+        index = int(key) if isinstance(place, list) else key
+        if key is last:
+            place[index] = value
+            return None
+        place = place[index]
+    return None
+
+
+def _fault(item: Mapping[str, Any]) -> Fault:
+    """One pydantic error as a fault with a path like the file's and the valid choices where they are known."""
+    kinds = {"straight", "elbow", "tee"}
+    places = [str(p) for p in item["loc"]]
+    # pydantic puts the pipe's kind into the path; the file has no such level.
+    where = ".".join(p for i, p in enumerate(places) if not (i == 2 and places[0] == "pipes" and p in kinds))
+    kind, context = item["type"], item.get("ctx", {})
+    if kind == "extra_forbidden":
+        return Fault(where, "unknown key", _choices_at(places[:-1]))
+    if kind == "union_tag_invalid":
+        return Fault(f"{where}.kind", f"is {context['tag']!r}", tuple(sorted(kinds)))
+    if kind == "union_tag_not_found":
+        return Fault(f"{where}.kind", "is missing", tuple(sorted(kinds)))
+    if kind in ("literal_error", "enum"):
+        choices = tuple(part.strip(" '") for part in str(context["expected"]).replace(" or ", ",").split(","))
+        return Fault(where, f"is {item['input']!r}", choices)
+    message = item["msg"].removeprefix("Value error, ")
+    given = "" if isinstance(item["input"], dict) or kind == "missing" else f" (given: {item['input']!r})"
+    return Fault(where, message[0].lower() + message[1:] + given)
+
+
+def _choices_at(places: list[str]) -> tuple[str, ...]:
+    """Valid keys of the table at a pydantic path."""
+    tables: dict[str, type[BaseModel]] = {
+        name: info.annotation
+        for name, info in Scenario.model_fields.items()
+        if isinstance(info.annotation, type) and issubclass(info.annotation, BaseModel)
+    }
+    pipes = {"straight": StraightPipe, "elbow": ElbowPipe, "tee": TeePipe}
+    if not places:
+        return tuple(Scenario.model_fields)
+    if places[0] == "pipes" and len(places) > 2:
+        return tuple(pipes[places[2]].model_fields)
+    return tuple(tables[places[0]].model_fields) if places[0] in tables else ()
+
+
+def _scenario_folder() -> Path:
+    """Where the shipped scenarios are: inside the installed package, or beside it in a checkout."""
+    package = Path(__file__).parent
+    inside = package / "_scenarios"
+    return inside if inside.is_dir() else package.parent / "scenarios"
+
+
+def shipped_scenarios() -> dict[str, Path]:
+    """Scenarios that come with the package, by name."""
+    return {path.stem: path for path in sorted(_scenario_folder().glob("*.toml"))}
+
+
+def _find(source: str | Path) -> Path:
+    path = Path(source)
+    if path.is_file():
+        return path
+    shipped = shipped_scenarios()
+    if str(source) in shipped:
+        return shipped[str(source)]
+    problem = "is a folder, not a scenario file" if path.is_dir() else "no such file, nor a shipped scenario of that name"
+    raise ScenarioError(Fault(str(source), problem, tuple(shipped)))

@@ -1,0 +1,1 @@
+"""Running scenarios: plant, recorder, monitor, runner, result."""

@@ -1,0 +1,145 @@
+"""Decides when a trial is over, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.control.guide import Guide, Place
+from omnitrack_sim.frames import Array
+from omnitrack_sim.outcome import Outcome
+from omnitrack_sim.robot import Robot
+from omnitrack_sim.sim.plant import Readings
+
+PROGRESS = 0.002
+"""Advance beyond the farthest point so far that counts as progress, m."""
+PATIENCE_TIME = 3.0
+"""Least time without progress after which a trial is over, s."""
+PATIENCE_DISTANCE = 0.3
+"""Likewise in distance at the commanded speed, m: 3 s at 0.1 m/s."""
+SLIDE_BACK = 0.10
+"""Fall behind the farthest point that ends a trial, m."""
+MEMORY = 0.5
+"""Time constant of the averages that the cause is read from, s."""
+LOST_CONTACT = 1.0
+"""Mean normal force below which a module counts as having lost the wall, N."""
+NO_MOTION_COSINE = 0.2
+SLIPPING_RATIO = 0.5
+STALLED_SPEED = 0.2
+"""Part of the commanded belt speed below which a saturated motor counts as stalled."""
+
+
+@dataclass
+class _Averages:
+    """Exponential averages of what the cause of a failure is read from, (n, 3) each."""
+
+    normal_force: Array
+    slip_ratio: Array
+    saturated: Array
+    belt_speed: Array
+    belt_command: Array
+    roll_cosine: Array
+
+    def update(self, weight: float, **values: Array) -> None:
+        for name, value in values.items():
+            old = getattr(self, name)
+            old += weight * (value - old)
+
+
+class Monitor:
+    """Outcomes of n trials. ``outcome`` holds None while a trial runs."""
+
+    def __init__(
+        self, guide: Guide, robot: Robot, goal: Array, start: Array, cruise_speed: Array, time_limit: Array, period: float
+    ):
+        n = len(goal)
+        self.guide, self.goal, self.time_limit, self.period = guide, goal, time_limit, period
+        self.patience = np.maximum(PATIENCE_TIME, PATIENCE_DISTANCE / cruise_speed)
+        self.exit = robot.length / 2
+        self.radius = np.array(guide.route.fittings[0].radius)
+        self.farthest = np.array(start, float)
+        self.waiting = np.zeros(n)  # s since the last progress
+        self.outcome: list[Outcome | None] = [None] * n
+        self.reason = [""] * n
+        self.end_time = np.full(n, np.nan)
+        self._mean = _Averages(*(np.zeros((n, 3)) for _ in range(6)))
+
+    @property
+    def active(self) -> NDArray[np.intp]:
+        """Indices of the trials that still run."""
+        return np.flatnonzero(np.isnan(self.end_time))
+
+    def update(
+        self,
+        readings: Readings,
+        place: Place,
+        belt_command: Array,
+        saturated: NDArray[np.bool_],
+        resting: NDArray[np.bool_],
+        diverged: NDArray[np.bool_],
+    ) -> None:
+        """Look at one control step.
+
+        Args:
+            readings: of the plant.
+            place: of the robots.
+            belt_command: (n, 3) m/s.
+            saturated: (n, 3) bool, motors at their torque limit.
+            resting: (n,) bool, robots that stand still on purpose.
+            diverged: (n,) bool.
+        """
+        self._mean.update(
+            self.period / MEMORY,
+            normal_force=readings.normal_force,
+            slip_ratio=np.abs(readings.slip_ratio),
+            saturated=saturated.astype(float),
+            belt_speed=np.abs(readings.belt_speed),
+            belt_command=np.abs(belt_command),
+            roll_cosine=np.abs(np.cos(readings.roll)),
+        )
+        progress = place.distance > self.farthest + PROGRESS
+        self.farthest = np.where(progress, place.distance, self.farthest)
+        self.waiting = np.where(progress | resting, 0.0, self.waiting + self.period)
+        outside = (place.offset > self.radius) | (place.distance < -self.exit)
+        outside |= place.distance > self.guide.route.centreline.length + self.exit
+        hanging = (self.waiting > self.patience) | (place.distance < self.farthest - SLIDE_BACK)
+        events = (
+            (diverged, Outcome.DIVERGED),
+            (place.distance >= self.goal, Outcome.REACHED_GOAL),
+            (outside, Outcome.LEFT_PIPE),
+            (hanging, None),
+            (readings.time >= self.time_limit - 1e-9, Outcome.TIMED_OUT),
+        )
+        if not np.any([flags.any() for flags, _ in events]):
+            return
+        for flags, outcome in events:
+            for i in np.flatnonzero(flags & np.isnan(self.end_time)):
+                self._end(i, outcome or self._cause(i, place), readings, place)
+
+    def _cause(self, i: int, place: Place) -> Outcome:
+        """Why trial ``i`` makes no headway."""
+        mean, passage = self._mean, int(place.passage[i])
+        stalled = (mean.saturated[i] > 0.5) & (mean.belt_speed[i] < STALLED_SPEED * mean.belt_command[i])
+        if (mean.roll_cosine[i] < NO_MOTION_COSINE).all():
+            return Outcome.NO_MOTION_LINE
+        turning = passage < len(self.guide.passages) and self.guide.passages[passage].kind == "tee" and self.guide.is_turn[passage]
+        if turning and place.distance[i] > self.guide.start[passage] - self.exit and mean.normal_force[i].min() < LOST_CONTACT:
+            return Outcome.MOTION_SINGULARITY
+        if stalled.any():
+            return Outcome.STALLED
+        if np.sort(mean.slip_ratio[i])[1] > SLIPPING_RATIO:
+            return Outcome.SLIPPING
+        return Outcome.STUCK
+
+    def _end(self, i: int, outcome: Outcome, readings: Readings, place: Place) -> None:
+        self.outcome[i], self.end_time[i] = outcome, readings.time[i]
+        mean = self._mean
+        where = f"at {place.distance[i]:.3f} m of {self.guide.route.centreline.length:.3f} m after {readings.time[i]:.2f} s"
+        forces = ", ".join(f"{f:.1f}" for f in mean.normal_force[i])
+        slips = ", ".join(f"{s:.2f}" for s in mean.slip_ratio[i])
+        self.reason[i] = (
+            f"{where}; tilt {np.degrees(place.tilt[i]):.1f} deg, normal force {forces} N, slip ratio {slips} "
+            f"(means of the last {MEMORY} s)"
+        )

@@ -1,0 +1,271 @@
+"""What a run leaves: outcome, metrics, trajectory, provenance; and its folder on disk."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omnitrack_sim.errors import OutputError
+from omnitrack_sim.metrics import Metrics
+from omnitrack_sim.outcome import Outcome
+from omnitrack_sim.robot import MODULES
+from omnitrack_sim.scenario import Scenario, validate
+from omnitrack_sim.trajectory import CHANNELS, TRACKS, Trajectory
+
+RESULT_FILE = "result.json"
+_AXES = {3: "xyz", 4: "wxyz"}
+
+
+@dataclass(frozen=True)
+class Result:
+    """The end of one run.
+
+    Attributes:
+        scenario: what was run, resolved.
+        outcome: how it ended. reason: where, and what was measured there.
+        duration_s: simulated seconds.
+        metrics: see ``metrics.summarise``.
+        trajectory: the record.
+        provenance: versions, seed, scenario hash, git commit.
+        events: remarks of the controller and the runner.
+    """
+
+    scenario: Scenario
+    outcome: Outcome
+    reason: str
+    duration_s: float
+    metrics: Metrics
+    trajectory: Trajectory
+    provenance: dict[str, Any]
+    events: list[str] = field(default_factory=list)
+
+    @property
+    def success(self) -> bool:
+        """Whether the robot reached the goal."""
+        return self.outcome is Outcome.REACHED_GOAL
+
+    @property
+    def as_expected(self) -> bool | None:
+        """Whether the outcome is the scenario's ``expect.outcome``; None where it expects nothing."""
+        expected = self.scenario.expect.outcome
+        return None if expected is None else self.outcome is expected
+
+    def summary(self) -> dict[str, Any]:
+        """The contents of ``result.json``."""
+        return {
+            "name": self.scenario.name,
+            "outcome": self.outcome.value,
+            "advice": self.outcome.advice,
+            "reason": self.reason,
+            "success": self.success,
+            "as_expected": self.as_expected,
+            "duration_s": self.duration_s,
+            "metrics": self.metrics,
+            "events": self.events,
+            "provenance": self.provenance,
+        }
+
+    def write(self, folder: Path) -> None:
+        """Write ``scenario.json``, ``result.json``, ``trajectory.parquet`` and ``replay.npz`` into an existing folder."""
+        (folder / "scenario.json").write_text(self.scenario.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        (folder / RESULT_FILE).write_text(json.dumps(self.summary(), indent=2) + "\n", encoding="utf-8")
+        _write_parquet(self.trajectory, folder / "trajectory.parquet")
+        _write_npz(folder / "replay.npz", time=self.trajectory.time, qpos=self.trajectory.qpos)
+
+    def save(self, directory: str | Path) -> Path:
+        """Write the run into ``directory`` whole or not at all; an earlier run there is replaced.
+
+        Raises:
+            OutputError: the folder holds something that is no run, or cannot be written.
+        """
+        with run_folder(directory) as folder:
+            self.write(folder)
+        return Path(directory)
+
+
+@contextmanager
+def run_folder(directory: str | Path) -> Iterator[Path]:
+    """A temporary folder beside ``directory`` that takes its place when the block ends without an error.
+
+    Raises:
+        OutputError: ``directory`` holds something that is no run, or the disk is full or closed to us.
+    """
+    target = Path(directory).resolve()
+    check_output(target)
+    temporary: Path | None = None
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
+        temporary.chmod(0o755)
+        yield temporary
+        _swap(temporary, target)
+    except OSError as error:
+        raise OutputError(f"{target}: cannot be written: {error.strerror or error}") from error
+    finally:
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)
+
+
+def check_output(directory: str | Path) -> None:
+    """Refuse a place that a run must not overwrite.
+
+    Raises:
+        OutputError: it is a file, or a folder with other things than a run in it.
+    """
+    target = Path(directory)
+    if target.is_dir():
+        if any(target.iterdir()) and not (target / RESULT_FILE).is_file():
+            raise OutputError(f"{target}: holds files but no {RESULT_FILE}, so it is no run; choose another folder")
+    elif target.exists():
+        raise OutputError(f"{target}: is a file; choose a folder")
+
+
+def _swap(new: Path, target: Path) -> None:
+    """Put the folder ``new`` in the place of ``target``."""
+    if not target.exists():
+        os.rename(new, target)
+        return
+    old = Path(tempfile.mkdtemp(prefix=f".{target.name}.old.", dir=target.parent))
+    os.rename(target, old / "run")
+    try:
+        os.rename(new, target)
+    except OSError:
+        os.rename(old / "run", target)
+        raise
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def load_result(directory: str | Path) -> Result:
+    """Read a run back from its folder.
+
+    Raises:
+        OutputError: it is no run, or a file of it is missing or damaged.
+    """
+    folder = Path(directory)
+    try:
+        summary = json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
+        scenario = validate(json.loads((folder / "scenario.json").read_text(encoding="utf-8")))
+        trajectory = _read_trajectory(folder)
+        return Result(
+            scenario=scenario,
+            outcome=Outcome(summary["outcome"]),
+            reason=summary["reason"],
+            duration_s=summary["duration_s"],
+            metrics=summary["metrics"],
+            trajectory=trajectory,
+            provenance=summary["provenance"],
+            events=summary["events"],
+        )
+    except FileNotFoundError as error:
+        raise OutputError(f"{folder}: is no run: {Path(error.filename).name} is missing") from error
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise OutputError(f"{folder}: cannot be read as a run: {error}") from error
+
+
+def column_names(channel: str) -> list[str]:
+    """Column names of a channel in the table, in the order of its flattened samples."""
+    shape = CHANNELS[channel].shape
+    if shape == ():
+        return [channel]
+    if channel in ("position", "quaternion"):
+        return [f"{channel}_{axis}" for axis in _AXES[shape[0]]]
+    modules = range(1, MODULES + 1)
+    if shape == (MODULES,):
+        return [f"{channel}_{i}" for i in modules]
+    ends = TRACKS if shape[1] == len(TRACKS) else tuple("xyz")
+    return [f"{channel}_{i}_{end}" for i in modules for end in ends]
+
+
+def _write_parquet(trajectory: Trajectory, path: Path) -> None:
+    """One row a sample; unit and meaning stand in each column's metadata, phase names in the table's."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    fields = [pa.field("time", pa.float64(), metadata={"unit": "s", "meaning": "simulated time"})]
+    columns = [pa.array(trajectory.time)]
+    for name, channel in CHANNELS.items():
+        flat = np.asarray(trajectory[name]).reshape(len(trajectory), -1)
+        kind = pa.int32() if channel.unit == "code" or name == "contact_count" else pa.float64()
+        for column, values in zip(column_names(name), flat.T, strict=True):
+            fields.append(pa.field(column, kind, metadata={"unit": channel.unit, "meaning": channel.meaning}))
+            columns.append(pa.array(np.ascontiguousarray(values).astype(kind.to_pandas_dtype())))
+    schema = pa.schema(fields, metadata={"phases": json.dumps(trajectory.phases)})
+    pq.write_table(pa.Table.from_arrays(columns, schema=schema), path, compression="zstd")
+
+
+def _read_trajectory(folder: Path) -> Trajectory:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(folder / "trajectory.parquet")
+    except pa.ArrowException as error:
+        raise ValueError(f"trajectory.parquet: {error}") from error
+    channels = {}
+    for name, channel in CHANNELS.items():
+        values = np.stack([table[column].to_numpy() for column in column_names(name)], axis=-1)
+        channels[name] = values.reshape(table.num_rows, *channel.shape)
+    phases = tuple(json.loads(table.schema.metadata[b"phases"]))
+    with np.load(folder / "replay.npz") as replay:
+        return Trajectory(replay["time"], channels, phases, replay["qpos"])
+
+
+def _write_npz(path: Path, **arrays: np.ndarray) -> None:
+    """As ``numpy.savez_compressed``, but without the time of day, so that equal runs give equal bytes."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in arrays.items():
+            buffer = io.BytesIO()
+            np.lib.format.write_array(buffer, np.ascontiguousarray(array))
+            entry = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(entry, buffer.getvalue())
+
+
+def provenance_of(scenario: Scenario) -> dict[str, Any]:
+    """What made a result: seed, scenario hash, versions, platform, git commit of a checkout."""
+    return {"seed": scenario.seed, "scenario_sha256": scenario.hash, **_environment()}
+
+
+@cache
+def _environment() -> dict[str, Any]:
+    versions = {name: _version(name) for name in ("omnitrack_sim", "mujoco", "numpy")}
+    return {
+        "versions": versions | {"python": platform.python_version()},
+        "platform": f"{platform.system()} {platform.machine()}",
+        "git_commit": _git_commit(),
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def _git_commit() -> str | None:
+    """Commit of the checkout that the package runs from, with ``+changes`` where files differ; None outside one."""
+    root = Path(__file__).parents[2]
+    if not (root / ".git").exists():
+        return None
+    try:
+        command = ["git", "-C", str(root), "describe", "--always", "--abbrev=40", "--dirty=+changes", "--exclude=*"]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return None

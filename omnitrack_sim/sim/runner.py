@@ -1,0 +1,262 @@
+"""Runs scenarios. One run is a batch of one; trials that share a model share a batch."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.control import CONTROLLERS, Command, Observation
+from omnitrack_sim.control.drive import Drive
+from omnitrack_sim.control.guide import Guide, Place
+from omnitrack_sim.frames import Array
+from omnitrack_sim.metrics import summarise
+from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.sim.monitor import Monitor
+from omnitrack_sim.sim.plant import Plant, Readings
+from omnitrack_sim.sim.recorder import Recorder
+from omnitrack_sim.sim.result import Result, provenance_of
+from omnitrack_sim.sim.setup import motor_of, scene_of, settings_of, trials_of
+
+Progress = Callable[[float, str], None]
+"""Called with the part done, 0 to 1, and a word about the run."""
+
+
+def run(scenario: Scenario, *, threads: int = 1, progress: Progress | None = None) -> Result:
+    """Run one scenario to its end. A robot that fails is a result, not an error."""
+    return run_batch([scenario], threads=threads, progress=progress)[0]
+
+
+def run_batch(scenarios: Sequence[Scenario], *, threads: int = 0, progress: Progress | None = None) -> list[Result]:
+    """Run scenarios, those that share a model in one batch; results in the order of ``scenarios``.
+
+    Args:
+        scenarios: any number.
+        threads: native threads for the physics; 0 uses all cores. The results do not depend on it.
+        progress: see ``Progress``.
+    """
+    groups: dict[tuple, list[int]] = defaultdict(list)
+    for index, scenario in enumerate(scenarios):
+        groups[_batch_key(scenario)].append(index)
+    results: dict[int, Result] = {}
+    for indices in groups.values():
+        done = len(results) / len(scenarios)
+        share = len(indices) / len(scenarios)
+        report = None if progress is None else (lambda part, text, d=done, s=share: progress(d + s * part, text))
+        batch = BatchRun([scenarios[i] for i in indices], threads)
+        batch.advance(report)
+        results.update(zip(indices, batch.results(), strict=True))
+    return [results[i] for i in range(len(scenarios))]
+
+
+def _batch_key(scenario: Scenario) -> tuple:
+    """What trials must share to run in one batch: the model, the route, the controller, the clock and the motor."""
+    physics, control = scenario.physics, scenario.control
+    clock = (physics.control_period, physics.record_period)
+    return scenario.model_key(), control.kind, control.tee_turn_radius, clock, scenario.robot.motor
+
+
+@dataclass
+class Shares:
+    """Wall seconds of a batch by what took them; filled when ``BatchRun.advance`` is given a clock."""
+
+    physics: float = 0.0
+    control: float = 0.0
+    recording: float = 0.0
+
+
+class BatchRun:
+    """n trials of one model in closed loop."""
+
+    def __init__(self, scenarios: Sequence[Scenario], threads: int = 1):
+        first = scenarios[0]
+        self.scenarios = scenarios
+        self.period = first.physics.control_period
+        self.substeps = max(1, round(self.period / first.physics.timestep))
+        self.record_every = max(1, round(first.physics.record_period / self.period))
+        start = np.array([s.start.distance for s in scenarios])
+        self.guide = Guide(first.route(), start)
+        trials = trials_of(scenarios, self.guide)
+        self.settings, self.notes = settings_of(scenarios, self.guide)
+        self.plant = Plant(scene_of(first).compile(), first.robot, trials, threads)
+        motor = motor_of(first.robot)
+        limits = [motor_of(s.robot).torque_limit for s in scenarios]
+        self.drive = Drive(motor, limits, first.robot.lug_radius, len(scenarios))
+        self.controller = CONTROLLERS[first.control.kind](
+            self.guide, first.robot, self.settings, trials.roll, self.period
+        )
+        self.monitor = Monitor(
+            self.guide,
+            first.robot,
+            self.settings.goal_distance,
+            start,
+            self.settings.cruise_speed,
+            np.array([s.time_limit_s for s in scenarios]),
+            self.period,
+        )
+        self.recorder = Recorder(self.controller.phases)
+        self.belt_command = np.zeros((len(scenarios), 3))
+        self.roll_command = trials.roll.copy()
+        self.phase = np.zeros(len(scenarios), int)
+        self.shares = Shares()
+
+    def advance(self, progress: Progress | None = None, clock: Callable[[], float] = lambda: 0.0) -> None:
+        """Run all trials to their ends. ``clock`` (s) measures ``shares``."""
+        tick = 0
+        while True:
+            t0 = clock()
+            readings = self.plant.read()
+            place = self.guide.locate(readings.position, readings.rotation)
+            self._judge(readings, place)
+            active = self.monitor.active
+            t1 = clock()
+            recorded = tick % self.record_every == 0 or len(active) == 0
+            if recorded:
+                self._record(readings, place)
+            t2 = clock()
+            self.shares.control += t1 - t0
+            self.shares.recording += t2 - t1
+            if len(active) == 0:
+                return
+            drive = self._command(readings, place, active)
+            t3 = clock()
+            self.plant.step(active, drive, self.roll_command, self.substeps)
+            self.shares.control += t3 - t2
+            self.shares.physics += clock() - t3
+            tick += 1
+            if progress is not None and tick % 50 == 0:
+                self._report(progress, place, active)
+
+    def _judge(self, readings: Readings, place: Place) -> None:
+        self.monitor.update(
+            readings, place, self.belt_command, self.drive.saturated, self.controller.resting, self.plant.diverged
+        )
+
+    def _command(self, readings: Readings, place: Place, active: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+        """Ask the controller, drive the motors. Trials that have ended keep their last command."""
+        command: Command = self.controller.step(self._observation(readings, place))
+        self.belt_command[active] = command.belt_speed[active]
+        self.roll_command[active] = command.roll[active]
+        self.phase[active] = command.phase[active]
+        return self.drive.advance(self.belt_command, readings.belt_speed, readings.motor_torque, self.period)
+
+    def _observation(self, readings: Readings, place: Place) -> Observation:
+        return Observation(
+            time=readings.time,
+            position=readings.position,
+            rotation=readings.rotation,
+            slide=readings.slide,
+            pitch=readings.pitch,
+            roll=readings.roll,
+            belt_speed=readings.belt_speed,
+            motor_torque=readings.motor_torque,
+            traction=readings.traction,
+            normal_force=readings.normal_force,
+            slip_velocity=readings.slip_velocity,
+            module_speed=readings.module_speed,
+            contact_count=readings.contact_count,
+            contact_position=readings.contact_position,
+            place=place,
+        )
+
+    def _record(self, readings: Readings, place: Place) -> None:
+        self.recorder.sample(
+            time=readings.time,
+            qpos=self.plant.qpos,
+            position=readings.position,
+            quaternion=readings.quaternion,
+            distance=place.distance,
+            offset=place.offset,
+            tilt=place.tilt,
+            theta5=place.theta5,
+            phase=self.phase,
+            belt_speed_command=self.belt_command,
+            belt_speed=readings.belt_speed,
+            wall_speed=readings.wall_speed,
+            motor_torque=readings.motor_torque,
+            traction=readings.traction,
+            normal_force=readings.normal_force,
+            slip_velocity=readings.slip_velocity,
+            slip_ratio=readings.slip_ratio,
+            contact_count=readings.contact_count,
+            contact_position=readings.contact_position,
+            slide=readings.slide,
+            pitch=readings.pitch,
+            roll=readings.roll,
+            roll_command=self.roll_command,
+        )
+
+    def _report(self, progress: Progress, place: Place, active: NDArray[np.intp]) -> None:
+        part = np.clip(place.distance / self.settings.goal_distance, 0, 1)
+        part[np.setdiff1d(np.arange(len(part)), active)] = 1.0
+        phase = self.controller.phases[self.phase[active[0]]]
+        text = phase if len(part) == 1 else f"{len(active)} of {len(part)} running"
+        progress(float(part.mean()), text)
+
+    def results(self) -> list[Result]:
+        """One result a trial, after ``advance``."""
+        end_time: Array = self.monitor.end_time
+        slips = no_load_slips(self.scenarios)
+        results = []
+        for i, trajectory in enumerate(self.recorder.trajectories(end_time)):
+            scenario, outcome = self.scenarios[i], self.monitor.outcome[i]
+            assert outcome is not None
+            metrics = summarise(
+                trajectory,
+                no_load_slip=slips[i],
+                lug_radius=scenario.robot.lug_radius,
+                torque_limit=float(self.drive.torque_limit[i, 0]),
+            )
+            note = self.notes[i]
+            results.append(
+                Result(
+                    scenario=scenario,
+                    outcome=outcome,
+                    reason=self.monitor.reason[i],
+                    duration_s=float(end_time[i]),
+                    metrics=metrics,
+                    trajectory=trajectory,
+                    provenance=provenance_of(scenario),
+                    events=[] if note is None else [note],
+                )
+            )
+        return results
+
+
+BASELINE_TIME, BASELINE_SETTLED = 0.8, 0.5
+"""Length of the run that measures the no-load slip, and from when on it counts, s."""
+
+
+def no_load_slips(scenarios: Sequence[Scenario]) -> list[float]:
+    """Mean slip speed, m/s, of the same robots at the same speed in a straight pipe without gravity.
+
+    Regularised friction creeps: this is what slip reads when nothing pulls. Measured by a short run, one for each
+    robot, physics, friction and speed.
+    """
+    bare = [_unloaded(s) for s in scenarios]
+    distinct = list(dict.fromkeys(bare))
+    batch = BatchRun([Scenario.model_validate_json(text) for text in distinct])
+    batch.advance()
+    slips = {}
+    for text, trajectory in zip(distinct, batch.recorder.trajectories(batch.monitor.end_time), strict=True):
+        settled = trajectory.time >= BASELINE_SETTLED
+        slips[text] = float(np.abs(trajectory["slip_velocity"][settled]).mean())
+    return [slips[text] for text in bare]
+
+
+def _unloaded(scenario: Scenario) -> str:
+    """JSON of the scenario in a straight pipe without gravity."""
+    bare = {
+        "name": "no_load",
+        "robot": scenario.robot.model_dump(),
+        "physics": scenario.physics.model_dump() | {"time_limit": BASELINE_TIME},
+        "contact": scenario.contact.model_dump(),
+        "control": scenario.control.model_dump(),
+        "world": {"gravity": [0.0, 0.0, 0.0]},
+        "pipes": [{"kind": "straight", "length": 1.0, "inner_diameter": scenario.pipes[0].inner_diameter}],
+        "start": {"distance": 0.15},
+    }
+    return Scenario.model_validate(bare).model_dump_json()

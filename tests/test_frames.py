@@ -1,0 +1,54 @@
+"""Laws of rotations and poses."""
+
+import numpy as np
+import pytest
+
+from omnitrack_sim.frames import (
+    Pose,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    rotation_about,
+    unit,
+    wrap_angle,
+)
+
+RNG = np.random.default_rng(0)
+
+
+def test_quaternion_and_matrix_are_inverse_near_every_half_turn():
+    """Quaternion -> matrix -> quaternion is the identity up to sign, also where w is zero."""
+    axes = unit(RNG.normal(size=(200, 3)))
+    angles = np.concatenate([np.linspace(-np.pi, np.pi, 150), np.full(50, np.pi)])
+    q = np.concatenate([np.cos(angles / 2)[:, None], axes * np.sin(angles / 2)[:, None]], axis=1)
+    back = quaternion_from_matrix(matrix_from_quaternion(q))
+    assert np.allclose(np.abs((q * back).sum(-1)), 1.0, atol=1e-12)
+
+
+def test_rotation_about_is_right_handed_and_proper():
+    """A quarter turn about z takes x to y, and every rotation has determinant 1."""
+    assert np.allclose(rotation_about([0, 0, 1], np.pi / 2) @ [1, 0, 0], [0, 1, 0])
+    turns = rotation_about(RNG.normal(size=(50, 3)), RNG.uniform(-7, 7, 50))
+    assert np.allclose(np.linalg.det(turns), 1.0)
+
+
+def test_rotation_about_repeats_for_one_axis_and_many_angles():
+    """One axis with an array of angles gives one matrix an angle."""
+    assert rotation_about([0, 0, 1], np.zeros(4)).shape == (4, 3, 3)
+
+
+def test_pose_inverse_undoes_the_pose():
+    """A pose composed with its inverse is the identity, on points as well."""
+    pose = Pose(rotation_about([1, 2, 3], 0.7), np.array([0.1, -0.2, 0.3]))
+    points = RNG.normal(size=(5, 3))
+    assert np.allclose(pose.inverse().apply(pose.apply(points)), points)
+    assert np.allclose((pose @ pose.inverse()).rotation, np.eye(3))
+
+
+@pytest.mark.parametrize("period", [2 * np.pi, 2 * np.pi / 3])
+def test_wrapped_angles_stay_in_half_a_period(period):
+    """Wrapping changes an angle by whole periods and leaves it in [-period/2, period/2)."""
+    angles = np.linspace(-20, 20, 401)
+    wrapped = wrap_angle(angles, period)
+    assert ((wrapped >= -period / 2) & (wrapped < period / 2)).all()
+    turns = (angles - wrapped) / period
+    assert np.allclose(turns, np.round(turns))

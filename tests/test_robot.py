@@ -1,0 +1,42 @@
+"""The parameter table and the quantities derived from it."""
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from omnitrack_sim.robot import Robot
+
+
+def test_every_parameter_has_a_unit_and_a_provenance():
+    """The table has a row for each field, each with a source."""
+    rows = Robot().parameters()
+    assert [row.name for row in rows] == list(Robot.model_fields)
+    assert all(row.source and row.provenance for row in rows)
+
+
+def test_lug_radius_gives_the_published_speed():
+    """r times the motor's no-load speed of 3.62 rad/s is the published 100 mm/s (Eq. 1)."""
+    assert Robot().lug_radius * 3.62 == pytest.approx(0.1, rel=2e-3)
+
+
+def test_reach_follows_from_the_published_sector():
+    """rho = R sqrt(1 + cos^2(96.54/2)) for a 90 degree turn."""
+    reach = 0.080 * np.sqrt(1 + np.cos(np.radians(96.54 / 2)) ** 2)
+    assert Robot().reach == pytest.approx(reach, abs=1e-5)
+
+
+def test_springs_add_up():
+    """Four springs of 0.5 N/mm make 2 N/mm a module; their spacing makes the pitch stiffness."""
+    robot = Robot()
+    assert robot.module_stiffness == pytest.approx(2000.0)
+    assert robot.pitch_stiffness == pytest.approx(2000.0 * (robot.shaft_spacing / 2) ** 2)
+
+
+def test_robot_is_frozen_and_refuses_unknown_fields():
+    """A parameter cannot be set in place, and a misspelt one is an error."""
+    with pytest.raises(ValidationError):
+        Robot().preload = 3.0
+    with pytest.raises(ValidationError):
+        Robot(prelaod=3.0)
+    with pytest.raises(ValidationError):
+        Robot(lug_radius=-0.01)
