@@ -13,12 +13,14 @@ from omnitrack_sim.frames import Array
 from omnitrack_sim.robot import MODULE_ANGLES
 
 _COS, _SIN = np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES)  # (3,)
-# The paper's own row order is (omega_x, omega_y, omega_z, V_cz).
 _ROOT3 = np.sqrt(3.0)
 
 
 def jacobian(lug_radius: float, lever: float) -> Array:
     """J (4, 4) of Eq. 18: (omega_x, omega_y, omega_z, V_cz) = J (theta_dot_1, theta_dot_2, theta_dot_3, theta_dot_4).
+
+    The paper contradicts itself: Eqs. 6-7 have module 2 at +120 degrees, Eqs. 11-12 and the first row of Eq. 18 have it at
+    -120. Here it is at +120 throughout, as in the text and Fig. 5, so the first row has the other sign than printed.
 
     Args:
         lug_radius: r, m.
@@ -27,7 +29,7 @@ def jacobian(lug_radius: float, lever: float) -> Array:
     a = lug_radius / (3 * lever)
     return np.array(
         [
-            [0, -_ROOT3 * a, _ROOT3 * a, 0],
+            [0, _ROOT3 * a, -_ROOT3 * a, 0],
             [-2 * a, a, a, 0],
             [0, 0, 0, 1],
             [lug_radius / 3, lug_radius / 3, lug_radius / 3, 0],

@@ -27,16 +27,16 @@ class Outcome(StrEnum):
 _ADVICE = {
     Outcome.REACHED_GOAL: "The robot reached the goal.",
     Outcome.MOTION_SINGULARITY: (
-        "A module lost the wall in a tee and the turn stopped: align before the tee (control.align = true) or start with "
-        "theta5 inside the safe margin."
+        "A module lost the wall in a tee and the turn stopped: align before the tee (control.align = true) or start "
+        "with theta5 inside the safe margin."
     ),
     Outcome.STALLED: (
-        "A crawler motor stood still at its torque limit: raise robot.torque_limit, lower robot.preload or take another "
-        "robot.motor."
+        "A crawler motor stood still at its torque limit: raise robot.torque_limit, lower robot.preload or take "
+        "another robot.motor."
     ),
     Outcome.STUCK: (
-        "The robot stopped without a stall or slip: look at tilt and contact in the summary plot, and try another theta5 "
-        "or contact length."
+        "The robot stopped without a stall or slip: look at tilt and contact in the summary plot, and try another "
+        "theta5 or contact length."
     ),
     Outcome.SLIPPING: "The belts ran but the robot did not follow: raise contact.friction or robot.preload.",
     Outcome.NO_MOTION_LINE: (

@@ -167,7 +167,7 @@ def _smooth_belts(model: mujoco.MjModel, trajectory: Trajectory, pitch: float) -
 
 
 def _open_context(width: int, height: int) -> tuple[Any, Any]:
-    """A current offscreen OpenGL context and the mujoco module: the one asked for by MUJOCO_GL, else EGL, else OSMesa."""
+    """A current offscreen OpenGL context and the mujoco module: MUJOCO_GL if set, else EGL, else OSMesa."""
     wanted = os.environ.get("MUJOCO_GL", "").lower()
     if not wanted and not os.environ.get("DISPLAY"):
         os.environ["MUJOCO_GL"] = "egl"  # read when mujoco is first imported
@@ -209,7 +209,7 @@ def _loaded(result: Result | str | os.PathLike[str]) -> Result:
     if isinstance(result, (str, os.PathLike)):
         from omnitrack_sim.sim.result import load_result
 
-        return load_result(result)
+        return load_result(Path(result))
     return result
 
 

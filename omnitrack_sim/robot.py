@@ -71,9 +71,13 @@ class Robot(BaseModel):
         Field(gt=0),
         Quantity("m", "numerical", "lug centres of the two tracks lie this far above and below the module axis"),
     ] = 0.001
-    spring_stiffness: Annotated[float, Field(gt=0), Quantity("N/m", "published", "Section VI: 0.5 N/mm, each spring")] = 500.0
+    spring_stiffness: Annotated[
+        float, Field(gt=0), Quantity("N/m", "published", "Section VI: 0.5 N/mm, each spring")
+    ] = 500.0
     springs_per_module: Annotated[
-        int, Field(ge=2, multiple_of=2), Quantity("1", "derived", "Section II.A: four shafts a module, a spring on each")
+        int,
+        Field(ge=2, multiple_of=2),
+        Quantity("1", "derived", "Section II.A: four shafts a module, a spring on each"),
     ] = 4
     preload: Annotated[
         float, Field(ge=0), Quantity("N", "assumed", "force of a module's springs in the nominal pipe")
@@ -84,12 +88,20 @@ class Robot(BaseModel):
     pitch_limit: Annotated[
         float, Field(gt=0, lt=0.5), Quantity("rad", "assumed", "slot clearance on the shafts (Section II.A)")
     ] = math.radians(4.0)
-    slide_damping: Annotated[float, Field(ge=0), Quantity("N s/m", "assumed", "sliding friction of an arm on its shafts")] = 20.0
-    pitch_damping: Annotated[float, Field(ge=0), Quantity("N m s/rad", "assumed", "as slide_damping, about the pitch axis")] = 0.05
+    slide_damping: Annotated[
+        float, Field(ge=0), Quantity("N s/m", "assumed", "sliding friction of an arm on its shafts")
+    ] = 20.0
+    pitch_damping: Annotated[
+        float, Field(ge=0), Quantity("N m s/rad", "assumed", "as slide_damping, about the pitch axis")
+    ] = 0.05
     chassis_mass: Annotated[float, Field(gt=0), Quantity("kg", "assumed", "ABS chassis and steel shafts")] = 0.28
-    chassis_length: Annotated[float, Field(gt=0), Quantity("m", "assumed", "centre chassis along the robot axis")] = 0.150
+    chassis_length: Annotated[float, Field(gt=0), Quantity("m", "assumed", "centre chassis along the robot axis")] = (
+        0.150
+    )
     arm_mass: Annotated[float, Field(gt=0), Quantity("kg", "assumed", "one arm pair, without its module")] = 0.04
-    module_mass: Annotated[float, Field(gt=0), Quantity("kg", "assumed", "one module: two gearmotors, chains, lugs")] = 0.20
+    module_mass: Annotated[
+        float, Field(gt=0), Quantity("kg", "assumed", "one module: two gearmotors, chains, lugs")
+    ] = 0.20
     motor: Annotated[
         Literal["simulation", "pololu_1000_hpcb"],
         Quantity("", "assumed", "crawler motor; see omnitrack_sim.control.drive.MOTORS"),
@@ -98,7 +110,9 @@ class Robot(BaseModel):
         float | None, Field(gt=0), Quantity("N m", "assumed", "limit on a crawler motor; none: the motor's own")
     ] = None
     roll_rate: Annotated[
-        float, Field(gt=0), Quantity("rad/s", "assumed", "largest speed of the rotary motor (same gearmotor: 3.62 no-load)")
+        float,
+        Field(gt=0),
+        Quantity("rad/s", "assumed", "largest speed of the rotary motor (same gearmotor: 3.62 no-load)"),
     ] = 1.5
     roll_torque: Annotated[
         float, Field(gt=0), Quantity("N m", "assumed", "limit on a rotary motor (same gearmotor as the crawler's)")

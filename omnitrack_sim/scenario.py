@@ -244,7 +244,9 @@ class Scenario(Table):
         except GeometryError as error:
             return list(error.faults)
         faults = [
-            Fault(f"pipes.{i}.name", f"{name!r} is taken by an earlier pipe") for i, name in enumerate(names) if name in names[:i]
+            Fault(f"pipes.{i}.name", f"{name!r} is taken by an earlier pipe")
+            for i, name in enumerate(names)
+            if name in names[:i]
         ]
         low, high = self.robot.slide_range
         for i, passage in enumerate(line.fittings):
@@ -269,7 +271,10 @@ class Scenario(Table):
             )
         elif self.goal.distance is not None and not distance < self.goal.distance <= length:
             faults.append(
-                Fault("goal.distance", f"is {self.goal.distance} m; must be over start.distance and at most {length:.4f} m")
+                Fault(
+                    "goal.distance",
+                    f"is {self.goal.distance} m; must be over start.distance and at most {length:.4f} m",
+                )
             )
         return faults
 
@@ -323,9 +328,17 @@ def _set(data: Any, path: str, value: Any) -> Fault | None:
     *parents, last = path.split(".")
     place = data
     for key in [*parents, last]:
-        choices = [str(i) for i in range(len(place))] if isinstance(place, list) else list(place) if isinstance(place, dict) else []
+        choices = (
+            [str(i) for i in range(len(place))]
+            if isinstance(place, list)
+            else list(place)
+            if isinstance(place, dict)
+            else []
+        )
         if key not in choices:
-            return Fault(path, f"there is no {key!r} here" if choices else f"{key!r} is below a plain value", tuple(choices))
+            return Fault(
+                path, f"there is no {key!r} here" if choices else f"{key!r} is below a plain value", tuple(choices)
+            )
         index = int(key) if isinstance(place, list) else key
         if key is last:
             place[index] = value
@@ -389,5 +402,7 @@ def _find(source: str | Path) -> Path:
     shipped = shipped_scenarios()
     if str(source) in shipped:
         return shipped[str(source)]
-    problem = "is a folder, not a scenario file" if path.is_dir() else "no such file, nor a shipped scenario of that name"
+    problem = (
+        "is a folder, not a scenario file" if path.is_dir() else "no such file, nor a shipped scenario of that name"
+    )
     raise ScenarioError(Fault(str(source), problem, tuple(shipped)))

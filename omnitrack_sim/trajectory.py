@@ -29,16 +29,30 @@ CHANNELS: Mapping[str, Channel] = {
     "tilt": Channel((), "rad", "angle between the robot axis and the centreline's tangent at the robot's centre"),
     "theta5": Channel((), "rad", "module 1 from the turning direction of the fitting being passed or next"),
     "phase": Channel((), "code", "index into the trajectory's phase names"),
-    "belt_speed_command": Channel((3,), "m/s", "belt speed asked of each motor; positive drives forward when the upper track is at the wall"),
-    "belt_speed": Channel((3,), "m/s", "belt speed of each module; positive drives forward when the upper track is at the wall"),
-    "wall_speed": Channel((3,), "m/s", "forward speed of each module that its belt asks for at the wall: belt_speed x belt sign"),
-    "motor_torque": Channel((3,), "N m", "torque of each crawler motor at its output shaft, positive drives +belt_speed"),
+    "belt_speed_command": Channel(
+        (3,), "m/s", "belt speed asked of each motor; positive drives forward when the upper track is at the wall"
+    ),
+    "belt_speed": Channel(
+        (3,), "m/s", "belt speed of each module; positive drives forward when the upper track is at the wall"
+    ),
+    "wall_speed": Channel(
+        (3,), "m/s", "forward speed of each module that its belt asks for at the wall: belt_speed x belt sign"
+    ),
+    "motor_torque": Channel(
+        (3,), "N m", "torque of each crawler motor at its output shaft, positive drives +belt_speed"
+    ),
     "traction": Channel((3,), "N", "wall force on each module along its axis, forward positive"),
     "normal_force": Channel((3,), "N", "wall force on each module towards the robot axis"),
-    "slip_velocity": Channel((3,), "m/s", "belt surface relative to the wall at the contact; positive: the belt runs ahead"),
+    "slip_velocity": Channel(
+        (3,), "m/s", "belt surface relative to the wall at the contact; positive: the belt runs ahead"
+    ),
     "slip_ratio": Channel((3,), "1", "slip_velocity over the larger of belt and module speed, -1 to 1; 0 at rest"),
-    "contact_count": Channel((3, 2), "1", "lugs in contact, per module and track (upper, lower)"),
-    "contact_position": Channel((3, 3), "m", "force-weighted centre of each module's contacts, world frame; its last place when there is none"),
+    "contact_count": Channel(
+        (3, 2), "1", "contact points, per module and track (upper, lower); a lug may touch two wall pieces"
+    ),
+    "contact_position": Channel(
+        (3, 3), "m", "force-weighted centre of each module's contacts, world frame; its last place when there is none"
+    ),
     "slide": Channel((3,), "m", "arm travel from the nominal pipe, outward positive"),
     "pitch": Channel((3,), "rad", "arm pitch; positive: the module's nose points away from the robot axis"),
     "roll": Channel((3,), "rad", "module roll phi about its own axis; 0: upper track at the wall"),
@@ -81,4 +95,7 @@ class Trajectory:
         codes = self["phase"]
         starts = np.flatnonzero(np.diff(codes, prepend=-1))
         ends = np.append(starts[1:], len(codes) - 1)
-        return [(self.phases[int(codes[a])], float(self.time[a]), float(self.time[b])) for a, b in zip(starts, ends, strict=True)]
+        return [
+            (self.phases[int(codes[a])], float(self.time[a]), float(self.time[b]))
+            for a, b in zip(starts, ends, strict=True)
+        ]

@@ -1,4 +1,4 @@
-"""Published copies of the models: MJCF in ``models/``, meshes in ``assets/``. Generated, byte for byte the same each time."""
+"""Published copies of the models: MJCF in ``models/``, meshes in ``assets/``. Byte-reproducible."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import trimesh
 
-from omnitrack_sim.frames import quaternion_from_matrix
+from omnitrack_sim.frames import Pose, quaternion_from_matrix
 from omnitrack_sim.mjcf.looks import add_cameras, add_pipe_looks, add_robot_looks
 from omnitrack_sim.mjcf.meshes import fitting_mesh
 from omnitrack_sim.mjcf.robot import add_robot
@@ -50,16 +50,23 @@ def check_models(models_dir: Path, assets_dir: Path) -> list[str]:
     """Names of files that are missing, differ from what ``write_models`` would write, or are no longer generated."""
     files = _files(Path(models_dir), Path(assets_dir))
     wrong = [path.name for path, content in files.items() if not path.is_file() or path.read_bytes() != content]
-    strays = {p for folder, ends in ((models_dir, ("xml",)), (assets_dir, ("obj", "stl"))) for e in ends for p in Path(folder).glob(f"*.{e}")}
+    strays = {
+        p
+        for folder, ends in ((models_dir, ("xml",)), (assets_dir, ("obj", "stl")))
+        for e in ends
+        for p in Path(folder).glob(f"*.{e}")
+    }
     return sorted([*wrong, *(p.name for p in strays - set(files))])
 
 
 def _files(models_dir: Path, assets_dir: Path) -> dict[Path, bytes]:
     files: dict[Path, bytes] = {}
+    assets: dict[bytes, str] = {}
     for name, spec in _specs().items():
-        text, meshes = _published(spec, f"{name.removeprefix('scene_')}_" if name.startswith("scene_") else "")
+        text, meshes = _published(spec, name, assets)
         files[models_dir / f"{name}.xml"] = text
         files |= {assets_dir / file: content for file, content in meshes.items()}
+        assets |= {content: file for file, content in meshes.items()}
     for name, fitting in FITTINGS.items():
         mesh = fitting_mesh(fitting)
         files[assets_dir / f"{name}.stl"] = trimesh.exchange.stl.export_stl(mesh)
@@ -83,15 +90,17 @@ def _robot_spec() -> mujoco.MjSpec:
     add_robot_looks(spec, robot)
     light = spec.worldbody.add_light(name="sun", pos=[0.5, -1, 1], dir=[-0.5, 1, -1])
     light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    chassis.add_camera(name="front", pos=[0, 0, 0.5], xyaxes=[0, -1, 0, 1, 0, 0], mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK)
-    chassis.add_camera(name="side", pos=[0, -0.5, 0], xyaxes=[1, 0, 0, 0, 0, 1], mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK)
+    chassis.add_camera(
+        name="front", pos=[0, 0, 0.5], xyaxes=[0, -1, 0, 1, 0, 0], mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK
+    )
+    chassis.add_camera(
+        name="side", pos=[0, -0.5, 0], xyaxes=[1, 0, 0, 0, 0, 1], mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK
+    )
     return spec
 
 
 def _pipe_spec(name: str, fitting: Fitting) -> mujoco.MjSpec:
     """One fitting in its own frame: collision walls and the look of its far half."""
-    from omnitrack_sim.frames import Pose
-
     spec = new_spec(f"omnitrack_pipe_{name}")
     network = PipeNetwork((Placed(name, fitting, Pose()),))
     add_walls(spec, network)
@@ -114,7 +123,7 @@ def _scene_route(fitting: Fitting) -> Route:
 def _scene_spec(name: str, fitting: Fitting) -> mujoco.MjSpec:
     """A pipe run with the robot in its entry: keyframe ``start``."""
     way, robot = _scene_route(fitting), Robot()
-    spec = build_scene(way.network, robot, looks=True)
+    spec = build_scene(way, robot, looks=True)
     spec.modelname = f"omnitrack_scene_{name}"
     model = spec.copy().compile()
     data = mujoco.MjData(model)
@@ -127,27 +136,27 @@ def _scene_spec(name: str, fitting: Fitting) -> mujoco.MjSpec:
     return spec
 
 
-def _published(spec: mujoco.MjSpec, prefix: str) -> tuple[bytes, dict[str, bytes]]:
+def _published(spec: mujoco.MjSpec, model: str, known: Mapping[bytes, str]) -> tuple[bytes, dict[str, bytes]]:
     """XML that reads its meshes from ``../assets``, and those meshes by file name.
 
-    Pipes of a scene have files of their own (``prefix``); the robot's are shared by all models.
+    A mesh that an earlier model wrote already (``known``: content to file name) is read from that file.
     """
+    for body in spec.bodies:
+        if body.explicitinertial:
+            body.ipos = np.nan_to_num(body.ipos)  # without a place the inertia is not written
     spec.compile()
     root = ET.fromstring(spec.to_xml())
     compiler = root.find("compiler")
     if compiler is None:
-        compiler = ET.Element("compiler")
-        root.insert(0, compiler)
+        raise RuntimeError(f"{model} has no compiler section")
     compiler.set("meshdir", "../assets")
     meshes: dict[str, bytes] = {}
     by_name = {mesh.name: mesh for mesh in spec.meshes}
-    for element in root.iter("mesh"):
-        name = element.get("name")
-        if name is None or name not in by_name or element.get("class") == name:
-            continue
-        mesh = by_name[name]
-        file = f"{prefix if name.startswith(('pipe_', 'front_')) else 'robot_'}{name}.obj"
-        meshes[file] = _obj(np.reshape(mesh.uservert, (-1, 3)), np.reshape(mesh.userface, (-1, 3)))
+    for element in root.findall("asset/mesh"):
+        mesh = by_name[element.attrib["name"]]
+        content = _obj(np.reshape(mesh.uservert, (-1, 3)), np.reshape(mesh.userface, (-1, 3)))
+        file = known.get(content, f"{model}_{mesh.name}.obj" if mesh.name not in model else f"{mesh.name}.obj")
+        meshes[file] = content
         for attribute in ("vertex", "face", "normal", "texcoord"):
             element.attrib.pop(attribute, None)
         element.set("file", file)

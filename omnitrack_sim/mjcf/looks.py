@@ -61,7 +61,9 @@ def view_direction(network: PipeNetwork) -> Array:
             normal = part.pose.rotation[:, 1]
             return normal * math.copysign(1.0, normal @ liking)
     axis = network.parts[0].pose.rotation[:, 2]
-    return unit(liking * [0, 1, 0] - (liking * [0, 1, 0] @ axis) * axis) if abs(axis[1]) < 0.99 else np.array([1.0, 0, 0])
+    return (
+        unit(liking * [0, 1, 0] - (liking * [0, 1, 0] @ axis) * axis) if abs(axis[1]) < 0.99 else np.array([1.0, 0, 0])
+    )
 
 
 def add_robot_looks(spec: mujoco.MjSpec, robot: Robot) -> None:
@@ -103,8 +105,17 @@ def _dress_arm(arm: mujoco.MjsBody, robot: Robot, number: int, shaft: float) -> 
     """Brackets that carry the module at both ends, and the springs that push them out."""
     for end, side in (("front", 1.0), ("rear", -1.0)):
         z = side * shaft
-        _look(arm, f"bracket_{end}_{number}", "abs", pos=[-0.004, 0, z], type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.011, 0.0165, 0.005])
-        _rod(arm, f"hub_{end}_{number}", "dark", [0, 0, z - side * 0.008], [0, 0, z + side * 0.007], 0.008, cylinder=True)
+        _look(
+            arm,
+            f"bracket_{end}_{number}",
+            "abs",
+            pos=[-0.004, 0, z],
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[0.011, 0.0165, 0.005],
+        )
+        _rod(
+            arm, f"hub_{end}_{number}", "dark", [0, 0, z - side * 0.008], [0, 0, z + side * 0.007], 0.008, cylinder=True
+        )
         for k, offset in enumerate((0.0095, -0.0095)):
             _look(arm, f"spring_{end}_{number}_{k}", "steel", mesh="spring", pos=[-0.038, offset, z])
 
@@ -116,7 +127,12 @@ def _dress_module(module: mujoco.MjsBody, robot: Robot, number: int) -> None:
     for end, side in (("front", 1.0), ("rear", -1.0)):
         tip = side * (half + 0.004)
         _look(
-            module, f"cap_{end}_{number}", "dark", pos=[0, 0, tip], type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, size=[radius, radius, 0.011]
+            module,
+            f"cap_{end}_{number}",
+            "dark",
+            pos=[0, 0, tip],
+            type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+            size=[radius, radius, 0.011],
         )
 
 
@@ -140,7 +156,7 @@ def add_pipe_looks(spec: mujoco.MjSpec, network: PipeNetwork, cutaway_normal: Ar
 
 
 def add_cameras(spec: mujoco.MjSpec, network: PipeNetwork, cutaway_normal: ArrayLike | None = None) -> None:
-    """Cameras ``side`` (all pipes), ``follow`` (with the robot, from the cut side) and ``onboard`` (forward), and lights."""
+    """Cameras ``side`` (all pipes), ``follow`` (with the robot, from the cut side) ``onboard`` (forward); lights."""
     towards = view_direction(network) if cutaway_normal is None else unit(cutaway_normal)
     up = _upward(towards)
     right = np.cross(up, towards)
@@ -205,7 +221,7 @@ def _fit(low: Array, high: Array, frame: Array) -> tuple[Array, float]:
 def _add_materials(spec: mujoco.MjSpec) -> None:
     if spec.material("abs") is not None:
         return
-    materials = {name: (*look,) for name, look in _MATERIALS.items()}
+    materials: dict[str, tuple[tuple[float, ...], float, float]] = {name: (*look,) for name, look in _MATERIALS.items()}
     for number, colour in enumerate(COLOURS.values(), start=1):
         materials[f"upper_{number}"] = (colour, 0.35, 0.3)
         materials[f"lower_{number}"] = (tuple(LOWER_TRACK_SHADE * c for c in colour), 0.35, 0.3)
@@ -232,7 +248,13 @@ def _look(body: mujoco.MjsBody, name: str, material: str, mesh: str = "", **fiel
 
 
 def _rod(
-    body: mujoco.MjsBody, name: str, material: str, start: ArrayLike, end: ArrayLike, radius: float, cylinder: bool = False
+    body: mujoco.MjsBody,
+    name: str,
+    material: str,
+    start: ArrayLike,
+    end: ArrayLike,
+    radius: float,
+    cylinder: bool = False,
 ) -> mujoco.MjsGeom:
     kind = mujoco.mjtGeom.mjGEOM_CYLINDER if cylinder else mujoco.mjtGeom.mjGEOM_CAPSULE
     ends = [*np.asarray(start, float), *np.asarray(end, float)]

@@ -88,7 +88,7 @@ def _torus_sector(fitting: Elbow, radius: float, sections: int) -> Manifold:
     steps = max(3, math.ceil(degrees / DEGREES_PER_RING))
     sector = Manifold.revolve(disc, circular_segments=steps, revolve_degrees=degrees)
     # revolve() sweeps from +x towards +y about z; the elbow sweeps from -x towards +z about y
-    return sector.transform([[-1, 0, 0, fitting.mean_radius], [0, 0, 1, 0], [0, 1, 0, 0]])
+    return sector.transform(np.array([[-1, 0, 0, fitting.mean_radius], [0, 0, 1, 0], [0, 1, 0, 0]], float))
 
 
 def _fillet(tee: Tee, side: float, sections: int) -> Manifold:
@@ -128,7 +128,9 @@ def _loft(rings: Array) -> tuple[Array, np.ndarray]:
     index = np.arange(count * corners).reshape(count, corners)
     a, b = index[:-1], index[1:]
     a_next, b_next = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
-    sides = np.concatenate([np.stack([a, a_next, b], -1).reshape(-1, 3), np.stack([a_next, b_next, b], -1).reshape(-1, 3)])
+    sides = np.concatenate(
+        [np.stack([a, a_next, b], -1).reshape(-1, 3), np.stack([a_next, b_next, b], -1).reshape(-1, 3)]
+    )
     hub = corners - 2  # the corner inside the bores sees every other one
     fan = [(hub, (hub + i) % corners, (hub + i + 1) % corners) for i in range(1, corners - 1)]
     first, last = index[0][np.array(fan)][:, ::-1], index[-1][np.array(fan)]

@@ -14,7 +14,7 @@ import math
 import mujoco
 import numpy as np
 
-from omnitrack_sim.frames import rotation_about, quaternion_from_matrix
+from omnitrack_sim.frames import quaternion_from_matrix, rotation_about
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.trajectory import TRACKS
 
@@ -68,7 +68,7 @@ def add_robot(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
 def _set_cylinder_inertia(body: mujoco.MjsBody, mass: float, radius: float, length: float) -> None:
     """Mass and inertia of a solid cylinder along z, kg and kg m²."""
     across = mass * (3 * radius**2 + length**2) / 12
-    body.mass = mass
+    body.mass, body.ipos = mass, [0, 0, 0]
     body.inertia = [across, across, mass * radius**2 / 2]
     body.explicitinertial = True
 
@@ -114,6 +114,7 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float) -> 
     forward.
     """
     track = module.add_body(name=f"track_{name}")
+    track.ipos = [0, 0, 0]
     track.mass, track.inertia, track.explicitinertial = TRACK_MASS, [TRACK_MASS * robot.lug_radius**2] * 3, True
     track.add_joint(
         name=f"belt_{name}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, -side], armature=belt_inertia(robot) / 2

@@ -2,44 +2,42 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import mujoco
 
 from omnitrack_sim.mjcf.robot import add_robot
-from omnitrack_sim.mjcf.spec import new_spec
+from omnitrack_sim.mjcf.spec import TIMESTEP, new_spec
 from omnitrack_sim.mjcf.walls import add_walls
-from omnitrack_sim.pipes import PipeNetwork
+from omnitrack_sim.pipes import Route
 from omnitrack_sim.robot import Robot
 
 
 def build_scene(
-    network: PipeNetwork,
+    route: Route,
     robot: Robot,
     *,
-    timestep: float = 0.002,
+    timestep: float = TIMESTEP,
     wall_tolerance: float = 1e-4,
     staves: int | None = None,
     looks: bool = False,
 ) -> mujoco.MjSpec:
-    """The robot at the world's origin and the walls of a network, ready to compile.
+    """The robot at the world's origin and the walls along a route, ready to compile.
 
     Args:
-        network: pipes, placed in the world.
+        route: pipes, placed in the world, and their centreline.
         robot: parameters.
         timestep: s.
         wall_tolerance: m, largest distance of the walls from the exact surface on straights and elbows.
-        staves: number of staves around a pipe, instead of the one the tolerance asks for.
+        staves: number of wall pieces around a bore, instead of what the tolerance asks for.
         looks: add visual geoms, cameras and lights; they change neither mass nor contact.
     """
     spec = new_spec("omnitrack_scene")
     spec.option.timestep = timestep
-    add_walls(spec, network, tolerance=wall_tolerance, staves=staves)
+    add_walls(spec, route.network, tolerance=wall_tolerance, staves=staves)
     add_robot(spec, robot)
     if looks:
         from omnitrack_sim.mjcf.looks import add_cameras, add_pipe_looks, add_robot_looks
 
         add_robot_looks(spec, robot)
-        add_pipe_looks(spec, network)
-        add_cameras(spec, network)
+        add_pipe_looks(spec, route.network)
+        add_cameras(spec, route.network)
     return spec

@@ -11,7 +11,7 @@ IMPEDANCE_RATIO = 10.0
 
 
 def new_spec(name: str) -> mujoco.MjSpec:
-    """Radians, elliptic cones, implicitfast, dense Jacobian (MuJoCo 4.0.0's sparse Hessian is wrong from 60 dofs on)."""
+    """Radians, elliptic cones, implicitfast, dense (MuJoCo 4.0.0's sparse Hessian is wrong from 60 dofs on)."""
     spec = mujoco.MjSpec()
     spec.modelname = name
     spec.compiler.degree = False

@@ -1,18 +1,19 @@
 """Collision walls from primitives: boxes tangent to the bore, capsules along a tee's rim.
 
-Every facet is shifted by half its sagitta, so that the exact surface lies midway between the facet's nearest and farthest
-points; the shift halves the error for the same number of pieces.
+Every facet is shifted by half its sagitta, so that the exact surface lies midway between the facet's nearest and
+farthest points; the shift halves the error for the same number of pieces.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
 
-from omnitrack_sim.frames import Array, Pose, quaternion_from_matrix, unit
+from omnitrack_sim.frames import Array, Pose, unit
 from omnitrack_sim.pipes import Elbow, PipeNetwork, Straight, Tee
 from omnitrack_sim.pipes.fittings import Fitting
 
@@ -37,7 +38,7 @@ class Pieces:
 
 
 def stave_count(radius: float, tolerance: float) -> int:
-    """Least number of staves, a multiple of 4, whose largest distance from a bore of ``radius`` m is ``tolerance`` m."""
+    """Least number of staves, a multiple of 4, that keep within ``tolerance`` m of a bore of ``radius`` m."""
     # R (1 / cos(pi / N) - 1) / 2 <= tolerance
     exact = math.pi / math.acos(1 / (1 + 2 * tolerance / radius))
     return max(8, 4 * math.ceil(exact / 4))
@@ -64,13 +65,16 @@ def add_walls(spec: mujoco.MjSpec, network: PipeNetwork, tolerance: float = 1e-4
         for index, (centre, rotation, half) in enumerate(pieces.boxes):
             pose = part.pose @ Pose(rotation, centre)
             _add_geom(
-                spec, f"wall_{part.name}_{index}", mujoco.mjtGeom.mjGEOM_BOX, size=half, pos=pose.position, quat=pose.quaternion
+                spec,
+                f"wall_{part.name}_{index}",
+                mujoco.mjtGeom.mjGEOM_BOX,
+                size=half,
+                pos=pose.position,
+                quat=pose.quaternion,
             )
         for index, (a, b, radius) in enumerate(pieces.capsules):
             ends = [*part.pose.apply(a), *part.pose.apply(b)]
-            _add_geom(
-                spec, f"rim_{part.name}_{index}", mujoco.mjtGeom.mjGEOM_CAPSULE, size=[radius, 0, 0], fromto=ends
-            )
+            _add_geom(spec, f"rim_{part.name}_{index}", mujoco.mjtGeom.mjGEOM_CAPSULE, size=[radius, 0, 0], fromto=ends)
         count += len(pieces.boxes) + len(pieces.capsules)
     return count
 
@@ -114,7 +118,9 @@ def _add_straight(pieces: Pieces, pipe: Straight, staves: int) -> None:
     ring = _Ring.of(pipe.radius, staves)
     for u in ring.azimuths:
         out = np.array([math.cos(u), math.sin(u), 0.0])
-        pieces.facet(ring.face * out + [0, 0, pipe.length / 2], out, np.array([0, 0, 1.0]), ring.half_width, pipe.length / 2)
+        pieces.facet(
+            ring.face * out + [0, 0, pipe.length / 2], out, np.array([0, 0, 1.0]), ring.half_width, pipe.length / 2
+        )
 
 
 def _add_elbow(pieces: Pieces, elbow: Elbow, staves: int, tolerance: float) -> None:
@@ -168,7 +174,9 @@ def _add_tee(pieces: Pieces, tee: Tee, staves: int) -> None:
         pieces.facet(ring.face * out + x * (branch + cut) / 2, out, x, ring.half_width, (branch - cut) / 2)
     for side in (1.0, -1.0):
         # Where the halves of the rim meet the wall is flat: run and branch share their tangent plane.
-        pieces.facet(side * (tee.radius + 5e-5) * np.array([0, 1.0, 0]), np.array([0, side, 0]), z, CROTCH_PATCH, CROTCH_PATCH)
+        pieces.facet(
+            side * (tee.radius + 5e-5) * np.array([0, 1.0, 0]), np.array([0, side, 0]), z, CROTCH_PATCH, CROTCH_PATCH
+        )
     _add_rim(pieces, tee, rho)
 
 
@@ -176,7 +184,7 @@ def _add_rim(pieces: Pieces, tee: Tee, rho: float) -> None:
     t = np.linspace(-np.pi / 2, np.pi / 2, RIM_SEGMENTS + 1)
     for side in (1.0, -1.0):
         saddle = rho * np.stack([np.cos(t), np.sin(t), side * np.cos(t)], axis=-1)
-        for a, b in zip(saddle[:-1], saddle[1:], strict=True):
+        for a, b in itertools.pairwise(saddle):
             pieces.capsules.append((a, b, tee.fillet_radius))
         run_edge = np.stack([tee.radius * np.cos(t), tee.radius * np.sin(t), side * rho * np.cos(t)], axis=-1)
         branch_edge = np.stack([rho * np.cos(t), tee.radius * np.sin(t), side * tee.radius * np.cos(t)], axis=-1)
@@ -193,7 +201,7 @@ def _add_strips(pieces: Pieces, edge: Array, away: Array, across: Array, radius:
 
     ``across`` keeps the coordinates across the cylinder's axis.
     """
-    for a, b in zip(edge[:-1], edge[1:], strict=True):
+    for a, b in itertools.pairwise(edge):
         middle = (a + b) / 2
         out = unit(middle * across)
         tangent = unit((b - a) - out * ((b - a) @ out))

@@ -56,7 +56,7 @@ class Centreline:
         self._highest[-1] = self._highest[-1] if self._straight[-1] else self._length[-1]
 
     def at(self, s: Array) -> tuple[Array, Array, Array, Array]:
-        """Point (n, 3) m, tangent (n, 3), normal (n, 3) towards which it bends, curvature (n,) 1/m at arc length (n,) m.
+        """Point (n, 3) m, tangent (n, 3), normal (n, 3) towards the bend, curvature (n,) 1/m at arc length (n,) m.
 
         On a straight the normal is the side of the route's frame.
         """

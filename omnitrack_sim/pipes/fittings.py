@@ -62,9 +62,10 @@ class Fitting:
         raise NotImplementedError
 
     def signed_distance(self, points: Array) -> tuple[Array, Array]:
-        """Distance (...,) m from ``points`` (..., 3) m to the inner surface, positive in the bore, and its unit gradient (..., 3).
+        """Distance (...,) m from ``points`` (..., 3) m to the inner surface; its unit gradient (..., 3).
 
-        Fitting frame. Exact inside the bore and in the wall near it; the fitting is taken as open at its ports.
+        Fitting frame, positive in the bore.
+        Exact inside the bore and in the wall near it; the fitting is taken as open at its ports.
         """
         raise NotImplementedError
 
@@ -134,7 +135,10 @@ class Elbow(Fitting):
                 self.mean_radius >= radius,
                 f"is {self.mean_radius} m; must be at least the pipe radius of {radius} m",
             ),
-            angle=(0 < self.angle <= math.pi, f"is {math.degrees(self.angle):.6g} degrees; must be over 0, at most 180"),
+            angle=(
+                0 < self.angle <= math.pi,
+                f"is {math.degrees(self.angle):.6g} degrees; must be over 0, at most 180",
+            ),
         )
 
     @property
@@ -193,7 +197,7 @@ class Tee(Fitting):
     choices: ClassVar[tuple[str, ...]] = ("run_start", "run_end", "branch")
 
     def __post_init__(self) -> None:
-        least = self.inner_diameter / 2 + self.fillet_radius
+        least = self.inner_diameter / 2 + max(self.fillet_radius, 0.0)
         _check(
             self.kind,
             inner_diameter=(self.inner_diameter > 0, f"is {self.inner_diameter} m; must be positive"),
@@ -231,7 +235,13 @@ class Tee(Fitting):
         if "branch" not in (enter, leave):
             return Path(start.position, tangent, _X, ((self.run_length, 0.0),))
         longest = min(half, self.branch_length)
-        _check("control", tee_turn_radius=(0 < tee_turn_radius <= longest, f"is {tee_turn_radius} m; at most {longest} m fits the tee"))
+        _check(
+            "control",
+            tee_turn_radius=(
+                0 < tee_turn_radius <= longest,
+                f"is {tee_turn_radius} m; at most {longest} m fits the tee",
+            ),
+        )
         normal = self.ports[leave].rotation[:, 2]
         arc = (tee_turn_radius * math.pi / 2, 1 / tee_turn_radius)
         first, last = (half, self.branch_length) if leave == "branch" else (self.branch_length, half)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -77,7 +77,7 @@ class PipeNetwork:
     joints: tuple[tuple[tuple[int, str], tuple[int, str]], ...] = ()
 
     def __post_init__(self) -> None:
-        faults = [*self._mismatches(), *self._overlaps()]
+        faults = [*self._mismatches(), *self._overlaps(), *self._closures()]
         if faults:
             raise GeometryError(faults)
 
@@ -88,9 +88,10 @@ class PipeNetwork:
         return tuple((i, p) for i, part in enumerate(self.parts) for p in part.fitting.ports if (i, p) not in taken)
 
     def signed_distance(self, points: Array) -> tuple[Array, Array]:
-        """Distance (...,) m from ``points`` (..., 3) m to the inner surface, positive in a bore; unit gradient (..., 3).
+        """Distance (...,) m from ``points`` (..., 3) m to the inner surface; unit gradient (..., 3).
 
-        World frame. Each part counts between its port planes; beyond all of them the distance is negative, towards the
+        World frame, positive in a bore.
+        Each part counts between its port planes; beyond all of them the distance is negative, towards the
         nearest port plane.
         """
         points = np.asarray(points, float)
@@ -110,7 +111,12 @@ class PipeNetwork:
             a, b = self.parts[i], self.parts[j]
             if abs(a.fitting.radius - b.fitting.radius) > JOINED:
                 diameters = f"{2 * a.fitting.radius:.6g} m and {2 * b.fitting.radius:.6g} m"
-                faults.append(Fault(f"pipes.{j}.inner_diameter", f"joins {a.name!r} ({port_i}) to {b.name!r} ({port_j}) of {diameters}"))
+                faults.append(
+                    Fault(
+                        f"pipes.{j}.inner_diameter",
+                        f"joins {a.name!r} ({port_i}) to {b.name!r} ({port_j}) of {diameters}",
+                    )
+                )
         return faults
 
     def _overlaps(self) -> list[Fault]:
@@ -125,10 +131,22 @@ class PipeNetwork:
                 faults.append(Fault(f"pipes.{j}", f"{b.name!r} runs into {a.name!r} (pipes.{i})"))
         return faults
 
+    def _closures(self) -> list[Fault]:
+        """Open ends of two parts in one place: the pipe closes on itself without being joined."""
+        faults = []
+        for (i, port_i), (j, port_j) in combinations(self.open_ends, 2):
+            a, b = self.parts[i], self.parts[j]
+            if i != j and np.linalg.norm(a.port(port_i).position - b.port(port_j).position) < JOINED:
+                problem = (
+                    f"{b.name!r} ({port_j}) ends where {a.name!r} ({port_i}, pipes.{i}) does, and is not joined to it"
+                )
+                faults.append(Fault(f"pipes.{j}", problem))
+        return faults
+
 
 @dataclass(frozen=True)
 class Step:
-    """One fitting of a route: entered at port ``enter``, left at ``leave``, turned by ``turn`` rad about the joint's axis."""
+    """One fitting of a route: entered at port ``enter``, left at ``leave``, turned by ``turn`` rad at the joint."""
 
     name: str
     fitting: Fitting
@@ -177,8 +195,8 @@ class Route:
 def route(steps: Sequence[Step], start: Pose | None = None, tee_turn_radius: float = TEE_TURN_RADIUS) -> Route:
     """Join fittings one after the other and lay the centreline through them.
 
-    The x axes of joined ports coincide, then the new fitting is turned by ``Step.turn`` about the joint's axis: a chain of
-    elbows without turns stays in one plane.
+    The x axes of joined ports coincide, then the new fitting is turned by ``Step.turn`` about the joint's axis: a chain
+    of elbows without turns stays in one plane.
 
     Args:
         steps: at least one.
@@ -201,7 +219,7 @@ def route(steps: Sequence[Step], start: Pose | None = None, tee_turn_radius: flo
         parts.append(part)
         segments.extend(new)
         frame = part.port(step.leave)
-    joints = tuple(((i, a.leave), (i + 1, b.enter)) for i, (a, b) in enumerate(zip(steps, steps[1:], strict=False)))
+    joints = tuple(((i, a.leave), (i + 1, b.enter)) for i, (a, b) in enumerate(pairwise(steps)))
     network = PipeNetwork(tuple(parts), joints)
     side = (start or Pose()).rotation @ rotation_about([0, 0, 1], steps[0].turn)[:, 0]
     return Route(network, Centreline(segments, side), tuple(passages))
@@ -213,9 +231,13 @@ def _check_ports(steps: Sequence[Step]) -> None:
         choices = step.fitting.choices
         for end in ("enter", "leave"):
             if getattr(step, end) not in choices:
-                faults.append(Fault(f"pipes.{i}.{end}", f"{step.fitting.kind} has no port {getattr(step, end)!r}", choices))
+                faults.append(
+                    Fault(f"pipes.{i}.{end}", f"{step.fitting.kind} has no port {getattr(step, end)!r}", choices)
+                )
         if step.enter == step.leave:
-            faults.append(Fault(f"pipes.{i}.leave", f"is {step.leave!r}, where the {step.fitting.kind} is entered", choices))
+            faults.append(
+                Fault(f"pipes.{i}.leave", f"is {step.leave!r}, where the {step.fitting.kind} is entered", choices)
+            )
     if faults:
         raise GeometryError(faults)
 

@@ -1,9 +1,9 @@
 """The exact inner surface of an equal tee with a rounded rim.
 
-The bore is the union of a run along z and a branch along +x, both of radius R. The wall is its complement, opened by a
-ball of radius f: shrunk by f to E = {points at least rho = R + f from the run's axis and, for x > 0, from the branch's},
-then grown by f. The distance to the wall is therefore the distance to E less f. E has two faces, the cylinders of radius
-rho, and an edge where they meet: the half ellipses x = |z|, with semi-axes sqrt(2) rho and rho.
+The bore is the union of a run along z and a branch along +x, both of radius R. The wall is its complement, opened by
+a ball of radius f: shrunk by f to E = {points rho = R + f or more from the run's axis and, for x > 0, the branch's},
+then grown by f. The distance to the wall is therefore the distance to E less f. E has two faces, the cylinders of
+radius rho, and an edge where they meet: the half ellipses x = |z|, with semi-axes sqrt(2) rho and rho.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def tee_signed_distance(points: Array, radius: float, fillet: float) -> tuple[Ar
 
 
 def _onto_cylinder(points: Array, mask: list[int], distance: Array, rho: float) -> Array:
-    """Radial projection of points (..., 3) onto the cylinder of radius rho; ``mask`` keeps the coordinates across it."""
+    """Radial projection of points (..., 3) onto the cylinder of radius rho; ``mask`` keeps what is across."""
     across = points * mask
     scale = rho / np.where(distance > 0, distance, 1.0)
     on_axis = np.array([0.0, rho, 0.0])

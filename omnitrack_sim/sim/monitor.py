@@ -52,7 +52,14 @@ class Monitor:
     """Outcomes of n trials. ``outcome`` holds None while a trial runs."""
 
     def __init__(
-        self, guide: Guide, robot: Robot, goal: Array, start: Array, cruise_speed: Array, time_limit: Array, period: float
+        self,
+        guide: Guide,
+        robot: Robot,
+        goal: Array,
+        start: Array,
+        cruise_speed: Array,
+        time_limit: Array,
+        period: float,
     ):
         n = len(goal)
         self.guide, self.goal, self.time_limit, self.period = guide, goal, time_limit, period
@@ -124,8 +131,16 @@ class Monitor:
         stalled = (mean.saturated[i] > 0.5) & (mean.belt_speed[i] < STALLED_SPEED * mean.belt_command[i])
         if (mean.roll_cosine[i] < NO_MOTION_COSINE).all():
             return Outcome.NO_MOTION_LINE
-        turning = passage < len(self.guide.passages) and self.guide.passages[passage].kind == "tee" and self.guide.is_turn[passage]
-        if turning and place.distance[i] > self.guide.start[passage] - self.exit and mean.normal_force[i].min() < LOST_CONTACT:
+        turning = (
+            passage < len(self.guide.passages)
+            and self.guide.passages[passage].kind == "tee"
+            and self.guide.is_turn[passage]
+        )
+        if (
+            turning
+            and place.distance[i] > self.guide.start[passage] - self.exit
+            and mean.normal_force[i].min() < LOST_CONTACT
+        ):
             return Outcome.MOTION_SINGULARITY
         if stalled.any():
             return Outcome.STALLED
@@ -136,7 +151,9 @@ class Monitor:
     def _end(self, i: int, outcome: Outcome, readings: Readings, place: Place) -> None:
         self.outcome[i], self.end_time[i] = outcome, readings.time[i]
         mean = self._mean
-        where = f"at {place.distance[i]:.3f} m of {self.guide.route.centreline.length:.3f} m after {readings.time[i]:.2f} s"
+        where = (
+            f"at {place.distance[i]:.3f} m of {self.guide.route.centreline.length:.3f} m after {readings.time[i]:.2f} s"
+        )
         forces = ", ".join(f"{f:.1f}" for f in mean.normal_force[i])
         slips = ", ".join(f"{s:.2f}" for s in mean.slip_ratio[i])
         self.reason[i] = (

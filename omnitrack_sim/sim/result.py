@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import os
 import platform
 import shutil
@@ -81,9 +82,10 @@ class Result:
         }
 
     def write(self, folder: Path) -> None:
-        """Write ``scenario.json``, ``result.json``, ``trajectory.parquet`` and ``replay.npz`` into an existing folder."""
+        """Write scenario, result, trajectory and replay, a file each, into an existing folder."""
         (folder / "scenario.json").write_text(self.scenario.model_dump_json(indent=2) + "\n", encoding="utf-8")
-        (folder / RESULT_FILE).write_text(json.dumps(self.summary(), indent=2) + "\n", encoding="utf-8")
+        summary = json.dumps(_finite(self.summary()), indent=2, allow_nan=False)
+        (folder / RESULT_FILE).write_text(summary + "\n", encoding="utf-8")
         _write_parquet(self.trajectory, folder / "trajectory.parquet")
         _write_npz(folder / "replay.npz", time=self.trajectory.time, qpos=self.trajectory.qpos)
 
@@ -98,6 +100,15 @@ class Result:
         return Path(directory)
 
 
+def _finite(value: Any) -> Any:
+    """``value`` with None for numbers that JSON cannot hold (the figures of a diverged run)."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 @contextmanager
 def run_folder(directory: str | Path) -> Iterator[Path]:
     """A temporary folder beside ``directory`` that takes its place when the block ends without an error.
@@ -106,9 +117,9 @@ def run_folder(directory: str | Path) -> Iterator[Path]:
         OutputError: ``directory`` holds something that is no run, or the disk is full or closed to us.
     """
     target = Path(directory).resolve()
-    check_output(target)
     temporary: Path | None = None
     try:
+        check_output(target)
         target.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
         temporary.chmod(0o755)
@@ -214,7 +225,8 @@ def _read_trajectory(folder: Path) -> Trajectory:
     import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(folder / "trajectory.parquet")
+        with (folder / "trajectory.parquet").open("rb") as file:
+            table = pq.read_table(file)
     except pa.ArrowException as error:
         raise ValueError(f"trajectory.parquet: {error}") from error
     channels = {}

@@ -14,7 +14,7 @@ from omnitrack_sim.control.guide import Guide
 from omnitrack_sim.frames import Array, quaternion_from_matrix
 from omnitrack_sim.mjcf.robot import spring_free_length
 from omnitrack_sim.mjcf.scene import build_scene
-from omnitrack_sim.robot import Robot
+from omnitrack_sim.robot import MODULES, Robot
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.plant import Trials
 
@@ -23,7 +23,7 @@ def scene_of(scenario: Scenario, *, looks: bool = False) -> mujoco.MjSpec:
     """The scenario's pipes and robot as one MjSpec; ``looks`` adds what pictures need."""
     physics = scenario.physics
     return build_scene(
-        scenario.route().network,
+        scenario.route(),
         scenario.robot,
         timestep=physics.timestep,
         wall_tolerance=physics.wall_tolerance,
@@ -113,3 +113,15 @@ def settings_of(scenarios: Sequence[Scenario], guide: Guide) -> tuple[Settings, 
         goal_distance=np.array([s.goal_distance for s in scenarios]),
     )
     return settings, notes
+
+
+def start_qpos(scenario: Scenario, model: mujoco.MjModel) -> Array:
+    """Joint positions (nq,) of a scenario's start."""
+    guide = Guide(scenario.route(), np.array([scenario.start.distance]))
+    data = mujoco.MjData(model)
+    trials = trials_of([scenario], guide)
+    data.joint("robot").qpos = np.concatenate([trials.position[0], trials.quaternion[0]])
+    for i in range(MODULES):
+        data.joint(f"slide_{i + 1}").qpos = trials.slide[0, i]
+        data.joint(f"roll_{i + 1}").qpos = trials.roll[0, i]
+    return data.qpos.copy()

@@ -1,0 +1,49 @@
+# make demo: run the tee turn and leave results, plot and video in out/tee_turn.
+# make test: run the whole test suite. Both set up .venv and the system libraries first.
+PYTHON ?= python3
+BIN := .venv/bin
+READY := .venv/.ready
+EGL_PACKAGES := libegl1 libgl1-mesa-dri libopengl0
+
+.PHONY: demo test check models bench egl clean
+
+demo: $(READY) egl
+	$(BIN)/omnitrack run scenarios/tee_turn.toml --out out/tee_turn
+
+test: $(READY) egl
+	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+check: $(READY)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/pyright
+	$(BIN)/lint-imports
+	$(BIN)/omnitrack models --check
+
+models: $(READY)
+	$(BIN)/omnitrack models --write
+
+bench: $(READY)
+	$(BIN)/python benchmarks/speed.py
+
+# A bare Debian has python3 without ensurepip: python3-venv brings it.
+$(READY): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed"; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	  if [ "$$(id -u)" = 0 ]; then apt-get update -qq && apt-get install -y -qq python3-venv; \
+	  else echo "Python's venv is missing. Run: sudo apt-get install -y python3-venv"; exit 1; fi; }
+	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable . --group dev
+	@touch $@
+
+# Offscreen rendering needs Mesa's EGL. Without it everything but pictures works.
+egl:
+	@if $(PYTHON) -c 'import ctypes; [ctypes.CDLL(n) for n in ("libEGL.so.1", "libOpenGL.so.0")]' 2>/dev/null; then :; \
+	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	  { apt-get update -qq && apt-get install -y -qq $(EGL_PACKAGES); } >/dev/null 2>&1 \
+	  || echo "The EGL libraries could not be installed; there will be no video. Needed: $(EGL_PACKAGES)"; \
+	else echo "No EGL: there will be no video. For one, run: sudo apt-get install -y $(EGL_PACKAGES)"; fi
+
+clean:
+	rm -rf .venv out dist build .pytest_cache .ruff_cache

@@ -1,0 +1,92 @@
+"""Fitting meshes: solid, open where a pipe is open, and lying on the exact surface."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from omnitrack_sim.mjcf.meshes import THICKNESS, cutaway_mesh, fitting_mesh
+from omnitrack_sim.mjcf.parts import coil, lug_row, triangular_prism
+from omnitrack_sim.pipes import Elbow, Straight, Tee
+
+FITTINGS = [
+    Straight(0.5),
+    Elbow(0.24),
+    Elbow(0.09),
+    Elbow(0.24, math.pi),
+    Tee(),
+    Tee(inner_diameter=0.1, fillet_radius=0.002),
+]
+
+
+def genus(mesh):
+    return 1 - mesh.euler_number / 2
+
+
+@pytest.mark.parametrize("fitting", FITTINGS, ids=str)
+def test_wall_is_a_solid_with_open_bores(fitting):
+    """A fitting is watertight, wound outward, and of genus openings - 1: a blocked branch would lower it."""
+    mesh = fitting_mesh(fitting)
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.volume > 0
+    assert genus(mesh) == len(fitting.ports) - 1
+
+
+@pytest.mark.parametrize("fitting", FITTINGS, ids=str)
+def test_corners_lie_on_the_inner_or_outer_surface(fitting):
+    """No corner of the mesh is nearer to the axis than the exact inner surface, or outside the wall."""
+    mesh = fitting_mesh(fitting)
+    distance, _ = fitting.signed_distance(mesh.vertices)
+    inner = distance > -THICKNESS / 2
+    assert inner.sum() > 100
+    assert distance.max() < 3e-4
+    assert np.abs(distance[inner]).max() < (3e-4 if isinstance(fitting, Tee) else 1e-6)
+
+
+@pytest.mark.parametrize("fitting", [Elbow(0.24), Elbow(0.09), Elbow(0.24, math.pi)], ids=str)
+def test_elbow_volume_is_pappus(fitting):
+    """The wall's volume is its cross-section times the length of the centreline, less what the corners cut off."""
+    inner, outer = fitting.radius, fitting.radius + THICKNESS
+    expected = math.pi * (outer**2 - inner**2) * fitting.mean_radius * fitting.angle
+    assert fitting_mesh(fitting).volume == pytest.approx(expected, rel=3e-3)
+
+
+def test_fillet_takes_material_off_the_rim():
+    """A larger fillet leaves less wall."""
+    volumes = [fitting_mesh(Tee(fillet_radius=f)).volume for f in (0.001, 0.005, 0.01)]
+    assert volumes[0] > volumes[1] + 1e-7
+    assert volumes[1] > volumes[2] + 1e-7
+
+
+@pytest.mark.parametrize("fitting", FITTINGS, ids=str)
+def test_cut_halves_make_the_whole(fitting):
+    """The half that stays and the half taken away are solids, and together have the volume of the fitting."""
+    halves = [cutaway_mesh(fitting, [0.3, 1.0, 0.2], keep=keep) for keep in (True, False)]
+    assert all(half.is_watertight for half in halves)
+    assert sum(half.volume for half in halves) == pytest.approx(fitting_mesh(fitting).volume, rel=1e-6)
+
+
+@pytest.mark.parametrize("towards", [[0.0, 1, 0], [0.0, -1, 0]])
+def test_the_viewers_half_is_taken_away(towards):
+    """Nothing of the half that stays is on the viewer's side of the axis."""
+    for fitting in FITTINGS:
+        assert (cutaway_mesh(fitting, towards).vertices @ towards).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    "part", [triangular_prism(0.012, 0.1), lug_row(0.0276, 0.006, 0.016, 6), coil(0.0056, 0.0009, 0.02, 6)]
+)
+def test_robot_parts_are_solids(part):
+    """Chassis, lugs and springs are watertight with outward faces."""
+    assert part.is_watertight
+    assert part.volume > 0
+
+
+def test_lug_row_reaches_the_module_radius():
+    """The lugs that are drawn end at the radius of those that touch the wall, and stay on their own side."""
+    row = lug_row(0.0276, 0.006, 0.016, 6)
+    assert np.hypot(row.vertices[:, 0], row.vertices[:, 1]).max() == pytest.approx(0.0276, abs=1e-6)
+    assert row.vertices[:, 0].min() > 0

@@ -1,0 +1,124 @@
+"""The summary figures of a run, against values known by formula."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from samples import LUG_RADIUS, TORQUE_LIMIT, sample_trajectory
+
+from omnitrack_sim.metrics import Metrics, summarise
+from omnitrack_sim.trajectory import Trajectory
+
+T = 201
+PER_MODULE = (
+    "slip_ratio_mean",
+    "slip_distance_m",
+    "traction_rms_n",
+    "normal_force_mean_n",
+    "contact_fraction",
+    "spring_travel_max_m",
+    "stall_time_s",
+)
+
+
+def figures(trajectory: Trajectory) -> Metrics:
+    return summarise(trajectory, no_load_slip=1e-4, lug_radius=LUG_RADIUS, torque_limit=TORQUE_LIMIT)
+
+
+def each(*values: float) -> np.ndarray:
+    """A channel (T, 3) that holds one constant a module."""
+    return np.tile(np.array(values, float), (T, 1))
+
+
+def test_mean_speed_is_distance_over_time():
+    """0.4 m in 4 s is 0.1 m/s."""
+    metrics = figures(sample_trajectory(T))
+    assert metrics["distance_m"] == pytest.approx(0.4)
+    assert metrics["mean_speed_m_s"] == pytest.approx(0.1)
+
+
+def test_energy_of_constant_power():
+    """Torque 0.1 N m at a belt speed of one lug radius a second is 0.1 W a module: 3 x 0.1 W x 4 s."""
+    steady = sample_trajectory(T, motor_torque=each(0.1, 0.1, 0.1), belt_speed=each(LUG_RADIUS, LUG_RADIUS, LUG_RADIUS))
+    assert figures(steady)["energy_j"] == pytest.approx(1.2)
+
+
+def test_braking_gives_no_energy_back():
+    """A motor that is driven backward by its load does not lower the energy."""
+    speed = each(LUG_RADIUS, LUG_RADIUS, LUG_RADIUS)
+    braking = sample_trajectory(T, motor_torque=each(0.1, 0.1, -0.1), belt_speed=speed)
+    assert figures(braking)["energy_j"] == pytest.approx(0.8)
+
+
+def test_traction_is_a_root_mean_square():
+    """A sine of amplitude 3 N has 3/sqrt(2) N, a constant -2 N has 2 N."""
+    time = np.linspace(0, 4, T)
+    traction = np.stack([3 * np.sin(2 * np.pi * time), np.full(T, -2.0), np.zeros(T)], axis=1)
+    assert figures(sample_trajectory(T, traction=traction))["traction_rms_n"] == pytest.approx(
+        [3 / 2**0.5, 2, 0], abs=1e-3
+    )
+
+
+def test_slip_counts_in_both_directions():
+    """10 mm/s ahead for 2 s and 10 mm/s behind for 2 s are 40 mm of slip, not none."""
+    slip = np.where(np.arange(T) < T // 2, 0.01, -0.01)[:, None] * np.array([1.0, 0.0, 2.0])
+    metrics = figures(sample_trajectory(T, slip_velocity=slip, slip_ratio=slip * 10))
+    assert metrics["slip_distance_m"] == pytest.approx([0.04, 0.0, 0.08], rel=0.01)
+    assert metrics["slip_ratio_mean"] == pytest.approx([0.1, 0.0, 0.2], rel=0.01)
+
+
+def test_stall_needs_full_torque_and_standstill():
+    """Full torque while running, and standstill with little torque, are no stall; both together are."""
+    torque, speed = each(TORQUE_LIMIT, TORQUE_LIMIT, 0.1), each(0.1, 0.0, 0.0)
+    stall = figures(sample_trajectory(T, motor_torque=torque, belt_speed=speed))["stall_time_s"]
+    assert stall == pytest.approx([0.0, 4.0, 0.0])
+
+
+def test_contact_on_either_track_is_contact():
+    """A module that touches with its lower track only counts as much as one on its upper track."""
+    count = np.zeros((T, 3, 2))
+    count[:, 0, 0] = count[:, 1, 1] = 3
+    assert figures(sample_trajectory(T, contact_count=count))["contact_fraction"] == pytest.approx([1.0, 1.0, 0.0])
+
+
+def test_spring_travel_is_counted_from_the_start():
+    """An arm that starts at -1 mm and reaches -6 mm has travelled 5 mm."""
+    slide = each(-0.001, 0.0, 0.0)
+    slide[100, 0] = -0.006
+    assert figures(sample_trajectory(T, slide=slide))["spring_travel_max_m"] == pytest.approx([0.005, 0.0, 0.0])
+
+
+def test_phase_times_add_up_to_the_duration():
+    """No second is counted twice or lost between two phases."""
+    times = figures(sample_trajectory(T))["phase_time_s"]
+    assert isinstance(times, dict)
+    assert set(times) == {"straight", "turn", "leave"}
+    assert sum(times.values()) == pytest.approx(4.0)
+
+
+def test_means_weigh_by_time_not_by_sample():
+    """Halving the step in one half of the run does not pull the mean there."""
+    trajectory = sample_trajectory(T)
+    time = np.concatenate([np.linspace(0, 1, 101), np.linspace(1, 4, 101)[1:]])
+    force = np.where(time[:, None] <= 1, 10.0, 20.0) * np.ones(3)
+    uneven = Trajectory(time, dict(trajectory.channels) | {"normal_force": force}, trajectory.phases, trajectory.qpos)
+    assert figures(uneven)["normal_force_mean_n"] == pytest.approx([17.5] * 3, rel=0.01)
+
+
+def test_a_single_sample_has_figures():
+    """A run that ends at once gives finite figures, zero where they are rates or integrals."""
+    trajectory = sample_trajectory(T)
+    one = Trajectory(
+        trajectory.time[:1], {k: v[:1] for k, v in trajectory.channels.items()}, trajectory.phases, trajectory.qpos[:1]
+    )
+    metrics = figures(one)
+    assert metrics["mean_speed_m_s"] == 0.0
+    assert metrics["normal_force_mean_n"] == pytest.approx([25.0] * 3)
+
+
+@pytest.mark.parametrize("name", PER_MODULE)
+def test_per_module_figures_are_three_plain_numbers(name):
+    """Every figure of the modules is a list of three numbers that JSON can hold."""
+    values = figures(sample_trajectory(T))[name]
+    assert isinstance(values, list)
+    assert [type(value) for value in values] == [float] * 3

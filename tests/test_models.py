@@ -1,0 +1,86 @@
+"""The published models: generated, complete, reproducible, and they open as they are."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from omnitrack_sim.mjcf.export import check_models, write_models
+from omnitrack_sim.mjcf.looks import add_cameras, add_pipe_looks, add_robot_looks
+from omnitrack_sim.mjcf.robot import add_robot
+from omnitrack_sim.mjcf.spec import new_spec
+from omnitrack_sim.pipes import Elbow, Step, route
+from omnitrack_sim.robot import Robot
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    root = tmp_path_factory.mktemp("published")
+    write_models(root / "models", root / "assets")
+    return root / "models", root / "assets"
+
+
+def test_written_models_pass_their_check(folders):
+    """What was just written is what would be written: generation is reproducible to the byte."""
+    assert check_models(*folders) == []
+
+
+def test_check_names_changed_missing_and_stray_files(folders, tmp_path):
+    """Every file that is not as generated is named."""
+    models, assets = tmp_path / "models", tmp_path / "assets"
+    write_models(models, assets)
+    (models / "robot.xml").write_text("<mujoco/>")
+    (assets / "tee.stl").unlink()
+    (models / "old.xml").write_text("<mujoco/>")
+    assert check_models(models, assets) == ["old.xml", "robot.xml", "tee.stl"]
+
+
+def test_every_model_opens_and_moves_without_warnings(folders):
+    """Each file loads, keeps the robot's mass, and runs half a second without a MuJoCo warning."""
+    paths = sorted(folders[0].glob("*.xml"))
+    assert len(paths) == 8
+    for path in paths:
+        model = mujoco.MjModel.from_xml_path(str(path))
+        data = mujoco.MjData(model)
+        if model.nkey:
+            mujoco.mj_resetDataKeyframe(model, data, model.key("start").id)
+        if model.nbody > 1:
+            assert model.body_mass.sum() == pytest.approx(Robot().mass, rel=0.01)
+        assert model.ncam >= 1
+        for _ in range(100):
+            mujoco.mj_step(model, data)
+        assert np.isfinite(data.qpos).all(), path.name
+        assert not data.warning.number.any(), path.name
+
+
+def test_scenes_start_with_every_module_on_the_wall(folders):
+    """In the keyframe of a scene all three modules push on the wall after a moment."""
+    for path in sorted(folders[0].glob("scene_*.xml")):
+        model = mujoco.MjModel.from_xml_path(str(path))
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, model.key("start").id)
+        for _ in range(50):
+            mujoco.mj_step(model, data)
+        bodies = {model.body(model.geom_bodyid[g]).name for c in data.contact for g in c.geom}
+        assert {f"track_upper_{i}" for i in (1, 2, 3)} <= bodies, path.name
+
+
+def test_looks_change_nothing_physical():
+    """With looks the robot has the same bodies, masses and inertias, and no look can touch anything."""
+    plain, dressed = new_spec("plain"), new_spec("dressed")
+    network = route([Step("bend", Elbow(0.24), "start", "end")]).network
+    for spec in (plain, dressed):
+        add_robot(spec, Robot())
+    add_robot_looks(dressed, Robot())
+    add_pipe_looks(dressed, network)
+    add_cameras(dressed, network)
+    a, b = plain.compile(), dressed.compile()
+    np.testing.assert_array_equal(a.body_mass, b.body_mass)
+    np.testing.assert_array_equal(a.body_inertia, b.body_inertia)
+    np.testing.assert_array_equal(a.body_ipos, b.body_ipos)
+    looks = [g for g in range(b.ngeom) if b.geom(g).name.startswith("look_")]
+    assert len(looks) == b.ngeom - a.ngeom > 0
+    assert not b.geom_contype[looks].any()
+    assert not b.geom_conaffinity[looks].any()
+    assert {b.camera(i).name for i in range(b.ncam)} == {"side", "follow", "onboard"}

@@ -1,0 +1,185 @@
+"""A run on disk: whole or not at all, the same bytes for the same run, and back again."""
+
+from __future__ import annotations
+
+import errno
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from samples import sample_result, sample_trajectory
+
+from omnitrack_sim.errors import OutputError
+from omnitrack_sim.outcome import Outcome
+from omnitrack_sim.sim import result as result_module
+from omnitrack_sim.sim.result import column_names, load_result, run_folder
+from omnitrack_sim.trajectory import CHANNELS
+
+FILES = {"scenario.json", "result.json", "trajectory.parquet", "replay.npz"}
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_every_outcome_has_advice():
+    """Each outcome says in one sentence what happened or what to try."""
+    assert all(outcome.advice.endswith(".") for outcome in Outcome)
+    assert len({outcome.advice for outcome in Outcome}) == len(Outcome)
+
+
+def test_round_trip(tmp_path):
+    """A loaded run equals the saved one: scenario, outcome, figures, every channel and the replay."""
+    saved = sample_result()
+    loaded = load_result(saved.save(tmp_path / "run"))
+    assert loaded.summary() == saved.summary()
+    assert loaded.scenario == saved.scenario
+    assert loaded.trajectory.phases == saved.trajectory.phases
+    np.testing.assert_array_equal(loaded.trajectory.time, saved.trajectory.time)
+    np.testing.assert_array_equal(loaded.trajectory.qpos, saved.trajectory.qpos)
+    for name in CHANNELS:
+        np.testing.assert_array_equal(loaded.trajectory[name], saved.trajectory[name], err_msg=name)
+
+
+def test_same_run_same_bytes(tmp_path):
+    """Two saves of equal runs are equal byte for byte: no clock enters."""
+    sample_result().save(tmp_path / "a")
+    sample_result().save(tmp_path / "b")
+    assert set(contents(tmp_path / "a")) == FILES
+    assert contents(tmp_path / "a") == contents(tmp_path / "b")
+
+
+def test_columns_carry_units():
+    """Column names tell module, track or axis apart."""
+    assert column_names("contact_count")[2:4] == ["contact_count_2_upper", "contact_count_2_lower"]
+    assert column_names("position") == ["position_x", "position_y", "position_z"]
+    assert column_names("contact_position")[:3] == [
+        "contact_position_1_x",
+        "contact_position_1_y",
+        "contact_position_1_z",
+    ]
+    names = [column for channel in CHANNELS for column in column_names(channel)]
+    assert len(names) == len(set(names))
+
+
+def test_parquet_schema_holds_units(tmp_path):
+    """Every column of the table has a unit in its metadata."""
+    schema = pq.read_schema(sample_result().save(tmp_path / "run") / "trajectory.parquet")
+    assert schema.field("belt_speed_1").metadata[b"unit"] == b"m/s"
+    assert all(schema.field(name).metadata[b"unit"] for name in schema.names)
+
+
+def test_a_folder_that_is_no_run_is_left_alone(tmp_path):
+    """Saving into a folder of other files is refused and changes nothing."""
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(OutputError, match="no run"):
+        sample_result().save(tmp_path)
+    assert contents(tmp_path) == {"notes.txt": b"mine"}
+
+
+def test_a_file_in_the_way_is_left_alone(tmp_path):
+    """Saving onto a file is refused."""
+    (tmp_path / "out").write_text("mine")
+    with pytest.raises(OutputError, match="is a file"):
+        sample_result().save(tmp_path / "out")
+    assert (tmp_path / "out").read_text() == "mine"
+
+
+def test_an_earlier_run_is_replaced_whole(tmp_path):
+    """Nothing of an earlier run stays, not even files that the new one lacks."""
+    sample_result().save(tmp_path / "run")
+    (tmp_path / "run" / "video.mp4").write_bytes(b"old")
+    sample_result(outcome=Outcome.STUCK).save(tmp_path / "run")
+    assert set(contents(tmp_path / "run")) == FILES
+    assert load_result(tmp_path / "run").outcome is Outcome.STUCK
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def full_disk(*_args, **_kwargs):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize("writer", ["_write_parquet", "_write_npz"])
+def test_a_full_disk_leaves_nothing(tmp_path, monkeypatch, writer):
+    """A disk that fills up is a clean error; no folder, half-written file or temporary stays."""
+    monkeypatch.setattr(result_module, writer, full_disk)
+    with pytest.raises(OutputError, match="No space left"):
+        sample_result().save(tmp_path / "run")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_keeps_the_earlier_run(tmp_path, monkeypatch):
+    """Where a run stood before, it still stands, untouched."""
+    sample_result().save(tmp_path / "run")
+    before = contents(tmp_path / "run")
+    monkeypatch.setattr(result_module, "_write_npz", full_disk)
+    with pytest.raises(OutputError):
+        sample_result(outcome=Outcome.STUCK).save(tmp_path / "run")
+    assert contents(tmp_path / "run") == before
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_a_failed_swap_restores_the_earlier_run(tmp_path, monkeypatch):
+    """If the new folder cannot take its place, the old one returns."""
+    sample_result().save(tmp_path / "run")
+    before = contents(tmp_path / "run")
+    rename, calls = result_module.os.rename, []
+
+    def second_fails(source, target):
+        calls.append(source)
+        if len(calls) == 2:
+            raise PermissionError(errno.EACCES, "Permission denied")
+        rename(source, target)
+
+    monkeypatch.setattr(result_module.os, "rename", second_fails)
+    with pytest.raises(OutputError, match="Permission denied"):
+        sample_result(outcome=Outcome.STUCK).save(tmp_path / "run")
+    assert contents(tmp_path / "run") == before
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_any_error_in_the_block_leaves_nothing(tmp_path):
+    """A caller that fails while adding its own files (a video) leaves no folder either."""
+
+    def save_with_broken_video():
+        with run_folder(tmp_path / "run") as folder:
+            (folder / "video.mp4").write_bytes(b"half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        save_with_broken_video()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("missing", sorted(FILES))
+def test_a_missing_file_is_named(tmp_path, missing):
+    """Loading a run that lacks a file names the file."""
+    folder = sample_result().save(tmp_path / "run")
+    (folder / missing).unlink()
+    with pytest.raises(OutputError, match=missing):
+        load_result(folder)
+
+
+@pytest.mark.parametrize("damaged", sorted(FILES))
+def test_a_damaged_file_is_a_clean_error(tmp_path, damaged):
+    """Loading a run with a damaged file is an OutputError, not a decoder's error."""
+    folder = sample_result().save(tmp_path / "run")
+    (folder / damaged).write_bytes(b"damaged")
+    with pytest.raises(OutputError):
+        load_result(folder)
+
+
+def test_result_json_is_strict(tmp_path):
+    """A diverged run, whose figures are not numbers, still gives JSON that every reader takes."""
+    broken = sample_trajectory(tilt=np.full(201, np.nan))
+    folder = sample_result(broken, outcome=Outcome.DIVERGED, metrics={"tilt_max_deg": float("nan")}).save(
+        tmp_path / "run"
+    )
+
+    def refuse(token):
+        raise AssertionError(token)
+
+    summary = json.loads((folder / "result.json").read_text(), parse_constant=refuse)
+    assert summary["outcome"] == "diverged"
+    assert summary["metrics"]["tilt_max_deg"] is None
