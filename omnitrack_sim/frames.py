@@ -18,7 +18,7 @@ def unit(vector: ArrayLike) -> Array:
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Dot products (...,) of vectors (..., 3), summed in one order at any batch size, so that runs repeat bit for bit."""
+    """Dot products (...,) of vectors (..., 3), summed in one order at any batch size: runs repeat bit for bit."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 

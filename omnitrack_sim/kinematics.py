@@ -19,8 +19,8 @@ _ROOT3 = np.sqrt(3.0)
 def jacobian(lug_radius: float, lever: float) -> Array:
     """J (4, 4) of Eq. 18: (omega_x, omega_y, omega_z, V_cz) = J (theta_dot_1, theta_dot_2, theta_dot_3, theta_dot_4).
 
-    The paper contradicts itself: Eqs. 6-7 have module 2 at +120 degrees, Eqs. 11-12 and the first row of Eq. 18 have it at
-    -120. Here it is at +120 throughout, as in the text and Fig. 5, so the first row has the other sign than printed.
+    The paper contradicts itself: Eqs. 6-7 have module 2 at +120 degrees, Eqs. 11-12 and the first row of Eq. 18 have it
+    at -120. Here it is at +120 throughout, so the first row has the other sign than printed.
 
     Args:
         lug_radius: r, m.

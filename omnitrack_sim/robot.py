@@ -44,7 +44,7 @@ class Robot(BaseModel):
     SI units, radians. Frozen: change by ``robot.model_copy(update=...)`` or a scenario override.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     lug_radius: Annotated[
         float, Field(gt=0), Quantity("m", "derived", "r = V / theta_dot: 100 mm/s at the motor's no-load 3.62 rad/s")
@@ -62,7 +62,7 @@ class Robot(BaseModel):
     ] = 0.018
     contact_length: Annotated[
         float, Field(gt=0), Quantity("m", "assumed", "length of the contact line of a track; see docs/design-study.md")
-    ] = 0.096
+    ] = 0.090
     lugs_per_track: Annotated[
         int, Field(ge=1, le=200), Quantity("1", "numerical", "fine limit of the contact line; see docs/design-study.md")
     ] = 17
@@ -84,7 +84,7 @@ class Robot(BaseModel):
     ] = 25.0
     shaft_spacing: Annotated[
         float, Field(gt=0), Quantity("m", "assumed", "front to rear shafts; sets the pitch stiffness of an arm")
-    ] = 0.126
+    ] = 0.140
     pitch_limit: Annotated[
         float, Field(gt=0, lt=0.5), Quantity("rad", "assumed", "slot clearance on the shafts (Section II.A)")
     ] = math.radians(4.0)

@@ -8,171 +8,42 @@ import math
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from omnitrack_sim.control import CONTROLLERS
 from omnitrack_sim.errors import Fault, GeometryError, ScenarioError
 from omnitrack_sim.frames import Pose, unit
-from omnitrack_sim.outcome import Outcome
-from omnitrack_sim.pipes import TEE_TURN_RADIUS, Elbow, Route, Step, Straight, Tee, route
+from omnitrack_sim.pipes import Route, route
 from omnitrack_sim.robot import Robot
-
-ControllerName = Literal["jacobian"]
-assert set(get_args(ControllerName)) == set(CONTROLLERS)
+from omnitrack_sim.tables import (
+    Contact,
+    Control,
+    ElbowPipe,
+    Expect,
+    Goal,
+    Physics,
+    Pipe,
+    Start,
+    StraightPipe,
+    Table,
+    TeePipe,
+    World,
+)
 
 NOSE_ROOM = 0.005
 """Room between the robot's nose and the end of the route at the goal, m."""
+NAME_PATTERN = r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$"
+"""A scenario's name is also a folder's: not empty, not hidden, no separators."""
 PER_TRIAL_ROBOT_FIELDS = {"preload", "torque_limit", "roll_torque"}
 """Robot fields that may differ between the trials of one batch: they are floats of the compiled model."""
-
-
-class Table(BaseModel):
-    """A frozen table of a scenario file; unknown keys are errors."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-Positive = Annotated[float, Field(gt=0)]
-
-
-class StraightPipe(Table):
-    """A straight pipe."""
-
-    kind: Literal["straight"]
-    length: Positive  # m
-    inner_diameter: Positive = 0.16  # m
-    turn_deg: float = 0.0  # rotation about the joint's axis
-    name: str | None = None
-
-    def step(self, index: int) -> Step:
-        """As a step of a route."""
-        pipe = Straight(self.length, self.inner_diameter)
-        return Step(self.name or f"{self.kind}_{index}", pipe, "start", "end", math.radians(self.turn_deg))
-
-
-class ElbowPipe(Table):
-    """A bend."""
-
-    kind: Literal["elbow"]
-    mean_radius: Positive = 0.24  # m
-    angle_deg: Annotated[float, Field(gt=0, le=180)] = 90.0
-    inner_diameter: Positive = 0.16  # m
-    turn_deg: float = 0.0
-    name: str | None = None
-
-    def step(self, index: int) -> Step:
-        """As a step of a route."""
-        pipe = Elbow(self.mean_radius, math.radians(self.angle_deg), self.inner_diameter)
-        return Step(self.name or f"{self.kind}_{index}", pipe, "start", "end", math.radians(self.turn_deg))
-
-
-TeePort = Literal["run_start", "run_end", "branch"]
-
-
-class TeePipe(Table):
-    """An equal tee, entered and left at named ports."""
-
-    kind: Literal["tee"]
-    enter: TeePort = "run_start"
-    leave: TeePort = "branch"
-    run_length: Positive = 0.32  # m
-    branch_length: Positive = 0.16  # m, from the run's axis
-    fillet_radius: Positive = 0.005  # m
-    inner_diameter: Positive = 0.16  # m
-    turn_deg: float = 0.0
-    name: str | None = None
-
-    def step(self, index: int) -> Step:
-        """As a step of a route."""
-        pipe = Tee(self.run_length, self.branch_length, self.fillet_radius, self.inner_diameter)
-        return Step(self.name or f"{self.kind}_{index}", pipe, self.enter, self.leave, math.radians(self.turn_deg))
-
-
-Pipe = Annotated[StraightPipe | ElbowPipe | TeePipe, Field(discriminator="kind")]
-
-
-class Start(Table):
-    """Where and how the robot begins, and how the route lies in the world."""
-
-    theta5_deg: float = 0.0  # module 1 from the turning direction of the next fitting
-    distance: float = 0.10  # m along the centreline from the start port to the robot's centre
-    roll_deg: float = 0.0  # roll of all modules; 0: upper track at the wall
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)  # direction of the route's first axis, world frame
-    turn_deg: float = 0.0  # rotation of the whole route about that axis
-
-    @model_validator(mode="after")
-    def _axis_has_a_direction(self) -> Self:
-        if np.linalg.norm(self.axis) == 0:
-            raise ValueError("axis is zero; give a direction such as [0, 0, 1]")
-        return self
-
-
-class World(Table):
-    """Gravity, world frame."""
-
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)  # m/s²
-
-
-class Contact(Table):
-    """Lugs on the wall."""
-
-    friction: Annotated[float, Field(ge=0, le=5)] = 0.9  # Coulomb coefficient; latex on dry plastic, assumed
-
-
-class Control(Table):
-    """The controller and its parameters."""
-
-    kind: ControllerName = "jacobian"
-    cruise_speed: Annotated[float, Field(gt=0, le=1)] = 0.1  # m/s
-    align: bool = True  # roll to a safe orientation before a fitting
-    gain: Annotated[float, Field(ge=0)] = 40.0  # 1/m, rotation per metre for a heading error
-    lookahead: Annotated[float, Field(ge=0)] = 0.03  # m
-    rotation_limit: Positive = 15.0  # rad/m
-    speed_limit: Positive = 0.2  # m/s, of a belt
-    tee_turn_radius: Positive = TEE_TURN_RADIUS  # m, arc from run to branch
-    safe_margin_deg: Annotated[float, Field(gt=0, le=60)] = 11.73  # half-width of the safe range of theta5
-
-
-class Physics(Table):
-    """Numerics."""
-
-    timestep: Annotated[float, Field(gt=0, le=0.005)] = 0.002  # s
-    control_period: Annotated[float, Field(gt=0, le=0.05)] = 0.01  # s
-    record_period: Annotated[float, Field(gt=0, le=1)] = 0.02  # s
-    time_limit: Positive | None = None  # s; none: four times the route at cruise speed, and 20 s
-    wall_tolerance: Annotated[float, Field(ge=1e-6, le=2e-3)] = 1e-4  # m, walls against the exact surface
-    staves: Annotated[int, Field(ge=8, le=720)] | None = None  # wall pieces around a bore; none: by tolerance
-
-    @model_validator(mode="after")
-    def _periods_are_whole_steps(self) -> Self:
-        for name, period, step in (
-            ("control_period", self.control_period, self.timestep),
-            ("record_period", self.record_period, self.control_period),
-        ):
-            if abs(period / step - round(period / step)) > 1e-6 or round(period / step) < 1:
-                raise ValueError(f"{name} of {period} s is not a whole multiple of {step} s")
-        return self
-
-
-class Goal(Table):
-    """Where the run is over."""
-
-    distance: Positive | None = None  # m along the centreline; none: the robot's nose at the end of the route
-
-
-class Expect(Table):
-    """What the author of the file expects; ``omnitrack run`` says whether it came true."""
-
-    outcome: Outcome | None = None
 
 
 class Scenario(Table):
     """One run: pipes, robot, start, world, control. Keys and units: see docs/scenarios.md."""
 
-    name: str = "scenario"
+    name: Annotated[str, Field(pattern=NAME_PATTERN)] = "scenario"
     pipes: Annotated[tuple[Pipe, ...], Field(min_length=1)]
     start: Start = Start()
     world: World = World()
@@ -231,7 +102,12 @@ class Scenario(Table):
 
     def _faults(self) -> list[Fault]:
         """What the tables cannot see alone: geometry, start and goal on the route, arms that fit the bore."""
-        faults, names = [], []
+        faults = [
+            Fault(f"robot.{field}", f"is {value}; must be finite")
+            for field, value in self.robot
+            if isinstance(value, float) and not math.isfinite(value)
+        ]
+        names = []
         for i, pipe in enumerate(self.pipes):
             try:
                 names.append(pipe.step(i).name)
@@ -302,9 +178,20 @@ def validate(data: Mapping[str, Any]) -> Scenario:
         ScenarioError: lists every fault with its dotted path.
     """
     try:
-        return Scenario.model_validate(data)
+        # Through JSON: pydantic's strict mode takes lists for tuples and names for enums there, but no "0.5" for 0.5.
+        return Scenario.model_validate_json(json.dumps(data, default=_plain), strict=True)
     except ValidationError as error:
-        raise ScenarioError([_fault(item) for item in error.errors()]) from None
+        items = error.errors()
+        # A pipe with a fault does not count as an item, and pydantic then calls the list too short as well.
+        in_pipes = any(item["loc"][:1] == ("pipes",) and len(item["loc"]) > 1 for item in items)
+        raise ScenarioError([_fault(i) for i in items if not (in_pipes and i["type"] == "too_short")]) from None
+
+
+def _plain(value: Any) -> Any:
+    """What JSON does not know: models as tables, NumPy values as numbers and lists, dates and the rest as text."""
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json")
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
 
 
 def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
@@ -325,25 +212,20 @@ def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
 
 def _set(data: Any, path: str, value: Any) -> Fault | None:
     """Set one dotted path in nested tables and lists; the fault where there is no such place."""
-    *parents, last = path.split(".")
+    keys = path.split(".")
     place = data
-    for key in [*parents, last]:
-        choices = (
-            [str(i) for i in range(len(place))]
-            if isinstance(place, list)
-            else list(place)
-            if isinstance(place, dict)
-            else []
-        )
-        if key not in choices:
-            return Fault(
-                path, f"there is no {key!r} here" if choices else f"{key!r} is below a plain value", tuple(choices)
-            )
-        index = int(key) if isinstance(place, list) else key
-        if key is last:
-            place[index] = value
-            return None
-        place = place[index]
+    for depth, key in enumerate(keys, start=1):
+        if isinstance(place, list):
+            entries: dict[str, Any] = {str(i): i for i in range(len(place))}
+        else:
+            entries = {name: name for name in place} if isinstance(place, dict) else {}
+        if key not in entries:
+            problem = f"there is no {key!r} here" if entries else f"{key!r} is below a plain value"
+            return Fault(path, problem, tuple(entries))
+        if depth == len(keys):
+            place[entries[key]] = value
+        else:
+            place = place[entries[key]]
     return None
 
 
@@ -363,7 +245,16 @@ def _fault(item: Mapping[str, Any]) -> Fault:
     if kind in ("literal_error", "enum"):
         choices = tuple(part.strip(" '") for part in str(context["expected"]).replace(" or ", ",").split(","))
         return Fault(where, f"is {item['input']!r}", choices)
+    if kind == "string_pattern_mismatch":
+        return Fault(where, f"is {item['input']!r}; it names a folder: not empty, no leading dot, no separators")
     message = item["msg"].removeprefix("Value error, ")
+    for pydantics, ours in (
+        ("valid tuple", "list"),
+        ("valid array", "list"),
+        ("an object", "a table"),
+        ("Tuple", "List"),
+    ):
+        message = message.replace(pydantics, ours)
     given = "" if isinstance(item["input"], dict) or kind == "missing" else f" (given: {item['input']!r})"
     return Fault(where, message[0].lower() + message[1:] + given)
 

@@ -29,7 +29,8 @@ def test_no_torque_beyond_the_no_load_speed():
 def test_torque_limit_holds_at_rest():
     """At rest the limit stands on both sides, as a belt force."""
     _, lowest, highest = _advance(_drive(limit=0.1), 0.1, 0.0)
-    assert np.allclose(highest, 0.1 / R) and np.allclose(lowest, -0.1 / R)
+    assert np.allclose(highest, 0.1 / R)
+    assert np.allclose(lowest, -0.1 / R)
 
 
 def test_integral_grows_only_while_the_motor_can_follow():
@@ -40,7 +41,8 @@ def test_integral_grows_only_while_the_motor_can_follow():
         held = _advance(stalled, 0.1, 0.0, torque=0.1)[0]
     assert rising[0, 0] == pytest.approx(0.1 + 50 * 0.01 * 0.01 / 0.1)
     assert held[0, 0] == pytest.approx(0.1)
-    assert stalled.saturated.all() and not free.saturated.any()
+    assert stalled.saturated.all()
+    assert not free.saturated.any()
 
 
 def test_recommended_torque_carries_a_third_of_the_robot():

@@ -1,7 +1,7 @@
 """How far to roll before a fitting, so that theta5 is safe and the modules stay off the no-motion line.
 
-Rolling all modules by phi turns the robot by -phi r / R. With R / r = 2.9, a third of a turn of the robot costs nearly a
-whole turn of the modules, so there are many admissible rolls; the shortest one is taken.
+Rolling all modules by phi turns the robot by -phi r / R. With R / r = 2.9, a third of a turn of the robot costs nearly
+a whole turn of the modules, so there are many admissible rolls; the shortest one is taken.
 """
 
 from __future__ import annotations

@@ -76,7 +76,7 @@ class Drive:
         return command + self._correction, lowest / self.lug_radius, highest / self.lug_radius
 
     def _torque_range(self, speed: Array) -> tuple[Array, Array]:
-        """Least and largest torque (n, 3) N m at ``speed`` rad/s: the torque-speed line where the motor drives, the limit."""
+        """Least and largest torque (n, 3) N m at ``speed`` rad/s: torque-speed line on the driving side, and limit."""
         line = self.motor.stall_torque / self.motor.no_load_speed
         highest = np.clip(self.motor.stall_torque - line * speed, 0.0, self.torque_limit)
         lowest = -np.clip(self.motor.stall_torque + line * speed, 0.0, self.torque_limit)

@@ -40,12 +40,9 @@ class Guide:
     def __init__(self, route: Route, distance: Array):
         self.route = route
         self.passages = tuple(p for p in route.fittings if p.is_turn or p.kind == "tee")
-        start, end, directions = [], [], []
-        for p in self.passages:
-            first, last = (p.s_bend_start, p.s_bend_end) if p.is_turn else p.opening
-            start.append(first), end.append(last), directions.append(p.turn_direction)
-        self.start = np.array([*start, np.inf])  # (P + 1,) m, arc length where the fitting begins to matter
-        self.end = np.array([*end, np.inf])  # (P + 1,) m, where it has been passed
+        spans = [(p.s_bend_start, p.s_bend_end) if p.is_turn else p.opening for p in self.passages]
+        start, end = [first for first, _ in spans], [last for _, last in spans]
+        directions = [p.turn_direction for p in self.passages]
         last_direction = route.centreline.frame(np.array([route.centreline.length]))[0, :, 0]
         self.directions = np.array([*directions, last_direction])  # (P + 1, 3) turning direction at the start
         self.is_turn = np.array([*(p.is_turn for p in self.passages), False])

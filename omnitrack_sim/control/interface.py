@@ -20,6 +20,7 @@ class Observation:
         time: (n,) s.
         position: (n, 3) m, robot centre, world frame.
         rotation: (n, 3, 3) robot frame in the world.
+        angular_velocity: (n, 3) rad/s, robot frame.
         slide: (n, 3) m. pitch, roll: (n, 3) rad, see ``trajectory.CHANNELS``.
         belt_speed: (n, 3) m/s, positive drives forward when the upper track is at the wall.
         motor_torque: (n, 3) N m.
@@ -33,6 +34,7 @@ class Observation:
     time: Array
     position: Array
     rotation: Array
+    angular_velocity: Array
     slide: Array
     pitch: Array
     roll: Array

@@ -21,6 +21,8 @@ ROLL_SETTLED = 0.02
 """Roll error at which a roll counts as done, rad."""
 ALIGN_ATTEMPTS = 3
 """Rolls in a row before one fitting; slip while rolling makes the first one fall short."""
+NO_MOTION_BAND = 0.1
+"""Size of cos(roll) below which the belts keep their direction: at the no-motion line its sign is noise."""
 BESIDE = np.pi / 3
 """Best theta5 for going straight over a tee: modules on either side of the opening (Fig. 17)."""
 
@@ -43,6 +45,7 @@ class JacobianController:
         self.aligned = np.where(settings.align, 0, len(kinds) + 1)  # (n,) passages dealt with so far
         self.attempts = np.zeros(n, int)
         self.resting = np.zeros(n, bool)
+        self.belt_sign = belt_sign(self.roll)  # (n, 3)
 
     def step(self, observation: Observation) -> Command:
         """The command for the next control period."""
@@ -55,8 +58,12 @@ class JacobianController:
         wanted = wanted_rotation(
             self.guide.route.centreline, place, observation.rotation, s.gain, s.lookahead, s.rotation_limit
         )
-        wall_speed = tracking_speeds(observation.rotation, wanted, s.cruise_speed, self.lever, s.speed_limit)
-        belt_speed = np.where(aligning[:, None], 0.0, wall_speed * belt_sign(observation.roll))
+        wall_speed = tracking_speeds(
+            observation.rotation, observation.angular_velocity, wanted, s.cruise_speed, self.lever, s.speed_limit
+        )
+        clear = np.abs(np.cos(observation.roll)) > NO_MOTION_BAND
+        self.belt_sign = np.where(clear, belt_sign(observation.roll), self.belt_sign)
+        belt_speed = np.where(aligning[:, None], 0.0, wall_speed * self.belt_sign)
         nose = place.distance + self.robot.length / 2
         inside = (nose > self.guide.start[place.passage]) & np.isfinite(self.guide.start[place.passage])
         phase = np.where(aligning, ALIGN, np.where(inside, self.kind[place.passage], CRUISE))

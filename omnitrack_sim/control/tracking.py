@@ -2,6 +2,9 @@
 
 The wanted rotation is counted per metre of travel, not per second: what the contacts need to follow a bend is a matter
 of distance, and a robot that slows down in a turn hangs in it.
+
+The heading is compared with a stretch of the centreline, from the lookahead point on: a robot that points anywhere into
+that stretch is right.
 """
 
 from __future__ import annotations
@@ -12,6 +15,11 @@ from omnitrack_sim.control.guide import Place, angle_between
 from omnitrack_sim.frames import Array, dot, unit
 from omnitrack_sim.kinematics import module_speeds
 from omnitrack_sim.pipes import Centreline
+
+HEADING_LEAD = 0.09
+"""How far the heading may be ahead of the lookahead point, m. In the open middle of a tee the robot turns faster than
+the arc; turning it back would push it out of the branch again."""
+_LEADS = np.linspace(0.0, HEADING_LEAD, 7)
 
 
 def wanted_rotation(
@@ -26,19 +34,40 @@ def wanted_rotation(
         gain: (n,) 1/m. lookahead: (n,) m.
         limit: (n,) rad/m, cap on the length of the result.
     """
-    _, tangent, normal, curvature = centreline.at(place.distance)
-    _, ahead, _, _ = centreline.at(place.distance + lookahead)
     axis = rotation[:, :, 2]
-    bend = np.cross(tangent, normal) * curvature[:, None]
-    correction = unit(np.cross(axis, ahead)) * (gain * angle_between(axis, ahead))[:, None]
-    wanted = bend + correction
+    _, tangent, normal, curvature = centreline.at(place.distance)
+    ahead = place.distance[:, None] + lookahead[:, None] + _LEADS  # (n, leads) m
+    tangents = centreline.at(ahead.ravel())[1].reshape(*ahead.shape, 3)
+    angles = angle_between(axis[:, None], tangents)
+    nearest = np.argmin(angles, axis=1)
+    rows = np.arange(len(nearest))
+    target, angle = tangents[rows, nearest], angles[rows, nearest]
+    # A robot that has turned ahead of the bend goes straight until the bend has caught up.
+    bend = np.cross(tangent, normal) * (curvature * (nearest == 0))[:, None]
+    wanted = bend + unit(np.cross(axis, target)) * (gain * angle)[:, None]
     length = np.linalg.norm(wanted, axis=-1)
     return wanted * np.minimum(1.0, limit / np.maximum(length, 1e-12))[:, None]
 
 
-def tracking_speeds(rotation: Array, wanted: Array, speed: Array, lever: float, speed_limit: Array) -> Array:
-    """Wall speeds (n, 3) m/s of the modules for a wanted rotation per metre at forward speed ``speed`` (n,) m/s."""
-    omega = wanted * speed[:, None]
-    omega_x, omega_y = dot(omega, rotation[:, :, 0]), dot(omega, rotation[:, :, 1])
-    speeds = module_speeds(speed, omega_x, omega_y, lever)
+RATE_GAIN = 5.0
+"""Rotation asked in addition, per rad/s that the rotation is too slow or too fast. Where the inner module has lost the
+wall the springs can turn the robot over within 0.2 s."""
+
+
+def tracking_speeds(
+    rotation: Array, angular_velocity: Array, wanted: Array, speed: Array, lever: float, speed_limit: Array
+) -> Array:
+    """Wall speeds (n, 3) m/s of the modules for a wanted rotation per metre.
+
+    Args:
+        rotation: (n, 3, 3) robot frame in the world.
+        angular_velocity: (n, 3) rad/s, robot frame, as it is.
+        wanted: (n, 3) rad/m, world frame.
+        speed: (n,) m/s forward.
+        lever: m, distance of the walls from the robot's axis.
+        speed_limit: (n,) m/s, cap on each speed.
+    """
+    omega = np.stack([dot(wanted, rotation[:, :, 0]), dot(wanted, rotation[:, :, 1])], axis=-1) * speed[:, None]
+    omega = omega + RATE_GAIN * (omega - angular_velocity[:, :2])
+    speeds = module_speeds(speed, omega[:, 0], omega[:, 1], lever)
     return np.clip(speeds, -speed_limit[:, None], speed_limit[:, None])

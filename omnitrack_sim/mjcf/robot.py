@@ -1,9 +1,9 @@
 """The robot as MJCF: chassis, three sprung arms, rolling modules, two travelling tracks of lugs each.
 
-A track is a row of sphere lugs on a slide joint along the module. The lugs of a running belt stand still on the wall while
-the robot passes over them, as on the real chain; after each lug pitch the plant moves the row back by one pitch, so it
-never runs out. The motor's reflected rotor inertia is the armature of that joint, so belt, friction and robot are solved
-together in one implicit step: a belt speed prescribed from outside would need steps of microseconds against stiff
+A track is a row of sphere lugs on a slide joint along the module. The lugs of a running belt stand still on the wall
+while the robot passes over them, as on the real chain; after each lug pitch the plant moves the row back by one pitch,
+so it never runs out. The motor's reflected rotor inertia is the armature of that joint, so belt, friction and robot are
+solved together in one implicit step. A belt speed set from outside would need steps of microseconds against stiff
 friction, because three belts in one pipe are coupled rigidly.
 """
 
@@ -19,8 +19,10 @@ from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.trajectory import TRACKS
 
 COLLISION_GROUP = 3
-LUG_SOLREF = (0.004, 1.0)
-"""Contact time constant, s, and damping ratio: the stiffest that a 2 ms step holds (MuJoCo needs two steps)."""
+LUG_CONTYPE, LUG_CONAFFINITY = 1, 2
+"""Lugs touch walls (2, 1) and nothing else."""
+LUG_SOLREF = (0.01, 1.0)
+"""Contact time constant, s, and damping ratio. Stiffer lugs (4 ms) bounce on a tee's rim; see docs/design-study.md."""
 LUG_SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
 ROTOR_INERTIA_REFLECTED = 0.0088
 """Rotor inertia of a gearmotor at its output, kg m²: 9e-9 kg m² (2 g, 3 mm) times 986.41²; assumed."""
@@ -39,11 +41,11 @@ FREE_SPRING_LENGTH = 10.0
 def add_robot(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
     """Add the robot to the world at the origin, robot frame = world frame; returns the chassis.
 
-    Bodies ``chassis``, ``arm_i``, ``module_i``, ``track_upper_i``, ``track_lower_i`` for i = 1, 2, 3; joints
-    ``robot`` (free), ``slide_i``, ``pitch_i``, ``roll_i``,
-    ``belt_upper_i``, ``belt_lower_i`` (coupled: the two runs of one chain); tendons ``spring_front_i``,
-    ``spring_rear_i``; actuators ``roll_i`` (position, rad) and
-    ``belt_i`` (velocity servo, m/s; forces in N at the belt); one net contact force sensor ``contact_upper_i`` / ``contact_lower_i`` a track.
+    Bodies ``chassis``, ``arm_i``, ``module_i``, ``track_upper_i``, ``track_lower_i`` for i = 1, 2, 3. Joints ``robot``
+    (free), ``slide_i``, ``pitch_i``, ``roll_i``, ``belt_upper_i``, ``belt_lower_i`` (tied: the two runs of one chain).
+    Tendons ``spring_front_i``, ``spring_rear_i``. Actuators ``roll_i`` (position, rad) and ``belt_i`` (velocity servo,
+    m/s; forces in N at the belt). Sensors ``contact_upper_i``, ``contact_lower_i`` (net force of a track),
+    ``velocity_i`` and ``spin_i`` of the modules.
     """
     chassis = spec.worldbody.add_body(name="chassis")
     chassis.add_freejoint(name="robot")
@@ -125,8 +127,8 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float) -> 
             type=mujoco.mjtGeom.mjGEOM_SPHERE,
             size=[robot.lug_radius - robot.track_offset, 0, 0],
             pos=[side * robot.track_offset, 0, z],
-            contype=1,
-            conaffinity=2,
+            contype=LUG_CONTYPE,
+            conaffinity=LUG_CONAFFINITY,
             condim=3,
             priority=1,
             friction=[0.9, 0, 0],
@@ -203,7 +205,7 @@ def _add_belt_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
 
 
 def _add_contact_sensor(spec: mujoco.MjSpec, name: str) -> None:
-    """Net wall force of a track: (found, force (3,), position (3,)), world axes; the force is the track's on the wall."""
+    """Net contact of a track: (found, force (3,), position (3,)), world axes; the force is that on the wall."""
     fields = mujoco.mjtConDataField
     wanted = sum(1 << int(f) for f in (fields.mjCONDATA_FOUND, fields.mjCONDATA_FORCE, fields.mjCONDATA_POS))
     net_force, slots = 3, 1

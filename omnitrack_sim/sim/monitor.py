@@ -71,6 +71,7 @@ class Monitor:
         self.outcome: list[Outcome | None] = [None] * n
         self.reason = [""] * n
         self.end_time = np.full(n, np.nan)
+        self._steps = 0
         self._mean = _Averages(*(np.zeros((n, 3)) for _ in range(6)))
 
     @property
@@ -97,12 +98,13 @@ class Monitor:
             resting: (n,) bool, robots that stand still on purpose.
             diverged: (n,) bool.
         """
+        self._steps += 1
         self._mean.update(
-            self.period / MEMORY,
+            max(self.period / MEMORY, 1 / self._steps),  # a plain mean until the memory is full
             normal_force=readings.normal_force,
             slip_ratio=np.abs(readings.slip_ratio),
             saturated=saturated.astype(float),
-            belt_speed=np.abs(readings.belt_speed),
+            belt_speed=readings.belt_speed * np.sign(belt_command),
             belt_command=np.abs(belt_command),
             roll_cosine=np.abs(np.cos(readings.roll)),
         )
@@ -122,7 +124,7 @@ class Monitor:
         if not np.any([flags.any() for flags, _ in events]):
             return
         for flags, outcome in events:
-            for i in np.flatnonzero(flags & np.isnan(self.end_time)):
+            for i in np.flatnonzero(flags & np.isnan(self.end_time)).tolist():
                 self._end(i, outcome or self._cause(i, place), readings, place)
 
     def _cause(self, i: int, place: Place) -> Outcome:

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.frames import Array, dot, matrix_from_quaternion
 from omnitrack_sim.kinematics import belt_sign
-from omnitrack_sim.mjcf.robot import lug_pitch
+from omnitrack_sim.mjcf.robot import LUG_CONAFFINITY, LUG_CONTYPE, lug_pitch
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.trajectory import TRACKS
 
 NUMBERS = (1, 2, 3)
+BOTH_TRACKS_COSINE = 0.5
+"""Size of cos(roll) below which both tracks of a module can touch; beyond, the track away from the wall is left out."""
 AT_REST = 1e-3
 """Speed below which no slip ratio is formed, m/s."""
 
@@ -51,6 +53,7 @@ class Readings:
     position: Array  # (n, 3) m
     quaternion: Array  # (n, 4)
     rotation: Array  # (n, 3, 3)
+    angular_velocity: Array  # (n, 3) rad/s, robot frame
     slide: Array  # (n, 3) m
     pitch: Array  # (n, 3) rad
     roll: Array  # (n, 3) rad
@@ -97,6 +100,7 @@ class Plant:
         self._lugs = np.array(
             [[[model.geom(f"lug_{t}_{i}_{k}").id for k in lugs] for t in TRACKS] for i in NUMBERS]
         )  # (3, 2, K)
+        self._tracks = np.array([[model.body(f"track_{t}_{i}").id for t in TRACKS] for i in NUMBERS])  # (3, 2)
         self._springs = np.array([model.tendon(f"spring_{e}_{i}").id for e in ("front", "rear") for i in NUMBERS])
         self._belts = np.array([[model.joint(f"belt_{t}_{i}").qposadr[0] for t in TRACKS] for i in NUMBERS])  # (3, 2)
         self._belt_dofs = np.array([[model.joint(f"belt_{t}_{i}").dofadr[0] for t in TRACKS] for i in NUMBERS])
@@ -109,6 +113,9 @@ class Plant:
         self._sensors, self._xpos, self._xmat = b.bind("sensordata"), b.bind("xpos"), b.bind("xmat")
         self._qvel, self._actuator_force = b.bind("qvel"), b.bind("actuator_force")
         self._force_range = b.expand("actuator_forcerange")
+        self._geom_contype, self._body_contype = b.expand("geom_contype"), b.expand("body_contype")
+        self._body_conaffinity, self._geom_conaffinity = b.expand("body_conaffinity"), b.expand("geom_conaffinity")
+        self._at_wall = np.ones((self.n, 3, 2), bool)
 
     def _set_trials(self, trials: Trials) -> None:
         b = self._batch
@@ -145,6 +152,7 @@ class Plant:
             position=np.array(qpos[:, :3]),
             quaternion=quaternion,
             rotation=matrix_from_quaternion(quaternion),
+            angular_velocity=np.array(self._qvel[:, 3:6]),
             slide=qpos[:, self._slide],
             pitch=qpos[:, self._pitch],
             roll=roll,
@@ -187,12 +195,26 @@ class Plant:
         # Chains are endless: a row of lugs that has moved on by a pitch is the same row, moved back.
         travel = self.qpos[:, self._belts]
         self.qpos[:, self._belts] = travel - self._pitch_of_lugs * np.round(travel / self._pitch_of_lugs)
+        self._leave_out_far_tracks()
         try:
             self._batch.step(active, nstep=substeps)
         except batch.SimulationError as error:
             self.diverged[error.ids] = True
         warnings = self._count_warnings()
         self.diverged |= (warnings > self._warnings) | ~np.isfinite(self.qpos).all(axis=-1)
+
+    def _leave_out_far_tracks(self) -> None:
+        """Switch off the contacts of tracks that face away from the wall: half of the collision work."""
+        cosine = np.cos(self.qpos[:, self._roll])
+        at_wall = np.stack([cosine > -BOTH_TRACKS_COSINE, cosine < BOTH_TRACKS_COSINE], axis=-1)  # (n, 3, 2)
+        if np.array_equal(at_wall, self._at_wall):
+            return
+        self._at_wall = at_wall
+        self._geom_contype[:, self._lugs] = at_wall[..., None] * LUG_CONTYPE
+        self._body_contype[:, self._tracks] = at_wall * LUG_CONTYPE
+        self._body_conaffinity[:, self._tracks] = at_wall * LUG_CONAFFINITY
+        # A geom touches where either mask fits, so both have to go.
+        self._geom_conaffinity[:, self._lugs] = at_wall[..., None] * LUG_CONAFFINITY
 
     def _count_warnings(self) -> NDArray[np.int64]:
         """MuJoCo warnings of each robot so far, (n,)."""

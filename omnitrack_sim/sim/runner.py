@@ -148,6 +148,7 @@ class BatchRun:
             time=readings.time,
             position=readings.position,
             rotation=readings.rotation,
+            angular_velocity=readings.angular_velocity,
             slide=readings.slide,
             pitch=readings.pitch,
             roll=readings.roll,

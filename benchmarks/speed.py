@@ -1,0 +1,103 @@
+"""How fast the tee turn runs, and what takes the time.
+
+python benchmarks/speed.py [--trials N] [--quick]
+
+Prints simulated seconds per wall second on one thread and trials per second on two, the shares of physics, control and
+recording, of collision and solver within the physics, and the peak memory. Before it prints it checks that the work was
+done right: all trials reach the goal, and the walls are exact within 0.1 mm.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import time
+
+import mujoco
+import numpy as np
+from tee_turns import random_tee_turns
+
+from omnitrack_sim import Outcome, load_scenario
+from omnitrack_sim.sim.runner import BatchRun
+from omnitrack_sim.sim.setup import scene_of, start_qpos
+
+
+def timed_batch(trials: int, threads: int) -> tuple[BatchRun, float, float]:
+    """A batch of tee turns, its wall seconds and its simulated seconds."""
+    batch = BatchRun(random_tee_turns(trials, theta5_deg=5.0, preload=(25.0, 30.0), friction=(0.95, 1.0)), threads)
+    start = time.perf_counter()
+    batch.advance(clock=time.perf_counter)
+    return batch, time.perf_counter() - start, float(batch.monitor.end_time.sum())
+
+
+def physics_shares(steps: int = 2000) -> dict[str, float]:
+    """Shares of collision, constraint assembly and solver in a physics step of a robot cruising in the tee's run."""
+    scenario = load_scenario("tee_turn")
+    model = scene_of(scenario).compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = start_qpos(scenario, model)
+    mujoco.mj_step(model, data, 200)
+    data.timer.duration[:] = 0
+    mujoco.mj_step(model, data, steps)
+    kinds = mujoco.mjtTimer
+    total = data.timer[kinds.mjTIMER_STEP].duration
+    parts = {
+        "collision": kinds.mjTIMER_POS_COLLISION,
+        "constraints": kinds.mjTIMER_POS_MAKE,
+        "solver": kinds.mjTIMER_CONSTRAINT,
+        "kinematics": kinds.mjTIMER_POS_KINEMATICS,
+    }
+    return {name: data.timer[kind].duration / total for name, kind in parts.items()} if total else {}
+
+
+def check_walls(rays: int = 4000) -> float:
+    """Largest distance, m, of ray hits from the exact surface on the straight parts of the tee turn."""
+    scenario = load_scenario("tee_turn")
+    network = scenario.route().network
+    model = scene_of(scenario).compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    rng = np.random.default_rng(0)
+    origin = np.zeros((rays, 3))
+    origin[:, 2] = rng.uniform(0.02, 0.25, rays)
+    angle = rng.uniform(-np.pi, np.pi, rays)
+    across = np.stack([np.cos(angle), np.sin(angle), np.zeros(rays)], axis=-1)
+    groups = np.array([0, 0, 0, 1, 0, 0], np.uint8)
+    robot = model.body("chassis").id
+    data.qpos[:3] = [5.0, 0.0, 0.0]  # the robot is out of the way
+    mujoco.mj_forward(model, data)
+    hit = np.zeros(1, np.int32)
+    length = [mujoco.mj_ray(model, data, p, v, groups, 1, robot, hit) for p, v in zip(origin, across, strict=True)]
+    distance, _ = network.signed_distance(origin + across * np.array(length)[:, None])
+    return float(np.abs(distance).max())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--trials", type=int, default=24)
+    parser.add_argument("--quick", action="store_true", help="4 trials")
+    options = parser.parse_args()
+    trials = 4 if options.quick else options.trials
+
+    wall_error = check_walls()
+    assert wall_error <= 1e-4, f"walls are off by {1000 * wall_error:.3f} mm"
+    single, wall, simulated = timed_batch(trials, threads=1)
+    assert all(o is Outcome.REACHED_GOAL for o in single.monitor.outcome), single.monitor.outcome
+    double, wall_two, _ = timed_batch(trials, threads=2)
+    assert np.array_equal(double.monitor.end_time, single.monitor.end_time)
+
+    robot = single.scenarios[0].robot
+    shares = single.shares
+    walls = f"walls within {1000 * wall_error:.3f} mm"
+    print(f"tee turn, {robot.lugs_per_track} lugs a track, 2 ms, {walls}, {trials} trials, all passed")
+    print(f"one thread   {simulated / wall:7.1f} simulated s / wall s")
+    print(f"two threads  {trials / wall_two:7.2f} trials / s, {wall / wall_two:.2f} times one thread")
+    for name, seconds in (("physics", shares.physics), ("control", shares.control), ("recording", shares.recording)):
+        print(f"{name:12s} {100 * seconds / wall:7.1f} % of the wall time")
+    for name, part in physics_shares().items():
+        print(f"  {name:10s} {100 * part:7.1f} % of a physics step")
+    print(f"peak memory  {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:7.0f} MB")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,165 @@
+"""The tables of a scenario file: keys, defaults, units and limits."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, get_args
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+
+from omnitrack_sim.control import CONTROLLERS
+from omnitrack_sim.outcome import Outcome
+from omnitrack_sim.pipes import TEE_TURN_RADIUS, Elbow, Step, Straight, Tee
+
+ControllerName = Literal["jacobian"]
+assert set(get_args(ControllerName)) == set(CONTROLLERS)
+
+
+class Table(BaseModel):
+    """A frozen table of a scenario file; unknown keys are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+Positive = Annotated[float, Field(gt=0)]
+Size = Annotated[float, Field(gt=0, le=1000)]
+"""A length of a pipe, m. The upper limit catches millimetres and keeps the samples of a route in memory."""
+
+
+class StraightPipe(Table):
+    """A straight pipe."""
+
+    kind: Literal["straight"]
+    length: Size  # m
+    inner_diameter: Size = 0.16  # m
+    turn_deg: float = 0.0  # rotation about the joint's axis
+    name: str | None = None
+
+    def step(self, index: int) -> Step:
+        """As a step of a route."""
+        pipe = Straight(self.length, self.inner_diameter)
+        return Step(self.name or f"{self.kind}_{index}", pipe, "start", "end", math.radians(self.turn_deg))
+
+
+class ElbowPipe(Table):
+    """A bend."""
+
+    kind: Literal["elbow"]
+    mean_radius: Size = 0.24  # m
+    angle_deg: Annotated[float, Field(gt=0, le=180)] = 90.0
+    inner_diameter: Size = 0.16  # m
+    turn_deg: float = 0.0
+    name: str | None = None
+
+    def step(self, index: int) -> Step:
+        """As a step of a route."""
+        pipe = Elbow(self.mean_radius, math.radians(self.angle_deg), self.inner_diameter)
+        return Step(self.name or f"{self.kind}_{index}", pipe, "start", "end", math.radians(self.turn_deg))
+
+
+TeePort = Literal["run_start", "run_end", "branch"]
+
+
+class TeePipe(Table):
+    """An equal tee, entered and left at named ports."""
+
+    kind: Literal["tee"]
+    enter: TeePort = "run_start"
+    leave: TeePort = "branch"
+    run_length: Size = 0.32  # m
+    branch_length: Size = 0.16  # m, from the run's axis
+    fillet_radius: Size = 0.005  # m
+    inner_diameter: Size = 0.16  # m
+    turn_deg: float = 0.0
+    name: str | None = None
+
+    @field_validator("leave")
+    @classmethod
+    def _is_another_port(cls, leave: TeePort, info: ValidationInfo) -> TeePort:
+        if leave == info.data.get("enter"):
+            raise ValueError(f"is where the tee is entered; take one of the others of {', '.join(get_args(TeePort))}")
+        return leave
+
+    def step(self, index: int) -> Step:
+        """As a step of a route."""
+        pipe = Tee(self.run_length, self.branch_length, self.fillet_radius, self.inner_diameter)
+        return Step(self.name or f"{self.kind}_{index}", pipe, self.enter, self.leave, math.radians(self.turn_deg))
+
+
+Pipe = Annotated[StraightPipe | ElbowPipe | TeePipe, Field(discriminator="kind")]
+
+
+class Start(Table):
+    """Where and how the robot begins, and how the route lies in the world."""
+
+    theta5_deg: float = 0.0  # module 1 from the turning direction of the next fitting
+    distance: float = 0.10  # m along the centreline from the start port to the robot's centre
+    roll_deg: float = 0.0  # roll of all modules; 0: upper track at the wall
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)  # direction of the route's first axis, world frame
+    turn_deg: float = 0.0  # rotation of the whole route about that axis
+
+    @field_validator("axis")
+    @classmethod
+    def _has_a_direction(cls, axis: tuple[float, float, float]) -> tuple[float, float, float]:
+        if math.hypot(*axis) == 0:
+            raise ValueError("has no direction; give one such as [0, 0, 1]")
+        return axis
+
+
+class World(Table):
+    """Gravity, world frame."""
+
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)  # m/s²
+
+
+class Contact(Table):
+    """Lugs on the wall."""
+
+    friction: Annotated[float, Field(ge=0, le=5)] = 0.9  # Coulomb coefficient; latex on dry plastic, assumed
+
+
+class Control(Table):
+    """The controller and its parameters."""
+
+    kind: ControllerName = "jacobian"
+    cruise_speed: Annotated[float, Field(gt=0, le=1)] = 0.1  # m/s
+    align: bool = True  # roll to a safe orientation before a fitting
+    gain: Annotated[float, Field(ge=0)] = 40.0  # 1/m, rotation per metre for a heading error
+    lookahead: Annotated[float, Field(ge=0)] = 0.03  # m
+    rotation_limit: Positive = 15.0  # rad/m
+    speed_limit: Positive = 0.2  # m/s, of a belt
+    tee_turn_radius: Positive = TEE_TURN_RADIUS  # m, arc from run to branch
+    safe_margin_deg: Annotated[float, Field(gt=0, le=60)] = 11.73  # half-width of the safe range of theta5
+
+
+class Physics(Table):
+    """Numerics."""
+
+    timestep: Annotated[float, Field(gt=0, le=0.005)] = 0.002  # s
+    control_period: Annotated[float, Field(gt=0, le=0.05)] = 0.01  # s
+    record_period: Annotated[float, Field(gt=0, le=1)] = 0.02  # s
+    time_limit: Positive | None = None  # s; none: four times the route at cruise speed, and 20 s
+    wall_tolerance: Annotated[float, Field(ge=1e-6, le=2e-3)] = 1e-4  # m, walls against the exact surface
+    staves: Annotated[int, Field(ge=8, le=720)] | None = None  # wall pieces around a bore; none: by tolerance
+
+    @field_validator("control_period", "record_period")
+    @classmethod
+    def _is_whole_steps(cls, period: float, info: ValidationInfo) -> float:
+        """A period is a whole multiple of the one below it."""
+        below = "timestep" if info.field_name == "control_period" else "control_period"
+        step = info.data.get(below)  # missing when it is at fault itself
+        if step is not None and (round(period / step) < 1 or abs(period / step - round(period / step)) > 1e-6):
+            raise ValueError(f"is {period} s, not a whole multiple of physics.{below} ({step} s)")
+        return period
+
+
+class Goal(Table):
+    """Where the run is over."""
+
+    distance: Positive | None = None  # m along the centreline; none: the robot's nose at the end of the route
+
+
+class Expect(Table):
+    """What the author of the file expects; ``omnitrack run`` says whether it came true."""
+
+    outcome: Outcome | None = None

@@ -1,0 +1,66 @@
+"""What the documents show, runs."""
+
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+
+from omnitrack_sim.cli import app
+from omnitrack_sim.scenario import Scenario, shipped_scenarios
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_python_of_the_readme_runs(capsys):
+    """The README's Python block runs as it stands and prints two outcomes."""
+    (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    exec(compile(code, "README.md", "exec"), {"__name__": "readme"})
+    assert len(capsys.readouterr().out.splitlines()) == 2
+
+
+@pytest.mark.parametrize("script", sorted((ROOT / "scenarios" / "scripts").glob("*.py")), ids=lambda p: p.stem)
+def test_scripts_run(script, capsys):
+    """Each script on the public API runs and prints a table."""
+    runpy.run_path(str(script), run_name="__main__")
+    assert len(capsys.readouterr().out.splitlines()) >= 5
+
+
+def test_readme_names_every_command_and_scenario():
+    """No command and no shipped scenario is missing from the README."""
+    for command in app.registered_commands:
+        assert command.callback is not None
+        assert f"omnitrack {command.callback.__name__}" in README
+    for name in shipped_scenarios():
+        assert f"`{name}`" in README
+
+
+def test_links_of_the_documents_lead_somewhere():
+    """Every relative link of README and docs points to a file that exists."""
+    for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
+        for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
+            if "://" not in target:
+                assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_every_key_of_a_scenario_is_documented():
+    """docs/scenarios.md names every table and key."""
+    text = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    schema = Scenario.model_json_schema()
+    keys = set(schema["properties"])
+    for table in (
+        "Start",
+        "World",
+        "Contact",
+        "Control",
+        "Physics",
+        "Goal",
+        "Expect",
+        "StraightPipe",
+        "ElbowPipe",
+        "TeePipe",
+    ):
+        keys |= set(schema["$defs"][table]["properties"])
+    missing = sorted(key for key in keys if f"`{key}`" not in text)
+    assert missing == []

@@ -1,0 +1,70 @@
+"""The batch: determinism, order, independence of neighbours, divergence."""
+
+import numpy as np
+import pytest
+
+from omnitrack_sim import Outcome, Result, load_scenario, override, run, run_batch
+from omnitrack_sim.sim.runner import BatchRun
+from omnitrack_sim.trajectory import CHANNELS
+
+
+def _short_tee(**changes):
+    base = override(load_scenario("tee_turn"), {"physics.time_limit": 3.2, "control.align": False})
+    return override(base, {k.replace("__", "."): v for k, v in changes.items()})
+
+
+def _equal(a: Result, b: Result) -> bool:
+    names = all(np.array_equal(a.trajectory[n], b.trajectory[n]) for n in CHANNELS)
+    return names and np.array_equal(a.trajectory.qpos, b.trajectory.qpos) and a.summary() == b.summary()
+
+
+def test_same_bytes_at_any_thread_count_alone_and_in_a_batch():
+    """A trial is bit for bit the same at 1 and 2 threads, alone and among 15 others."""
+    scenario = _short_tee(start__theta5_deg=5.0)
+    others = [_short_tee(start__theta5_deg=a, contact__friction=0.8) for a in np.linspace(-30, 30, 15).tolist()]
+    alone, threaded = run(scenario), run(scenario, threads=2)
+    batch = run_batch([*others[:7], scenario, *others[7:]], threads=2)
+    assert _equal(alone, threaded)
+    assert _equal(alone, batch[7])
+
+
+def test_a_trial_that_ends_earlier_keeps_its_own_record():
+    """A neighbour that runs longer changes neither the length nor the end of a trial's record."""
+    scenario = _short_tee()
+    short = override(scenario, {"physics.time_limit": 1.005})
+    alone, (together, longer) = run(short), run_batch([short, scenario])
+    assert _equal(alone, together)
+    assert together.trajectory.time[-1] == pytest.approx(together.duration_s)
+    assert len(longer.trajectory) > len(together.trajectory)
+
+
+def test_results_keep_the_order_of_the_scenarios():
+    """Scenarios of different models and speeds come back in the order they were given."""
+    names = ["straight", "vertical_climb", "straight", "elbow"]
+    limit = {"physics.time_limit": 0.3}
+    results = run_batch([override(load_scenario(n), limit | {"seed": i}) for i, n in enumerate(names)])
+    assert [r.scenario.seed for r in results] == [0, 1, 2, 3]
+    assert [r.scenario.name for r in results] == names
+
+
+def test_a_diverging_trial_ends_alone():
+    """A trial whose state becomes infinite ends as diverged; its neighbour goes on."""
+    batch = BatchRun([_short_tee(physics__time_limit=0.5), _short_tee(physics__time_limit=0.5)])
+    batch.plant.qpos[0, 0] = np.nan
+    batch.advance()
+    assert [r.outcome for r in batch.results()] == [Outcome.DIVERGED, Outcome.TIMED_OUT]
+
+
+def test_time_is_strictly_increasing_and_samples_are_regular():
+    """Samples stand one record period apart."""
+    time = run(_short_tee(physics__time_limit=0.5)).trajectory.time
+    assert np.allclose(np.diff(time), 0.02)
+
+
+def test_progress_reports_rise_to_the_end():
+    """Progress is called with parts between 0 and 1 that do not fall."""
+    parts: list[float] = []
+    run(_short_tee(), progress=lambda part, text: parts.append(part))
+    assert len(parts) > 2
+    assert parts == sorted(parts)
+    assert 0 <= parts[0] <= parts[-1] <= 1
