@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.frames import Array, dot
+from omnitrack_sim.frames import Array, cross, dot, length
 from omnitrack_sim.pipes import Route
 
 
@@ -43,6 +43,8 @@ class Guide:
         spans = [(p.s_bend_start, p.s_bend_end) if p.is_turn else p.opening for p in self.passages]
         start, end = [first for first, _ in spans], [last for _, last in spans]
         directions = [p.turn_direction for p in self.passages]
+        self.start = np.array([*start, np.inf])  # (P + 1,) m, arc length where the fitting begins to matter
+        self.end = np.array([*end, np.inf])  # (P + 1,) m, where it has been passed
         last_direction = route.centreline.frame(np.array([route.centreline.length]))[0, :, 0]
         self.directions = np.array([*directions, last_direction])  # (P + 1, 3) turning direction at the start
         self.is_turn = np.array([*(p.is_turn for p in self.passages), False])
@@ -59,7 +61,7 @@ class Guide:
         reference = self._turning_direction(distance, passage, normal)
         return Place(
             distance=distance,
-            offset=np.linalg.norm(position - point, axis=-1),
+            offset=length(position - point),
             tilt=angle_between(axis, tangent),
             theta5=angle_about(axis, reference, rotation[:, :, 0]),
             passage=passage,
@@ -79,9 +81,9 @@ class Guide:
 
 def angle_between(a: Array, b: Array) -> Array:
     """Angle (n,) rad between unit vectors (n, 3); exact near zero."""
-    return 2 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
+    return 2 * np.arctan2(length(a - b), length(a + b))
 
 
 def angle_about(axis: Array, start: Array, end: Array) -> Array:
     """Angle (n,) rad about ``axis`` (n, 3) from ``start`` to ``end`` (n, 3), both projected across the axis."""
-    return np.arctan2(dot(np.cross(axis, start), end), dot(start, end) - dot(axis, start) * dot(axis, end))
+    return np.arctan2(dot(cross(axis, start), end), dot(start, end) - dot(axis, start) * dot(axis, end))

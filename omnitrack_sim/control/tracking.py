@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from omnitrack_sim.control.guide import Place, angle_between
-from omnitrack_sim.frames import Array, dot, unit
+from omnitrack_sim.frames import Array, cross, dot, length, unit
 from omnitrack_sim.kinematics import module_speeds
 from omnitrack_sim.pipes import Centreline
 
@@ -20,6 +20,11 @@ HEADING_LEAD = 0.09
 """How far the heading may be ahead of the lookahead point, m. In the open middle of a tee the robot turns faster than
 the arc; turning it back would push it out of the branch again."""
 _LEADS = np.linspace(0.0, HEADING_LEAD, 7)
+
+
+RATE_GAIN = 4.0
+"""Rotation asked in addition, per rad/s that the rotation is too slow or too fast. Where the inner module has lost the
+wall the springs can turn the robot over within 0.2 s."""
 
 
 def wanted_rotation(
@@ -43,15 +48,9 @@ def wanted_rotation(
     rows = np.arange(len(nearest))
     target, angle = tangents[rows, nearest], angles[rows, nearest]
     # A robot that has turned ahead of the bend goes straight until the bend has caught up.
-    bend = np.cross(tangent, normal) * (curvature * (nearest == 0))[:, None]
-    wanted = bend + unit(np.cross(axis, target)) * (gain * angle)[:, None]
-    length = np.linalg.norm(wanted, axis=-1)
-    return wanted * np.minimum(1.0, limit / np.maximum(length, 1e-12))[:, None]
-
-
-RATE_GAIN = 5.0
-"""Rotation asked in addition, per rad/s that the rotation is too slow or too fast. Where the inner module has lost the
-wall the springs can turn the robot over within 0.2 s."""
+    bend = cross(tangent, normal) * (curvature * (nearest == 0))[:, None]
+    wanted = bend + unit(cross(axis, target)) * (gain * angle)[:, None]
+    return wanted * np.minimum(1.0, limit / np.maximum(length(wanted), 1e-12))[:, None]
 
 
 def tracking_speeds(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnitrack_sim.frames import Array, dot
+from omnitrack_sim.frames import Array, cross, dot
 
 SEARCH = 0.15
 """How far from the last known arc length ``locate`` looks, m: routes may come close to themselves."""
@@ -80,7 +80,7 @@ class Centreline:
         angle = np.clip(s - self._start[i], 0.0, self._length[i]) * self._curvature[i]
         x = _carried(self._side[i], self._tangent[i], self._normal[i], angle)
         _, z, _, _ = self.at(s)
-        return np.stack([x, np.cross(z, x), z], axis=-1)
+        return np.stack([x, cross(z, x), z], axis=-1)
 
     def locate(self, points: Array, near: Array | None = None) -> Array:
         """Arc length (n,) m of the centreline's point nearest to each of ``points`` (n, 3) m.

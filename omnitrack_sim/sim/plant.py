@@ -9,7 +9,7 @@ import numpy as np
 from mujoco import batch
 from numpy.typing import NDArray
 
-from omnitrack_sim.frames import Array, dot, matrix_from_quaternion
+from omnitrack_sim.frames import Array, cross, dot, matrix_from_quaternion
 from omnitrack_sim.kinematics import belt_sign
 from omnitrack_sim.mjcf.robot import LUG_CONAFFINITY, LUG_CONTYPE, lug_pitch
 from omnitrack_sim.robot import Robot
@@ -139,7 +139,7 @@ class Plant:
         total = force[:, :, 0] + force[:, :, 1]
         position = self._contact_centre(contact, force)
         arm = position - self._xpos[:, self._modules]
-        module_speed = dot(sensors[:, self._velocity] + np.cross(sensors[:, self._spin], arm), forward)
+        module_speed = dot(sensors[:, self._velocity] + cross(sensors[:, self._spin], arm), forward)
         roll = qpos[:, self._roll]
         belt_speed = self._qvel[:, self._belt_dofs[:, 0]]
         wall_speed = belt_speed * belt_sign(roll)

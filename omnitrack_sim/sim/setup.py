@@ -11,7 +11,7 @@ import numpy as np
 from omnitrack_sim.control import Settings
 from omnitrack_sim.control.drive import MOTORS, Motor
 from omnitrack_sim.control.guide import Guide
-from omnitrack_sim.frames import Array, quaternion_from_matrix
+from omnitrack_sim.frames import Array, cross, quaternion_from_matrix
 from omnitrack_sim.mjcf.robot import spring_free_length
 from omnitrack_sim.mjcf.scene import build_scene
 from omnitrack_sim.robot import MODULES, Robot
@@ -42,9 +42,9 @@ def start_poses(guide: Guide, distance: Array, theta5: Array) -> tuple[Array, Ar
     """
     position, tangent, _, _ = guide.route.centreline.at(distance)
     turning = guide.turning_direction(distance)
-    side = np.cross(tangent, turning)
+    side = cross(tangent, turning)
     x = np.cos(theta5)[:, None] * turning + np.sin(theta5)[:, None] * side
-    return position, np.stack([x, np.cross(tangent, x), tangent], axis=-1)
+    return position, np.stack([x, cross(tangent, x), tangent], axis=-1)
 
 
 def trials_of(scenarios: Sequence[Scenario], guide: Guide) -> Trials:
