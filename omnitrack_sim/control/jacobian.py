@@ -23,6 +23,11 @@ ALIGN_ATTEMPTS = 3
 """Rolls in a row before one fitting; slip while rolling makes the first one fall short."""
 NO_MOTION_BAND = 0.1
 """Size of cos(roll) below which the belts keep their direction: at the no-motion line its sign is noise."""
+RATE_GAIN = 5.0
+"""Rotation asked in addition in a tee turn, per rad/s that the rotation is too slow or too fast. Where the inner module
+has lost the wall the springs can turn the robot over within 0.2 s; in an elbow the wall itself prevents that."""
+RATE_FILTER = 0.005
+"""Time constant of the measured rotation rate, s: single lugs shake the robot."""
 BESIDE = np.pi / 3
 """Best theta5 for going straight over a tee: modules on either side of the opening (Fig. 17)."""
 
@@ -45,28 +50,39 @@ class JacobianController:
         self.aligned = np.where(settings.align, 0, len(kinds) + 1)  # (n,) passages dealt with so far
         self.attempts = np.zeros(n, int)
         self.resting = np.zeros(n, bool)
+        self.angular_velocity = np.zeros((n, 3))  # rad/s, robot frame, smoothed
         self.belt_sign = belt_sign(self.roll)  # (n, 3)
 
     def step(self, observation: Observation) -> Command:
         """The command for the next control period."""
         place = observation.place
         aligning = self.resting = self._align(observation)
+        smoothing = self.period / (RATE_FILTER + self.period)
+        self.angular_velocity = self.angular_velocity + smoothing * (
+            observation.angular_velocity - self.angular_velocity
+        )
         self.roll += np.clip(
             self.roll_target - self.roll, -self.robot.roll_rate * self.period, self.robot.roll_rate * self.period
         )
+        nose = place.distance + self.robot.length / 2
+        inside = (nose > self.guide.start[place.passage]) & np.isfinite(self.guide.start[place.passage])
+        phase = np.where(aligning, ALIGN, np.where(inside, self.kind[place.passage], CRUISE))
         s = self.settings
         wanted = wanted_rotation(
             self.guide.route.centreline, place, observation.rotation, s.gain, s.lookahead, s.rotation_limit
         )
         wall_speed = tracking_speeds(
-            observation.rotation, observation.angular_velocity, wanted, s.cruise_speed, self.lever, s.speed_limit
+            observation.rotation,
+            self.angular_velocity,
+            RATE_GAIN * (phase == TEE_TURN),
+            wanted,
+            s.cruise_speed,
+            self.lever,
+            s.speed_limit,
         )
         clear = np.abs(np.cos(observation.roll)) > NO_MOTION_BAND
         self.belt_sign = np.where(clear, belt_sign(observation.roll), self.belt_sign)
         belt_speed = np.where(aligning[:, None], 0.0, wall_speed * self.belt_sign)
-        nose = place.distance + self.robot.length / 2
-        inside = (nose > self.guide.start[place.passage]) & np.isfinite(self.guide.start[place.passage])
-        phase = np.where(aligning, ALIGN, np.where(inside, self.kind[place.passage], CRUISE))
         return Command(belt_speed=belt_speed, roll=self.roll.copy(), phase=phase)
 
     def _align(self, observation: Observation) -> np.ndarray:

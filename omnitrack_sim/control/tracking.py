@@ -22,11 +22,6 @@ the arc; turning it back would push it out of the branch again."""
 _LEADS = np.linspace(0.0, HEADING_LEAD, 7)
 
 
-RATE_GAIN = 4.0
-"""Rotation asked in addition, per rad/s that the rotation is too slow or too fast. Where the inner module has lost the
-wall the springs can turn the robot over within 0.2 s."""
-
-
 def wanted_rotation(
     centreline: Centreline, place: Place, rotation: Array, gain: Array, lookahead: Array, limit: Array
 ) -> Array:
@@ -54,19 +49,26 @@ def wanted_rotation(
 
 
 def tracking_speeds(
-    rotation: Array, angular_velocity: Array, wanted: Array, speed: Array, lever: float, speed_limit: Array
+    rotation: Array,
+    angular_velocity: Array,
+    rate_gain: Array,
+    wanted: Array,
+    speed: Array,
+    lever: float,
+    speed_limit: Array,
 ) -> Array:
     """Wall speeds (n, 3) m/s of the modules for a wanted rotation per metre.
 
     Args:
         rotation: (n, 3, 3) robot frame in the world.
         angular_velocity: (n, 3) rad/s, robot frame, as it is.
+        rate_gain: (n,) rotation asked in addition, per rad/s that the rotation is too slow or too fast.
         wanted: (n, 3) rad/m, world frame.
         speed: (n,) m/s forward.
         lever: m, distance of the walls from the robot's axis.
         speed_limit: (n,) m/s, cap on each speed.
     """
     omega = np.stack([dot(wanted, rotation[:, :, 0]), dot(wanted, rotation[:, :, 1])], axis=-1) * speed[:, None]
-    omega = omega + RATE_GAIN * (omega - angular_velocity[:, :2])
+    omega = omega + rate_gain[:, None] * (omega - angular_velocity[:, :2])
     speeds = module_speeds(speed, omega[:, 0], omega[:, 1], lever)
     return np.clip(speeds, -speed_limit[:, None], speed_limit[:, None])
