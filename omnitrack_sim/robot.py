@@ -65,7 +65,7 @@ class Robot(BaseModel):
     ] = 0.090
     lugs_per_track: Annotated[
         int, Field(ge=1, le=200), Quantity("1", "numerical", "fine limit of the contact line; see docs/design-study.md")
-    ] = 17
+    ] = 15
     track_offset: Annotated[
         float,
         Field(gt=0),

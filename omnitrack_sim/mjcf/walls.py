@@ -147,7 +147,7 @@ def _add_elbow(pieces: Pieces, elbow: Elbow, staves: int, tolerance: float) -> N
             pieces.facet(centre + (ring.face + shift) * out, out, along, ring.half_width, max(half_length, 1e-5))
 
 
-RIM_SEGMENTS = 48
+RIM_SEGMENTS = 32
 """Capsules along each half of a tee's rim."""
 RIM_STRIP = 0.006
 """Width of one strip of boxes along the rim, m; two strips fill what the square-ended staves leave open."""
