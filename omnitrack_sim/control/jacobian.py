@@ -23,9 +23,9 @@ ALIGN_ATTEMPTS = 3
 """Rolls in a row before one fitting; slip while rolling makes the first one fall short."""
 NO_MOTION_BAND = 0.1
 """Size of cos(roll) below which the belts keep their direction: at the no-motion line its sign is noise."""
-RATE_GAIN = 5.0
-"""Rotation asked in addition in a tee turn, per rad/s that the rotation is too slow or too fast. Where the inner module
-has lost the wall the springs can turn the robot over within 0.2 s; in an elbow the wall itself prevents that."""
+RATE_GAIN = np.array([0.0, 0.0, 2.5, 5.0, 0.0])
+"""Rotation asked in addition, per rad/s that the rotation is too slow or too fast, by phase. In a tee, where the inner
+module has lost the wall, the springs can turn the robot over within 0.2 s; in an elbow the term keeps it centred."""
 RATE_FILTER = 0.005
 """Time constant of the measured rotation rate, s: single lugs shake the robot."""
 BESIDE = np.pi / 3
@@ -74,7 +74,7 @@ class JacobianController:
         wall_speed = tracking_speeds(
             observation.rotation,
             self.angular_velocity,
-            RATE_GAIN * (phase == TEE_TURN),
+            RATE_GAIN[phase],
             wanted,
             s.cruise_speed,
             self.lever,
