@@ -126,7 +126,7 @@ def _add_straight(pieces: Pieces, pipe: Straight, staves: int) -> None:
 def _add_elbow(pieces: Pieces, elbow: Elbow, staves: int, tolerance: float) -> None:
     """Rows of boxes along the bend, each row as fine as its own distance from the bend's axis asks for."""
     ring = _Ring.of(elbow.radius, staves)
-    along_tolerance = max(0.85 * tolerance - sagitta(elbow.radius, math.pi / staves) / 2, tolerance / 4)
+    along_tolerance = max(0.8 * tolerance - sagitta(elbow.radius, math.pi / staves) / 2, tolerance / 4)
     for u in ring.azimuths:
         from_axis = elbow.mean_radius - ring.face * math.cos(u)
         # The facet leaves the surface by its sagitta times the part that points across it; the rest slips sideways.
