@@ -182,7 +182,7 @@ def _roll(axis: Axes, trajectory: Trajectory) -> None:
 
 
 def _contacts(axis: Axes, trajectory: Trajectory) -> None:
-    _title(axis, "Lugs in contact", "1")
+    _title(axis, "Contact points", "1")
     _modules(axis, trajectory, trajectory["contact_count"].sum(axis=-1))
     axis.set_ylim(bottom=-0.3)
 

@@ -35,9 +35,6 @@ class Parameter:
     source: str
 
 
-PAPER = "Suryavanshi et al., Omnidirectional Tractable Three Module Robot"
-
-
 class Robot(BaseModel):
     """Omnidirectional Tractable Three Module Robot, lumped as in the paper's simulation.
 

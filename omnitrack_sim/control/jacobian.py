@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from omnitrack_sim.control.alignment import orientation_error, plan_roll
-from omnitrack_sim.control.guide import Guide
+from omnitrack_sim.control.guide import Guide, Place
 from omnitrack_sim.control.interface import Command, Observation, Settings
 from omnitrack_sim.control.tracking import tracking_speeds, wanted_rotation
 from omnitrack_sim.frames import Array
@@ -64,8 +64,7 @@ class JacobianController:
         self.roll += np.clip(
             self.roll_target - self.roll, -self.robot.roll_rate * self.period, self.robot.roll_rate * self.period
         )
-        nose = place.distance + self.robot.length / 2
-        inside = (nose > self.guide.start[place.passage]) & np.isfinite(self.guide.start[place.passage])
+        inside = self._nose_room(place) < 0
         phase = np.where(aligning, ALIGN, np.where(inside, self.kind[place.passage], CRUISE))
         s = self.settings
         wanted = wanted_rotation(
@@ -85,11 +84,14 @@ class JacobianController:
         belt_speed = np.where(aligning[:, None], 0.0, wall_speed * self.belt_sign)
         return Command(belt_speed=belt_speed, roll=self.roll.copy(), phase=phase)
 
+    def _nose_room(self, place: Place) -> Array:
+        """Room (n,) m from the robot's nose to the next fitting's bend or opening; infinite after the last one."""
+        return self.guide.start[place.passage] - place.distance - self.robot.length / 2
+
     def _align(self, observation: Observation) -> np.ndarray:
         """Which robots (n,) stand still to roll; plans a roll where one is due."""
         place = observation.place
-        nose = place.distance + self.robot.length / 2
-        due = (self.aligned <= place.passage) & (nose >= self.guide.start[place.passage] - STOP_BEFORE)
+        due = (self.aligned <= place.passage) & (self._nose_room(place) <= STOP_BEFORE)
         if not due.any():
             return due
         settled = np.abs(observation.roll - self.roll_target).max(axis=-1) < ROLL_SETTLED
