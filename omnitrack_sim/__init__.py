@@ -12,12 +12,13 @@ if TYPE_CHECKING:
     from omnitrack_sim.errors import GeometryError, InputError, OmnitrackError, OutputError, RenderError, ScenarioError
     from omnitrack_sim.outcome import Outcome
     from omnitrack_sim.pipes import Elbow, PipeNetwork, Step, Straight, Tee, route
-    from omnitrack_sim.plots import plot_summary
+    from omnitrack_sim.plots import plot_singularity, plot_summary
     from omnitrack_sim.render import render_frame, render_video
     from omnitrack_sim.robot import Robot
     from omnitrack_sim.scenario import Scenario, load_scenario, override, shipped_scenarios
     from omnitrack_sim.sim.result import Result, load_result
     from omnitrack_sim.sim.runner import run, run_batch
+    from omnitrack_sim.singularity import TurnCase
     from omnitrack_sim.trajectory import Trajectory
 
 __version__ = "0.1.0"
@@ -26,12 +27,13 @@ _HOME = {
     "errors": ("GeometryError", "InputError", "OmnitrackError", "OutputError", "RenderError", "ScenarioError"),
     "outcome": ("Outcome",),
     "pipes": ("Elbow", "PipeNetwork", "Step", "Straight", "Tee", "route"),
-    "plots": ("plot_summary",),
+    "plots": ("plot_singularity", "plot_summary"),
     "render": ("render_frame", "render_video"),
     "robot": ("Robot",),
     "scenario": ("Scenario", "load_scenario", "override", "shipped_scenarios"),
     "sim.result": ("Result", "load_result"),
     "sim.runner": ("run", "run_batch"),
+    "singularity": ("TurnCase",),
     "trajectory": ("Trajectory",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
@@ -53,9 +55,11 @@ __all__ = [
     "Straight",
     "Tee",
     "Trajectory",
+    "TurnCase",
     "load_result",
     "load_scenario",
     "override",
+    "plot_singularity",
     "plot_summary",
     "render_frame",
     "render_video",

@@ -129,7 +129,7 @@ class Control(Table):
     rotation_limit: Positive = 15.0  # rad/m
     speed_limit: Positive = 0.2  # m/s, of a belt
     tee_turn_radius: Positive = TEE_TURN_RADIUS  # m, arc from run to branch
-    safe_margin_deg: Annotated[float, Field(gt=0, le=60)] = 11.73  # half-width of the safe range of theta5
+    safe_margin_deg: Annotated[float, Field(gt=0, le=60)] | None = None  # of theta5; none: by the robot's reach
 
 
 class Physics(Table):

@@ -107,3 +107,59 @@ def test_view_without_a_screen_says_so(monkeypatch):
     done = omnitrack("view", "straight")
     assert done.returncode == 2
     assert "screen" in done.stderr
+
+
+def test_singularity_prints_the_papers_numbers():
+    """The default robot at the reach of 96.54 degrees: every key that scripts rely on, with its value."""
+    done = omnitrack("singularity", "--sector-deg", "96.54", "--json")
+    told = json.loads(done.stdout)
+    assert told["sector_deg"] == pytest.approx(96.54)
+    assert told["margin_deg"] == pytest.approx(11.73)
+    assert told["failure_rate"] == pytest.approx(0.8045)
+    assert told["success_rate"] == pytest.approx(0.1955)
+    assert told["reach_m"] == pytest.approx(0.0961017, abs=1e-7)
+    assert told["definition"] == "ellipse"
+    assert told["real_geometry"]["sector_deg"] == pytest.approx(94.5, abs=0.1)
+    assert told["real_geometry"]["contact_length_m"] == 0.09
+    assert set(told["definitions"]) == {"ellipse", "crotch", "strip"}
+
+
+def test_singularity_table_judges_an_orientation_and_plans_its_roll():
+    """The table has each definition; theta5 = 60 is singular and rolls out, a robot without margin is told why not."""
+    done = omnitrack("singularity", "--theta5-deg", "60")
+    assert all(name in done.stdout for name in ("ellipse", "crotch", "strip", "real", "96.55"))
+    assert "theta5 60 deg: singular" in done.stdout
+    assert "theta5 becomes 11.73 deg, belts then run with sign -1" in done.stdout
+    done = omnitrack("singularity", "--theta5-deg", "60", "--reach", "0.088")
+    assert "no plan: the safe margin is zero" in done.stdout
+
+
+def test_singularity_writes_its_figure(tmp_path):
+    """--plot leaves the file and nothing beside it."""
+    done = omnitrack("singularity", "--plot", str(tmp_path / "sector.svg"), "--figure", "sector")
+    assert done.returncode == 0, done.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["sector.svg"]
+    assert (tmp_path / "sector.svg").read_text().lstrip().startswith("<?xml")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--reach", "-1"], "reach: is -1; it must be positive"),
+        (["--turn-angle-deg", "200"], "turn_angle: is 200 degrees"),
+        (["--modules", "0"], "modules: is 0"),
+        (["--definition", "oval"], "choose from: ellipse, crotch, strip"),
+        (["--reach", "0.1", "--sector-deg", "90"], "--reach, --sector-deg: give one"),
+        (["--sector-deg", "300"], "sector: is 300 degrees"),
+        (["--contact-length", "-1"], "contact_length"),
+        (["--plot", "a.gif"], "choose from: png, svg, pdf"),
+        (["--plot", "a.png", "--figure", "x"], "all, sections, orientations, sector, definitions, map"),
+        (["--plot", "missing/a.png"], "missing/a.png: cannot be written"),
+    ],
+)
+def test_singularity_refuses_bad_input(tmp_path, arguments, message):
+    """Status 2, the fault named, nothing written."""
+    done = omnitrack("singularity", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -1,49 +1,196 @@
 """How far to roll before a fitting, so that theta5 is safe and the modules stay off the no-motion line.
 
-Rolling all modules by phi turns the robot by -phi r / R. With R / r = 2.9, a third of a turn of the robot costs nearly
-a whole turn of the modules, so there are many admissible rolls; the shortest one is taken.
+Rolling all modules by phi turns the robot by -phi r / R. With R / r = 2.9 a third of a turn of the robot costs nearly a
+whole turn of the modules, so the three equal orientations have almost the same roll and picking another one does not
+leave the no-motion line; the width of the safe range does (11.73 degrees of theta5 are 34 degrees of roll).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from typing import Literal
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.frames import Array, wrap_angle
+from omnitrack_sim.kinematics import belt_sign, turn_from_roll
+from omnitrack_sim.robot import MODULES
+from omnitrack_sim.singularity import best_theta5
 
-PERIOD = 2 * np.pi / 3
-"""Three equal modules: an orientation repeats after 120 degrees."""
-NO_MOTION_COSINE = 0.5
-"""Least |cos roll| after an alignment: 30 degrees away from the no-motion line, where both tracks touch."""
-AIM = 0.5
-"""Part of the safe margin that is aimed at; the rest takes up slip while rolling."""
-_OFFSETS = np.linspace(-1.0, 1.0, 17)
-_TURNS = np.arange(-1, 2) * PERIOD
-
-
-def orientation_error(theta5: Array, best: Array) -> Array:
-    """Angle (n,) rad from the nearest of the three equal best orientations, in [-60, 60) degrees."""
-    return wrap_angle(theta5 - best, PERIOD)
+Manoeuvre = Literal["elbow", "tee_turn", "tee_straight"]
+NO_MOTION_MARGIN = np.radians(30.0)
+"""Default least distance of a roll from the no-motion line, where both tracks touch and work against each other."""
+TURN_LIMIT = np.pi
+"""Default limit on the robot's turn in one plan, rad: half a turn either way reaches every equal orientation."""
+_ROUNDING = 1e-9  # rad, by which a plan on the border of a range may miss it
+_LEAST_NO_MOTION_MARGIN = 1e-6  # rad, with no margin asked the line itself is still kept clear
 
 
-def plan_roll(theta5: Array, roll: Array, best: Array, margin: Array, radius_ratio: float) -> tuple[Array, Array]:
-    """Shortest roll that brings the robot near ``best`` and keeps the modules off the no-motion line.
+class Obstacle(IntEnum):
+    """Why there is no roll that helps; ``CLEAR`` when there is one."""
+
+    CLEAR = 0
+    NO_SAFE_ORIENTATION = 1
+    NO_ROLL_OFF_THE_LINE = 2
+    OUT_OF_RANGE = 3
+
+    @property
+    def text(self) -> str:
+        """One sentence with what to try."""
+        return _OBSTACLES[self]
+
+
+_OBSTACLES = {
+    Obstacle.CLEAR: "there is a roll that ends in the safe range and off the no-motion line",
+    Obstacle.NO_SAFE_ORIENTATION: "the safe margin is zero: no orientation keeps all modules on the wall; "
+    "a longer reach makes the singular sector smaller",
+    Obstacle.NO_ROLL_OFF_THE_LINE: "the no-motion margin is over 90 degrees: it excludes every roll; ask for less",
+    Obstacle.OUT_OF_RANGE: "every safe orientation within the turn limit has its modules near the no-motion line; "
+    "ask for a wider safe margin, a smaller no-motion margin or a larger turn limit",
+}
+
+
+@dataclass(frozen=True)
+class RollPlan:
+    """Rolls of any number of robots, arrays of one shape (...).
+
+    Attributes:
+        change: rad, what all modules roll by; 0 where none is needed, and where there is none that helps.
+        roll: rad, roll of the modules afterwards.
+        theta5: rad, in [-pi, pi), afterwards, if they roll without slip.
+        belt_sign: direction in which a positive belt speed drives afterwards: the sign of cos(roll).
+        obstacle: an ``Obstacle``, as int8.
+    """
+
+    change: Array
+    roll: Array
+    theta5: Array
+    belt_sign: Array
+    obstacle: NDArray[np.int8]
+
+    @property
+    def exists(self) -> NDArray[np.bool_]:
+        """Where the conditions can be met."""
+        return self.obstacle == Obstacle.CLEAR
+
+    def where(self, chosen: NDArray[np.bool_], other: RollPlan) -> RollPlan:
+        """These plans where ``chosen``, ``other`` elsewhere."""
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        return RollPlan(*(np.where(chosen, mine, theirs) for mine, theirs in pairs))
+
+
+def preferred_theta5(manoeuvre: Manoeuvre, modules: int = MODULES) -> float:
+    """The orientation, rad, to come to before a fitting; theta5 is taken from the turn, or from the tee's opening.
+
+    * ``elbow``: one module on the innermost curve (Fig. 15);
+    * ``tee_turn``: the outer direction midway between two modules (Fig. 8(b), Fig. 9);
+    * ``tee_straight``: the opening midway between two modules, on either side of it (Fig. 17).
+
+    Raises:
+        InputError: there is no such manoeuvre.
+    """
+    orientations = {"elbow": 0.0, "tee_turn": float(best_theta5(modules)), "tee_straight": np.pi / modules}
+    if manoeuvre not in orientations:
+        raise InputError(Fault("manoeuvre", f"is {manoeuvre!r}", tuple(orientations)))
+    return orientations[manoeuvre]
+
+
+def orientation_error(theta5: ArrayLike, best: ArrayLike, modules: int = MODULES) -> Array:
+    """Angle (...,) rad from the nearest of the equal best orientations, in [-period / 2, period / 2)."""
+    return wrap_angle(np.asarray(theta5, float) - best, 2 * np.pi / modules)
+
+
+def no_motion_distance(roll: ArrayLike) -> Array:
+    """Angle (...,) rad between a roll and the nearest no-motion line (90 or 270 degrees), in [0, pi/2]."""
+    return np.abs(wrap_angle(np.asarray(roll, float) - np.pi / 2, np.pi))
+
+
+def plan_roll(
+    theta5: ArrayLike,
+    roll: ArrayLike,
+    best: ArrayLike,
+    margin: ArrayLike,
+    radius_ratio: ArrayLike,
+    *,
+    no_motion_margin: ArrayLike = NO_MOTION_MARGIN,
+    turn_limit: float = TURN_LIMIT,
+    modules: int = MODULES,
+) -> RollPlan:
+    """Shortest roll after which theta5 is within ``margin`` of ``best`` and the roll clear of the no-motion line.
+
+    The admissible rolls are a union of closed ranges, so the shortest is zero or a border of one; all borders within
+    the turn limit are tried. Of two equally short ones the positive is taken.
 
     Args:
-        theta5: (n,) rad, module 1 from the turning direction.
-        roll: (n,) rad, roll of the modules now.
-        best: (n,) rad, wanted theta5, modulo 120 degrees.
-        margin: (n,) rad, half-width of the safe range about it.
-        radius_ratio: lug radius over pipe radius, r / R.
+        theta5: (...,) rad, module 1 from the turning direction.
+        roll: (...,) rad, roll of the modules now.
+        best: (...,) rad, wanted theta5, modulo 2 pi / modules.
+        margin: (...,) rad, half-width of the safe range about it, such as ``singularity.safe_margin`` gives.
+        radius_ratio: (...,) lug radius over pipe radius, r / R.
+        no_motion_margin: (...,) rad, least distance of the roll from the no-motion line.
+        turn_limit: rad, largest turn of the robot.
+        modules: number of equal modules.
 
-    Returns:
-        The roll change (n,) rad, and whether one exists (n,) bool; the change is zero where none does.
+    Raises:
+        InputError: a radius ratio is not positive, or the turn limit negative.
     """
-    turn = -orientation_error(theta5, best)[:, None, None] + _TURNS[:, None] + AIM * margin[:, None, None] * _OFFSETS
-    turn = turn.reshape(len(theta5), -1)  # (n, candidates)
-    change = -turn / radius_ratio
-    admissible = np.abs(np.cos(roll[:, None] + change)) >= NO_MOTION_COSINE
-    cost = np.where(admissible, np.abs(change), np.inf)
-    shortest = np.argmin(cost, axis=1)
-    rows = np.arange(len(theta5))
-    exists = np.isfinite(cost[rows, shortest])
-    return np.where(exists, change[rows, shortest], 0.0), exists
+    arrays = (np.asarray(a, float) for a in (theta5, roll, best, margin, radius_ratio, no_motion_margin))
+    theta5, roll, best, margin, ratio, clearance = np.broadcast_arrays(*arrays)
+    if not np.all(ratio > 0):
+        raise InputError(Fault("radius_ratio", "must be positive"))
+    if not turn_limit >= 0:
+        raise InputError(Fault("turn_limit", f"is {turn_limit}; it must not be negative"))
+    clearance = np.maximum(clearance, _LEAST_NO_MOTION_MARGIN)
+    error = orientation_error(theta5, best, modules)
+    candidates = np.concatenate(
+        [
+            np.zeros((*error.shape, 1)),
+            _safe_borders(error, margin, ratio, turn_limit, 2 * np.pi / modules),
+            _line_borders(roll, clearance, turn_limit / float(ratio.min(initial=np.inf))),
+        ],
+        axis=-1,
+    )
+    after = wrap_angle(error[..., None] + turn_from_roll(candidates, ratio[..., None], 1.0), 2 * np.pi / modules)
+    admissible = (
+        (np.abs(after) <= margin[..., None] + _ROUNDING)
+        & (no_motion_distance(roll[..., None] + candidates) >= clearance[..., None] - _ROUNDING)
+        & (np.abs(candidates) * ratio[..., None] <= turn_limit + _ROUNDING)
+        & (margin[..., None] > 0)
+    )
+    # The positive of two equal ones: its cost is less by less than rounding of angles.
+    cost = np.where(admissible, np.abs(candidates) - np.where(candidates > 0, _ROUNDING, 0.0), np.inf)
+    shortest = np.argmin(cost, axis=-1)[..., None]
+    exists = np.take_along_axis(admissible, shortest, axis=-1)[..., 0]
+    change = np.where(exists, np.take_along_axis(candidates, shortest, axis=-1)[..., 0], 0.0)
+    obstacle = np.select(
+        [exists, ~(margin > 0), clearance > np.pi / 2 + _ROUNDING],
+        [Obstacle.CLEAR, Obstacle.NO_SAFE_ORIENTATION, Obstacle.NO_ROLL_OFF_THE_LINE],
+        Obstacle.OUT_OF_RANGE,
+    )
+    return RollPlan(
+        change=change,
+        roll=roll + change,
+        theta5=wrap_angle(theta5 + turn_from_roll(change, ratio, 1.0)),
+        belt_sign=belt_sign(roll + change),
+        obstacle=obstacle.astype(np.int8),
+    )
+
+
+def _safe_borders(error: Array, margin: Array, ratio: Array, turn_limit: float, period: float) -> Array:
+    """Rolls (..., K) that bring theta5 to the borders of the safe ranges about each equal orientation."""
+    reached = int(np.ceil(turn_limit / period)) + 1
+    centres = error[..., None] + period * np.arange(-reached, reached + 1)
+    # A border on the far side of the range is needed too: the near one may lie at the no-motion line.
+    borders = np.concatenate([centres - margin[..., None], centres + margin[..., None]], axis=-1)
+    return borders / ratio[..., None]
+
+
+def _line_borders(roll: Array, clearance: Array, roll_limit: float) -> Array:
+    """Rolls (..., K) that bring the modules to the borders of the bands about the no-motion lines."""
+    reached = int(np.ceil(roll_limit / np.pi)) + 1
+    nearest = wrap_angle(np.pi / 2 - roll, np.pi)
+    lines = nearest[..., None] + np.pi * np.arange(-reached, reached + 1)
+    return np.concatenate([lines - clearance[..., None], lines + clearance[..., None]], axis=-1)

@@ -67,6 +67,10 @@ class Guide:
             passage=passage,
         )
 
+    def name_of(self, passage: int) -> str:
+        """The name of a passage's fitting in the network."""
+        return self.route.network.parts[self.passages[passage].index].name
+
     def turning_direction(self, distance: Array) -> Array:
         """Unit vectors (n, 3), world frame: where the fitting passed or next at arc length (n,) m turns to."""
         return self._turning_direction(distance, self._passage(distance), self.route.centreline.at(distance)[2])

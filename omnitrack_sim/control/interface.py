@@ -83,6 +83,7 @@ class Controller(Protocol):
 
     phases: ClassVar[tuple[str, ...]]
     resting: NDArray  # (n,) bool, robots that stand still on purpose
+    events: list[list[str]]  # for each robot, what it decided and when, in words
 
     def __init__(self, guide: Guide, robot: Robot, settings: Settings, roll: Array, period: float) -> None:
         """``roll`` (n, 3) rad is the start roll of the modules, ``period`` s the time between two steps."""

@@ -221,7 +221,7 @@ class BatchRun:
                     metrics=metrics,
                     trajectory=trajectory,
                     provenance=provenance_of(scenario),
-                    events=[] if note is None else [note],
+                    events=[*([] if note is None else [note]), *self.controller.events[i]],
                 )
             )
         return results

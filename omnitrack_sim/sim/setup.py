@@ -17,6 +17,7 @@ from omnitrack_sim.mjcf.scene import build_scene
 from omnitrack_sim.robot import MODULES, Robot
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.plant import Trials
+from omnitrack_sim.singularity import safe_margin, sector_angle
 
 
 def scene_of(scenario: Scenario, *, looks: bool = False) -> mujoco.MjSpec:
@@ -109,10 +110,18 @@ def settings_of(scenarios: Sequence[Scenario], guide: Guide) -> tuple[Settings, 
         lookahead=np.array([c.lookahead for c in control]),
         rotation_limit=np.array([c.rotation_limit for c in control]),
         speed_limit=np.array(limit),
-        safe_margin=np.radians([c.safe_margin_deg for c in control]),
+        safe_margin=np.array([_safe_margin(s, radius) for s in scenarios]),
         goal_distance=np.array([s.goal_distance for s in scenarios]),
     )
     return settings, notes
+
+
+def _safe_margin(scenario: Scenario, pipe_radius: float) -> float:
+    """Half-width of the safe range of theta5, rad: as given, or from the motion singularity region."""
+    given = scenario.control.safe_margin_deg
+    if given is not None:
+        return float(np.radians(given))
+    return float(safe_margin(sector_angle(pipe_radius, scenario.robot.reach)))
 
 
 def start_qpos(scenario: Scenario, model: mujoco.MjModel) -> Array:

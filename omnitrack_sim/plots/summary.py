@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.plots.style import GREY, INK, MODULE_COLOURS, save_figure, styled
 from omnitrack_sim.robot import MODULES
 
 if TYPE_CHECKING:
@@ -19,30 +20,10 @@ if TYPE_CHECKING:
     from omnitrack_sim.sim.result import Result
     from omnitrack_sim.trajectory import Trajectory
 
-MODULE_COLOURS = ((0.95, 0.55, 0.05), (0.10, 0.45, 0.80), (0.05, 0.62, 0.42))
-"""Red, green, blue of modules 1, 2, 3: orange, blue and green as on the model (``mjcf.looks``)."""
 _LINES: tuple[dict[str, Any], ...] = ({"lw": 1.1}, {"lw": 2.8, "alpha": 0.5}, {"lw": 1.1})
 """Module 2 is drawn broad and pale below module 3: in a symmetric turn they coincide, and both shall be seen."""
 PHASE_SHADES = ("#ffffff", "#e3e6ec", "#f3ead9", "#dcebe4", "#eadfeb", "#e8e8d6", "#dde8f2", "#f2dfdc")
 """Background of the phases, in the order of the trajectory's phase names."""
-_GREY, _INK = "#7a7f87", "#22262b"
-_STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "axes.edgecolor": _GREY,
-    "axes.labelcolor": _INK,
-    "axes.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.titlesize": 9.5,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#b9bec6",
-    "grid.linewidth": 0.4,
-    "xtick.color": _INK,
-    "ytick.color": _INK,
-    "lines.linewidth": 1.1,
-    "legend.frameon": False,
-}
 
 
 def plot_summary(result: Result, path: str | Path, format: str | None = None) -> None:
@@ -54,25 +35,22 @@ def plot_summary(result: Result, path: str | Path, format: str | None = None) ->
         format: ``png``, ``pdf`` or ``svg``; none: from the ending of ``path``.
 
     Raises:
+        InputError: no such format.
         OSError: the file cannot be written.
     """
-    import matplotlib
-
-    figure = summary_figure(result)
-    with matplotlib.rc_context(_STYLE):
-        # Without the library's own stamp the same result gives the same bytes.
-        figure.savefig(path, format=format, dpi=140, metadata=_stampless(format or Path(path).suffix[1:]))
+    save_figure(summary_figure(result), path, format)
 
 
 def summary_figure(result: Result) -> Figure:
     """The figure of ``plot_summary``, not tied to any window."""
-    import matplotlib
     from matplotlib.figure import Figure
 
-    with matplotlib.rc_context(_STYLE):
+    def draw() -> Figure:
         figure = Figure(figsize=(12, 9), layout="constrained")
         _fill(figure, result)
-    return figure
+        return figure
+
+    return styled(draw)
 
 
 def _fill(figure: Figure, result: Result) -> None:
@@ -97,14 +75,14 @@ def _head(figure: Figure, result: Result) -> None:
     from matplotlib.patches import Patch
 
     outcome = result.outcome.value.replace("_", " ")
-    figure.text(0.012, 0.985, result.scenario.name, size=14, weight="bold", color=_INK, va="top")
+    figure.text(0.012, 0.985, result.scenario.name, size=14, weight="bold", color=INK, va="top")
     text = f"{outcome} after {result.duration_s:.2f} s"
-    figure.text(0.988, 0.985, text, size=11, color=_INK, va="top", ha="right")
+    figure.text(0.988, 0.985, text, size=11, color=INK, va="top", ha="right")
     lines = [Line2D([], [], color=MODULE_COLOURS[i], label=f"module {i + 1}", **_LINES[i]) for i in range(MODULES)]
-    lines.append(Line2D([], [], color=_GREY, lw=1.1, ls=(0, (4, 2)), label="commanded"))
+    lines.append(Line2D([], [], color=GREY, lw=1.1, ls=(0, (4, 2)), label="commanded"))
     codes = sorted(set(result.trajectory["phase"].astype(int).tolist()))
     names = result.trajectory.phases
-    shades = [Patch(fc=_phase_shade(code), ec=_GREY, lw=0.5, label=names[code].replace("_", " ")) for code in codes]
+    shades = [Patch(fc=_phase_shade(code), ec=GREY, lw=0.5, label=names[code].replace("_", " ")) for code in codes]
     figure.legend(handles=lines, loc="upper left", bbox_to_anchor=(0.006, 0.955), ncols=len(lines), columnspacing=1.4)
     figure.legend(
         handles=shades, loc="upper right", bbox_to_anchor=(0.994, 0.955), ncols=len(shades), columnspacing=1.4
@@ -121,7 +99,7 @@ def _shade(axis: Axes, trajectory: Trajectory) -> None:
     for name, start, end in trajectory.phase_spans():
         axis.axvspan(start, end, color=_phase_shade(codes[name]), lw=0, zorder=0)
         if start > trajectory.time[0]:
-            axis.axvline(start, color=_GREY, lw=0.5, zorder=0.5)
+            axis.axvline(start, color=GREY, lw=0.5, zorder=0.5)
 
 
 def _title(axis: Axes, name: str, unit: str) -> None:
@@ -142,7 +120,7 @@ def _commands(axis: Axes, trajectory: Trajectory, values: NDArray) -> None:
 
 
 def _single(axis: Axes, trajectory: Trajectory, values: NDArray) -> None:
-    axis.plot(trajectory.time, values, color=_INK)
+    axis.plot(trajectory.time, values, color=INK)
 
 
 def _per_module(name: str, channel: str, unit: str, scale: float = 1.0) -> Callable[[Axes, Trajectory], None]:
@@ -208,10 +186,3 @@ PANELS: tuple[Callable[[Axes, Trajectory], None], ...] = (
     _contacts,
 )
 """The panels of the figure, row by row."""
-
-
-def _stampless(format: str) -> dict[str, None]:
-    """Metadata that keeps date and program out of the file."""
-    return {"png": {"Software": None}, "pdf": {"CreationDate": None, "Producer": None}, "svg": {"Date": None}}.get(
-        format, {}
-    )

@@ -1,0 +1,5 @@
+"""``python -m omnitrack_sim.cli``."""
+
+from omnitrack_sim.cli import main
+
+main()

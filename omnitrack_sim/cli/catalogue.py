@@ -1,0 +1,79 @@
+"""scenarios, parameters, models: what the package comes with."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from omnitrack_sim.cli.common import app, load, out, plain
+from omnitrack_sim.errors import Fault, ScenarioError
+
+
+@app.command()
+def scenarios(as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False) -> None:
+    """List the scenarios that come with the package; `omnitrack run NAME` finds them."""
+    from omnitrack_sim.scenario import shipped_scenarios
+
+    rows = {name: _comment(path) for name, path in shipped_scenarios().items()}
+    if as_json:
+        print(json.dumps(rows, indent=2))
+        return
+    table = Table("name", "what it shows", box=None, padding=(0, 2))
+    for name, text in rows.items():
+        table.add_row(name, plain(text))
+    out.print(table)
+
+
+def _comment(path: Path) -> str:
+    """The comment at the head of a scenario file."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    head = lines[: next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))]
+    return " ".join(line.lstrip("# ") for line in head)
+
+
+@app.command()
+def parameters(
+    scenario: Annotated[
+        str | None, typer.Argument(help="Show the robot of this scenario instead of the default one.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
+) -> None:
+    """The robot's parameters with unit, provenance and source."""
+    from omnitrack_sim.robot import Robot
+
+    robot = load(scenario, None).robot if scenario else Robot()
+    rows = robot.parameters()
+    if as_json:
+        print(json.dumps([vars(row) for row in rows], indent=2))
+        return
+    table = Table("parameter", "value", "unit", "provenance", "source", box=None, padding=(0, 1))
+    for row in rows:
+        value = f"{row.value:.6g}" if isinstance(row.value, float) else str(row.value)
+        table.add_row(row.name, value, row.unit, row.provenance, plain(row.source))
+    out.print(table)
+
+
+@app.command()
+def models(
+    check: Annotated[bool, typer.Option("--check", help="Say which files differ; status 1 if any does.")] = False,
+    write: Annotated[bool, typer.Option("--write", help="Write the files.")] = False,
+    root: Annotated[Path, typer.Option(help="Folder that holds models/ and assets/.")] = Path(),
+) -> None:
+    """Check or write the published MJCF models and meshes."""
+    from omnitrack_sim.mjcf.export import check_models, write_models
+
+    if check == write:
+        raise ScenarioError(Fault("omnitrack models", "say one of --check and --write", ("--check", "--write")))
+    folders = root / "models", root / "assets"
+    if write:
+        out.print(f"wrote {len(write_models(*folders))} files below {root.resolve()}")
+        return
+    different = check_models(*folders)
+    for name in different:
+        out.print(f"differs: {name}")
+    out.print("models and assets are up to date" if not different else "run `omnitrack models --write`")
+    raise typer.Exit(1 if different else 0)

@@ -1,0 +1,78 @@
+"""What the commands share: the application, its consoles, scenarios from arguments, progress bars."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from omnitrack_sim.errors import Fault, ScenarioError
+
+if TYPE_CHECKING:
+    from omnitrack_sim.scenario import Scenario
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Simulate the Omnidirectional Tractable Three Module Robot in pipes.",
+)
+out = Console(highlight=False)
+err = Console(stderr=True, highlight=False)
+
+
+def plain(text: str) -> str:
+    """``text`` with nothing in it taken for markup."""
+    from rich.markup import escape
+
+    return escape(text)
+
+
+ScenarioArgument = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="A scenario file, or the name of a shipped one.")
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="PATH=VALUE", help="Override a value, such as control.cruise_speed=0.12."),
+]
+
+
+def load(source: str, assignments: list[str] | None) -> Scenario:
+    """The scenario of a file or name, with the overrides of ``--set``."""
+    from omnitrack_sim.scenario import load_scenario, override
+
+    scenario = load_scenario(source)
+    return override(scenario, dict(_assignment(text) for text in assignments)) if assignments else scenario
+
+
+def _assignment(text: str) -> tuple[str, Any]:
+    """PATH=VALUE; the value as in TOML, a bare word as a string."""
+    path, equals, value = text.partition("=")
+    if not equals or not path:
+        raise ScenarioError(Fault(f"--set {text}", "is not PATH=VALUE, such as control.cruise_speed=0.12"))
+    try:
+        return path.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return path.strip(), value.strip()
+
+
+@contextmanager
+def progress(title: str, quiet: bool) -> Iterator[Any]:
+    """A progress bar on standard error; a callable (part done, text) drives it."""
+    if quiet:
+        yield None
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=err, transient=True) as bar:
+        task = bar.add_task(title, total=1.0)
+        yield lambda part, text="": bar.update(task, completed=part, description=f"{title} {text}".strip())

@@ -1,0 +1,146 @@
+"""run, render, view: one scenario."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from omnitrack_sim.cli.common import ScenarioArgument, SetOption, app, err, load, out, plain, progress
+from omnitrack_sim.errors import Fault, RenderError, ScenarioError
+
+if TYPE_CHECKING:
+    from omnitrack_sim.sim.result import Result
+
+
+@app.command()
+def run(
+    scenario: ScenarioArgument,
+    assignments: SetOption = None,
+    folder: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Where the results go; out/NAME when not given.")
+    ] = None,
+    video: Annotated[bool, typer.Option(help="Also render video.mp4.")] = True,
+    camera: Annotated[str, typer.Option(help="Camera of the video: side, follow or onboard.")] = "side",
+    as_json: Annotated[bool, typer.Option("--json", help="Print result.json instead of the table.")] = False,
+) -> None:
+    """Run one scenario and save result, trajectory, plot and video."""
+    from omnitrack_sim.plots import plot_summary
+    from omnitrack_sim.sim.result import check_output, run_folder
+    from omnitrack_sim.sim.runner import run as run_scenario
+
+    loaded = load(scenario, assignments)
+    if video:
+        _check_camera(camera)
+    target = folder or Path("out") / loaded.name
+    check_output(target)
+    with progress(f"run {loaded.name}", as_json) as report:
+        result = run_scenario(loaded, progress=report)
+    with run_folder(target) as temporary:
+        result.write(temporary)
+        plot_summary(result, temporary / "summary.png")
+        if video:
+            _try_video(result, temporary / "video.mp4", camera, as_json)
+    if as_json:
+        print(json.dumps(result.summary(), indent=2))
+    else:
+        _print_result(result, target)
+
+
+def _check_camera(camera: str) -> None:
+    from omnitrack_sim.render import CAMERAS
+
+    if camera not in CAMERAS:
+        raise ScenarioError(Fault("--camera", f"is {camera!r}", CAMERAS))
+
+
+def _try_video(result: Result, path: Path, camera: str, quiet: bool) -> None:
+    """Render, or say why not: the run itself is not lost for want of OpenGL."""
+    from omnitrack_sim.render import render_video
+
+    try:
+        with progress("video", quiet) as report:
+            render_video(result, path, camera=camera, progress=report)
+    except RenderError as error:
+        err.print(f"[yellow]no video:[/yellow] {plain(str(error))}", soft_wrap=True)
+
+
+def _print_result(result: Result, target: Path) -> None:
+    colour = "green" if result.success else "yellow"
+    out.print(f"[bold {colour}]{result.outcome.value}[/] {plain(result.outcome.advice)}", soft_wrap=True)
+    out.print(f"  {plain(result.reason)}", soft_wrap=True)
+    for event in result.events:
+        out.print(f"  {plain(event)}", soft_wrap=True)
+    if result.as_expected is False:
+        out.print(f"  [yellow]expected {result.scenario.expect.outcome}[/]")
+    out.print(_module_table(result))
+    metrics = result.metrics
+    out.print(
+        f"  simulated {result.duration_s:.2f} s, {metrics['distance_m']:.3f} m at {metrics['mean_speed_m_s']:.4f} m/s, "
+        f"tilt up to {metrics['tilt_max_deg']:.1f} deg, at the end {metrics['tilt_exit_deg']:.1f} deg, "
+        f"{metrics['energy_j']:.1f} J; slip without load {metrics['no_load_slip_m_s']:.1e} m/s",
+        soft_wrap=True,
+    )
+    out.print(f"  saved in {target}", soft_wrap=True)
+
+
+_ROWS = {
+    "slip_ratio_mean": ("mean slip ratio", "1", 3),
+    "slip_distance_m": ("slip distance", "m", 4),
+    "traction_rms_n": ("traction, rms", "N", 2),
+    "normal_force_mean_n": ("mean normal force", "N", 1),
+    "contact_fraction": ("time in contact", "1", 3),
+    "spring_travel_max_m": ("largest spring travel", "m", 4),
+    "motor_torque_max_n_m": ("largest motor torque", "N m", 3),
+    "stall_time_s": ("time stalled", "s", 2),
+}
+
+
+def _module_table(result: Result) -> Table:
+    table = Table("figure", "unit", *(f"module {i}" for i in (1, 2, 3)), box=None, padding=(0, 2))
+    for key, (label, unit, digits) in _ROWS.items():
+        values = result.metrics[key]
+        assert isinstance(values, list)
+        table.add_row(label, unit, *(f"{v:.{digits}f}" for v in values))
+    return table
+
+
+@app.command()
+def render(
+    run_dir: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="A folder that `omnitrack run` wrote.")],
+    camera: Annotated[str, typer.Option(help="side, follow or onboard.")] = "side",
+    file: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE.mp4", help="RUN_DIR/CAMERA.mp4 when not given.")
+    ] = None,
+) -> None:
+    """Render a saved run from another camera."""
+    from omnitrack_sim.render import render_video
+    from omnitrack_sim.sim.result import load_result
+
+    _check_camera(camera)
+    target = file or run_dir / f"{camera}.mp4"
+    result = load_result(run_dir)
+    with progress("video", False) as report:
+        render_video(result, target, camera=camera, progress=report)
+    out.print(f"saved {target}")
+
+
+@app.command()
+def view(scenario: ScenarioArgument, assignments: SetOption = None) -> None:
+    """Open a scenario's model in MuJoCo's viewer (needs a screen)."""
+    import os
+
+    loaded = load(scenario, assignments)
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise RenderError("the viewer needs a screen; `omnitrack run` renders a video without one")
+    import mujoco.viewer
+
+    from omnitrack_sim.sim.setup import scene_of, start_qpos
+
+    model = scene_of(loaded, looks=True).compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = start_qpos(loaded, model)
+    mujoco.viewer.launch(model, data)

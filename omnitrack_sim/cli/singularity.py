@@ -1,0 +1,162 @@
+"""singularity: the motion singularity region."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from omnitrack_sim.cli.common import app, out
+from omnitrack_sim.errors import Fault, InputError, OutputError
+
+if TYPE_CHECKING:
+    from omnitrack_sim.singularity import TurnCase
+
+
+@app.command()
+def singularity(
+    pipe_diameter: Annotated[float, typer.Option(help="Inner diameter D, m.")] = 0.16,
+    reach: Annotated[
+        float | None, typer.Option(help="Robot axis to module surface, springs extended, m; the robot's if not given.")
+    ] = None,
+    sector_deg: Annotated[
+        float | None, typer.Option(help="Take the reach that gives this sector instead (inverse).")
+    ] = None,
+    turn_angle_deg: Annotated[float, typer.Option(help="Angle between run and branch.")] = 90.0,
+    modules: Annotated[int, typer.Option(help="Number of equal modules.")] = 3,
+    definition: Annotated[str, typer.Option(help="Of the region: ellipse, crotch or strip.")] = "ellipse",
+    contact_length: Annotated[
+        float | None, typer.Option(help="Of a module, m, for the real geometry; the robot's if not given.")
+    ] = None,
+    bend_radius: Annotated[
+        float | None, typer.Option(help="Arc of the robot's centre, m, for the real geometry; D/2 if not given.")
+    ] = None,
+    theta5_deg: Annotated[
+        float | None, typer.Option(help="Also judge this orientation and plan the roll out of the region.")
+    ] = None,
+    roll_deg: Annotated[float, typer.Option(help="Roll of the modules now, for the plan.")] = 0.0,
+    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a figure: png, svg or pdf.")] = None,
+    figure: Annotated[
+        str, typer.Option(help="Which one: all, sections, orientations, sector, definitions or map.")
+    ] = "all",
+    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
+) -> None:
+    """The motion singularity region: sector, safe margin, success rate, real geometry, and the roll out of it."""
+    from omnitrack_sim.robot import Robot
+    from omnitrack_sim.singularity import TurnCase, reach_from_sector
+
+    if reach is not None and sector_deg is not None:
+        raise InputError(Fault("--reach, --sector-deg", "give one of the two"))
+    robot, radius = Robot(), pipe_diameter / 2
+    turn_angle = math.radians(turn_angle_deg)
+    if sector_deg is not None:
+        reach = float(reach_from_sector(math.radians(sector_deg), radius, turn_angle, definition))  # type: ignore[arg-type]
+    case = TurnCase(
+        pipe_radius=radius,
+        reach=robot.reach if reach is None else reach,
+        turn_angle=turn_angle,
+        modules=modules,
+        definition=definition,  # type: ignore[arg-type]
+        contact_length=robot.contact_length if contact_length is None else contact_length,
+        bend_radius=bend_radius,
+    )
+    summary = case.summary()
+    if theta5_deg is not None:
+        summary["orientation"] = _orientation(case, theta5_deg, roll_deg, robot.lug_radius / radius)
+    if plot is not None:
+        _write_plot(case, plot, figure)
+    if as_json:
+        print(json.dumps(summary, indent=2))
+    else:
+        _print_singularity(summary)
+        if plot is not None:
+            out.print(f"saved {plot}")
+
+
+def _orientation(case: TurnCase, theta5_deg: float, roll_deg: float, radius_ratio: float) -> dict[str, Any]:
+    """Verdict on one orientation, and the shortest roll to a safe one."""
+    from omnitrack_sim.control.alignment import Obstacle, plan_roll
+    from omnitrack_sim.singularity import is_singular
+
+    theta5, roll = math.radians(theta5_deg), math.radians(roll_deg)
+    plan = plan_roll(theta5, roll, case.best, case.margin, radius_ratio, modules=case.modules)
+    return {
+        "theta5_deg": theta5_deg,
+        "roll_deg": roll_deg,
+        "singular": bool(is_singular(theta5, case.sector, case.modules)),
+        "plan": {
+            "exists": bool(plan.exists),
+            "reason": Obstacle(int(plan.obstacle)).text,
+            "roll_change_deg": math.degrees(float(plan.change)),
+            "roll_deg": math.degrees(float(plan.roll)),
+            "theta5_deg": math.degrees(float(plan.theta5)),
+            "belt_sign": int(plan.belt_sign),
+        },
+    }
+
+
+def _write_plot(case: TurnCase, path: Path, figure: str) -> None:
+    """Write the figure whole or not at all."""
+    from omnitrack_sim.plots import plot_singularity
+    from omnitrack_sim.plots.style import figure_format
+
+    format = figure_format(path)
+    temporary = path.with_name(f".{path.name}.part")
+    try:
+        plot_singularity(case, temporary, figure, format=format)
+        temporary.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _print_singularity(summary: dict[str, Any]) -> None:
+    real = summary["real_geometry"]
+    out.print(
+        f"pipe {1e3 * summary['pipe_diameter_m']:.1f} mm, reach {1e3 * summary['reach_m']:.3f} mm, "
+        f"turn {summary['turn_angle_deg']:g} deg, {summary['modules']} modules, "
+        f"best theta5 {summary['best_theta5_deg']:g} deg",
+        soft_wrap=True,
+    )
+    table = Table("region", "sector, deg", "margin, deg", "failure rate", "success rate", box=None, padding=(0, 2))
+    for name, rates in summary["definitions"].items():
+        table.add_row(name, *_rates(rates), style="bold" if name == summary["definition"] else None)
+    table.add_row(f"real, L = {1e3 * real['contact_length_m']:.0f} mm", *_rates(real))
+    out.print(table)
+    out.print(
+        f"  real geometry: {100 * real['keeps_contact_rate']:.1f} % of the orientations keep all modules on the wall "
+        f"(arc of {1e3 * real['bend_radius_m']:.0f} mm)",
+        soft_wrap=True,
+    )
+    if "orientation" in summary:
+        _print_orientation(summary["orientation"])
+
+
+def _rates(rates: dict[str, float]) -> list[str]:
+    return [
+        f"{rates['sector_deg']:.2f}",
+        f"{rates['margin_deg']:.2f}",
+        f"{rates['failure_rate']:.4f}",
+        f"{rates['success_rate']:.4f}",
+    ]
+
+
+def _print_orientation(orientation: dict[str, Any]) -> None:
+    plan = orientation["plan"]
+    verdict = "[yellow]singular[/]" if orientation["singular"] else "[green]safe[/]"
+    out.print(f"theta5 {orientation['theta5_deg']:g} deg: {verdict}")
+    if not plan["exists"]:
+        out.print(f"  no plan: {plan['reason']}", soft_wrap=True)
+    elif plan["roll_change_deg"] == 0:
+        out.print("  no roll needed")
+    else:
+        out.print(
+            f"  roll the modules by {plan['roll_change_deg']:.1f} deg to {plan['roll_deg']:.1f}: theta5 becomes "
+            f"{plan['theta5_deg']:.2f} deg, belts then run with sign {plan['belt_sign']:+d}",
+            soft_wrap=True,
+        )

@@ -1,0 +1,119 @@
+"""One robot at one tee: the region, its rates and the real geometry together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from omnitrack_sim.robot import MODULES, Robot
+from omnitrack_sim.singularity.contact import ContactMap, TeePath, contact_map, outer_sector, turn_path
+from omnitrack_sim.singularity.region import (
+    DEFINITIONS,
+    Definition,
+    best_theta5,
+    failure_rate,
+    safe_margin,
+    sector_angle,
+    success_rate,
+)
+
+_DEFAULT = Robot()
+
+
+@dataclass(frozen=True)
+class TurnCase:
+    """A robot that turns in a tee. Angles in rad, lengths in m; the defaults are the paper's robot.
+
+    Attributes:
+        pipe_radius: R.
+        reach: rho, from the robot axis to the module's surface, springs extended.
+        turn_angle: delta, between run and branch.
+        modules: number of equal modules.
+        definition: of the region, see ``DEFINITIONS``.
+        contact_length: L of a module, for the real geometry.
+        bend_radius: of the arc that the robot's centre follows, for the real geometry; none: R, about the crotch.
+
+    Raises:
+        InputError: a value is out of range.
+    """
+
+    pipe_radius: float = _DEFAULT.nominal_pipe_radius
+    reach: float = _DEFAULT.reach
+    turn_angle: float = np.pi / 2
+    modules: int = MODULES
+    definition: Definition = "ellipse"
+    contact_length: float = _DEFAULT.contact_length
+    bend_radius: float | None = None
+
+    def __post_init__(self) -> None:
+        safe_margin(self.sector, self.modules)  # looks at every value of the closed form
+
+    @cached_property
+    def sector(self) -> float:
+        """Phi of the definition, rad."""
+        return float(sector_angle(self.pipe_radius, self.reach, self.turn_angle, self.definition))
+
+    @cached_property
+    def margin(self) -> float:
+        """Half-width of the safe range of theta5 about ``best``, rad."""
+        return float(safe_margin(self.sector, self.modules))
+
+    @property
+    def best(self) -> float:
+        """Best theta5, rad."""
+        return float(best_theta5(self.modules))
+
+    @cached_property
+    def real_sector(self) -> float:
+        """Outer sector in the exact two-cylinder geometry, rad."""
+        return float(outer_sector(self._path(721), self.reach, self.pipe_radius, self.contact_length))
+
+    def real_map(self, orientations: int = 241, poses: int = 181) -> ContactMap:
+        """Contact along the turn over one period of theta5, ``best`` in the middle."""
+        half = np.pi / self.modules
+        theta5 = self.best + np.linspace(-half, half, orientations)
+        path = self._path(poses)
+        return contact_map(path, theta5, self.reach, self.pipe_radius, self.contact_length, self.modules)
+
+    @property
+    def path_radius(self) -> float:
+        """Radius of the arc that the robot's centre follows in the real geometry, m."""
+        return self.pipe_radius if self.bend_radius is None else self.bend_radius
+
+    def _path(self, poses: int) -> TeePath:
+        return turn_path(self.path_radius, self.turn_angle, poses)
+
+    def summary(self) -> dict[str, Any]:
+        """Every figure with its unit in the name, for JSON."""
+        state = self.real_map(orientations=481, poses=361)
+        one_period = state.keeps_contact[:-1]  # the last theta5 repeats the first
+        return {
+            "pipe_diameter_m": 2 * self.pipe_radius,
+            "reach_m": self.reach,
+            "turn_angle_deg": float(np.degrees(self.turn_angle)),
+            "modules": self.modules,
+            "definition": self.definition,
+            "best_theta5_deg": float(np.degrees(self.best)),
+            **self._rates(self.sector),
+            "definitions": {
+                name: self._rates(float(sector_angle(self.pipe_radius, self.reach, self.turn_angle, name)))
+                for name in DEFINITIONS
+            },
+            "real_geometry": {
+                "contact_length_m": self.contact_length,
+                "bend_radius_m": self.path_radius,
+                **self._rates(self.real_sector),
+                "keeps_contact_rate": float(one_period.mean()),
+            },
+        }
+
+    def _rates(self, sector: float) -> dict[str, float]:
+        return {
+            "sector_deg": float(np.degrees(sector)),
+            "margin_deg": float(np.degrees(safe_margin(sector, self.modules))),
+            "failure_rate": float(failure_rate(sector, self.modules)),
+            "success_rate": float(success_rate(sector, self.modules)),
+        }
