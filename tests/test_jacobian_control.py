@@ -1,0 +1,45 @@
+"""The default controller's decisions before a fitting."""
+
+import numpy as np
+import pytest
+
+from omnitrack_sim import load_scenario, override, run_batch
+from omnitrack_sim.singularity import safe_margin, sector_angle
+
+
+@pytest.fixture(scope="module")
+def results():
+    """The first seconds of tee turns from the worst orientation: as it is, and with a reach that has no safe one."""
+    base = override(load_scenario("tee_turn"), {"start.theta5_deg": 60, "physics.time_limit": 4.0})
+    return run_batch([base, override(base, {"robot.reach": 0.088})])
+
+
+def test_the_roll_is_told(results):
+    """One event, with time, fitting, roll and theta5."""
+    (event,) = results[0].events
+    assert "before tee_1: rolls the modules by" in event
+    assert "theta5 from 60.0 to" in event
+
+
+def test_the_roll_comes_true(results):
+    """After it theta5 is inside the margin of the robot's reach and the belts run the other way round."""
+    trajectory = results[0].trajectory
+    phases = np.array(trajectory.phases)[trajectory["phase"].astype(int)]
+    after = np.flatnonzero(phases == "align")[-1] + 1
+    assert abs(trajectory["theta5"][after]) < safe_margin(sector_angle(0.08, 0.0961))
+    assert np.cos(trajectory["roll"][after]).max() < -0.5
+    assert trajectory["belt_speed_command"][after].max() < 0 < trajectory["belt_speed_command"][1].min()
+
+
+def test_a_robot_without_safe_orientation_says_so_and_drives_on(results):
+    """The event names the cause; it does not stand still for a roll that does not help."""
+    (event,) = results[1].events
+    assert "not aligned: the safe margin is zero" in event
+    assert np.ptp(results[1].trajectory["roll_command"]) == 0
+
+
+def test_modules_on_the_no_motion_line_are_rolled_off_it():
+    """A robot that reaches the fitting with its modules near 90 degrees stops to roll, though theta5 is best."""
+    base = override(load_scenario("tee_turn"), {"start.roll_deg": 70, "physics.time_limit": 4.0})
+    (result,) = run_batch([base])
+    assert "rolls the modules by -10.0 deg" in result.events[0]
