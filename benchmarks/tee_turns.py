@@ -35,6 +35,7 @@ def random_tee_turns(
             "robot.preload": float(rng.uniform(*preload)),
             "world.gravity": (9.81 * gravity / np.linalg.norm(gravity)).tolist(),
             "control.align": False,
+            "control.retry": False,
         }
         scenarios.append(override(base, draw | dict(changes or {})))
     return scenarios

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -87,6 +87,19 @@ def render_frame(
     _check(camera, width, height)
     with _Stage(_loaded(result), width, height) as stage:
         return stage.picture(time, camera)
+
+
+def render_frames(
+    result: Result | str | os.PathLike[str],
+    times: Sequence[float],
+    camera: str = "side",
+    width: int = 1280,
+    height: int = 720,
+) -> list[Image]:
+    """Pictures of one run at ``times`` s, as ``render_frame`` makes one; faster than one after the other."""
+    _check(camera, width, height)
+    with _Stage(_loaded(result), width, height) as stage:
+        return [stage.picture(time, camera) for time in times]
 
 
 class _Stage:

@@ -282,8 +282,10 @@ def _scenario_folder() -> Path:
 
 
 def shipped_scenarios() -> dict[str, Path]:
-    """Scenarios that come with the package, by name."""
-    return {path.stem: path for path in sorted(_scenario_folder().glob("*.toml"))}
+    """Scenarios that come with the package, by name: the file's path below ``scenarios/`` without its ending."""
+    folder = _scenario_folder()
+    files = [*sorted(folder.glob("*.toml")), *sorted(folder.glob("paper/*.toml"))]
+    return {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
 
 
 def _find(source: str | Path) -> Path:

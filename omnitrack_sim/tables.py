@@ -11,7 +11,7 @@ from omnitrack_sim.control import CONTROLLERS
 from omnitrack_sim.outcome import Outcome
 from omnitrack_sim.pipes import TEE_TURN_RADIUS, Elbow, Step, Straight, Tee
 
-ControllerName = Literal["jacobian"]
+ControllerName = Literal["jacobian", "paper", "equal"]
 assert set(get_args(ControllerName)) == set(CONTROLLERS)
 
 
@@ -124,6 +124,7 @@ class Control(Table):
     kind: ControllerName = "jacobian"
     cruise_speed: Annotated[float, Field(gt=0, le=1)] = 0.1  # m/s
     align: bool = True  # roll to a safe orientation before a fitting
+    retry: bool = True  # back off and try again where a turn makes no headway
     gain: Annotated[float, Field(ge=0)] = 40.0  # 1/m, rotation per metre for a heading error
     lookahead: Annotated[float, Field(ge=0)] = 0.03  # m
     rotation_limit: Positive = 15.0  # rad/m

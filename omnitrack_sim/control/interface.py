@@ -70,6 +70,7 @@ class Settings:
 
     cruise_speed: Array  # m/s
     align: NDArray  # bool
+    retry: NDArray  # bool
     gain: Array  # 1/m
     lookahead: Array  # m
     rotation_limit: Array  # rad/m
@@ -82,7 +83,7 @@ class Controller(Protocol):
     """Turns observations into commands for n robots on one route. State is held per trial."""
 
     phases: ClassVar[tuple[str, ...]]
-    resting: NDArray  # (n,) bool, robots that stand still on purpose
+    resting: NDArray  # (n,) bool, robots that stand still or drive backward on purpose
     events: list[list[str]]  # for each robot, what it decided and when, in words
 
     def __init__(self, guide: Guide, robot: Robot, settings: Settings, roll: Array, period: float) -> None:

@@ -23,7 +23,13 @@ _LEADS = np.linspace(0.0, HEADING_LEAD, 7)
 
 
 def wanted_rotation(
-    centreline: Centreline, place: Place, rotation: Array, gain: Array, lookahead: Array, limit: Array
+    centreline: Centreline,
+    place: Place,
+    rotation: Array,
+    gain: Array,
+    lookahead: Array,
+    limit: Array,
+    direction: Array,
 ) -> Array:
     """Rotation per metre of travel (n, 3) rad/m, world frame: the bend's curvature plus gain x heading error.
 
@@ -33,10 +39,11 @@ def wanted_rotation(
         rotation: (n, 3, 3) robot frame in the world.
         gain: (n,) 1/m. lookahead: (n,) m.
         limit: (n,) rad/m, cap on the length of the result.
+        direction: (n,) 1 forward, -1 backward: the heading is then compared with the centreline behind.
     """
     axis = rotation[:, :, 2]
     _, tangent, normal, curvature = centreline.at(place.distance)
-    ahead = place.distance[:, None] + lookahead[:, None] + _LEADS  # (n, leads) m
+    ahead = place.distance[:, None] + direction[:, None] * (lookahead[:, None] + _LEADS)  # (n, leads) m
     tangents = centreline.at(ahead.ravel())[1].reshape(*ahead.shape, 3)
     angles = angle_between(axis[:, None], tangents)
     nearest = np.argmin(angles, axis=1)
@@ -44,7 +51,7 @@ def wanted_rotation(
     target, angle = tangents[rows, nearest], angles[rows, nearest]
     # A robot that has turned ahead of the bend goes straight until the bend has caught up.
     bend = cross(tangent, normal) * (curvature * (nearest == 0))[:, None]
-    wanted = bend + unit(cross(axis, target)) * (gain * angle)[:, None]
+    wanted = bend + unit(cross(axis, target)) * (direction * gain * angle)[:, None]
     return wanted * np.minimum(1.0, limit / np.maximum(length(wanted), 1e-12))[:, None]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from omnitrack_sim.errors import Fault, InputError
 
@@ -43,24 +43,24 @@ def styled(draw: Callable[[], Figure]) -> Figure:
         return draw()
 
 
-def figure_format(path: str | Path, format: str | None = None) -> str:
+def figure_format(path: str | Path | BinaryIO, format: str | None = None) -> str:
     """The file format asked for, or else that of the path's ending.
 
     Raises:
         InputError: it is none of ``FORMATS``.
     """
-    chosen = format or Path(path).suffix[1:].lower()
+    chosen = format or Path(str(path)).suffix[1:].lower()
     if chosen not in FORMATS:
         raise InputError(Fault(str(path), f"has the figure format {chosen!r}", FORMATS))
     return chosen
 
 
-def save_figure(figure: Figure, path: str | Path, format: str | None = None) -> None:
+def save_figure(figure: Figure, path: str | Path | BinaryIO, format: str | None = None) -> None:
     """Write a figure; without date and program in the file the same data gives the same bytes.
 
     Args:
         figure: of ``styled``.
-        path: file to write, at 140 dots per inch as a bitmap.
+        path: file to write, at 140 dots per inch as a bitmap; or an open binary file, with ``format``.
         format: of ``FORMATS``; none: from the ending of ``path``.
 
     Raises:

@@ -95,7 +95,7 @@ class Monitor:
             place: of the robots.
             belt_command: (n, 3) m/s.
             saturated: (n, 3) bool, motors at their torque limit.
-            resting: (n,) bool, robots that stand still on purpose.
+            resting: (n,) bool, robots that stand still or drive backward on purpose.
             diverged: (n,) bool.
         """
         self._steps += 1
@@ -109,7 +109,8 @@ class Monitor:
             roll_cosine=np.abs(np.cos(readings.roll)),
         )
         progress = place.distance > self.farthest + PROGRESS
-        self.farthest = np.where(progress, place.distance, self.farthest)
+        # Headway is counted anew from where a robot rests or has backed off to.
+        self.farthest = np.where(progress | resting, place.distance, self.farthest)
         self.waiting = np.where(progress | resting, 0.0, self.waiting + self.period)
         outside = (place.offset > self.radius) | (place.distance < -self.exit)
         outside |= place.distance > self.guide.route.centreline.length + self.exit

@@ -110,8 +110,10 @@ def _finite(value: Any) -> Any:
 
 
 @contextmanager
-def run_folder(directory: str | Path) -> Iterator[Path]:
+def run_folder(directory: str | Path, mark: str = RESULT_FILE) -> Iterator[Path]:
     """A temporary folder beside ``directory`` that takes its place when the block ends without an error.
+
+    ``mark`` is the file by which a folder that may be replaced is known.
 
     Raises:
         OutputError: ``directory`` holds something that is no run, or the disk is full or closed to us.
@@ -119,7 +121,7 @@ def run_folder(directory: str | Path) -> Iterator[Path]:
     target = Path(directory).resolve()
     temporary: Path | None = None
     try:
-        check_output(target)
+        check_output(target, mark)
         target.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
         temporary.chmod(0o755)
@@ -132,7 +134,7 @@ def run_folder(directory: str | Path) -> Iterator[Path]:
             shutil.rmtree(temporary, ignore_errors=True)
 
 
-def check_output(directory: str | Path) -> None:
+def check_output(directory: str | Path, mark: str = RESULT_FILE) -> None:
     """Refuse a place that a run must not overwrite.
 
     Raises:
@@ -140,7 +142,7 @@ def check_output(directory: str | Path) -> None:
     """
     target = Path(directory)
     if target.is_dir():
-        if any(target.iterdir()) and not (target / RESULT_FILE).is_file():
+        if any(target.iterdir()) and not (target / mark).is_file():
             raise OutputError(f"{target}: holds files but no {RESULT_FILE}, so it is no run; choose another folder")
     elif target.exists():
         raise OutputError(f"{target}: is a file; choose a folder")

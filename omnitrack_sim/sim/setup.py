@@ -106,6 +106,7 @@ def settings_of(scenarios: Sequence[Scenario], guide: Guide) -> tuple[Settings, 
     settings = Settings(
         cruise_speed=np.array(cruise),
         align=np.array([c.align for c in control]),
+        retry=np.array([c.retry for c in control]),
         gain=np.array([c.gain for c in control]),
         lookahead=np.array([c.lookahead for c in control]),
         rotation_limit=np.array([c.rotation_limit for c in control]),

@@ -1,0 +1,96 @@
+"""The paper's controller: speeds set beforehand, begun and ended at marks, open loop (Sections V and VI)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.control.aligner import Aligner, manoeuvres
+from omnitrack_sim.control.guide import Guide, Place, angle_between
+from omnitrack_sim.control.interface import Command, Observation, Settings
+from omnitrack_sim.frames import Array, cross, dot, unit
+from omnitrack_sim.kinematics import elbow_speeds
+from omnitrack_sim.robot import MODULE_ANGLES, Robot
+
+CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT = range(5)
+_PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT}
+TRIGGER = 0.5
+"""The tee's turn begins when the robot's head is this part of R past the opening's near edge (R/2 = D/4, published)."""
+COMPLETE = np.radians(2.0)
+"""A turn is complete when the robot's axis, in the plane of the bend, is this near to the way out or past it."""
+
+
+class PaperController:
+    """Speeds by Eq. 20 in elbows; in tees modules on the inner side backward, the others forward, at cruise speed.
+
+    theta5 is read when a turn begins and the speeds are kept until it is complete. Alignment before fittings is that of
+    the default controller; the paper does it by hand.
+    """
+
+    phases: ClassVar[tuple[str, ...]] = ("cruise", "align", "elbow", "tee_turn", "tee_straight")
+
+    def __init__(self, guide: Guide, robot: Robot, settings: Settings, roll: Array, period: float) -> None:
+        self.guide, self.robot, self.settings = guide, robot, settings
+        self.radius = guide.route.fittings[0].radius
+        passages = guide.passages
+        self.kind = np.array([*(_PHASES[m] for m in manoeuvres(guide)), CRUISE])  # (P + 1,)
+        self.bend_radius = np.array([*(p.bend_radius for p in passages), np.nan])  # (P + 1,) m
+        past = [TRIGGER * self.radius if p.kind == "tee" else 0.0 for p in passages]
+        self.trigger = np.array([*(p.opening[0] if p.kind == "tee" else p.s_bend_start for p in passages), np.inf])
+        self.trigger = self.trigger + np.array([*past, 0.0])  # (P + 1,) m, where the head is when the turn begins
+        line = guide.route.centreline
+        self.way_in = line.at(np.clip(guide.start, 0, line.length))[1]  # (P + 1, 3) tangents before the turns
+        self.way_out = line.at(np.clip(guide.end, 0, line.length))[1]  # (P + 1, 3) and behind them
+        n = len(settings.cruise_speed)
+        self.aligner = Aligner(guide, robot, settings, roll, period)
+        self.events = self.aligner.events
+        self.resting = np.zeros(n, bool)
+        self.turning = np.full(n, -1)  # (n,) passage whose turn is under way
+        self.turned = np.full(n, -1)  # (n,) last passage whose turn is complete
+        self.turn_speeds = np.zeros((n, 3))  # m/s, at the walls
+
+    def step(self, observation: Observation) -> Command:
+        """The command for the next control period."""
+        place = observation.place
+        self.resting = self.aligner.step(observation)
+        self._mark(place, observation.rotation[:, :, 2])
+        turning = self.turning >= 0
+        cruise = self.settings.cruise_speed[:, None]
+        wall_speed = np.where(turning[:, None], self.turn_speeds, cruise)
+        wall_speed = np.clip(wall_speed, -self.settings.speed_limit[:, None], self.settings.speed_limit[:, None])
+        belt_speed = np.where(self.resting[:, None], 0.0, wall_speed * self.aligner.belt_sign(observation.roll))
+        straight_over = (self.kind[place.passage] == TEE_STRAIGHT) & (self.aligner.nose_room(place) < 0)
+        phase = np.where(turning, self.kind[self.turning], np.where(straight_over, TEE_STRAIGHT, CRUISE))
+        return Command(belt_speed, self.aligner.roll.copy(), np.where(self.resting, ALIGN, phase))
+
+    def _mark(self, place: Place, axis: Array) -> None:
+        """Begin turns whose mark the head has passed, end those that are complete."""
+        head = place.distance + self.robot.length / 2
+        new = (self.turning < 0) & (place.passage > self.turned) & self.guide.is_turn[place.passage]
+        begins = new & (head >= self.trigger[place.passage]) & ~self.resting
+        self.turning = np.where(begins, place.passage, self.turning)
+        if begins.any():
+            self.turn_speeds = np.where(begins[:, None], self._speeds(place), self.turn_speeds)
+        way_in, way_out = self.way_in[self.turning], self.way_out[self.turning]
+        about = unit(cross(way_in, way_out))  # the bend's axis
+        left = angle_between(way_in, way_out) - np.arctan2(dot(cross(way_in, axis), about), dot(way_in, axis))
+        complete = (self.turning >= 0) & ((left < COMPLETE) | (place.passage > self.turning))
+        self.turned = np.where(complete, self.turning, self.turned)
+        self.turning = np.where(complete, -1, self.turning)
+
+    def _speeds(self, place: Place) -> Array:
+        """Wall speeds (n, 3) m/s of the turn ahead, for theta5 as it is now."""
+        speed = self.settings.cruise_speed
+        elbow = elbow_speeds(speed, place.theta5, np.nan_to_num(self.bend_radius[place.passage], nan=1.0), self.radius)
+        inner: NDArray[np.bool_] = np.cos(place.theta5[:, None] + np.array(MODULE_ANGLES)) > 0
+        tee = np.where(inner, -1.0, 1.0) * speed[:, None]
+        return np.where((self.kind[place.passage] == ELBOW)[:, None], elbow, tee)
+
+
+class EqualController(PaperController):
+    """All modules at cruise speed everywhere: what a robot without speed modulation does, the baseline of Eq. 20."""
+
+    def _speeds(self, place: Place) -> Array:
+        return np.repeat(self.settings.cruise_speed[:, None], 3, axis=1)

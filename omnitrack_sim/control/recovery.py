@@ -1,0 +1,79 @@
+"""A robot that makes no headway in a turn backs off to before the fitting and tries again."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.control.aligner import STOP_BEFORE, Aligner
+from omnitrack_sim.control.guide import Guide
+from omnitrack_sim.control.interface import Observation, Settings
+from omnitrack_sim.frames import Array
+from omnitrack_sim.robot import Robot
+
+RETRIES = 2
+"""How often a robot backs off at one fitting before it is left to hang."""
+PROGRESS = 0.002
+"""Advance beyond the farthest point so far that counts as headway, m."""
+PATIENCE_DISTANCE = 0.15
+"""Distance at cruise speed without headway after which a turn has failed, m; half of what ends the run."""
+FALLEN = 0.04
+"""Fall behind the farthest point after which a turn has failed, m."""
+BESIDE = 0.6
+"""Offset from the centreline, in pipe radii, beyond which a robot has gone past the branch; at 1 the run ends."""
+BACK_OFF_DISTANCE = 0.6
+"""Distance at cruise speed after which backing off is given up, m."""
+
+
+class Recovery:
+    """Which of n robots back off. ``retries`` (n,) counts them at the fitting at hand."""
+
+    def __init__(self, guide: Guide, robot: Robot, settings: Settings, period: float) -> None:
+        self.guide, self.settings, self.period = guide, settings, period
+        n = len(settings.cruise_speed)
+        self.before = guide.start - robot.length / 2 - STOP_BEFORE  # (P + 1,) m, where a retry begins
+        self.farthest = np.full(n, -np.inf)
+        self.waiting = np.zeros(n)  # s without headway, or backing off
+        self.backing = np.zeros(n, bool)
+        self.retries = np.zeros(n, int)
+        self.passage = np.zeros(n, np.intp)
+
+    def step(
+        self, observation: Observation, standing: NDArray[np.bool_], aligner: Aligner, events: list[list[str]]
+    ) -> NDArray[np.bool_]:
+        """The robots (n,) that drive backward now. ``standing`` (n,) roll on the spot and are not waited for."""
+        place = observation.place
+        self.retries = np.where((place.passage != self.passage) & ~self.backing, 0, self.retries)
+        self.passage = np.where(self.backing, self.passage, place.passage)
+        headway = place.distance > self.farthest + PROGRESS
+        self.farthest = np.where(headway, place.distance, self.farthest)
+        still = self.backing | ~(headway | standing)
+        self.waiting = np.where(still, self.waiting + self.period, 0.0)
+        self._begin(observation, aligner, events)
+        self._end(place.distance, aligner)
+        return self.backing
+
+    def _begin(self, observation: Observation, aligner: Aligner, events: list[list[str]]) -> None:
+        place, speed = observation.place, self.settings.cruise_speed
+        turning = self.guide.is_turn[place.passage] & (aligner.nose_room(place) < 0)
+        hanging = self.waiting > PATIENCE_DISTANCE / speed
+        fallen = place.distance < self.farthest - FALLEN
+        beside = place.offset > BESIDE * self.guide.route.fittings[0].radius
+        failed = turning & (hanging | fallen | beside) & ~self.backing & (self.retries < RETRIES) & self.settings.retry
+        for robot in np.flatnonzero(failed):
+            name = self.guide.name_of(int(place.passage[robot]))
+            events[robot].append(
+                f"{observation.time[robot]:.2f} s, in {name}: no headway at {place.distance[robot]:.3f} m, tilt "
+                f"{np.degrees(place.tilt[robot]):.1f} deg: backs off and tries again"
+            )
+        self.backing = self.backing | failed
+        self.retries = self.retries + failed
+        self.waiting = np.where(failed, 0.0, self.waiting)
+
+    def _end(self, distance: Array, aligner: Aligner) -> None:
+        given_up = self.waiting > BACK_OFF_DISTANCE / self.settings.cruise_speed
+        done = self.backing & ((distance <= self.before[self.passage]) | given_up)
+        self.backing = self.backing & ~done
+        self.farthest = np.where(done, distance, self.farthest)
+        self.waiting = np.where(done, 0.0, self.waiting)
+        aligner.align_again(done, self.passage)

@@ -1,0 +1,237 @@
+"""All runs, all claims, one folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from omnitrack_sim.errors import RenderError
+from omnitrack_sim.plots.manoeuvres import (
+    along_figure,
+    angular_velocity_figure,
+    contact_map_figure,
+    elbow_figure,
+    rates_figure,
+    success_figure,
+)
+from omnitrack_sim.plots.singularity import singularity_figure
+from omnitrack_sim.plots.style import save_figure
+from omnitrack_sim.reproduce import driving, theory, turning
+from omnitrack_sim.reproduce.claim import Claim
+from omnitrack_sim.reproduce.report import Picture, Strip, page
+from omnitrack_sim.reproduce.runs import SEED, Runs, run_all, scenarios
+from omnitrack_sim.sim.result import check_output, provenance_of, run_folder
+from omnitrack_sim.singularity import TurnCase
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from omnitrack_sim.sim.result import Result
+
+CLAIMS_FILE = "claims.json"
+MEASURES: tuple[Callable[[Runs], Claim | list[Claim]], ...] = (
+    theory.mean_speed,
+    theory.unequal_arms,
+    theory.jacobian,
+    theory.region,
+    driving.climb,
+    driving.holonomic,
+    driving.sign_change,
+    driving.past_180,
+    driving.no_motion_line,
+    driving.preload,
+    driving.motors,
+    turning.eq20,
+    turning.straight_exit,
+    turning.short_elbow,
+    turning.preferred,
+    turning.compression,
+    turning.as_written,
+    turning.inner_slip,
+    turning.unaligned,
+    turning.towards_worst,
+    turning.falls_into_place,
+    turning.aligned,
+    turning.slippery,
+    turning.few_lugs,
+    turning.climb_then_turn,
+    turning.straight_over,
+)
+"""What is measured, in the order of the page."""
+STRIPS = {
+    "paper/tee_turn_misaligned": (
+        "tee_turn_misaligned",
+        "Tee turn from the worst orientation: roll, drive, turn, drive",
+    ),
+    "paper/straight_over_tee_aligned": ("straight_over_aligned", "Straight over a tee, modules on either side"),
+    "elbow_short": ("elbow_90_jacobian", "Elbow of 90 mm"),
+}
+FRAMES = 6
+
+
+def reproduce(
+    directory: str | Path,
+    *,
+    quick: bool = False,
+    format: str = "svg",
+    progress: Callable[[float, str], None] | None = None,
+) -> list[Claim]:
+    """Run the paper and write ``claims.json``, ``report.html`` and ``figures/`` into ``directory``.
+
+    Args:
+        directory: made, or replaced if it holds an earlier reproduction.
+        quick: fewer orientations and trials.
+        format: of the files in ``figures/``: ``svg``, ``pdf`` or ``png``.
+        progress: called with the part done, 0 to 1, and a word about the run.
+
+    Returns:
+        The claims in the order of the page.
+
+    Raises:
+        OutputError: ``directory`` holds something else, or cannot be written.
+    """
+    check_output(directory, CLAIMS_FILE)
+    lists = scenarios(quick)
+    runs = run_all(lists, progress)
+    claims = measure(runs)
+    provenance = _provenance(runs, quick)
+    drawn = figures(runs)
+    with run_folder(directory, CLAIMS_FILE) as folder:
+        rows = {"provenance": provenance, "claims": [claim.row() for claim in claims]}
+        (folder / CLAIMS_FILE).write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+        (folder / "figures").mkdir()
+        for name, (_, figure) in drawn.items():
+            save_figure(figure, folder / "figures" / f"{name}.{format}")
+        pictures = [Picture(name, caption, _file(figure), "svg") for name, (caption, figure) in drawn.items()]
+        strips, remarks = _strips(runs)
+        text = page(claims, pictures, strips, provenance, [*_lead(quick), *remarks])
+        (folder / "report.html").write_text(text, encoding="utf-8")
+    return claims
+
+
+def measure(runs: Runs) -> list[Claim]:
+    """All claims, from the runs."""
+    found: list[Claim] = []
+    for function in MEASURES:
+        claim = function(runs)
+        found.extend(claim if isinstance(claim, list) else [claim])
+    return found
+
+
+def figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
+    """Caption and figure by file name."""
+    case = TurnCase()
+    misaligned, written = runs["tee_turn_misaligned"][0], runs["tee_turn_as_written"][0]
+    theta5 = np.array([r.scenario.start.theta5_deg for r in runs["map_jacobian"]])
+    passed = {kind: np.array([r.success for r in runs[f"map_{kind}"]]) for kind in ("jacobian", "paper")}
+    names = (
+        ("aligned", "aligned, friction 0.8 to 1.0"),
+        ("slippery", "aligned, friction 0.6 to 0.8"),
+        ("few_lugs", "5 lugs a track, friction 0.8 to 1.0"),
+        ("few_lugs_slippery", "5 lugs a track, friction 0.6 to 0.8"),
+        ("map_jacobian", "not aligned, feedback"),
+        ("map_paper", "not aligned, as written"),
+    )
+    groups = [(label, sum(r.success for r in runs[name]), len(runs[name])) for name, label in names]
+    margin = float(np.degrees((2 * np.pi / 3 - case.real_sector) / 2))
+    slippery = runs["slippery_downward"][0]
+    return {
+        "fig9_sector": ("Fig. 9: the singular sector.", singularity_figure(case, "sector")),
+        "contact_map_geometry": (
+            "Contact over orientation and turn in the exact geometry of two pipes; red: a module has no wall.",
+            singularity_figure(case, "map"),
+        ),
+        "success_map": (
+            "Tee turns without alignment over the start orientation, and the singular range of the formula.",
+            success_figure(theta5, passed, float(np.degrees(case.sector)), real_margin_deg=margin),
+        ),
+        "success_rates": (
+            "Success rates of tee turns with Wilson 95 % intervals; dashed: the paper's 19.55 %.",
+            rates_figure(groups, reference=0.1955),
+        ),
+        "fig13_as_written": (
+            "Fig. 13: shaft speeds with the paper's open-loop speeds.",
+            angular_velocity_figure(written),
+        ),
+        "fig13_feedback": ("The same turn with feedback along the centreline.", angular_velocity_figure(misaligned)),
+        "unrolled_contacts": (
+            "The unrolled pipe: where the modules touch and how hard, tee turn from the worst orientation.",
+            contact_map_figure(misaligned, misaligned.scenario.route()),
+        ),
+        "forces_along_the_way": ("Traction, normal force and slip over arc length.", along_figure(misaligned)),
+        "elbow_240": ("Fig. 10: elbow of 240 mm by controller.", elbow_figure(_elbows(runs, "240"))),
+        "elbow_90": ("Fig. 15: elbow of 90 mm by controller.", elbow_figure(_elbows(runs, "90"))),
+        "success_by_friction": (
+            "Success of aligned tee turns by friction, with Wilson 95 % intervals.",
+            rates_figure(_by_friction([*runs["slippery"], *runs["aligned"]])),
+        ),
+        "slippery_turn": (
+            f"Downward at friction {slippery.scenario.contact.friction:.2f}, without retry: {slippery.outcome.value}, "
+            f"{slippery.reason}.",
+            along_figure(slippery),
+        ),
+    }
+
+
+def _by_friction(results: Sequence[Result], step: float = 0.05) -> list[tuple[str, int, int]]:
+    """Label, passed and total by range of friction."""
+    bins: dict[int, list[bool]] = {}
+    for result in results:
+        bins.setdefault(int(result.scenario.contact.friction / step + 1e-9), []).append(result.success)
+    return [
+        (f"friction {step * k:.2f} to {step * (k + 1):.2f}", sum(found), len(found))
+        for k, found in sorted(bins.items())
+    ]
+
+
+def _elbows(runs: Runs, radius: str) -> dict[str, Sequence[Any]]:
+    labels = {"jacobian": "feedback", "paper": "as written (Eq. 20)", "equal": "equal speeds"}
+    return {label: runs[f"elbow_{radius}_{kind}"] for kind, label in labels.items()}
+
+
+def _file(figure: Figure) -> bytes:
+    import io
+
+    buffer = io.BytesIO()
+    save_figure(figure, buffer, "svg")
+    return buffer.getvalue()
+
+
+def _strips(runs: Runs) -> tuple[list[Strip], list[str]]:
+    """Frames of a few runs; without OpenGL none, and the sentence that says so."""
+    from omnitrack_sim.render import render_frames
+
+    strips = []
+    try:
+        for name, title in STRIPS.values():
+            result = runs[name][len(runs[name]) // 2]
+            times = np.linspace(0.0, result.duration_s, FRAMES)
+            strips.append(Strip(title, render_frames(result, times.tolist(), width=640, height=360), times.tolist()))
+    except RenderError as error:
+        return [], [f"No frames: {error}"]
+    return strips, []
+
+
+def _lead(quick: bool) -> list[str]:
+    text = (
+        "Each statement of the paper is turned into something that can be measured in simulation, with a tolerance. "
+        "A claim that does not come out is shown as failed, with the reason as far as it is known."
+    )
+    short = "Quick form: fewer orientations and trials than the full reproduction; intervals are wide."
+    return [text, short] if quick else [text]
+
+
+def _provenance(runs: Runs, quick: bool) -> dict[str, Any]:
+    first = next(iter(runs.values()))[0]
+    made = {k: v for k, v in provenance_of(first.scenario).items() if k not in ("scenario_sha256", "seed")}
+    return {
+        **made,
+        "form": "quick" if quick else "full",
+        "seed": SEED,
+        "runs": sum(len(group) for group in runs.values()),
+        "simulated_s": round(sum(r.duration_s for group in runs.values() for r in group), 1),
+    }

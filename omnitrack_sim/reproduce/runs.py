@@ -1,0 +1,126 @@
+"""The runs that the claims are measured on: named lists of scenarios, run in batches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from omnitrack_sim.robot import Robot
+from omnitrack_sim.scenario import Scenario, load_scenario, override
+from omnitrack_sim.sim.result import Result
+from omnitrack_sim.sim.runner import run_batch
+
+Runs = Mapping[str, Sequence[Result]]
+"""Results by the name of their list in ``scenarios``."""
+GRAVITIES = {
+    "along, up the run": (0.0, 0.0, -9.81),
+    "along, down the run": (0.0, 0.0, 9.81),
+    "across, towards the branch": (9.81, 0.0, 0.0),
+    "across, away from it": (-9.81, 0.0, 0.0),
+    "across, sideways": (0.0, 9.81, 0.0),
+    "none": (0.0, 0.0, 0.0),
+}
+"""Gravity of the random trials, m/s², in the frame of the tee: run along z, branch towards +x."""
+PRELOAD_FACTORS = (0.8, 0.9, 0.95, 1.05, 1.1, 1.2)
+"""Preloads of the climbing test over what the friction law needs."""
+FRICTIONS = (0.2, 0.4, 0.8)
+SEED = 7
+
+
+def scenarios(quick: bool) -> dict[str, list[Scenario]]:
+    """All runs by name. ``quick`` takes fewer orientations and trials, not another physics."""
+    tee, trials = load_scenario("tee_turn"), 24 if quick else 200
+    free = {"control.align": False, "control.retry": False}
+    turn = np.arange(-60, 60, 10 if quick else 2)
+    bend = np.arange(-60, 60, 30 if quick else 10)
+    lists = {
+        name: [load_scenario(f"paper/{name}")]
+        for name in (
+            "holonomic_alignment",
+            "climb_into_elbow",
+            "tee_turn_misaligned",
+            "tee_turn_as_written",
+            "orient_climb_turn",
+            "rolled_past_180",
+            "no_motion_line",
+        )
+    }
+    lists["vertical_climb"] = [load_scenario("vertical_climb")]
+    for kind in ("jacobian", "paper"):
+        lists[f"map_{kind}"] = _orientations(tee, turn, {**free, "control.kind": kind})
+    for radius, name in (("240", "elbow"), ("90", "elbow_short")):
+        for kind in ("jacobian", "paper", "equal"):
+            lists[f"elbow_{radius}_{kind}"] = _orientations(load_scenario(name), bend, {**free, "control.kind": kind})
+    lists["aligned"] = random_tee_turns(trials, (0.8, 1.0))
+    lists["slippery"] = random_tee_turns(trials, (0.6, 0.8))
+    lists["few_lugs"] = random_tee_turns(trials, (0.8, 1.0), {"robot.lugs_per_track": 5})
+    lists["few_lugs_slippery"] = random_tee_turns(trials, (0.6, 0.8), {"robot.lugs_per_track": 5})
+    for state in ("aligned", "unaligned"):
+        base = load_scenario(f"paper/straight_over_tee_{state}")
+        lists[f"straight_over_{state}"] = [override(base, {"world.gravity": list(g)}) for g in GRAVITIES.values()]
+    holonomic = load_scenario("paper/holonomic_alignment")
+    lists["holonomic"] = _orientations(holonomic, np.arange(-60, 60, 20 if quick else 5), {})
+    lists["rolling_upright"] = [holonomic]
+    lists["rolling_flat"] = [override(holonomic, {"world.gravity": [-9.81, 0.0, 0.0]})]
+    lists["preload"] = _preloads(load_scenario("vertical_climb"))
+    downward = {"world.gravity": [0.0, 0.0, 9.81], "contact.friction": 0.65, "control.retry": False}
+    lists["slippery_downward"] = [override(tee, downward)]
+    pololu = {"robot.motor": "pololu_1000_hpcb"}
+    lists["pololu"] = [
+        override(load_scenario(n), pololu)
+        for n in ("vertical_climb", "elbow", "elbow_short", "tee_turn", "tee_straight")
+    ]
+    return lists
+
+
+def run_all(lists: Mapping[str, Sequence[Scenario]], progress: Callable[[float, str], None] | None = None) -> Runs:
+    """Run every list; trials of all lists that share a model share a batch. Uses all cores."""
+    flat = [scenario for group in lists.values() for scenario in group]
+    done = iter(run_batch(flat, threads=0, progress=progress))
+    return {name: [next(done) for _ in group] for name, group in lists.items()}
+
+
+def random_tee_turns(
+    count: int, friction: tuple[float, float], changes: Mapping[str, Any] | None = None
+) -> list[Scenario]:
+    """Tee turns with alignment: any start orientation, uniform friction, gravity one of ``GRAVITIES``."""
+    rng = np.random.default_rng(SEED)
+    base, gravities = override(load_scenario("tee_turn"), dict(changes or {})), list(GRAVITIES.values())
+    return [
+        override(
+            base,
+            {
+                "start.theta5_deg": float(rng.uniform(-60, 60)),
+                "contact.friction": float(rng.uniform(*friction)),
+                "world.gravity": list(gravities[rng.integers(len(gravities))]),
+            },
+        )
+        for _ in range(count)
+    ]
+
+
+def _orientations(base: Scenario, theta5_deg: np.ndarray, changes: Mapping[str, Any]) -> list[Scenario]:
+    return [override(base, {"start.theta5_deg": float(angle), **changes}) for angle in theta5_deg]
+
+
+def least_preload(robot: Robot, friction: float) -> float:
+    """Preload of a module, N, below which Coulomb friction cannot hold the robot's weight: m g / (3 mu)."""
+    return robot.mass * 9.81 / (3 * friction)
+
+
+def _preloads(base: Scenario) -> list[Scenario]:
+    """A vertical climb at preloads about the least one."""
+    return [
+        override(
+            base,
+            {
+                "contact.friction": friction,
+                "robot.preload": factor * least_preload(base.robot, friction),
+                "physics.time_limit": 3.0,
+            },
+        )
+        for friction in FRICTIONS
+        for factor in PRELOAD_FACTORS
+    ]

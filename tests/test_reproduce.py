@@ -1,0 +1,135 @@
+"""The reproduction: which runs, how claims are measured on them, and the page."""
+
+import html.parser
+import json
+
+import numpy as np
+import pytest
+
+from omnitrack_sim import Outcome
+from omnitrack_sim.errors import OutputError
+from omnitrack_sim.reproduce import Claim, command, driving, theory, turning
+from omnitrack_sim.reproduce.report import Picture, Strip, page
+from omnitrack_sim.reproduce.runs import GRAVITIES, least_preload, random_tee_turns, run_all, scenarios
+from omnitrack_sim.robot import Robot
+
+CLAIM = Claim("a_b", "Section V", 'says <b> & "c"', "true if", "1.0 mm", "one run", True, "scenario", "why")
+
+
+@pytest.fixture(scope="module")
+def runs():
+    """The short runs of the quick form, and two tee turns."""
+    lists = scenarios(quick=True)
+    names = (
+        "vertical_climb",
+        "rolled_past_180",
+        "no_motion_line",
+        "tee_turn_misaligned",
+        "rolling_upright",
+        "rolling_flat",
+    )
+    return run_all({name: lists[name] for name in names})
+
+
+def test_quick_and_full_differ_in_numbers_only():
+    """The same lists; the full form has 60 orientations for both controllers and 200 random trials."""
+    quick, full = scenarios(True), scenarios(False)
+    assert quick.keys() == full.keys()
+    assert len(full["aligned"]) == len(full["slippery"]) == 200
+    for kind in ("jacobian", "paper"):
+        theta5 = [s.start.theta5_deg for s in full[f"map_{kind}"]]
+        assert np.allclose(np.diff(theta5), 2)
+        assert len(theta5) == 60
+    assert all(len(quick[name]) <= len(full[name]) for name in full)
+
+
+def test_random_trials_repeat_and_cover_all_gravities():
+    """Same draw twice; friction within its range; all six gravities and both signs of theta5 occur."""
+    first, again = (random_tee_turns(60, (0.8, 1.0)) for _ in range(2))
+    assert [s.hash for s in first] == [s.hash for s in again]
+    assert {s.world.gravity for s in first} == set(GRAVITIES.values())
+    assert all(0.8 <= s.contact.friction <= 1.0 and s.control.align for s in first)
+    assert min(s.start.theta5_deg for s in first) < -40 < 40 < max(s.start.theta5_deg for s in first)
+
+
+def test_claims_of_driving_hold(runs):
+    """Climb, mean speed, opposite motion, no-motion line, sign change, unequal arms."""
+    measures = (driving.climb, theory.mean_speed, driving.past_180, driving.no_motion_line, driving.sign_change)
+    for measure in (*measures, theory.unequal_arms, turning.compression):
+        claim = measure(runs)
+        assert claim.holds, claim
+        assert claim.how
+
+
+def test_claims_can_fail(runs):
+    """Measured on the wrong runs the verdict is false: a climb is no no-motion line, upright is no flat pipe."""
+    wrong = {"no_motion_line": runs["vertical_climb"], "rolled_past_180": runs["vertical_climb"]}
+    assert not driving.no_motion_line(wrong).holds
+    assert not driving.past_180(wrong).holds
+    upright = runs["rolling_upright"]
+    assert not theory.unequal_arms({"rolling_upright": upright, "rolling_flat": upright}).holds
+
+
+def test_region_claims_show_the_papers_slip():
+    """Sector and rates hold; 11.78 fails and says why."""
+    verdicts = {c.id: c for c in theory.region({})}
+    assert [c.holds for c in verdicts.values()] == [True, False, True, True]
+    assert "11.73" in verdicts["singularity_margin"].note
+
+
+def test_least_preload_is_the_friction_law():
+    """m g / (3 mu)."""
+    assert least_preload(Robot(), 0.5) == pytest.approx(1.0 * 9.81 / 1.5)
+
+
+def test_rate_counts_and_gives_its_interval(runs):
+    """One of one."""
+    passed, total, text = turning.rate(runs["vertical_climb"])
+    assert (passed, total) == (1, 1)
+    assert "1 of 1 (100.0 %, 95 % interval 20.7 to 100.0)" in text
+    assert runs["vertical_climb"][0].outcome is Outcome.REACHED_GOAL
+
+
+class _Links(html.parser.HTMLParser):
+    """Collects ids and references of a page."""
+
+    def __init__(self):
+        super().__init__()
+        self.sources, self.anchors, self.ids = [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        named = dict(attrs)
+        self.sources += [v for k, v in named.items() if k == "src"]
+        self.anchors += [v for k, v in named.items() if k == "href"]
+        self.ids += [v for k, v in named.items() if k == "id"]
+
+
+def test_page_needs_no_network_and_escapes_text():
+    """Pictures are inside, links lead within the page, the paper's words are not markup."""
+    picture = Picture("x", "A caption", b"<svg/>", "svg")
+    strip = Strip("A run", [np.zeros((4, 6, 3), np.uint8)] * 2, [0.0, 1.5])
+    text = page([CLAIM], [picture], [strip], {"seed": 7}, ["A remark."])
+    links = _Links()
+    links.feed(text)
+    assert len(links.sources) == 3
+    assert all(source.startswith("data:image/") for source in links.sources)
+    assert [anchor.lstrip("#") for anchor in links.anchors] == links.ids == ["a_b"]
+    assert "says &lt;b&gt; &amp;" in text
+    assert "http" not in text.replace("http-equiv", "")
+    assert "1.5 s" in text
+
+
+def test_claims_go_to_json():
+    """Every field and the verdict."""
+    row = json.loads(json.dumps(CLAIM.row()))
+    assert row["verdict"] == "holds"
+    assert {"id", "source", "paper", "statement", "measured", "uncertainty", "how", "note"} < set(row)
+
+
+def test_a_foreign_folder_is_refused_before_anything_runs(tmp_path, monkeypatch):
+    """A folder with other files in it is left alone."""
+    (tmp_path / "thesis.tex").write_text("mine")
+    monkeypatch.setattr(command, "run_all", lambda *_: pytest.fail("ran"))
+    with pytest.raises(OutputError, match="choose another folder"):
+        command.reproduce(tmp_path, quick=True)
+    assert (tmp_path / "thesis.tex").read_text() == "mine"
