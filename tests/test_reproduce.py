@@ -5,10 +5,12 @@ import json
 
 import numpy as np
 import pytest
+from samples import sample_result
 
-from omnitrack_sim import Outcome
+from omnitrack_sim import Outcome, override
 from omnitrack_sim.errors import OutputError
 from omnitrack_sim.reproduce import Claim, command, driving, theory, turning
+from omnitrack_sim.reproduce.command import _at, _by_friction
 from omnitrack_sim.reproduce.report import Picture, Strip, page
 from omnitrack_sim.reproduce.runs import GRAVITIES, least_preload, random_tee_turns, run_all, scenarios
 from omnitrack_sim.robot import Robot
@@ -133,3 +135,25 @@ def test_a_foreign_folder_is_refused_before_anything_runs(tmp_path, monkeypatch)
     with pytest.raises(OutputError, match="choose another folder"):
         command.reproduce(tmp_path, quick=True)
     assert (tmp_path / "thesis.tex").read_text() == "mine"
+
+
+def _results(**changes):
+    base = sample_result()
+    key = next(iter(changes))
+    path = {"friction": "contact.friction", "theta5": "start.theta5_deg"}[key]
+    return [sample_result(scenario=override(base.scenario, {path: value})) for value in changes[key]]
+
+
+def test_trials_are_counted_by_friction():
+    """A range holds its lower end and not its upper one."""
+    groups = _by_friction(_results(friction=[0.6, 0.62, 0.65, 0.9]))
+    assert [(name, total) for name, _, total in groups] == [
+        ("friction 0.60 to 0.65", 2),
+        ("friction 0.65 to 0.70", 1),
+        ("friction 0.90 to 0.95", 1),
+    ]
+
+
+def test_nearest_orientation_is_found():
+    """Of -60, 0 and 30 degrees 5 is nearest to 0."""
+    assert _at(_results(theta5=[-60.0, 0.0, 30.0]), 5.0).scenario.start.theta5_deg == 0.0

@@ -163,6 +163,10 @@ def figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
             contact_map_figure(misaligned, misaligned.scenario.route()),
         ),
         "forces_along_the_way": ("Traction, normal force and slip over arc length.", along_figure(misaligned)),
+        "fig10_speeds": (
+            "Fig. 10(b): shaft speeds through the 90 mm elbow by Eq. 20, open loop, preferred orientation.",
+            angular_velocity_figure(_at(runs["elbow_90_paper"], 0.0)),
+        ),
         "elbow_240": ("Fig. 10: elbow of 240 mm by controller.", elbow_figure(_elbows(runs, "240"))),
         "elbow_90": ("Fig. 15: elbow of 90 mm by controller.", elbow_figure(_elbows(runs, "90"))),
         "success_by_friction": (
@@ -175,6 +179,11 @@ def figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
             along_figure(slippery),
         ),
     }
+
+
+def _at(results: Sequence[Result], theta5_deg: float) -> Result:
+    """The run that starts nearest to an orientation."""
+    return min(results, key=lambda r: abs(r.scenario.start.theta5_deg - theta5_deg))
 
 
 def _by_friction(results: Sequence[Result], step: float = 0.05) -> list[tuple[str, int, int]]:
