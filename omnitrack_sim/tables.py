@@ -130,6 +130,7 @@ class Control(Table):
     rotation_limit: Positive = 15.0  # rad/m
     speed_limit: Positive = 0.2  # m/s, of a belt
     tee_turn_radius: Positive = TEE_TURN_RADIUS  # m, arc from run to branch
+    elbow_delay: Annotated[float, Field(ge=0, le=1)] = 0.0  # m, head past the bend's start when "paper" begins an elbow
     safe_margin_deg: Annotated[float, Field(gt=0, le=60)] | None = None  # of theta5; none: by the robot's reach
 
 

@@ -78,3 +78,12 @@ def test_a_failed_turn_is_tried_again():
     backing = phases == "back_off"
     assert tried.trajectory["distance"][backing].min() < 0.38 - tried.scenario.robot.length / 2
     assert 1 <= len([e for e in tried.events if "backs off" in e]) <= 2
+
+
+def test_an_elbow_can_begin_later():
+    """With a delay of 50 mm the turn begins with the head 50 mm past the bend's start."""
+    _, result = _turn_speeds("elbow_short", 0.0, **{"control.elbow_delay": 0.05, "physics.time_limit": 3.0})
+    trajectory = result.trajectory
+    begin = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("elbow"))[0]
+    head = trajectory["distance"][begin] + result.scenario.robot.length / 2
+    assert head == pytest.approx(result.scenario.route().fittings[1].s_bend_start + 0.05, abs=0.005)

@@ -76,6 +76,7 @@ class Settings:
     rotation_limit: Array  # rad/m
     speed_limit: Array  # m/s
     safe_margin: Array  # rad
+    elbow_delay: Array  # m
     goal_distance: Array  # m
 
 

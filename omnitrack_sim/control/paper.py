@@ -69,7 +69,8 @@ class PaperController:
         """Begin turns whose mark the head has passed, end those that are complete."""
         head = place.distance + self.robot.length / 2
         new = (self.turning < 0) & (place.passage > self.turned) & self.guide.is_turn[place.passage]
-        begins = new & (head >= self.trigger[place.passage]) & ~self.resting
+        delay = np.where(self.kind[place.passage] == ELBOW, self.settings.elbow_delay, 0.0)
+        begins = new & (head >= self.trigger[place.passage] + delay) & ~self.resting
         self.turning = np.where(begins, place.passage, self.turning)
         if begins.any():
             self.turn_speeds = np.where(begins[:, None], self._speeds(place), self.turn_speeds)

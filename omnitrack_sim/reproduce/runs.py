@@ -53,6 +53,8 @@ def scenarios(quick: bool) -> dict[str, list[Scenario]]:
     for radius, name in (("240", "elbow"), ("90", "elbow_short")):
         for kind in ("jacobian", "paper", "equal"):
             lists[f"elbow_{radius}_{kind}"] = _orientations(load_scenario(name), bend, {**free, "control.kind": kind})
+    late = {**free, "control.kind": "paper", "control.elbow_delay": Robot().length / 2}
+    lists["elbow_240_paper_late"] = _orientations(load_scenario("elbow"), bend, late)
     lists["aligned"] = random_tee_turns(trials, (0.8, 1.0))
     lists["slippery"] = random_tee_turns(trials, (0.6, 0.8))
     lists["few_lugs"] = random_tee_turns(trials, (0.8, 1.0), {"robot.lugs_per_track": 5})

@@ -112,6 +112,7 @@ def settings_of(scenarios: Sequence[Scenario], guide: Guide) -> tuple[Settings, 
         rotation_limit=np.array([c.rotation_limit for c in control]),
         speed_limit=np.array(limit),
         safe_margin=np.array([_safe_margin(s, radius) for s in scenarios]),
+        elbow_delay=np.array([c.elbow_delay for c in control]),
         goal_distance=np.array([s.goal_distance for s in scenarios]),
     )
     return settings, notes
