@@ -89,7 +89,7 @@ class Scenario(Table):
 
     def model_key(self) -> str:
         """What the compiled model depends on; scenarios with equal keys can share a batch."""
-        physics = self.physics.model_dump(include={"timestep", "wall_tolerance", "staves"})
+        physics = self.physics.model_dump(include={"timestep", "collider", "wall_tolerance", "staves"})
         start = self.start.model_dump(include={"axis", "turn_deg"})
         robot = self.robot.model_dump(exclude=PER_TRIAL_ROBOT_FIELDS)
         pipes = [pipe.model_dump() for pipe in self.pipes]

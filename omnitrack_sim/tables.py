@@ -134,6 +134,9 @@ class Control(Table):
     safe_margin_deg: Annotated[float, Field(gt=0, le=60)] | None = None  # of theta5; none: by the robot's reach
 
 
+ColliderName = Literal["primitives", "exact"]
+
+
 class Physics(Table):
     """Numerics."""
 
@@ -141,6 +144,7 @@ class Physics(Table):
     control_period: Annotated[float, Field(gt=0, le=0.05)] = 0.01  # s
     record_period: Annotated[float, Field(gt=0, le=1)] = 0.02  # s
     time_limit: Positive | None = None  # s; none: four times the route at cruise speed, and 20 s
+    collider: ColliderName = "primitives"  # walls of boxes and lugs, or "exact" surfaces and whole tracks (extra fast)
     wall_tolerance: Annotated[float, Field(ge=1e-6, le=2e-3)] = 1e-4  # m, walls against the exact surface
     staves: Annotated[int, Field(ge=8, le=720)] | None = None  # wall pieces around a bore; none: by tolerance
 

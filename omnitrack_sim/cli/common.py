@@ -42,6 +42,13 @@ SetOption = Annotated[
 ]
 
 
+FastOption = Annotated[
+    bool, typer.Option("--fast", help="Exact walls and whole tracks, compiled (physics.collider = exact; extra fast).")
+]
+FAST = 'physics.collider="exact"'
+"""What ``--fast`` sets."""
+
+
 def load(source: str, assignments: list[str] | None) -> Scenario:
     """The scenario of a file or name, with the overrides of ``--set``."""
     from omnitrack_sim.scenario import load_scenario, override

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from omnitrack_sim.cli.common import ScenarioArgument, SetOption, app, err, load, out, plain, progress
+from omnitrack_sim.cli.common import FAST, FastOption, ScenarioArgument, SetOption, app, err, load, out, plain, progress
 from omnitrack_sim.errors import Fault, RenderError, ScenarioError
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 def run(
     scenario: ScenarioArgument,
     assignments: SetOption = None,
+    fast: FastOption = False,
     folder: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Where the results go; out/NAME when not given.")
     ] = None,
@@ -32,7 +33,7 @@ def run(
     from omnitrack_sim.sim.result import check_output, run_folder
     from omnitrack_sim.sim.runner import run as run_scenario
 
-    loaded = load(scenario, assignments)
+    loaded = load(scenario, [*(assignments or []), *([FAST] if fast else [])])
     if video:
         _check_camera(camera)
     target = folder or Path("out") / loaded.name

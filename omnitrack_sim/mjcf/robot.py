@@ -14,6 +14,7 @@ import math
 import mujoco
 import numpy as np
 
+from omnitrack_sim.collider import line_record
 from omnitrack_sim.frames import quaternion_from_matrix, rotation_about
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.trajectory import TRACKS
@@ -38,8 +39,10 @@ FREE_SPRING_LENGTH = 10.0
 """Upper end of the springs' dead band, m: springs push only."""
 
 
-def add_robot(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
+def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -> mujoco.MjsBody:
     """Add the robot to the world at the origin, robot frame = world frame; returns the chassis.
+
+    With ``line_tracks`` each row of lugs is one capsule from its first lug to its last, for the compiled collider.
 
     Bodies ``chassis``, ``arm_i``, ``module_i``, ``track_upper_i``, ``track_lower_i`` for i = 1, 2, 3. Joints ``robot``
     (free), ``slide_i``, ``pitch_i``, ``roll_i``, ``belt_upper_i``, ``belt_lower_i`` (tied: the two runs of one chain).
@@ -54,7 +57,7 @@ def add_robot(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
         arm = _add_arm(chassis, robot, number, angle)
         module = _add_module(arm, robot, number)
         for track, side in zip(TRACKS, (1.0, -1.0), strict=True):
-            _add_track(module, robot, f"{track}_{number}", side)
+            _add_track(module, robot, f"{track}_{number}", side, line_tracks)
             _add_contact_sensor(spec, f"{track}_{number}")
         _add_springs(spec, robot, number)
         _add_roll_motor(spec, robot, number)
@@ -109,7 +112,7 @@ def _add_module(arm: mujoco.MjsBody, robot: Robot, number: int) -> mujoco.MjsBod
     return module
 
 
-def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float) -> None:
+def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, line: bool) -> None:
     """One run of the chain: a row of sphere lugs along z, ``side`` = 1 above the module axis, -1 below it.
 
     A positive belt speed moves the upper run backward, which drives forward where it is at the wall, and the lower run
@@ -121,12 +124,18 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float) -> 
     track.add_joint(
         name=f"belt_{name}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, -side], armature=belt_inertia(robot) / 2
     )
-    for index, z in enumerate(lug_places(robot)):
+    places, radius = lug_places(robot), robot.lug_radius - robot.track_offset
+    row = {
+        "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
+        "size": [radius, places[-1], 0],
+        "userdata": line_record(lug_pitch(robot)),
+    }
+    lug = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [radius, 0, 0]}
+    for index, z in enumerate([0.0] if line else places):
         track.add_geom(
-            name=f"lug_{name}_{index}",
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            size=[robot.lug_radius - robot.track_offset, 0, 0],
+            name=f"line_{name}" if line else f"lug_{name}_{index}",
             pos=[side * robot.track_offset, 0, z],
+            **(row if line else lug),
             contype=LUG_CONTYPE,
             conaffinity=LUG_CONAFFINITY,
             condim=3,

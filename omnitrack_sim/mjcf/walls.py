@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
+from omnitrack_sim.collider.record import RECORD_SIZE, bounding_box, wall_record
 from omnitrack_sim.frames import Array, Pose, unit
 from omnitrack_sim.pipes import Elbow, PipeNetwork, Straight, Tee
 from omnitrack_sim.pipes.fittings import Fitting
@@ -77,6 +78,33 @@ def add_walls(spec: mujoco.MjSpec, network: PipeNetwork, tolerance: float = 1e-4
             _add_geom(spec, f"rim_{part.name}_{index}", mujoco.mjtGeom.mjGEOM_CAPSULE, size=[radius, 0, 0], fromto=ends)
         count += len(pieces.boxes) + len(pieces.capsules)
     return count
+
+
+def add_exact_walls(spec: mujoco.MjSpec, network: PipeNetwork) -> int:
+    """Add one geom a fitting to the world body, for the compiled collider; returns their number.
+
+    Each is a height field, of which only the box around the bore and the user data count, which say what it is.
+    """
+    spec.nuser_geom = RECORD_SIZE
+    taken = {end: other for a, b in network.joints for end, other in ((a, b), (b, a))}
+    for index, part in enumerate(network.parts):
+        # A track is no longer carried beyond an open end, nor by a straight wall where an elbow bends away.
+        neighbours = [taken.get((index, port)) for port in part.fitting.ports]
+        ends = [n is None or isinstance(network.parts[n[0]].fitting, Elbow) for n in neighbours]
+        centre, half = bounding_box(part.fitting)
+        pose = part.pose @ Pose(np.eye(3), centre)
+        name = f"wall_{part.name}"
+        spec.add_hfield(name=name, nrow=2, ncol=2, size=[half[0], half[1], half[2], half[2]], userdata=[0, 0, 1, 1])
+        _add_geom(
+            spec,
+            name,
+            mujoco.mjtGeom.mjGEOM_HFIELD,
+            hfieldname=name,
+            pos=pose.position,
+            quat=pose.quaternion,
+            userdata=wall_record(part.fitting, tuple(ends)),
+        )
+    return len(network.parts)
 
 
 def _add_geom(spec: mujoco.MjSpec, name: str, kind: mujoco.mjtGeom, **shape: object) -> None:

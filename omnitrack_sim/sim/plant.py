@@ -69,6 +69,12 @@ class Readings:
     contact_position: Array  # (n, 3, 3) m
 
 
+def _touching_geoms(model: mujoco.MjModel, body: int) -> list[int]:
+    """Geoms of a body that collide: the lugs of a track, or the one line in their place."""
+    first, count = model.body_geomadr[body], model.body_geomnum[body]
+    return [g for g in range(first, first + count) if model.geom_contype[g]]
+
+
 class Plant:
     """n copies of a model, each with its own start, friction, gravity and springs, stepped on ``threads`` threads."""
 
@@ -96,11 +102,8 @@ class Plant:
         self._contact = np.array(contact)[:, :, None] + np.arange(7)  # (3, 2, 7)
         self._velocity = np.array([model.sensor(f"velocity_{i}").adr[0] for i in NUMBERS])[:, None] + np.arange(3)
         self._spin = np.array([model.sensor(f"spin_{i}").adr[0] for i in NUMBERS])[:, None] + np.arange(3)
-        lugs = range(self.robot.lugs_per_track)
-        self._lugs = np.array(
-            [[[model.geom(f"lug_{t}_{i}_{k}").id for k in lugs] for t in TRACKS] for i in NUMBERS]
-        )  # (3, 2, K)
         self._tracks = np.array([[model.body(f"track_{t}_{i}").id for t in TRACKS] for i in NUMBERS])  # (3, 2)
+        self._lugs = np.array([[_touching_geoms(model, body) for body in pair] for pair in self._tracks])  # (3, 2, K)
         self._springs = np.array([model.tendon(f"spring_{e}_{i}").id for e in ("front", "rear") for i in NUMBERS])
         self._belts = np.array([[model.joint(f"belt_{t}_{i}").qposadr[0] for t in TRACKS] for i in NUMBERS])  # (3, 2)
         self._belt_dofs = np.array([[model.joint(f"belt_{t}_{i}").dofadr[0] for t in TRACKS] for i in NUMBERS])

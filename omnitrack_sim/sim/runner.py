@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.collider import why_not
 from omnitrack_sim.control import CONTROLLERS, Command, Observation
 from omnitrack_sim.control.drive import Drive
 from omnitrack_sim.control.guide import Guide, Place
@@ -19,7 +20,7 @@ from omnitrack_sim.sim.monitor import Monitor
 from omnitrack_sim.sim.plant import Plant, Readings
 from omnitrack_sim.sim.recorder import Recorder
 from omnitrack_sim.sim.result import Result, provenance_of
-from omnitrack_sim.sim.setup import motor_of, scene_of, settings_of, trials_of
+from omnitrack_sim.sim.setup import motor_of, scene_of, settings_of, trials_of, uses_exact_collider
 
 Progress = Callable[[float, str], None]
 """Called with the part done, 0 to 1, and a word about the run."""
@@ -81,6 +82,10 @@ class BatchRun:
         self.guide = Guide(first.route(), start)
         trials = trials_of(scenarios, self.guide)
         self.settings, self.notes = settings_of(scenarios, self.guide)
+        self.collider = "exact" if uses_exact_collider(first) else "primitives"
+        if self.collider != first.physics.collider:
+            text = f"exact collider not used: {why_not()}; walls and tracks are primitives"
+            self.notes = [text if note is None else f"{note}; {text}" for note in self.notes]
         self.plant = Plant(scene_of(first).compile(), first.robot, trials, threads)
         motor = motor_of(first.robot)
         limits = [motor_of(s.robot).torque_limit for s in scenarios]
@@ -220,7 +225,7 @@ class BatchRun:
                     duration_s=float(end_time[i]),
                     metrics=metrics,
                     trajectory=trajectory,
-                    provenance=provenance_of(scenario),
+                    provenance=provenance_of(scenario) | {"collider": self.collider},
                     events=[*([] if note is None else [note]), *self.controller.events[i]],
                 )
             )

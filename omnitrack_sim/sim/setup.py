@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from omnitrack_sim.collider import why_not
 from omnitrack_sim.control import Settings
 from omnitrack_sim.control.drive import MOTORS, Motor
 from omnitrack_sim.control.guide import Guide
@@ -20,15 +21,22 @@ from omnitrack_sim.sim.plant import Trials
 from omnitrack_sim.singularity import safe_margin, sector_angle
 
 
+def uses_exact_collider(scenario: Scenario) -> bool:
+    """Whether a run of the scenario has exact walls: it asks for them and the compiled collider loads here."""
+    return scenario.physics.collider == "exact" and why_not() is None
+
+
 def scene_of(scenario: Scenario, *, looks: bool = False) -> mujoco.MjSpec:
     """The scenario's pipes and robot as one MjSpec; ``looks`` adds what pictures need."""
     physics = scenario.physics
+    exact = uses_exact_collider(scenario) and not looks
     return build_scene(
         scenario.route(),
         scenario.robot,
         timestep=physics.timestep,
         wall_tolerance=physics.wall_tolerance,
         staves=physics.staves,
+        exact=exact,
         looks=looks,
     )
 

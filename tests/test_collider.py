@@ -1,0 +1,213 @@
+"""The exact collider: its surfaces, its contacts, and the same runs as with walls of primitives."""
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+import omnitrack_sim as ot
+from omnitrack_sim.collider import RECORD_SIZE, bounding_box, install, wall_record
+from omnitrack_sim.frames import unit
+from omnitrack_sim.pipes import Elbow, Straight, Tee
+from omnitrack_sim.sim.setup import scene_of, start_qpos
+
+line = pytest.importorskip("omnitrack_sim.collider.line")
+
+FITTINGS = {
+    "straight": Straight(0.4),
+    "elbow_240": Elbow(0.24),
+    "elbow_90": Elbow(0.09),
+    "elbow_30_degrees": Elbow(0.2, math.radians(30)),
+    "u_bend": Elbow(0.12, math.pi),
+    "tee": Tee(),
+    "tee_sharper": Tee(fillet_radius=0.002),
+}
+RADIUS, HALF, PITCH = 0.0266, 0.042, 0.006
+
+
+def contacts(fitting, centre, direction, margin=0.0, ends=(True, True, True)):
+    """Distances (k,), positions and normals (k, 3) of a track's contacts, and places (k,) along its line, m."""
+    con = np.zeros(line.CONTACT_SIZE * line.MOST_CONTACTS)
+    box, _ = bounding_box(fitting)
+    z = direction / np.linalg.norm(direction)
+    x = np.cross(z, [0.6, -0.8, 0.1])
+    x /= np.linalg.norm(x)
+    matrix = np.stack([np.eye(3), np.stack([x, np.cross(z, x), z], axis=-1)])
+    record = wall_record(fitting, ends[: len(fitting.ports)])
+    position = np.stack([box, centre]).ravel()
+    n = line.line_contacts(con, record, 0, position, matrix.ravel(), 1, 0, RADIUS, HALF, PITCH, margin)
+    found = con[: n * line.CONTACT_SIZE].reshape(n, line.CONTACT_SIZE)
+    lug = found[:, 1:4] + found[:, 4:7] * (RADIUS + found[:, :1] / 2)
+    return found[:, 0], found[:, 1:4], found[:, 4:7], (lug - centre) @ z
+
+
+def touching_lines(fitting, count, seed=0):
+    """Centres and directions of lines that press a little into the wall somewhere between the ports."""
+    rng = np.random.default_rng(seed)
+    box, half = bounding_box(fitting)
+    directions = unit(rng.normal(size=(count, 3)))
+    places = np.linspace(-HALF, HALF, 4001)
+    for direction in directions:
+        for _ in range(200):
+            centre = box + rng.uniform(-1, 1, 3) * half
+            points = centre + places[:, None] * direction
+            d, _ = fitting.signed_distance(points)
+            if fitting.extent(points).min() > 0.001 and 0.85 * RADIUS < d.min() < RADIUS:
+                yield centre, direction, places, d
+                break
+
+
+def test_the_compiled_surfaces_are_those_of_the_pipes():
+    """Elbow and tee: distance within 1e-12 m and gradient within 1e-9 of the NumPy functions."""
+    from omnitrack_sim.collider.surface import tee, torus
+
+    rng = np.random.default_rng(1)
+    for fitting in FITTINGS.values():
+        if isinstance(fitting, Straight):
+            continue
+        box, half = bounding_box(fitting)
+        points = box + rng.uniform(-1, 1, (2000, 3)) * half
+        distance, gradient = fitting.signed_distance(points)
+        if isinstance(fitting, Tee):
+            found = np.array([tee(*p, fitting.radius, fitting.fillet_radius)[:4] for p in points])
+        else:
+            found = np.array([torus(*p, fitting.mean_radius, fitting.radius) for p in points])
+        clear = (distance > 0.001) & (fitting.extent(points) > 0)
+        np.testing.assert_allclose(found[clear, 0], distance[clear], atol=1e-12)
+        # On a ridge between two walls the nearest point jumps.
+        same = np.abs(found[:, 1:] - gradient).max(axis=-1) < 1e-9
+        assert same[clear].mean() > 0.999
+
+
+@pytest.mark.parametrize("name", FITTINGS)
+def test_contacts_lie_on_the_wall_and_none_is_missed(name):
+    """Each contact is exact; the deepest point of the line and its pressed ends are among them."""
+    fitting = FITTINGS[name]
+    seen = 0
+    for centre, direction, places, d in touching_lines(fitting, 60):
+        distance, position, normal, s = contacts(fitting, centre, direction)
+        assert len(distance) > 0
+        lug = centre + s[:, None] * direction
+        exact, gradient = fitting.signed_distance(lug)
+        np.testing.assert_allclose(distance, exact - RADIUS, atol=1e-9)
+        np.testing.assert_allclose(normal, gradient, atol=1e-6)
+        wall = position - normal * distance[:, None] / 2
+        np.testing.assert_allclose(fitting.signed_distance(wall)[0], 0.0, atol=1e-8)
+        assert distance.min() <= d.min() - RADIUS + 1e-6
+        for end in (0, -1):
+            if d[end] < RADIUS:
+                assert np.abs(s - places[end]).min() < 1e-9
+        seen += 1
+    assert seen > 20
+
+
+def test_a_line_along_a_straight_rests_on_its_two_ends():
+    """Two contacts, as deep as the line is off the axis; one end alone where the line is tilted away."""
+    pipe = Straight(0.4)
+    offset = pipe.radius - RADIUS + 1e-4
+    distance, _, _, s = contacts(pipe, np.array([offset, 0, 0.2]), np.array([0, 0, 1.0]))
+    np.testing.assert_allclose(distance, -1e-4, atol=1e-12)
+    np.testing.assert_allclose(np.sort(s), [-HALF, HALF])
+    _, _, _, s = contacts(pipe, np.array([offset, 0, 0.2]), np.array([0.01, 0, 1.0]))
+    np.testing.assert_allclose(s, [HALF])
+
+
+def test_where_a_straight_wall_stops_carrying_there_is_a_contact():
+    """At an open end, at a port before an elbow, at a tee's rim; not where another straight goes on."""
+    pipe = Straight(0.4)
+    across = np.array([pipe.radius - RADIUS + 1e-4, 0, 0.38])
+    for ends, count in (((True, True), 2), ((True, False), 1)):
+        _, position, _, _ = contacts(pipe, across, np.array([0, 0, 1.0]), ends=ends)
+        assert len(position) == count
+    assert position[0, 2] == pytest.approx(0.38 - HALF)
+    tee = Tee()
+    place = np.array([tee.radius - RADIUS + 1e-4, 0, -(tee.radius + tee.fillet_radius) - 0.01])
+    _, position, _, s = contacts(tee, place, np.array([0, 0, 1.0]))
+    rim = -(tee.radius + tee.fillet_radius)
+    assert np.abs(position[:, 2] - rim).min() < 0.004
+    assert s.min() == pytest.approx(-HALF)
+
+
+def test_a_line_beyond_the_wall_belongs_to_another_pipe():
+    """Nothing touches from outside, and nothing beyond the ports."""
+    pipe = Straight(0.4)
+    assert len(contacts(pipe, np.array([0.2, 0, 0.2]), np.array([0, 0, 1.0]))[0]) == 0
+    assert len(contacts(pipe, np.array([0.054, 0, 0.6]), np.array([0, 0, 1.0]))[0]) == 0
+
+
+def test_the_bounding_box_holds_the_bore():
+    """Every point of the bore between the ports lies in the box, and the box is no larger than it needs."""
+    rng = np.random.default_rng(2)
+    for fitting in FITTINGS.values():
+        box, half = bounding_box(fitting)
+        points = box + rng.uniform(-1.5, 1.5, (20000, 3)) * half
+        inside = (fitting.signed_distance(points)[0] > 0) & (fitting.extent(points) > 0)
+        if isinstance(fitting, Elbow):  # an elbow's extent goes on round behind its end planes
+            inside &= np.linalg.norm(points - box, axis=-1) < 2 * np.linalg.norm(half)
+        reached = np.abs(points[inside] - box)
+        assert (reached <= half + 1e-9).all()
+        assert (reached.max(axis=0) > 0.9 * half).all()
+
+
+def test_other_height_fields_collide_as_before():
+    """A capsule on a height field without a record: the same state with and without the collider installed."""
+    text = """<mujoco><asset><hfield name="h" nrow="3" ncol="3" size="1 1 .2 .1" elevation="0 0 0 0 1 0 0 0 0"/></asset>
+    <worldbody><geom type="hfield" hfield="h"/><body pos=".1 .2 .5"><freejoint/><geom type="capsule" size=".1 .2"/>
+    </body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    install()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 500)
+    assert data.ncon > 0
+    assert 0.0 < data.qpos[2] < 0.5
+
+
+@pytest.mark.parametrize("name", ["straight", "vertical_climb", "elbow", "elbow_short", "tee_turn"])
+def test_runs_agree_with_primitives(name):
+    """The shipped runs end alike, in the same time within 2 %, with normal forces within 15 %."""
+    scenario = ot.load_scenario(name)
+    ours, exact = ot.run_batch([scenario, ot.override(scenario, {"physics.collider": "exact"})])
+    assert exact.outcome is ours.outcome
+    assert exact.duration_s == pytest.approx(ours.duration_s, rel=0.02)
+    np.testing.assert_allclose(exact.metrics["normal_force_mean_n"], ours.metrics["normal_force_mean_n"], rtol=0.15)
+    assert (exact.provenance["collider"], ours.provenance["collider"]) == ("exact", "primitives")
+
+
+def test_runs_repeat_at_any_thread_count():
+    """Two threads and one give the same bytes."""
+    base = ot.override(ot.load_scenario("tee_turn"), {"physics.collider": "exact", "physics.time_limit": 1.0})
+    trials = [ot.override(base, {"start.theta5_deg": angle}) for angle in (0.0, 20.0, 50.0)]
+    for one, two in zip(ot.run_batch(trials, threads=1), ot.run_batch(trials, threads=2), strict=True):
+        np.testing.assert_array_equal(one.trajectory.qpos, two.trajectory.qpos)
+
+
+def test_walls_stay_exact_under_a_turned_route():
+    """Contacts of a robot in a route that leans: every contact position lies within its depth of the exact surface."""
+    changes = {"physics.collider": "exact", "start.axis": [0.3, -0.5, 0.8], "start.turn_deg": 33.0}
+    scenario = ot.override(ot.load_scenario("elbow_short"), changes)
+    network = scenario.route().network
+    model = scene_of(scenario).compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = start_qpos(scenario, model)
+    data.ctrl[:] = 0
+    mujoco.mj_step(model, data, 100)
+    assert data.ncon >= 6
+    distance, _ = network.signed_distance(data.contact.pos)
+    np.testing.assert_allclose(distance, data.contact.dist / 2, atol=1e-9)
+
+
+def test_without_numba_the_walls_are_primitives(monkeypatch):
+    """The run goes on, and says so."""
+    monkeypatch.setattr("omnitrack_sim.sim.setup.why_not", lambda: "numba is missing")
+    monkeypatch.setattr("omnitrack_sim.sim.runner.why_not", lambda: "numba is missing")
+    scenario = ot.override(ot.load_scenario("straight"), {"physics.collider": "exact", "physics.time_limit": 0.1})
+    result = ot.run(scenario)
+    assert result.provenance["collider"] == "primitives"
+    assert result.events == ["exact collider not used: numba is missing; walls and tracks are primitives"]
+
+
+def test_records_have_their_size():
+    """What the compiled code reads is what is written."""
+    for fitting in FITTINGS.values():
+        assert wall_record(fitting, (True,) * len(fitting.ports)).shape == (RECORD_SIZE,)
