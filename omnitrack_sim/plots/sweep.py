@@ -65,6 +65,8 @@ def sweep_figure(axes: Sequence[Spread], passed: Array, case: TurnCase | None = 
     numbers = [axis for axis in axes if not axis.order]
     words = [axis for axis in axes if axis.order]
     by_orientation = len(numbers) == 1 and numbers[0].name == THETA5
+    if not np.isfinite(passed).any():
+        return styled(lambda: _main_effects(axes, passed))
     if by_orientation and (not words or (len(words) == 1 and len(words[0].order) <= MOST_ROWS)):
         return _orientations(numbers[0], words[0] if words else None, passed, case)
     if len(numbers) == 2 and not words:
@@ -81,6 +83,7 @@ def _orientations(theta5: Spread, rows: Spread | None, passed: Array, case: Turn
     else:
         word = np.array(rows.values)
         by_row = {name: np.where(word == name, passed, np.nan) for name in rows.order}
+        by_row = {name: values for name, values in by_row.items() if np.isfinite(values).any()}
     if case is None:
         return success_figure(degrees, by_row, 0.0)
     real = float(np.degrees((2 * np.pi / case.modules - case.real_sector) / 2))
