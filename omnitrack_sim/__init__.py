@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from omnitrack_sim.plots import plot_singularity, plot_summary
     from omnitrack_sim.render import render_frame, render_video
     from omnitrack_sim.robot import Robot
-    from omnitrack_sim.scenario import Scenario, load_scenario, override, shipped_scenarios
+    from omnitrack_sim.scenario import Scenario, load_scenario, override, shipped_scenarios, shipped_sweeps
     from omnitrack_sim.sim.result import Result, load_result
     from omnitrack_sim.sim.runner import run, run_batch
     from omnitrack_sim.singularity import TurnCase
-    from omnitrack_sim.sweep import Sweep, load_sweep, run_sweep, shipped_sweeps
+    from omnitrack_sim.sweep import Sweep, load_sweep, run_sweep
     from omnitrack_sim.trajectory import Trajectory
 
 __version__ = "0.1.0"
@@ -47,11 +47,11 @@ _HOME = {
     "plots": ("plot_singularity", "plot_summary"),
     "render": ("render_frame", "render_video"),
     "robot": ("Robot",),
-    "scenario": ("Scenario", "load_scenario", "override", "shipped_scenarios"),
+    "scenario": ("Scenario", "load_scenario", "override", "shipped_scenarios", "shipped_sweeps"),
     "sim.result": ("Result", "load_result"),
     "sim.runner": ("run", "run_batch"),
     "singularity": ("TurnCase",),
-    "sweep": ("Sweep", "load_sweep", "run_sweep", "shipped_sweeps"),
+    "sweep": ("Sweep", "load_sweep", "run_sweep"),
     "trajectory": ("Trajectory",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}

@@ -282,7 +282,7 @@ def _choices_at(places: list[str]) -> tuple[str, ...]:
     return tuple(tables[places[0]].model_fields) if places[0] in tables else ()
 
 
-def scenario_folder() -> Path:
+def _scenario_folder() -> Path:
     """Where the shipped scenarios are: inside the installed package, or beside it in a checkout."""
     package = Path(__file__).parent
     inside = package / "_scenarios"
@@ -291,9 +291,14 @@ def scenario_folder() -> Path:
 
 def shipped_scenarios() -> dict[str, Path]:
     """Scenarios that come with the package, by name: the file's path below ``scenarios/`` without its ending."""
-    folder = scenario_folder()
+    folder = _scenario_folder()
     files = [*sorted(folder.glob("*.toml")), *sorted(folder.glob("paper/*.toml"))]
     return {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
+
+
+def shipped_sweeps() -> dict[str, Path]:
+    """Sweep files that come with the package, by name."""
+    return {path.stem: path for path in sorted((_scenario_folder() / "sweeps").glob("*.toml"))}
 
 
 def _find(source: str | Path) -> Path:

@@ -9,9 +9,9 @@ import pytest
 
 import omnitrack_sim
 from omnitrack_sim.cli import app
-from omnitrack_sim.scenario import Scenario, shipped_scenarios
+from omnitrack_sim.scenario import Scenario, shipped_scenarios, shipped_sweeps
 from omnitrack_sim.sweep.axes import AXES
-from omnitrack_sim.sweep.spec import SweepFile, resolve, shipped_sweeps
+from omnitrack_sim.sweep.spec import SweepFile, resolve
 from omnitrack_sim.sweep.table import METRICS
 
 ROOT = Path(__file__).parents[1]

@@ -16,8 +16,7 @@ from omnitrack_sim.errors import Fault, ScenarioError
 @app.command()
 def scenarios(as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False) -> None:
     """List the scenarios and sweeps that come with the package; `omnitrack run NAME` and `sweep NAME` find them."""
-    from omnitrack_sim.scenario import shipped_scenarios
-    from omnitrack_sim.sweep import shipped_sweeps
+    from omnitrack_sim.scenario import shipped_scenarios, shipped_sweeps
 
     rows = {name: _comment(path) for name, path in shipped_scenarios().items()}
     sweeps = {name: _comment(path) for name, path in shipped_sweeps().items()}

@@ -79,7 +79,7 @@ def _orientations(theta5: Spread, rows: Spread | None, passed: Array, case: Turn
     if len(np.unique(degrees)) > MOST_ORIENTATIONS:
         degrees = np.round(degrees)
     if rows is None:
-        by_row = {"passed": passed}
+        by_row = {"all trials": passed}
     else:
         word = np.array(rows.values)
         by_row = {name: np.where(word == name, passed, np.nan) for name in rows.order}

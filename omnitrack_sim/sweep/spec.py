@@ -19,7 +19,7 @@ from omnitrack_sim.scenario import (
     fault_of,
     load_scenario,
     override,
-    scenario_folder,
+    shipped_sweeps,
     validate,
 )
 from omnitrack_sim.sweep import trials
@@ -161,11 +161,6 @@ def resolve(data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str
         raise SweepError(faults)
     fields = {name: getattr(file, name) for name in _Plan.model_fields}
     return Sweep(**fields, bases=bases)
-
-
-def shipped_sweeps() -> dict[str, Path]:
-    """Sweeps that come with the package, by name."""
-    return {path.stem: path for path in sorted((scenario_folder() / "sweeps").glob("*.toml"))}
 
 
 def _find(source: str | Path) -> Path:
