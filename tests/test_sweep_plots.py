@@ -95,7 +95,7 @@ def test_gravity_is_shown_by_its_angle_to_the_run():
     vectors = np.array(sweep.trials()["world.gravity"])
     assert all(name == CLASSES[0] for name, v in zip(spread.values, vectors, strict=True) if v[2] < -4)
     (words,) = spreads(resolve({"name": "s", "base": "tee_turn", "axes": [down]}))
-    assert words.order == ("[0, 0, -9.81]", "[9.81, 0, 0]")
+    assert words.order == ("[0.0, 0.0, -9.81]", "[9.81, 0.0, 0.0]")
 
 
 def test_the_case_is_that_of_the_base():

@@ -19,6 +19,7 @@ from omnitrack_sim import OutputError, SweepError, load_sweep, run, run_sweep
 from omnitrack_sim.metrics import summarise
 from omnitrack_sim.sim.runner import run_batch
 from omnitrack_sim.sweep import engine, folder, part, workers
+from omnitrack_sim.sweep.summary import summarise_sweep
 from omnitrack_sim.sweep.table import METRICS
 from omnitrack_sim.sweep.workers import DaskPool, LocalPool, WorkersLost
 
@@ -150,6 +151,28 @@ def test_summary_counts_without_the_invalid(calm, table):
     assert [row["value"] for row in rows] == ["jacobian", "equal"]
     assert sum(row["counted"] for row in rows) == summary["counted"]
     assert {"versions", "git_commit", "platform"} <= set(summary["provenance"]["made_by"][0])
+
+
+def test_groups_of_every_kind_of_value():
+    """Whole numbers, vectors and truth values are grouped, and stand in columns of their kind."""
+    axes = [
+        {"path": "robot.lugs_per_track", "kind": "grid", "start": 2, "stop": 3, "count": 2},
+        {"path": "world.gravity", "kind": "list", "values": [[0, 0, -9.81], [0, 0, 0]], "labels": ["down", "none"]},
+        {"path": "control.align", "kind": "list", "values": [True, False]},
+        {"path": "robot.preload", "kind": "list", "values": [20, 30.5]},
+    ]
+    sweep = small_sweep(axes=axes, set={"physics.time_limit": 0.02, "physics.wall_tolerance": 0.002})
+    table = run_sweep(sweep)
+    kinds = [str(table.schema.field(name).type) for name in table.schema.names[1:7]]
+    assert kinds == ["int64", "double", "double", "double", "bool", "double"]
+    groups = summarise_sweep(sweep, table, [])["groups"]
+    assert [[row["value"] for row in rows] for rows in groups.values()] == [
+        ["2", "3"],
+        ["down", "none"],
+        ["true", "false"],
+        ["20.0", "30.5"],
+    ]
+    assert {row["counted"] for rows in groups.values() for row in rows} == {8}
 
 
 def test_two_workers_give_the_same_bytes(calm, tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import re
 from collections.abc import Callable, Iterator
@@ -99,6 +100,7 @@ def _executor(workers: int | None, dask: str | None) -> Callable[[], Executor] |
     if dask is not None:
         if workers is not None:
             raise InputError(Fault("--workers, --dask", "give one of the two"))
+        logging.disable(logging.ERROR)  # distributed logs each lost connection with its traceback
         return lambda: DaskPool(dask)
     count = workers or len(os.sched_getaffinity(0))
     return None if count == 1 else lambda: LocalPool(count)

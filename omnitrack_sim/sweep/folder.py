@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.errors import OutputError
 from omnitrack_sim.sim.result import environment
-from omnitrack_sim.sweep.spec import Sweep
+from omnitrack_sim.sweep.spec import FOR_THE_RECORD, Sweep
 from omnitrack_sim.sweep.table import Layout, from_parquet, to_csv, to_parquet
 from omnitrack_sim.sweep.trials import Part
 
@@ -209,7 +209,7 @@ def _told_differences(there: Any, ours: Any) -> str:
 def _differences(there: Any, ours: Any, path: str) -> Iterator[str]:
     if isinstance(there, dict) and isinstance(ours, dict):
         for key in [*there, *(key for key in ours if key not in there)]:
-            if path or key not in ("name", "group_by"):
+            if path or key not in FOR_THE_RECORD:
                 yield from _differences(there.get(key, _Nothing), ours.get(key, _Nothing), f"{path}.{key}".lstrip("."))
     elif isinstance(there, list) and isinstance(ours, list):
         for i in range(max(len(there), len(ours))):

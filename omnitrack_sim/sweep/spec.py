@@ -30,6 +30,8 @@ from omnitrack_sim.tables import Table
 MOST_TRIALS = 1_000_000
 MOST_LISTED, MOST_GRID = 12, 24
 """Values up to which a list or grid axis makes groups of the summary when the file names none."""
+FOR_THE_RECORD = ("name", "group_by", "set")
+"""Keys of a resolved sweep that the table does not depend on."""
 _SAMPLINGS = ("latin_hypercube", "sobol")
 
 
@@ -53,9 +55,15 @@ class SweepFile(_Plan):
 
 
 class Sweep(_Plan):
-    """A resolved sweep: base scenarios in full, axes, sampling. ``bases`` by name; several make the axis ``base``."""
+    """A resolved sweep.
+
+    Attributes:
+        bases: base scenarios in full, with all changes, by name; several make the axis ``base``.
+        set: the changes, for the record.
+    """
 
     bases: dict[str, Scenario]
+    set: dict[str, Any]
 
     def trials(self) -> dict[str, list[Any]]:
         """The axis values, one a trial, by the axis' first path; ``base`` first where there are several."""
@@ -85,14 +93,14 @@ class Sweep(_Plan):
     @property
     def hash(self) -> str:
         """SHA-256 of what the table depends on: all but the name, the groups and the labels."""
-        told = self.model_dump(mode="json", exclude={"name": True, "group_by": True, "axes": {"__all__": {"labels"}}})
+        left_out = dict.fromkeys(FOR_THE_RECORD, True) | {"axes": {"__all__": {"labels"}}}
+        told = self.model_dump(mode="json", exclude=left_out)
         return hashlib.sha256(json.dumps([trials.FORMAT, told], sort_keys=True).encode()).hexdigest()
 
     @property
     def crossed(self) -> dict[str, list[Any]]:
-        """The different values of ``base`` and of each crossed axis, by name."""
-        bases = {BASE: list(self.bases)} if len(self.bases) > 1 else {}
-        return bases | {axis.name: axis.values_of() for axis in self.axes if isinstance(axis, GridAxis | ListAxis)}
+        """The values of ``base``, where there are several, and of each crossed axis, by name."""
+        return trials.crossed_values(self._plain, self.axes)
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -160,7 +168,7 @@ def resolve(data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str
     if faults:
         raise SweepError(faults)
     fields = {name: getattr(file, name) for name in _Plan.model_fields}
-    return Sweep(**fields, bases=bases)
+    return Sweep(**fields, bases=bases, set=file.set | dict(changes or {}))
 
 
 def _find(source: str | Path) -> Path:

@@ -99,7 +99,6 @@ def expand(
         bases: plain base scenarios by name; several make the first axis, ``BASE``.
         axes: of the sweep. samples, sampling, seed: of the random ones; every combination has the same draws.
     """
-    first = next(iter(bases.values()))
     random = [axis for axis in axes if not axis.crossed]
     points = unit_points(samples if random else 1, sum(axis.dimensions for axis in random), sampling, seed)
     drawn: Columns = {}
@@ -107,11 +106,7 @@ def expand(
     for axis in random:
         drawn[axis.name] = axis.draw(points[:, used : used + axis.dimensions])
         used += axis.dimensions
-    crossed: Columns = {BASE: list(bases)} if len(bases) > 1 else {}
-    for axis in axes:
-        if axis.crossed:
-            present = value_at(first, matches(first, axis.name)[0])
-            crossed[axis.name] = [fitted(value, present) for value in axis.values_of()]
+    crossed = crossed_values(bases, axes)
     columns: Columns = {name: [] for name in (*([BASE] if len(bases) > 1 else []), *(axis.name for axis in axes))}
     for combination in itertools.product(*crossed.values()):
         for name, value in zip(crossed, combination, strict=True):
@@ -119,6 +114,17 @@ def expand(
         for name, values in drawn.items():
             columns[name] += values
     return columns
+
+
+def crossed_values(bases: Mapping[str, Mapping[str, Any]], axes: Sequence[AxisTable]) -> Columns:
+    """The values of ``BASE``, where there are several, and of each crossed axis."""
+    first = next(iter(bases.values()))
+    values: Columns = {BASE: list(bases)} if len(bases) > 1 else {}
+    for axis in axes:
+        if axis.crossed:
+            present = value_at(first, matches(first, axis.name)[0])
+            values[axis.name] = [fitted(value, present) for value in axis.values_of()]
+    return values
 
 
 def count(bases: int, axes: Sequence[AxisTable], samples: int) -> int:
