@@ -233,14 +233,25 @@ def test_a_damaged_part_is_run_again(calm, tmp_path, damage):
 
 
 def test_another_sweep_is_refused_and_the_difference_named(calm):
-    """A changed axis is named with both values; names and groups may change."""
+    """A changed axis is named with both values."""
     other = small_sweep(samples=6, set={"physics.time_limit": 0.2, "physics.wall_tolerance": 0.002})
     with pytest.raises(OutputError, match="samples is 5 there and 6 here") as caught:
         run_sweep(other, calm)
     assert "bases.straight.physics.time_limit is 0.1 there and 0.2 here" in str(caught.value)
     assert "another folder" in str(caught.value)
-    assert run_sweep(small_sweep(name="renamed", group_by=[]), calm).num_rows == 10
-    run_sweep(small_sweep(), calm)
+
+
+def test_a_renamed_sweep_is_told_anew_and_not_run_again(calm, tmp_path, monkeypatch):
+    """Name and groups of a finished sweep may change: summary and sweep.json follow, no trial is run."""
+    place = tmp_path / "sweep"
+    run_sweep(small_sweep(), place)
+    monkeypatch.setattr(engine, "run_part", None)
+    run_sweep(small_sweep(name="renamed", group_by=[]), place)
+    summary = json.loads((place / "summary.json").read_text())
+    assert (summary["name"], summary["groups"]) == ("renamed", {})
+    assert json.loads((place / "sweep.json").read_text())["sweep"]["name"] == "renamed"
+    run_sweep(small_sweep(), place)
+    assert same(calm, place)
 
 
 def test_a_folder_with_other_files_is_refused(tmp_path):

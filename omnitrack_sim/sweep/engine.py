@@ -75,6 +75,8 @@ def run_sweep(
     if isinstance(store, Folder):
         table = store.finished()
         if table is not None:
+            if store.renamed:
+                _write(sweep, table, store, store.makers())
             return table
     _run_missing(mine, store, layout, executor, progress)
     return _finish(sweep, parts, mine, store, layout)
@@ -140,8 +142,13 @@ def _finish(
     _refuse_all_invalid(table)
     if isinstance(store, Folder):
         makers = {part.schema.metadata[b"made_by"].decode() for part in present}
-        store.finish(table, summarise_sweep(sweep, table, makers), lambda: draw_map(sweep, table))
+        _write(sweep, table, store, makers)
     return table
+
+
+def _write(sweep: Sweep, table: pa.Table, folder: Folder, makers: set[str]) -> None:
+    """The files of the whole."""
+    folder.finish(table, summarise_sweep(sweep, table, makers), lambda: draw_map(sweep, table))
 
 
 def _refuse_all_invalid(table: pa.Table) -> None:

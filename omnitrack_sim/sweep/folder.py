@@ -36,7 +36,7 @@ _MOST_TOLD = 5
 
 
 class Folder:
-    """The folder of one sweep.
+    """The folder of one sweep. ``renamed``: its name, groups or labels have changed since it was begun.
 
     Raises:
         OutputError: it holds another sweep or other files, or cannot be written.
@@ -60,9 +60,10 @@ class Folder:
         (self.path / PARTS).mkdir(parents=True, exist_ok=True)
         for place in (self.path, self.path / PARTS):
             _sweep_out(place)
-        if there is None or there["sweep"] != ours["sweep"]:
-            text = json.dumps(ours | environment(), indent=2) + "\n"
-            write_whole(self.path / SWEEP_FILE, text.encode())
+        self._description = (json.dumps(ours | environment(), indent=2) + "\n").encode()
+        self.renamed = there is not None and there["sweep"] != ours["sweep"]
+        if there is None:
+            write_whole(self.path / SWEEP_FILE, self._description)
 
     def _there(self) -> dict[str, Any] | None:
         """What ``sweep.json`` says; None in a folder that holds nothing yet, or parts only."""
@@ -110,12 +111,22 @@ class Folder:
         ours = table.schema.equals(self.layout.schema, check_metadata=True) and table.num_rows == self.layout.total
         return table if ours else None
 
+    def makers(self) -> set[str]:
+        """What made the parts of a finished sweep, as JSON."""
+        try:
+            summary = json.loads((self.path / SUMMARY_FILE).read_text(encoding="utf-8"))
+            return {json.dumps(maker, sort_keys=True) for maker in summary["provenance"]["made_by"]}
+        except (ValueError, KeyError, TypeError) as error:
+            raise OutputError(f"{self.path / SUMMARY_FILE}: is damaged ({error}); remove it to have it anew") from error
+
     def finish(self, table: pa.Table, summary: Mapping[str, Any], draw: Callable[[], bytes]) -> None:
         """Write the files of a finished sweep, the table last."""
         with told(self.path):
             write_whole(self.path / CSV_FILE, to_csv(table))
             write_whole(self.path / SUMMARY_FILE, (json.dumps(summary, indent=2) + "\n").encode())
             write_whole(self.path / MAP_FILE, draw())
+            if self.renamed:
+                write_whole(self.path / SWEEP_FILE, self._description)
             write_whole(self.path / TABLE_FILE, to_parquet(table))
 
     def _file(self, part: Part) -> Path:
