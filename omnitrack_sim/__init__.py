@@ -9,31 +9,49 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from omnitrack_sim.errors import GeometryError, InputError, OmnitrackError, OutputError, RenderError, ScenarioError
+    from omnitrack_sim.errors import (
+        GeometryError,
+        InputError,
+        OmnitrackError,
+        OutputError,
+        RenderError,
+        ScenarioError,
+        SweepError,
+    )
     from omnitrack_sim.outcome import Outcome
     from omnitrack_sim.pipes import Elbow, PipeNetwork, Step, Straight, Tee, route
     from omnitrack_sim.plots import plot_singularity, plot_summary
     from omnitrack_sim.render import render_frame, render_video
     from omnitrack_sim.robot import Robot
-    from omnitrack_sim.scenario import Scenario, load_scenario, override, shipped_scenarios
+    from omnitrack_sim.scenario import Scenario, load_scenario, override, shipped_scenarios, shipped_sweeps
     from omnitrack_sim.sim.result import Result, load_result
     from omnitrack_sim.sim.runner import run, run_batch
     from omnitrack_sim.singularity import TurnCase
+    from omnitrack_sim.sweep import Sweep, load_sweep, run_sweep
     from omnitrack_sim.trajectory import Trajectory
 
 __version__ = "0.1.0"
 
 _HOME = {
-    "errors": ("GeometryError", "InputError", "OmnitrackError", "OutputError", "RenderError", "ScenarioError"),
+    "errors": (
+        "GeometryError",
+        "InputError",
+        "OmnitrackError",
+        "OutputError",
+        "RenderError",
+        "ScenarioError",
+        "SweepError",
+    ),
     "outcome": ("Outcome",),
     "pipes": ("Elbow", "PipeNetwork", "Step", "Straight", "Tee", "route"),
     "plots": ("plot_singularity", "plot_summary"),
     "render": ("render_frame", "render_video"),
     "robot": ("Robot",),
-    "scenario": ("Scenario", "load_scenario", "override", "shipped_scenarios"),
+    "scenario": ("Scenario", "load_scenario", "override", "shipped_scenarios", "shipped_sweeps"),
     "sim.result": ("Result", "load_result"),
     "sim.runner": ("run", "run_batch"),
     "singularity": ("TurnCase",),
+    "sweep": ("Sweep", "load_sweep", "run_sweep"),
     "trajectory": ("Trajectory",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
@@ -53,11 +71,14 @@ __all__ = [
     "ScenarioError",
     "Step",
     "Straight",
+    "Sweep",
+    "SweepError",
     "Tee",
     "Trajectory",
     "TurnCase",
     "load_result",
     "load_scenario",
+    "load_sweep",
     "override",
     "plot_singularity",
     "plot_summary",
@@ -66,7 +87,9 @@ __all__ = [
     "route",
     "run",
     "run_batch",
+    "run_sweep",
     "shipped_scenarios",
+    "shipped_sweeps",
 ]
 
 

@@ -35,6 +35,10 @@ class ScenarioError(InputError):
     """A scenario file or an override of it cannot be used."""
 
 
+class SweepError(InputError):
+    """A sweep file cannot be used."""
+
+
 class GeometryError(InputError):
     """Pipes that cannot exist or do not fit together."""
 

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -38,6 +38,7 @@ NAME_PATTERN = r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$"
 """A scenario's name is also a folder's: not empty, not hidden, no separators."""
 PER_TRIAL_ROBOT_FIELDS = {"preload", "torque_limit", "roll_torque"}
 """Robot fields that may differ between the trials of one batch: they are floats of the compiled model."""
+_PIPES: dict[str, type[BaseModel]] = {"straight": StraightPipe, "elbow": ElbowPipe, "tee": TeePipe}
 
 
 class Scenario(Table):
@@ -86,14 +87,6 @@ class Scenario(Table):
         if self.physics.time_limit is not None:
             return self.physics.time_limit
         return 4 * self.route().centreline.length / self.control.cruise_speed + 20.0
-
-    def model_key(self) -> str:
-        """What the compiled model depends on; scenarios with equal keys can share a batch."""
-        physics = self.physics.model_dump(include={"timestep", "collider", "wall_tolerance", "staves"})
-        start = self.start.model_dump(include={"axis", "turn_deg"})
-        robot = self.robot.model_dump(exclude=PER_TRIAL_ROBOT_FIELDS)
-        pipes = [pipe.model_dump() for pipe in self.pipes]
-        return json.dumps([pipes, start, robot, physics], sort_keys=True)
 
     @property
     def hash(self) -> str:
@@ -155,6 +148,14 @@ class Scenario(Table):
         return faults
 
 
+def model_key(data: Mapping[str, Any]) -> str:
+    """What the compiled model depends on, of a scenario as plain data with every key."""
+    physics = [data["physics"][key] for key in ("timestep", "collider", "wall_tolerance", "staves")]
+    start = [data["start"][key] for key in ("axis", "turn_deg")]
+    robot = {key: value for key, value in data["robot"].items() if key not in PER_TRIAL_ROBOT_FIELDS}
+    return json.dumps([data["pipes"], start, robot, physics], sort_keys=True)
+
+
 def load_scenario(source: str | Path) -> Scenario:
     """Read a scenario file, or a shipped scenario by name.
 
@@ -184,7 +185,8 @@ def validate(data: Mapping[str, Any]) -> Scenario:
         items = error.errors()
         # A pipe with a fault does not count as an item, and pydantic then calls the list too short as well.
         in_pipes = any(item["loc"][:1] == ("pipes",) and len(item["loc"]) > 1 for item in items)
-        raise ScenarioError([_fault(i) for i in items if not (in_pipes and i["type"] == "too_short")]) from None
+        items = [item for item in items if not (in_pipes and item["type"] == "too_short")]
+        raise ScenarioError([fault_of(item, "pipes", tuple(_PIPES), _choices_at) for item in items]) from None
 
 
 def _plain(value: Any) -> Any:
@@ -203,14 +205,14 @@ def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     data = scenario.model_dump(mode="json")
     faults = []
     for path, value in changes.items():
-        fault = _set(data, path, value)
+        fault = set_value(data, path, value)
         faults += [fault] if fault else []
     if faults:
         raise ScenarioError(faults)
     return validate(data)
 
 
-def _set(data: Any, path: str, value: Any) -> Fault | None:
+def set_value(data: Any, path: str, value: Any) -> Fault | None:
     """Set one dotted path in nested tables and lists; the fault where there is no such place."""
     keys = path.split(".")
     place = data
@@ -229,15 +231,22 @@ def _set(data: Any, path: str, value: Any) -> Fault | None:
     return None
 
 
-def _fault(item: Mapping[str, Any]) -> Fault:
-    """One pydantic error as a fault with a path like the file's and the valid choices where they are known."""
-    kinds = {"straight", "elbow", "tee"}
+def fault_of(
+    item: Mapping[str, Any], union: str, kinds: tuple[str, ...], choices_at: Callable[[list[str]], tuple[str, ...]]
+) -> Fault:
+    """One pydantic error as a fault with a path like the file's and the valid choices where they are known.
+
+    Args:
+        item: of ``ValidationError.errors()``.
+        union: the list whose tables have a ``kind``. kinds: the names of these.
+        choices_at: valid keys of the table at a pydantic path.
+    """
     places = [str(p) for p in item["loc"]]
-    # pydantic puts the pipe's kind into the path; the file has no such level.
-    where = ".".join(p for i, p in enumerate(places) if not (i == 2 and places[0] == "pipes" and p in kinds))
+    # pydantic puts the table's kind into the path; the file has no such level.
+    where = ".".join(p for i, p in enumerate(places) if not (i == 2 and places[0] == union and p in kinds))
     kind, context = item["type"], item.get("ctx", {})
     if kind == "extra_forbidden":
-        return Fault(where, "unknown key", _choices_at(places[:-1]))
+        return Fault(where, "unknown key", choices_at(places[:-1]))
     if kind == "union_tag_invalid":
         return Fault(f"{where}.kind", f"is {context['tag']!r}", tuple(sorted(kinds)))
     if kind == "union_tag_not_found":
@@ -266,11 +275,10 @@ def _choices_at(places: list[str]) -> tuple[str, ...]:
         for name, info in Scenario.model_fields.items()
         if isinstance(info.annotation, type) and issubclass(info.annotation, BaseModel)
     }
-    pipes = {"straight": StraightPipe, "elbow": ElbowPipe, "tee": TeePipe}
     if not places:
         return tuple(Scenario.model_fields)
     if places[0] == "pipes" and len(places) > 2:
-        return tuple(pipes[places[2]].model_fields)
+        return tuple(_PIPES[places[2]].model_fields)
     return tuple(tables[places[0]].model_fields) if places[0] in tables else ()
 
 
@@ -286,6 +294,11 @@ def shipped_scenarios() -> dict[str, Path]:
     folder = _scenario_folder()
     files = [*sorted(folder.glob("*.toml")), *sorted(folder.glob("paper/*.toml"))]
     return {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
+
+
+def shipped_sweeps() -> dict[str, Path]:
+    """Sweep files that come with the package, by name."""
+    return {path.stem: path for path in sorted((_scenario_folder() / "sweeps").glob("*.toml"))}
 
 
 def _find(source: str | Path) -> Path:

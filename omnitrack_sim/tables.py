@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 from omnitrack_sim.control import CONTROLLERS
 from omnitrack_sim.outcome import Outcome
 from omnitrack_sim.pipes import TEE_TURN_RADIUS, Elbow, Step, Straight, Tee
+from omnitrack_sim.robot import Robot
 
 ControllerName = Literal["jacobian", "paper", "equal"]
 assert set(get_args(ControllerName)) == set(CONTROLLERS)
@@ -24,6 +25,46 @@ class Table(BaseModel):
 Positive = Annotated[float, Field(gt=0)]
 Size = Annotated[float, Field(gt=0, le=1000)]
 """A length of a pipe, m. The upper limit catches millimetres and keeps the samples of a route in memory."""
+
+
+UNITS: dict[str, str] = {
+    "start.distance": "m",
+    "start.axis": "1",
+    "world.gravity": "m/s²",
+    "contact.friction": "1",
+    "control.cruise_speed": "m/s",
+    "control.gain": "1/m",
+    "control.lookahead": "m",
+    "control.rotation_limit": "rad/m",
+    "control.speed_limit": "m/s",
+    "control.tee_turn_radius": "m",
+    "control.elbow_delay": "m",
+    "physics.timestep": "s",
+    "physics.control_period": "s",
+    "physics.record_period": "s",
+    "physics.time_limit": "s",
+    "physics.wall_tolerance": "m",
+    "physics.staves": "1",
+    "goal.distance": "m",
+    "pipes.length": "m",
+    "pipes.inner_diameter": "m",
+    "pipes.mean_radius": "m",
+    "pipes.run_length": "m",
+    "pipes.branch_length": "m",
+    "pipes.fillet_radius": "m",
+}
+"""Units of the numbers by path without the pipe's place; those in degrees end in ``_deg``, the robot has its own."""
+
+
+def unit_of(path: str) -> str | None:
+    """Unit of the value at a dotted path of a scenario; None where it has none."""
+    table, *keys = path.split(".")
+    if path.endswith("_deg"):
+        return "deg"
+    if table == "robot":
+        return next((row.unit or None for row in Robot().parameters() if row.name == keys[-1]), None)
+    named = [key for key in keys if not key.isdigit() and key != "*"]
+    return UNITS.get(".".join([table, *named]))
 
 
 class StraightPipe(Table):

@@ -2,12 +2,17 @@
 
 import re
 import runpy
+import tomllib
 from pathlib import Path
 
 import pytest
 
+import omnitrack_sim
 from omnitrack_sim.cli import app
-from omnitrack_sim.scenario import Scenario, shipped_scenarios
+from omnitrack_sim.scenario import Scenario, shipped_scenarios, shipped_sweeps
+from omnitrack_sim.sweep.axes import AXES
+from omnitrack_sim.sweep.spec import SweepFile, resolve
+from omnitrack_sim.sweep.table import METRICS
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -34,6 +39,24 @@ def test_readme_names_every_command_and_scenario():
         assert f"omnitrack {command.callback.__name__}" in README
     for name in shipped_scenarios():
         assert f"`{name}`" in README
+
+
+def test_sweeps_and_their_keys_are_documented():
+    """The README names every shipped sweep, docs/sweeps.md every key of a sweep file and every metric of the table."""
+    text = (ROOT / "docs" / "sweeps.md").read_text(encoding="utf-8")
+    for name in shipped_sweeps():
+        assert f"`{name}`" in README
+    keys = {*SweepFile.model_fields, *METRICS, *(key for axis in AXES.values() for key in axis.model_fields)}
+    assert sorted(key for key in keys if f"`{key}`" not in text) == []
+
+
+def test_example_of_the_sweep_page_is_valid():
+    """The TOML of docs/sweeps.md is a sweep, and its Python is none but public names."""
+    text = (ROOT / "docs" / "sweeps.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
+    assert resolve({"name": "example"} | tomllib.loads(example)).size == 400
+    for name in re.findall(r"\bot\.(\w+)", text):
+        assert name in omnitrack_sim.__all__
 
 
 def test_links_of_the_documents_lead_somewhere():

@@ -21,10 +21,10 @@ from omnitrack_sim.plots.manoeuvres import (
     inner_module,
     rates_figure,
     success_figure,
-    wilson_interval,
 )
 from omnitrack_sim.plots.style import MODULE_COLOURS, save_figure
 from omnitrack_sim.scenario import validate
+from omnitrack_sim.statistics import wilson_interval
 from omnitrack_sim.trajectory import Trajectory
 
 PHASES = ("cruise", "align", "elbow", "tee_turn", "tee_straight")

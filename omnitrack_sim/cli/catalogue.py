@@ -15,21 +15,23 @@ from omnitrack_sim.errors import Fault, ScenarioError
 
 @app.command()
 def scenarios(as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False) -> None:
-    """List the scenarios that come with the package; `omnitrack run NAME` finds them."""
-    from omnitrack_sim.scenario import shipped_scenarios
+    """List the scenarios and sweeps that come with the package; `omnitrack run NAME` and `sweep NAME` find them."""
+    from omnitrack_sim.scenario import shipped_scenarios, shipped_sweeps
 
     rows = {name: _comment(path) for name, path in shipped_scenarios().items()}
+    sweeps = {name: _comment(path) for name, path in shipped_sweeps().items()}
     if as_json:
-        print(json.dumps(rows, indent=2))
+        print(json.dumps(rows | {f"sweeps/{name}": text for name, text in sweeps.items()}, indent=2))
         return
-    table = Table("name", "what it shows", box=None, padding=(0, 2))
-    for name, text in rows.items():
-        table.add_row(name, plain(text))
-    out.print(table)
+    for title, found in (("scenario", rows), ("sweep", sweeps)):
+        table = Table(title, "what it shows", box=None, padding=(0, 2))
+        for name, text in found.items():
+            table.add_row(name, plain(text))
+        out.print(table)
 
 
 def _comment(path: Path) -> str:
-    """The comment at the head of a scenario file."""
+    """The comment at the head of a scenario or sweep file."""
     lines = path.read_text(encoding="utf-8").splitlines()
     head = lines[: next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))]
     return " ".join(line.lstrip("# ") for line in head)

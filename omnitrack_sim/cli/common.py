@@ -54,10 +54,10 @@ def load(source: str, assignments: list[str] | None) -> Scenario:
     from omnitrack_sim.scenario import load_scenario, override
 
     scenario = load_scenario(source)
-    return override(scenario, dict(_assignment(text) for text in assignments)) if assignments else scenario
+    return override(scenario, dict(assignment(text) for text in assignments)) if assignments else scenario
 
 
-def _assignment(text: str) -> tuple[str, Any]:
+def assignment(text: str) -> tuple[str, Any]:
     """PATH=VALUE; the value as in TOML, a bare word as a string."""
     path, equals, value = text.partition("=")
     if not equals or not path:

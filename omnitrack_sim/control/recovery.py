@@ -21,6 +21,8 @@ FALLEN = 0.04
 """Fall behind the farthest point after which a turn has failed, m."""
 BESIDE = 0.6
 """Offset from the centreline, in pipe radii, beyond which a robot has gone past the branch; at 1 the run ends."""
+BACKS_OFF = "backs off and tries again"
+"""How an event tells that a robot does so."""
 BACK_OFF_DISTANCE = 0.6
 """Distance at cruise speed after which backing off is given up, m."""
 
@@ -64,7 +66,7 @@ class Recovery:
             name = self.guide.name_of(int(place.passage[robot]))
             events[robot].append(
                 f"{observation.time[robot]:.2f} s, in {name}: no headway at {place.distance[robot]:.3f} m, tilt "
-                f"{np.degrees(place.tilt[robot]):.1f} deg: backs off and tries again"
+                f"{np.degrees(place.tilt[robot]):.1f} deg: {BACKS_OFF}"
             )
         self.backing = self.backing | failed
         self.retries = self.retries + failed

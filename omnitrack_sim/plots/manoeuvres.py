@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from omnitrack_sim.frames import wrap_angle
 from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, styled
 from omnitrack_sim.robot import MODULE_ANGLES, MODULES
+from omnitrack_sim.statistics import wilson_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,8 +34,6 @@ PASSED_COLOUR, FAILED_COLOUR, SINGULAR_COLOUR = "#2f6db3", "#e8882e", "#f6e3a3"
 SERIES_COLOURS = ("#2f6db3", "#d1591f", "#1c9a72", "#a8478f", "#22262b", "#b8901c")
 NO_CONTACT_FORCE = 0.5
 """Normal force below which a module counts as off the wall, N."""
-Z95 = 1.959963984540054
-"""Standard normal quantile of a two-sided 95 % interval."""
 _LINES: tuple[dict[str, Any], ...] = ({"lw": 1.2}, {"lw": 2.8, "alpha": 0.5}, {"lw": 1.2})
 """Module 2 is drawn broad and pale below module 3: in a symmetric turn they coincide, and both shall be seen."""
 _DASHES: Any = (0, (4, 2))
@@ -131,7 +130,7 @@ def success_figure(
     Args:
         theta5_deg: (M,) deg, orientations; those outside half a period are wrapped. A cell that several runs share has
             the colour of their success rate.
-        passed: (M,) bool for each row of the figure.
+        passed: (M,) bool for each row of the figure; or 0, 1, and not a number for what the row does not have.
         sector_deg: deg, singular sector on the pipe's circumference.
         period_deg: deg, after which orientations repeat.
         real_margin_deg: deg, half-width of the safe range in the real geometry.
@@ -142,8 +141,8 @@ def success_figure(
     from matplotlib.figure import Figure
 
     theta5 = _wrapped(np.asarray(theta5_deg, float), period_deg)
-    rows = {name: _cells(theta5, np.asarray(values, bool), period_deg) for name, values in passed.items()}
-    rates = [float(np.mean(np.asarray(values, bool))) for values in passed.values()]
+    rows = {name: _cells(theta5, np.asarray(values, float), period_deg) for name, values in passed.items()}
+    rates = [float(np.nanmean(np.asarray(values, float))) for values in passed.values()]
     margin = (period_deg - sector_deg) / 2
 
     def draw() -> Figure:
@@ -193,7 +192,7 @@ def elbow_figure(results: Mapping[str, Sequence[Result]]) -> Figure:
 def rates_figure(
     groups: Sequence[tuple[str, int, int]], reference: float | None = None, label: str = "success rate"
 ) -> Figure:
-    """Rates of several groups of runs with their 95 % intervals (``wilson_interval``).
+    """Rates of several groups of runs with their 95 % intervals (``statistics.wilson_interval``).
 
     Args:
         groups: (name, passed, total) of each bar, from the top.
@@ -212,18 +211,6 @@ def rates_figure(
         return figure
 
     return styled(draw)
-
-
-def wilson_interval(passed: int, total: int) -> tuple[float, float]:
-    """Wilson's 95 % interval of a rate, both ends 0 to 1; (0, 1) where nothing was tried."""
-    if total == 0:
-        return 0.0, 1.0
-    rate, z2 = passed / total, Z95**2
-    centre = (passed + z2 / 2) / (total + z2)
-    half = Z95 * math.sqrt(total * rate * (1 - rate) + z2 / 4) / (total + z2)
-    low = centre - half if passed > 0 else 0.0
-    high = centre + half if passed < total else 1.0
-    return low, high
 
 
 def inner_module(trajectory: Trajectory) -> int | None:
@@ -379,6 +366,8 @@ def _cells(theta5: NDArray, passed: NDArray, period: float) -> tuple[NDArray, ND
     """Edges (K + 1,) deg and success rates (K,) of the different orientations; edges may lie beyond half a period."""
     if theta5.shape != passed.shape or theta5.ndim != 1 or not len(theta5):
         raise ValueError(f"orientations {theta5.shape} and outcomes {passed.shape} are not two rows of one length")
+    known = np.isfinite(passed)
+    theta5, passed = theta5[known], passed[known]
     centres, cell = np.unique(np.round(theta5, 6), return_inverse=True)
     rate = np.bincount(cell, passed) / np.bincount(cell)
     if len(centres) == 1:
@@ -389,16 +378,15 @@ def _cells(theta5: NDArray, passed: NDArray, period: float) -> tuple[NDArray, ND
     return np.array([first, *(centres[1:] + centres[:-1]) / 2, last]), rate
 
 
-def _success_colours() -> Any:
+def success_colours() -> Any:
+    """Colour map from failed to passed."""
     from matplotlib.colors import LinearSegmentedColormap
 
     return LinearSegmentedColormap.from_list("success", [FAILED_COLOUR, PASSED_COLOUR])
 
 
 def _mesh(axis: Axes, edges: NDArray, middle: float, rate: NDArray) -> None:
-    axis.pcolormesh(
-        edges, [middle - 0.32, middle + 0.32], rate[None], cmap=_success_colours(), vmin=0, vmax=1, zorder=2
-    )
+    axis.pcolormesh(edges, [middle - 0.32, middle + 0.32], rate[None], cmap=success_colours(), vmin=0, vmax=1, zorder=2)
 
 
 def _success_rows(
@@ -474,7 +462,7 @@ def _success_legend(
 
     handles: list[Any] = [Patch(fc=PASSED_COLOUR, label="passed"), Patch(fc=FAILED_COLOUR, label="failed")]
     if any(((rate > 0) & (rate < 1)).any() for _, rate in rows.values()):
-        handles.insert(1, Patch(fc=_success_colours()(0.5), label="some passed"))
+        handles.insert(1, Patch(fc=success_colours()(0.5), label="some passed"))
     if margin < half:
         beyond = f", beyond ±{margin:.2f}°" if margin > 0 else ""
         handles.append(Patch(fc=SINGULAR_COLOUR, ec=INK, lw=0.5, label=f"singular by the formula{beyond}"))

@@ -253,11 +253,12 @@ def _write_npz(path: Path, **arrays: np.ndarray) -> None:
 
 def provenance_of(scenario: Scenario) -> dict[str, Any]:
     """What made a result: seed, scenario hash, versions, platform, git commit of a checkout."""
-    return {"seed": scenario.seed, "scenario_sha256": scenario.hash, **_environment()}
+    return {"seed": scenario.seed, "scenario_sha256": scenario.hash, **environment()}
 
 
 @cache
-def _environment() -> dict[str, Any]:
+def environment() -> dict[str, Any]:
+    """Versions, platform and git commit of this process."""
     versions = {name: _version(name) for name in ("omnitrack_sim", "mujoco", "numpy")}
     return {
         "versions": versions | {"python": platform.python_version()},

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +18,7 @@ from omnitrack_sim.control.drive import Drive
 from omnitrack_sim.control.guide import Guide, Place
 from omnitrack_sim.frames import Array
 from omnitrack_sim.metrics import summarise
-from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.scenario import Scenario, model_key
 from omnitrack_sim.sim.monitor import Monitor
 from omnitrack_sim.sim.plant import Plant, Readings
 from omnitrack_sim.sim.recorder import Recorder
@@ -31,17 +34,21 @@ def run(scenario: Scenario, *, threads: int = 1, progress: Progress | None = Non
     return run_batch([scenario], threads=threads, progress=progress)[0]
 
 
-def run_batch(scenarios: Sequence[Scenario], *, threads: int = 0, progress: Progress | None = None) -> list[Result]:
+def run_batch(
+    scenarios: Sequence[Scenario], *, threads: int = 0, progress: Progress | None = None, no_load: bool = True
+) -> list[Result]:
     """Run scenarios, those that share a model in one batch; results in the order of ``scenarios``.
 
     Args:
         scenarios: any number.
         threads: native threads for the physics; 0 uses all cores. The results do not depend on it.
         progress: see ``Progress``.
+        no_load: also measure the slip without load, by a short run for each robot, friction and speed; without it
+            ``no_load_slip_m_s`` is not a number.
     """
-    groups: dict[tuple, list[int]] = defaultdict(list)
+    groups: dict[str, list[int]] = defaultdict(list)
     for index, scenario in enumerate(scenarios):
-        groups[_batch_key(scenario)].append(index)
+        groups[batch_key(scenario.model_dump())].append(index)
     results: dict[int, Result] = {}
     for indices in groups.values():
         done = len(results) / len(scenarios)
@@ -49,15 +56,19 @@ def run_batch(scenarios: Sequence[Scenario], *, threads: int = 0, progress: Prog
         report = None if progress is None else (lambda part, text, d=done, s=share: progress(d + s * part, text))
         batch = BatchRun([scenarios[i] for i in indices], threads)
         batch.advance(report)
-        results.update(zip(indices, batch.results(), strict=True))
+        results.update(zip(indices, batch.results(no_load), strict=True))
     return [results[i] for i in range(len(scenarios))]
 
 
-def _batch_key(scenario: Scenario) -> tuple:
-    """What trials must share to run in one batch: the model, the route, the controller, the clock and the motor."""
-    physics, control = scenario.physics, scenario.control
-    clock = (physics.control_period, physics.record_period)
-    return scenario.model_key(), control.kind, control.tee_turn_radius, clock, scenario.robot.motor
+def batch_key(data: Mapping[str, Any]) -> str:
+    """What trials must share to run in one batch: the model, the route, the controller, the clock and the motor.
+
+    Args:
+        data: a scenario as plain data with every key. It need not be valid, and no route is built.
+    """
+    physics, control = data["physics"], data["control"]
+    clock = [physics["control_period"], physics["record_period"]]
+    return json.dumps([model_key(data), control["kind"], control["tee_turn_radius"], clock, data["robot"]["motor"]])
 
 
 @dataclass
@@ -202,10 +213,10 @@ class BatchRun:
         text = phase if len(part) == 1 else f"{len(active)} of {len(part)} running"
         progress(float(part.mean()), text)
 
-    def results(self) -> list[Result]:
-        """One result a trial, after ``advance``."""
+    def results(self, no_load: bool = True) -> list[Result]:
+        """One result a trial, after ``advance``; ``no_load`` as in ``run_batch``."""
         end_time: Array = self.monitor.end_time
-        slips = no_load_slips(self.scenarios)
+        slips = no_load_slips(self.scenarios) if no_load else [math.nan] * len(self.scenarios)
         results = []
         for i, trajectory in enumerate(self.recorder.trajectories(end_time)):
             scenario, outcome = self.scenarios[i], self.monitor.outcome[i]

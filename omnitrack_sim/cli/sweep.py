@@ -1,0 +1,185 @@
+"""sweep: many trials into one table."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.table import Table
+
+from omnitrack_sim.cli.common import FAST, FastOption, SetOption, app, assignment, err, out, plain
+from omnitrack_sim.errors import Fault, InputError, OutputError
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from omnitrack_sim.sweep import Status, Sweep
+
+LISTED = 10
+"""Trials that --list shows."""
+
+
+@app.command()
+def sweep(
+    source: Annotated[str, typer.Argument(metavar="SWEEP", help="A sweep file, or the name of a shipped one.")],
+    assignments: SetOption = None,
+    fast: FastOption = False,
+    folder: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Where parts and table go; out/NAME when not given.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes on this machine; as many as cores when not given.")
+    ] = None,
+    dask: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786.")
+    ] = None,
+    shard: Annotated[str | None, typer.Option(metavar="I/N", help="Only the I-th of N shares, I from 1.")] = None,
+    go_on: Annotated[bool, typer.Option("--continue", help="DIR must hold this sweep already.")] = False,
+    only_list: Annotated[bool, typer.Option("--list", help="Count the trials, show the first, run nothing.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print summary.json instead of the table.")] = False,
+) -> None:
+    """Run a sweep; the same command goes on after an interruption."""
+    from omnitrack_sim.sweep import load_sweep, run_sweep
+    from omnitrack_sim.sweep.folder import SUMMARY_FILE, holds_sweep
+
+    changes = dict(assignment(text) for text in [*(assignments or []), *([FAST] if fast else [])])
+    loaded = load_sweep(source, changes)
+    if only_list:
+        _print_trials(loaded)
+        return
+    share = _share(shard)
+    target = folder or Path("out") / loaded.name
+    if go_on and not holds_sweep(target):
+        raise OutputError(f"{target}: holds no sweep to go on with; leave out --continue to begin one")
+    executor = _executor(workers, dask)
+    seen: list[Status] = []
+    try:
+        with _bar(loaded.name, as_json) as show:
+
+            def report(status: Status) -> None:
+                seen[:] = [status]
+                show(status)
+
+            table = run_sweep(loaded, target, executor=executor, shard=share, progress=report)
+    except KeyboardInterrupt:
+        done = f"{seen[0].done} of {seen[0].total} trials are done" if seen else "nothing is done"
+        err.print(f"interrupted: {done}; the same command goes on from there", soft_wrap=True)
+        raise typer.Exit(130) from None
+    summary = json.loads((target / SUMMARY_FILE).read_text(encoding="utf-8")) if table.num_rows == loaded.size else None
+    if as_json:
+        print(json.dumps(summary, indent=2))
+    elif summary is None:
+        out.print(
+            f"{table.num_rows} trials of this share are done; the table follows when all {loaded.size} are in {target}",
+            soft_wrap=True,
+        )
+    else:
+        _print_summary(summary, target)
+
+
+def _share(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    found = re.fullmatch(r"(\d+)/(\d+)", text)
+    if not found or not 1 <= int(found[1]) <= int(found[2]):
+        raise InputError(Fault("--shard", f"is {text!r}; write I/N with I from 1 to N, such as 1/4"))
+    return int(found[1]), int(found[2])
+
+
+def _executor(workers: int | None, dask: str | None) -> Callable[[], Executor] | None:
+    """What makes the workers; None for one process."""
+    from omnitrack_sim.sweep.workers import DaskPool, LocalPool
+
+    if dask is not None:
+        if workers is not None:
+            raise InputError(Fault("--workers, --dask", "give one of the two"))
+        logging.disable(logging.ERROR)  # distributed logs each lost connection with its traceback
+        return lambda: DaskPool(dask)
+    count = workers or len(os.sched_getaffinity(0))
+    return None if count == 1 else lambda: LocalPool(count)
+
+
+@contextmanager
+def _bar(title: str, quiet: bool) -> Iterator[Callable[[Status], None]]:
+    """A progress bar on standard error."""
+    if quiet:
+        yield lambda status: None
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[text]}"),
+    )
+    with Progress(*columns, console=err, transient=True) as bar:
+        task = bar.add_task(f"sweep {title}", total=None, text="")
+
+        def show(status: Status) -> None:
+            ran, elapsed = status.done - status.found, bar.tasks[0].elapsed or 0.0
+            text = f"{status.successes} passed"
+            if ran and elapsed:
+                left = (status.total - status.done) * elapsed / ran
+                text = f"{ran / elapsed:.2f} trials/s, {_duration(left)} left, {text}"
+            if status.lost:
+                text += f", {status.lost} times workers lost"
+            bar.update(task, completed=status.done, total=status.total, text=text)
+
+        yield show
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}"
+
+
+def _print_trials(loaded: Sweep) -> None:
+    columns = loaded.trials()
+    parts = loaded.parts()
+    out.print(f"{loaded.size} trials in {len(parts)} batches of {len({part.model for part in parts})} models")
+    table = Table("trial", "values", box=None, padding=(0, 2))
+    for i in range(min(LISTED, loaded.size)):
+        values = ", ".join(f"{name} = {_shown(column[i])}" for name, column in columns.items())
+        table.add_row(str(i), plain(values))
+    out.print(table)
+    if loaded.size > LISTED:
+        out.print(f"and {loaded.size - LISTED} more")
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return "[" + ", ".join(map(_shown, value)) + "]" if isinstance(value, list) else str(value)
+
+
+def _print_summary(summary: dict[str, Any], target: Path) -> None:
+    table = Table("group", "passed", "of", "rate", "95 % interval", box=None, padding=(0, 2))
+    table.add_row("all", *_rate(summary), style="bold")
+    for name, rows in summary["groups"].items():
+        for row in rows:
+            table.add_row(plain(f"{name} = {row['value']}"), *_rate(row))
+    out.print(table)
+    ends = ", ".join(f"{count} {name}" for name, count in summary["outcomes"].items())
+    out.print(f"  {ends}", soft_wrap=True)
+    if summary["invalid"] or summary["error"]:
+        out.print(f"  not in the rates: {summary['invalid']} invalid, {summary['error']} error", soft_wrap=True)
+    out.print(f"  saved in {target}", soft_wrap=True)
+
+
+def _rate(row: dict[str, Any]) -> list[str]:
+    rate = row["success_rate"]
+    low, high = row["success_rate_95"]
+    return [
+        str(row["successes"]),
+        str(row["counted"]),
+        "-" if rate is None else f"{100 * rate:.2f} %",
+        f"{100 * low:.2f} to {100 * high:.2f} %",
+    ]

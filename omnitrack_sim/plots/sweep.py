@@ -1,0 +1,200 @@
+"""The figure of a sweep: where trials pass, chosen by what was varied."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.frames import Array
+from omnitrack_sim.plots.manoeuvres import PASSED_COLOUR, success_colours, success_figure
+from omnitrack_sim.plots.style import GREY, INK, styled
+from omnitrack_sim.singularity import TurnCase
+from omnitrack_sim.statistics import wilson_interval
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+THETA5 = "start.theta5_deg"
+MOST_ROWS = 4
+"""Rows of a map over orientation."""
+MOST_CELLS = 40
+"""Different values of a number up to which each is a cell of its own."""
+BINS, QUANTILES, FEW = 8, 10, 5
+"""Bins a side of a map, bins of a main effect, and the count below which a bin tells it."""
+MOST_ORIENTATIONS = 240
+"""Different orientations up to which each is a cell; beyond, they are rounded to whole degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """One axis over n trials.
+
+    Attributes:
+        name: of the axis. unit: of its numbers.
+        values: (n,) numbers, or n words.
+        order: the different words; empty for numbers.
+    """
+
+    name: str
+    unit: str
+    values: Array | Sequence[str]
+    order: tuple[str, ...] = ()
+
+    @property
+    def label(self) -> str:
+        """Name and unit."""
+        return self.name if self.order else f"{self.name} [{self.unit}]"
+
+
+def sweep_figure(axes: Sequence[Spread], passed: Array, case: TurnCase | None = None) -> Figure:
+    """Success over what was varied.
+
+    Over ``start.theta5_deg`` alone, or by at most four words: a map of the orientations, with the singular range of
+    ``case`` behind it. Over two numbers: a map. Else one panel an axis with its main effect, the largest first.
+
+    Args:
+        axes: what was varied.
+        passed: (n,) 1 passed, 0 failed, not a number where a trial has no outcome.
+        case: robot and tee, where the trials turn in one.
+    """
+    numbers = [axis for axis in axes if not axis.order]
+    words = [axis for axis in axes if axis.order]
+    by_orientation = len(numbers) == 1 and numbers[0].name == THETA5
+    if not np.isfinite(passed).any():
+        return styled(lambda: _main_effects(axes, passed))
+    if by_orientation and (not words or (len(words) == 1 and len(words[0].order) <= MOST_ROWS)):
+        return _orientations(numbers[0], words[0] if words else None, passed, case)
+    if len(numbers) == 2 and not words:
+        return styled(lambda: _map(numbers[0], numbers[1], passed))
+    return styled(lambda: _main_effects(axes, passed))
+
+
+def _orientations(theta5: Spread, rows: Spread | None, passed: Array, case: TurnCase | None) -> Figure:
+    degrees = np.asarray(theta5.values, float)
+    if len(np.unique(degrees)) > MOST_ORIENTATIONS:
+        degrees = np.round(degrees)
+    if rows is None:
+        by_row = {"all trials": passed}
+    else:
+        word = np.array(rows.values)
+        by_row = {name: np.where(word == name, passed, np.nan) for name in rows.order}
+        by_row = {name: values for name, values in by_row.items() if np.isfinite(values).any()}
+    if case is None:
+        return success_figure(degrees, by_row, 0.0)
+    real = float(np.degrees((2 * np.pi / case.modules - case.real_sector) / 2))
+    return success_figure(degrees, by_row, float(np.degrees(case.sector)), real_margin_deg=real if real > 0 else None)
+
+
+def _map(x: Spread, y: Spread, passed: Array) -> Figure:
+    """Success rate over two numbers."""
+    from matplotlib.figure import Figure
+
+    (column, x_edges), (row, y_edges) = _cells(x), _cells(y)
+    shape = (len(y_edges) - 1, len(x_edges) - 1)
+    known = np.isfinite(passed)
+    cell = np.ravel_multi_index((row[known], column[known]), shape)
+    total = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape)
+    good = np.bincount(cell, passed[known], minlength=shape[0] * shape[1]).reshape(shape)
+    rate = np.where(total > 0, good / np.maximum(total, 1), np.nan)
+    figure = Figure(figsize=(6.4, 5.0), layout="constrained")
+    axis = figure.subplots()
+    axis.set_facecolor("#dfe2e6")  # no trial with an outcome
+    mesh = axis.pcolormesh(
+        x_edges, y_edges, np.ma.masked_invalid(100 * rate), cmap=success_colours(), vmin=0, vmax=100, lw=0
+    )
+    if total.max(initial=0) > 1:
+        for i, j in zip(*np.nonzero(total < FEW), strict=True):
+            x_middle, y_middle = x_edges[j : j + 2].mean(), y_edges[i : i + 2].mean()
+            axis.text(float(x_middle), float(y_middle), str(total[i, j]), ha="center", va="center", size=7, color=INK)
+    bar = figure.colorbar(mesh, ax=axis, pad=0.02)
+    bar.set_label("success rate [%]")
+    bar.outline.set_visible(False)  # type: ignore[operator]
+    axis.grid(False)
+    axis.set_xlabel(x.label)
+    axis.set_ylabel(y.label)
+    return figure
+
+
+def _cells(spread: Spread) -> tuple[NDArray[np.intp], Array]:
+    """Cell of each trial (n,), and the cells' edges."""
+    values = np.asarray(spread.values, float)
+    centres, cell = np.unique(values, return_inverse=True)
+    if len(centres) == 1:
+        half = 0.5 * max(abs(centres[0]), 1.0)
+        return cell, centres[0] + np.array([-half, half])
+    if len(centres) <= MOST_CELLS:
+        middle = (centres[1:] + centres[:-1]) / 2
+        return cell, np.array([2 * centres[0] - middle[0], *middle, 2 * centres[-1] - middle[-1]])
+    edges = np.linspace(centres[0], centres[-1], BINS + 1)
+    return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, BINS - 1), edges
+
+
+def _main_effects(axes: Sequence[Spread], passed: Array) -> Figure:
+    """One panel an axis."""
+    from matplotlib.figure import Figure
+
+    effects = sorted(((_effect(axis, passed), axis) for axis in axes), key=lambda pair: -_spread_of(pair[0]))
+    columns = min(len(effects), 3)
+    rows = -(-len(effects) // columns)
+    figure = Figure(figsize=(3.4 * columns + 0.4, 2.9 * rows + 0.3), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False, sharey=True)
+    for panel, (effect, axis) in zip(panels.flat, effects, strict=False):
+        _panel(panel, effect, axis)
+    for panel in panels.flat[len(effects) :]:
+        panel.set_visible(False)
+    for panel in panels[:, 0]:
+        panel.set_ylabel("success rate [%]")
+    known = np.isfinite(passed)
+    figure.suptitle(
+        f"{int(passed[known].sum())} of {int(known.sum())} passed; bars: Wilson 95 % intervals", size=9.5, color=INK
+    )
+    return figure
+
+
+_Effect = list[tuple[float, int, int]]
+
+
+def _effect(axis: Spread, passed: Array) -> _Effect:
+    """(place, passed, counted) of each value or bin of an axis, those without a counted trial left out."""
+    known = np.isfinite(passed)
+    if axis.order:
+        words = np.array(axis.values)
+        groups = [(float(k), words == word) for k, word in enumerate(axis.order)]
+    else:
+        values = np.asarray(axis.values, float)
+        different = np.unique(values)
+        if len(different) <= QUANTILES:
+            groups = [(float(value), values == value) for value in different]
+        else:
+            edges = np.quantile(values, np.linspace(0, 1, QUANTILES + 1))
+            bin_of = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, QUANTILES - 1)
+            groups = [(float(values[bin_of == k].mean()), bin_of == k) for k in np.unique(bin_of)]
+    counted = [(place, int(passed[mask & known].sum()), int((mask & known).sum())) for place, mask in groups]
+    return [entry for entry in counted if entry[2]]
+
+
+def _spread_of(effect: _Effect) -> float:
+    """Largest rate less the smallest."""
+    rates = [good / total for _, good, total in effect]
+    return max(rates) - min(rates) if rates else 0.0
+
+
+def _panel(panel: Axes, effect: _Effect, axis: Spread) -> None:
+    place = np.array([entry[0] for entry in effect])
+    rate = np.array([100 * good / total for _, good, total in effect])
+    ends = 100 * np.array([wilson_interval(good, total) for _, good, total in effect]).reshape(-1, 2)
+    style: dict[str, Any] = {"color": PASSED_COLOUR, "ecolor": GREY, "elinewidth": 1.0, "capsize": 2.5, "marker": "o"}
+    errors = np.maximum(0.0, [rate - ends[:, 0], ends[:, 1] - rate])
+    panel.errorbar(place, rate, errors, ms=4, ls="none" if axis.order else "-", **style)
+    if axis.order:
+        panel.set_xticks(range(len(axis.order)), [word.replace(" ", "\n", 1) for word in axis.order])
+        panel.set_xlim(-0.5, len(axis.order) - 0.5)
+    else:
+        panel.locator_params(axis="x", nbins=6)
+    panel.set_ylim(-4, 104)
+    panel.set_xlabel(axis.label)

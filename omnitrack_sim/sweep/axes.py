@@ -1,0 +1,139 @@
+"""The axes of a sweep: what is varied, over which values."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator
+
+from omnitrack_sim.frames import Array
+from omnitrack_sim.sweep import sampling
+from omnitrack_sim.tables import Positive, Table
+
+BASE = "base"
+"""Name of the axis that a list of base scenarios makes."""
+Path = Annotated[str, Field(min_length=1)]
+
+
+class AxisTable(Table):
+    """What all axes have."""
+
+    dimensions: ClassVar[int] = 0
+    """How many coordinates of a sampling point an axis takes; 0: its values are crossed with the others'."""
+    path: Path | Annotated[tuple[Path, ...], Field(min_length=1)]
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """All paths that take the value."""
+        return (self.path,) if isinstance(self.path, str) else self.path
+
+    @property
+    def name(self) -> str:
+        """The first path."""
+        return self.paths[0]
+
+    @property
+    def crossed(self) -> bool:
+        """Whether the values are crossed with those of other axes, not drawn."""
+        return self.dimensions == 0
+
+
+class GridAxis(AxisTable):
+    """Evenly spaced values, both ends included."""
+
+    kind: Literal["grid"]
+    start: float
+    stop: float
+    count: Annotated[int, Field(ge=1, le=1_000_000)]
+
+    def values_of(self) -> list[Any]:
+        """The values in order."""
+        return np.linspace(self.start, self.stop, self.count).tolist()
+
+
+class ListAxis(AxisTable):
+    """Values as written."""
+
+    kind: Literal["list"]
+    values: Annotated[tuple[Any, ...], Field(min_length=1)]
+    labels: tuple[str, ...] | None = None
+
+    @field_validator("labels")
+    @classmethod
+    def _one_a_value(cls, labels: tuple[str, ...] | None, info: ValidationInfo) -> tuple[str, ...] | None:
+        count = len(info.data.get("values", ()))
+        if labels is not None and count and (len(labels) != count or len(set(labels)) != count):
+            raise ValueError(f"needs {count} different labels, one for each value")
+        return labels
+
+    def values_of(self) -> list[Any]:
+        """The values in order."""
+        return list(self.values)
+
+
+class UniformAxis(AxisTable):
+    """Uniform between two ends."""
+
+    dimensions: ClassVar[int] = 1
+    kind: Literal["uniform"]
+    low: float
+    high: float
+
+    @field_validator("high")
+    @classmethod
+    def _is_above(cls, high: float, info: ValidationInfo) -> float:
+        return _above(high, info)
+
+    def draw(self, points: Array) -> list[Any]:
+        """Values of points (n, 1)."""
+        return sampling.uniform(points[:, 0], self.low, self.high).tolist()
+
+
+class NormalAxis(AxisTable):
+    """Normal, truncated where an end is given."""
+
+    dimensions: ClassVar[int] = 1
+    kind: Literal["normal"]
+    mean: float
+    std: Positive
+    low: float | None = None
+    high: float | None = None
+
+    @field_validator("high")
+    @classmethod
+    def _is_above(cls, high: float | None, info: ValidationInfo) -> float | None:
+        return high if high is None else _above(high, info)
+
+    def draw(self, points: Array) -> list[Any]:
+        """Values of points (n, 1)."""
+        return sampling.normal(points[:, 0], self.mean, self.std, self.low, self.high).tolist()
+
+
+class DirectionAxis(AxisTable):
+    """A vector of one length, uniform on the sphere."""
+
+    dimensions: ClassVar[int] = 2
+    kind: Literal["direction"]
+    magnitude: Positive = 9.81
+
+    def draw(self, points: Array) -> list[Any]:
+        """Values of points (n, 2), lists of three."""
+        return sampling.direction(points[:, 0], points[:, 1], self.magnitude).tolist()
+
+
+def _above(high: float, info: ValidationInfo) -> float:
+    low = info.data.get("low")
+    if low is not None and high <= low:
+        raise ValueError(f"must be over low, {low:g}")
+    return high
+
+
+Axis = Annotated[GridAxis | ListAxis | UniformAxis | NormalAxis | DirectionAxis, Field(discriminator="kind")]
+AXES: dict[str, type[AxisTable]] = {
+    "grid": GridAxis,
+    "list": ListAxis,
+    "uniform": UniformAxis,
+    "normal": NormalAxis,
+    "direction": DirectionAxis,
+}

@@ -1,0 +1,242 @@
+"""A sweep's folder: parts while it runs, the table when all are there. Several processes may work in one."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import re
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omnitrack_sim.errors import OutputError
+from omnitrack_sim.sim.result import environment
+from omnitrack_sim.sweep.spec import FOR_THE_RECORD, Sweep
+from omnitrack_sim.sweep.table import Layout, from_parquet, to_csv, to_parquet
+from omnitrack_sim.sweep.trials import Part
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+SWEEP_FILE, TABLE_FILE, CSV_FILE, SUMMARY_FILE, MAP_FILE = (
+    "sweep.json",
+    "trials.parquet",
+    "trials.csv",
+    "summary.json",
+    "success_map.png",
+)
+PARTS = "parts"
+_OURS = {SWEEP_FILE, TABLE_FILE, CSV_FILE, SUMMARY_FILE, MAP_FILE, PARTS}
+_TEMPORARY = re.compile(r"\..+\.tmp")
+_MOST_TOLD = 5
+"""Differences of two sweeps that a message names."""
+
+
+class Folder:
+    """The folder of one sweep. ``renamed``: its name, groups or labels have changed since it was begun.
+
+    Raises:
+        OutputError: it holds another sweep or other files, or cannot be written.
+    """
+
+    def __init__(self, directory: str | Path, sweep: Sweep, layout: Layout):
+        self.path, self.layout = Path(directory), layout
+        with told(self.path):
+            self._open(sweep)
+
+    def _open(self, sweep: Sweep) -> None:
+        if self.path.exists() and not self.path.is_dir():
+            raise OutputError(f"{self.path}: is a file; choose a folder")
+        ours = {"sha256": sweep.hash, "sweep": sweep.model_dump(mode="json")}
+        there = self._there() if self.path.is_dir() else None
+        if there is not None and there["sha256"] != ours["sha256"]:
+            raise OutputError(
+                f"{self.path}: holds a different sweep: {_told_differences(there['sweep'], ours['sweep'])}; choose "
+                "another folder with --out, or remove this one to begin anew"
+            )
+        (self.path / PARTS).mkdir(parents=True, exist_ok=True)
+        for place in (self.path, self.path / PARTS):
+            _sweep_out(place)
+        self._description = (json.dumps(ours | environment(), indent=2) + "\n").encode()
+        self.renamed = there is not None and there["sweep"] != ours["sweep"]
+        if there is None:
+            write_whole(self.path / SWEEP_FILE, self._description)
+
+    def _there(self) -> dict[str, Any] | None:
+        """What ``sweep.json`` says; None in a folder that holds nothing yet, or parts only."""
+        strange = [p.name for p in self.path.iterdir() if p.name not in _OURS and not _TEMPORARY.fullmatch(p.name)]
+        file = self.path / SWEEP_FILE
+        if not file.is_file():
+            if strange:
+                raise OutputError(
+                    f"{self.path}: holds {strange[0]!r} but no {SWEEP_FILE}, so it is no sweep; choose another folder"
+                )
+            return None
+        try:
+            data = json.loads(file.read_text(encoding="utf-8"))
+            return {"sha256": data["sha256"], "sweep": data["sweep"]}
+        except (ValueError, KeyError, TypeError) as error:
+            raise OutputError(f"{file}: is no description of a sweep ({error}); choose another folder") from error
+
+    def read(self, part: Part) -> pa.Table | None:
+        """The rows of a part; None where there is no file yet, or a damaged one."""
+        import pyarrow as pa
+
+        try:
+            table = from_parquet(self._file(part).read_bytes())
+        except (OSError, pa.ArrowException):
+            return None
+        whole = (table.schema.metadata or {}).get(b"part") == part.hash.encode()
+        whole = whole and table.schema.remove_metadata().equals(self.layout.schema.remove_metadata())
+        return table if whole and table["trial"].to_pylist() == [trial.index for trial in part.trials] else None
+
+    def write(self, part: Part, table: pa.Table) -> None:
+        """Keep the rows of a part."""
+        with told(self.path):
+            write_whole(self._file(part), to_parquet(table))
+
+    def finished(self) -> pa.Table | None:
+        """The whole table, when the sweep is finished and all its files are there."""
+        import pyarrow as pa
+
+        if not all((self.path / name).is_file() for name in (CSV_FILE, SUMMARY_FILE, MAP_FILE)):
+            return None
+        try:
+            table = from_parquet((self.path / TABLE_FILE).read_bytes())
+        except (OSError, pa.ArrowException):
+            return None
+        ours = table.schema.equals(self.layout.schema, check_metadata=True) and table.num_rows == self.layout.total
+        return table if ours else None
+
+    def makers(self) -> set[str]:
+        """What made the parts of a finished sweep, as JSON."""
+        try:
+            summary = json.loads((self.path / SUMMARY_FILE).read_text(encoding="utf-8"))
+            return {json.dumps(maker, sort_keys=True) for maker in summary["provenance"]["made_by"]}
+        except (ValueError, KeyError, TypeError) as error:
+            raise OutputError(f"{self.path / SUMMARY_FILE}: is damaged ({error}); remove it to have it anew") from error
+
+    def finish(self, table: pa.Table, summary: Mapping[str, Any], draw: Callable[[], bytes]) -> None:
+        """Write the files of a finished sweep, the table last."""
+        with told(self.path):
+            write_whole(self.path / CSV_FILE, to_csv(table))
+            write_whole(self.path / SUMMARY_FILE, (json.dumps(summary, indent=2) + "\n").encode())
+            write_whole(self.path / MAP_FILE, draw())
+            if self.renamed:
+                write_whole(self.path / SWEEP_FILE, self._description)
+            write_whole(self.path / TABLE_FILE, to_parquet(table))
+
+    def _file(self, part: Part) -> Path:
+        return self.path / PARTS / f"{part.number:06d}-{part.hash}.parquet"
+
+
+class Memory:
+    """The parts of a sweep that is not written."""
+
+    def __init__(self) -> None:
+        self._tables: dict[int, pa.Table] = {}
+
+    def read(self, part: Part) -> pa.Table | None:
+        """The rows of a part that is done."""
+        return self._tables.get(part.number)
+
+    def write(self, part: Part, table: pa.Table) -> None:
+        """Keep the rows of a part."""
+        self._tables[part.number] = table
+
+
+def holds_sweep(directory: str | Path) -> bool:
+    """Whether a sweep was begun in a folder."""
+    return (Path(directory) / SWEEP_FILE).is_file()
+
+
+@contextlib.contextmanager
+def told(path: Path) -> Iterator[None]:
+    """Turn what the system says into an error that tells what to do."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(
+            f"{path}: cannot be written: {error.strerror or error}; the finished parts are kept, and the same command "
+            "goes on from there"
+        ) from error
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file so that it is there in full or not at all, even if the machine stops.
+
+    Raises:
+        OSError: it cannot be written; nothing is left behind.
+    """
+    descriptor, temporary = _temporary(path)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+            os.fchmod(file.fileno(), 0o644)
+            os.replace(temporary, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(temporary)
+        raise
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _temporary(path: Path) -> tuple[int, str]:
+    """A new file beside ``path``, open and locked: the lock tells other processes that its writer lives."""
+    while True:
+        descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        if os.path.exists(name):  # no one has swept it out before it was locked
+            return descriptor, name
+        os.close(descriptor)
+
+
+def _sweep_out(place: Path) -> None:
+    """Remove temporary files whose writers are gone."""
+    for path in place.iterdir():
+        if not _TEMPORARY.fullmatch(path.name):
+            continue
+        with contextlib.suppress(OSError), path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()
+
+
+def _told_differences(there: Any, ours: Any) -> str:
+    """Where two sweeps differ, in words."""
+    found = list(_differences(there, ours, ""))
+    more = f" and {len(found) - _MOST_TOLD} more" if len(found) > _MOST_TOLD else ""
+    return (", ".join(found[:_MOST_TOLD]) or "it was made by another version of the program") + more
+
+
+def _differences(there: Any, ours: Any, path: str) -> Iterator[str]:
+    if isinstance(there, dict) and isinstance(ours, dict):
+        for key in [*there, *(key for key in ours if key not in there)]:
+            if path or key not in FOR_THE_RECORD:
+                yield from _differences(there.get(key, _Nothing), ours.get(key, _Nothing), f"{path}.{key}".lstrip("."))
+    elif isinstance(there, list) and isinstance(ours, list):
+        for i in range(max(len(there), len(ours))):
+            pair = [items[i] if i < len(items) else _Nothing for items in (there, ours)]
+            yield from _differences(pair[0], pair[1], f"{path}.{i}")
+    elif there != ours:
+        yield f"{path} is {_shown(there)} there and {_shown(ours)} here"
+
+
+class _Nothing:
+    """What stands where there is no such key."""
+
+
+def _shown(value: Any) -> str:
+    if value is _Nothing:
+        return "missing"
+    if isinstance(value, dict):
+        return str(value.get("path") or value.get("name") or "a table")
+    return json.dumps(value)

@@ -1,0 +1,84 @@
+"""What a worker does: run the trials of a batch and say how they ended. It writes nothing."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+from omnitrack_sim.control.recovery import BACKS_OFF
+from omnitrack_sim.errors import ScenarioError
+from omnitrack_sim.scenario import Scenario, validate
+from omnitrack_sim.sim.result import Result, environment
+from omnitrack_sim.sim.runner import run_batch
+from omnitrack_sim.sweep.trials import Part, changed
+
+INVALID, ERROR = "invalid", "error"
+"""Outcomes of trials that have no outcome: values that do not fit, and a fault of the program or its worker."""
+LEFT_OUT = {"no_load_slip_m_s", "phase_time_s"}
+"""Metrics that the table does not have: one needs a run of its own for each friction, one has keys of its own."""
+Row = dict[str, Any]
+"""Result columns of a trial by name, and ``trial``; what is missing is null."""
+
+
+def run_part(part: Part) -> tuple[list[Row], dict[str, Any]]:
+    """Run the trials of a part on one thread; rows in their order, and what made them (versions, commit).
+
+    A trial whose values do not fit becomes a row ``invalid``. After an exception the trials are run again, each alone,
+    which gives the same numbers; one that fails alone becomes a row ``error``.
+    """
+    rows: dict[int, Row] = {}
+    scenarios: dict[int, Scenario] = {}
+    plain = {name: json.loads(text) for name, text in part.bases.items()}
+    for trial in part.trials:
+        try:
+            scenarios[trial.index] = validate(changed(plain[trial.base], trial.changes))
+        except ScenarioError as error:
+            rows[trial.index] = failed_row(trial.index, INVALID, "; ".join(str(error).splitlines()))
+    rows |= _together(scenarios)
+    return [rows[trial.index] for trial in part.trials], environment()
+
+
+def failed_row(index: int, outcome: str, reason: str) -> Row:
+    """The row of a trial that did not run to an outcome."""
+    return {"trial": index, "outcome": outcome, "success": False, "reason": reason}
+
+
+def _together(scenarios: dict[int, Scenario]) -> dict[int, Row]:
+    try:
+        results = run_batch(list(scenarios.values()), threads=1, no_load=False)
+        return {index: _row(index, result) for index, result in zip(scenarios, results, strict=True)}
+    except Exception as error:
+        if len(scenarios) == 1:
+            (index,) = scenarios
+            return {index: failed_row(index, ERROR, f"{type(error).__name__}: {error}")}
+        rows: dict[int, Row] = {}
+        for index, scenario in scenarios.items():
+            rows |= _together({index: scenario})
+        return rows
+
+
+def _row(index: int, result: Result) -> Row:
+    row: Row = {
+        "trial": index,
+        "scenario_sha256": result.scenario.hash,
+        "outcome": result.outcome.value,
+        "success": result.success,
+        "duration_s": _finite(result.duration_s),
+        "reason": result.reason,
+        "attempts": 1 + sum(BACKS_OFF in event for event in result.events),
+        "collider": result.provenance["collider"],
+        "events": " | ".join(result.events),
+    }
+    for name, value in result.metrics.items():
+        if isinstance(value, list):
+            row |= {f"{name}_{i}": _finite(item) for i, item in enumerate(value, start=1)}
+        elif name not in LEFT_OUT:
+            assert not isinstance(value, dict)
+            row[name] = _finite(value)
+    return row
+
+
+def _finite(value: float) -> float | None:
+    """None for what a diverged run has left of a number."""
+    return value if math.isfinite(value) else None

@@ -1,0 +1,333 @@
+"""Sweep files: what a user writes, resolved and checked as a whole before anything runs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, Field, ValidationError
+
+from omnitrack_sim.errors import Fault, ScenarioError, SweepError
+from omnitrack_sim.scenario import (
+    NAME_PATTERN,
+    Scenario,
+    fault_of,
+    load_scenario,
+    override,
+    shipped_sweeps,
+    validate,
+)
+from omnitrack_sim.sweep import trials
+from omnitrack_sim.sweep.axes import AXES, BASE, Axis, AxisTable, DirectionAxis, GridAxis, ListAxis
+from omnitrack_sim.sweep.sampling import Sampling
+from omnitrack_sim.tables import Table
+
+MOST_TRIALS = 1_000_000
+MOST_LISTED, MOST_GRID = 12, 24
+"""Values up to which a list or grid axis makes groups of the summary when the file names none."""
+FOR_THE_RECORD = ("name", "group_by", "set")
+"""Keys of a resolved sweep that the table does not depend on."""
+_SAMPLINGS = ("latin_hypercube", "sobol")
+
+
+class _Plan(Table):
+    """What a sweep file and a resolved sweep share."""
+
+    name: Annotated[str, Field(pattern=NAME_PATTERN)]
+    seed: Annotated[int, Field(ge=0)] = 0
+    samples: Annotated[int, Field(ge=1, le=MOST_TRIALS)] = 1
+    sampling: Sampling = "random"
+    batch: Annotated[int, Field(ge=1, le=4096)] = 32
+    group_by: tuple[str, ...] | None = None
+    axes: tuple[Axis, ...] = ()
+
+
+class SweepFile(_Plan):
+    """A sweep file as it is written. Keys: see docs/sweeps.md."""
+
+    base: str | Annotated[tuple[str, ...], Field(min_length=1)]
+    set: dict[str, Any] = Field(default_factory=dict)
+
+
+class Sweep(_Plan):
+    """A resolved sweep.
+
+    Attributes:
+        bases: base scenarios in full, with all changes, by name; several make the axis ``base``.
+        set: the changes, for the record.
+    """
+
+    bases: dict[str, Scenario]
+    set: dict[str, Any]
+
+    def trials(self) -> dict[str, list[Any]]:
+        """The axis values, one a trial, by the axis' first path; ``base`` first where there are several."""
+        return {name: list(values) for name, values in self._columns.items()}
+
+    def scenario(self, index: int) -> Scenario:
+        """The scenario of one trial.
+
+        Raises:
+            ScenarioError: its values do not fit.
+            IndexError: there is no such trial.
+        """
+        if not 0 <= index < self.size:
+            raise IndexError(f"trial {index} of {self.size}")
+        one = trials.trial_of(trials.places_of(self._plain, self.axes), self._columns, index)
+        return validate(trials.changed(self._plain[one.base], one.changes))
+
+    def parts(self) -> list[trials.Part]:
+        """The trials in batches."""
+        return trials.parts_of(self._plain, self.axes, self._columns, self.batch)
+
+    @property
+    def size(self) -> int:
+        """Number of trials."""
+        return trials.count(len(self.bases), self.axes, self.samples)
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of what the table depends on: all but the name, the groups and the labels."""
+        left_out = dict.fromkeys(FOR_THE_RECORD, True) | {"axes": {"__all__": {"labels"}}}
+        told = self.model_dump(mode="json", exclude=left_out)
+        return hashlib.sha256(json.dumps([trials.FORMAT, told], sort_keys=True).encode()).hexdigest()
+
+    @property
+    def crossed(self) -> dict[str, list[Any]]:
+        """The values of ``base``, where there are several, and of each crossed axis, by name."""
+        return trials.crossed_values(self._plain, self.axes)
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The axes by whose values the summary counts."""
+        if self.group_by is not None:
+            return self.group_by
+        most = {axis.name: MOST_GRID for axis in self.axes if isinstance(axis, GridAxis)}
+        return tuple(name for name, values in self.crossed.items() if len(values) <= most.get(name, MOST_LISTED))
+
+    def label(self, name: str, value: Any) -> str:
+        """A value of a crossed axis in words: its label, or the text itself, or the JSON of anything else."""
+        for axis in self.axes:
+            if axis.name == name and isinstance(axis, ListAxis) and axis.labels is not None:
+                return axis.labels[axis.values.index(value)]
+        return value if isinstance(value, str) else json.dumps(value)
+
+    @cached_property
+    def _plain(self) -> dict[str, dict[str, Any]]:
+        return {name: scenario.model_dump(mode="json") for name, scenario in self.bases.items()}
+
+    @cached_property
+    def _columns(self) -> trials.Columns:
+        return trials.expand(self._plain, self.axes, self.samples, self.sampling, self.seed)
+
+
+def load_sweep(source: str | Path, changes: Mapping[str, Any] | None = None) -> Sweep:
+    """Read a sweep file, or a shipped sweep by name.
+
+    Args:
+        source: the file or name.
+        changes: of the base scenarios by dotted path; they come after those of the file's ``[set]``.
+
+    Raises:
+        SweepError: no such file, bad TOML, or any fault in it; every fault is listed with its path in the file.
+    """
+    path = _find(source)
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SweepError(Fault(str(path), f"is not valid TOML: {error}")) from error
+    except OSError as error:
+        raise SweepError(Fault(str(path), f"cannot be read: {error.strerror}")) from error
+    return resolve({"name": path.stem} | data, path.parent, changes)
+
+
+def resolve(data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str, Any] | None = None) -> Sweep:
+    """A sweep from plain data as read from TOML.
+
+    Args:
+        data: of the file.
+        folder: that paths of base scenarios are relative to.
+        changes: see ``load_sweep``.
+
+    Raises:
+        SweepError: lists every fault with its dotted path.
+    """
+    try:
+        file = SweepFile.model_validate_json(json.dumps(data, default=str), strict=True)
+    except ValidationError as error:
+        raise SweepError(_faults_of(error)) from None
+    bases, faults = _bases(file, folder, changes or {})
+    if bases:
+        faults += [fault for i, axis in enumerate(file.axes) for fault in _axis_faults(f"axes.{i}", axis, bases)]
+        faults += _clashes(file, bases, changes or {})
+    if faults:
+        raise SweepError(faults)
+    fields = {name: getattr(file, name) for name in _Plan.model_fields}
+    return Sweep(**fields, bases=bases, set=file.set | dict(changes or {}))
+
+
+def _find(source: str | Path) -> Path:
+    path, shipped = Path(source), shipped_sweeps()
+    if path.is_file():
+        return path
+    if str(source) in shipped:
+        return shipped[str(source)]
+    problem = "is a folder, not a sweep file" if path.is_dir() else "no such file, nor a shipped sweep of that name"
+    raise SweepError(Fault(str(source), problem, tuple(shipped)))
+
+
+def _faults_of(error: ValidationError) -> Iterator[Fault]:
+    """pydantic's errors as faults. A key that takes two kinds of value has an error for each, which is told once."""
+    told: set[str] = set()
+    for item in error.errors():
+        places, context = item["loc"], item.get("ctx", {})
+        if item["type"] == "union_tag_invalid" and context["tag"] in _SAMPLINGS:
+            where = ".".join(map(str, (*places, "kind")))
+            said = f'is {context["tag"]!r}, which is no kind of axis: write sampling = "{context["tag"]}" at the top'
+            yield Fault(where, f"{said} and a distribution here", tuple(sorted(AXES)))
+        elif set(places) & {"path", "base"}:
+            where = places[: 1 + max(places.index(key) for key in ("path", "base") if key in places)]
+            plain = ".".join(str(place) for i, place in enumerate(where) if not (i == 2 and place in AXES))
+            problem = "is missing" if item["type"] == "missing" else "is neither a text nor a list of texts"
+            if plain not in told:
+                yield Fault(plain, problem)
+            told.add(plain)
+        else:
+            yield fault_of(item, "axes", tuple(AXES), _choices_at)
+
+
+def _choices_at(places: list[str]) -> tuple[str, ...]:
+    """Valid keys of the table at a pydantic path."""
+    table: type[BaseModel] = AXES[places[2]] if places[:1] == ["axes"] and len(places) > 2 else SweepFile
+    return tuple(table.model_fields)
+
+
+def _bases(file: SweepFile, folder: Path, changes: Mapping[str, Any]) -> tuple[dict[str, Scenario], list[Fault]]:
+    """The base scenarios with all changes, by name, and what is wrong with them."""
+    bases: dict[str, Scenario] = {}
+    faults: list[Fault] = []
+    many = not isinstance(file.base, str)
+    for i, source in enumerate([file.base] if isinstance(file.base, str) else file.base):
+        where = f"base.{i}" if many else "base"
+        try:
+            scenario = load_scenario(folder / source if (folder / source).is_file() else source)
+        except ScenarioError as error:
+            faults += [Fault(f"{where}: {fault.where}", fault.problem, fault.choices) for fault in error.faults]
+            continue
+        if scenario.name in bases:
+            faults.append(Fault(where, f"{scenario.name!r} is the name of an earlier base"))
+        try:
+            given = _spread(scenario, file.set, "set.") | _spread(scenario, changes, "--set ")
+            bases[scenario.name] = override(scenario, given) if given else scenario
+        except ScenarioError as error:
+            bases[scenario.name] = scenario
+            faults += error.faults
+    return bases, list(dict.fromkeys(faults))
+
+
+def _spread(scenario: Scenario, changes: Mapping[str, Any], origin: str) -> dict[str, Any]:
+    """Changes with ``*`` written out; faults of single ones and of all together are named by ``origin``."""
+    data = scenario.model_dump(mode="json")
+    spread = {place: value for path, value in changes.items() for place in trials.matches(data, path) or [path]}
+    try:
+        override(scenario, spread)
+    except ScenarioError as error:
+        raise ScenarioError([Fault(origin + f.where, f.problem, f.choices) for f in error.faults]) from None
+    return spread
+
+
+def _axis_faults(where: str, axis: AxisTable, bases: Mapping[str, Scenario]) -> Iterator[Fault]:
+    """What is wrong with an axis in the light of the base scenarios."""
+    for i, path in enumerate(axis.paths):
+        at = f"{where}.path" if isinstance(axis.path, str) else f"{where}.path.{i}"
+        for name, scenario in bases.items():
+            data = scenario.model_dump(mode="json")
+            found = trials.matches(data, path)
+            if not found:
+                yield _missing(at, path, data, name if len(bases) > 1 else None)
+                break
+            value = trials.value_at(data, found[0])
+            inner = value if isinstance(value, dict) else value[0] if isinstance(value, list) else None
+            if isinstance(inner, dict):
+                keys = value if isinstance(value, dict) else [*map(str, range(len(value))), "*"]
+                yield Fault(at, f"{path!r} is a table; name one value in it", tuple(keys))
+                break
+            problem = _misfit(axis, value)
+            if problem:
+                yield Fault(at, f"{path!r} {problem}")
+                break
+            if isinstance(axis, ListAxis):
+                yield from _misspelt(where, axis, scenario, found)
+
+
+def _missing(at: str, path: str, data: Mapping[str, Any], base: str | None) -> Fault:
+    """Where a path leaves the scenario, and what there is instead."""
+    keys = path.split(".")
+    depth = next(i for i in range(len(keys)) if not trials.matches(data, ".".join(keys[: i + 1])))
+    before = trials.matches(data, ".".join(keys[:depth])) if depth else [""]
+    inside = trials.value_at(data, before[0])
+    choices = tuple(inside) if isinstance(inside, dict) else ()
+    choices = (*map(str, range(len(inside))), "*") if isinstance(inside, list) else choices
+    of = f" in base {base!r}" if base else ""
+    return Fault(at, f"is {path!r}; there is no {keys[depth]!r}{of}", choices)
+
+
+def _misfit(axis: AxisTable, present: Any) -> str | None:
+    """Why an axis of numbers or vectors cannot set a value such as ``present``."""
+    vector = isinstance(present, list)
+    if isinstance(axis, DirectionAxis):
+        return None if vector else "takes no vector"
+    if isinstance(axis, ListAxis):
+        return None
+    if isinstance(present, bool | str):
+        return f"is {json.dumps(present)}, not a number; use a list axis"
+    if vector:
+        return "is a vector; use a list or direction axis, or one of its numbers"
+    whole = isinstance(axis, GridAxis) and all(value.is_integer() for value in axis.values_of())
+    return "takes whole numbers only" if isinstance(present, int) and not whole else None
+
+
+def _misspelt(where: str, axis: ListAxis, scenario: Scenario, places: list[str]) -> Iterator[Fault]:
+    """Words and truth values that the scenario does not know. Numbers out of range make invalid trials instead."""
+    data = scenario.model_dump(mode="json")
+    for i, value in enumerate(axis.values):
+        present = trials.value_at(data, places[0])
+        if not isinstance(value, bool | str) and not isinstance(present, bool | str):
+            continue
+        try:
+            override(scenario, dict.fromkeys(places, value))
+        except ScenarioError as error:
+            for fault in error.faults:
+                if fault.where in places:
+                    yield Fault(f"{where}.values.{i}", fault.problem, fault.choices)
+
+
+def _clashes(file: SweepFile, bases: Mapping[str, Scenario], changes: Mapping[str, Any]) -> Iterator[Fault]:
+    """Two that set the same value, groups that are no crossed axes, and too many trials."""
+    data = next(iter(bases.values())).model_dump(mode="json")
+    taken: dict[str, str] = {}
+    for i, axis in enumerate(file.axes):
+        for path in axis.paths:
+            for place in trials.matches(data, path):
+                if place in taken and taken[place] != f"axes.{i}":
+                    yield Fault(f"axes.{i}.path", f"{place!r} is set by {taken[place]} too")
+                taken.setdefault(place, f"axes.{i}")
+    for origin, given in (("set.", file.set), ("--set ", changes)):
+        for path in given:
+            clash = next((taken[place] for place in trials.matches(data, path) if place in taken), None)
+            if clash:
+                yield Fault(origin + path, f"is set by {clash} too")
+    if not file.axes and len(bases) < 2:
+        yield Fault("axes", "is missing: a sweep has at least one axis, or several bases")
+    groups = (*([BASE] if len(bases) > 1 else []), *(axis.name for axis in file.axes if axis.crossed))
+    for i, name in enumerate(file.group_by or ()):
+        if name not in groups:
+            yield Fault(f"group_by.{i}", f"{name!r} is no grid or list axis of this sweep", groups)
+    size = trials.count(len(bases), file.axes, file.samples)
+    if size > MOST_TRIALS:
+        yield Fault("axes", f"make {size} trials; at most {MOST_TRIALS}")

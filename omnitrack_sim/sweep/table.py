@@ -1,0 +1,174 @@
+"""The table of a sweep: its columns with units, and rows as Arrow."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from omnitrack_sim.robot import MODULES
+from omnitrack_sim.sweep.axes import BASE, DirectionAxis
+from omnitrack_sim.sweep.part import Row
+from omnitrack_sim.sweep.spec import Sweep
+from omnitrack_sim.sweep.trials import Part
+from omnitrack_sim.tables import unit_of
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+XYZ = "xyz"
+_THREE = tuple(range(1, MODULES + 1))
+METRICS: dict[str, tuple[str, tuple[int, ...]]] = {
+    "distance_m": ("m", ()),
+    "mean_speed_m_s": ("m/s", ()),
+    "tilt_max_deg": ("deg", ()),
+    "tilt_exit_deg": ("deg", ()),
+    "energy_j": ("J", ()),
+    "slip_ratio_mean": ("1", _THREE),
+    "slip_distance_m": ("m", _THREE),
+    "traction_rms_n": ("N", _THREE),
+    "normal_force_mean_n": ("N", _THREE),
+    "contact_fraction": ("1", _THREE),
+    "spring_travel_max_m": ("m", _THREE),
+    "pitch_max_deg": ("deg", _THREE),
+    "motor_torque_max_n_m": ("N m", _THREE),
+    "stall_time_s": ("s", _THREE),
+}
+"""Unit of each metric, and the numbers of the modules where there is one value for each."""
+PARQUET: dict[str, Any] = {
+    "compression": "zstd",
+    "compression_level": 3,
+    "version": "2.6",
+    "data_page_version": "1.0",
+    "row_group_size": 65536,
+    "write_page_checksum": True,
+}
+"""Fixed, so that the same rows give the same bytes."""
+
+
+class Layout:
+    """The columns of a sweep's table and the axis values in them.
+
+    Attributes:
+        schema: of the table; ``sha256`` of the sweep in its metadata, units in the fields'.
+        total: number of rows.
+    """
+
+    def __init__(self, sweep: Sweep):
+        import pyarrow as pa
+
+        self.total = sweep.size
+        self._values: dict[str, Sequence[Any]] = {}
+        fields = [pa.field("trial", pa.int64(), metadata={"unit": "1"})]
+        for name, values in sweep.trials().items():
+            for column, items in _columns_of(name, values).items():
+                self._values[column] = items
+                fields.append(_field(column, _type(items), None if name == BASE else unit_of(name)))
+        fields += [
+            _field("model", pa.string()),
+            _field("scenario_sha256", pa.string()),
+            _field("outcome", pa.string()),
+            _field("success", pa.bool_()),
+            _field("duration_s", pa.float64(), "s"),
+            _field("reason", pa.string()),
+        ]
+        for name, (unit, modules) in METRICS.items():
+            fields += [_field(column, pa.float64(), unit) for column in metric_columns(name, modules)]
+        fields += [_field("attempts", pa.int64(), "1"), _field("collider", pa.string()), _field("events", pa.string())]
+        self.schema = pa.schema(fields, metadata={"sweep_sha256": sweep.hash})
+
+    def table(self, part: Part, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
+        """The rows of a part; its hash and what made it in the metadata."""
+        import pyarrow as pa
+
+        columns = []
+        for field in self.schema:
+            if field.name in self._values:
+                values = [self._values[field.name][row["trial"]] for row in rows]
+            else:
+                values = [part.model if field.name == "model" else row.get(field.name) for row in rows]
+            columns.append(pa.array(values, field.type))
+        metadata = {"part": part.hash, "made_by": json.dumps(made_by, sort_keys=True)}
+        return pa.Table.from_arrays(columns, schema=self.schema.with_metadata(metadata))
+
+    def merged(self, tables: Sequence[pa.Table]) -> pa.Table:
+        """The parts' rows in the order of the trials, in one piece."""
+        import pyarrow as pa
+
+        plain = [table.replace_schema_metadata(self.schema.metadata) for table in tables]
+        if not plain:
+            return self.schema.empty_table()
+        return pa.concat_tables(plain).sort_by("trial").combine_chunks()
+
+
+def metric_columns(name: str, modules: Sequence[int]) -> list[str]:
+    """The columns of a metric."""
+    return [f"{name}_{i}" for i in modules] or [name]
+
+
+def to_parquet(table: pa.Table) -> bytes:
+    """A table as the bytes of a file."""
+    import pyarrow.parquet as pq
+
+    buffer = io.BytesIO()
+    pq.write_table(table, buffer, **PARQUET)
+    return buffer.getvalue()
+
+
+def from_parquet(data: bytes) -> pa.Table:
+    """The table of a file's bytes.
+
+    Raises:
+        OSError, pyarrow.ArrowException: they are damaged.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    return pq.read_table(pa.BufferReader(data), page_checksum_verification=True)
+
+
+def to_csv(table: pa.Table) -> bytes:
+    """A table as the bytes of a CSV file."""
+    from pyarrow import csv
+
+    buffer = io.BytesIO()
+    csv.write_csv(table, buffer)
+    return buffer.getvalue()
+
+
+def axis_columns(sweep: Sweep, name: str) -> list[str]:
+    """The columns of an axis: itself, or x, y and z of a vector."""
+    vector = any(axis.name == name and isinstance(axis, DirectionAxis) for axis in sweep.axes)
+    if vector or (name in sweep.crossed and _are_vectors(sweep.crossed[name])):
+        return [f"{name}_{letter}" for letter in XYZ]
+    return [name]
+
+
+def _columns_of(name: str, values: Sequence[Any]) -> dict[str, Sequence[Any]]:
+    """An axis' values as plain columns: vectors as x, y, z; what is neither number, text nor truth value as JSON."""
+    if _are_vectors(values):
+        return {f"{name}_{letter}": [float(value[i]) for value in values] for i, letter in enumerate(XYZ)}
+    kinds = {type(value) for value in values}
+    if kinds <= {int, float} or kinds == {bool} or kinds == {str}:
+        return {name: [float(value) for value in values] if kinds == {int, float} else values}
+    return {name: [value if isinstance(value, str) else json.dumps(value) for value in values]}
+
+
+def _are_vectors(values: Sequence[Any]) -> bool:
+    def is_vector(value: Any) -> bool:
+        return isinstance(value, list) and len(value) == len(XYZ) and all(type(item) in (int, float) for item in value)
+
+    return all(is_vector(value) for value in values)
+
+
+def _type(values: Sequence[Any]) -> pa.DataType:
+    import pyarrow as pa
+
+    return {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}[type(values[0])]
+
+
+def _field(name: str, kind: pa.DataType, unit: str | None = None) -> pa.Field:
+    import pyarrow as pa
+
+    return pa.field(name, kind, metadata=None if unit is None else {"unit": unit})

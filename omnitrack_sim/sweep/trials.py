@@ -1,0 +1,182 @@
+"""From axes to trials, and from trials to batches. Only plain values: nothing is validated, no route is built."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import itertools
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from omnitrack_sim.scenario import set_value
+from omnitrack_sim.sim.runner import batch_key
+from omnitrack_sim.sweep.axes import BASE, AxisTable
+from omnitrack_sim.sweep.sampling import Sampling, unit_points
+
+FORMAT = 1
+"""Number of the form of parts and table; parts of another form are not taken over."""
+Columns = dict[str, list[Any]]
+"""Values of each axis, one a trial."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One trial: its number, its base, and what it changes there, by dotted path."""
+
+    index: int
+    base: str
+    changes: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Part:
+    """The trials of one batch, with all that a worker needs.
+
+    Attributes:
+        number: from 0, in the order of the batches.
+        model: short hash of the batch key.
+        bases: JSON of the base scenarios, by name.
+        trials: consecutive among those of one model.
+    """
+
+    number: int
+    model: str
+    bases: dict[str, str]
+    trials: tuple[Trial, ...]
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of what the rows depend on, hexadecimal, 16 digits."""
+        trials = [[trial.index, trial.base, trial.changes] for trial in self.trials]
+        return _sha256([FORMAT, self.bases, trials])[:16]
+
+
+def matches(data: Mapping[str, Any], path: str) -> list[str]:
+    """The paths in a plain scenario that ``path`` means: itself, or with ``*`` one for each item that has the key."""
+    found = [""]
+    for key in path.split("."):
+        longer = []
+        for place in found:
+            inside = value_at(data, place)
+            keys = [str(i) for i in range(len(inside))] if key == "*" and isinstance(inside, list) else [key]
+            longer += [f"{place}.{k}".lstrip(".") for k in keys if has(inside, k)]
+        found = longer
+    return found
+
+
+def has(place: Any, key: str) -> bool:
+    """Whether there is a ``key`` in a table or list."""
+    return key in place if isinstance(place, dict) else isinstance(place, list) and key in map(str, range(len(place)))
+
+
+def value_at(data: Any, path: str) -> Any:
+    """The value at a path that exists; the whole for the empty path."""
+    for key in filter(None, path.split(".")):
+        data = data[int(key)] if isinstance(data, list) else data[key]
+    return data
+
+
+def fitted(value: Any, present: Any) -> Any:
+    """``value`` as the kind of number that stands in its place now, so that 1 and 1.0 are one trial."""
+    if type(value) is int and isinstance(present, float):
+        return float(value)
+    if isinstance(value, float) and value.is_integer() and type(present) is int:
+        return int(value)
+    if isinstance(value, list | tuple):
+        return [fitted(item, 0.0) if isinstance(present, list) else item for item in value]
+    return value
+
+
+def expand(
+    bases: Mapping[str, Mapping[str, Any]], axes: Sequence[AxisTable], samples: int, sampling: Sampling, seed: int
+) -> Columns:
+    """The values of all axes, one a trial: crossed axes with the first slowest, ``samples`` draws for each combination.
+
+    Args:
+        bases: plain base scenarios by name; several make the first axis, ``BASE``.
+        axes: of the sweep. samples, sampling, seed: of the random ones; every combination has the same draws.
+    """
+    random = [axis for axis in axes if not axis.crossed]
+    points = unit_points(samples if random else 1, sum(axis.dimensions for axis in random), sampling, seed)
+    drawn: Columns = {}
+    used = 0
+    for axis in random:
+        drawn[axis.name] = axis.draw(points[:, used : used + axis.dimensions])
+        used += axis.dimensions
+    crossed = crossed_values(bases, axes)
+    columns: Columns = {name: [] for name in (*([BASE] if len(bases) > 1 else []), *(axis.name for axis in axes))}
+    for combination in itertools.product(*crossed.values()):
+        for name, value in zip(crossed, combination, strict=True):
+            columns[name] += [value] * len(points)
+        for name, values in drawn.items():
+            columns[name] += values
+    return columns
+
+
+def crossed_values(bases: Mapping[str, Mapping[str, Any]], axes: Sequence[AxisTable]) -> Columns:
+    """The values of ``BASE``, where there are several, and of each crossed axis."""
+    first = next(iter(bases.values()))
+    values: Columns = {BASE: list(bases)} if len(bases) > 1 else {}
+    for axis in axes:
+        if axis.crossed:
+            present = value_at(first, matches(first, axis.name)[0])
+            values[axis.name] = [fitted(value, present) for value in axis.values_of()]
+    return values
+
+
+def count(bases: int, axes: Sequence[AxisTable], samples: int) -> int:
+    """Number of trials."""
+    combinations = bases * math.prod(len(axis.values_of()) for axis in axes if axis.crossed)
+    return combinations * (samples if any(not axis.crossed for axis in axes) else 1)
+
+
+def places_of(bases: Mapping[str, Mapping[str, Any]], axes: Sequence[AxisTable]) -> dict[str, list[tuple[str, str]]]:
+    """For each base, (axis name, single path) of all that the axes set there."""
+    return {
+        base: [(axis.name, place) for axis in axes for path in axis.paths for place in matches(data, path)]
+        for base, data in bases.items()
+    }
+
+
+def trial_of(places: Mapping[str, Sequence[tuple[str, str]]], columns: Columns, index: int) -> Trial:
+    """Trial ``index`` with its changes by single paths; ``places`` of ``places_of``."""
+    base = columns[BASE][index] if BASE in columns else next(iter(places))
+    return Trial(index, base, {place: columns[name][index] for name, place in places[base]})
+
+
+def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """A copy of a plain scenario with changes by path, unchecked."""
+    plain = copy.deepcopy(dict(data))
+    for path, value in changes.items():
+        set_value(plain, path, value)
+    return plain
+
+
+def parts_of(
+    bases: Mapping[str, Mapping[str, Any]], axes: Sequence[AxisTable], columns: Columns, batch: int
+) -> list[Part]:
+    """The trials in batches of at most ``batch``: those that share a model together, in order."""
+    texts = {name: json.dumps(data) for name, data in bases.items()}
+    places = places_of(bases, axes)
+    # One copy of each base is changed in place, trial after trial: every trial sets the same paths.
+    plain = {name: copy.deepcopy(dict(data)) for name, data in bases.items()}
+    groups: dict[str, list[Trial]] = {}
+    for index in range(len(next(iter(columns.values())))):
+        one = trial_of(places, columns, index)
+        for path, value in one.changes.items():
+            set_value(plain[one.base], path, value)
+        groups.setdefault(batch_key(plain[one.base]), []).append(one)
+    parts: list[Part] = []
+    for key, members in groups.items():
+        for start in range(0, len(members), batch):
+            chosen = tuple(members[start : start + batch])
+            used = {name: texts[name] for name in sorted({one.base for one in chosen})}
+            parts.append(Part(len(parts), _sha256(key)[:12], used, chosen))
+    return parts
+
+
+def _sha256(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,83 @@
+"""Where batches run: processes of this machine, or a Dask cluster."""
+
+from __future__ import annotations
+
+import ctypes
+import multiprocessing
+import os
+import signal
+import sys
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from typing import Any
+
+from omnitrack_sim.errors import Fault, InputError, OmnitrackError
+
+DASK_PATIENCE = 8
+"""Seconds to wait for an answer of a Dask scheduler."""
+_PR_SET_PDEATHSIG = 1
+
+
+class WorkersLost(OmnitrackError):
+    """The workers are gone and cannot be had again."""
+
+
+class LocalPool(ProcessPoolExecutor):
+    """Worker processes that die with this one, and at once when the pool is shut down without waiting."""
+
+    def __init__(self, workers: int):
+        self._others = set(multiprocessing.active_children())
+        super().__init__(
+            workers, multiprocessing.get_context("spawn"), initializer=begin_worker, initargs=(os.getpid(),)
+        )
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """As the parent's; without ``wait`` the workers are killed."""
+        if not wait:
+            for process in set(multiprocessing.active_children()) - self._others:
+                process.kill()
+        super().shutdown(wait, cancel_futures=cancel_futures)
+
+
+def begin_worker(parent: int) -> None:
+    """Bind a worker's life to its parent's, and leave Ctrl-C to the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # gone before the line above
+        os._exit(1)
+
+
+class DaskPool(Executor):
+    """A Dask cluster. Its client is closed with it."""
+
+    def __init__(self, address: str):
+        try:
+            from distributed import Client
+        except ImportError:
+            problem = "needs the package distributed: pip install 'omnitrack_sim[dask]'"
+            raise InputError(Fault("--dask", problem)) from None
+        try:
+            self._client = Client(address, timeout=DASK_PATIENCE, set_as_default=False)
+        except (OSError, TimeoutError, ValueError) as error:
+            problem = f"no scheduler answers at {address!r} ({error}); start one with `dask scheduler`"
+            raise InputError(Fault("--dask", problem)) from None
+        self._executor = self._client.get_executor(pure=False)
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
+        """As ``Executor.submit``."""
+        return self._executor.submit(fn, *args, **kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End; without ``wait`` batches under way are given up."""
+        self._executor.shutdown(wait)
+        self._client.close()
+
+
+def killed_its_worker(error: BaseException) -> bool:
+    """Whether Dask gave up a batch because workers died of it."""
+    if "distributed" not in sys.modules:
+        return False
+    from distributed import KilledWorker
+
+    return isinstance(error, KilledWorker)

@@ -1,0 +1,80 @@
+"""A small sweep, and workers that die, for the tests of sweeps. Workers of other processes import this module."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+from omnitrack_sim.sweep import Sweep
+from omnitrack_sim.sweep.part import Row, run_part
+from omnitrack_sim.sweep.spec import resolve
+from omnitrack_sim.sweep.trials import Part
+
+TEXT = """
+base = "straight"
+samples = {samples}
+batch = 3
+[set]
+"physics.time_limit" = {time_limit}
+"physics.wall_tolerance" = 0.002
+"robot.lugs_per_track" = 3
+[[axes]]
+path = "control.kind"
+kind = "list"
+values = ["jacobian", "equal"]
+[[axes]]
+path = "contact.friction"
+kind = "uniform"
+low = 0.5
+high = 1.0
+[[axes]]
+path = "world.gravity"
+kind = "direction"
+[[axes]]
+path = "robot.preload"
+kind = "normal"
+mean = 10
+std = 10
+"""
+VALID = 3
+"""A trial whose values fit."""
+DEADLY = 4
+"""The trial that ``deadly_part`` dies of."""
+
+
+def write_sweep(folder: Path, samples: int = 5, time_limit: float = 0.1) -> Path:
+    """The file of a sweep of twice ``samples`` trials, some of them invalid."""
+    path = folder / "small.toml"
+    path.write_text(TEXT.format(samples=samples, time_limit=time_limit), encoding="utf-8")
+    return path
+
+
+def small_sweep(**changes: Any) -> Sweep:
+    """The same; ``changes`` replace keys of the file."""
+    import tomllib
+
+    data = tomllib.loads(TEXT.format(samples=5, time_limit=0.1))
+    return resolve({"name": "small"} | data | changes)
+
+
+def deadly_part(part: Part) -> tuple[list[Row], dict[str, Any]]:
+    """As ``run_part``, but the process dies of trial ``DEADLY``."""
+    if DEADLY in [trial.index for trial in part.trials]:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return run_part(part)
+
+
+def once_deadly_part(part: Part) -> tuple[list[Row], dict[str, Any]]:
+    """As ``run_part``, but the first process that comes to trial ``DEADLY`` dies."""
+    mark = Path(os.environ["ONCE_DEADLY"])
+    if DEADLY in [trial.index for trial in part.trials] and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return run_part(part)
+
+
+def no_worker(parent: int) -> None:
+    """As ``begin_worker``, but no worker lives to work."""
+    os._exit(1)

@@ -1,0 +1,117 @@
+"""The figure of a sweep shows the rates of the table, in the form that fits the axes."""
+
+import io
+import re
+
+import numpy as np
+import pytest
+
+from omnitrack_sim.plots.manoeuvres import SINGULAR_COLOUR
+from omnitrack_sim.plots.style import save_figure
+from omnitrack_sim.plots.sweep import THETA5, Spread, sweep_figure
+from omnitrack_sim.singularity import TurnCase
+from omnitrack_sim.sweep import load_sweep
+from omnitrack_sim.sweep.picture import CLASSES, spreads, turn_case
+from omnitrack_sim.sweep.spec import resolve
+
+RNG = np.random.default_rng(0)
+N = 400
+PRELOAD = Spread("robot.preload", "N", RNG.uniform(5, 40, N))
+FRICTION = Spread("contact.friction", "1", RNG.uniform(0.3, 1.2, N))
+KIND = Spread("control.kind", "", ["a", "b"] * (N // 2), ("a", "b"))
+ORIENTATION = Spread(THETA5, "deg", np.linspace(-60, 59, N))
+PASSED = (np.asarray(PRELOAD.values, float) > 20).astype(float)
+FORMS = {
+    "orientation": [ORIENTATION],
+    "orientation by word": [ORIENTATION, KIND],
+    "map": [PRELOAD, FRICTION],
+    "effects": [FRICTION, PRELOAD, KIND],
+    "one word": [KIND],
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("left_out", ["none", "some", "all"])
+def test_every_form_is_drawn_and_repeats(form, left_out):
+    """Each form draws without a warning, with trials that have no outcome too, and twice the same bytes."""
+    passed = np.where({"none": PASSED < 0, "some": PASSED > 0, "all": PASSED >= 0}[left_out], np.nan, PASSED)
+    files = []
+    for _ in range(2):
+        buffer = io.BytesIO()
+        save_figure(sweep_figure(FORMS[form], passed, TurnCase()), buffer, "png")
+        files.append(buffer.getvalue())
+    assert files[0] == files[1]
+    assert len(files[0]) > 5_000
+
+
+def test_orientations_have_the_sector_of_the_case_behind_them():
+    """The singular range is that of the robot; without a tee there is none."""
+
+    def shades(case):
+        axis = sweep_figure([ORIENTATION], PASSED, case).axes[0]
+        return [patch for patch in axis.patches if patch.get_label() == "singular by the formula"]
+
+    case = TurnCase()
+    ends = sorted(abs(end) for p in shades(case) for end in (p.get_x(), p.get_x() + p.get_width()))
+    assert ends[:2] == pytest.approx([np.degrees(case.margin)] * 2)
+    assert shades(None) == []
+    assert SINGULAR_COLOUR.startswith("#")
+
+
+def test_a_map_has_a_cell_a_grid_point_and_bins_of_draws():
+    """Grid cells hold their own trial; draws are binned 8 x 8, and bins of few trials tell how many."""
+    x, y = (v.ravel() for v in np.meshgrid([1.0, 2.0, 3.0], [10.0, 20.0], indexing="ij"))
+    passed = np.array([0, 1, 1, 0, np.nan, 1.0])
+    axis = sweep_figure([Spread("a", "m", x), Spread("b", "1", y)], passed).axes[0]
+    rates = np.ma.asarray(axis.collections[0].get_array()).reshape(2, 3)
+    assert rates.filled(-1).tolist() == [[0, 100, -1], [100, 0, 100]]
+    assert not axis.texts
+    axis = sweep_figure([PRELOAD, FRICTION], PASSED).axes[0]
+    assert np.ma.asarray(axis.collections[0].get_array()).size == 64
+    assert axis.texts
+    assert all(re.fullmatch("[0-4]", text.get_text()) for text in axis.texts)
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("robot.preload [N]", "contact.friction [1]")
+
+
+def test_main_effects_are_sorted_by_their_spread():
+    """The axis that decides comes first; ten bins of a draw hold the rates of the trials in them."""
+    figure = sweep_figure([FRICTION, KIND, PRELOAD], PASSED)
+    panels = [axis for axis in figure.axes if axis.get_visible()]
+    assert panels[0].get_xlabel() == "robot.preload [N]"
+    rates = panels[0].lines[0].get_ydata()
+    assert len(rates) == 10
+    assert (rates[0], rates[-1]) == (0, 100)
+    assert np.mean(rates) == pytest.approx(100 * PASSED.mean())
+
+
+def test_gravity_is_shown_by_its_angle_to_the_run():
+    """Down along an upward run is against it; thirds of the sphere are of one size."""
+    down = {"path": "world.gravity", "kind": "list", "values": [[0, 0, -9.81], [9.81, 0, 0]]}
+    axes = [{"path": "world.gravity", "kind": "direction"}]
+    sweep = resolve({"name": "s", "base": "tee_turn", "samples": 900, "sampling": "sobol", "axes": axes})
+    (spread,) = spreads(sweep)
+    assert spread.order == CLASSES
+    assert [list(spread.values).count(name) for name in CLASSES] == pytest.approx([300] * 3, abs=15)
+    vectors = np.array(sweep.trials()["world.gravity"])
+    assert all(name == CLASSES[0] for name, v in zip(spread.values, vectors, strict=True) if v[2] < -4)
+    (words,) = spreads(resolve({"name": "s", "base": "tee_turn", "axes": [down]}))
+    assert words.order == ("[0.0, 0.0, -9.81]", "[9.81, 0.0, 0.0]")
+
+
+def test_the_case_is_that_of_the_base():
+    """Pipe, reach and arc come from the base; an elbow has no case."""
+    sweep = resolve(
+        {
+            "name": "s",
+            "base": "tee_turn",
+            "set": {"robot.reach": 0.098},
+            "axes": [{"path": THETA5, "kind": "list", "values": [0]}],
+        }
+    )
+    case = turn_case(sweep)
+    assert case is not None
+    assert (case.reach, case.pipe_radius, case.bend_radius) == (0.098, 0.08, 0.09)
+    assert turn_case(load_sweep("elbow_orientation")) is None
+    (angle, kind) = spreads(load_sweep("elbow_orientation"))
+    assert angle.unit == "deg"
+    assert kind.order == ("feedback", "as written (Eq. 20)")

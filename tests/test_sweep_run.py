@@ -1,0 +1,455 @@
+"""A sweep's table does not depend on who ran it, and survives kills, damage, full disks and bad trials."""
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from sweep_samples import DEADLY, VALID, deadly_part, no_worker, once_deadly_part, small_sweep, write_sweep
+
+from omnitrack_sim import OutputError, SweepError, load_sweep, run, run_sweep
+from omnitrack_sim.metrics import summarise
+from omnitrack_sim.sim.runner import run_batch
+from omnitrack_sim.sweep import engine, folder, part, workers
+from omnitrack_sim.sweep.summary import summarise_sweep
+from omnitrack_sim.sweep.table import METRICS
+from omnitrack_sim.sweep.workers import DaskPool, LocalPool, WorkersLost
+
+FILES = ("trials.parquet", "trials.csv", "summary.json", "success_map.png", "sweep.json")
+ALL = {*FILES, "parts"}
+
+
+def omnitrack(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "omnitrack_sim.cli", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=120)
+
+
+def started(*arguments: object) -> subprocess.Popen:
+    command = [sys.executable, "-m", "omnitrack_sim.cli", *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def same(a: Path, b: Path, names=FILES) -> bool:
+    return all((a / name).read_bytes() == (b / name).read_bytes() for name in names)
+
+
+def parts(place: Path) -> list[Path]:
+    return sorted((place / "parts").glob("[0-9]*.parquet"))
+
+
+def children(pid: int) -> list[int]:
+    """Processes that ``pid`` has started, without zombies."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                state, parent = (entry / "stat").read_text().rpartition(")")[2].split()[:2]
+            except OSError:
+                continue
+            if int(parent) == pid and state != "Z":
+                found.append(int(entry.name))
+    return found
+
+
+def gone(pids: list[int], seconds: float = 5.0) -> bool:
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        if not any((Path("/proc") / str(pid)).exists() for pid in pids):
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def wait_for_parts(process: subprocess.Popen, place: Path, count: int) -> None:
+    until = time.monotonic() + 60
+    while len(parts(place)) < count and process.poll() is None and time.monotonic() < until:
+        time.sleep(0.01)
+    assert process.poll() is None, process.communicate()
+    assert len(parts(place)) >= count
+
+
+@pytest.fixture(scope="module")
+def calm(tmp_path_factory) -> Path:
+    """The small sweep, run in one process without interruption."""
+    place = tmp_path_factory.mktemp("sweeps") / "calm"
+    run_sweep(small_sweep(), place)
+    return place
+
+
+@pytest.fixture(scope="module")
+def table(calm):
+    return pq.read_table(calm / "trials.parquet")
+
+
+def test_the_folder_holds_its_files(calm, table):
+    """A finished sweep has its files and parts, nothing temporary, and a row a trial in order."""
+    assert {path.name for path in calm.iterdir()} == ALL
+    assert len(parts(calm)) == 4 == len(list((calm / "parts").iterdir()))
+    assert table["trial"].to_pylist() == list(range(10))
+    assert {"timed_out", "invalid"} == set(table["outcome"].to_pylist())
+    assert len((calm / "trials.csv").read_text().splitlines()) == 11
+
+
+def test_columns_and_units(table):
+    """Axis columns, vectors by letter, results and every metric of a run; units in the fields."""
+    names = table.schema.names
+    assert names[:7] == [
+        "trial",
+        "control.kind",
+        "contact.friction",
+        *(f"world.gravity_{c}" for c in "xyz"),
+        "robot.preload",
+    ]
+    units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in table.schema}
+    assert units["world.gravity_z"] == "m/s²"
+    assert (units["robot.preload"], units["duration_s"], units["slip_ratio_mean_2"]) == ("N", "s", "1")
+    assert names[-3:] == ["attempts", "collider", "events"]
+    invalid = table["outcome"].to_pylist().index("invalid")
+    row = table.slice(invalid, 1).to_pylist()[0]
+    assert "robot.preload" in row["reason"]
+    assert row["duration_s"] is None
+    assert row["scenario_sha256"] is None
+    assert row["success"] is False
+
+
+def test_a_row_is_what_the_run_of_its_scenario_gives(table):
+    """A trial run alone has the numbers of its row: batches do not mix."""
+    index = table["outcome"].to_pylist().index("timed_out")
+    row = table.slice(index, 1).to_pylist()[0]
+    result = run(small_sweep().scenario(index))
+    assert row["scenario_sha256"] == result.scenario.hash
+    assert (row["reason"], row["duration_s"]) == (result.reason, result.duration_s)
+    for name, (_, modules) in METRICS.items():
+        values = [row[f"{name}_{i}"] for i in modules] or row[name]
+        assert values == result.metrics[name]
+
+
+def test_every_metric_is_in_the_table():
+    """The table has all metrics of a run but those that are left out on purpose."""
+    (result,) = run_batch([small_sweep().scenario(VALID)], no_load=False)
+    assert set(METRICS) == set(result.metrics) - part.LEFT_OUT
+    assert np.isnan(result.metrics["no_load_slip_m_s"])  # type: ignore[arg-type]
+    assert summarise.__doc__ is not None
+    assert all(name in summarise.__doc__ for name in METRICS)
+
+
+def test_summary_counts_without_the_invalid(calm, table):
+    """Rates are over the trials with an outcome; invalid ones are told; groups add up to the whole."""
+    summary = json.loads((calm / "summary.json").read_text())
+    invalid = table["outcome"].to_pylist().count("invalid")
+    assert (summary["trials"], summary["invalid"], summary["counted"]) == (10, invalid, 10 - invalid)
+    assert summary["outcomes"] == {"invalid": invalid, "timed_out": 10 - invalid}
+    (rows,) = summary["groups"].values()
+    assert [row["value"] for row in rows] == ["jacobian", "equal"]
+    assert sum(row["counted"] for row in rows) == summary["counted"]
+    assert {"versions", "git_commit", "platform"} <= set(summary["provenance"]["made_by"][0])
+
+
+def test_groups_of_every_kind_of_value():
+    """Whole numbers, vectors and truth values are grouped, and stand in columns of their kind."""
+    axes = [
+        {"path": "robot.lugs_per_track", "kind": "grid", "start": 2, "stop": 3, "count": 2},
+        {"path": "world.gravity", "kind": "list", "values": [[0, 0, -9.81], [0, 0, 0]], "labels": ["down", "none"]},
+        {"path": "control.align", "kind": "list", "values": [True, False]},
+        {"path": "robot.preload", "kind": "list", "values": [20, 30.5]},
+    ]
+    sweep = small_sweep(axes=axes, set={"physics.time_limit": 0.02, "physics.wall_tolerance": 0.002})
+    table = run_sweep(sweep)
+    kinds = [str(table.schema.field(name).type) for name in table.schema.names[1:7]]
+    assert kinds == ["int64", "double", "double", "double", "bool", "double"]
+    groups = summarise_sweep(sweep, table, [])["groups"]
+    assert [[row["value"] for row in rows] for rows in groups.values()] == [
+        ["2", "3"],
+        ["down", "none"],
+        ["true", "false"],
+        ["20.0", "30.5"],
+    ]
+    assert {row["counted"] for rows in groups.values() for row in rows} == {8}
+
+
+def test_two_workers_give_the_same_bytes(calm, tmp_path):
+    """All files of two worker processes are those of one process."""
+    told = []
+    run_sweep(small_sweep(), tmp_path / "two", executor=lambda: LocalPool(2), progress=told.append)
+    assert same(calm, tmp_path / "two")
+    assert [status.done for status in told] == sorted(status.done for status in told)
+    assert (told[0].done, told[-1].done, told[-1].total) == (0, 10, 10)
+
+
+def test_two_shards_in_one_folder_and_in_two(calm, tmp_path):
+    """Shards in one folder finish it; parts of two folders copied together do too."""
+    sweep = small_sweep()
+    first = run_sweep(sweep, tmp_path / "one", shard=(1, 2))
+    assert 0 < first.num_rows < 10
+    assert not (tmp_path / "one" / "trials.parquet").exists()
+    assert run_sweep(sweep, tmp_path / "one", shard=(2, 2)).num_rows == 10
+    assert same(calm, tmp_path / "one")
+    for i in (1, 2):
+        run_sweep(sweep, tmp_path / f"share{i}", shard=(i, 2))
+    (tmp_path / "both" / "parts").mkdir(parents=True)
+    for file in [*parts(tmp_path / "share1"), *parts(tmp_path / "share2")]:
+        (tmp_path / "both" / "parts" / file.name).write_bytes(file.read_bytes())
+    run_sweep(sweep, tmp_path / "both")
+    assert same(calm, tmp_path / "both")
+
+
+def test_nothing_is_written_without_a_folder(table, tmp_path, monkeypatch):
+    """Without a directory the table comes back and no file appears."""
+    monkeypatch.chdir(tmp_path)
+    with ThreadPoolExecutor(2) as threads:
+        assert run_sweep(small_sweep(), executor=threads).equals(table)
+        assert threads.submit(int).result() == 0  # a given executor is left open
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_finished_sweep_runs_nothing_again(calm, monkeypatch):
+    """The same call on a finished folder reads the table."""
+    monkeypatch.setattr(engine, "run_part", None)
+    assert run_sweep(small_sweep(), calm).num_rows == 10
+
+
+@pytest.mark.parametrize("damage", ["cut", "flip", "empty", "other"])
+def test_a_damaged_part_is_run_again(calm, tmp_path, damage):
+    """A part that is cut, has a wrong byte, is empty or belongs to other trials is run again."""
+    place = tmp_path / "sweep"
+    run_sweep(small_sweep(), place, shard=(1, 2))
+    file = parts(place)[0]
+    whole = file.read_bytes()
+    middle = len(whole) // 3
+    flipped = whole[:middle] + bytes([whole[middle] ^ 0xFF]) + whole[middle + 1 :]
+    other = parts(calm)[1].read_bytes()
+    file.write_bytes({"cut": whole[:-100], "flip": flipped, "empty": b"", "other": other}[damage])
+    run_sweep(small_sweep(), place)
+    assert same(calm, place)
+    assert file.read_bytes() == whole
+
+
+def test_another_sweep_is_refused_and_the_difference_named(calm):
+    """A changed axis is named with both values."""
+    other = small_sweep(samples=6, set={"physics.time_limit": 0.2, "physics.wall_tolerance": 0.002})
+    with pytest.raises(OutputError, match="samples is 5 there and 6 here") as caught:
+        run_sweep(other, calm)
+    assert "bases.straight.physics.time_limit is 0.1 there and 0.2 here" in str(caught.value)
+    assert "another folder" in str(caught.value)
+
+
+def test_a_renamed_sweep_is_told_anew_and_not_run_again(calm, tmp_path, monkeypatch):
+    """Name and groups of a finished sweep may change: summary and sweep.json follow, no trial is run."""
+    place = tmp_path / "sweep"
+    run_sweep(small_sweep(), place)
+    monkeypatch.setattr(engine, "run_part", None)
+    run_sweep(small_sweep(name="renamed", group_by=[]), place)
+    summary = json.loads((place / "summary.json").read_text())
+    assert (summary["name"], summary["groups"]) == ("renamed", {})
+    assert json.loads((place / "sweep.json").read_text())["sweep"]["name"] == "renamed"
+    run_sweep(small_sweep(), place)
+    assert same(calm, place)
+
+
+def test_a_folder_with_other_files_is_refused(tmp_path):
+    """A folder that is no sweep keeps its files; a file is no folder."""
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(OutputError, match=r"thesis\.txt"):
+        run_sweep(small_sweep(), tmp_path)
+    with pytest.raises(OutputError, match="is a file"):
+        run_sweep(small_sweep(), tmp_path / "thesis.txt")
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+def test_leftovers_of_killed_runs_go_but_not_those_of_living_ones(tmp_path):
+    """A temporary file whose writer lives stays; others are removed."""
+    place = tmp_path / "sweep"
+    (place / "parts").mkdir(parents=True)
+    dead = place / "parts" / ".000000-0.parquet.abc.tmp"
+    dead.write_bytes(b"half")
+    descriptor, name = folder._temporary(place / "parts" / "000001-1.parquet")
+    run_sweep(small_sweep(), place, shard=(1, 4))
+    assert not dead.exists()
+    assert Path(name).exists()
+    os.close(descriptor)
+    run_sweep(small_sweep(), place, shard=(1, 4))
+    assert not Path(name).exists()
+
+
+def test_an_exception_makes_one_row(calm, tmp_path, monkeypatch):
+    """A trial that raises becomes a row with the exception; its companions have their usual rows."""
+    usual = part.run_batch
+    bad = small_sweep().scenario(VALID).hash
+
+    def run_batch(scenarios, **keys):
+        if bad in [scenario.hash for scenario in scenarios]:
+            raise ZeroDivisionError("a rare case")
+        return usual(scenarios, **keys)
+
+    monkeypatch.setattr(part, "run_batch", run_batch)
+    rows = run_sweep(small_sweep(), tmp_path / "sweep").to_pylist()
+    assert (rows[VALID]["outcome"], rows[VALID]["reason"]) == ("error", "ZeroDivisionError: a rare case")
+    expected = pq.read_table(calm / "trials.parquet").to_pylist()
+    assert rows[:VALID] + rows[VALID + 1 :] == expected[:VALID] + expected[VALID + 1 :]
+    assert json.loads((tmp_path / "sweep" / "summary.json").read_text())["error"] == 1
+
+
+def test_a_trial_that_kills_its_worker_makes_one_row(table, monkeypatch):
+    """Its batch is split after three deaths; it alone becomes a row, the others are as usual."""
+    monkeypatch.setattr(engine, "run_part", deadly_part)
+    told = []
+    rows = run_sweep(small_sweep(), executor=lambda: LocalPool(2), progress=told.append).to_pylist()
+    assert (rows[DEADLY]["outcome"], rows[DEADLY]["reason"]) == ("error", "the worker died")
+    expected = table.to_pylist()
+    assert rows[:DEADLY] + rows[DEADLY + 1 :] == expected[:DEADLY] + expected[DEADLY + 1 :]
+    assert told[-1].lost >= 5
+
+
+def test_a_worker_that_is_killed_once_costs_nothing(calm, tmp_path, monkeypatch):
+    """After one death the batch is run again, and the files are the usual ones."""
+    monkeypatch.setattr(engine, "run_part", once_deadly_part)
+    monkeypatch.setenv("ONCE_DEADLY", str(tmp_path / "mark"))
+    run_sweep(small_sweep(), tmp_path / "sweep", executor=lambda: LocalPool(2))
+    assert (tmp_path / "mark").exists()
+    assert same(calm, tmp_path / "sweep")
+
+
+def test_workers_that_never_work_are_told(monkeypatch):
+    """Workers that die at once, and a given executor that breaks, end with an error that says so."""
+    monkeypatch.setattr(workers, "begin_worker", no_worker)
+    with pytest.raises(WorkersLost, match="before they run anything"):
+        run_sweep(small_sweep(), executor=lambda: LocalPool(1))
+    with LocalPool(1) as pool, pytest.raises(WorkersLost, match="callable"):
+        run_sweep(small_sweep(), executor=pool)
+
+
+def test_a_full_disk_keeps_the_finished_parts(calm, tmp_path, monkeypatch):
+    """ENOSPC is told with what to do, leaves nothing half written, and the same call goes on."""
+    usual, calls = os.fsync, []
+
+    def fsync(descriptor):
+        calls.append(descriptor)
+        if len(calls) == 7:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        usual(descriptor)
+
+    monkeypatch.setattr(folder.os, "fsync", fsync)
+    with pytest.raises(OutputError, match=r"No space left on device.*goes on"):
+        run_sweep(small_sweep(), tmp_path / "sweep")
+    assert len(parts(tmp_path / "sweep")) == 2
+    assert not list((tmp_path / "sweep").rglob("*.tmp"))
+    run_sweep(small_sweep(), tmp_path / "sweep")
+    assert same(calm, tmp_path / "sweep")
+
+
+def test_a_sweep_of_invalid_trials_only_is_an_error(tmp_path):
+    """When no trial fits, the error says why."""
+    axis = {"path": "robot.preload", "kind": "grid", "start": -3, "stop": -1, "count": 2}
+    with pytest.raises(SweepError, match=r"all 2 trials are invalid\nrobot\.preload"):
+        run_sweep(small_sweep(axes=[axis]), tmp_path / "sweep")
+    assert not (tmp_path / "sweep" / "trials.parquet").exists()
+
+
+def test_kill_of_the_parent_and_ctrl_c(tmp_path):
+    """Killed and interrupted on the way, workers die with their parent, and the same command ends with equal files."""
+    file = write_sweep(tmp_path, samples=18, time_limit=0.4)
+    run_sweep(load_sweep(file), tmp_path / "calm")
+    command = ("sweep", file, "--out", tmp_path / "killed", "--workers", 2)
+    for moment in (1, 3):
+        process = started(*command)
+        wait_for_parts(process, tmp_path / "killed", moment)
+        under = children(process.pid)
+        process.kill()
+        process.communicate()
+        assert len(under) >= 2
+        assert gone(under)
+    before = {path: path.stat().st_mtime_ns for path in parts(tmp_path / "killed")}
+    process = started(*command, "--continue")
+    wait_for_parts(process, tmp_path / "killed", len(before) + 1)
+    under = children(process.pid)
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert "of 36 trials are done; the same command goes on" in told
+    assert "Traceback" not in told
+    assert gone(under)
+    done = omnitrack(*command, "--json")
+    assert done.returncode == 0, done.stderr
+    assert same(tmp_path / "calm", tmp_path / "killed")
+    assert json.loads(done.stdout)["trials"] == 36
+    assert all(path.stat().st_mtime_ns == when for path, when in before.items())
+
+
+def test_a_dask_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path):
+    """A scheduler and two workers, one killed on the way: the files are those of one process."""
+    file = write_sweep(tmp_path, samples=12, time_limit=0.3)
+    sweep = load_sweep(file)
+    run_sweep(sweep, tmp_path / "calm")
+    address = tmp_path / "scheduler.json"
+    common = ["--scheduler-file", str(address), "--no-dashboard", "--host", "127.0.0.1"]
+    one = ["--nthreads", "1", "--no-nanny", "--death-timeout", "60"]
+    cluster = [_dask("scheduler", *common, "--port", "0", cwd=tmp_path)]
+    cluster += [_dask("worker", *common, *one, "--name", name, cwd=tmp_path) for name in "ab"]
+    try:
+        until = time.monotonic() + 30
+        while not address.exists() and time.monotonic() < until:
+            time.sleep(0.05)
+        contact = json.loads(address.read_text())["address"]
+
+        def kill_one(status):
+            if status.done:
+                cluster[1].kill()
+
+        run_sweep(sweep, tmp_path / "dask", executor=lambda: DaskPool(contact), progress=kill_one)
+    finally:
+        for process in cluster:
+            process.kill()
+            process.wait()
+    assert same(tmp_path / "calm", tmp_path / "dask")
+
+
+def _dask(*arguments: str, cwd: Path) -> subprocess.Popen:
+    command = [sys.executable, "-m", "dask", *arguments]
+    return subprocess.Popen(command, cwd=cwd, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["nowhere"], "tee_monte_carlo"),
+        (["tee_orientation", "--set", "control.sped=1"], "control.sped"),
+        (["tee_orientation", "--set", "start.theta5_deg=1"], "set by axes.0 too"),
+        (["tee_orientation", "--shard", "3/2"], "--shard"),
+        (["tee_orientation", "--continue"], "holds no sweep"),
+        (["tee_orientation", "--workers", "2", "--dask", "tcp://127.0.0.1:9"], "give one of the two"),
+    ],
+)
+def test_bad_arguments_end_with_status_2(tmp_path, arguments, told):
+    """Bad arguments are named and leave no file."""
+    done = omnitrack("sweep", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert told in done.stderr
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_scheduler_or_package_is_told(monkeypatch):
+    """Where no scheduler answers, and without distributed, the error says what to do."""
+    monkeypatch.setattr(workers, "DASK_PATIENCE", 1)
+    with pytest.raises(Exception, match="no scheduler answers"):
+        DaskPool("tcp://127.0.0.1:9")
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(Exception, match="pip install"):
+        DaskPool("tcp://127.0.0.1:9")
+
+
+def test_list_shows_trials_and_runs_nothing(tmp_path):
+    """--list tells number and first trials and writes nothing; the catalogue names the sweeps."""
+    done = omnitrack("sweep", "tee_monte_carlo", "--list", cwd=tmp_path)
+    assert "10000 trials in 313 batches of 1 models" in done.stdout
+    assert "and 9990 more" in done.stdout
+    assert list(tmp_path.iterdir()) == []
+    assert "sweeps/tee_orientation" in json.loads(omnitrack("scenarios", "--json").stdout)

@@ -1,0 +1,260 @@
+"""Sweep files: what is accepted, how axes become trials, how faults are told."""
+
+import json
+import math
+import re
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from omnitrack_sim import Robot, ScenarioError, SweepError, load_scenario, load_sweep, override, shipped_sweeps
+from omnitrack_sim.scenario import model_key
+from omnitrack_sim.sim.runner import batch_key
+from omnitrack_sim.sweep.spec import resolve
+from omnitrack_sim.tables import UNITS, unit_of
+
+GRID = {"path": "contact.friction", "kind": "grid", "start": 0.2, "stop": 0.8, "count": 3}
+KIND = {"path": "control.kind", "kind": "list", "values": ["jacobian", "paper"]}
+UNIFORM = {"path": "robot.preload", "kind": "uniform", "low": 10, "high": 30}
+GRAVITY = {"path": "world.gravity", "kind": "direction"}
+SHIPPED = {
+    "tee_orientation": 120,
+    "tee_monte_carlo": 10_000,
+    "elbow_orientation": 120,
+    "preload_friction": 144,
+    "design_reach_length": 720,
+}
+
+
+def _sweep(*axes, **keys):
+    return resolve({"name": "s", "base": "tee_turn", "axes": list(axes), **keys})
+
+
+def _faults(*axes, **keys) -> dict[str, str]:
+    with pytest.raises(SweepError) as caught:
+        _sweep(*axes, **keys)
+    return {fault.where: str(fault) for fault in caught.value.faults}
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_sweeps_are_whole(name):
+    """Every shipped sweep loads, has its number of trials, says what it answers, and its first and last are valid."""
+    sweep = load_sweep(name)
+    assert set(shipped_sweeps()) == set(SHIPPED)
+    assert sweep.size == SHIPPED[name] == sum(len(part.trials) for part in sweep.parts())
+    comment = re.match(r"(#.*\n)+", shipped_sweeps()[name].read_text())
+    assert comment
+    assert "Answers" in comment[0]
+    for index in (0, sweep.size - 1):
+        sweep.scenario(index)
+
+
+def test_ten_thousand_trials_are_expanded_in_seconds():
+    """Expanding and batching the Monte Carlo validates no scenario: it takes seconds."""
+    start = time.perf_counter()
+    parts = load_sweep("tee_monte_carlo").parts()
+    assert time.perf_counter() - start < 10
+    assert len(parts) == 313
+
+
+def test_crossed_axes_run_first_slowest_and_share_their_draws():
+    """Grid and list are crossed; every combination has the same random values."""
+    columns = _sweep(KIND, UNIFORM, GRID, samples=2).trials()
+    assert columns["control.kind"] == ["jacobian"] * 6 + ["paper"] * 6
+    assert columns["contact.friction"] == pytest.approx([0.2, 0.2, 0.5, 0.5, 0.8, 0.8] * 2)
+    assert columns["robot.preload"] == columns["robot.preload"][:2] * 6
+    assert len(set(columns["robot.preload"])) == 2
+
+
+@pytest.mark.parametrize("sampling", ["random", "latin_hypercube", "sobol"])
+def test_draws_have_their_distributions_and_repeat(sampling):
+    """Uniform, truncated normal and direction have their ranges and means; the seed alone decides."""
+    normal = {"path": "contact.friction", "kind": "normal", "mean": 0.8, "std": 0.2, "low": 0.7}
+    axes = (UNIFORM, normal, GRAVITY)
+    columns = _sweep(*axes, samples=1000, sampling=sampling).trials()
+    preload, friction = np.array(columns["robot.preload"]), np.array(columns["contact.friction"])
+    gravity = np.array(columns["world.gravity"])
+    assert 10 <= preload.min() < preload.max() <= 30
+    assert preload.mean() == pytest.approx(20, abs=0.6)
+    density = math.exp(-0.125) / math.sqrt(2 * math.pi)
+    above = 0.5 * math.erfc(-0.5 / math.sqrt(2))
+    assert friction.min() >= 0.7
+    assert friction.mean() == pytest.approx(0.8 + 0.2 * density / above, abs=0.02)
+    assert np.linalg.norm(gravity, axis=-1) == pytest.approx(np.full(1000, 9.81))
+    assert np.abs(gravity.mean(axis=0)).max() < 0.6
+    assert columns == _sweep(*axes, samples=1000, sampling=sampling).trials()
+    assert columns != _sweep(*axes, samples=1000, sampling=sampling, seed=1).trials()
+
+
+def test_a_normal_far_above_its_mean_stays_in_its_range():
+    """A truncation eight deviations out neither leaves its range nor collapses."""
+    axis = {"path": "contact.friction", "kind": "normal", "mean": 0.0, "std": 0.1, "low": 0.8, "high": 0.9}
+    values = _sweep(axis, samples=200).trials()["contact.friction"]
+    assert min(values) >= 0.8
+    assert max(values) <= 0.9
+    assert len(set(values)) > 150
+
+
+def test_a_trial_is_the_override_of_its_base():
+    """scenario(i) is the base with the axis values, on all paths of the axis and all pipes of a star."""
+    bore = {"path": ["pipes.*.inner_diameter", "robot.preload"], "kind": "list", "values": [0.16, 0.17]}
+    sweep = _sweep(bore, GRID, set={"control.align": False})
+    expected = override(
+        load_scenario("tee_turn"),
+        {
+            **{f"pipes.{i}.inner_diameter": 0.17 for i in range(3)},
+            "robot.preload": 0.17,
+            "contact.friction": 0.2,
+            "control.align": False,
+        },
+    )
+    assert sweep.scenario(3).hash == expected.hash
+
+
+def test_several_bases_are_the_first_axis():
+    """A list of bases is crossed first and makes a group."""
+    sweep = _sweep(GRID, base=["tee_turn", "elbow_short"])
+    assert sweep.trials()["base"] == ["tee_turn"] * 3 + ["elbow_short"] * 3
+    assert sweep.scenario(5).name == "elbow_short"
+    assert sweep.groups == ("base", "contact.friction")
+
+
+def test_a_base_may_be_a_file_beside_the_sweep(tmp_path):
+    """Paths of bases are relative to the sweep's file, whose stem is its name."""
+    (tmp_path / "pipe.toml").write_text('[[pipes]]\nkind = "straight"\nlength = 0.6\n')
+    text = 'base = "pipe.toml"\n[[axes]]\npath = "contact.friction"\nkind = "list"\nvalues = [0.5]\n'
+    (tmp_path / "mine.toml").write_text(text)
+    sweep = load_sweep(tmp_path / "mine.toml", {"robot.preload": 20})
+    assert sweep.name == "mine"
+    assert sweep.scenario(0).pipes[0].length == 0.6  # type: ignore[union-attr]
+    assert sweep.scenario(0).robot.preload == 20
+
+
+def test_batches_never_mix_models_and_are_fixed_by_the_file():
+    """Trials of one model are together in order, at most batch of them; the key is that of the runner."""
+    reach = {"path": "robot.reach", "kind": "grid", "start": 0.095, "stop": 0.097, "count": 2}
+    sweep = _sweep(GRID, reach, batch=2)
+    parts = sweep.parts()
+    assert [[trial.index for trial in part.trials] for part in parts] == [[0, 2], [4], [1, 3], [5]]
+    assert len({part.hash for part in parts}) == 4
+    keys = [{batch_key(sweep.scenario(t.index).model_dump()) for t in part.trials} for part in parts]
+    assert all(len(found) == 1 for found in keys)
+    assert len({part.model for part in parts}) == 2 == len(set.union(*keys))
+    assert model_key(sweep.scenario(0).model_dump()) == model_key(sweep.scenario(2).model_dump())
+
+
+def test_the_hash_tells_what_the_table_depends_on():
+    """Name, groups and labels do not change the hash; axes, base and seed do."""
+    same = _sweep(KIND).hash
+    assert _sweep(KIND | {"labels": ["a", "b"]}, name="other", group_by=[]).hash == same
+    assert same not in {_sweep(KIND, seed=1).hash, _sweep(GRID).hash, _sweep(KIND, set={"control.align": False}).hash}
+
+
+def test_whole_numbers_and_decimals_are_one_value():
+    """1 and 1.0 give the same trial, and a grid fits a key of whole numbers."""
+    sweep = _sweep(KIND | {"path": "robot.preload", "values": [20]})
+    assert type(sweep.trials()["robot.preload"][0]) is float
+    assert sweep.crossed["robot.preload"] == sweep.trials()["robot.preload"]
+    assert sweep.label("robot.preload", sweep.crossed["robot.preload"][0]) == "20.0"
+    lugs = GRID | {"path": "robot.lugs_per_track", "start": 5, "stop": 15}
+    assert _sweep(lugs).trials()["robot.lugs_per_track"] == [5, 10, 15]
+    assert "whole numbers" in _faults(lugs | {"stop": 16})["axes.0.path"]
+
+
+def test_a_trial_that_does_not_fit_is_no_fault_of_the_file():
+    """Values out of range make an invalid trial."""
+    sweep = _sweep(GRID | {"path": "robot.preload", "start": -1})
+    with pytest.raises(ScenarioError, match=r"robot\.preload"):
+        sweep.scenario(0)
+
+
+def test_all_faults_of_the_form_are_told_at_once():
+    """Every fault of the tables has its path and its choices."""
+    axes = [{"path": "a", "kind": "sobol"}, UNIFORM | {"high": 1}, {"kind": "grid", "start": 1}, KIND | {"path": 5}]
+    faults = _faults(*axes, {"path": "x"}, bach=3, samples=0, sampling="lhs")
+    assert set(faults) == {
+        "samples",
+        "sampling",
+        "bach",
+        "axes.0.kind",
+        "axes.1.high",
+        "axes.2.path",
+        "axes.2.stop",
+        "axes.2.count",
+        "axes.3.path",
+        "axes.4.kind",
+    }
+    assert 'sampling = "sobol" at the top' in faults["axes.0.kind"]
+    assert "latin_hypercube" in faults["sampling"]
+    assert "batch" in faults["bach"]
+    assert "over low, 10" in faults["axes.1.high"]
+
+
+def test_all_faults_in_the_light_of_the_base_are_told_at_once():
+    """Unknown paths, misspelt words, unfit kinds of axis, clashes and groups are named with the choices."""
+    faults = _faults(
+        KIND | {"path": "control.knd"},
+        KIND | {"values": ["jacobian", "papr"]},
+        GRID | {"path": "pipes.0"},
+        GRID | {"path": "control.align"},
+        GRID | {"path": "world.gravity"},
+        GRID,
+        GRID,
+        GRAVITY | {"path": "contact.friction"},
+        set={"control.aling": 1, "contact.friction": 0.5},
+        group_by=["robot.reach"],
+    )
+    assert "cruise_speed" in faults["axes.0.path"]
+    assert "choose from: jacobian, paper, equal" in faults["axes.1.values.1"]
+    assert "is a table" in faults["axes.2.path"]
+    assert "list axis" in faults["axes.3.path"]
+    assert "vector" in faults["axes.4.path"]
+    assert "set by axes.5 too" in faults["axes.6.path"]
+    assert "axes.7.path" in faults
+    assert "align" in faults["set.control.aling"]
+    assert "set by axes.5 too" in faults["set.contact.friction"]
+    assert "contact.friction" in faults["group_by.0"]
+
+
+@pytest.mark.parametrize(
+    ("keys", "where", "told"),
+    [
+        ({"base": "nowhere"}, "base: nowhere", "tee_turn"),
+        ({"base": 3}, "base", "neither a text nor a list"),
+        ({"axes": []}, "axes", "at least one axis"),
+        ({"samples": 1_000_000}, "axes", "at most 1000000"),
+        ({"set": {"contact.friction": -1}}, "set.contact.friction", "greater"),
+    ],
+)
+def test_single_faults(keys, where, told):
+    """Faults of the base, of missing axes and of size."""
+    data = {"name": "s", "base": "tee_turn", "axes": [KIND, UNIFORM]} | keys
+    with pytest.raises(SweepError) as caught:
+        resolve(data)
+    assert told in {fault.where: str(fault) for fault in caught.value.faults}[where]
+
+
+def test_units_are_those_of_the_documents():
+    """Every unit in the code stands beside its key in docs/scenarios.md, and every robot parameter has its own."""
+    text = (Path(__file__).parents[1] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("| `")]
+    told = {(key, cell) for cells in rows for key in re.findall(r"`(\w+)`", cells[0]) for cell in cells[1:]}
+    for path, unit in UNITS.items():
+        key = path.rpartition(".")[2]
+        assert unit == "1" or (key, unit) in told, path
+    assert unit_of("start.theta5_deg") == "deg"
+    assert unit_of("pipes.*.inner_diameter") == unit_of("pipes.2.length") == "m"
+    assert unit_of("world.gravity.2") == "m/s²"
+    assert unit_of("control.kind") is None
+    for row in Robot().parameters():
+        assert unit_of(f"robot.{row.name}") == (row.unit or None)
+
+
+def test_a_sweep_file_in_json_form_is_the_same():
+    """The resolved sweep goes through JSON and back unchanged."""
+    sweep = _sweep(KIND, UNIFORM, GRAVITY, samples=3)
+    again = type(sweep).model_validate_json(sweep.model_dump_json())
+    assert again.hash == sweep.hash
+    assert json.dumps(again.trials()) == json.dumps(sweep.trials())
