@@ -25,6 +25,9 @@ LUG_CONTYPE, LUG_CONAFFINITY = 1, 2
 LUG_SOLREF = (0.01, 1.0)
 """Contact time constant, s, and damping ratio. Stiffer lugs (4 ms) bounce on a tee's rim; see docs/design-study.md."""
 LUG_SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
+LINE_SOLIMP = (0.993, 0.9987, 0.0005, 0.5, 2.0)
+"""Of a row of lugs seen as one line. It rests on two points instead of 15 lugs, which together should be as stiff: (1 -
+d) / d is 2/15 of the lugs'."""
 ROTOR_INERTIA_REFLECTED = 0.0088
 """Rotor inertia of a gearmotor at its output, kg m²: 9e-9 kg m² (2 g, 3 mm) times 986.41²; assumed."""
 TRACK_MASS = 1e-3
@@ -128,9 +131,10 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, lin
     row = {
         "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
         "size": [radius, places[-1], 0],
+        "solimp": LINE_SOLIMP,
         "userdata": line_record(lug_pitch(robot)),
     }
-    lug = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [radius, 0, 0]}
+    lug = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [radius, 0, 0], "solimp": LUG_SOLIMP}
     for index, z in enumerate([0.0] if line else places):
         track.add_geom(
             name=f"line_{name}" if line else f"lug_{name}_{index}",
@@ -142,7 +146,6 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, lin
             priority=1,
             friction=[0.9, 0, 0],
             solref=LUG_SOLREF,
-            solimp=LUG_SOLIMP,
             mass=0,
             group=COLLISION_GROUP,
         )

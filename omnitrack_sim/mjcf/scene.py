@@ -10,10 +10,6 @@ from omnitrack_sim.mjcf.walls import add_exact_walls, add_walls
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.robot import Robot
 
-EXACT_IMPEDANCE_RATIO = 30.0
-"""As ``spec.IMPEDANCE_RATIO``, higher because a track rests on two points instead of 15 lugs: a climbing robot creeps
-at 3e-5 m/s, at 75 as little as with lugs but a tenth slower."""
-
 
 def build_scene(
     route: Route,
@@ -41,7 +37,6 @@ def build_scene(
     spec.option.timestep = timestep
     if exact:
         add_exact_walls(spec, route.network)
-        spec.option.impratio = EXACT_IMPEDANCE_RATIO
     else:
         add_walls(spec, route.network, tolerance=wall_tolerance, staves=staves)
     add_robot(spec, robot, line_tracks=exact)
