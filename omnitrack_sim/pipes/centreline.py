@@ -43,6 +43,9 @@ class Centreline:
         self._point, self._tangent, self._normal = (
             np.array([getattr(s, name) for s in segments]) for name in ("point", "tangent", "normal")
         )  # (S, 3)
+        # Most segments that a stretch of twice SEARCH touches: the last of them begins at its end.
+        first = self._segment(self._start - 2 * SEARCH)
+        self._within_search = int((np.arange(len(segments)) - first).max()) + 1
         self._side = np.empty_like(self._point)  # x axis of the rotation-minimising frame at each segment's start
         for i, segment in enumerate(segments):
             self._side[i] = side
@@ -87,16 +90,23 @@ class Centreline:
 
         With ``near`` (n,) m only arc lengths within ``SEARCH`` of it are looked at.
         """
-        offset = points[:, None] - self._point  # (n, S, 3)
-        along, across = dot(offset, self._tangent), dot(offset, self._normal)
-        k = self._safe_curvature
-        u = np.where(self._straight, along, np.arctan2(along * k, 1 - across * k) / k)
-        u = np.clip(u, self._lowest, self._highest)
+        # Only the segments within reach are looked at, so that a long route costs no more than a short one.
+        if near is None:
+            i = np.broadcast_to(np.arange(len(self._start)), (len(points), len(self._start)))
+        else:
+            i = self._segment(near - SEARCH)[:, None] + np.arange(self._within_search)
+            i = np.minimum(i, len(self._start) - 1)
+        tangent, normal = self._tangent[i], self._normal[i]  # (n, S, 3)
+        offset = points[:, None] - self._point[i]
+        along, across = dot(offset, tangent), dot(offset, normal)
+        k, straight = self._safe_curvature[i], self._straight[i]
+        u = np.where(straight, along, np.arctan2(along * k, 1 - across * k) / k)
+        u = np.clip(u, self._lowest[i], self._highest[i])
         angle = u * k
-        reach = np.where(self._straight, u, np.sin(angle) / k)
-        bend = np.where(self._straight, 0.0, (1 - np.cos(angle)) / k)
-        miss = offset - reach[..., None] * self._tangent - bend[..., None] * self._normal
-        squared, s = dot(miss, miss), u + self._start
+        reach = np.where(straight, u, np.sin(angle) / k)
+        bend = np.where(straight, 0.0, (1 - np.cos(angle)) / k)
+        miss = offset - reach[..., None] * tangent - bend[..., None] * normal
+        squared, s = dot(miss, miss), u + self._start[i]
         if near is not None:
             squared = squared + 1e6 * (np.abs(s - near[:, None]) > SEARCH)
         return s[np.arange(len(s)), np.argmin(squared, axis=1)]

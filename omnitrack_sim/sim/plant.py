@@ -69,6 +69,11 @@ class Readings:
     contact_position: Array  # (n, 3, 3) m
 
 
+def _sleeps(model: mujoco.MjModel) -> bool:
+    """Whether MuJoCo passes over what never moves; it then needs an MjData a simulation."""
+    return bool(model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP)
+
+
 def _touching_geoms(model: mujoco.MjModel, body: int) -> list[int]:
     """Geoms of a body that collide: the lugs of a track, or the one line in their place."""
     first, count = model.body_geomadr[body], model.body_geomnum[body]
@@ -81,7 +86,7 @@ class Plant:
     def __init__(self, model: mujoco.MjModel, robot: Robot, trials: Trials, threads: int = 1):
         self.model, self.robot = model, robot
         self.n = len(trials.friction)
-        self._batch = batch.Batch(model, nsim=self.n, nthread=threads)
+        self._batch = batch.Batch(model, nsim=self.n, nthread=threads, persistent=_sleeps(model))
         self._pitch_of_lugs = lug_pitch(robot)
         self._resolve_names()
         self._bind()

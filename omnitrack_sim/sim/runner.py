@@ -20,13 +20,15 @@ from omnitrack_sim.frames import Array
 from omnitrack_sim.metrics import summarise
 from omnitrack_sim.scenario import Scenario, model_key
 from omnitrack_sim.sim.monitor import Monitor
-from omnitrack_sim.sim.plant import Plant, Readings
+from omnitrack_sim.sim.plant import Plant, Readings, Trials
 from omnitrack_sim.sim.recorder import Recorder
 from omnitrack_sim.sim.result import Result, provenance_of
 from omnitrack_sim.sim.setup import motor_of, scene_of, settings_of, trials_of, uses_exact_collider
 
 Progress = Callable[[float, str], None]
 """Called with the part done, 0 to 1, and a word about the run."""
+MakePlant = Callable[[Scenario, Trials, int], Plant]
+"""Makes a plant from the first scenario of a batch, the start values of all, and the number of threads."""
 
 
 def run(scenario: Scenario, *, threads: int = 1, progress: Progress | None = None) -> Result:
@@ -71,6 +73,10 @@ def batch_key(data: Mapping[str, Any]) -> str:
     return json.dumps([model_key(data), control["kind"], control["tee_turn_radius"], clock, data["robot"]["motor"]])
 
 
+def _own_plant(scenario: Scenario, trials: Trials, threads: int) -> Plant:
+    return Plant(scene_of(scenario).compile(), scenario.robot, trials, threads)
+
+
 @dataclass
 class Shares:
     """Wall seconds of a batch by what took them; filled when ``BatchRun.advance`` is given a clock."""
@@ -83,7 +89,8 @@ class Shares:
 class BatchRun:
     """n trials of one model in closed loop."""
 
-    def __init__(self, scenarios: Sequence[Scenario], threads: int = 1):
+    def __init__(self, scenarios: Sequence[Scenario], threads: int = 1, make_plant: MakePlant | None = None):
+        """``make_plant`` puts another plant in the place of the scenarios' own: other walls, another engine."""
         first = scenarios[0]
         self.scenarios = scenarios
         self.period = first.physics.control_period
@@ -97,7 +104,7 @@ class BatchRun:
         if self.collider != first.physics.collider:
             text = f"exact collider not used: {why_not()}; walls and tracks are primitives"
             self.notes = [text if note is None else f"{note}; {text}" for note in self.notes]
-        self.plant = Plant(scene_of(first).compile(), first.robot, trials, threads)
+        self.plant = (make_plant or _own_plant)(first, trials, threads)
         motor = motor_of(first.robot)
         limits = [motor_of(s.robot).torque_limit for s in scenarios]
         self.drive = Drive(motor, limits, first.robot.lug_radius, len(scenarios))

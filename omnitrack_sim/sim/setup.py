@@ -14,11 +14,15 @@ from omnitrack_sim.control.drive import MOTORS, Motor
 from omnitrack_sim.control.guide import Guide
 from omnitrack_sim.frames import Array, cross, quaternion_from_matrix
 from omnitrack_sim.mjcf.robot import spring_free_length
-from omnitrack_sim.mjcf.scene import build_scene
+from omnitrack_sim.mjcf.scene import build_scene, let_walls_sleep
 from omnitrack_sim.robot import MODULES, Robot
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.plant import Trials
 from omnitrack_sim.singularity import safe_margin, sector_angle
+
+
+SLEEP_FROM = 1000
+"""Number of geoms from which it pays to have MuJoCo pass over the walls, which needs an MjData a trial."""
 
 
 def uses_exact_collider(scenario: Scenario) -> bool:
@@ -30,7 +34,7 @@ def scene_of(scenario: Scenario, *, looks: bool = False) -> mujoco.MjSpec:
     """The scenario's pipes and robot as one MjSpec; ``looks`` adds what pictures need."""
     physics = scenario.physics
     exact = uses_exact_collider(scenario) and not looks
-    return build_scene(
+    spec = build_scene(
         scenario.route(),
         scenario.robot,
         timestep=physics.timestep,
@@ -39,6 +43,9 @@ def scene_of(scenario: Scenario, *, looks: bool = False) -> mujoco.MjSpec:
         exact=exact,
         looks=looks,
     )
+    if len(spec.geoms) >= SLEEP_FROM:
+        let_walls_sleep(spec)
+    return spec
 
 
 def start_poses(guide: Guide, distance: Array, theta5: Array) -> tuple[Array, Array]:

@@ -1,0 +1,76 @@
+"""What a step costs in longer and longer networks.
+
+python benchmarks/network_length.py [--quick]
+
+A tee turn whose branch goes on as a long chain of straights, so that the walls count 500, 5,000 and 20,000 pieces. The
+robot stays in the tee. Prints microseconds of physics a step and of control a trial and control step: with walls of
+primitives, the same without passing over what never moves, and with the exact collider. Least of three measurements,
+which take turns because the machine's speed varies.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+from omnitrack_sim import Scenario, load_scenario
+from omnitrack_sim.scenario import validate
+from omnitrack_sim.sim import setup
+from omnitrack_sim.sim.runner import BatchRun
+
+PIECES = (500, 5_000, 20_000)
+SEGMENT = 0.5
+"""Length of a straight of the chain, m; 48 pieces each."""
+STAVES = 48
+TRIALS, STEPS = 8, 60
+VARIANTS = {
+    "primitives": ("primitives", setup.SLEEP_FROM),
+    "primitives, nothing passed over": ("primitives", 10**9),
+    "exact": ("exact", setup.SLEEP_FROM),
+}
+
+
+def long_scenario(pieces: int, collider: str) -> Scenario:
+    """The tee turn with as many straights behind it as make up ``pieces`` wall pieces of primitives."""
+    data = load_scenario("tee_turn").model_dump(mode="json")
+    have = len(setup.scene_of(load_scenario("tee_turn")).geoms)
+    data["pipes"] += [{"kind": "straight", "length": SEGMENT} for _ in range(max(0, round((pieces - have) / STAVES)))]
+    data["physics"] |= {"collider": collider, "time_limit": 1000.0}
+    data["start"]["distance"] = 0.35  # before the opening: lugs touch run and rim while the turn begins
+    data["control"]["align"] = False
+    return validate(data)
+
+
+def cost(run: BatchRun) -> tuple[float, float]:
+    """Microseconds of physics a step and of control a trial and control step, over the next steps of a batch."""
+    before = (run.shares.physics, run.shares.control)
+    limit = run.monitor.time_limit
+    run.monitor.time_limit = limit * 0 + run.plant.read().time + STEPS * run.period
+    run.advance(clock=time.perf_counter)
+    physics, control = run.shares.physics - before[0], run.shares.control - before[1]
+    return 1e6 * physics / (STEPS * run.substeps * TRIALS), 1e6 * control / (STEPS * TRIALS)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--quick", action="store_true", help="up to 5,000 pieces")
+    sizes = PIECES[:2] if parser.parse_args().quick else PIECES
+    print("| pieces | fittings | walls | physics, us a step | control, us a step and trial |")
+    print("|---|---|---|---|---|")
+    for pieces in sizes:
+        least: dict[str, tuple[float, float]] = {}
+        fittings = 0
+        for _ in range(3):
+            for name, (collider, sleep_from) in VARIANTS.items():
+                setup.SLEEP_FROM = sleep_from
+                scenario = long_scenario(pieces, collider)
+                fittings = len(scenario.pipes)
+                found = cost(BatchRun([scenario] * TRIALS, threads=1))
+                old = least.get(name, (float("inf"), float("inf")))
+                least[name] = (min(old[0], found[0]), min(old[1], found[1]))
+        for name, (physics, control) in least.items():
+            print(f"| {pieces:,} | {fittings} | {name} | {physics:.1f} | {control:.1f} |")
+
+
+if __name__ == "__main__":
+    main()
