@@ -39,6 +39,7 @@ UNITS: dict[str, str] = {
     "control.speed_limit": "m/s",
     "control.tee_turn_radius": "m",
     "control.elbow_delay": "m",
+    "control.tee_trigger": "m",
     "physics.timestep": "s",
     "physics.control_period": "s",
     "physics.record_period": "s",
@@ -172,6 +173,7 @@ class Control(Table):
     speed_limit: Positive = 0.2  # m/s, of a belt
     tee_turn_radius: Positive = TEE_TURN_RADIUS  # m, arc from run to branch
     elbow_delay: Annotated[float, Field(ge=0, le=1)] = 0.0  # m, head past the bend's start when "paper" begins an elbow
+    tee_trigger: Annotated[float, Field(ge=-1, le=1)] | None = None  # m, likewise past a tee's opening; none: R/2
     safe_margin_deg: Annotated[float, Field(gt=0, le=60)] | None = None  # of theta5; none: by the robot's reach
 
 

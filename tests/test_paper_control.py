@@ -87,3 +87,14 @@ def test_an_elbow_can_begin_later():
     begin = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("elbow"))[0]
     head = trajectory["distance"][begin] + result.scenario.robot.length / 2
     assert head == pytest.approx(result.scenario.route().fittings[1].s_bend_start + 0.05, abs=0.005)
+
+
+def test_a_tee_turn_begins_at_its_trigger():
+    """Half a radius past the opening's edge, as published, or where the scenario says."""
+    base = {"control.align": False, "control.kind": "paper", "physics.time_limit": 4.5}
+    for trigger, expected in ((None, 0.04), (0.06, 0.06)):
+        result = run_batch([override(load_scenario("tee_turn"), base | {"control.tee_trigger": trigger})])[0]
+        trajectory = result.trajectory
+        begin = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("tee_turn"))[0]
+        head = trajectory["distance"][begin] + result.scenario.robot.length / 2
+        assert head == pytest.approx(result.scenario.route().fittings[1].opening[0] + expected, abs=0.005)

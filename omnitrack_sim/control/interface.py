@@ -77,6 +77,7 @@ class Settings:
     speed_limit: Array  # m/s
     safe_margin: Array  # rad
     elbow_delay: Array  # m
+    tee_trigger: Array  # m
     goal_distance: Array  # m
 
 

@@ -16,8 +16,6 @@ from omnitrack_sim.robot import MODULE_ANGLES, Robot
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT = range(5)
 _PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT}
-TRIGGER = 0.5
-"""The tee's turn begins when the robot's head is this part of R past the opening's near edge (R/2 = D/4, published)."""
 COMPLETE = np.radians(2.0)
 """A turn is complete when the robot's axis, in the plane of the bend, is this near to the way out or past it."""
 
@@ -37,9 +35,8 @@ class PaperController:
         passages = guide.passages
         self.kind = np.array([*(_PHASES[m] for m in manoeuvres(guide)), CRUISE])  # (P + 1,)
         self.bend_radius = np.array([*(p.bend_radius for p in passages), np.nan])  # (P + 1,) m
-        past = [TRIGGER * self.radius if p.kind == "tee" else 0.0 for p in passages]
-        self.trigger = np.array([*(p.opening[0] if p.kind == "tee" else p.s_bend_start for p in passages), np.inf])
-        self.trigger = self.trigger + np.array([*past, 0.0])  # (P + 1,) m, where the head is when the turn begins
+        marks = (p.opening[0] if p.kind == "tee" else p.s_bend_start for p in passages)
+        self.mark = np.array([*marks, np.inf])  # (P + 1,) m, an opening's near edge or a bend's start
         line = guide.route.centreline
         self.way_in = line.at(np.clip(guide.start, 0, line.length))[1]  # (P + 1, 3) tangents before the turns
         self.way_out = line.at(np.clip(guide.end, 0, line.length))[1]  # (P + 1, 3) and behind them
@@ -69,8 +66,9 @@ class PaperController:
         """Begin turns whose mark the head has passed, end those that are complete."""
         head = place.distance + self.robot.length / 2
         new = (self.turning < 0) & (place.passage > self.turned) & self.guide.is_turn[place.passage]
-        delay = np.where(self.kind[place.passage] == ELBOW, self.settings.elbow_delay, 0.0)
-        begins = new & (head >= self.trigger[place.passage] + delay) & ~self.resting
+        is_elbow = self.kind[place.passage] == ELBOW
+        delay = np.where(is_elbow, self.settings.elbow_delay, self.settings.tee_trigger)
+        begins = new & (head >= self.mark[place.passage] + delay) & ~self.resting
         self.turning = np.where(begins, place.passage, self.turning)
         if begins.any():
             self.turn_speeds = np.where(begins[:, None], self._speeds(place), self.turn_speeds)

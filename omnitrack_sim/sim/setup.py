@@ -20,7 +20,6 @@ from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.plant import Trials
 from omnitrack_sim.singularity import safe_margin, sector_angle
 
-
 SLEEP_FROM = 1000
 """Number of geoms from which it pays to have MuJoCo pass over the walls, which needs an MjData a trial."""
 
@@ -128,6 +127,7 @@ def settings_of(scenarios: Sequence[Scenario], guide: Guide) -> tuple[Settings, 
         speed_limit=np.array(limit),
         safe_margin=np.array([_safe_margin(s, radius) for s in scenarios]),
         elbow_delay=np.array([c.elbow_delay for c in control]),
+        tee_trigger=np.array([radius / 2 if c.tee_trigger is None else c.tee_trigger for c in control]),
         goal_distance=np.array([s.goal_distance for s in scenarios]),
     )
     return settings, notes
