@@ -1,10 +1,10 @@
 """How fast the tee turn runs, and what takes the time.
 
-python benchmarks/speed.py [--trials N] [--quick]
+python benchmarks/speed.py [--trials N] [--quick] [--fast]
 
 Prints simulated seconds per wall second on one thread and trials per second on two, the shares of physics, control and
 recording, of collision and solver within the physics, and the peak memory. Before it prints it checks that the work was
-done right: all trials reach the goal, and the walls are exact within 0.1 mm.
+done right: all trials reach the goal, and the walls are exact within 0.1 mm. ``--fast`` measures the exact collider.
 """
 
 from __future__ import annotations
@@ -17,22 +17,23 @@ import mujoco
 import numpy as np
 from tee_turns import random_tee_turns
 
-from omnitrack_sim import Outcome, load_scenario
+from omnitrack_sim import Outcome, load_scenario, override
 from omnitrack_sim.sim.runner import BatchRun
 from omnitrack_sim.sim.setup import scene_of, start_qpos
 
 
-def timed_batch(trials: int, threads: int) -> tuple[BatchRun, float, float]:
+def timed_batch(trials: int, threads: int, collider: str) -> tuple[BatchRun, float, float]:
     """A batch of tee turns, its wall seconds and its simulated seconds."""
-    batch = BatchRun(random_tee_turns(trials, theta5_deg=5.0, preload=(25.0, 30.0), friction=(0.95, 1.0)), threads)
+    ranges = {"theta5_deg": 5.0, "preload": (25.0, 30.0), "friction": (0.95, 1.0)}
+    batch = BatchRun(random_tee_turns(trials, **ranges, changes={"physics.collider": collider}), threads)
     start = time.perf_counter()
     batch.advance(clock=time.perf_counter)
     return batch, time.perf_counter() - start, float(batch.monitor.end_time.sum())
 
 
-def physics_shares(steps: int = 2000) -> dict[str, float]:
+def physics_shares(collider: str, steps: int = 2000) -> dict[str, float]:
     """Shares of collision, constraint assembly and solver in a physics step of a robot cruising in the tee's run."""
-    scenario = load_scenario("tee_turn")
+    scenario = override(load_scenario("tee_turn"), {"physics.collider": collider})
     model = scene_of(scenario).compile()
     data = mujoco.MjData(model)
     data.qpos[:] = start_qpos(scenario, model)
@@ -76,25 +77,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--trials", type=int, default=24)
     parser.add_argument("--quick", action="store_true", help="4 trials")
+    parser.add_argument("--fast", action="store_true", help="the exact collider")
     options = parser.parse_args()
+    collider = "exact" if options.fast else "primitives"
     trials = 4 if options.quick else options.trials
 
-    wall_error = check_walls()
+    wall_error = 0.0 if options.fast else check_walls()  # tests/test_collider.py checks the exact ones
     assert wall_error <= 1e-4, f"walls are off by {1000 * wall_error:.3f} mm"
-    single, wall, simulated = timed_batch(trials, threads=1)
+    single, wall, simulated = timed_batch(trials, 1, collider)
     assert all(o is Outcome.REACHED_GOAL for o in single.monitor.outcome), single.monitor.outcome
-    double, wall_two, _ = timed_batch(trials, threads=2)
+    double, wall_two, _ = timed_batch(trials, 2, collider)
     assert np.array_equal(double.monitor.end_time, single.monitor.end_time)
 
     robot = single.scenarios[0].robot
     shares = single.shares
-    walls = f"walls within {1000 * wall_error:.3f} mm"
+    walls = "exact walls" if options.fast else f"walls within {1000 * wall_error:.3f} mm"
     print(f"tee turn, {robot.lugs_per_track} lugs a track, 2 ms, {walls}, {trials} trials, all passed")
     print(f"one thread   {simulated / wall:7.1f} simulated s / wall s")
     print(f"two threads  {trials / wall_two:7.2f} trials / s, {wall / wall_two:.2f} times one thread")
     for name, seconds in (("physics", shares.physics), ("control", shares.control), ("recording", shares.recording)):
         print(f"{name:12s} {100 * seconds / wall:7.1f} % of the wall time")
-    for name, part in physics_shares().items():
+    for name, part in physics_shares(collider).items():
         print(f"  {name:10s} {100 * part:7.1f} % of a physics step")
     print(f"peak memory  {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:7.0f} MB")
 
