@@ -25,6 +25,8 @@ SHIPPED = {
     "elbow_orientation": 120,
     "preload_friction": 144,
     "design_reach_length": 720,
+    "tee_factors": 2160,
+    "tee_lugs": 300,
 }
 
 
@@ -66,6 +68,15 @@ def test_crossed_axes_run_first_slowest_and_share_their_draws():
     assert columns["contact.friction"] == pytest.approx([0.2, 0.2, 0.5, 0.5, 0.8, 0.8] * 2)
     assert columns["robot.preload"] == columns["robot.preload"][:2] * 6
     assert len(set(columns["robot.preload"])) == 2
+
+
+def test_combinations_have_draws_of_their_own_when_asked():
+    """Independent draws differ between the combinations, and cover each axis evenly over all of them."""
+    columns = _sweep(KIND, UNIFORM, samples=50, sampling="latin_hypercube", draws="independent").trials()
+    preload = np.array(columns["robot.preload"])
+    assert columns["control.kind"] == ["jacobian"] * 50 + ["paper"] * 50
+    assert (preload[:50] != preload[50:]).all()
+    assert (np.sort(np.floor((preload - 10) / 20 * 100)) == np.arange(100)).all()
 
 
 @pytest.mark.parametrize("sampling", ["random", "latin_hypercube", "sobol"])

@@ -9,6 +9,9 @@ import numpy as np
 from omnitrack_sim.frames import Array
 
 Sampling = Literal["random", "latin_hypercube", "sobol"]
+Draws = Literal["common", "independent"]
+"""Whether all combinations of the crossed axes get the same draws, which compares them best, or each its own, which
+spreads over the random axes best."""
 
 
 def unit_points(count: int, dimensions: int, sampling: Sampling, seed: int) -> Array:

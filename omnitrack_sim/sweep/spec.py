@@ -24,7 +24,7 @@ from omnitrack_sim.scenario import (
 )
 from omnitrack_sim.sweep import trials
 from omnitrack_sim.sweep.axes import AXES, BASE, Axis, AxisTable, DirectionAxis, GridAxis, ListAxis
-from omnitrack_sim.sweep.sampling import Sampling
+from omnitrack_sim.sweep.sampling import Draws, Sampling
 from omnitrack_sim.tables import Table
 
 MOST_TRIALS = 1_000_000
@@ -42,6 +42,7 @@ class _Plan(Table):
     seed: Annotated[int, Field(ge=0)] = 0
     samples: Annotated[int, Field(ge=1, le=MOST_TRIALS)] = 1
     sampling: Sampling = "random"
+    draws: Draws = "common"
     batch: Annotated[int, Field(ge=1, le=4096)] = 32
     group_by: tuple[str, ...] | None = None
     axes: tuple[Axis, ...] = ()
@@ -111,10 +112,12 @@ class Sweep(_Plan):
         return tuple(name for name, values in self.crossed.items() if len(values) <= most.get(name, MOST_LISTED))
 
     def label(self, name: str, value: Any) -> str:
-        """A value of a crossed axis in words: its label, or the text itself, or the JSON of anything else."""
+        """A value of a crossed axis in words: its label, the text itself, nine digits, or JSON."""
         for axis in self.axes:
             if axis.name == name and isinstance(axis, ListAxis) and axis.labels is not None:
                 return axis.labels[axis.values.index(value)]
+        if isinstance(value, float):
+            return f"{value:.9g}"
         return value if isinstance(value, str) else json.dumps(value)
 
     @cached_property
@@ -123,7 +126,7 @@ class Sweep(_Plan):
 
     @cached_property
     def _columns(self) -> trials.Columns:
-        return trials.expand(self._plain, self.axes, self.samples, self.sampling, self.seed)
+        return trials.expand(self._plain, self.axes, self.samples, self.sampling, self.draws, self.seed)
 
 
 def load_sweep(source: str | Path, changes: Mapping[str, Any] | None = None) -> Sweep:

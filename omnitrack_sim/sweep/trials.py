@@ -14,7 +14,7 @@ from typing import Any
 from omnitrack_sim.scenario import set_value
 from omnitrack_sim.sim.runner import batch_key
 from omnitrack_sim.sweep.axes import BASE, AxisTable
-from omnitrack_sim.sweep.sampling import Sampling, unit_points
+from omnitrack_sim.sweep.sampling import Draws, Sampling, unit_points
 
 FORMAT = 1
 """Number of the form of parts and table; parts of another form are not taken over."""
@@ -91,28 +91,37 @@ def fitted(value: Any, present: Any) -> Any:
 
 
 def expand(
-    bases: Mapping[str, Mapping[str, Any]], axes: Sequence[AxisTable], samples: int, sampling: Sampling, seed: int
+    bases: Mapping[str, Mapping[str, Any]],
+    axes: Sequence[AxisTable],
+    samples: int,
+    sampling: Sampling,
+    draws: Draws,
+    seed: int,
 ) -> Columns:
     """The values of all axes, one a trial: crossed axes with the first slowest, ``samples`` draws for each combination.
 
     Args:
         bases: plain base scenarios by name; several make the first axis, ``BASE``.
-        axes: of the sweep. samples, sampling, seed: of the random ones; every combination has the same draws.
+        axes: of the sweep. samples, sampling, draws, seed: of the random ones.
     """
     random = [axis for axis in axes if not axis.crossed]
-    points = unit_points(samples if random else 1, sum(axis.dimensions for axis in random), sampling, seed)
+    crossed = crossed_values(bases, axes)
+    combinations = list(itertools.product(*crossed.values()))
+    each = samples if random else 1
+    sets = len(combinations) if draws == "independent" else 1
+    points = unit_points(each * sets, sum(axis.dimensions for axis in random), sampling, seed)
     drawn: Columns = {}
     used = 0
     for axis in random:
         drawn[axis.name] = axis.draw(points[:, used : used + axis.dimensions])
         used += axis.dimensions
-    crossed = crossed_values(bases, axes)
     columns: Columns = {name: [] for name in (*([BASE] if len(bases) > 1 else []), *(axis.name for axis in axes))}
-    for combination in itertools.product(*crossed.values()):
+    for place, combination in enumerate(combinations):
         for name, value in zip(crossed, combination, strict=True):
-            columns[name] += [value] * len(points)
+            columns[name] += [value] * each
+        first = place % sets * each
         for name, values in drawn.items():
-            columns[name] += values
+            columns[name] += values[first : first + each]
     return columns
 
 
