@@ -170,7 +170,7 @@ def test_groups_of_every_kind_of_value():
         ["2", "3"],
         ["down", "none"],
         ["true", "false"],
-        ["20.0", "30.5"],
+        ["20", "30.5"],
     ]
     assert {row["counted"] for rows in groups.values() for row in rows} == {8}
 

@@ -168,7 +168,7 @@ def test_whole_numbers_and_decimals_are_one_value():
     sweep = _sweep(KIND | {"path": "robot.preload", "values": [20]})
     assert type(sweep.trials()["robot.preload"][0]) is float
     assert sweep.crossed["robot.preload"] == sweep.trials()["robot.preload"]
-    assert sweep.label("robot.preload", sweep.crossed["robot.preload"][0]) == "20.0"
+    assert sweep.label("robot.preload", sweep.crossed["robot.preload"][0]) == "20"
     lugs = GRID | {"path": "robot.lugs_per_track", "start": 5, "stop": 15}
     assert _sweep(lugs).trials()["robot.lugs_per_track"] == [5, 10, 15]
     assert "whole numbers" in _faults(lugs | {"stop": 16})["axes.0.path"]
