@@ -20,15 +20,13 @@ from omnitrack_sim.frames import Array
 from omnitrack_sim.metrics import summarise
 from omnitrack_sim.scenario import Scenario, model_key
 from omnitrack_sim.sim.monitor import Monitor
-from omnitrack_sim.sim.plant import Plant, Readings, Trials, Trials
+from omnitrack_sim.sim.plant import Plant, Readings, Trials
 from omnitrack_sim.sim.recorder import Recorder
 from omnitrack_sim.sim.result import Result, provenance_of
 from omnitrack_sim.sim.setup import motor_of, scene_of, settings_of, trials_of, uses_exact_collider
 
 Progress = Callable[[float, str], None]
 """Called with the part done, 0 to 1, and a word about the run."""
-PlantMaker = Callable[[Scenario, Trials, int], Plant]
-"""Makes the plant of a batch from its first scenario, its trials and the number of threads."""
 MakePlant = Callable[[Scenario, Trials, int], Plant]
 """Makes a plant from the first scenario of a batch, the start values of all, and the number of threads."""
 
@@ -76,11 +74,6 @@ def batch_key(data: Mapping[str, Any]) -> str:
 
 
 def _own_plant(scenario: Scenario, trials: Trials, threads: int) -> Plant:
-    return Plant(scene_of(scenario).compile(), scenario.robot, trials, threads)
-
-
-def scenario_plant(scenario: Scenario, trials: Trials, threads: int) -> Plant:
-    """The plant that a scenario describes."""
     return Plant(scene_of(scenario).compile(), scenario.robot, trials, threads)
 
 
