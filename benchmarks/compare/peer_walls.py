@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 import trimesh
+from decompose import convex_pieces
 from manifold3d import Manifold, Mesh
 
 from omnitrack_sim.mjcf.meshes import fitting_mesh, manifold_to_trimesh
-from omnitrack_sim.mjcf.robot import LUG_CONAFFINITY, LUG_CONTYPE, add_robot
-from omnitrack_sim.mjcf.spec import new_spec
+from omnitrack_sim.mjcf.robot import LUG_CONAFFINITY, LUG_CONTYPE
 from omnitrack_sim.mjcf.walls import GROUP, sagitta
 from omnitrack_sim.pipes import Fitting, PipeNetwork
-from omnitrack_sim.scenario import Scenario
 
 NEAR = 1e-3
 """A mesh vertex this close to the exact inner surface lies on the bore, m; the outside is a wall thickness away."""
@@ -74,27 +74,24 @@ def _moved(mesh: trimesh.Trimesh, fitting: Fitting, level: float) -> trimesh.Tri
     return trimesh.Trimesh(vertices, mesh.faces, process=False)
 
 
-def peer_model(scenario: Scenario, add_walls: Callable[[mujoco.MjSpec, PipeNetwork], None]) -> mujoco.MjModel:
-    """The scenario's robot in walls added by ``add_walls``; everything else as ``omnitrack_sim.mjcf.scene``."""
-    spec = new_spec("omnitrack_peer")
-    spec.option.timestep = scenario.physics.timestep
-    add_walls(spec, scenario.route().network)
-    add_robot(spec, scenario.robot)
-    return spec.compile()
-
-
-def convex_walls(spec: mujoco.MjSpec, network: PipeNetwork, mesh: MeshSettings, **coacd_settings: float) -> None:
-    """Convex pieces that CoACD finds in the solid of each fitting."""
-    import coacd
-
-    coacd.set_log_level("error")
+def convex_walls(
+    spec: mujoco.MjSpec,
+    network: PipeNetwork,
+    mesh: MeshSettings,
+    coacd: dict[str, Any],
+    folder: Path,
+    limit_s: float,
+) -> float:
+    """Convex pieces that CoACD finds in the solid of each fitting; returns the seconds that it took."""
+    total = 0.0
     for part in network.parts:
-        solid = wall_solid(part.fitting, mesh)
-        pieces = coacd.run_coacd(coacd.Mesh(solid.vertices, solid.faces), **coacd_settings)
+        pieces, seconds = convex_pieces(wall_solid(part.fitting, mesh), coacd, folder, limit_s)
+        total += seconds
         for index, (vertices, faces) in enumerate(pieces):
             name = f"wall_{part.name}_{index}"
             _add_mesh(spec, name, part.pose.apply(vertices), np.asarray(faces))
             spec.worldbody.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, **WALL_MASKS)
+    return total
 
 
 def flex_walls(spec: mujoco.MjSpec, network: PipeNetwork, mesh: MeshSettings, radius: float = 1e-3) -> None:
