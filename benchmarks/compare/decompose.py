@@ -41,7 +41,7 @@ def convex_pieces(
     if not target.is_file():
         np.savez(source, vertices=vertices, faces=faces)
         reason = _run(source, target, settings, limit_s)
-        source.unlink()
+        source.unlink(missing_ok=True)
         if reason is not None:
             failure.write_text(reason, encoding="utf-8")
             raise DecompositionError(reason)

@@ -37,8 +37,9 @@ TITLES = {
 }
 NEEDS = {"convex": "coacd", "bullet": "pybullet", "exact": "numba"}
 """Packages that an entry needs beyond those of omnitrack_sim."""
-PROBE_RADIUS = 1e-3
-"""Radius of the sphere that feels for the walls, m: small, so that it reaches what lies between facets."""
+PROBE_DEPTH = 1e-3
+"""How far a lug is pressed into the exact surface to feel for the walls, m; signed distance fields have no contacts at a
+distance."""
 PROBE_REACH = 5e-3
 """Farthest from the exact surface that a wall is found, m; a wall farther off counts as this far."""
 
@@ -62,6 +63,7 @@ class Entry:
         walls: adds the walls of a network to a spec and returns seconds spent in other processes; none for entries
             whose plant is made elsewhere.
         line_tracks: rows of lugs are lines, for the compiled collider.
+        depth_factor: depth of penetration over what contacts say of it.
     """
 
     peer: str
@@ -69,6 +71,7 @@ class Entry:
     overrides: dict[str, Any] = dataclasses.field(default_factory=dict)
     walls: Callable[[mujoco.MjSpec, PipeNetwork], float] | None = None
     line_tracks: bool = False
+    depth_factor: float = 1.0
 
     @property
     def name(self) -> str:
@@ -145,32 +148,34 @@ def probe_places(part: Placed, radius: float, count: int, seed: int = 0) -> Arra
 def probe_walls(entry: Entry, scenario: Scenario, part: Placed, count: int) -> tuple[float, float]:
     """Largest error and that which 99 % of the probes keep, mm, of an entry's collision surface in one part.
 
-    A sphere that touches the exact surface is put at ``count`` places; its distance from the nearest contact is the
-    error there. The compiled collider is probed with its own kind of geom, a line of no length.
+    One lug is pressed into the exact surface at ``count`` places; its deepest contact is that deep, or off by the error.
+    The compiled collider is probed with its own kind of geom, a line of no length.
     """
     assert entry.walls is not None
     spec = new_spec("probe")
+    radius = scenario.robot.lug_radius - scenario.robot.track_offset
     entry.walls(spec, scenario.route().network)
     probe = spec.worldbody.add_body(name="probe", mass=1.0, inertia=[1.0, 1.0, 1.0], explicitinertial=True)
     probe.add_freejoint()
-    shape: dict[str, Any] = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [PROBE_RADIUS, 0, 0]}
+    shape: dict[str, Any] = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [radius, 0, 0]}
     if entry.line_tracks:
         shape = {
             "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
-            "size": [PROBE_RADIUS, 1e-9, 0],
+            "size": [radius, 1e-9, 0],
             "userdata": line_record(lug_pitch(scenario.robot)),
         }
     probe.add_geom(contype=LUG_CONTYPE, conaffinity=LUG_CONAFFINITY, priority=1, margin=PROBE_REACH, **shape)
     model = spec.compile()
     data = mujoco.MjData(model)
     errors = []
-    for place in probe_places(part, PROBE_RADIUS, count):
+    for place in probe_places(part, radius - PROBE_DEPTH, count):
         data.qpos[:3] = place
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_flex(model, data)
         mujoco.mj_collision(model, data)
-        errors.append(min(abs(float(data.contact.dist.min())), PROBE_REACH) if data.ncon else PROBE_REACH)
+        found = entry.depth_factor * float(data.contact.dist.min()) + PROBE_DEPTH if data.ncon else PROBE_REACH
+        errors.append(min(abs(found), PROBE_REACH) if np.isfinite(found) else PROBE_REACH)
     return 1000 * max(errors), 1000 * float(np.percentile(errors, 99))
 
 
@@ -199,22 +204,31 @@ def missing(peer: str) -> str | None:
 
 OWN_PRIMITIVES = [(0.002, 1e-4), (0.004, 1e-4), (0.001, 1e-4), (0.002, 5e-4), (0.002, 2e-5)]
 """Time step, s, and tolerance of the walls, m."""
+_UNPROCESSED: dict[str, Any] = {"preprocess_mode": "off", "mcts_iterations": 50}
 CONVEX: list[tuple[float, MeshSettings, dict[str, Any]]] = [
+    (0.002, MeshSettings(48), {"threshold": 0.02, **_UNPROCESSED}),
+    (0.002, MeshSettings(48), {"threshold": 0.05, **_UNPROCESSED}),
+    (0.002, MeshSettings(48), {"threshold": 0.01, **_UNPROCESSED}),
+    (0.002, MeshSettings(48), {"threshold": 0.01, "max_convex_hull": 100, **_UNPROCESSED}),
     (0.002, MeshSettings(48), {"threshold": 0.05, "preprocess_resolution": 30, "mcts_iterations": 50}),
-    (0.002, MeshSettings(48), {"threshold": 0.05, "preprocess_mode": "off", "mcts_iterations": 50}),
-    (0.002, MeshSettings(48), {"threshold": 0.02, "preprocess_mode": "off", "mcts_iterations": 50}),
 ]
 """Time step, s, mesh and arguments of CoACD."""
 FLEX = [
     (0.002, 96, None, 1e-3),
+    (0.004, 96, None, 1e-3),
+    (0.002, 48, None, 1e-3),
+    (0.002, 192, None, 1e-3),
     (0.002, 96, 0.03, 1e-3),
-    (0.002, 48, 0.03, 1e-3),
-    (0.002, 192, 0.01, 1e-3),
-    (0.004, 96, 0.03, 1e-3),
 ]
 """Time step, s, corners around, longest edge, m, radius of the triangles, m."""
-SDF = [(0.002, 96, None, 10, 40), (0.002, 96, None, 5, 8), (0.002, 96, 8, 5, 8)]
-"""Time step, s, corners around, depth of the octree, iterations and starting points of the search for contacts."""
+SDF = [
+    (0.002, MeshSettings(96, thickness=0.010), 7, 3, 4),
+    (0.002, MeshSettings(96, thickness=0.010), None, 5, 8),
+    (0.002, MeshSettings(96, thickness=0.010), 7, 10, 40),
+]
+"""Time step, s, mesh, depth of the octree, iterations and starting points of the search for contacts."""
+SDF_DEPTH_FACTOR = 2.0
+"""A contact with a signed distance field lies where both shapes are equally deep, and says that depth: half of it all."""
 
 
 CONTROL_PERIOD, COARSE_CONTROL_PERIOD = 0.010, 0.008
@@ -268,19 +282,20 @@ def _flex(timestep: float, sections: int, edge: float | None, radius: float) -> 
     return Entry("flex", settings, _clock(timestep), walls)
 
 
-def _sdf(timestep: float, sections: int, depth: int | None, iterations: int, points: int) -> Entry:
+def _sdf(timestep: float, mesh: MeshSettings, depth: int | None, iterations: int, points: int) -> Entry:
     def walls(spec: mujoco.MjSpec, network: PipeNetwork) -> float:
-        sdf_walls(spec, network, MeshSettings(sections), depth, iterations, points)
+        sdf_walls(spec, network, mesh, depth, iterations, points)
         return 0.0
 
     settings = {
         "timestep_ms": 1000 * timestep,
-        "sections": sections,
+        "sections": mesh.sections,
+        "wall_mm": 1000 * mesh.thickness,
         "octree_depth": depth,
         "sdf_iterations": iterations,
         "sdf_initpoints": points,
     }
-    return Entry("sdf", settings, _clock(timestep), walls)
+    return Entry("sdf", settings, _clock(timestep), walls, depth_factor=SDF_DEPTH_FACTOR)
 
 
 def _bullet_entries() -> list[Entry]:

@@ -20,6 +20,8 @@ from omnitrack_sim.pipes import Fitting, PipeNetwork
 
 NEAR = 1e-3
 """A mesh vertex this close to the exact inner surface lies on the bore, m; the outside is a wall thickness away."""
+SLIVER = 1e-6
+"""Triangles of less height than this, m, are left out: contacts with them are not numbers."""
 WALL_MASKS = {"contype": LUG_CONAFFINITY, "conaffinity": LUG_CONTYPE, "group": GROUP}
 """Walls touch lugs and nothing else, as in ``omnitrack_sim.mjcf.walls``."""
 
@@ -60,6 +62,7 @@ def bore_surface(fitting: Fitting, settings: MeshSettings, depth: float = 0.0) -
     on_bore = np.abs(distance) < NEAR
     faces = solid.faces[on_bore[solid.faces].all(axis=1)]
     surface = trimesh.Trimesh(solid.vertices, faces, process=False)
+    surface.update_faces(surface.nondegenerate_faces(height=SLIVER))
     surface.remove_unreferenced_vertices()
     shift = sagitta(fitting.radius, math.pi / settings.sections) / 2
     return _moved(surface, fitting, -shift - depth)
@@ -94,10 +97,15 @@ def convex_walls(
     return total
 
 
-def flex_walls(spec: mujoco.MjSpec, network: PipeNetwork, mesh: MeshSettings, radius: float = 1e-3) -> None:
-    """One rigid flex a fitting: the bore's triangles, ``radius`` m thick to either side and set back by as much."""
+def flex_walls(
+    spec: mujoco.MjSpec, network: PipeNetwork, mesh: MeshSettings, radius: float = 1e-3, offset: float = 0.0
+) -> None:
+    """One rigid flex a fitting: the bore's triangles, ``radius`` m thick to either side and set back by as much.
+
+    ``offset`` widens the bore, m.
+    """
     for part in network.parts:
-        surface = bore_surface(part.fitting, mesh, depth=radius)
+        surface = bore_surface(part.fitting, mesh, depth=radius + offset)
         spec.add_flex(
             name=f"wall_{part.name}",
             dim=2,
