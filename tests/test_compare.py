@@ -21,8 +21,7 @@ from peer_walls import MeshSettings, bore_surface, flex_walls, wall_solid
 
 
 def flex_entry() -> entries.Entry:
-    (entry,) = [e for e in entries.entries(entries.Work(Path("unused"), 1.0), ("flex",), quick=True)][:1]
-    return entry
+    return entries.entries(entries.Work(Path("unused"), 1.0), ("flex",), quick=True)[0]
 
 
 def row(peer: str, speed: float, error: float, outcome: str = "reached_goal", timestep: float = 0.002) -> measure.Row:

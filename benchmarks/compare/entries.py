@@ -148,7 +148,7 @@ def probe_places(part: Placed, radius: float, count: int, seed: int = 0) -> Arra
 def probe_walls(entry: Entry, scenario: Scenario, part: Placed, count: int) -> tuple[float, float]:
     """Largest error and that which 99 % of the probes keep, mm, of an entry's collision surface in one part.
 
-    One lug is pressed into the exact surface at ``count`` places; its deepest contact is that deep, or off by the error.
+    A lug is pressed into the exact surface at ``count`` places; its deepest contact is that deep, or off by the error.
     The compiled collider is probed with its own kind of geom, a line of no length.
     """
     assert entry.walls is not None
@@ -228,7 +228,7 @@ SDF = [
 ]
 """Time step, s, mesh, depth of the octree, iterations and starting points of the search for contacts."""
 SDF_DEPTH_FACTOR = 2.0
-"""A contact with a signed distance field lies where both shapes are equally deep, and says that depth: half of it all."""
+"""A contact with a signed distance field lies where both shapes are equally deep, and says that depth: half of all."""
 
 
 CONTROL_PERIOD, COARSE_CONTROL_PERIOD = 0.010, 0.008

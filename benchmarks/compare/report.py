@@ -48,8 +48,11 @@ def ratio(peer: Row, rows: list[Row]) -> float:
 
 def settings_text(row: Row) -> str:
     """The settings in one line."""
-    return ", ".join(f"{key} {value:g}" if isinstance(value, float) else f"{key} {value}"
-                     for key, value in row.settings.items() if value is not None)
+    return ", ".join(
+        f"{key} {value:g}" if isinstance(value, float) else f"{key} {value}"
+        for key, value in row.settings.items()
+        if value is not None
+    )
 
 
 def _number(value: float, digits: int) -> str:
@@ -60,8 +63,16 @@ def tables(rows: list[Row], tried: list[Row], notes: list[str]) -> str:
     """Markdown: a table a job, the settings tried, and notes."""
     lines = []
     head = (
-        "entry", "outcome", "wall error, largest / 99 %, mm", "simulated s a CPU s: stepping / with control",
-        "us a step", "contacts a lug", "tilt at the end, deg", "simulated s", "build, s", "this package's speed / its",
+        "entry",
+        "outcome",
+        "wall error, largest / 99 %, mm",
+        "simulated s a CPU s: stepping / with control",
+        "us a step",
+        "contacts a lug",
+        "tilt at the end, deg",
+        "simulated s",
+        "build, s",
+        "this package's speed / its",
     )
     for job in dict.fromkeys(row.job for row in rows):
         lines += [f"## {job}", "", "| " + " | ".join(head) + " |", "|---" * len(head) + "|"]

@@ -2,8 +2,9 @@
 
 python benchmarks/compare/run.py [--quick] [--out DIR] [--peer NAME]... [--job NAME]...
 
-Tries the settings of each peer on each job, takes the best (it finishes, then its wall error, then its speed), and times
-these and all entries of this package again, in turns, on one thread. Writes compare.json, compare.md and compare.svg.
+Tries the settings of each peer on each job, takes the best (it finishes, then its wall error, then its speed), and
+times these and all entries of this package again, in turns, on one thread. Writes compare.json, compare.md and
+compare.svg.
 """
 
 from __future__ import annotations
@@ -76,7 +77,8 @@ def _told(case: Case) -> str:
     if row.error is not None:
         return f"{row.job:12s} {case.entry.name}: {row.error}"
     return (
-        f"{row.job:12s} {case.entry.name}: {row.outcome} at {row.progress_m:.2f} m, wall {row.wall_error_max_mm:.3f} mm, "
+        f"{row.job:12s} {case.entry.name}: {row.outcome} at {row.progress_m:.2f} m, wall "
+        f"{row.wall_error_max_mm:.3f} mm, "
         f"{row.step_speed:.2f} simulated s a CPU s, {row.contacts_per_lug:.2f} contacts a lug"
     )
 
