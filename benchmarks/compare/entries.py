@@ -38,8 +38,8 @@ TITLES = {
 NEEDS = {"convex": "coacd", "bullet": "pybullet", "exact": "numba"}
 """Packages that an entry needs beyond those of omnitrack_sim."""
 PROBE_DEPTH = 1e-3
-"""How far a lug is pressed into the exact surface to feel for the walls, m; signed distance fields have no contacts at a
-distance."""
+"""How far a lug is pressed into the exact surface to feel for the walls, m; signed distance fields have no contacts at
+a distance."""
 PROBE_REACH = 5e-3
 """Farthest from the exact surface that a wall is found, m; a wall farther off counts as this far."""
 
@@ -180,7 +180,7 @@ def probe_walls(entry: Entry, scenario: Scenario, part: Placed, count: int) -> t
 
 
 def entries(work: Work, peers: tuple[str, ...] = tuple(TITLES), quick: bool = False) -> list[Entry]:
-    """Every entry of ``peers``; ``quick``: the first two of each peer."""
+    """Every entry of ``peers``; ``quick``: the first two of this package, the first of each peer."""
     found: dict[str, list[Entry]] = {
         "primitives": [_primitives(t, w) for t, w in OWN_PRIMITIVES],
         "exact": [_exact(t) for t in (0.002, 0.001, 0.004)],
@@ -189,7 +189,7 @@ def entries(work: Work, peers: tuple[str, ...] = tuple(TITLES), quick: bool = Fa
         "sdf": [_sdf(*settings) for settings in SDF],
         "bullet": _bullet_entries(),
     }
-    return [entry for peer in peers for entry in (found[peer][:2] if quick else found[peer])]
+    return [entry for peer in peers for entry in (found[peer][: 2 if peer in OWN else 1] if quick else found[peer])]
 
 
 def missing(peer: str) -> str | None:
@@ -206,8 +206,8 @@ OWN_PRIMITIVES = [(0.002, 1e-4), (0.004, 1e-4), (0.001, 1e-4), (0.002, 5e-4), (0
 """Time step, s, and tolerance of the walls, m."""
 _UNPROCESSED: dict[str, Any] = {"preprocess_mode": "off", "mcts_iterations": 50}
 CONVEX: list[tuple[float, MeshSettings, dict[str, Any]]] = [
-    (0.002, MeshSettings(48), {"threshold": 0.02, **_UNPROCESSED}),
     (0.002, MeshSettings(48), {"threshold": 0.05, **_UNPROCESSED}),
+    (0.002, MeshSettings(48), {"threshold": 0.02, **_UNPROCESSED}),
     (0.002, MeshSettings(48), {"threshold": 0.01, **_UNPROCESSED}),
     (0.002, MeshSettings(48), {"threshold": 0.01, "max_convex_hull": 100, **_UNPROCESSED}),
     (0.002, MeshSettings(48), {"threshold": 0.05, "preprocess_resolution": 30, "mcts_iterations": 50}),
@@ -222,8 +222,8 @@ FLEX = [
 ]
 """Time step, s, corners around, longest edge, m, radius of the triangles, m."""
 SDF = [
-    (0.002, MeshSettings(96, thickness=0.010), 7, 3, 4),
     (0.002, MeshSettings(96, thickness=0.010), None, 5, 8),
+    (0.002, MeshSettings(96, thickness=0.010), 7, 3, 4),
     (0.002, MeshSettings(96, thickness=0.010), 7, 10, 40),
 ]
 """Time step, s, mesh, depth of the octree, iterations and starting points of the search for contacts."""

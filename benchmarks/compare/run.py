@@ -105,7 +105,7 @@ def finite(value: Any) -> Any:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--quick", action="store_true", help="two settings a peer, short runs")
+    parser.add_argument("--quick", action="store_true", help="one setting a peer, short runs")
     parser.add_argument("--quick-time", type=float, default=0.4, help="simulated seconds of a quick run")
     parser.add_argument("--out", type=Path, default=Path("out/compare"))
     parser.add_argument("--peer", action="append", choices=list(TITLES))
