@@ -306,7 +306,7 @@ def _bullet_entries() -> list[Entry]:
     made = []
     for name, settings in bullet.SETTINGS.items():
         values = dataclasses.asdict(settings) if dataclasses.is_dataclass(settings) else dict(settings)
-        timestep = values.get("timestep")
+        timestep = values.get("time_step")
         overrides = {} if timestep is None else _clock(timestep)
         made.append(Entry("bullet", {"name": name, **values}, overrides))
     return made
