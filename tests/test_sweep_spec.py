@@ -24,7 +24,8 @@ SHIPPED = {
     "tee_monte_carlo": 10_000,
     "elbow_orientation": 120,
     "preload_friction": 144,
-    "design_reach_length": 720,
+    "design_reach_length": 400,
+    "tee_springs": 600,
     "tee_factors": 2160,
     "tee_lugs": 300,
 }
