@@ -1,0 +1,217 @@
+"""A pipe network drawn: in space, from above and from the side, with a route in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from omnitrack_sim.frames import Array
+from omnitrack_sim.network import Network
+from omnitrack_sim.pipes import Placed, Route, Straight, Tee
+from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, save_figure, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+AROUND = 24
+"""Corners of a drawn pipe's cross-section."""
+BEND_SPACING = 0.03
+"""Distance of neighbouring rings of a drawn bend, m."""
+ROUTE_SPACING = 0.01
+"""Distance of neighbouring points of a drawn route, m."""
+PIPE, ROUTE = "#d3d8de", MODULE_COLOURS[1]
+_AXES = "xyz"
+
+
+def plot_network(
+    network: Network, path: str | Path | BinaryIO, route: Route | None = None, format: str | None = None
+) -> None:
+    """Write the figure of ``network_figure``.
+
+    Raises:
+        InputError: no such format. OSError: the file cannot be written.
+    """
+    save_figure(network_figure(network, route), path, format)
+
+
+def network_figure(network: Network, route: Route | None = None) -> Figure:
+    """Three views: in space, plan, and the elevation that shows more; names at the parts, marks at the open ends.
+
+    Args:
+        network: what to draw.
+        route: highlighted when given.
+    """
+    return styled(lambda: _draw(network, route))
+
+
+def _draw(network: Network, route: Route | None) -> Figure:
+    from matplotlib.figure import Figure
+
+    parts = network.pipes.parts
+    quads = np.concatenate([_quads(part) for part in parts])
+    low, high = quads.reshape(-1, 3).min(axis=0), quads.reshape(-1, 3).max(axis=0)
+    across = 0 if high[0] - low[0] >= high[1] - low[1] else 1
+    figure = Figure(figsize=(12, 6.4), layout="constrained")
+    grid = figure.add_gridspec(2, 2, width_ratios=[1, 1.15], height_ratios=_heights(high - low, across))
+    space: Any = figure.add_subplot(grid[:, 0], projection="3d")
+    _draw_space(space, network, quads, low, high, route)
+    views = [((0, 1), "plan, from above"), ((across, 2), f"elevation, along {'yx'[across]}")]
+    axes = [figure.add_subplot(grid[row, 1]) for row in range(2)]
+    for axis, (pair, title) in zip(axes, views, strict=True):
+        _draw_view(axis, network, quads, pair, title, route)
+    figure.canvas.draw()
+    for part in parts:
+        # Each name stands in the view that shows most of its part.
+        points = np.concatenate(_lines(part))
+        seen = [float(np.prod(np.ptp(points[:, list(pair)], axis=0) + part.fitting.radius)) for pair, _ in views]
+        view = int(np.argmax(seen))
+        _label(axes[view], part.name, _middle(part)[list(views[view][0])])
+    title = f"{network.name}: {len(parts)} parts, {network.length:.2f} m, {len(network.open_ends)} open ends"
+    if route is not None:
+        title += f"; route of {route.centreline.length:.2f} m through {len(route.fittings)} parts"
+    figure.suptitle(title, fontsize=10.5, color=INK)
+    return figure
+
+
+def _heights(size: Array, across: int) -> list[float]:
+    """Shares of plan and elevation, so that both have about one scale; neither is squeezed flat."""
+    shares = np.array([size[1] / max(size[0], 1e-9), size[2] / max(size[across], 1e-9)])
+    return list(np.clip(shares / shares.sum(), 0.3, 0.7))
+
+
+def _draw_space(space: Any, network: Network, quads: Array, low: Array, high: Array, route: Route | None) -> None:
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    space.set_proj_type("ortho")
+    alpha = 0.16 if route is not None else 0.24
+    space.add_collection3d(Poly3DCollection(quads, facecolors="#7f93a8", alpha=alpha, edgecolors="none"))
+    for part in network.pipes.parts:
+        for line in _lines(part):
+            space.plot(*line.T, color=GREY, linewidth=0.7)
+    if route is not None:
+        space.plot(*_way(route).T, color=ROUTE, linewidth=2.4)
+    for name, point in _open_ends(network, route):
+        space.plot(*point[:, None], "o", color=_mark(name), markersize=5)
+        space.text(*point, f"  {name}", fontsize=7.5, color=_mark(name))
+    for axis, a, b in zip(_AXES, low, high, strict=True):
+        getattr(space, f"set_{axis}lim")(a, b)
+        getattr(space, f"set_{axis}label")(f"{axis}, m")
+        getattr(space, f"{axis}axis").set_major_locator(_locator())
+    space.set_box_aspect(high - low, zoom=0.9)
+    space.view_init(elev=24, azim=-58)
+
+
+def _locator() -> Any:
+    from matplotlib.ticker import MaxNLocator
+
+    return MaxNLocator(4)
+
+
+def _draw_view(
+    axis: Axes, network: Network, quads: Array, pair: tuple[int, int], title: str, route: Route | None
+) -> None:
+    from matplotlib.collections import PolyCollection
+
+    columns = list(pair)
+    axis.add_collection(PolyCollection(list(quads[:, :, columns]), facecolors=PIPE, edgecolors=PIPE, linewidths=0.4))
+    for part in network.pipes.parts:
+        for line in _lines(part):
+            axis.plot(*line[:, columns].T, color=GREY, linewidth=0.7)
+    if route is not None:
+        axis.plot(*_way(route)[:, columns].T, color=ROUTE, linewidth=2.4, alpha=0.85)
+    for name, point in _open_ends(network, route):
+        axis.plot(*point[columns, None], "o", color=_mark(name), markersize=5, zorder=4)
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_title(title, loc="left")
+    axis.set_xlabel(f"{_AXES[pair[0]]}, m")
+    axis.set_ylabel(f"{_AXES[pair[1]]}, m")
+    axis.margins(0.06)
+
+
+def _label(axis: Any, text: str, point: Array) -> None:
+    """A name at a place (2,) m, moved up or down until it covers no other one."""
+    renderer = axis.figure.canvas.get_renderer()
+    taken = [label.get_window_extent(renderer) for label in axis.texts]
+    label = None
+    for shift in (0, 9, -9, 18, -18, 27, -27, 36, -36):
+        if label is not None:
+            label.remove()
+        label = axis.annotate(
+            text,
+            point,
+            xytext=(0, shift),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=7,
+            color=INK,
+            zorder=6,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.6},
+        )
+        box = label.get_window_extent(renderer)
+        if not any(box.overlaps(other) for other in taken):
+            return
+
+
+def _open_ends(network: Network, route: Route | None) -> list[tuple[str, Array]]:
+    """Name and place (3,) m of each open end, by the user's name where there is one; the route's ends say so."""
+    named = {port: name for name, port in network.ports.items()}
+    ends = {}
+    if route is not None:
+        first, last = route.fittings[0], route.fittings[-1]
+        ends = {(first.index, first.enter): "from ", (last.index, last.leave): "to "}
+    found = []
+    for port in network.open_ends:
+        index, name = network.end("", port)
+        place = network.pipes.parts[index].port(name).position
+        found.append((ends.get((index, name), "") + named.get(port, port), place))
+    return found
+
+
+def _mark(name: str) -> Any:
+    return ROUTE if name.startswith(("from ", "to ")) else ALARM
+
+
+def _way(route: Route) -> Array:
+    """Points (n, 3) m of the route's centreline."""
+    length = route.centreline.length
+    return route.centreline.at(np.linspace(0, length, max(2, round(length / ROUTE_SPACING))))[0]
+
+
+def _lines(part: Placed) -> list[Array]:
+    """Axes of a part, points (n, 3) m: a tee has its run and its branch."""
+    if isinstance(part.fitting, Tee):
+        start, end, branch = (part.port(port).position for port in part.fitting.choices)
+        return [np.stack([start, end]), np.stack([part.pose.position, branch])]
+    line = part.axis(*part.fitting.choices)
+    count = 2 if isinstance(part.fitting, Straight) else max(2, round(line.length / BEND_SPACING) + 1)
+    return [line.at(np.linspace(0, line.length, count))[0]]
+
+
+def _middle(part: Placed) -> Array:
+    """Where a part's name stands (3,) m."""
+    line = part.axis(*part.fitting.choices[:2])
+    return line.at(np.array([line.length / 2]))[0][0]
+
+
+def _quads(part: Placed) -> Array:
+    """Corners (n, 4, 3) m of the faces of a part's bore."""
+    found = []
+    angle = np.linspace(0, 2 * np.pi, AROUND + 1)
+    for line in _lines(part):
+        if isinstance(part.fitting, Tee):
+            tangent = np.stack([line[1] - line[0]] * 2) / np.linalg.norm(line[1] - line[0])
+            side = np.broadcast_to(part.pose.rotation[:, 1], (2, 3))
+        else:
+            axis = part.axis(*part.fitting.choices)
+            frame = axis.frame(np.linspace(0, axis.length, len(line)))
+            tangent, side = frame[:, :, 2], frame[:, :, 0]
+        other = np.cross(tangent, side)
+        ring = np.cos(angle)[:, None] * side[:, None] + np.sin(angle)[:, None] * other[:, None]
+        ring = line[:, None] + part.fitting.radius * ring  # (n, AROUND + 1, 3)
+        corners = np.stack([ring[:-1, :-1], ring[1:, :-1], ring[1:, 1:], ring[:-1, 1:]], axis=-2)
+        found.append(corners.reshape(-1, 4, 3))
+    return np.concatenate(found)
