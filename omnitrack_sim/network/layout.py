@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -90,15 +91,14 @@ def _misses(k: int, joint: Joined, parts: Mapping[int, Placed]) -> list[Fault]:
     if gap <= CLOSES and angle <= CLOSES_ANGLE:
         return []
     ends = f"{parts[i].name}.{port_i} and {parts[j].name}.{port_j}"
-    problem = f"does not close the loop: {ends} miss by {1e3 * gap:.4g} mm and {math.degrees(angle):.4g} degrees"
+    problem = f"does not close the loop: {ends} miss by {1e3 * gap:.3f} mm and {math.degrees(angle):.3f} degrees"
     return [Fault(f"joints.{k}", problem)]
 
 
 def _in_file(faults: Iterable[Fault], order: Sequence[int]) -> list[Fault]:
     """Faults of ``PipeNetwork`` with the paths of a network file; ``order``: place in the file of each part."""
-    found = []
-    for fault in faults:
-        _, place, *rest = fault.where.split(".")
-        where = ".".join(["fittings", str(order[int(place)]), *rest])
-        found.append(Fault(where, fault.problem.replace("pipes.", "fittings."), fault.choices))
-    return found
+
+    def renamed(text: str) -> str:
+        return re.sub(r"\bpipes\.(\d+)", lambda match: f"fittings.{order[int(match[1])]}", text)
+
+    return [Fault(renamed(fault.where), renamed(fault.problem), fault.choices) for fault in faults]

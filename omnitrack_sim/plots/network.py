@@ -48,6 +48,7 @@ def network_figure(network: Network, route: Route | None = None) -> Figure:
 
 
 def _draw(network: Network, route: Route | None) -> Figure:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     parts = network.pipes.parts
@@ -62,13 +63,15 @@ def _draw(network: Network, route: Route | None) -> Figure:
     axes = [figure.add_subplot(grid[row, 1]) for row in range(2)]
     for axis, (pair, title) in zip(axes, views, strict=True):
         _draw_view(axis, network, quads, pair, title, route)
-    figure.canvas.draw()
+    canvas = FigureCanvasAgg(figure)  # the places of names are measured as they are drawn
+    canvas.draw()
+    renderer = canvas.get_renderer()
     for part in parts:
         # Each name stands in the view that shows most of its part.
         points = np.concatenate(_lines(part))
         seen = [float(np.prod(np.ptp(points[:, list(pair)], axis=0) + part.fitting.radius)) for pair, _ in views]
         view = int(np.argmax(seen))
-        _label(axes[view], part.name, _middle(part)[list(views[view][0])])
+        _label(axes[view], renderer, part.name, _middle(part)[list(views[view][0])])
     title = f"{network.name}: {len(parts)} parts, {network.length:.2f} m, {len(network.open_ends)} open ends"
     if route is not None:
         title += f"; route of {route.centreline.length:.2f} m through {len(route.fittings)} parts"
@@ -83,6 +86,7 @@ def _heights(size: Array, across: int) -> list[float]:
 
 
 def _draw_space(space: Any, network: Network, quads: Array, low: Array, high: Array, route: Route | None) -> None:
+    from matplotlib.ticker import MaxNLocator
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     space.set_proj_type("ortho")
@@ -98,16 +102,10 @@ def _draw_space(space: Any, network: Network, quads: Array, low: Array, high: Ar
         space.text(*point, f"  {name}", fontsize=7.5, color=_mark(name))
     for axis, a, b in zip(_AXES, low, high, strict=True):
         getattr(space, f"set_{axis}lim")(a, b)
-        getattr(space, f"set_{axis}label")(f"{axis}, m")
-        getattr(space, f"{axis}axis").set_major_locator(_locator())
+        getattr(space, f"set_{axis}label")(f"{axis}, m", labelpad=8)
+        getattr(space, f"{axis}axis").set_major_locator(MaxNLocator(max(1, round(5 * (b - a) / (high - low).max()))))
     space.set_box_aspect(high - low, zoom=0.9)
     space.view_init(elev=24, azim=-58)
-
-
-def _locator() -> Any:
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(4)
 
 
 def _draw_view(
@@ -116,7 +114,8 @@ def _draw_view(
     from matplotlib.collections import PolyCollection
 
     columns = list(pair)
-    axis.add_collection(PolyCollection(list(quads[:, :, columns]), facecolors=PIPE, edgecolors=PIPE, linewidths=0.4))
+    caps = [cap[:, columns] for part in network.pipes.parts for cap in _caps(part)]
+    axis.add_collection(PolyCollection([*quads[:, :, columns], *caps], facecolors=PIPE, edgecolors=PIPE, linewidths=0.4))
     for part in network.pipes.parts:
         for line in _lines(part):
             axis.plot(*line[:, columns].T, color=GREY, linewidth=0.7)
@@ -124,16 +123,15 @@ def _draw_view(
         axis.plot(*_way(route)[:, columns].T, color=ROUTE, linewidth=2.4, alpha=0.85)
     for name, point in _open_ends(network, route):
         axis.plot(*point[columns, None], "o", color=_mark(name), markersize=5, zorder=4)
-    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_aspect("equal", adjustable="box", anchor="W")
     axis.set_title(title, loc="left")
     axis.set_xlabel(f"{_AXES[pair[0]]}, m")
     axis.set_ylabel(f"{_AXES[pair[1]]}, m")
     axis.margins(0.06)
 
 
-def _label(axis: Any, text: str, point: Array) -> None:
+def _label(axis: Axes, renderer: Any, text: str, point: Array) -> None:
     """A name at a place (2,) m, moved up or down until it covers no other one."""
-    renderer = axis.figure.canvas.get_renderer()
     taken = [label.get_window_extent(renderer) for label in axis.texts]
     label = None
     for shift in (0, 9, -9, 18, -18, 27, -27, 36, -36):
@@ -195,6 +193,13 @@ def _middle(part: Placed) -> Array:
     """Where a part's name stands (3,) m."""
     line = part.axis(*part.fitting.choices[:2])
     return line.at(np.array([line.length / 2]))[0][0]
+
+
+def _caps(part: Placed) -> list[Array]:
+    """Discs that close a part's ports, corners (AROUND, 3) m: seen along its axis a pipe is one of them."""
+    angle = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
+    disc = part.fitting.radius * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    return [part.port(port).apply(disc) for port in part.fitting.choices]
 
 
 def _quads(part: Placed) -> Array:
