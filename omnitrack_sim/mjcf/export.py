@@ -68,7 +68,10 @@ def network_xml(network: PipeNetwork, name: str) -> str:
 
 
 def network_stl(network: PipeNetwork) -> bytes:
-    """The walls of a whole network as one watertight solid, binary STL, m, world frame."""
+    """The walls of a whole network as one solid, binary STL, m, world frame.
+
+    Single precision folds slivers at the rims of tees, so the file, unlike ``network_mesh``, is not quite watertight.
+    """
     return trimesh.exchange.stl.export_stl(network_mesh(network))
 
 

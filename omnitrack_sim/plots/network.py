@@ -38,7 +38,7 @@ def plot_network(
 
 
 def network_figure(network: Network, route: Route | None = None) -> Figure:
-    """Three views: in space, plan, and the elevation that shows more; names at the parts, marks at the open ends.
+    """Three views: in space, the elevation that shows more, and the plan; names at the parts, marks at the open ends.
 
     Args:
         network: what to draw.
@@ -55,12 +55,12 @@ def _draw(network: Network, route: Route | None) -> Figure:
     quads = np.concatenate([_quads(part) for part in parts])
     low, high = quads.reshape(-1, 3).min(axis=0), quads.reshape(-1, 3).max(axis=0)
     across = 0 if high[0] - low[0] >= high[1] - low[1] else 1
-    figure = Figure(figsize=(12, 6.4), layout="constrained")
-    grid = figure.add_gridspec(2, 2, width_ratios=[1, 1.15], height_ratios=_heights(high - low, across))
-    space: Any = figure.add_subplot(grid[:, 0], projection="3d")
+    figure = Figure(figsize=(13.5, 5.4), layout="constrained")
+    grid = figure.add_gridspec(1, 3, width_ratios=[1.15, 1, 1])
+    space: Any = figure.add_subplot(grid[0], projection="3d")
     _draw_space(space, network, quads, low, high, route)
-    views = [((0, 1), "plan, from above"), ((across, 2), f"elevation, along {'yx'[across]}")]
-    axes = [figure.add_subplot(grid[row, 1]) for row in range(2)]
+    views = [((across, 2), f"elevation, along {'yx'[across]}"), ((0, 1), "plan, from above")]
+    axes = [figure.add_subplot(grid[column]) for column in (1, 2)]
     for axis, (pair, title) in zip(axes, views, strict=True):
         _draw_view(axis, network, quads, pair, title, route)
     canvas = FigureCanvasAgg(figure)  # the places of names are measured as they are drawn
@@ -77,12 +77,6 @@ def _draw(network: Network, route: Route | None) -> Figure:
         title += f"; route of {route.centreline.length:.2f} m through {len(route.fittings)} parts"
     figure.suptitle(title, fontsize=10.5, color=INK)
     return figure
-
-
-def _heights(size: Array, across: int) -> list[float]:
-    """Shares of plan and elevation, so that both have about one scale; neither is squeezed flat."""
-    shares = np.array([size[1] / max(size[0], 1e-9), size[2] / max(size[across], 1e-9)])
-    return list(np.clip(shares / shares.sum(), 0.3, 0.7))
 
 
 def _draw_space(space: Any, network: Network, quads: Array, low: Array, high: Array, route: Route | None) -> None:
@@ -115,7 +109,9 @@ def _draw_view(
 
     columns = list(pair)
     caps = [cap[:, columns] for part in network.pipes.parts for cap in _caps(part)]
-    axis.add_collection(PolyCollection([*quads[:, :, columns], *caps], facecolors=PIPE, edgecolors=PIPE, linewidths=0.4))
+    axis.add_collection(
+        PolyCollection([*quads[:, :, columns], *caps], facecolors=PIPE, edgecolors=PIPE, linewidths=0.4)
+    )
     for part in network.pipes.parts:
         for line in _lines(part):
             axis.plot(*line[:, columns].T, color=GREY, linewidth=0.7)
