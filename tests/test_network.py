@@ -259,7 +259,7 @@ def test_a_loop_gives_a_second_way():
 def test_routes_of_shipped_networks(name):
     """Every pair of open ends has a route: parts joined in order, arc lengths that follow on, a line without jumps."""
     network = load_network(name)
-    assert {port for port in network.ports.values()} == set(network.open_ends)
+    assert set(network.ports.values()) == set(network.open_ends)
     for start, goal in itertools.permutations(network.open_ends, 2):
         way = shortest_route(network, start, goal)
         assert way.network is network.pipes

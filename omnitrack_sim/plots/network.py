@@ -9,7 +9,7 @@ import numpy as np
 
 from omnitrack_sim.frames import Array
 from omnitrack_sim.network import Network
-from omnitrack_sim.pipes import Placed, Route, Straight, Tee
+from omnitrack_sim.pipes import Centreline, Placed, Route, Straight, Tee
 from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, save_figure, styled
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ def _label(axis: Axes, renderer: Any, text: str, point: Array) -> None:
             label.remove()
         label = axis.annotate(
             text,
-            point,
+            (float(point[0]), float(point[1])),
             xytext=(0, shift),
             textcoords="offset points",
             ha="center",
@@ -175,19 +175,25 @@ def _way(route: Route) -> Array:
     return route.centreline.at(np.linspace(0, length, max(2, round(length / ROUTE_SPACING))))[0]
 
 
+def _axis(part: Placed) -> Centreline:
+    """The axis of a part: of a tee that of its run."""
+    enter, leave = part.fitting.choices[:2]
+    return part.axis(enter, leave)
+
+
 def _lines(part: Placed) -> list[Array]:
     """Axes of a part, points (n, 3) m: a tee has its run and its branch."""
     if isinstance(part.fitting, Tee):
         start, end, branch = (part.port(port).position for port in part.fitting.choices)
         return [np.stack([start, end]), np.stack([part.pose.position, branch])]
-    line = part.axis(*part.fitting.choices)
+    line = _axis(part)
     count = 2 if isinstance(part.fitting, Straight) else max(2, round(line.length / BEND_SPACING) + 1)
     return [line.at(np.linspace(0, line.length, count))[0]]
 
 
 def _middle(part: Placed) -> Array:
     """Where a part's name stands (3,) m."""
-    line = part.axis(*part.fitting.choices[:2])
+    line = _axis(part)
     return line.at(np.array([line.length / 2]))[0][0]
 
 
@@ -207,7 +213,7 @@ def _quads(part: Placed) -> Array:
             tangent = np.stack([line[1] - line[0]] * 2) / np.linalg.norm(line[1] - line[0])
             side = np.broadcast_to(part.pose.rotation[:, 1], (2, 3))
         else:
-            axis = part.axis(*part.fitting.choices)
+            axis = _axis(part)
             frame = axis.frame(np.linspace(0, axis.length, len(line)))
             tangent, side = frame[:, :, 2], frame[:, :, 0]
         other = np.cross(tangent, side)
