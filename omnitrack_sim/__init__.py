@@ -12,18 +12,27 @@ if TYPE_CHECKING:
     from omnitrack_sim.errors import (
         GeometryError,
         InputError,
+        NetworkError,
         OmnitrackError,
         OutputError,
         RenderError,
         ScenarioError,
         SweepError,
     )
+    from omnitrack_sim.network import Network, load_network, random_network, shortest_route
     from omnitrack_sim.outcome import Outcome
     from omnitrack_sim.pipes import Elbow, PipeNetwork, Step, Straight, Tee, route
     from omnitrack_sim.plots import plot_singularity, plot_summary
     from omnitrack_sim.render import render_frame, render_video
     from omnitrack_sim.robot import Robot
-    from omnitrack_sim.scenario import Scenario, load_scenario, override, shipped_scenarios, shipped_sweeps
+    from omnitrack_sim.scenario import (
+        Scenario,
+        load_scenario,
+        override,
+        shipped_networks,
+        shipped_scenarios,
+        shipped_sweeps,
+    )
     from omnitrack_sim.sim.result import Result, load_result
     from omnitrack_sim.sim.runner import run, run_batch
     from omnitrack_sim.singularity import TurnCase
@@ -36,18 +45,20 @@ _HOME = {
     "errors": (
         "GeometryError",
         "InputError",
+        "NetworkError",
         "OmnitrackError",
         "OutputError",
         "RenderError",
         "ScenarioError",
         "SweepError",
     ),
+    "network": ("Network", "load_network", "random_network", "shortest_route"),
     "outcome": ("Outcome",),
     "pipes": ("Elbow", "PipeNetwork", "Step", "Straight", "Tee", "route"),
     "plots": ("plot_singularity", "plot_summary"),
     "render": ("render_frame", "render_video"),
     "robot": ("Robot",),
-    "scenario": ("Scenario", "load_scenario", "override", "shipped_scenarios", "shipped_sweeps"),
+    "scenario": ("Scenario", "load_scenario", "override", "shipped_networks", "shipped_scenarios", "shipped_sweeps"),
     "sim.result": ("Result", "load_result"),
     "sim.runner": ("run", "run_batch"),
     "singularity": ("TurnCase",),
@@ -60,6 +71,8 @@ __all__ = [
     "Elbow",
     "GeometryError",
     "InputError",
+    "Network",
+    "NetworkError",
     "OmnitrackError",
     "Outcome",
     "OutputError",
@@ -76,20 +89,24 @@ __all__ = [
     "Tee",
     "Trajectory",
     "TurnCase",
+    "load_network",
     "load_result",
     "load_scenario",
     "load_sweep",
     "override",
     "plot_singularity",
     "plot_summary",
+    "random_network",
     "render_frame",
     "render_video",
     "route",
     "run",
     "run_batch",
     "run_sweep",
+    "shipped_networks",
     "shipped_scenarios",
     "shipped_sweeps",
+    "shortest_route",
 ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -42,6 +43,18 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
     axis = np.broadcast_to(axis, (*np.broadcast_shapes(axis.shape[:-1], angle.shape), 3))
     half = np.broadcast_to(angle, axis.shape[:-1])[..., None] / 2
     return matrix_from_quaternion(np.concatenate([np.cos(half), axis * np.sin(half)], axis=-1))
+
+
+def frame_along(axis: ArrayLike, turn: float) -> Array:
+    """Rotation (3, 3) with z along ``axis`` (3,) and x near the reference's, turned by ``turn`` rad about the axis.
+
+    Without a turn x is the reference's x made square to the axis; for an axis close to it, -z or z instead.
+    """
+    z = unit(axis)
+    helper = np.array([1.0, 0, 0]) if abs(z[0]) < 0.9 else np.array([0, 0, -1.0 if z[0] > 0 else 1.0])
+    x = unit(helper - z * (helper @ z))
+    x = x * math.cos(turn) + np.cross(z, x) * math.sin(turn)
+    return np.stack([x, np.cross(z, x), z], axis=-1)
 
 
 def matrix_from_quaternion(quaternion: ArrayLike) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from omnitrack_sim.errors import Fault, GeometryError, ScenarioError
-from omnitrack_sim.frames import Pose, unit
+from omnitrack_sim.frames import Pose, frame_along
 from omnitrack_sim.pipes import Route, route
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.tables import (
@@ -65,13 +65,7 @@ class Scenario(Table):
 
     def route(self) -> Route:
         """The pipes joined, and the centreline through them."""
-        z = unit(self.start.axis)
-        # Shortest turn from +z to the axis; a route that runs straight down is turned about y.
-        helper = np.array([1.0, 0, 0]) if abs(z[0]) < 0.9 else np.array([0, 0, -1.0 if z[0] > 0 else 1.0])
-        x = unit(helper - z * (helper @ z))
-        turn = math.radians(self.start.turn_deg)
-        x = x * math.cos(turn) + np.cross(z, x) * math.sin(turn)
-        pose = Pose(np.stack([x, np.cross(z, x), z], axis=-1), np.zeros(3))
+        pose = Pose(frame_along(self.start.axis, math.radians(self.start.turn_deg)), np.zeros(3))
         return route([p.step(i) for i, p in enumerate(self.pipes)], pose, self.control.tee_turn_radius)
 
     @property
@@ -299,6 +293,11 @@ def shipped_scenarios() -> dict[str, Path]:
 def shipped_sweeps() -> dict[str, Path]:
     """Sweep files that come with the package, by name."""
     return {path.stem: path for path in sorted((_scenario_folder() / "sweeps").glob("*.toml"))}
+
+
+def shipped_networks() -> dict[str, Path]:
+    """Network files that come with the package, by name."""
+    return {path.stem: path for path in sorted((_scenario_folder() / "networks").glob("*.toml"))}
 
 
 def _find(source: str | Path) -> Path:

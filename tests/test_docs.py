@@ -9,7 +9,9 @@ import pytest
 
 import omnitrack_sim
 from omnitrack_sim.cli import app
-from omnitrack_sim.scenario import Scenario, shipped_scenarios, shipped_sweeps
+from omnitrack_sim.network import Network
+from omnitrack_sim.network import validate as validate_network
+from omnitrack_sim.scenario import Scenario, shipped_networks, shipped_scenarios, shipped_sweeps
 from omnitrack_sim.sweep.axes import AXES
 from omnitrack_sim.sweep.spec import SweepFile, resolve
 from omnitrack_sim.sweep.table import METRICS
@@ -57,6 +59,26 @@ def test_example_of_the_sweep_page_is_valid():
     assert resolve({"name": "example"} | tomllib.loads(example)).size == 400
     for name in re.findall(r"\bot\.(\w+)", text):
         assert name in omnitrack_sim.__all__
+
+
+def test_networks_and_their_keys_are_documented():
+    """The README names every shipped network, docs/networks.md every key of a network file."""
+    text = (ROOT / "docs" / "networks.md").read_text(encoding="utf-8")
+    for name in shipped_networks():
+        assert f"`{name}`" in README
+    schema = Network.model_json_schema()
+    keys = {*schema["properties"], *(key for table in schema["$defs"].values() for key in table["properties"])}
+    assert sorted(key for key in keys if f"`{key}`" not in text) == []
+
+
+def test_examples_of_the_network_page_run(capsys):
+    """The TOML of docs/networks.md is a network, and its Python runs."""
+    text = (ROOT / "docs" / "networks.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
+    assert validate_network(tomllib.loads(example)).open_ends == ("riser.start", "t1.run_end", "bend.end")
+    (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    exec(compile(code, "networks.md", "exec"), {"__name__": "networks"})
+    assert "bridge" not in capsys.readouterr().out
 
 
 def test_links_of_the_documents_lead_somewhere():

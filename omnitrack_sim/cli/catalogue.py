@@ -15,15 +15,18 @@ from omnitrack_sim.errors import Fault, ScenarioError
 
 @app.command()
 def scenarios(as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False) -> None:
-    """List the scenarios and sweeps that come with the package; `omnitrack run NAME` and `sweep NAME` find them."""
-    from omnitrack_sim.scenario import shipped_scenarios, shipped_sweeps
+    """List the scenarios, sweeps and networks of the package; `omnitrack run`, `sweep` and `network NAME` find them."""
+    from omnitrack_sim.scenario import shipped_networks, shipped_scenarios, shipped_sweeps
 
     rows = {name: _comment(path) for name, path in shipped_scenarios().items()}
     sweeps = {name: _comment(path) for name, path in shipped_sweeps().items()}
+    networks = {name: _comment(path) for name, path in shipped_networks().items()}
     if as_json:
-        print(json.dumps(rows | {f"sweeps/{name}": text for name, text in sweeps.items()}, indent=2))
+        others = {f"sweeps/{name}": text for name, text in sweeps.items()}
+        others |= {f"networks/{name}": text for name, text in networks.items()}
+        print(json.dumps(rows | others, indent=2))
         return
-    for title, found in (("scenario", rows), ("sweep", sweeps)):
+    for title, found in (("scenario", rows), ("sweep", sweeps), ("network", networks)):
         table = Table(title, "what it shows", box=None, padding=(0, 2))
         for name, text in found.items():
             table.add_row(name, plain(text))
@@ -31,7 +34,7 @@ def scenarios(as_json: Annotated[bool, typer.Option("--json", help="For machines
 
 
 def _comment(path: Path) -> str:
-    """The comment at the head of a scenario or sweep file."""
+    """The comment at the head of a scenario, sweep or network file."""
     lines = path.read_text(encoding="utf-8").splitlines()
     head = lines[: next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))]
     return " ".join(line.lstrip("# ") for line in head)

@@ -12,7 +12,7 @@ import trimesh
 
 from omnitrack_sim.frames import Pose, quaternion_from_matrix
 from omnitrack_sim.mjcf.looks import add_cameras, add_pipe_looks, add_robot_looks
-from omnitrack_sim.mjcf.meshes import fitting_mesh
+from omnitrack_sim.mjcf.meshes import fitting_mesh, network_mesh
 from omnitrack_sim.mjcf.robot import add_robot
 from omnitrack_sim.mjcf.scene import build_scene
 from omnitrack_sim.mjcf.spec import new_spec
@@ -57,6 +57,22 @@ def check_models(models_dir: Path, assets_dir: Path) -> list[str]:
         for p in Path(folder).glob(f"*.{e}")
     }
     return sorted([*wrong, *(p.name for p in strays - set(files))])
+
+
+def network_xml(network: PipeNetwork, name: str) -> str:
+    """MJCF of a network's collision walls, world frame; six digits, nothing else in it."""
+    spec = new_spec(name)
+    add_walls(spec, network)
+    spec.compile()
+    return spec.to_xml()
+
+
+def network_stl(network: PipeNetwork) -> bytes:
+    """The walls of a whole network as one solid, binary STL, m, world frame.
+
+    Single precision folds slivers at the rims of tees, so the file, unlike ``network_mesh``, is not quite watertight.
+    """
+    return trimesh.exchange.stl.export_stl(network_mesh(network))
 
 
 def _files(models_dir: Path, assets_dir: Path) -> dict[Path, bytes]:

@@ -10,11 +10,11 @@ import math
 
 import numpy as np
 import trimesh
-from manifold3d import CrossSection, Manifold, Mesh
+from manifold3d import CrossSection, Manifold, Mesh, OpType
 from numpy.typing import ArrayLike
 
 from omnitrack_sim.frames import Array
-from omnitrack_sim.pipes import Elbow, Fitting, Straight, Tee
+from omnitrack_sim.pipes import Elbow, Fitting, PipeNetwork, Straight, Tee
 
 THICKNESS = 0.004
 """Wall thickness of every fitting, m: a 168 mm pipe with a 160 mm bore; assumed."""
@@ -26,6 +26,8 @@ FILLET_POINTS = 7
 """Points on the fillet's arc, ends included."""
 OVERCUT = 2e-4
 """How far cutting solids reach into what is already empty, m."""
+JOINT_DISC = 1e-3
+"""Half the depth of the discs that unite neighbouring parts, m: as much as a loop may miss."""
 
 
 def fitting_mesh(fitting: Fitting, thickness: float = THICKNESS, sections: int = SECTIONS) -> trimesh.Trimesh:
@@ -34,6 +36,31 @@ def fitting_mesh(fitting: Fitting, thickness: float = THICKNESS, sections: int =
     The bore is inscribed: corners lie on the exact surface, faces up to R (1 - cos(pi / sections)) inside it.
     """
     return manifold_to_trimesh(_wall(fitting, thickness, sections))
+
+
+def network_mesh(network: PipeNetwork, thickness: float = THICKNESS, sections: int = SECTIONS) -> trimesh.Trimesh:
+    """The walls of a whole network as one watertight solid, m, world frame: open at its open ends and nowhere else.
+
+    Parts touch in a plane only, which rounding may leave as a gap: a disc across each joint unites them.
+    """
+    outer, bores = [], []
+    for part in network.parts:
+        fitting, matrix = part.fitting, np.column_stack([part.pose.rotation, part.pose.position])
+        outer.append(_fill(fitting, fitting.radius + thickness, sections).transform(matrix))
+        bores.append(_bore(fitting, sections).transform(matrix))
+    for (i, port), _ in network.joints:
+        place, radius = network.parts[i].port(port), network.parts[i].fitting.radius
+        matrix = np.column_stack([place.rotation, place.position])
+        for solids, r in ((outer, radius + thickness), (bores, radius)):
+            disc = Manifold.cylinder(2 * JOINT_DISC, r, circular_segments=sections, center=True)
+            solids.append(disc.transform(matrix))
+    # A bore ends flush with its wall: at an open end it is cut a little beyond, or a film may stay.
+    for i, port in network.open_ends:
+        place, radius = network.parts[i].port(port), network.parts[i].fitting.radius
+        matrix = np.column_stack([place.rotation, place.position])
+        disc = Manifold.cylinder(2 * OVERCUT, radius, circular_segments=sections, center=True)
+        bores.append(disc.transform(matrix))
+    return manifold_to_trimesh(Manifold.batch_boolean(outer, OpType.Add) - Manifold.batch_boolean(bores, OpType.Add))
 
 
 def cutaway_mesh(
@@ -64,10 +91,15 @@ def cut_normal(fitting: Fitting, towards: ArrayLike) -> Array:
 
 
 def _wall(fitting: Fitting, thickness: float, sections: int) -> Manifold:
+    return _fill(fitting, fitting.radius + thickness, sections) - _bore(fitting, sections)
+
+
+def _bore(fitting: Fitting, sections: int) -> Manifold:
+    """Solid of what is empty: the bore, with the rim of a tee rounded."""
     bore = _fill(fitting, fitting.radius, sections)
     if isinstance(fitting, Tee):
         bore += _fillet(fitting, 1.0, sections) + _fillet(fitting, -1.0, sections)
-    return _fill(fitting, fitting.radius + thickness, sections) - bore
+    return bore
 
 
 def _fill(fitting: Fitting, radius: float, sections: int) -> Manifold:

@@ -2,7 +2,17 @@
 
 from omnitrack_sim.pipes.centreline import Centreline, Segment
 from omnitrack_sim.pipes.fittings import Elbow, Fitting, Straight, Tee
-from omnitrack_sim.pipes.network import TEE_TURN_RADIUS, Passage, PipeNetwork, Placed, Route, Step, route
+from omnitrack_sim.pipes.network import (
+    TEE_TURN_RADIUS,
+    Passage,
+    PipeNetwork,
+    Placed,
+    Route,
+    Step,
+    attached,
+    route,
+    route_through,
+)
 
 __all__ = [
     "TEE_TURN_RADIUS",
@@ -17,5 +27,7 @@ __all__ = [
     "Step",
     "Straight",
     "Tee",
+    "attached",
     "route",
+    "route_through",
 ]

@@ -44,14 +44,17 @@ class Placed:
         """A port in the world frame."""
         return self.pose @ self.fitting.ports[name]
 
+    def axis(self, enter: str, leave: str, tee_turn_radius: float = TEE_TURN_RADIUS) -> Centreline:
+        """The axis curve from one port to another, world frame."""
+        return Centreline(*_segments(self, enter, leave, tee_turn_radius))
+
     def bore_samples(self) -> Array:
         """Points (k, 3) m on the fitting's axis curves and near its inner surface, world frame."""
         is_tee = isinstance(self.fitting, Tee)
         pairs = [("run_start", "run_end"), ("branch", "run_end")] if is_tee else [tuple(self.fitting.ports)]
         samples = []
         for enter, leave in pairs:
-            segments, side = _segments(self, enter, leave, self.fitting.radius)
-            line = Centreline(segments, side)
+            line = self.axis(enter, leave, self.fitting.radius)
             s = np.linspace(0, line.length, max(2, int(np.ceil(line.length / SAMPLE_SPACING)) + 1))
             point, frame = line.at(s)[0], line.frame(s)
             around = np.linspace(0, 2 * np.pi, 24, endpoint=False)
@@ -216,21 +219,50 @@ def route(steps: Sequence[Step], start: Pose | None = None, tee_turn_radius: flo
         GeometryError: unknown ports, a fitting left where it is entered, bores that do not fit, parts that overlap.
     """
     _check_ports(steps)
-    frame, distance = start or Pose(), 0.0
-    parts, segments, passages = [], [], []
-    for index, step in enumerate(steps):
-        frame = Pose(frame.rotation @ rotation_about([0, 0, 1], step.turn), frame.position)
-        entry = Pose(frame.rotation * [1, -1, -1], frame.position)  # the port looks back along the route
-        part = Placed(step.name, step.fitting, entry @ step.fitting.ports[step.enter].inverse())
-        new, _ = _segments(part, step.enter, step.leave, tee_turn_radius)
-        passages.append(_passage(index, step, new, distance))
-        distance += sum(s.length for s in new)
-        parts.append(part)
-        segments.extend(new)
-        frame = part.port(step.leave)
+    frame = start or Pose()
+    parts = []
+    for step in steps:
+        parts.append(Placed(step.name, step.fitting, attached(frame, step.fitting, step.enter, step.turn)))
+        frame = parts[-1].port(step.leave)
     joints = tuple(((i, a.leave), (i + 1, b.enter)) for i, (a, b) in enumerate(pairwise(steps)))
-    network = PipeNetwork(tuple(parts), joints)
     side = (start or Pose()).rotation @ rotation_about([0, 0, 1], steps[0].turn)[:, 0]
+    way = [(i, step.enter, step.leave) for i, step in enumerate(steps)]
+    return _through(PipeNetwork(tuple(parts), joints), way, side, tee_turn_radius)
+
+
+def attached(port: Pose, fitting: Fitting, enter: str, turn: float) -> Pose:
+    """Pose of a fitting whose port ``enter`` is joined to a placed ``port`` (z outward), same frame.
+
+    The x axes of the two ports coincide, then the fitting is turned by ``turn`` rad about the axis of ``port``. Seen
+    from the other side the turn is the same: either of two ports may be the placed one.
+    """
+    rotation = port.rotation @ rotation_about([0, 0, 1], turn)
+    entry = Pose(rotation * [1, -1, -1], port.position)  # the port looks back along the route
+    return entry @ fitting.ports[enter].inverse()
+
+
+def route_through(
+    network: PipeNetwork, way: Sequence[tuple[int, str, str]], tee_turn_radius: float = TEE_TURN_RADIUS
+) -> Route:
+    """The route that passes through parts of a network in order; side branches stay part of ``Route.network``.
+
+    Args:
+        network: placed fittings.
+        way: (part index, port it is entered at, port it is left at), each joined to the next.
+        tee_turn_radius: m, radius of the centreline's arc between run and branch.
+    """
+    index, enter, _ = way[0]
+    return _through(network, way, network.parts[index].port(enter).rotation[:, 0], tee_turn_radius)
+
+
+def _through(network: PipeNetwork, way: Sequence[tuple[int, str, str]], side: Array, tee_turn_radius: float) -> Route:
+    """Centreline and passages; ``side`` (3,) is the x axis of the frame at the start."""
+    distance, segments, passages = 0.0, [], []
+    for index, enter, leave in way:
+        new, _ = _segments(network.parts[index], enter, leave, tee_turn_radius)
+        passages.append(_passage(index, network.parts[index].fitting, enter, leave, new, distance))
+        distance += sum(s.length for s in new)
+        segments.extend(new)
     return Route(network, Centreline(segments, side), tuple(passages))
 
 
@@ -268,21 +300,21 @@ def _segments(part: Placed, enter: str, leave: str, tee_turn_radius: float) -> t
     return segments, side
 
 
-def _passage(index: int, step: Step, segments: list[Segment], distance: float) -> Passage:
+def _passage(index: int, fitting: Fitting, enter: str, leave: str, segments: list[Segment], distance: float) -> Passage:
     starts = distance + np.cumsum([0.0, *(s.length for s in segments)])
     bend = next((i for i, s in enumerate(segments) if s.curvature > 0), None)
     is_turn = bend is not None
-    radius = step.fitting.radius
+    radius = fitting.radius
     opening = (np.nan, np.nan)
-    if isinstance(step.fitting, Tee):
+    if isinstance(fitting, Tee):
         # The opening is as wide as the branch, about the point where the axes meet.
-        into = step.fitting.branch_length if step.enter == "branch" else step.fitting.run_length / 2
+        into = fitting.branch_length if enter == "branch" else fitting.run_length / 2
         opening = (distance + into - radius, distance + into + radius)
     return Passage(
         index=index,
-        kind=step.fitting.kind,
-        enter=step.enter,
-        leave=step.leave,
+        kind=fitting.kind,
+        enter=enter,
+        leave=leave,
         radius=radius,
         s_enter=distance,
         s_leave=float(starts[-1]),

@@ -1,0 +1,187 @@
+"""network: pipe networks as files, routes through them, figures and exports."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from omnitrack_sim.cli.common import app, out, plain
+from omnitrack_sim.errors import Fault, NetworkError, OutputError
+
+if TYPE_CHECKING:
+    from omnitrack_sim.network import Network
+    from omnitrack_sim.pipes import Route
+
+
+@app.command()
+def network(
+    source: Annotated[
+        str | None, typer.Argument(metavar="NETWORK", help="A network file, or the name of a shipped one.")
+    ] = None,
+    start: Annotated[str | None, typer.Option("--from", metavar="PORT", help="Open end a route starts at.")] = None,
+    goal: Annotated[str | None, typer.Option("--to", metavar="PORT", help="Open end it ends at.")] = None,
+    avoid: Annotated[
+        list[str] | None, typer.Option("--avoid", metavar="FITTING", help="Fitting the route does not enter.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a figure: png, svg or pdf.")] = None,
+    export: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write MJCF and STL of the walls and CSV of the centrelines.")
+    ] = None,
+    random: Annotated[
+        int | None, typer.Option("--random", metavar="SEED", help="Make a random network instead of reading one.")
+    ] = None,
+    fittings: Annotated[int | None, typer.Option(metavar="N", help="With --random: how many fittings.")] = None,
+    to_file: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write the network as TOML.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
+) -> None:
+    """A pipe network: its parts and open ends, the shortest route between two of these, figures and exports."""
+    found = _network(source, random, fittings)
+    if (start is None) != (goal is None):
+        raise NetworkError(Fault("--from, --to", "give both or none", found.open_ends))
+    if avoid and start is None:
+        raise NetworkError(Fault("--avoid", "is for a route: give --from and --to as well"))
+    route = _route(found, start, goal, avoid or []) if start is not None and goal is not None else None
+    if to_file is not None:
+        _write(to_file, lambda path: path.write_text(found.to_toml(), encoding="utf-8"))
+    if plot is not None:
+        _plot(found, plot, route)
+    written = [path for path in (to_file, plot) if path is not None]
+    if export is not None:
+        from omnitrack_sim.network.export import export_network
+
+        written += export_network(found, export)
+    if as_json:
+        print(json.dumps(_summary(found, route), indent=2))
+        return
+    _print_network(found)
+    if route is not None:
+        _print_route(route)
+    for path in written:
+        out.print(f"saved {plain(str(path))}", soft_wrap=True)
+
+
+def _network(source: str | None, seed: int | None, fittings: int | None) -> Network:
+    from omnitrack_sim.network import load_network, random_network
+    from omnitrack_sim.scenario import shipped_networks
+
+    if (source is None) == (seed is None):
+        raise NetworkError(Fault("NETWORK", "give a file or name, or --random", tuple(shipped_networks())))
+    if seed is None:
+        if fittings is not None:
+            raise NetworkError(Fault("--fittings", "is for --random"))
+        return load_network(str(source))
+    return random_network(seed) if fittings is None else random_network(seed, fittings)
+
+
+def _route(found: Network, start: str, goal: str, avoid: list[str]) -> Route:
+    from omnitrack_sim.network import shortest_route
+
+    options = {"start": "--from", "goal": "--to", "avoid": "--avoid"}
+    try:
+        return shortest_route(found, start, goal, avoid)
+    except NetworkError as error:
+        faults = [Fault(options.get(f.where, f.where), f.problem, f.choices) for f in error.faults]
+        raise NetworkError(faults) from None
+
+
+def _plot(found: Network, path: Path, route: Route | None) -> None:
+    from omnitrack_sim.plots.network import plot_network
+    from omnitrack_sim.plots.style import figure_format
+
+    format = figure_format(path)
+    _write(path, lambda part: plot_network(found, part, route, format=format))
+
+
+def _write(path: Path, save: Any) -> None:
+    """Write a file whole or not at all; ``save`` is given the path to write to."""
+    temporary = path.with_name(f".{path.name}.part")
+    try:
+        save(temporary)
+        temporary.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _summary(found: Network, route: Route | None) -> dict[str, Any]:
+    named = {port: name for name, port in found.ports.items()}
+    summary: dict[str, Any] = {
+        "name": found.name,
+        "length_m": found.length,
+        "parts": [
+            part.model_dump(mode="json")
+            | {
+                "ports": {
+                    port: found.joined_to.get(f"{part.name}.{port}") for port in found.pipes.parts[i].fitting.choices
+                }
+            }
+            for i, part in enumerate(found.fittings)
+        ],
+        "open_ends": [
+            {"port": port, "name": named.get(port), "position_m": _position(found, port)} for port in found.open_ends
+        ],
+    }
+    if route is not None:
+        summary["route"] = {"length_m": route.centreline.length, "fittings": _passages(route)}
+    return summary
+
+
+def _position(found: Network, port: str) -> list[float]:
+    index, name = found.end("", port)
+    return [float(x) for x in found.pipes.parts[index].port(name).position]
+
+
+def _passages(route: Route) -> list[dict[str, Any]]:
+    from omnitrack_sim.network import manoeuvre
+
+    return [
+        {
+            "name": route.network.parts[passage.index].name,
+            "manoeuvre": manoeuvre(passage),
+            "enter": passage.enter,
+            "leave": passage.leave,
+            "from_m": float(passage.s_enter),
+            "length_m": float(passage.s_leave - passage.s_enter),
+        }
+        for passage in route.fittings
+    ]
+
+
+def _print_network(found: Network) -> None:
+    named = {port: name for name, port in found.ports.items()}
+    table = Table("part", "kind", "sizes", "port", "joined to", box=None, padding=(0, 2))
+    for i, part in enumerate(found.fittings):
+        for row, port in enumerate(found.pipes.parts[i].fitting.choices):
+            end = f"{part.name}.{port}"
+            other = found.joined_to.get(end)
+            to = plain(other) if other else "[yellow]open[/]" + (f" ({plain(named[end])})" if end in named else "")
+            head = (plain(part.name), part.kind, _sizes(part)) if row == 0 else ("", "", "")
+            table.add_row(*head, port, to)
+    out.print(table)
+    ends = ", ".join(f"{end} ({named[end]})" if end in named else end for end in found.open_ends)
+    out.print(f"open ends: {plain(ends) or 'none'}", soft_wrap=True)
+    out.print(f"{len(found.fittings)} parts, {found.length:.3f} m of axis in all")
+
+
+def _sizes(part: Any) -> str:
+    """The sizes of a part, mm and degrees."""
+    sizes = [f"D {1e3 * part.inner_diameter:.4g} mm"]
+    for key, text in (("length", "L"), ("mean_radius", "Rm"), ("run_length", "run"), ("branch_length", "branch")):
+        if hasattr(part, key):
+            sizes.append(f"{text} {1e3 * getattr(part, key):.4g} mm")
+    if hasattr(part, "angle_deg"):
+        sizes.append(f"{part.angle_deg:g} deg")
+    return ", ".join(sizes)
+
+
+def _print_route(route: Route) -> None:
+    table = Table("passes", "manoeuvre", "from, m", "length, m", box=None, padding=(0, 2))
+    for row in _passages(route):
+        table.add_row(plain(row["name"]), row["manoeuvre"], f"{row['from_m']:.3f}", f"{row['length_m']:.3f}")
+    out.print(table)
+    out.print(f"route: {route.centreline.length:.3f} m through {len(route.fittings)} parts")

@@ -1,0 +1,69 @@
+"""A network for others: MJCF of the walls, STL of the pipe wall, CSV of the centrelines."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from omnitrack_sim.errors import OutputError
+from omnitrack_sim.mjcf.export import network_stl, network_xml
+from omnitrack_sim.network.spec import Network
+from omnitrack_sim.pipes import PipeNetwork
+
+SPACING = 0.01
+"""Greatest distance of neighbouring points of the centreline table, m."""
+COLUMNS = (
+    "name",
+    "from",
+    "to",
+    "s_m",
+    *(f"{axis}_m" for axis in "xyz"),
+    *(f"tangent_{axis}" for axis in "xyz"),
+    "curvature_per_m",
+)
+
+
+def export_network(network: Network, folder: str | Path) -> list[Path]:
+    """Write ``NAME.xml`` (MJCF), ``NAME.stl`` and ``NAME_centrelines.csv``; returns their paths.
+
+    The folder is made when missing; files of these names are overwritten.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
+    folder, pipes = Path(folder), network.pipes
+    files = {
+        f"{network.name}.xml": network_xml(pipes, network.name).encode(),
+        f"{network.name}.stl": network_stl(pipes),
+        f"{network.name}_centrelines.csv": centreline_table(pipes).encode(),
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in files.items():
+            (folder / name).write_bytes(content)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    return [folder / name for name in files]
+
+
+def centreline_table(pipes: PipeNetwork) -> str:
+    """CSV of the axis curves of every fitting, ``COLUMNS`` wide; a tee has one curve for each pair of its ports.
+
+    ``s_m`` is the arc length from the port ``from``; points and unit tangents in the world frame.
+    """
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(COLUMNS)
+    for part in pipes.parts:
+        for enter, leave in combinations(part.fitting.choices, 2):
+            line = part.axis(enter, leave)
+            s = np.linspace(0, line.length, max(2, math.ceil(line.length / SPACING) + 1))
+            point, tangent, _, curvature = line.at(s)
+            for row in np.column_stack([s, point, tangent, curvature]):
+                table.writerow([part.name, enter, leave, *(f"{value + 0.0:.9g}" for value in row)])
+    return text.getvalue()

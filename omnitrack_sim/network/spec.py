@@ -1,0 +1,302 @@
+"""Network files: what a user writes, validated as a whole."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
+
+from omnitrack_sim.errors import Fault, GeometryError, NetworkError
+from omnitrack_sim.frames import Pose, frame_along
+from omnitrack_sim.network.layout import End, Joined, lay_out
+from omnitrack_sim.pipes import Elbow, Fitting, PipeNetwork, Straight, Tee
+from omnitrack_sim.scenario import NAME_PATTERN, fault_of, shipped_networks
+from omnitrack_sim.tables import ElbowPipe, Size, Table
+
+PartName = Annotated[str, Field(pattern=r"^[^\s./\\\x00-\x1f]+$")]
+"""A part's name is also one of a port and of a geom: no dot, no space, no separator."""
+
+
+class StraightPart(Table):
+    """A straight pipe."""
+
+    kind: Literal["straight"]
+    name: PartName
+    length: Size  # m
+    inner_diameter: Size = Straight.inner_diameter  # m
+
+    def fitting(self) -> Fitting:
+        """The pipe itself."""
+        return Straight(self.length, self.inner_diameter)
+
+
+class ElbowPart(Table):
+    """A bend."""
+
+    kind: Literal["elbow"]
+    name: PartName
+    mean_radius: Size = ElbowPipe.model_fields["mean_radius"].default  # m
+    angle_deg: Annotated[float, Field(gt=0, le=180)] = 90.0
+    inner_diameter: Size = Elbow.inner_diameter  # m
+
+    def fitting(self) -> Fitting:
+        """The bend itself."""
+        return Elbow(self.mean_radius, math.radians(self.angle_deg), self.inner_diameter)
+
+
+class TeePart(Table):
+    """An equal tee."""
+
+    kind: Literal["tee"]
+    name: PartName
+    run_length: Size = Tee.run_length  # m
+    branch_length: Size = Tee.branch_length  # m, from the run's axis
+    fillet_radius: Size = Tee.fillet_radius  # m
+    inner_diameter: Size = Tee.inner_diameter  # m
+
+    def fitting(self) -> Fitting:
+        """The tee itself."""
+        return Tee(self.run_length, self.branch_length, self.fillet_radius, self.inner_diameter)
+
+
+Part = Annotated[StraightPart | ElbowPart | TeePart, Field(discriminator="kind")]
+_PARTS: dict[str, type[BaseModel]] = {"straight": StraightPart, "elbow": ElbowPart, "tee": TeePart}
+
+
+class Place(Table):
+    """Where the first port of the first fitting is, and how the pipe runs from there, world frame."""
+
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)  # direction into the pipe
+    turn_deg: float = 0.0  # rotation of the whole network about that axis
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
+
+    @field_validator("axis")
+    @classmethod
+    def _has_a_direction(cls, axis: tuple[float, float, float]) -> tuple[float, float, float]:
+        if math.hypot(*axis) == 0:
+            raise ValueError("has no direction; give one such as [0, 0, 1]")
+        return axis
+
+
+class Joint(Table):
+    """Two ports in one place."""
+
+    ports: tuple[str, str]  # such as ("riser.end", "t1.run_start")
+    turn_deg: float = 0.0  # rotation about the joint's axis
+
+
+class Network(Table):
+    """A pipe network as data: fittings by name and what is joined to what. Keys and units: see docs/networks.md.
+
+    Raises:
+        NetworkError: every fault, with its dotted path.
+    """
+
+    name: Annotated[str, Field(pattern=NAME_PATTERN)] = "network"
+    place: Place = Place()
+    fittings: Annotated[tuple[Part, ...], Field(min_length=1)]
+    joints: tuple[Joint, ...] = ()
+    ports: dict[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        faults = self._naming_faults()
+        if not faults:
+            _ = self.pipes  # raises by itself
+            free = self.open_ends
+            faults = [
+                Fault(f"ports.{name}", f"{port!r} is no open end", free)
+                for name, port in self.ports.items()
+                if port not in free
+            ]
+        if faults:
+            raise NetworkError(faults)
+        return self
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both say the same; what was derived from it does not count."""
+        return isinstance(other, Network) and self.model_dump() == other.model_dump()
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @cached_property
+    def pipes(self) -> PipeNetwork:
+        """The fittings, placed in the world."""
+        ends = self._ends
+        joints = [Joined((ends[j.ports[0]], ends[j.ports[1]]), math.radians(j.turn_deg)) for j in self.joints]
+        rotation = frame_along(self.place.axis, math.radians(self.place.turn_deg))
+        first = Pose(rotation, np.array(self.place.position))
+        return lay_out({part.name: part.fitting() for part in self.fittings}, joints, first)
+
+    @property
+    def open_ends(self) -> tuple[str, ...]:
+        """Ports that nothing is joined to, such as ``"riser.start"``: where a route may start and end."""
+        taken = {port for joint in self.joints for port in joint.ports}
+        return tuple(port for port in self._ends if port not in taken)
+
+    @cached_property
+    def joined_to(self) -> dict[str, str]:
+        """The port that each port is joined to; open ends are left out."""
+        pairs = (joint.ports for joint in self.joints)
+        return {port: other for a, b in pairs for port, other in ((a, b), (b, a))}
+
+    @property
+    def length(self) -> float:
+        """Length of all axes, m: a tee counts its run and its branch from the run's axis."""
+        return sum(
+            part.run_length + part.branch_length
+            if isinstance(part, TeePart)
+            else part.length
+            if isinstance(part, StraightPart)
+            else part.mean_radius * math.radians(part.angle_deg)
+            for part in self.fittings
+        )
+
+    def end(self, where: str, port: str) -> End:
+        """Part index and port name of an open end, given as ``part.port`` or by its name in ``ports``.
+
+        Raises:
+            NetworkError: no such port, or none that is open; ``where`` names what asked for it.
+        """
+        known = (*self.ports, *self.open_ends)
+        name = self.ports.get(port, port)
+        if name not in self._ends:
+            raise NetworkError(Fault(where, f"there is no port {port!r}", known))
+        if name in self.joined_to:
+            raise NetworkError(Fault(where, f"{port!r} is no open end: it is joined to {self.joined_to[name]}", known))
+        return self._ends[name]
+
+    def to_toml(self) -> str:
+        """The file's text; read again it gives an equal network."""
+        data = self.model_dump(mode="json", exclude_defaults=True)
+        lines = [f"name = {_toml(self.name)}"]
+        for table in ("place", "ports"):
+            if data.get(table):
+                lines += ["", f"[{table}]", *(f"{_key(k)} = {_toml(v)}" for k, v in data[table].items())]
+        for table in ("fittings", "joints"):
+            for row in data.get(table, ()):
+                lines += ["", f"[[{table}]]", *(f"{k} = {_toml(v)}" for k, v in row.items())]
+        return "\n".join(lines) + "\n"
+
+    @cached_property
+    def _ends(self) -> dict[str, End]:
+        """Every port, in order, by its name in the file."""
+        kinds = {"straight": Straight, "elbow": Elbow, "tee": Tee}
+        return {
+            f"{part.name}.{port}": (i, port)
+            for i, part in enumerate(self.fittings)
+            for port in kinds[part.kind].choices
+        }
+
+    def _naming_faults(self) -> list[Fault]:
+        """Impossible sizes, names taken twice, joints of ports that do not exist or are joined already."""
+        faults: list[Fault] = []
+        names: list[str] = []
+        for i, part in enumerate(self.fittings):
+            if part.name in names:
+                faults.append(Fault(f"fittings.{i}.name", f"{part.name!r} is taken by an earlier fitting"))
+            names.append(part.name)
+            try:
+                part.fitting()
+            except GeometryError as error:
+                faults += [
+                    Fault(f"fittings.{i}.{f.where.rpartition('.')[2]}", f.problem, f.choices) for f in error.faults
+                ]
+        taken: dict[str, int] = {}
+        for k, joint in enumerate(self.joints):
+            for which, port in enumerate(joint.ports):
+                where = f"joints.{k}.ports.{which}"
+                if port not in self._ends:
+                    faults.append(self._unknown_port(where, port))
+                elif port in taken:
+                    faults.append(Fault(where, f"{port!r} is used by joints.{taken[port]} already"))
+                taken.setdefault(port, k)
+            if joint.ports[0].partition(".")[0] == joint.ports[1].partition(".")[0]:
+                faults.append(Fault(f"joints.{k}.ports", "joins a fitting to itself"))
+        for name, port in self.ports.items():
+            if port not in self._ends:
+                faults.append(self._unknown_port(f"ports.{name}", port))
+            if name in self._ends:
+                faults.append(Fault(f"ports.{name}", "is the name of a port of a fitting"))
+        return faults
+
+    def _unknown_port(self, where: str, port: str) -> Fault:
+        """The fault of a port that does not exist, with those of the same fitting, or else the fittings."""
+        name = port.partition(".")[0]
+        of_part = tuple(end for end in self._ends if end.startswith(f"{name}."))
+        problem = f"there is no port {port!r}" if of_part else f"there is no fitting {name!r} (given: {port!r})"
+        return Fault(where, problem, of_part or tuple(part.name for part in self.fittings))
+
+
+def load_network(source: str | Path) -> Network:
+    """Read a network file, or a shipped network by name.
+
+    Raises:
+        NetworkError: no such file, bad TOML, or any fault in it; every fault is listed with its path in the file.
+    """
+    path = Path(source)
+    if not path.is_file():
+        shipped = shipped_networks()
+        if str(source) not in shipped:
+            problem = "is a folder" if path.is_dir() else "no such file, nor a shipped network of that name"
+            raise NetworkError(Fault(str(source), problem, tuple(shipped)))
+        path = shipped[str(source)]
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise NetworkError(Fault(str(path), f"is not valid TOML: {error}")) from error
+    except OSError as error:
+        raise NetworkError(Fault(str(path), f"cannot be read: {error.strerror}")) from error
+    return validate({"name": path.stem} | data)
+
+
+def validate(data: Mapping[str, Any]) -> Network:
+    """A network from plain data, as read from TOML or JSON.
+
+    Raises:
+        NetworkError: lists every fault with its dotted path.
+    """
+    try:
+        # Through JSON: pydantic's strict mode takes lists for tuples there, but no "0.5" for 0.5.
+        return Network.model_validate_json(json.dumps(data, default=str), strict=True)
+    except ValidationError as error:
+        items = error.errors()
+        # A fitting with a fault does not count as an item, and pydantic then calls the list too short as well.
+        in_parts = any(item["loc"][:1] == ("fittings",) and len(item["loc"]) > 1 for item in items)
+        items = [item for item in items if not (in_parts and item["type"] == "too_short")]
+        raise NetworkError([_fault(item) for item in items]) from None
+
+
+def _fault(item: Any) -> Fault:
+    if item["type"] == "string_pattern_mismatch" and item["loc"][0] == "fittings":
+        where = f"fittings.{item['loc'][1]}.name"
+        return Fault(where, f"is {item['input']!r}; a part's name has no dot, space or separator and is not empty")
+    return fault_of(item, "fittings", tuple(_PARTS), _choices_at)
+
+
+def _choices_at(places: list[str]) -> tuple[str, ...]:
+    """Valid keys of the table at a pydantic path."""
+    if not places:
+        return tuple(Network.model_fields)
+    if places[0] == "fittings" and len(places) > 2:
+        return tuple(_PARTS[places[2]].model_fields)
+    tables: dict[str, type[BaseModel]] = {"place": Place, "joints": Joint}
+    return tuple(tables[places[0]].model_fields) if places[0] in tables else ()
+
+
+def _key(name: str) -> str:
+    """A name as a TOML key, in quotes where it needs them."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _toml(name)
+
+
+def _toml(value: Any) -> str:
+    """A string, number or list as TOML."""
+    return json.dumps(value, ensure_ascii=False)
