@@ -91,7 +91,8 @@ def cut_normal(fitting: Fitting, towards: ArrayLike) -> Array:
 
 
 def _wall(fitting: Fitting, thickness: float, sections: int) -> Manifold:
-    return _fill(fitting, fitting.radius + thickness, sections) - _bore(fitting, sections)
+    bore = _bore(fitting, sections)  # made first: the order of making solids orders the triangles of the result
+    return _fill(fitting, fitting.radius + thickness, sections) - bore
 
 
 def _bore(fitting: Fitting, sections: int) -> Manifold:
