@@ -99,16 +99,12 @@ SETTINGS: dict[str, BulletSettings] = {
     "default": BulletSettings(),
     "2ms": BulletSettings(time_step=0.002),
     "4ms": BulletSettings(time_step=0.004),
-    "2ms_4sub": BulletSettings(time_step=0.002, substeps=4),
-    "iterations_10": BulletSettings(iterations=10),
     "iterations_20": BulletSettings(iterations=20),
-    "iterations_200": BulletSettings(iterations=200),
     "fine_mesh": BulletSettings(sections=192, along=48),
-    "coarse_mesh": BulletSettings(sections=48, along=12),
     "breaking_20mm": BulletSettings(breaking=0.02),
     "soft": BulletSettings(stiffness=2e4, damping=50.0),
+    "soft_2ms": BulletSettings(time_step=0.002, stiffness=2e4, damping=50.0),
     "lagging_servo": BulletSettings(servo=0.05),
-    "half_servo": BulletSettings(servo=0.5),
     "cone": BulletSettings(cone=True),
 }
 
