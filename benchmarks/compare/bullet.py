@@ -99,13 +99,13 @@ SETTINGS: dict[str, BulletSettings] = {
     "default": BulletSettings(),
     "2ms": BulletSettings(time_step=0.002),
     "4ms": BulletSettings(time_step=0.004),
-    "iterations_20": BulletSettings(iterations=20),
+    "iterations_200": BulletSettings(iterations=200),
     "fine_mesh": BulletSettings(sections=192, along=48),
     "breaking_20mm": BulletSettings(breaking=0.02),
-    "soft": BulletSettings(stiffness=2e4, damping=50.0),
-    "soft_2ms": BulletSettings(time_step=0.002, stiffness=2e4, damping=50.0),
-    "lagging_servo": BulletSettings(servo=0.05),
-    "cone": BulletSettings(cone=True),
+    "soft_4ms": BulletSettings(time_step=0.004, stiffness=2e4, damping=50.0),
+    "4ms_iterations_200": BulletSettings(time_step=0.004, iterations=200),
+    "4ms_iterations_100": BulletSettings(time_step=0.004, iterations=100),
+    "4ms_iterations_200_fine": BulletSettings(time_step=0.004, iterations=200, sections=192, along=48),
 }
 
 
