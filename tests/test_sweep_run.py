@@ -355,7 +355,7 @@ def test_a_sweep_of_invalid_trials_only_is_an_error(tmp_path):
 
 def test_kill_of_the_parent_and_ctrl_c(tmp_path):
     """Killed and interrupted on the way, workers die with their parent, and the same command ends with equal files."""
-    file = write_sweep(tmp_path, samples=18, time_limit=0.4)
+    file = write_sweep(tmp_path, samples=30, time_limit=0.4)
     run_sweep(load_sweep(file), tmp_path / "calm")
     command = ("sweep", file, "--out", tmp_path / "killed", "--workers", 2)
     for moment in (1, 3):
@@ -373,7 +373,7 @@ def test_kill_of_the_parent_and_ctrl_c(tmp_path):
     process.send_signal(signal.SIGINT)
     _, told = process.communicate(timeout=20)
     assert process.returncode == 130
-    assert "of 36 trials are done; the same command goes on" in told
+    assert "of 60 trials are done; the same command goes on" in told
     assert "Traceback" not in told
     assert gone(under)
     done = omnitrack(*command, "--json")
