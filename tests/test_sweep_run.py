@@ -379,7 +379,7 @@ def test_kill_of_the_parent_and_ctrl_c(tmp_path):
     done = omnitrack(*command, "--json")
     assert done.returncode == 0, done.stderr
     assert same(tmp_path / "calm", tmp_path / "killed")
-    assert json.loads(done.stdout)["trials"] == 36
+    assert json.loads(done.stdout)["trials"] == 60
     assert all(path.stat().st_mtime_ns == when for path, when in before.items())
 
 
