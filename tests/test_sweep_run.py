@@ -34,7 +34,10 @@ def omnitrack(*arguments: object, cwd: Path | None = None) -> subprocess.Complet
 
 def started(*arguments: object) -> subprocess.Popen:
     command = [sys.executable, "-m", "omnitrack_sim.cli", *map(str, arguments)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    pipe = subprocess.PIPE
+    # A shell's background jobs ignore Ctrl-C, and so would what the tests start from one.
+    heed = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731
+    return subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, preexec_fn=heed)
 
 
 def same(a: Path, b: Path, names=FILES) -> bool:
