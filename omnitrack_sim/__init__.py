@@ -19,20 +19,14 @@ if TYPE_CHECKING:
         ScenarioError,
         SweepError,
     )
+    from omnitrack_sim.files import shipped_networks, shipped_scenarios, shipped_sweeps
     from omnitrack_sim.network import Network, load_network, random_network, shortest_route
     from omnitrack_sim.outcome import Outcome
     from omnitrack_sim.pipes import Elbow, PipeNetwork, Step, Straight, Tee, route
     from omnitrack_sim.plots import plot_singularity, plot_summary
     from omnitrack_sim.render import render_frame, render_video
     from omnitrack_sim.robot import Robot
-    from omnitrack_sim.scenario import (
-        Scenario,
-        load_scenario,
-        override,
-        shipped_networks,
-        shipped_scenarios,
-        shipped_sweeps,
-    )
+    from omnitrack_sim.scenario import Scenario, load_scenario, override
     from omnitrack_sim.sim.result import Result, load_result
     from omnitrack_sim.sim.runner import run, run_batch
     from omnitrack_sim.singularity import TurnCase
@@ -52,13 +46,14 @@ _HOME = {
         "ScenarioError",
         "SweepError",
     ),
+    "files": ("shipped_networks", "shipped_scenarios", "shipped_sweeps"),
     "network": ("Network", "load_network", "random_network", "shortest_route"),
     "outcome": ("Outcome",),
     "pipes": ("Elbow", "PipeNetwork", "Step", "Straight", "Tee", "route"),
     "plots": ("plot_singularity", "plot_summary"),
     "render": ("render_frame", "render_video"),
     "robot": ("Robot",),
-    "scenario": ("Scenario", "load_scenario", "override", "shipped_networks", "shipped_scenarios", "shipped_sweeps"),
+    "scenario": ("Scenario", "load_scenario", "override"),
     "sim.result": ("Result", "load_result"),
     "sim.runner": ("run", "run_batch"),
     "singularity": ("TurnCase",),

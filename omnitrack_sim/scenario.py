@@ -5,15 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 from omnitrack_sim.errors import Fault, GeometryError, ScenarioError
+from omnitrack_sim.files import NAME_PATTERN, checked, fault_of, read_toml, shipped_scenarios
 from omnitrack_sim.frames import Pose, frame_along
 from omnitrack_sim.pipes import Route, route
 from omnitrack_sim.robot import Robot
@@ -34,8 +34,6 @@ from omnitrack_sim.tables import (
 
 NOSE_ROOM = 0.005
 """Room between the robot's nose and the end of the route at the goal, m."""
-NAME_PATTERN = r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$"
-"""A scenario's name is also a folder's: not empty, not hidden, no separators."""
 PER_TRIAL_ROBOT_FIELDS = {"preload", "torque_limit", "roll_torque"}
 """Robot fields that may differ between the trials of one batch: they are floats of the compiled model."""
 _PIPES: dict[str, type[BaseModel]] = {"straight": StraightPipe, "elbow": ElbowPipe, "tee": TeePipe}
@@ -156,13 +154,7 @@ def load_scenario(source: str | Path) -> Scenario:
     Raises:
         ScenarioError: no such file, bad TOML, or any fault in it; every fault is listed with its path in the file.
     """
-    path = _find(source)
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ScenarioError(Fault(str(path), f"is not valid TOML: {error}")) from error
-    except OSError as error:
-        raise ScenarioError(Fault(str(path), f"cannot be read: {error.strerror}")) from error
+    path, data = read_toml(source, "scenario", shipped_scenarios(), ScenarioError)
     return validate({"name": path.stem} | data)
 
 
@@ -172,22 +164,9 @@ def validate(data: Mapping[str, Any]) -> Scenario:
     Raises:
         ScenarioError: lists every fault with its dotted path.
     """
-    try:
-        # Through JSON: pydantic's strict mode takes lists for tuples and names for enums there, but no "0.5" for 0.5.
-        return Scenario.model_validate_json(json.dumps(data, default=_plain), strict=True)
-    except ValidationError as error:
-        items = error.errors()
-        # A pipe with a fault does not count as an item, and pydantic then calls the list too short as well.
-        in_pipes = any(item["loc"][:1] == ("pipes",) and len(item["loc"]) > 1 for item in items)
-        items = [item for item in items if not (in_pipes and item["type"] == "too_short")]
-        raise ScenarioError([fault_of(item, "pipes", tuple(_PIPES), _choices_at) for item in items]) from None
-
-
-def _plain(value: Any) -> Any:
-    """What JSON does not know: models as tables, NumPy values as numbers and lists, dates and the rest as text."""
-    if isinstance(value, BaseModel):
-        return value.model_dump(mode="json")
-    return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
+    return checked(
+        Scenario, data, "pipes", lambda item: fault_of(item, "pipes", tuple(_PIPES), _choices_at), ScenarioError
+    )
 
 
 def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
@@ -225,43 +204,6 @@ def set_value(data: Any, path: str, value: Any) -> Fault | None:
     return None
 
 
-def fault_of(
-    item: Mapping[str, Any], union: str, kinds: tuple[str, ...], choices_at: Callable[[list[str]], tuple[str, ...]]
-) -> Fault:
-    """One pydantic error as a fault with a path like the file's and the valid choices where they are known.
-
-    Args:
-        item: of ``ValidationError.errors()``.
-        union: the list whose tables have a ``kind``. kinds: the names of these.
-        choices_at: valid keys of the table at a pydantic path.
-    """
-    places = [str(p) for p in item["loc"]]
-    # pydantic puts the table's kind into the path; the file has no such level.
-    where = ".".join(p for i, p in enumerate(places) if not (i == 2 and places[0] == union and p in kinds))
-    kind, context = item["type"], item.get("ctx", {})
-    if kind == "extra_forbidden":
-        return Fault(where, "unknown key", choices_at(places[:-1]))
-    if kind == "union_tag_invalid":
-        return Fault(f"{where}.kind", f"is {context['tag']!r}", tuple(sorted(kinds)))
-    if kind == "union_tag_not_found":
-        return Fault(f"{where}.kind", "is missing", tuple(sorted(kinds)))
-    if kind in ("literal_error", "enum"):
-        choices = tuple(part.strip(" '") for part in str(context["expected"]).replace(" or ", ",").split(","))
-        return Fault(where, f"is {item['input']!r}", choices)
-    if kind == "string_pattern_mismatch":
-        return Fault(where, f"is {item['input']!r}; it names a folder: not empty, no leading dot, no separators")
-    message = item["msg"].removeprefix("Value error, ")
-    for pydantics, ours in (
-        ("valid tuple", "list"),
-        ("valid array", "list"),
-        ("an object", "a table"),
-        ("Tuple", "List"),
-    ):
-        message = message.replace(pydantics, ours)
-    given = "" if isinstance(item["input"], dict) or kind == "missing" else f" (given: {item['input']!r})"
-    return Fault(where, message[0].lower() + message[1:] + given)
-
-
 def _choices_at(places: list[str]) -> tuple[str, ...]:
     """Valid keys of the table at a pydantic path."""
     tables: dict[str, type[BaseModel]] = {
@@ -274,40 +216,3 @@ def _choices_at(places: list[str]) -> tuple[str, ...]:
     if places[0] == "pipes" and len(places) > 2:
         return tuple(_PIPES[places[2]].model_fields)
     return tuple(tables[places[0]].model_fields) if places[0] in tables else ()
-
-
-def _scenario_folder() -> Path:
-    """Where the shipped scenarios are: inside the installed package, or beside it in a checkout."""
-    package = Path(__file__).parent
-    inside = package / "_scenarios"
-    return inside if inside.is_dir() else package.parent / "scenarios"
-
-
-def shipped_scenarios() -> dict[str, Path]:
-    """Scenarios that come with the package, by name: the file's path below ``scenarios/`` without its ending."""
-    folder = _scenario_folder()
-    files = [*sorted(folder.glob("*.toml")), *sorted(folder.glob("paper/*.toml"))]
-    return {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
-
-
-def shipped_sweeps() -> dict[str, Path]:
-    """Sweep files that come with the package, by name."""
-    return {path.stem: path for path in sorted((_scenario_folder() / "sweeps").glob("*.toml"))}
-
-
-def shipped_networks() -> dict[str, Path]:
-    """Network files that come with the package, by name."""
-    return {path.stem: path for path in sorted((_scenario_folder() / "networks").glob("*.toml"))}
-
-
-def _find(source: str | Path) -> Path:
-    path = Path(source)
-    if path.is_file():
-        return path
-    shipped = shipped_scenarios()
-    if str(source) in shipped:
-        return shipped[str(source)]
-    problem = (
-        "is a folder, not a scenario file" if path.is_dir() else "no such file, nor a shipped scenario of that name"
-    )
-    raise ScenarioError(Fault(str(source), problem, tuple(shipped)))

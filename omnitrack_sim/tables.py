@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from omnitrack_sim.control import CONTROLLERS
 from omnitrack_sim.outcome import Outcome
@@ -25,6 +25,16 @@ class Table(BaseModel):
 Positive = Annotated[float, Field(gt=0)]
 Size = Annotated[float, Field(gt=0, le=1000)]
 """A length of a pipe, m. The upper limit catches millimetres and keeps the samples of a route in memory."""
+
+
+def _has_a_direction(axis: tuple[float, float, float]) -> tuple[float, float, float]:
+    if math.hypot(*axis) == 0:
+        raise ValueError("has no direction; give one such as [0, 0, 1]")
+    return axis
+
+
+Direction = Annotated[tuple[float, float, float], AfterValidator(_has_a_direction)]
+"""A vector whose length means nothing, world frame."""
 
 
 UNITS: dict[str, str] = {
@@ -137,15 +147,8 @@ class Start(Table):
     theta5_deg: float = 0.0  # module 1 from the turning direction of the next fitting
     distance: float = 0.10  # m along the centreline from the start port to the robot's centre
     roll_deg: float = 0.0  # roll of all modules; 0: upper track at the wall
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)  # direction of the route's first axis, world frame
+    axis: Direction = (0.0, 0.0, 1.0)  # direction of the route's first axis, world frame
     turn_deg: float = 0.0  # rotation of the whole route about that axis
-
-    @field_validator("axis")
-    @classmethod
-    def _has_a_direction(cls, axis: tuple[float, float, float]) -> tuple[float, float, float]:
-        if math.hypot(*axis) == 0:
-            raise ValueError("has no direction; give one such as [0, 0, 1]")
-        return axis
 
 
 class World(Table):

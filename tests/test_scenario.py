@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.errors import ScenarioError
-from omnitrack_sim.scenario import Scenario, load_scenario, model_key, override, shipped_scenarios, validate
+from omnitrack_sim.files import shipped_scenarios
+from omnitrack_sim.scenario import Scenario, load_scenario, model_key, override, validate
 
 PIPES = [{"kind": "straight", "length": 0.5}]
 

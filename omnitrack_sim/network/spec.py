@@ -5,21 +5,20 @@ from __future__ import annotations
 import json
 import math
 import re
-import tomllib
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 from omnitrack_sim.errors import Fault, GeometryError, NetworkError
+from omnitrack_sim.files import NAME_PATTERN, checked, fault_of, read_toml, shipped_networks
 from omnitrack_sim.frames import Pose, frame_along
 from omnitrack_sim.network.layout import End, Joined, lay_out
 from omnitrack_sim.pipes import Elbow, Fitting, PipeNetwork, Straight, Tee
-from omnitrack_sim.scenario import NAME_PATTERN, fault_of, shipped_networks
-from omnitrack_sim.tables import ElbowPipe, Size, Table
+from omnitrack_sim.tables import Direction, ElbowPipe, Size, Table
 
 PartName = Annotated[str, Field(pattern=r"^[^\s./\\\x00-\x1f]+$")]
 """A part's name is also one of a port and of a geom: no dot, no space, no separator."""
@@ -74,16 +73,9 @@ _PARTS: dict[str, type[BaseModel]] = {"straight": StraightPart, "elbow": ElbowPa
 class Place(Table):
     """Where the first port of the first fitting is, and how the pipe runs from there, world frame."""
 
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)  # direction into the pipe
+    axis: Direction = (0.0, 0.0, 1.0)  # direction into the pipe
     turn_deg: float = 0.0  # rotation of the whole network about that axis
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
-
-    @field_validator("axis")
-    @classmethod
-    def _has_a_direction(cls, axis: tuple[float, float, float]) -> tuple[float, float, float]:
-        if math.hypot(*axis) == 0:
-            raise ValueError("has no direction; give one such as [0, 0, 1]")
-        return axis
 
 
 class Joint(Table):
@@ -242,20 +234,8 @@ def load_network(source: str | Path) -> Network:
     Raises:
         NetworkError: no such file, bad TOML, or any fault in it; every fault is listed with its path in the file.
     """
-    path = Path(source)
-    if not path.is_file():
-        shipped = shipped_networks()
-        if str(source) not in shipped:
-            problem = "is a folder" if path.is_dir() else "no such file, nor a shipped network of that name"
-            raise NetworkError(Fault(str(source), problem, tuple(shipped)))
-        path = shipped[str(source)]
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise NetworkError(Fault(str(path), f"is not valid TOML: {error}")) from error
-    except OSError as error:
-        raise NetworkError(Fault(str(path), f"cannot be read: {error.strerror}")) from error
-    return validate({"name": path.stem} | data)
+    _, data = read_toml(source, "network", shipped_networks(), NetworkError)
+    return validate(data)
 
 
 def validate(data: Mapping[str, Any]) -> Network:
@@ -264,15 +244,7 @@ def validate(data: Mapping[str, Any]) -> Network:
     Raises:
         NetworkError: lists every fault with its dotted path.
     """
-    try:
-        # Through JSON: pydantic's strict mode takes lists for tuples there, but no "0.5" for 0.5.
-        return Network.model_validate_json(json.dumps(data, default=str), strict=True)
-    except ValidationError as error:
-        items = error.errors()
-        # A fitting with a fault does not count as an item, and pydantic then calls the list too short as well.
-        in_parts = any(item["loc"][:1] == ("fittings",) and len(item["loc"]) > 1 for item in items)
-        items = [item for item in items if not (in_parts and item["type"] == "too_short")]
-        raise NetworkError([_fault(item) for item in items]) from None
+    return checked(Network, data, "fittings", _fault, NetworkError)
 
 
 def _fault(item: Any) -> Fault:

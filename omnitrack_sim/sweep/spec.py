@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -13,15 +12,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, Field, ValidationError
 
 from omnitrack_sim.errors import Fault, ScenarioError, SweepError
-from omnitrack_sim.scenario import (
-    NAME_PATTERN,
-    Scenario,
-    fault_of,
-    load_scenario,
-    override,
-    shipped_sweeps,
-    validate,
-)
+from omnitrack_sim.files import NAME_PATTERN, fault_of, read_toml, shipped_sweeps
+from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
 from omnitrack_sim.sweep import trials
 from omnitrack_sim.sweep.axes import AXES, BASE, Axis, AxisTable, DirectionAxis, GridAxis, ListAxis
 from omnitrack_sim.sweep.sampling import Draws, Sampling
@@ -139,14 +131,8 @@ def load_sweep(source: str | Path, changes: Mapping[str, Any] | None = None) -> 
     Raises:
         SweepError: no such file, bad TOML, or any fault in it; every fault is listed with its path in the file.
     """
-    path = _find(source)
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SweepError(Fault(str(path), f"is not valid TOML: {error}")) from error
-    except OSError as error:
-        raise SweepError(Fault(str(path), f"cannot be read: {error.strerror}")) from error
-    return resolve({"name": path.stem} | data, path.parent, changes)
+    path, data = read_toml(source, "sweep", shipped_sweeps(), SweepError)
+    return resolve(data, path.parent, changes)
 
 
 def resolve(data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str, Any] | None = None) -> Sweep:
@@ -172,16 +158,6 @@ def resolve(data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str
         raise SweepError(faults)
     fields = {name: getattr(file, name) for name in _Plan.model_fields}
     return Sweep(**fields, bases=bases, set=file.set | dict(changes or {}))
-
-
-def _find(source: str | Path) -> Path:
-    path, shipped = Path(source), shipped_sweeps()
-    if path.is_file():
-        return path
-    if str(source) in shipped:
-        return shipped[str(source)]
-    problem = "is a folder, not a sweep file" if path.is_dir() else "no such file, nor a shipped sweep of that name"
-    raise SweepError(Fault(str(source), problem, tuple(shipped)))
 
 
 def _faults_of(error: ValidationError) -> Iterator[Fault]:

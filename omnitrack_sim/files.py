@@ -1,0 +1,141 @@
+"""Files that a user writes: found by path or name, read as TOML, checked as a whole, faults told with their place."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from omnitrack_sim.errors import Fault, InputError
+
+NAME_PATTERN = r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$"
+"""A scenario's name is also a folder's: not empty, not hidden, no separators."""
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+def read_toml(
+    source: str | Path, what: str, shipped: Mapping[str, Path], error: type[InputError]
+) -> tuple[Path, dict[str, Any]]:
+    """Path and contents of a file, or of a shipped one by name; ``name`` is the file's where it gives none.
+
+    Args:
+        source: the file or name. what: is read, in a word. shipped: paths by name. error: is raised.
+
+    Raises:
+        InputError: of type ``error``: no such file, not to be read, or bad TOML.
+    """
+    path = Path(source)
+    if not path.is_file():
+        if str(source) not in shipped:
+            problem = (
+                f"is a folder, not a {what} file"
+                if path.is_dir()
+                else f"no such file, nor a shipped {what} of that name"
+            )
+            raise error(Fault(str(source), problem, tuple(shipped)))
+        path = shipped[str(source)]
+    try:
+        return path, {"name": path.stem} | tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as reason:
+        raise error(Fault(str(path), f"is not valid TOML: {reason}")) from reason
+    except OSError as reason:
+        raise error(Fault(str(path), f"cannot be read: {reason.strerror}")) from reason
+
+
+def checked(
+    model: type[_Model],
+    data: Mapping[str, Any],
+    union: str,
+    fault: Callable[[Any], Fault],
+    error: type[InputError],
+) -> _Model:
+    """A model from plain data, as read from TOML or JSON.
+
+    Args:
+        model: what is made. data: of the file. union: the list whose tables have a ``kind``.
+        fault: from one of pydantic's errors. error: is raised.
+
+    Raises:
+        InputError: of type ``error``, with every fault.
+    """
+    try:
+        # Through JSON: pydantic's strict mode takes lists for tuples and names for enums there, but no "0.5" for 0.5.
+        return model.model_validate_json(json.dumps(data, default=plain_value), strict=True)
+    except ValidationError as reason:
+        items = reason.errors()
+        # A table with a fault does not count as an item, and pydantic then calls the list too short as well.
+        inside = any(item["loc"][:1] == (union,) and len(item["loc"]) > 1 for item in items)
+        raise error([fault(item) for item in items if not (inside and item["type"] == "too_short")]) from None
+
+
+def plain_value(value: Any) -> Any:
+    """What JSON does not know: models as tables, NumPy values as numbers and lists, dates and the rest as text."""
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json")
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
+
+
+def fault_of(
+    item: Mapping[str, Any], union: str, kinds: tuple[str, ...], choices_at: Callable[[list[str]], tuple[str, ...]]
+) -> Fault:
+    """One pydantic error as a fault with a path like the file's and the valid choices where they are known.
+
+    Args:
+        item: of ``ValidationError.errors()``.
+        union: the list whose tables have a ``kind``. kinds: the names of these.
+        choices_at: valid keys of the table at a pydantic path.
+    """
+    places = [str(p) for p in item["loc"]]
+    # pydantic puts the table's kind into the path; the file has no such level.
+    where = ".".join(p for i, p in enumerate(places) if not (i == 2 and places[0] == union and p in kinds))
+    kind, context = item["type"], item.get("ctx", {})
+    if kind == "extra_forbidden":
+        return Fault(where, "unknown key", choices_at(places[:-1]))
+    if kind == "union_tag_invalid":
+        return Fault(f"{where}.kind", f"is {context['tag']!r}", tuple(sorted(kinds)))
+    if kind == "union_tag_not_found":
+        return Fault(f"{where}.kind", "is missing", tuple(sorted(kinds)))
+    if kind in ("literal_error", "enum"):
+        choices = tuple(part.strip(" '") for part in str(context["expected"]).replace(" or ", ",").split(","))
+        return Fault(where, f"is {item['input']!r}", choices)
+    if kind == "string_pattern_mismatch":
+        return Fault(where, f"is {item['input']!r}; it names a folder: not empty, no leading dot, no separators")
+    message = item["msg"].removeprefix("Value error, ")
+    for pydantics, ours in (
+        ("valid tuple", "list"),
+        ("valid array", "list"),
+        ("an object", "a table"),
+        ("Tuple", "List"),
+    ):
+        message = message.replace(pydantics, ours)
+    given = "" if isinstance(item["input"], dict) or kind == "missing" else f" (given: {item['input']!r})"
+    return Fault(where, message[0].lower() + message[1:] + given)
+
+
+def _scenario_folder() -> Path:
+    """Where the shipped scenarios are: inside the installed package, or beside it in a checkout."""
+    package = Path(__file__).parent
+    inside = package / "_scenarios"
+    return inside if inside.is_dir() else package.parent / "scenarios"
+
+
+def shipped_scenarios() -> dict[str, Path]:
+    """Scenarios that come with the package, by name: the file's path below ``scenarios/`` without its ending."""
+    folder = _scenario_folder()
+    files = [*sorted(folder.glob("*.toml")), *sorted(folder.glob("paper/*.toml"))]
+    return {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
+
+
+def shipped_sweeps() -> dict[str, Path]:
+    """Sweep files that come with the package, by name."""
+    return {path.stem: path for path in sorted((_scenario_folder() / "sweeps").glob("*.toml"))}
+
+
+def shipped_networks() -> dict[str, Path]:
+    """Network files that come with the package, by name."""
+    return {path.stem: path for path in sorted((_scenario_folder() / "networks").glob("*.toml"))}
