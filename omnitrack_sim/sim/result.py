@@ -143,7 +143,7 @@ def check_output(directory: str | Path, mark: str = RESULT_FILE) -> None:
     target = Path(directory)
     if target.is_dir():
         if any(target.iterdir()) and not (target / mark).is_file():
-            raise OutputError(f"{target}: holds files but no {RESULT_FILE}, so it is no run; choose another folder")
+            raise OutputError(f"{target}: holds files but no {mark}, so it is no run; choose another folder")
     elif target.exists():
         raise OutputError(f"{target}: is a file; choose a folder")
 
