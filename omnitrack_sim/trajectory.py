@@ -24,7 +24,9 @@ class Channel:
 CHANNELS: Mapping[str, Channel] = {
     "position": Channel((3,), "m", "robot centre, world frame"),
     "quaternion": Channel((4,), "1", "robot frame in the world, (w, x, y, z); z forward, x towards module 1"),
-    "distance": Channel((), "m", "arc length of the robot's centre along the route's centreline"),
+    "leg": Channel((), "code", "index of the leg at hand: a way through the pipes, driven in one gear"),
+    "gear": Channel((), "1", "1: nose first; -1: tail first"),
+    "distance": Channel((), "m", "arc length of the robot's centre along the centreline of the leg's route"),
     "offset": Channel((), "m", "distance of the robot's centre from the centreline"),
     "tilt": Channel((), "rad", "angle between the robot axis and the centreline's tangent at the robot's centre"),
     "theta5": Channel((), "rad", "module 1 from the turning direction of the fitting being passed or next"),

@@ -24,6 +24,7 @@ import numpy as np
 from omnitrack_sim.errors import OutputError
 from omnitrack_sim.metrics import Metrics
 from omnitrack_sim.outcome import Outcome
+from omnitrack_sim.pipes import Route
 from omnitrack_sim.robot import MODULES
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.trajectory import CHANNELS, TRACKS, Trajectory
@@ -65,6 +66,10 @@ class Result:
         """Whether the outcome is the scenario's ``expect.outcome``; None where it expects nothing."""
         expected = self.scenario.expect.outcome
         return None if expected is None else self.outcome is expected
+
+    def routes(self) -> tuple[Route, ...]:
+        """The route of each leg, in the order of the trajectory's ``leg``."""
+        return (self.scenario.route(),)
 
     def summary(self) -> dict[str, Any]:
         """The contents of ``result.json``."""

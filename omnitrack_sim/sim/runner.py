@@ -124,6 +124,8 @@ class BatchRun:
         self.belt_command = np.zeros((len(scenarios), 3))
         self.roll_command = trials.roll.copy()
         self.phase = np.zeros(len(scenarios), int)
+        self.leg = np.zeros(len(scenarios), int)
+        self.gear = np.ones(len(scenarios), int)
         self.shares = Shares()
 
     def advance(self, progress: Progress | None = None, clock: Callable[[], float] = lambda: 0.0) -> None:
@@ -192,6 +194,8 @@ class BatchRun:
             qpos=self.plant.qpos,
             position=readings.position,
             quaternion=readings.quaternion,
+            leg=self.leg,
+            gear=self.gear,
             distance=place.distance,
             offset=place.offset,
             tilt=place.tilt,
