@@ -64,7 +64,7 @@ class Scenario(Table):
     def route(self) -> Route:
         """The pipes joined, and the centreline through them."""
         pose = Pose(frame_along(self.start.axis, math.radians(self.start.turn_deg)), np.zeros(3))
-        return route([p.step(i) for i, p in enumerate(self.pipes)], pose, self.control.tee_turn_radius)
+        return route([p.step(i) for i, p in enumerate(self.pipes)], pose, self.control.arcs)
 
     @property
     def goal_distance(self) -> float:

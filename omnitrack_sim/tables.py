@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInf
 
 from omnitrack_sim.control import CONTROLLERS
 from omnitrack_sim.outcome import Outcome
-from omnitrack_sim.pipes import TEE_TURN_RADIUS, Elbow, Step, Straight, Tee
+from omnitrack_sim.pipes import TEE_ARCS, Elbow, Step, Straight, Tee, TeeArcs
 from omnitrack_sim.robot import Robot
 
 ControllerName = Literal["jacobian", "paper", "equal"]
@@ -48,6 +48,7 @@ UNITS: dict[str, str] = {
     "control.rotation_limit": "rad/m",
     "control.speed_limit": "m/s",
     "control.tee_turn_radius": "m",
+    "control.tee_merge_radius": "m",
     "control.elbow_delay": "m",
     "control.tee_trigger": "m",
     "physics.timestep": "s",
@@ -174,10 +175,16 @@ class Control(Table):
     lookahead: Annotated[float, Field(ge=0)] = 0.03  # m
     rotation_limit: Positive = 15.0  # rad/m
     speed_limit: Positive = 0.2  # m/s, of a belt
-    tee_turn_radius: Positive = TEE_TURN_RADIUS  # m, arc from run to branch
+    tee_turn_radius: Positive = TEE_ARCS.turn  # m, centreline's arc from run to branch, as far as it fits the tee
+    tee_merge_radius: Positive = TEE_ARCS.merge  # m, likewise from branch to run
     elbow_delay: Annotated[float, Field(ge=0, le=1)] = 0.0  # m, head past the bend's start when "paper" begins an elbow
     tee_trigger: Annotated[float, Field(ge=-1, le=1)] | None = None  # m, likewise past a tee's opening; none: R/2
     safe_margin_deg: Annotated[float, Field(gt=0, le=60)] | None = None  # of theta5; none: by the robot's reach
+
+    @property
+    def arcs(self) -> TeeArcs:
+        """Of the centreline in tees."""
+        return TeeArcs(self.tee_turn_radius, self.tee_merge_radius)
 
 
 ColliderName = Literal["primitives", "exact"]

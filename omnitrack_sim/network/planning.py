@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import combinations
+from itertools import permutations
 from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.errors import Fault, NetworkError
 from omnitrack_sim.network.spec import Network
-from omnitrack_sim.pipes import TEE_TURN_RADIUS, Passage, Route, route_through
+from omnitrack_sim.pipes import TEE_ARCS, Passage, Route, TeeArcs, route_through
 
 if TYPE_CHECKING:
     import networkx
 
 
-def port_graph(network: Network, tee_turn_radius: float = TEE_TURN_RADIUS) -> networkx.Graph[Any]:
+def port_graph(network: Network, arcs: TeeArcs = TEE_ARCS) -> networkx.DiGraph[Any]:
     """Ports (part index, port name) as nodes; ``length`` m of the axis between the ports of a fitting, 0 at joints."""
     import networkx
 
-    graph = networkx.Graph()
+    graph = networkx.DiGraph()
     for i, part in enumerate(network.pipes.parts):
-        for enter, leave in combinations(part.fitting.choices, 2):
-            path = part.fitting.path(enter, leave, tee_turn_radius)
+        for enter, leave in permutations(part.fitting.choices, 2):
+            path = part.fitting.path(enter, leave, arcs)
             graph.add_edge((i, enter), (i, leave), length=sum(length for length, _ in path.segments))
-    graph.add_edges_from(network.pipes.joints, length=0.0)
+    for a, b in network.pipes.joints:
+        graph.add_edge(a, b, length=0.0)
+        graph.add_edge(b, a, length=0.0)
     return graph
 
 
@@ -32,7 +34,7 @@ def shortest_route(
     start: str,
     goal: str,
     avoid: Iterable[str] = (),
-    tee_turn_radius: float = TEE_TURN_RADIUS,
+    arcs: TeeArcs = TEE_ARCS,
 ) -> Route:
     """The shortest way from one open end to another; no fitting is passed twice.
 
@@ -40,11 +42,10 @@ def shortest_route(
         network: where to go. The route keeps all of it, side branches included.
         start, goal: open ends, as ``part.port`` or by their names in ``network.ports``.
         avoid: names of fittings that are not entered.
-        tee_turn_radius: m, radius of the centreline's arc between run and branch.
+        arcs: of the centreline in tees.
 
     Raises:
         NetworkError: no such port, no open end, start and goal the same, unknown fittings to avoid, or no way.
-        GeometryError: the arc does not fit a tee.
     """
     import networkx
 
@@ -64,7 +65,7 @@ def shortest_route(
     ]
     if faults:
         raise NetworkError(faults)
-    graph = port_graph(network, tee_turn_radius)
+    graph = port_graph(network, arcs)
     graph.remove_nodes_from([node for node in graph if names[node[0]] in avoided])
     try:
         nodes = networkx.shortest_path(graph, ends[0], ends[1], weight="length")
@@ -72,7 +73,7 @@ def shortest_route(
         around = f" without {', '.join(sorted(avoided))}" if avoided else ""
         raise NetworkError(Fault("goal", f"{goal!r} cannot be reached from {start!r}{around}")) from None
     way = [(part, enter, leave) for (part, enter), (_, leave) in zip(nodes[::2], nodes[1::2], strict=True)]
-    return route_through(network.pipes, way, tee_turn_radius)
+    return route_through(network.pipes, way, arcs)
 
 
 def manoeuvre(passage: Passage) -> str:

@@ -1,9 +1,8 @@
 """Pipes: fittings, networks, routes and their exact inner surface. Pure NumPy."""
 
 from omnitrack_sim.pipes.centreline import Centreline, Segment
-from omnitrack_sim.pipes.fittings import Elbow, Fitting, Straight, Tee
+from omnitrack_sim.pipes.fittings import TEE_ARCS, Elbow, Fitting, Straight, Tee, TeeArcs
 from omnitrack_sim.pipes.network import (
-    TEE_TURN_RADIUS,
     Passage,
     PipeNetwork,
     Placed,
@@ -15,7 +14,7 @@ from omnitrack_sim.pipes.network import (
 )
 
 __all__ = [
-    "TEE_TURN_RADIUS",
+    "TEE_ARCS",
     "Centreline",
     "Elbow",
     "Fitting",
@@ -27,6 +26,7 @@ __all__ = [
     "Step",
     "Straight",
     "Tee",
+    "TeeArcs",
     "attached",
     "route",
     "route_through",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,20 @@ from omnitrack_sim.pipes.saddle import tee_signed_distance
 
 Bend = tuple[float, float]
 """Length m and curvature 1/m of one segment of an axis curve."""
+
+
+class TeeArcs(NamedTuple):
+    """Radii, m, of the arcs that the centreline takes between run and branch; a short tee gets as much as fits it.
+
+    Out of a branch the far wall of the run turns the robot while its tail is still in the branch: a wide arc, which
+    begins to turn early and turns slowly, passes more often there; into a branch a tight one (docs/tee-turn.md).
+    """
+
+    turn: float = 0.09
+    merge: float = 0.14
+
+
+TEE_ARCS = TeeArcs()
 
 
 @dataclass(frozen=True)
@@ -73,8 +87,8 @@ class Fitting:
         """How far (...,) m ``points`` (..., 3) m lie inside the port planes, fitting frame; negative beyond one."""
         raise NotImplementedError
 
-    def path(self, enter: str, leave: str, tee_turn_radius: float) -> Path:
-        """Axis curve from port ``enter`` to port ``leave``; ``tee_turn_radius`` m rounds the corner of a tee."""
+    def path(self, enter: str, leave: str, arcs: TeeArcs) -> Path:
+        """Axis curve from port ``enter`` to port ``leave``; ``arcs`` round the corner of a tee."""
         raise NotImplementedError
 
 
@@ -110,7 +124,7 @@ class Straight(Fitting):
         z = np.asarray(points, float)[..., 2]
         return np.minimum(z, self.length - z)
 
-    def path(self, enter: str, leave: str, tee_turn_radius: float) -> Path:
+    def path(self, enter: str, leave: str, arcs: TeeArcs) -> Path:
         """See ``Fitting``."""
         sign = 1.0 if enter == "start" else -1.0
         return Path(self.ports[enter].position, sign * _Z, _X, ((self.length, 0.0),))
@@ -173,7 +187,7 @@ class Elbow(Fitting):
         angle = np.where(behind, angle + 2 * math.pi, angle)
         return self.mean_radius * np.minimum(angle, self.angle - angle)
 
-    def path(self, enter: str, leave: str, tee_turn_radius: float) -> Path:
+    def path(self, enter: str, leave: str, arcs: TeeArcs) -> Path:
         """See ``Fitting``."""
         arc = ((self.mean_radius * self.angle, 1 / self.mean_radius),)
         if enter == "start":
@@ -228,24 +242,18 @@ class Tee(Fitting):
         p = np.asarray(points, float)
         return np.minimum(self.run_length / 2 - np.abs(p[..., 2]), self.branch_length - p[..., 0])
 
-    def path(self, enter: str, leave: str, tee_turn_radius: float) -> Path:
+    def path(self, enter: str, leave: str, arcs: TeeArcs) -> Path:
         """See ``Fitting``: a line over the run, or line, arc, line between run and branch."""
         start = self.ports[enter]
         tangent, half = -start.rotation[:, 2], self.run_length / 2
         if "branch" not in (enter, leave):
             return Path(start.position, tangent, _X, ((self.run_length, 0.0),))
-        longest = min(half, self.branch_length)
-        _check(
-            "control",
-            tee_turn_radius=(
-                0 < tee_turn_radius <= longest,
-                f"is {tee_turn_radius} m; at most {longest} m fits the tee",
-            ),
+        wanted, first, last = (
+            (arcs.turn, half, self.branch_length) if leave == "branch" else (arcs.merge, self.branch_length, half)
         )
+        radius = min(wanted, half, self.branch_length)
         normal = self.ports[leave].rotation[:, 2]
-        arc = (tee_turn_radius * math.pi / 2, 1 / tee_turn_radius)
-        first, last = (half, self.branch_length) if leave == "branch" else (self.branch_length, half)
-        lines = ((first - tee_turn_radius, 0.0), arc, (last - tee_turn_radius, 0.0))
+        lines = ((first - radius, 0.0), (radius * math.pi / 2, 1 / radius), (last - radius, 0.0))
         return Path(start.position, tangent, normal, tuple(segment for segment in lines if segment[0] > 0))
 
 

@@ -11,10 +11,8 @@ import numpy as np
 from omnitrack_sim.errors import Fault, GeometryError
 from omnitrack_sim.frames import Array, Pose, rotation_about
 from omnitrack_sim.pipes.centreline import Centreline, Segment
-from omnitrack_sim.pipes.fittings import Fitting, Tee
+from omnitrack_sim.pipes.fittings import TEE_ARCS, Fitting, Tee, TeeArcs
 
-TEE_TURN_RADIUS = 0.09
-"""Radius of the arc that leads from run to branch, m: the paper's tight elbow."""
 SAMPLE_SPACING = 0.02
 """Spacing of the samples along the axis that overlaps are looked for with, m."""
 OVERLAP = 1e-3
@@ -44,9 +42,9 @@ class Placed:
         """A port in the world frame."""
         return self.pose @ self.fitting.ports[name]
 
-    def axis(self, enter: str, leave: str, tee_turn_radius: float = TEE_TURN_RADIUS) -> Centreline:
+    def axis(self, enter: str, leave: str, arcs: TeeArcs = TEE_ARCS) -> Centreline:
         """The axis curve from one port to another, world frame."""
-        return Centreline(*_segments(self, enter, leave, tee_turn_radius))
+        return Centreline(*_segments(self, enter, leave, arcs))
 
     def bore_samples(self) -> Array:
         """Points (k, 3) m on the fitting's axis curves and near its inner surface, world frame."""
@@ -54,7 +52,7 @@ class Placed:
         pairs = [("run_start", "run_end"), ("branch", "run_end")] if is_tee else [tuple(self.fitting.ports)]
         samples = []
         for enter, leave in pairs:
-            line = self.axis(enter, leave, self.fitting.radius)
+            line = self.axis(enter, leave, TeeArcs(self.fitting.radius, self.fitting.radius))
             s = np.linspace(0, line.length, max(2, int(np.ceil(line.length / SAMPLE_SPACING)) + 1))
             point, frame = line.at(s)[0], line.frame(s)
             around = np.linspace(0, 2 * np.pi, 24, endpoint=False)
@@ -204,7 +202,7 @@ class Route:
     fittings: tuple[Passage, ...]
 
 
-def route(steps: Sequence[Step], start: Pose | None = None, tee_turn_radius: float = TEE_TURN_RADIUS) -> Route:
+def route(steps: Sequence[Step], start: Pose | None = None, arcs: TeeArcs = TEE_ARCS) -> Route:
     """Join fittings one after the other and lay the centreline through them.
 
     The x axes of joined ports coincide, then the new fitting is turned by ``Step.turn`` about the joint's axis: a chain
@@ -213,7 +211,7 @@ def route(steps: Sequence[Step], start: Pose | None = None, tee_turn_radius: flo
     Args:
         steps: at least one.
         start: frame of the first entry, z into the pipe; the world frame when not given.
-        tee_turn_radius: m, radius of the centreline's arc between run and branch.
+        arcs: of the centreline in tees.
 
     Raises:
         GeometryError: unknown ports, a fitting left where it is entered, bores that do not fit, parts that overlap.
@@ -227,7 +225,7 @@ def route(steps: Sequence[Step], start: Pose | None = None, tee_turn_radius: flo
     joints = tuple(((i, a.leave), (i + 1, b.enter)) for i, (a, b) in enumerate(pairwise(steps)))
     side = (start or Pose()).rotation @ rotation_about([0, 0, 1], steps[0].turn)[:, 0]
     way = [(i, step.enter, step.leave) for i, step in enumerate(steps)]
-    return _through(PipeNetwork(tuple(parts), joints), way, side, tee_turn_radius)
+    return _through(PipeNetwork(tuple(parts), joints), way, side, arcs)
 
 
 def attached(port: Pose, fitting: Fitting, enter: str, turn: float) -> Pose:
@@ -241,25 +239,23 @@ def attached(port: Pose, fitting: Fitting, enter: str, turn: float) -> Pose:
     return entry @ fitting.ports[enter].inverse()
 
 
-def route_through(
-    network: PipeNetwork, way: Sequence[tuple[int, str, str]], tee_turn_radius: float = TEE_TURN_RADIUS
-) -> Route:
+def route_through(network: PipeNetwork, way: Sequence[tuple[int, str, str]], arcs: TeeArcs = TEE_ARCS) -> Route:
     """The route that passes through parts of a network in order; side branches stay part of ``Route.network``.
 
     Args:
         network: placed fittings.
         way: (part index, port it is entered at, port it is left at), each joined to the next.
-        tee_turn_radius: m, radius of the centreline's arc between run and branch.
+        arcs: of the centreline in tees.
     """
     index, enter, _ = way[0]
-    return _through(network, way, network.parts[index].port(enter).rotation[:, 0], tee_turn_radius)
+    return _through(network, way, network.parts[index].port(enter).rotation[:, 0], arcs)
 
 
-def _through(network: PipeNetwork, way: Sequence[tuple[int, str, str]], side: Array, tee_turn_radius: float) -> Route:
+def _through(network: PipeNetwork, way: Sequence[tuple[int, str, str]], side: Array, arcs: TeeArcs) -> Route:
     """Centreline and passages; ``side`` (3,) is the x axis of the frame at the start."""
     distance, segments, passages = 0.0, [], []
     for index, enter, leave in way:
-        new, _ = _segments(network.parts[index], enter, leave, tee_turn_radius)
+        new, _ = _segments(network.parts[index], enter, leave, arcs)
         passages.append(_passage(index, network.parts[index].fitting, enter, leave, new, distance))
         distance += sum(s.length for s in new)
         segments.extend(new)
@@ -283,9 +279,9 @@ def _check_ports(steps: Sequence[Step]) -> None:
         raise GeometryError(faults)
 
 
-def _segments(part: Placed, enter: str, leave: str, tee_turn_radius: float) -> tuple[list[Segment], Array]:
+def _segments(part: Placed, enter: str, leave: str, arcs: TeeArcs) -> tuple[list[Segment], Array]:
     """The axis curve of a placed fitting in the world frame, and the side vector at its start."""
-    path = part.fitting.path(enter, leave, tee_turn_radius)
+    path = part.fitting.path(enter, leave, arcs)
     turn = part.pose.rotation
     point, t, n = part.pose.apply(path.point), turn @ path.tangent, turn @ path.normal
     side, segments = n, []

@@ -70,7 +70,16 @@ def batch_key(data: Mapping[str, Any]) -> str:
     """
     physics, control = data["physics"], data["control"]
     clock = [physics["control_period"], physics["record_period"]]
-    return json.dumps([model_key(data), control["kind"], control["tee_turn_radius"], clock, data["robot"]["motor"]])
+    return json.dumps(
+        [
+            model_key(data),
+            control["kind"],
+            control["tee_turn_radius"],
+            control["tee_merge_radius"],
+            clock,
+            data["robot"]["motor"],
+        ]
+    )
 
 
 def _own_plant(scenario: Scenario, trials: Trials, threads: int) -> Plant:
