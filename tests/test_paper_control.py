@@ -57,7 +57,7 @@ def test_equal_speeds_are_equal():
 def test_two_modules_are_inner_in_the_worst_orientation():
     """At theta5 = 60 degrees the modules at 60 and -60 from the turn go backward."""
     scenario = override(load_scenario("tee_turn"), {"control.kind": "paper"})
-    guide = Guide(scenario.route(), np.array([0.1]))
+    guide = Guide.along(scenario.route(), np.array([0.1]))
     settings, _ = settings_of([scenario], guide)
     assert isinstance(settings, Settings)
     controller = PaperController(guide, scenario.robot, settings, np.zeros((1, 3)), 0.01)

@@ -7,19 +7,24 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.control.alignment import (
     NO_MOTION_MARGIN,
+    ROUNDING,
     Manoeuvre,
     Obstacle,
     RollPlan,
+    Wish,
+    agreed,
     no_motion_distance,
     orientation_error,
     plan_roll,
     preferred_theta5,
 )
+from omnitrack_sim.control.gear import SWAPPED
 from omnitrack_sim.control.guide import Guide, Place
 from omnitrack_sim.control.interface import Observation, Settings
 from omnitrack_sim.frames import Array
 from omnitrack_sim.kinematics import belt_sign
 from omnitrack_sim.robot import Robot
+from omnitrack_sim.singularity import safe_margin, sector_angle
 
 STOP_BEFORE = 0.02
 """Room between the robot's nose and the fitting's bend or opening when it stops to align, m."""
@@ -27,6 +32,8 @@ ROLL_SETTLED = 0.02
 """Roll error at which a roll counts as done, rad."""
 ALIGN_ATTEMPTS = 3
 """Rolls in a row before one fitting; slip while rolling makes the first one fall short."""
+ROLL_PATIENCE = 2.0
+"""Time beyond what a roll should take after which it is looked at as it is, s: a jammed module never gets there."""
 NO_MOTION_BAND = 0.1
 """Size of cos(roll) below which the belts keep their direction: at the no-motion line its sign is noise."""
 AIMS: dict[Manoeuvre, tuple[float, ...]] = {
@@ -39,28 +46,75 @@ Straight over a tee nearer is steadier: tilt up to 1.1 degrees from 6 degrees be
 best. In a tee turn it is not: dead on, both outer modules lose the wall at the same time (docs/design-study.md)."""
 
 
-def manoeuvres(guide: Guide) -> tuple[Manoeuvre, ...]:
-    """What each passage of a route asks for."""
-    return tuple("elbow" if p.kind == "elbow" else "tee_turn" if p.is_turn else "tee_straight" for p in guide.passages)
+def manoeuvres(guide: Guide) -> tuple[Manoeuvre | None, ...]:
+    """What each passage of the routes asks for; None after the last one of a route."""
+    kinds: dict[bool, Manoeuvre] = {True: "tee_turn", False: "tee_straight"}
+    return tuple(None if p is None else "elbow" if p.kind == "elbow" else kinds[p.is_turn] for p in guide.passages)
 
 
 class Aligner:
-    """Roll commands of n robots. ``roll`` (n, 3) rad is what the rotary motors are asked."""
+    """Roll commands of n robots. ``roll`` (n, 3) rad is what the rotary motors are asked.
+
+    Fittings that follow each other with less room between than the robot needs to stand in are prepared for together,
+    before the first of them: a tee turn comes first, then a tee to be passed straight, then elbows. What cannot be met
+    beforehand is made up for on the way.
+    """
 
     def __init__(self, guide: Guide, robot: Robot, settings: Settings, roll: Array, period: float) -> None:
         self.guide, self.robot, self.settings, self.period = guide, robot, settings, period
         n = len(settings.cruise_speed)
-        self.radius_ratio = robot.lug_radius / guide.route.fittings[0].radius
-        self.best = np.array([*(preferred_theta5(m) for m in manoeuvres(guide)), 0.0])  # (P + 1,) rad
-        tries = max(len(aims) for aims in AIMS.values())
-        aims = [np.resize(AIMS[m] + (1.0,) * tries, tries) for m in manoeuvres(guide)]
-        self.aims = np.array([*aims, np.ones(tries)])  # (P + 1, tries) of the safe margin
         self.roll = np.array(roll, float)  # (n, 3) rad
         self.roll_target = self.roll.copy()
-        self.aligned = np.where(settings.align, 0, len(self.best))  # (n,) passages dealt with so far
         self.attempts = np.zeros(n, int)
+        self.patience = np.zeros(n)  # s, until a roll is looked at as it is
         self.events: list[list[str]] = [[] for _ in range(n)]
         self._belt_sign = belt_sign(self.roll)  # (n, 3)
+        self._learn()
+        everything = np.iinfo(np.intp).max
+        self.aligned = np.where(settings.align, guide.first[guide.way], everything)  # (n,) passages dealt with so far
+
+    def _learn(self) -> None:
+        """What each passage wants of theta5, together with those that follow it closely."""
+        guide, asked = self.guide, manoeuvres(self.guide)
+        given, reach = self.settings.safe_margin, self.settings.reach
+        derived = safe_margin(sector_angle(guide.radius, reach[:, None]))  # (n, Q) rad
+        self.margin = np.where(np.isnan(given)[:, None], derived, given[:, None])
+        tries = max(len(aims) for aims in AIMS.values())
+        self.best = np.zeros((tries, *self.margin.shape))  # (tries, n, Q) rad
+        self.aim = np.zeros(self.best.shape)  # (tries, n, Q) rad, half-width of the range about it
+        self.makes_do = np.array([m in ("elbow", "tee_straight") for m in asked])  # (Q,) goes with any orientation
+        for q, manoeuvre in enumerate(asked):
+            if manoeuvre is None:
+                continue
+            together: list[tuple[int, Manoeuvre]] = [(q, manoeuvre)]
+            for p in range(q + 1, len(asked)):
+                following = asked[p]
+                if following is None or self._room_between(p - 1) >= self.robot.length + STOP_BEFORE:
+                    break
+                together.append((p, following))
+            together.sort(key=lambda passage: _FIRST_COMES.index(passage[1]))
+            for i in range(tries):
+                wishes = []
+                for p, wanted in together:
+                    part = AIMS[wanted][min(i, len(AIMS[wanted]) - 1)]
+                    wishes.append(Wish(preferred_theta5(wanted) - self._turned_between(q, p), part * self.margin[:, p]))
+                self.best[i, :, q], self.aim[i, :, q] = agreed(wishes)
+
+    def _room_between(self, passage: int) -> float:
+        """Length, m, of the way from the end of a passage to the start of the next one."""
+        return float(self.guide.start[passage + 1] - self.guide.end[passage])
+
+    def _turned_between(self, first: int, later: int) -> float:
+        """How much larger, rad, theta5 is at a ``later`` passage than at the ``first`` without twist."""
+        angles = []
+        for q in (first, later):
+            found = self.guide.passages[q]
+            assert found is not None
+            way = int(np.searchsorted(self.guide.first, q, side="right")) - 1
+            frame = self.guide.centreline.frame(np.array([found.s_enter]), np.array([way]))[0]
+            x, y, _ = self.guide.directions[q] @ frame
+            angles.append(np.arctan2(y, x))
+        return float(angles[0] - angles[1])
 
     def nose_room(self, place: Place) -> Array:
         """Room (n,) m from the robot's nose to the next fitting's bend or opening; infinite after the last one."""
@@ -71,6 +125,17 @@ class Aligner:
         clear = np.abs(np.cos(roll)) > NO_MOTION_BAND
         self._belt_sign = np.where(clear, belt_sign(roll), self._belt_sign)
         return self._belt_sign
+
+    def begin_leg(self, robot: int, turned: bool) -> None:
+        """See ``Controller``."""
+        self._learn()
+        if turned:
+            self.roll[robot] = -self.roll[robot, SWAPPED]
+            self.roll_target[robot] = -self.roll_target[robot, SWAPPED]
+            self._belt_sign[robot] = self._belt_sign[robot, SWAPPED]
+        self.attempts[robot], self.patience[robot] = 0, 0.0
+        if self.settings.align[robot]:
+            self.aligned[robot] = self.guide.first[self.guide.way[robot]]
 
     def align_again(self, robots: NDArray[np.bool_], passage: NDArray[np.intp]) -> None:
         """Forget that ``robots`` (n,) have been aligned for their ``passage`` (n,)."""
@@ -86,14 +151,21 @@ class Aligner:
 
     def _stand(self, observation: Observation) -> NDArray[np.bool_]:
         place = observation.place
-        due = (self.aligned <= place.passage) & (self.nose_room(place) <= STOP_BEFORE)
+        room = self.nose_room(place)
+        due = (self.aligned <= place.passage) & (room <= STOP_BEFORE)
         if not due.any():
             return due
+        rows = np.arange(len(due))
         settled = np.abs(observation.roll - self.roll_target).max(axis=-1) < ROLL_SETTLED
-        oriented = np.abs(orientation_error(place.theta5, self.best[place.passage])) <= self.settings.safe_margin
+        self.patience = np.where(due, self.patience - self.period, 0.0)
+        # The last try is the widest.
+        best, width = self.best[-1, rows, place.passage], self.aim[-1, rows, place.passage]
+        oriented = np.abs(orientation_error(place.theta5, best)) <= width + ROUNDING
         off_the_line = no_motion_distance(observation.roll).min(axis=-1) >= NO_MOTION_MARGIN - ROLL_SETTLED
-        decide = due & settled
-        finished = decide & ((oriented & off_the_line) | (self.attempts >= ALIGN_ATTEMPTS))
+        # With the nose inside, a fitting that goes with any orientation is not worth a stop.
+        inside = (room < 0) & self.makes_do[place.passage]
+        decide = due & (settled | (self.patience < 0))
+        finished = decide & (((oriented | inside) & off_the_line) | (self.attempts >= ALIGN_ATTEMPTS))
         self.aligned = np.where(finished, place.passage + 1, self.aligned)
         self.attempts = np.where(finished, 0, self.attempts)
         again = decide & ~finished
@@ -104,18 +176,22 @@ class Aligner:
     def _plan(self, robots: NDArray[np.intp], observation: Observation) -> None:
         """Plan a roll for each of ``robots`` (m,) and note it; those without a plan drive on as they are."""
         place, roll = observation.place, self.roll_target[robots, 0]
-        theta5, best = place.theta5[robots], self.best[place.passage[robots]]
-        margin = self.settings.safe_margin[robots]
-        aims = self.aims[place.passage[robots]].T * margin  # (tries, m) rad
-        plan = plan_roll(theta5, roll, best, aims[0], self.radius_ratio)
-        for aim in aims[1:]:
+        theta5, passage = place.theta5[robots], place.passage[robots]
+        ratio = self.robot.lug_radius / self.guide.radius[passage]
+        best, aims = self.best[:, robots, passage], self.aim[:, robots, passage]  # (tries, m) rad
+        plan = plan_roll(theta5, roll, best[0], aims[0], ratio)
+        for centre, aim in zip(best[1:], aims[1:], strict=True):
             if not plan.exists.all():
-                plan = plan.where(plan.exists, plan_roll(theta5, roll, best, aim, self.radius_ratio))
+                plan = plan.where(plan.exists, plan_roll(theta5, roll, centre, aim, ratio))
         self.roll_target[robots] += plan.change[:, None]
         self.attempts[robots] = np.where(plan.exists, self.attempts[robots] + 1, ALIGN_ATTEMPTS)
+        self.patience[robots] = np.abs(plan.change) / self.robot.roll_rate + ROLL_PATIENCE
         for i, robot in enumerate(robots):
             fitting = self.guide.name_of(int(place.passage[robot]))
             self.events[robot].append(f"{observation.time[robot]:.2f} s, before {fitting}: {_told(plan, i, theta5[i])}")
+
+
+_FIRST_COMES: tuple[Manoeuvre, ...] = ("tee_turn", "tee_straight", "elbow")
 
 
 def _told(plan: RollPlan, i: int, theta5: float) -> str:

@@ -7,9 +7,10 @@ leave the no-motion line; the width of the safe range does (11.73 degrees of the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +26,7 @@ NO_MOTION_MARGIN = np.radians(30.0)
 """Default least distance of a roll from the no-motion line, where both tracks touch and work against each other."""
 TURN_LIMIT = np.pi
 """Default limit on the robot's turn in one plan, rad: half a turn either way reaches every equal orientation."""
-_ROUNDING = 1e-9  # rad, by which a plan on the border of a range may miss it
+ROUNDING = 1e-9  # rad, by which a plan on the border of a range may miss it
 _LEAST_NO_MOTION_MARGIN = 1e-6  # rad, with no margin asked the line itself is still kept clear
 
 
@@ -103,6 +104,28 @@ def orientation_error(theta5: ArrayLike, best: ArrayLike, modules: int = MODULES
     return wrap_angle(np.asarray(theta5, float) - best, 2 * np.pi / modules)
 
 
+class Wish(NamedTuple):
+    """A range of theta5: ``best`` rad, modulo the period, and ``margin`` (n,) rad to either side."""
+
+    best: float
+    margin: Array
+
+
+def agreed(wishes: Sequence[Wish], modules: int = MODULES) -> tuple[Array, Array]:
+    """Middle (n,) and half-width (n,) rad of the range that wishes have in common, the first of them before all.
+
+    A wish that has nothing in common with those before it is left out.
+    """
+    first = wishes[0]
+    low, high = -first.margin, np.array(first.margin)
+    for best, margin in wishes[1:]:
+        centre = orientation_error(best, first.best, modules)
+        new_low, new_high = np.maximum(low, centre - margin), np.minimum(high, centre + margin)
+        common = new_low <= new_high
+        low, high = np.where(common, new_low, low), np.where(common, new_high, high)
+    return first.best + (low + high) / 2, (high - low) / 2
+
+
 def no_motion_distance(roll: ArrayLike) -> Array:
     """Angle (...,) rad between a roll and the nearest no-motion line (90 or 270 degrees), in [0, pi/2]."""
     return np.abs(wrap_angle(np.asarray(roll, float) - np.pi / 2, np.pi))
@@ -155,18 +178,18 @@ def plan_roll(
     )
     after = wrap_angle(error[..., None] + turn_from_roll(candidates, ratio[..., None], 1.0), 2 * np.pi / modules)
     admissible = (
-        (np.abs(after) <= margin[..., None] + _ROUNDING)
-        & (no_motion_distance(roll[..., None] + candidates) >= clearance[..., None] - _ROUNDING)
-        & (np.abs(candidates) * ratio[..., None] <= turn_limit + _ROUNDING)
+        (np.abs(after) <= margin[..., None] + ROUNDING)
+        & (no_motion_distance(roll[..., None] + candidates) >= clearance[..., None] - ROUNDING)
+        & (np.abs(candidates) * ratio[..., None] <= turn_limit + ROUNDING)
         & (margin[..., None] > 0)
     )
     # The positive of two equal ones: its cost is less by less than rounding of angles.
-    cost = np.where(admissible, np.abs(candidates) - np.where(candidates > 0, _ROUNDING, 0.0), np.inf)
+    cost = np.where(admissible, np.abs(candidates) - np.where(candidates > 0, ROUNDING, 0.0), np.inf)
     shortest = np.argmin(cost, axis=-1)[..., None]
     exists = np.take_along_axis(admissible, shortest, axis=-1)[..., 0]
     change = np.where(exists, np.take_along_axis(candidates, shortest, axis=-1)[..., 0], 0.0)
     obstacle = np.select(
-        [exists, ~(margin > 0), clearance > np.pi / 2 + _ROUNDING],
+        [exists, ~(margin > 0), clearance > np.pi / 2 + ROUNDING],
         [Obstacle.CLEAR, Obstacle.NO_SAFE_ORIENTATION, Obstacle.NO_ROLL_OFF_THE_LINE],
         Obstacle.OUT_OF_RANGE,
     )

@@ -75,14 +75,18 @@ class Settings:
     lookahead: Array  # m
     rotation_limit: Array  # rad/m
     speed_limit: Array  # m/s
-    safe_margin: Array  # rad
+    safe_margin: Array  # rad; nan: by the reach
+    reach: Array  # m
     elbow_delay: Array  # m
     tee_trigger: Array  # m
     goal_distance: Array  # m
 
 
 class Controller(Protocol):
-    """Turns observations into commands for n robots on one route. State is held per trial."""
+    """Turns observations into commands for n robots, each on its way. State is held per trial.
+
+    Robots that drive tail first are seen as if they drove nose first (``gear``).
+    """
 
     phases: ClassVar[tuple[str, ...]]
     resting: NDArray  # (n,) bool, robots that stand still or drive backward on purpose
@@ -94,4 +98,8 @@ class Controller(Protocol):
 
     def step(self, observation: Observation) -> Command:
         """The command for the next control period."""
+        ...
+
+    def begin_leg(self, robot: int, turned: bool) -> None:
+        """A robot has been sent onto another way; ``turned``: it drives in the other gear from now on."""
         ...

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from omnitrack_sim.control.aligner import Aligner, manoeuvres
+from omnitrack_sim.control.gear import TURNED
 from omnitrack_sim.control.guide import Guide
 from omnitrack_sim.control.interface import Command, Observation, Settings
 from omnitrack_sim.control.recovery import Recovery
@@ -15,7 +16,7 @@ from omnitrack_sim.frames import Array
 from omnitrack_sim.robot import Robot
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT, BACK_OFF = range(6)
-_PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT}
+_PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT, None: CRUISE}
 RATE_GAIN = np.array([0.0, 0.0, 2.5, 5.0, 0.0, 0.0])
 """Rotation asked in addition, per rad/s that the rotation is too slow or too fast, by phase. In a tee, where the inner
 module has lost the wall, the springs can turn the robot over within 0.2 s; in an elbow the term keeps it centred."""
@@ -33,13 +34,23 @@ class JacobianController:
 
     def __init__(self, guide: Guide, robot: Robot, settings: Settings, roll: Array, period: float) -> None:
         self.guide, self.settings, self.period = guide, settings, period
-        self.lever = guide.route.fittings[0].radius
-        self.kind = np.array([*(_PHASES[m] for m in manoeuvres(guide)), CRUISE])  # (P + 1,) phase in each passage
         self.aligner = Aligner(guide, robot, settings, roll, period)
         self.recovery = Recovery(guide, robot, settings, period)
         self.events = self.aligner.events
         self.resting = np.zeros(len(settings.cruise_speed), bool)
         self.angular_velocity = np.zeros((len(settings.cruise_speed), 3))  # rad/s, robot frame, smoothed
+        self._learn()
+
+    def _learn(self) -> None:
+        self.kind = np.array([_PHASES[m] for m in manoeuvres(self.guide)])  # (Q,) phase in each passage
+
+    def begin_leg(self, robot: int, turned: bool) -> None:
+        """See ``Controller``."""
+        self._learn()
+        self.aligner.begin_leg(robot, turned)
+        self.recovery.begin_leg(robot)
+        if turned:
+            self.angular_velocity[robot] *= TURNED
 
     def step(self, observation: Observation) -> Command:
         """The command for the next control period."""
@@ -56,7 +67,7 @@ class JacobianController:
         phase = np.where(backing, BACK_OFF, np.where(aligning, ALIGN, phase))
         direction = np.where(backing, -1.0, 1.0)
         wanted = wanted_rotation(
-            self.guide.route.centreline, place, observation.rotation, s.gain, s.lookahead, s.rotation_limit, direction
+            self.guide, place, observation.rotation, s.gain, s.lookahead, s.rotation_limit, direction
         )
         wall_speed = tracking_speeds(
             observation.rotation,
@@ -64,7 +75,7 @@ class JacobianController:
             RATE_GAIN[phase],
             wanted,
             direction * s.cruise_speed,
-            self.lever,
+            self.guide.radius[place.passage],
             s.speed_limit,
         )
         belt_speed = np.where(aligning[:, None], 0.0, wall_speed * self.aligner.belt_sign(observation.roll))

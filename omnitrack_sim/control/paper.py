@@ -15,7 +15,7 @@ from omnitrack_sim.kinematics import elbow_speeds
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT = range(5)
-_PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT}
+_PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT, None: CRUISE}
 COMPLETE = np.radians(2.0)
 """A turn is complete when the robot's axis, in the plane of the bend, is this near to the way out or past it."""
 
@@ -31,15 +31,6 @@ class PaperController:
 
     def __init__(self, guide: Guide, robot: Robot, settings: Settings, roll: Array, period: float) -> None:
         self.guide, self.robot, self.settings = guide, robot, settings
-        self.radius = guide.route.fittings[0].radius
-        passages = guide.passages
-        self.kind = np.array([*(_PHASES[m] for m in manoeuvres(guide)), CRUISE])  # (P + 1,)
-        self.bend_radius = np.array([*(p.bend_radius for p in passages), np.nan])  # (P + 1,) m
-        marks = (p.opening[0] if p.kind == "tee" else p.s_bend_start for p in passages)
-        self.mark = np.array([*marks, np.inf])  # (P + 1,) m, an opening's near edge or a bend's start
-        line = guide.route.centreline
-        self.way_in = line.at(np.clip(guide.start, 0, line.length))[1]  # (P + 1, 3) tangents before the turns
-        self.way_out = line.at(np.clip(guide.end, 0, line.length))[1]  # (P + 1, 3) and behind them
         n = len(settings.cruise_speed)
         self.aligner = Aligner(guide, robot, settings, roll, period)
         self.events = self.aligner.events
@@ -47,6 +38,26 @@ class PaperController:
         self.turning = np.full(n, -1)  # (n,) passage whose turn is under way
         self.turned = np.full(n, -1)  # (n,) last passage whose turn is complete
         self.turn_speeds = np.zeros((n, 3))  # m/s, at the walls
+        self._learn()
+
+    def _learn(self) -> None:
+        guide, passages = self.guide, self.guide.passages
+        self.kind = np.array([_PHASES[m] for m in manoeuvres(guide)])  # (Q,)
+        self.bend_radius = np.array([np.nan if p is None else p.bend_radius for p in passages])  # (Q,) m
+        # (Q,) m, an opening's near edge or a bend's start
+        self.mark = np.array(
+            [np.inf if p is None else p.opening[0] if p.kind == "tee" else p.s_bend_start for p in passages]
+        )
+        way = np.repeat(np.arange(len(guide.routes)), guide.count)  # (Q,)
+        longest = guide.lengths[way]
+        self.way_in = guide.centreline.at(np.clip(guide.start, 0, longest), way)[1]  # (Q, 3) tangents before the turns
+        self.way_out = guide.centreline.at(np.clip(guide.end, 0, longest), way)[1]  # (Q, 3) and behind them
+
+    def begin_leg(self, robot: int, turned: bool) -> None:
+        """See ``Controller``."""
+        self._learn()
+        self.aligner.begin_leg(robot, turned)
+        self.turning[robot] = self.turned[robot] = -1
 
     def step(self, observation: Observation) -> Command:
         """The command for the next control period."""
@@ -82,7 +93,8 @@ class PaperController:
     def _speeds(self, place: Place) -> Array:
         """Wall speeds (n, 3) m/s of the turn ahead, for theta5 as it is now."""
         speed = self.settings.cruise_speed
-        elbow = elbow_speeds(speed, place.theta5, np.nan_to_num(self.bend_radius[place.passage], nan=1.0), self.radius)
+        bend_radius = np.nan_to_num(self.bend_radius[place.passage], nan=1.0)
+        elbow = elbow_speeds(speed, place.theta5, bend_radius, self.guide.radius[place.passage])
         inner: NDArray[np.bool_] = np.cos(place.theta5[:, None] + np.array(MODULE_ANGLES)) > 0
         tee = np.where(inner, -1.0, 1.0) * speed[:, None]
         return np.where((self.kind[place.passage] == ELBOW)[:, None], elbow, tee)

@@ -33,12 +33,22 @@ class Recovery:
     def __init__(self, guide: Guide, robot: Robot, settings: Settings, period: float) -> None:
         self.guide, self.settings, self.period = guide, settings, period
         n = len(settings.cruise_speed)
-        self.before = guide.start - robot.length / 2 - STOP_BEFORE  # (P + 1,) m, where a retry begins
+        self.robot = robot
         self.farthest = np.full(n, -np.inf)
         self.waiting = np.zeros(n)  # s without headway, or backing off
         self.backing = np.zeros(n, bool)
         self.retries = np.zeros(n, int)
         self.passage = np.zeros(n, np.intp)
+        self._learn()
+
+    def _learn(self) -> None:
+        self.into_branch = np.array([p is not None and p.leave == "branch" for p in self.guide.passages])  # (Q,)
+
+    def begin_leg(self, robot: int) -> None:
+        """Start a robot afresh on its new way."""
+        self._learn()
+        self.farthest[robot], self.waiting[robot] = -np.inf, 0.0
+        self.backing[robot], self.retries[robot], self.passage[robot] = False, 0, -1
 
     def step(
         self, observation: Observation, standing: NDArray[np.bool_], aligner: Aligner, events: list[list[str]]
@@ -60,7 +70,8 @@ class Recovery:
         turning = self.guide.is_turn[place.passage] & (aligner.nose_room(place) < 0)
         hanging = self.waiting > PATIENCE_DISTANCE / speed
         fallen = place.distance < self.farthest - FALLEN
-        beside = place.offset > BESIDE * self.guide.route.fittings[0].radius
+        # Out of a branch there is nothing to go past: the far wall stands across the way.
+        beside = self.into_branch[place.passage] & (place.offset > BESIDE * self.guide.radius[place.passage])
         failed = turning & (hanging | fallen | beside) & ~self.backing & (self.retries < RETRIES) & self.settings.retry
         for robot in np.flatnonzero(failed):
             name = self.guide.name_of(int(place.passage[robot]))
@@ -74,7 +85,8 @@ class Recovery:
 
     def _end(self, distance: Array, aligner: Aligner) -> None:
         given_up = self.waiting > BACK_OFF_DISTANCE / self.settings.cruise_speed
-        done = self.backing & ((distance <= self.before[self.passage]) | given_up)
+        before = self.guide.start[self.passage] - self.robot.length / 2 - STOP_BEFORE  # m, where a retry begins
+        done = self.backing & ((distance <= before) | given_up)
         self.backing = self.backing & ~done
         self.farthest = np.where(done, distance, self.farthest)
         self.waiting = np.where(done, 0.0, self.waiting)

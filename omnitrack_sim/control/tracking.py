@@ -11,10 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnitrack_sim.control.guide import Place, angle_between
+from omnitrack_sim.control.guide import Guide, Place, angle_between
 from omnitrack_sim.frames import Array, cross, dot, length, unit
 from omnitrack_sim.kinematics import module_speeds
-from omnitrack_sim.pipes import Centreline
 
 HEADING_LEAD = 0.09
 """How far the heading may be ahead of the lookahead point, m. In the open middle of a tee the robot turns faster than
@@ -23,7 +22,7 @@ _LEADS = np.linspace(0.0, HEADING_LEAD, 7)
 
 
 def wanted_rotation(
-    centreline: Centreline,
+    guide: Guide,
     place: Place,
     rotation: Array,
     gain: Array,
@@ -34,7 +33,7 @@ def wanted_rotation(
     """Rotation per metre of travel (n, 3) rad/m, world frame: the bend's curvature plus gain x heading error.
 
     Args:
-        centreline: of the route.
+        guide: of the routes.
         place: where the robots are.
         rotation: (n, 3, 3) robot frame in the world.
         gain: (n,) 1/m. lookahead: (n,) m.
@@ -42,9 +41,9 @@ def wanted_rotation(
         direction: (n,) 1 forward, -1 backward: the heading is then compared with the centreline behind.
     """
     axis = rotation[:, :, 2]
-    _, tangent, normal, curvature = centreline.at(place.distance)
+    _, tangent, normal, curvature = guide.at(place.distance)
     ahead = place.distance[:, None] + direction[:, None] * (lookahead[:, None] + _LEADS)  # (n, leads) m
-    tangents = centreline.at(ahead.ravel())[1].reshape(*ahead.shape, 3)
+    tangents = guide.at(ahead)[1]
     angles = angle_between(axis[:, None], tangents)
     nearest = np.argmin(angles, axis=1)
     rows = np.arange(len(nearest))
@@ -61,7 +60,7 @@ def tracking_speeds(
     rate_gain: Array,
     wanted: Array,
     speed: Array,
-    lever: float,
+    lever: Array,
     speed_limit: Array,
 ) -> Array:
     """Wall speeds (n, 3) m/s of the modules for a wanted rotation per metre.
@@ -72,7 +71,7 @@ def tracking_speeds(
         rate_gain: (n,) rotation asked in addition, per rad/s that the rotation is too slow or too fast.
         wanted: (n, 3) rad/m, world frame.
         speed: (n,) m/s forward.
-        lever: m, distance of the walls from the robot's axis.
+        lever: (n,) m, distance of the walls from the robot's axis.
         speed_limit: (n,) m/s, cap on each speed.
     """
     omega = np.stack([dot(wanted, rotation[:, :, 0]), dot(wanted, rotation[:, :, 1])], axis=-1) * speed[:, None]

@@ -65,7 +65,6 @@ class Monitor:
         self.guide, self.goal, self.time_limit, self.period = guide, goal, time_limit, period
         self.patience = np.maximum(PATIENCE_TIME, PATIENCE_DISTANCE / cruise_speed)
         self.exit = robot.length / 2
-        self.radius = np.array(guide.route.fittings[0].radius)
         self.farthest = np.array(start, float)
         self.waiting = np.zeros(n)  # s since the last progress
         self.outcome: list[Outcome | None] = [None] * n
@@ -112,8 +111,8 @@ class Monitor:
         # Headway is counted anew from where a robot rests or has backed off to.
         self.farthest = np.where(progress | resting, place.distance, self.farthest)
         self.waiting = np.where(progress | resting, 0.0, self.waiting + self.period)
-        outside = (place.offset > self.radius) | (place.distance < -self.exit)
-        outside |= place.distance > self.guide.route.centreline.length + self.exit
+        outside = (place.offset > self.guide.radius[place.passage]) | (place.distance < -self.exit)
+        outside |= place.distance > self.guide.lengths[place.way] + self.exit
         hanging = (self.waiting > self.patience) | (place.distance < self.farthest - SLIDE_BACK)
         events = (
             (diverged, Outcome.DIVERGED),
@@ -134,11 +133,7 @@ class Monitor:
         stalled = (mean.saturated[i] > 0.5) & (mean.belt_speed[i] < STALLED_SPEED * mean.belt_command[i])
         if (mean.roll_cosine[i] < NO_MOTION_COSINE).all():
             return Outcome.NO_MOTION_LINE
-        turning = (
-            passage < len(self.guide.passages)
-            and self.guide.passages[passage].kind == "tee"
-            and self.guide.is_turn[passage]
-        )
+        turning = self.guide.is_tee[passage] and self.guide.is_turn[passage]
         if (
             turning
             and place.distance[i] > self.guide.start[passage] - self.exit
@@ -155,7 +150,7 @@ class Monitor:
         self.outcome[i], self.end_time[i] = outcome, readings.time[i]
         mean = self._mean
         where = (
-            f"at {place.distance[i]:.3f} m of {self.guide.route.centreline.length:.3f} m after {readings.time[i]:.2f} s"
+            f"at {place.distance[i]:.3f} m of {self.guide.lengths[place.way[i]]:.3f} m after {readings.time[i]:.2f} s"
         )
         forces = ", ".join(f"{f:.1f}" for f in mean.normal_force[i])
         slips = ", ".join(f"{s:.2f}" for s in mean.slip_ratio[i])

@@ -106,7 +106,7 @@ class BatchRun:
         self.substeps = max(1, round(self.period / first.physics.timestep))
         self.record_every = max(1, round(first.physics.record_period / self.period))
         start = np.array([s.start.distance for s in scenarios])
-        self.guide = Guide(first.route(), start)
+        self.guide = Guide.along(first.route(), start)
         trials = trials_of(scenarios, self.guide)
         self.settings, self.notes = settings_of(scenarios, self.guide)
         self.collider = "exact" if uses_exact_collider(first) else "primitives"

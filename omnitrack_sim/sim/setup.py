@@ -18,7 +18,6 @@ from omnitrack_sim.mjcf.scene import build_scene, let_walls_sleep
 from omnitrack_sim.robot import MODULES, Robot
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.plant import Trials
-from omnitrack_sim.singularity import safe_margin, sector_angle
 
 SLEEP_FROM = 1000
 """Number of geoms from which it pays to have MuJoCo pass over the walls, which needs an MjData a trial."""
@@ -55,7 +54,7 @@ def start_poses(guide: Guide, distance: Array, theta5: Array) -> tuple[Array, Ar
         distance: (n,) m along the centreline.
         theta5: (n,) rad, module 1 from the turning direction of the next fitting.
     """
-    position, tangent, _, _ = guide.route.centreline.at(distance)
+    position, tangent, _, _ = guide.at(distance)
     turning = guide.turning_direction(distance)
     side = cross(tangent, turning)
     x = np.cos(theta5)[:, None] * turning + np.sin(theta5)[:, None] * side
@@ -68,11 +67,11 @@ def trials_of(scenarios: Sequence[Scenario], guide: Guide) -> Trials:
     distance = np.array([s.start.distance for s in scenarios])
     theta5 = np.radians([s.start.theta5_deg for s in scenarios])
     position, rotation = start_poses(guide, distance, theta5)
-    pipe_radius = guide.route.fittings[0].radius
+    pipe_radius = np.array([guide.routes[way].fittings[0].radius for way in guide.way])
     return Trials(
         position=position,
         quaternion=quaternion_from_matrix(rotation),
-        slide=np.repeat([[pipe_radius - r.nominal_pipe_radius] for r in robots], 3, axis=1),
+        slide=np.repeat((pipe_radius - [r.nominal_pipe_radius for r in robots])[:, None], 3, axis=1),
         roll=np.repeat(np.radians([[s.start.roll_deg] for s in scenarios]), 3, axis=1),
         friction=np.array([s.contact.friction for s in scenarios]),
         gravity=np.array([s.world.gravity for s in scenarios], float),
@@ -100,9 +99,8 @@ def settings_of(scenarios: Sequence[Scenario], guide: Guide) -> tuple[Settings, 
     The outer module of a bend of radius rho runs at (1 + R / rho) times the robot's speed, so the motor's speed limits
     the cruise speed. Belts are capped at what the motor holds.
     """
-    bends = [p.bend_radius for p in guide.passages if p.is_turn]
-    radius = guide.route.fittings[0].radius
-    factor = 1 + (radius / min(bends) if bends else 0.0)
+    factor = 1 + max((p.radius / p.bend_radius for p in guide.passages if p is not None and p.is_turn), default=0.0)
+    radius = float(guide.radius[0])
     cruise, limit, notes = [], [], []
     for s in scenarios:
         highest = feasible_belt_speed(s.robot)
@@ -125,7 +123,8 @@ def settings_of(scenarios: Sequence[Scenario], guide: Guide) -> tuple[Settings, 
         lookahead=np.array([c.lookahead for c in control]),
         rotation_limit=np.array([c.rotation_limit for c in control]),
         speed_limit=np.array(limit),
-        safe_margin=np.array([_safe_margin(s, radius) for s in scenarios]),
+        safe_margin=np.radians([np.nan if c.safe_margin_deg is None else c.safe_margin_deg for c in control]),
+        reach=np.array([s.robot.reach for s in scenarios]),
         elbow_delay=np.array([c.elbow_delay for c in control]),
         tee_trigger=np.array([radius / 2 if c.tee_trigger is None else c.tee_trigger for c in control]),
         goal_distance=np.array([s.goal_distance for s in scenarios]),
@@ -133,17 +132,9 @@ def settings_of(scenarios: Sequence[Scenario], guide: Guide) -> tuple[Settings, 
     return settings, notes
 
 
-def _safe_margin(scenario: Scenario, pipe_radius: float) -> float:
-    """Half-width of the safe range of theta5, rad: as given, or from the motion singularity region."""
-    given = scenario.control.safe_margin_deg
-    if given is not None:
-        return float(np.radians(given))
-    return float(safe_margin(sector_angle(pipe_radius, scenario.robot.reach)))
-
-
 def start_qpos(scenario: Scenario, model: mujoco.MjModel) -> Array:
     """Joint positions (nq,) of a scenario's start."""
-    guide = Guide(scenario.route(), np.array([scenario.start.distance]))
+    guide = Guide.along(scenario.route(), np.array([scenario.start.distance]))
     data = mujoco.MjData(model)
     trials = trials_of([scenario], guide)
     data.joint("robot").qpos = np.concatenate([trials.position[0], trials.quaternion[0]])
