@@ -7,11 +7,15 @@ from itertools import permutations
 from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.errors import Fault, NetworkError
+from omnitrack_sim.network.layout import End
 from omnitrack_sim.network.spec import Network
 from omnitrack_sim.pipes import TEE_ARCS, Passage, Route, TeeArcs, route_through
 
 if TYPE_CHECKING:
     import networkx
+
+Way = tuple[tuple[int, str, str], ...]
+"""Fittings in order: part index, port entered, port left."""
 
 
 def port_graph(network: Network, arcs: TeeArcs = TEE_ARCS) -> networkx.DiGraph[Any]:
@@ -47,9 +51,6 @@ def shortest_route(
     Raises:
         NetworkError: no such port, no open end, start and goal the same, unknown fittings to avoid, or no way.
     """
-    import networkx
-
-    # Between two ports of one fitting the direct edge is the shortest, so each fitting is passed at most once.
     ends, faults = [], []
     for where, port in (("start", start), ("goal", goal)):
         try:
@@ -67,12 +68,27 @@ def shortest_route(
         raise NetworkError(faults)
     graph = port_graph(network, arcs)
     graph.remove_nodes_from([node for node in graph if names[node[0]] in avoided])
-    try:
-        nodes = networkx.shortest_path(graph, ends[0], ends[1], weight="length")
-    except (networkx.NetworkXNoPath, networkx.NodeNotFound):
+    way = shortest_way(graph, ends[0], ends[1])
+    if way is None:
         around = f" without {', '.join(sorted(avoided))}" if avoided else ""
-        raise NetworkError(Fault("goal", f"{goal!r} cannot be reached from {start!r}{around}")) from None
-    way = [(part, enter, leave) for (part, enter), (_, leave) in zip(nodes[::2], nodes[1::2], strict=True)]
+        raise NetworkError(Fault("goal", f"{goal!r} cannot be reached from {start!r}{around}"))
+    return route_of(network, way, arcs)
+
+
+def shortest_way(graph: networkx.DiGraph[Any], start: End, goal: End) -> Way | None:
+    """The shortest way between two ports of a graph of ``port_graph``; None where there is none."""
+    import networkx
+
+    # Between two ports of one fitting the direct edge is the shortest, so no fitting is passed twice in a row.
+    try:
+        nodes = networkx.shortest_path(graph, start, goal, weight="length")
+    except (networkx.NetworkXNoPath, networkx.NodeNotFound):
+        return None
+    return tuple((part, enter, leave) for (part, enter), (_, leave) in zip(nodes[::2], nodes[1::2], strict=True))
+
+
+def route_of(network: Network, way: Way, arcs: TeeArcs = TEE_ARCS) -> Route:
+    """A way through a network with its centreline."""
     return route_through(network.pipes, way, arcs)
 
 

@@ -166,6 +166,17 @@ class Network(Table):
             raise NetworkError(Fault(where, f"{port!r} is no open end: it is joined to {self.joined_to[name]}", known))
         return self._ends[name]
 
+    def port(self, port: str, where: str = "port") -> End:
+        """Part index and port name of any port ``part.port``, or of an open end by its name in ``ports``.
+
+        Raises:
+            NetworkError: no such port; ``where`` names what asked for it.
+        """
+        name = self.ports.get(port, port)
+        if name not in self._ends:
+            raise NetworkError(self._unknown_port(where, port))
+        return self._ends[name]
+
     def to_toml(self) -> str:
         """The file's text; read again it gives an equal network."""
         data = self.model_dump(mode="json", exclude_defaults=True)

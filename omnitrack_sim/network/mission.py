@@ -1,0 +1,227 @@
+"""From start and goals to legs: which way, in which gear, from where to where. Pure; nothing here moves a robot.
+
+A robot drives nose first from an open end to a goal. Where it has to turn back, at a goal with another one to follow
+or where its way is blocked, it backs out the way it came, tail first, until it stands before the tee where the new way
+leaves the old one, and goes on nose first. So every way nose first begins at the mission's start, and arc lengths on
+the part that two of them share are equal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
+
+from omnitrack_sim.errors import Fault, NetworkError
+from omnitrack_sim.network.planning import Way, port_graph, route_of, shortest_way
+from omnitrack_sim.network.spec import Network
+from omnitrack_sim.pipes import TEE_ARCS, Route, TeeArcs
+from omnitrack_sim.tables import Table
+
+NOSE_ROOM = 0.005
+"""Room between the robot's nose and the end of the way at a goal, m."""
+STAND_BEFORE = 0.02
+"""Room between the nose and a tee's opening where a robot stands to take another way, m."""
+AT_THE_NOSE = 0.02
+"""How far behind the nose, m, the obstacle that stops a robot may seem to be."""
+
+
+class Mission(Table):
+    """Where to go in a network."""
+
+    start: str  # open end
+    goals: Annotated[tuple[str, ...], Field(min_length=1)]  # open ends, in order
+    avoid: tuple[str, ...] = ()  # fittings that are not entered
+    blocked: tuple[str, ...] = ()  # ports closed by a plate that the robot does not know of
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One way in one gear.
+
+    Attributes:
+        way: (part index, port entered, port left) of the fittings in order.
+        gear: 1 nose first, -1 tail first.
+        begin, end: m, arc length of the robot's centre along the way where the leg begins and where it is over.
+        goal: number of the goal that is reached at its end, or -1 where the robot only backs out.
+        note: what is done, in words.
+    """
+
+    way: Way
+    gear: int
+    begin: float
+    end: float
+    goal: int
+    note: str
+
+
+class Planner:
+    """Legs of one mission.
+
+    Args:
+        network: where.
+        mission: start and goals.
+        length: of the robot, m.
+        distance: m along the way from the start port to the robot's centre as it begins.
+        arcs: of the centreline in tees.
+
+    Raises:
+        NetworkError: no such port or fitting, no open end, or a goal that cannot be reached; ``start``, ``goals.0``,
+            ``avoid.0`` or ``blocked.0`` say which.
+    """
+
+    def __init__(
+        self, network: Network, mission: Mission, length: float, distance: float, arcs: TeeArcs = TEE_ARCS
+    ) -> None:
+        self.network, self.mission, self.length, self.arcs = network, mission, length, arcs
+        self._ends, self._blocked = _checked(network, mission)
+        self._graph = port_graph(network, arcs)
+        names = [part.name for part in network.fittings]
+        self._graph.remove_nodes_from([node for node in list(self._graph) if names[node[0]] in mission.avoid])
+        way = shortest_way(self._graph, self._ends[0], self._ends[1])
+        if way is None:
+            raise NetworkError(_unreachable(0, mission))
+        self.first = self._forward(way, distance, 0)
+
+    @property
+    def plates(self) -> tuple[tuple[int, str], ...]:
+        """Ports (part index, port) that are closed by a plate."""
+        return self._blocked
+
+    def route(self, leg: Leg) -> Route:
+        """The way of a leg with its centreline."""
+        return route_of(self.network, leg.way, self.arcs)
+
+    def check(self) -> None:
+        """Whether every goal can be reached from the one before it, as far as the robot knows.
+
+        Raises:
+            NetworkError: one cannot.
+        """
+        leg = self.first
+        for goal in range(1, len(self.mission.goals)):
+            legs = self.onward(leg, leg.end, goal, ())
+            if legs is None:
+                raise NetworkError(_unreachable(goal, self.mission))
+            leg = legs[-1]
+
+    def obstacle(self, leg: Leg, distance: float) -> tuple[int, str]:
+        """The port (part index, port) that a robot at arc length ``distance`` m cannot get to."""
+        nose = distance + self.length / 2 - AT_THE_NOSE
+        fittings = self.route(leg).fittings
+        index = next((i for i, p in enumerate(fittings) if nose < p.s_leave), len(fittings) - 1)
+        part, _, leave = leg.way[index]
+        return part, leave
+
+    def onward(self, leg: Leg, distance: float, goal: int, closed: Iterable[tuple[int, str]]) -> list[Leg] | None:
+        """Legs to a goal for a robot on a leg nose first, at arc length ``distance`` m; None where no way is left.
+
+        Args:
+            leg: the robot is on it.
+            distance: m.
+            goal: number of the goal.
+            closed: ports (part index, port) found to be closed.
+        """
+        graph = self._graph.copy()
+        graph.remove_nodes_from([node for node in closed if node in graph])
+        old = self.route(leg)
+        here = next((i for i, p in enumerate(old.fittings) if distance < p.s_leave), len(leg.way) - 1)
+        best: tuple[float, Way, float] | None = None
+        for c in range(here, -1, -1):
+            part, enter, _ = leg.way[c]
+            # Nose first: not back through the port it came in by.
+            back = self.network.joined_to.get(f"{self.network.fittings[part].name}.{enter}")
+            cut = graph if back is None else _without_edge(graph, (part, enter), self.network.port(back))
+            onward = shortest_way(cut, (part, enter), self._ends[goal + 1])
+            if onward is None:
+                continue
+            way = (*leg.way[:c], *onward)
+            new = route_of(self.network, way, self.arcs)
+            stand = min(distance, self._stand(new, c))
+            cost = distance - stand + new.centreline.length - stand
+            if best is None or cost < best[0]:
+                best = (cost, way, stand)
+        if best is None:
+            return None
+        _, way, stand = best
+        forward = self._forward(way, stand, goal)
+        return [forward] if stand >= distance else [self._backing(old, leg.way, here, distance, stand), forward]
+
+    def _forward(self, way: Way, begin: float, goal: int) -> Leg:
+        length = route_of(self.network, way, self.arcs).centreline.length
+        return Leg(way, 1, begin, length - self.length / 2 - NOSE_ROOM, goal, f"to {self.mission.goals[goal]}")
+
+    def _backing(self, old: Route, way: Way, here: int, distance: float, stand: float) -> Leg:
+        """Back out from ``distance`` in fitting ``here`` of a way to ``stand`` m on it."""
+        reverse: Way = tuple((part, leave, enter) for part, enter, leave in way[here::-1])
+        route = route_of(self.network, reverse, self.arcs)
+        at = next(i for i, p in enumerate(old.fittings) if stand < p.s_leave)
+        begin = old.fittings[here].s_leave - distance
+        # An arc out of a branch is not as long as the one into it: count from the port that both ways share.
+        end = route.fittings[here - at].s_leave - (stand - old.fittings[at].s_enter)
+        name = self.network.fittings[way[here][0]].name
+        return Leg(reverse, -1, begin, end, -1, f"backs out of {name}")
+
+    def _stand(self, route: Route, index: int) -> float:
+        """Arc length, m, where a robot stands to pass fitting ``index`` of a route in another way than before."""
+        first = index
+        while first > 0 and _start(route, first) - _end(route, first - 1) < self.length + STAND_BEFORE:
+            first -= 1
+        return max(_start(route, first) - self.length / 2 - STAND_BEFORE, self.length / 2)
+
+
+def _start(route: Route, index: int) -> float:
+    """Arc length, m, where a fitting's bend or opening begins; its port where it has none."""
+    passage = route.fittings[index]
+    return passage.s_bend_start if passage.is_turn else passage.opening[0] if passage.kind == "tee" else passage.s_leave
+
+
+def _end(route: Route, index: int) -> float:
+    """Arc length, m, where the last bend or opening up to fitting ``index`` ends."""
+    for passage in route.fittings[index::-1]:
+        if passage.is_turn or passage.kind == "tee":
+            return passage.s_bend_end if passage.is_turn else passage.opening[1]
+    return -float("inf")
+
+
+def _without_edge(graph, a, b):  # type: ignore[no-untyped-def]
+    """A copy of a graph without the edge from ``a`` to ``b``."""
+    copy = graph.copy()
+    if copy.has_edge(a, b):
+        copy.remove_edge(a, b)
+    return copy
+
+
+def _unreachable(goal: int, mission: Mission) -> Fault:
+    before = mission.goals[goal - 1] if goal else mission.start
+    around = f" without {', '.join(sorted(mission.avoid))}" if mission.avoid else ""
+    return Fault(f"goals.{goal}", f"{mission.goals[goal]!r} cannot be reached from {before!r}{around}")
+
+
+def _checked(network: Network, mission: Mission) -> tuple[list[tuple[int, str]], tuple[tuple[int, str], ...]]:
+    """Start and goals as nodes, and the blocked ports."""
+    ends, plates, faults = [], [], []
+    asked = [("start", mission.start), *((f"goals.{i}", goal) for i, goal in enumerate(mission.goals))]
+    for where, port in asked:
+        try:
+            ends.append(network.end(where, port))
+            if len(ends) > 1 and ends[-1] == ends[-2]:
+                faults.append(Fault(where, f"{port!r} is where the robot is already"))
+        except NetworkError as error:
+            faults += error.faults
+    names = tuple(part.name for part in network.fittings)
+    faults += [
+        Fault(f"avoid.{i}", f"there is no fitting {name!r}", names)
+        for i, name in enumerate(mission.avoid)
+        if name not in names
+    ]
+    for i, port in enumerate(mission.blocked):
+        try:
+            plates.append(network.port(port, f"blocked.{i}"))
+        except NetworkError as error:
+            faults += error.faults
+    if faults:
+        raise NetworkError(faults)
+    return ends, tuple(plates)
