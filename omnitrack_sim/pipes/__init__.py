@@ -1,8 +1,9 @@
 """Pipes: fittings, networks, routes and their exact inner surface. Pure NumPy."""
 
 from omnitrack_sim.pipes.centreline import Centreline, Segment
-from omnitrack_sim.pipes.fittings import Elbow, Fitting, Straight, Tee
+from omnitrack_sim.pipes.fittings import Elbow, Fitting, Reducer, Straight, Tee
 from omnitrack_sim.pipes.network import (
+    BORE_TOLERANCE,
     TEE_TURN_RADIUS,
     Passage,
     PipeNetwork,
@@ -15,6 +16,7 @@ from omnitrack_sim.pipes.network import (
 )
 
 __all__ = [
+    "BORE_TOLERANCE",
     "TEE_TURN_RADIUS",
     "Centreline",
     "Elbow",
@@ -22,6 +24,7 @@ __all__ = [
     "Passage",
     "PipeNetwork",
     "Placed",
+    "Reducer",
     "Route",
     "Segment",
     "Step",
