@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.files import shipped_networks, shipped_scenarios, shipped_sweeps
     from omnitrack_sim.network import Network, load_network, random_network, shortest_route
     from omnitrack_sim.outcome import Outcome
-    from omnitrack_sim.pipes import Elbow, PipeNetwork, Step, Straight, Tee, route
+    from omnitrack_sim.pipes import Elbow, PipeNetwork, Reducer, Step, Straight, Tee, route
     from omnitrack_sim.plots import plot_singularity, plot_summary
     from omnitrack_sim.render import render_frame, render_video
     from omnitrack_sim.robot import Robot
@@ -49,7 +49,7 @@ _HOME = {
     "files": ("shipped_networks", "shipped_scenarios", "shipped_sweeps"),
     "network": ("Network", "load_network", "random_network", "shortest_route"),
     "outcome": ("Outcome",),
-    "pipes": ("Elbow", "PipeNetwork", "Step", "Straight", "Tee", "route"),
+    "pipes": ("Elbow", "PipeNetwork", "Reducer", "Step", "Straight", "Tee", "route"),
     "plots": ("plot_singularity", "plot_summary"),
     "render": ("render_frame", "render_video"),
     "robot": ("Robot",),
@@ -72,6 +72,7 @@ __all__ = [
     "Outcome",
     "OutputError",
     "PipeNetwork",
+    "Reducer",
     "RenderError",
     "Result",
     "Robot",

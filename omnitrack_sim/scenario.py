@@ -25,6 +25,7 @@ from omnitrack_sim.tables import (
     Goal,
     Physics,
     Pipe,
+    ReducerPipe,
     Start,
     StraightPipe,
     Table,
@@ -36,7 +37,12 @@ NOSE_ROOM = 0.005
 """Room between the robot's nose and the end of the route at the goal, m."""
 PER_TRIAL_ROBOT_FIELDS = {"preload", "torque_limit", "roll_torque"}
 """Robot fields that may differ between the trials of one batch: they are floats of the compiled model."""
-_PIPES: dict[str, type[BaseModel]] = {"straight": StraightPipe, "elbow": ElbowPipe, "tee": TeePipe}
+_PIPES: dict[str, type[BaseModel]] = {
+    "straight": StraightPipe,
+    "reducer": ReducerPipe,
+    "elbow": ElbowPipe,
+    "tee": TeePipe,
+}
 
 
 class Scenario(Table):

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInf
 
 from omnitrack_sim.control import CONTROLLERS
 from omnitrack_sim.outcome import Outcome
-from omnitrack_sim.pipes import TEE_ARCS, Elbow, Step, Straight, Tee, TeeArcs
+from omnitrack_sim.pipes import TEE_ARCS, Elbow, Reducer, Step, Straight, Tee, TeeArcs
 from omnitrack_sim.robot import Robot
 
 ControllerName = Literal["jacobian", "paper", "equal"]
@@ -60,6 +60,7 @@ UNITS: dict[str, str] = {
     "goal.distance": "m",
     "pipes.length": "m",
     "pipes.inner_diameter": "m",
+    "pipes.end_diameter": "m",
     "pipes.mean_radius": "m",
     "pipes.run_length": "m",
     "pipes.branch_length": "m",
@@ -92,6 +93,24 @@ class StraightPipe(Table):
         """As a step of a route."""
         pipe = Straight(self.length, self.inner_diameter)
         return Step(self.name or f"{self.kind}_{index}", pipe, "start", "end", math.radians(self.turn_deg))
+
+
+class ReducerPipe(Table):
+    """A cone between bores of two sizes, entered at either end."""
+
+    kind: Literal["reducer"]
+    length: Size  # m
+    end_diameter: Size  # m, at the port "end"
+    inner_diameter: Size = 0.16  # m, at the port "start"
+    enter: Literal["start", "end"] = "start"
+    turn_deg: float = 0.0
+    name: str | None = None
+
+    def step(self, index: int) -> Step:
+        """As a step of a route."""
+        pipe = Reducer(self.length, self.end_diameter, self.inner_diameter)
+        leave = "end" if self.enter == "start" else "start"
+        return Step(self.name or f"{self.kind}_{index}", pipe, self.enter, leave, math.radians(self.turn_deg))
 
 
 class ElbowPipe(Table):
@@ -139,7 +158,7 @@ class TeePipe(Table):
         return Step(self.name or f"{self.kind}_{index}", pipe, self.enter, self.leave, math.radians(self.turn_deg))
 
 
-Pipe = Annotated[StraightPipe | ElbowPipe | TeePipe, Field(discriminator="kind")]
+Pipe = Annotated[StraightPipe | ReducerPipe | ElbowPipe | TeePipe, Field(discriminator="kind")]
 
 
 class Start(Table):

@@ -9,13 +9,16 @@ import pytest
 import omnitrack_sim as ot
 from omnitrack_sim.collider import RECORD_SIZE, bounding_box, install, wall_record
 from omnitrack_sim.frames import unit
-from omnitrack_sim.pipes import Elbow, Straight, Tee
+from omnitrack_sim.pipes import Elbow, Reducer, Step, Straight, Tee, route
 from omnitrack_sim.sim.setup import scene_of, start_qpos
 
 line = pytest.importorskip("omnitrack_sim.collider.line")
 
 FITTINGS = {
     "straight": Straight(0.4),
+    "reducer": Reducer(0.15, 0.15),
+    "reducer_widening": Reducer(0.15, 0.18, 0.14),
+    "reducer_steep": Reducer(0.12, 0.16, 0.08),
     "elbow_240": Elbow(0.24),
     "elbow_90": Elbow(0.09),
     "elbow_30_degrees": Elbow(0.2, math.radians(30)),
@@ -59,8 +62,8 @@ def touching_lines(fitting, count, seed=0):
 
 
 def test_the_compiled_surfaces_are_those_of_the_pipes():
-    """Elbow and tee: distance within 1e-12 m and gradient within 1e-9 of the NumPy functions."""
-    from omnitrack_sim.collider.surface import tee, torus
+    """Reducer, elbow and tee: distance within 1e-12 m and gradient within 1e-9 of the NumPy functions."""
+    from omnitrack_sim.collider.surface import cone, tee, torus
 
     rng = np.random.default_rng(1)
     for fitting in FITTINGS.values():
@@ -71,6 +74,9 @@ def test_the_compiled_surfaces_are_those_of_the_pipes():
         distance, gradient = fitting.signed_distance(points)
         if isinstance(fitting, Tee):
             found = np.array([tee(*p, fitting.radius, fitting.fillet_radius)[:4] for p in points])
+        elif isinstance(fitting, Reducer):
+            sizes = fitting.radius, fitting.length, fitting.port_radius("end")
+            found = np.array([cone(*p, *sizes)[:4] for p in points])
         else:
             found = np.array([torus(*p, fitting.mean_radius, fitting.radius) for p in points])
         clear = (distance > 0.001) & (fitting.extent(points) > 0)
@@ -94,7 +100,9 @@ def test_contacts_lie_on_the_wall_and_none_is_missed(name):
         np.testing.assert_allclose(normal, gradient, atol=1e-6)
         wall = position - normal * distance[:, None] / 2
         np.testing.assert_allclose(fitting.signed_distance(wall)[0], 0.0, atol=1e-8)
-        assert distance.min() <= d.min() - RADIUS + 1e-6
+        # A minimum next to the line's end counts as that end.
+        next_to_end = 0 < HALF - abs(places[np.argmin(d)]) < line.LEAST_APART
+        assert distance.min() <= d.min() - RADIUS + (line.LEAST_APART**2 / RADIUS if next_to_end else 1e-6)
         for end in (0, -1):
             if d[end] < RADIUS:
                 assert np.abs(s - places[end]).min() < 1e-9
@@ -163,7 +171,86 @@ def test_other_height_fields_collide_as_before():
     assert 0.0 < data.qpos[2] < 0.5
 
 
-@pytest.mark.parametrize("name", ["straight", "vertical_climb", "elbow", "elbow_short", "tee_turn"])
+def joined_contacts(way, centre, direction):
+    """Distances (k,) and normals (k, 3) of a track's contacts with all fittings of a route along +z."""
+    from omnitrack_sim.mjcf.walls import add_exact_walls
+
+    spec = mujoco.MjSpec()
+    add_exact_walls(spec, way.network)
+    records = spec.compile().geom_user
+    found = []
+    for part, record in zip(way.network.parts, records, strict=True):
+        local = part.pose.inverse()
+        ends = record[9:12] > 0
+        distance, _, normal, _ = contacts(
+            part.fitting, local.apply(centre), local.rotation @ direction, 0.001, tuple(ends)
+        )
+        found += [(d, *(part.pose.rotation @ n)) for d, n in zip(distance, normal, strict=True)]
+    found = np.array(found).reshape(-1, 4)
+    return found[:, 0], found[:, 1:]
+
+
+@pytest.mark.parametrize("bore", [0.15, 0.13])
+def test_a_track_over_the_kinks_of_a_reducer(bore):
+    """The deepest contact over all fittings is as deep as the line lies in the exact wall, at both ends of a cone."""
+    cone = Reducer(0.05, bore)
+    steps = [
+        ("a", Straight(0.2), "start", "end"),
+        ("b", cone, "start", "end"),
+        ("c", Straight(0.2, bore), "start", "end"),
+    ]
+    way = route([Step(*step) for step in steps])
+    rng = np.random.default_rng(4)
+    z = np.concatenate([np.linspace(0, 0.2, 2), np.linspace(0.25, 0.45, 2)])
+    radius = np.array([0.08, 0.08, bore / 2, bore / 2])
+    seen = 0
+    for joint in (0.2, 0.25):
+        for _ in range(200):
+            tilt, u = rng.uniform(-0.4, 0.4), rng.uniform(0, 2 * np.pi)
+            out = np.array([np.cos(u), np.sin(u), 0])
+            direction = np.sin(tilt) * out + [0, 0, np.cos(tilt)]
+            middle = np.array([0, 0, joint + rng.uniform(-HALF, HALF)])
+            s = np.linspace(-HALF, HALF, 2001)
+
+            def depths(offset, middle=middle, out=out, direction=direction, s=s):
+                """Distance (2001,) of points of the line to the wall: three lines in the plane through the axis."""
+                points = middle + offset * out + s[:, None] * direction
+                p = np.stack([points @ out, points[:, 2]], axis=-1)
+                found = []
+                for k in range(3):
+                    a, b = np.array([radius[k], z[k]]), np.array([radius[k + 1], z[k + 1]])
+                    t = np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+                    found.append(np.linalg.norm(p - a - t[:, None] * (b - a), axis=-1))
+                return np.min(found, axis=0)
+
+            low, high = 0.03, 0.06  # bring the line to where it presses 0.1 mm deep
+            for _ in range(50):
+                offset = (low + high) / 2
+                low, high = (low, offset) if depths(offset).min() < RADIUS - 1e-4 else (offset, high)
+            d = depths(offset)
+            from_end = HALF - abs(s[np.argmin(d)])
+            # A minimum next to the line's end counts as that end.
+            if abs(d.min() - RADIUS + 1e-4) > 1e-6 or 0 < from_end < line.LEAST_APART:
+                continue
+            distance, _ = joined_contacts(way, middle + offset * out, direction)
+            assert distance.min() == pytest.approx(-1e-4, abs=5e-6)
+            seen += 1
+    assert seen > 300
+
+
+def test_a_small_step_carries_a_track_on_both_sides():
+    """Where bores differ by manufacturing tolerance, a line ends at the joint on either side; elsewhere it does not."""
+    from omnitrack_sim.mjcf.walls import add_exact_walls
+
+    for bore, ends in ((0.16, False), (0.1605, True)):
+        steps = [("a", Straight(0.2), "start", "end"), ("b", Tee(inner_diameter=bore), "run_start", "run_end")]
+        spec = mujoco.MjSpec()
+        add_exact_walls(spec, route([Step(*step) for step in steps]).network)
+        records = spec.compile().geom_user
+        assert (records[:, 9:12] > 0).tolist() == [[True, ends, False], [ends, True, True]]
+
+
+@pytest.mark.parametrize("name", ["straight", "vertical_climb", "reducer", "elbow", "elbow_short", "tee_turn"])
 def test_runs_agree_with_primitives(name):
     """The shipped runs end alike, in the same time within 2 %, with normal forces within 15 %."""
     scenario = ot.load_scenario(name)

@@ -104,6 +104,7 @@ def test_every_key_of_a_scenario_is_documented():
         "Goal",
         "Expect",
         "StraightPipe",
+        "ReducerPipe",
         "ElbowPipe",
         "TeePipe",
     ):

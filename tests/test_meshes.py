@@ -7,12 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from omnitrack_sim.mjcf.meshes import THICKNESS, cutaway_mesh, fitting_mesh
+from omnitrack_sim.mjcf.meshes import SECTIONS, THICKNESS, cutaway_mesh, fitting_mesh, network_mesh
 from omnitrack_sim.mjcf.parts import coil, lug_row, triangular_prism
-from omnitrack_sim.pipes import Elbow, Straight, Tee
+from omnitrack_sim.pipes import Elbow, Reducer, Step, Straight, Tee, route
 
 FITTINGS = [
     Straight(0.5),
+    Reducer(0.1, 0.15),
+    Reducer(0.1, 0.2, 0.15),
     Elbow(0.24),
     Elbow(0.09),
     Elbow(0.24, math.pi),
@@ -52,6 +54,38 @@ def test_elbow_volume_is_pappus(fitting):
     inner, outer = fitting.radius, fitting.radius + THICKNESS
     expected = math.pi * (outer**2 - inner**2) * fitting.mean_radius * fitting.angle
     assert fitting_mesh(fitting).volume == pytest.approx(expected, rel=3e-3)
+
+
+def cone_volume(length: float, start: float, end: float) -> float:
+    """Volume of a frustum, m³, with the polygon of a mesh as its cross-section."""
+    polygon = SECTIONS / 2 * math.sin(2 * math.pi / SECTIONS)
+    return polygon * length / 3 * (start**2 + start * end + end**2)
+
+
+@pytest.mark.parametrize("reducer", [Reducer(0.1, 0.15), Reducer(0.15, 0.2, 0.12)], ids=str)
+def test_reducer_volume_is_that_of_two_frustums(reducer):
+    """The wall is one frustum less another, 4 mm apart across the axis."""
+    bores = reducer.port_radius("start"), reducer.port_radius("end")
+    outer, inner = (cone_volume(reducer.length, *(r + more for r in bores)) for more in (THICKNESS, 0.0))
+    assert fitting_mesh(reducer).volume == pytest.approx(outer - inner, rel=1e-5)
+
+
+def test_joints_of_a_reducer_are_whole():
+    """A chain with reducers is one watertight solid: the sum of its parts, with nothing cut off or put on at joints."""
+    steps = [
+        Step("a", Straight(0.3), "start", "end"),
+        Step("b", Reducer(0.1, 0.12), "start", "end"),
+        Step("c", Straight(0.3, 0.12), "start", "end"),
+        Step("d", Reducer(0.1, 0.12), "end", "start"),
+        Step("e", Straight(0.3, 0.1605), "start", "end"),
+    ]
+    network = route(steps).network
+    mesh = network_mesh(network)
+    assert mesh.is_watertight
+    assert mesh.body_count == 1
+    assert genus(mesh) == 1
+    parts = sum(fitting_mesh(part.fitting).volume for part in network.parts)
+    assert mesh.volume == pytest.approx(parts, rel=2e-4)
 
 
 def test_fillet_takes_material_off_the_rim():

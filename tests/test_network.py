@@ -20,6 +20,7 @@ from omnitrack_sim.mjcf.meshes import network_mesh
 from omnitrack_sim.network import load_network, manoeuvre, random_network, shortest_route, validate
 from omnitrack_sim.network.export import COLUMNS, export_network
 from omnitrack_sim.pipes import Elbow, Step, Straight, Tee, route
+from omnitrack_sim.plots.network import _quads
 
 
 def straight(name: str, length: float = 0.4, **sizes) -> dict:
@@ -34,6 +35,10 @@ def elbow(name: str, **sizes) -> dict:
     return {"kind": "elbow", "name": name, **sizes}
 
 
+def reducer(name: str, end_diameter: float = 0.12, **sizes) -> dict:
+    return {"kind": "reducer", "name": name, "length": 0.15, "end_diameter": end_diameter, **sizes}
+
+
 def joint(a: str, b: str, turn_deg: float = 0.0) -> dict:
     return {"ports": [a, b], "turn_deg": turn_deg}
 
@@ -45,6 +50,14 @@ def branched(**changes) -> dict:
         "joints": [joint("a.end", "t.run_start"), joint("t.run_end", "b.start"), joint("t.branch", "c.end")],
         **changes,
     }
+
+
+def narrowed(**changes) -> dict:
+    """``branched`` with the branch led on through a reducer into a bore of 120 mm, as plain data."""
+    data = branched()
+    data["fittings"] += [reducer("r"), straight("d", 0.5, inner_diameter=0.12)]
+    data["joints"] += [joint("c.start", "r.start"), joint("r.end", "d.start")]
+    return data | changes
 
 
 def ring(length: float) -> dict:
@@ -131,11 +144,14 @@ def test_a_loop_that_misses_says_by_how_much():
     [
         ({"nonsense": 1}, "nonsense", "fittings"),
         ({"fittings": [straight("a", colour=1)]}, "fittings.0.colour", "inner_diameter"),
-        ({"fittings": [{"kind": "cross", "name": "x"}]}, "fittings.0.kind", "elbow, straight, tee"),
+        ({"fittings": [{"kind": "cross", "name": "x"}]}, "fittings.0.kind", "elbow, reducer, straight, tee"),
         ({"fittings": [{"kind": "tee"}]}, "fittings.0.name", "required"),
         ({"fittings": [straight("a.b")]}, "fittings.0.name", "no dot"),
         ({"fittings": []}, "fittings", "at least 1"),
         ({"fittings": [elbow("a", mean_radius=0.05)], "joints": []}, "fittings.0.mean_radius", "at least"),
+        ({"fittings": [{"kind": "reducer", "name": "r", "length": 0.1}]}, "fittings.0.end_diameter", "required"),
+        ({"fittings": [reducer("r", length=0.02)], "joints": []}, "fittings.0.length", "20 degrees"),
+        ({"fittings": [reducer("r", 0.16)], "joints": []}, "fittings.0.end_diameter", "use a straight"),
         ({"place": {"axis": [0, 0, 0]}}, "place.axis", "no direction"),
         ({"joints": [joint("a.end", "t.middle")]}, "joints.0.ports.1", "t.run_start, t.run_end, t.branch"),
         ({"joints": [joint("a.end", "u.branch")]}, "joints.0.ports.1", "choose from: a, t, b, c"),
@@ -166,8 +182,29 @@ def test_bores_that_differ_name_both_parts_and_ports():
     data = branched()
     data["fittings"][3]["inner_diameter"] = 0.12
     text = faults_of(data)["fittings.3.inner_diameter"]
-    for word in ("'t' (branch)", "'c' (end)", "0.16 m", "0.12 m"):
+    for word in ("'t' (branch)", "'c' (end)", "0.16 m", "0.12 m", "a reducer joins"):
         assert word in text
+
+
+def test_a_reducer_joins_bores_of_two_sizes():
+    """Joined the right way round it fits; turned about, both of its joints are faults."""
+    network = validate(narrowed())
+    assert network.length == pytest.approx(0.4 + 0.32 + 0.16 + 0.4 + 0.5 + 0.15 + 0.5)
+    way = shortest_route(network, "d.end", "a.start")
+    assert [manoeuvre(p) for p in way.fittings] == ["straight", "reducer", "straight", "branch to run", "straight"]
+    assert np.allclose(way.bore_radius(np.array([0.2, 0.575, 0.8])), [0.06, 0.07, 0.08])
+    data = narrowed()
+    data["joints"][3:] = [joint("c.start", "r.end"), joint("r.start", "d.start")]
+    faults = faults_of(data)
+    assert "of 0.12 m" in faults["fittings.4.end_diameter"]
+    assert "of 0.16 m" in faults["fittings.5.inner_diameter"]
+
+
+def test_bores_may_differ_by_a_millimetre():
+    """Pipes of one nominal size are joined without a reducer."""
+    data = branched()
+    data["fittings"][3]["inner_diameter"] = 0.161
+    assert validate(data).pipes.parts[3].fitting.radius == 0.0805
 
 
 def test_overlaps_name_both_parts():
@@ -315,6 +352,25 @@ def test_random_networks_are_valid_and_repeat(block):
     assert random_network(block) != random_network(block + 100)
 
 
+def test_random_networks_with_reducers():
+    """With ``diameters`` bores change at reducers and nowhere else; every network is valid and the same again."""
+    bores = (0.16, 0.15, 0.1)
+    reducers = 0
+    for seed in range(20):
+        network = random_network(seed, 10, diameters=bores)
+        assert network == random_network(seed, 10, diameters=bores)
+        assert validate(tomllib.loads(network.to_toml())) == network
+        assert {part.inner_diameter for part in network.fittings} <= set(bores)
+        reducers += sum(part.kind == "reducer" for part in network.fittings)
+        for (i, port), (j, other) in network.pipes.joints:
+            a, b = network.pipes.parts[i].fitting, network.pipes.parts[j].fitting
+            assert a.port_radius(port) == b.port_radius(other)
+    assert reducers > 10
+    assert random_network(5, 10, diameters=(0.16,)).fittings == random_network(5, 10).fittings
+    with pytest.raises(NetworkError, match=r"diameters: 0\.6 m"):
+        random_network(5, 10, diameters=(0.16, 0.6))
+
+
 def test_random_networks_of_any_size():
     """One fitting and thirty are possible; nonsense is refused."""
     assert len(random_network(0, 1).fittings) == 1
@@ -356,10 +412,11 @@ def test_exported_walls_stand_where_the_pipes_are(exported):
                 assert abs(network.pipes.signed_distance(point + away * ray)[0]) < 1e-3
 
 
-@pytest.mark.parametrize(("name", "loops"), [("tower", 1), ("house_sewer", 0), ("random", 0)])
+@pytest.mark.parametrize(("name", "loops"), [("tower", 1), ("house_sewer", 0), ("random", 0), ("reducers", 0)])
 def test_the_solid_is_one_wall(name, loops):
     """The solid is watertight and in one piece; n open ends and l loops make its genus n - 1 + 2 l."""
-    network = random_network(3) if name == "random" else load_network(name)
+    made = {"random": lambda: random_network(3), "reducers": lambda: random_network(0, 12, diameters=(0.16, 0.12))}
+    network = made[name]() if name in made else load_network(name)
     mesh = network_mesh(network.pipes)
     assert mesh.is_watertight
     assert mesh.body_count == 1
@@ -389,6 +446,28 @@ def test_exported_centrelines_lie_in_the_bore(exported):
     assert curved == {part.name for part in network.fittings if part.kind != "straight"}
 
 
+def test_exports_of_a_reducer(tmp_path):
+    """MJCF walls and centrelines of a network with a reducer lie where it does; the figure draws a cone."""
+    network = validate(narrowed())
+    files = {path.suffix: path for path in export_network(network, tmp_path)}
+    model = mujoco.MjModel.from_xml_path(str(files[".xml"]))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    part = network.pipes.parts[4]
+    hit = np.zeros(1, np.int32)
+    for z in (0.02, 0.075, 0.13):
+        for angle in np.linspace(0, 2 * np.pi, 7):
+            ray = part.pose.rotation @ [np.cos(angle), np.sin(angle), 0]
+            away = mujoco.mj_ray(model, data, part.pose.apply(np.array([0, 0, z])), ray, None, True, -1, hit)
+            assert away == pytest.approx(0.08 - z * 0.02 / 0.15, abs=1.1e-4)
+    with open(files[".csv"], encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["name"] == "r"]
+    assert float(rows[-1]["s_m"]) == pytest.approx(0.15)
+    assert trimesh.load(files[".stl"]).volume == pytest.approx(network_mesh(network.pipes).volume, rel=0.01)
+    corners = part.pose.inverse().apply(_quads(part))
+    assert np.allclose(np.hypot(corners[..., 0], corners[..., 1]), np.interp(corners[..., 2], [0, 0.15], [0.08, 0.06]))
+
+
 def test_command_lists_routes_and_writes(tmp_path):
     """The command tells parts and route for machines and writes figure and export."""
     options = ["--from", "inlet", "--to", "low", "--plot", "a.svg", "--export", "x", "--json"]
@@ -399,6 +478,14 @@ def test_command_lists_routes_and_writes(tmp_path):
     assert [end["name"] for end in summary["open_ends"]] == ["inlet", "top", "far", "side", "low"]
     assert (tmp_path / "a.svg").read_bytes().startswith(b"<?xml")
     assert {p.suffix for p in (tmp_path / "x").iterdir()} == {".xml", ".stl", ".csv"}
+
+
+def test_command_tells_both_bores_of_a_reducer(tmp_path):
+    """The table of parts has the sizes of a reducer."""
+    (tmp_path / "n.toml").write_text(validate(narrowed()).to_toml())
+    done = omnitrack("network", "n.toml", "--plot", "n.png", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "D 160 to 120 mm, L 150 mm" in done.stdout
 
 
 def test_command_writes_random_networks(tmp_path):

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.errors import GeometryError
-from omnitrack_sim.pipes import Elbow, Step, Straight, Tee, route
+from omnitrack_sim.pipes import BORE_TOLERANCE, Elbow, Reducer, Step, Straight, Tee, route
 
-FITTINGS = {"straight": Straight(0.4), "elbow": Elbow(0.24), "short elbow": Elbow(0.09), "tee": Tee()}
+REDUCERS = {
+    "reducer": Reducer(0.1, 0.15),
+    "widening reducer": Reducer(0.15, 0.18, 0.1),
+    "steep reducer": Reducer(0.07, 0.11),
+}
+FITTINGS = {"straight": Straight(0.4), "elbow": Elbow(0.24), "short elbow": Elbow(0.09), "tee": Tee()} | REDUCERS
 
 
 def mixed_route():
@@ -50,14 +55,46 @@ def test_gradient_is_the_derivative(name):
 
 @pytest.mark.parametrize("name", FITTINGS)
 def test_ports_lie_on_the_axis(name):
-    """A port's centre is R from the wall, on the port plane, and its z axis points out of the fitting."""
+    """A port's rim is on the wall, its centre on the port plane, and its z axis points out of the fitting."""
     fitting = FITTINGS[name]
-    for port in fitting.ports.values():
+    for end, port in fitting.ports.items():
         z = port.rotation[:, 2]
-        assert np.isclose(fitting.signed_distance(port.position)[0], fitting.radius, atol=1e-9)
+        rim = port.position + fitting.port_radius(end) * port.rotation[:, :2].T
+        assert np.allclose(fitting.signed_distance(rim)[0], 0, atol=1e-9)
+        assert fitting.port_radius(end) <= fitting.largest_radius
         assert np.isclose(fitting.extent(port.position), 0, atol=1e-9)
         assert fitting.extent(port.position - 0.01 * z) > 0 > fitting.extent(port.position + 0.01 * z)
         assert np.isclose(np.linalg.det(port.rotation), 1)
+
+
+@pytest.mark.parametrize("name", REDUCERS)
+def test_reducer_distance_is_that_of_the_cone(name):
+    """A reducer's distance is that to dense samples of the cone between its ports, positive in the bore."""
+    reducer, spacing = REDUCERS[name], 5e-4
+    z = np.linspace(0, reducer.length, round(reducer.length / spacing) + 1)
+    radius = np.interp(z, [0, reducer.length], [reducer.port_radius("start"), reducer.port_radius("end")])
+    u = np.arange(0, 2 * np.pi, spacing / reducer.largest_radius)
+    cone = np.stack([radius[:, None] * np.cos(u), radius[:, None] * np.sin(u), z[:, None] + 0 * u], -1).reshape(-1, 3)
+    points = inside(reducer, 200, np.random.default_rng(2))
+    brute = np.array([np.sqrt(((cone - p) ** 2).sum(-1).min()) for p in points])
+    distance = reducer.signed_distance(points)[0]
+    excess = brute - np.abs(distance)
+    assert excess.min() > -1e-9
+    assert excess[np.abs(distance) > 0.01].max() < 1e-5
+    assert excess.max() < spacing
+    narrower = np.hypot(points[:, 0], points[:, 1]) < np.interp(points[:, 2], z, radius)
+    assert ((distance > 0) == narrower).all()
+
+
+def test_reducer_distance_at_its_ends():
+    """On the axis: the slant distance at the wide port, the radius itself at the narrow one, from either side."""
+    for reducer in (Reducer(0.1, 0.15), Reducer(0.1, 0.16, 0.15)):
+        wide, narrow = sorted(reducer.ports, key=reducer.port_radius, reverse=True)
+        cosine = np.cos(np.arctan(0.05))
+        assert np.isclose(reducer.signed_distance(reducer.ports[wide].position)[0], 0.08 * cosine, atol=1e-12)
+        distance, gradient = reducer.signed_distance(reducer.ports[narrow].position)
+        assert np.isclose(distance, 0.075, atol=1e-12)
+        assert np.isclose(np.linalg.norm(gradient), 1)
 
 
 def test_tee_distance_is_that_of_the_opened_wall():
@@ -138,9 +175,45 @@ def test_overlap_names_both_parts():
 
 
 def test_bores_must_match():
-    """Pipes of different bores are not joined."""
-    with pytest.raises(GeometryError, match="inner_diameter"):
+    """Pipes of different bores are not joined; the fault names ports and diameters. One millimetre passes."""
+    told = r"inner_diameter: joins 'a' \(end\) of 0.16 m to 'b' \(start\) of 0.12 m; a reducer joins"
+    with pytest.raises(GeometryError, match=told):
         route([Step("a", Straight(0.3), "start", "end"), Step("b", Straight(0.3, 0.12), "start", "end")])
+    for sign in (1, -1):
+        bore = 0.16 + sign * BORE_TOLERANCE
+        route([Step("a", Straight(0.3), "start", "end"), Step("b", Straight(0.3, bore), "start", "end")])
+        with pytest.raises(GeometryError, match="a reducer joins bores"):
+            route([Step("a", Straight(0.3, bore + sign * 1e-4), "start", "end"), Step("b", Tee(), "branch", "run_end")])
+
+
+def test_a_reducer_counts_by_the_port_that_is_joined():
+    """Each end takes its own bore; the fault of the far one stands at its own key."""
+    first, last = Step("a", Straight(0.3), "start", "end"), Step("c", Straight(0.3, 0.12), "start", "end")
+    assert route([first, Step("b", Reducer(0.1, 0.12), "start", "end"), last]).fittings[2].radius == 0.06
+    assert route([first, Step("b", Reducer(0.1, 0.16, 0.12), "end", "start"), last]).fittings[1].radius == 0.08
+    with pytest.raises(GeometryError) as caught:
+        route([first, Step("b", Reducer(0.1, 0.12), "end", "start"), last])
+    assert [fault.where for fault in caught.value.faults] == ["pipes.1.end_diameter", "pipes.2.inner_diameter"]
+
+
+def test_bore_along_a_route():
+    """The bore radius is linear over each fitting, and goes on beyond the ends of the route."""
+    way = route(
+        [
+            Step("a", Straight(0.3), "start", "end"),
+            Step("b", Reducer(0.1, 0.15), "start", "end"),
+            Step("c", Elbow(0.09, inner_diameter=0.15), "start", "end"),
+            Step("d", Reducer(0.2, 0.15, 0.17), "end", "start", 0.4),
+            Step("e", Tee(inner_diameter=0.17), "run_start", "branch"),
+        ]
+    )
+    bend = 0.09 * np.pi / 2
+    s = np.array([-1.0, 0.3, 0.35, 0.4, 0.45, 0.4 + bend + 0.1, 9.0])
+    assert np.allclose(way.bore_radius(s), [0.08, 0.08, 0.0775, 0.075, 0.075, 0.08, 0.085])
+    assert [passage.is_turn for passage in way.fittings] == [False, False, True, False, True]
+    assert np.isnan(way.fittings[1].opening).all()
+    ring = np.stack([way.centreline.at(s[1:-1])[0] + r for r in 0.05 * np.eye(3)])
+    assert (way.network.signed_distance(ring)[0] > 0).all()
 
 
 @pytest.mark.parametrize(
@@ -150,6 +223,9 @@ def test_bores_must_match():
         (lambda: Elbow(0.01, 4.0), 2),
         (lambda: Elbow(0.079), 1),
         (lambda: Tee(0.1, 0.01, -1.0), 3),
+        (lambda: Reducer(-0.1, 0.0, -1.0), 3),
+        (lambda: Reducer(0.1, 0.16), 1),
+        (lambda: Reducer(0.05, 0.12), 1),
     ],
 )
 def test_every_fault_is_named(make, faults):
@@ -157,6 +233,15 @@ def test_every_fault_is_named(make, faults):
     with pytest.raises(GeometryError) as caught:
         make()
     assert len(caught.value.faults) == faults
+
+
+def test_a_reducer_says_how_long_it_has_to_be():
+    """Over 20 degrees the fault names the least length, which then is accepted; equal bores: a straight."""
+    with pytest.raises(GeometryError, match=r"reducer.length: is 0.01 m, a half cone angle of 26.6 .* 20 .* 0.01374 m"):
+        Reducer(0.01, 0.15)
+    Reducer(0.01374, 0.15)
+    with pytest.raises(GeometryError, match="use a straight"):
+        Reducer(0.1, 0.16)
 
 
 def test_unknown_ports_list_the_choices():

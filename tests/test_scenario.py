@@ -50,6 +50,14 @@ def test_a_scenario_survives_its_own_json():
         ({"pipes": [{"kind": "straight", "length": -1.0}]}, "pipes.0.length", "greater than 0"),
         ({"pipes": [{"kind": "elbow", "mean_radius": 0.05}]}, "pipes.0.mean_radius", "at least the pipe radius"),
         ({"pipes": [{"kind": "tee", "enter": "side"}]}, "pipes.0.enter", "run_start"),
+        ({"pipes": [{"kind": "reducer", "length": 0.1}]}, "pipes.0.end_diameter", "required"),
+        ({"pipes": [{"kind": "reducer", "length": 0.1, "end_diameter": 0.16}]}, "pipes.0.end_diameter", "a straight"),
+        ({"pipes": [{"kind": "reducer", "length": 0.01, "end_diameter": 0.15}]}, "pipes.0.length", "20 degrees"),
+        (
+            {"pipes": [*PIPES, {"kind": "reducer", "length": 0.1, "end_diameter": 0.15, "enter": "end"}]},
+            "pipes.1.end_diameter",
+            "a reducer joins bores",
+        ),
         (
             {"pipes": [{"kind": "tee", "enter": "branch", "leave": "branch"}]},
             "pipes.0.leave",

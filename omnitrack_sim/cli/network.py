@@ -170,7 +170,8 @@ def _print_network(found: Network) -> None:
 
 def _sizes(part: Any) -> str:
     """The sizes of a part, mm and degrees."""
-    sizes = [f"D {1e3 * part.inner_diameter:.4g} mm"]
+    bores = [part.inner_diameter, *([part.end_diameter] if hasattr(part, "end_diameter") else [])]
+    sizes = [f"D {' to '.join(f'{1e3 * bore:.4g}' for bore in bores)} mm"]
     for key, text in (("length", "L"), ("mean_radius", "Rm"), ("run_length", "run"), ("branch_length", "branch")):
         if hasattr(part, key):
             sizes.append(f"{text} {1e3 * getattr(part, key):.4g} mm")

@@ -3,7 +3,7 @@
 A track is a line of spheres. Along the line the distance to a concave wall (a straight's, a tee's cylinders) has its
 minima at the ends of what lies beside that wall; along a convex one (an elbow's inner side, a tee's rim) within. So
 contacts are wanted at the ends of the line, at the minima along it, and where a straight wall that carries the line
-ends: at a port before an elbow, at an open end, at the rim.
+ends: at a port before an elbow, at an open end, at the rim, at the ends of a reducer's cone.
 
 A minimum is a patch, not a point: lugs straddle a rim and push against its flanks, which carries force along the track
 beyond friction. So there are contacts half a lug pitch to either side of it too. Without them a robot on a slippery
@@ -16,8 +16,8 @@ import math
 
 from numba import njit
 
-from omnitrack_sim.collider.record import ELBOW, RECORD_SIZE, STRAIGHT, TEE
-from omnitrack_sim.collider.surface import EDGE, FACE, tee, torus
+from omnitrack_sim.collider.record import ELBOW, RECORD_SIZE, REDUCER, STRAIGHT, TEE
+from omnitrack_sim.collider.surface import EDGE, FACE, cone, tee, torus
 
 _compiled = njit(cache=True, error_model="numpy")
 _KIND, _RADIUS, _SIZES, _BOX, _ENDS = 1, 2, 3, 6, 9  # places in a record
@@ -47,6 +47,8 @@ def _wall(wall, w, x, y, z):
     if kind == ELBOW:
         d, gx, gy, gz = torus(x, y, z, wall[w + _SIZES], radius)
         return d, gx, gy, gz, FACE
+    if kind == REDUCER:
+        return cone(x, y, z, radius, wall[w + _SIZES], wall[w + _SIZES + 1])
     return tee(x, y, z, radius, wall[w + _SIZES + 2])
 
 
@@ -68,14 +70,56 @@ def _clip(low, high, low_ends, high_ends, value, slope, ends):
 
 
 @_compiled
+def _before_wide_end(z, from_axis, radius, length, end_radius):
+    """How far a point's foot lies on the cone from its wide end, m times a positive factor; negative beyond the end."""
+    slope = (end_radius - radius) / length
+    return z + slope * (from_axis - radius) if slope < 0.0 else length - z - slope * (from_axis - end_radius)
+
+
+@_compiled
+def _wide_end(wall, w, px, py, pz, ax, ay, az, low, high, low_ends, high_ends, ends):
+    """The part of [low, high] that the cone itself is nearest to on the side of its wide end.
+
+    That part ends at the normals of the wide edge, not at the port plane: a lug touches the cone before its centre is
+    past the port. A line along a pipe passes those normals once.
+    """
+    if high < low:
+        return low, high, low_ends, high_ends
+    radius, length, end_radius = wall[w + _RADIUS], wall[w + _SIZES], wall[w + _SIZES + 1]
+    a, b = low, high
+    at_a = _before_wide_end(pz + a * az, math.hypot(px + a * ax, py + a * ay), radius, length, end_radius)
+    at_b = _before_wide_end(pz + b * az, math.hypot(px + b * ax, py + b * ay), radius, length, end_radius)
+    if at_a >= 0.0 and at_b >= 0.0:
+        return low, high, low_ends, high_ends
+    if at_a < 0.0 and at_b < 0.0:
+        return low, low - 1.0, low_ends, high_ends
+    while b - a > _POSITION:
+        s = 0.5 * (a + b)
+        at_s = _before_wide_end(pz + s * az, math.hypot(px + s * ax, py + s * ay), radius, length, end_radius)
+        if (at_s < 0.0) == (at_a < 0.0):
+            a = s
+        else:
+            b = s
+    if at_a < 0.0:
+        return b, high, ends, high_ends
+    return low, a, low_ends, ends
+
+
+@_compiled
 def _between_ports(wall, w, px, py, pz, ax, ay, az, half):
-    """The part of the line p + s a, |s| <= half, between the port planes."""
+    """The part of the line p + s a, |s| <= half, between the port planes; of a reducer, that its cone is nearest to."""
     kind, a, b, c = wall[w + _KIND], wall[w + _SIZES], wall[w + _SIZES + 1], wall[w + _SIZES + 2]
     first, second, third = wall[w + _ENDS] > 0, wall[w + _ENDS + 1] > 0, wall[w + _ENDS + 2] > 0
     low, high, low_ends, high_ends = -half, half, True, True
     if kind == STRAIGHT:
         low, high, low_ends, high_ends = _clip(low, high, low_ends, high_ends, -pz, -az, first)
         return _clip(low, high, low_ends, high_ends, pz - a, az, second)
+    if kind == REDUCER and b < wall[w + _RADIUS]:
+        low, high, low_ends, high_ends = _clip(low, high, low_ends, high_ends, pz - a, az, second)
+        return _wide_end(wall, w, px, py, pz, ax, ay, az, low, high, low_ends, high_ends, first)
+    if kind == REDUCER:
+        low, high, low_ends, high_ends = _clip(low, high, low_ends, high_ends, -pz, -az, first)
+        return _wide_end(wall, w, px, py, pz, ax, ay, az, low, high, low_ends, high_ends, second)
     if kind == ELBOW:
         low, high, low_ends, high_ends = _clip(low, high, low_ends, high_ends, -pz, -az, first)
         return _clip(low, high, low_ends, high_ends, (px - a) * b + pz * c, ax * b + az * c, second)
@@ -236,4 +280,4 @@ def _to_world(con, k, matrix, m):
     con[k], con[k + 1], con[k + 2] = x, y, z
 
 
-assert TEE > ELBOW > STRAIGHT
+assert REDUCER > TEE > ELBOW > STRAIGHT

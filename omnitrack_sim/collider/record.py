@@ -7,12 +7,12 @@ import math
 import numpy as np
 
 from omnitrack_sim.frames import Array
-from omnitrack_sim.pipes import Elbow, Straight, Tee
+from omnitrack_sim.pipes import Elbow, Reducer, Straight, Tee
 from omnitrack_sim.pipes.fittings import Fitting
 
 MARK = 20260.5
 """First number of a record: geoms without it are none of ours."""
-STRAIGHT, ELBOW, TEE = 0.0, 1.0, 2.0
+STRAIGHT, ELBOW, TEE, REDUCER = 0.0, 1.0, 2.0, 3.0
 RECORD_SIZE = 12
 """Numbers in a record. Wall: mark, kind, radius, three sizes, centre of its bounding box (3), ends at its ports (3)."""
 _ROOM = 0.002  # m, of the bounding box around the bore: deeper than any lug presses
@@ -21,15 +21,17 @@ _ROOM = 0.002  # m, of the bounding box around the bore: deeper than any lug pre
 def wall_record(fitting: Fitting, ends: tuple[bool, ...]) -> Array:
     """The record (RECORD_SIZE,) of one fitting.
 
-    Sizes: length of a straight; mean radius, sine and cosine of the angle of an elbow; half run, branch length and
-    fillet radius of a tee, m.
+    Sizes: length of a straight; length and end radius of a reducer; mean radius, sine and cosine of the angle of an
+    elbow; half run, branch length and fillet radius of a tee, m.
 
     Args:
-        fitting: straight, elbow or tee.
-        ends: for each port, whether a contact line stops being supported there (open end, or an elbow follows).
+        fitting: straight, reducer, elbow or tee.
+        ends: for each port, whether a contact line stops being supported there (open end, or the wall bends or steps).
     """
     if isinstance(fitting, Straight):
         kind, sizes = STRAIGHT, (fitting.length, 0.0, 0.0)
+    elif isinstance(fitting, Reducer):
+        kind, sizes = REDUCER, (fitting.length, fitting.port_radius("end"), 0.0)
     elif isinstance(fitting, Elbow):
         kind, sizes = ELBOW, (fitting.mean_radius, math.sin(fitting.angle), math.cos(fitting.angle))
     elif isinstance(fitting, Tee):
@@ -48,8 +50,8 @@ def line_record(lug_pitch: float) -> Array:
 
 def bounding_box(fitting: Fitting) -> tuple[Array, Array]:
     """Centre (3,) and half sizes (3,) m of a box around the bore, fitting frame."""
-    r = fitting.radius
-    if isinstance(fitting, Straight):
+    r = fitting.largest_radius
+    if isinstance(fitting, Straight | Reducer):
         low, high = [-r, -r, 0.0], [r, r, fitting.length]
     elif isinstance(fitting, Elbow):
         outer = fitting.mean_radius + r

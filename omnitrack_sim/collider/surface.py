@@ -1,4 +1,4 @@
-"""Distance to the walls of an elbow and a tee at one point, compiled. The same surfaces as ``pipes``, which test them.
+"""Distance to the walls of a reducer, an elbow and a tee at one point, compiled: the same surfaces as in ``pipes``.
 
 Scalars in, scalars out: distance (m, positive in the bore), its gradient, and the face that is nearest.
 """
@@ -10,8 +10,27 @@ import math
 from numba import njit
 
 FACE, EDGE = 0, 1
-"""Nearest part of a wall: a cylinder or torus, or the rounded rim of a tee."""
+"""Nearest part of a wall: a cylinder, cone or torus; or the rounded rim of a tee, the edge of a cone."""
 _compiled = njit(cache=True, error_model="numpy")
+
+
+@_compiled
+def cone(x, y, z, radius, length, end_radius):
+    """Wall of a reducer between its ports: (d, gx, gy, gz, face) at a point of the fitting frame, m."""
+    slope = (end_radius - radius) / length
+    cosine = 1.0 / math.sqrt(1.0 + slope * slope)
+    from_axis = math.sqrt(x * x + y * y)
+    ox, oy = (x / from_axis, y / from_axis) if from_axis > 0.0 else (1.0, 0.0)
+    d = cosine * (radius + slope * z - from_axis)
+    foot = z - slope * cosine * d
+    if 0.0 <= foot <= length:
+        return d, -cosine * ox, -cosine * oy, cosine * slope, FACE
+    edge = 0.0 if foot < 0.0 else length
+    across, along = from_axis - radius - slope * edge, z - edge
+    away = math.copysign(math.sqrt(across * across + along * along), d)
+    if away == 0.0:
+        return 0.0, -cosine * ox, -cosine * oy, cosine * slope, FACE
+    return away, across * ox / away, across * oy / away, along / away, EDGE
 
 
 @_compiled

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from omnitrack_sim.frames import Array, quaternion_from_matrix, unit
 from omnitrack_sim.mjcf.meshes import THICKNESS, cutaway_mesh
 from omnitrack_sim.mjcf.parts import coil, lug_row, triangular_prism
-from omnitrack_sim.pipes import PipeNetwork, Straight
+from omnitrack_sim.pipes import PipeNetwork, Reducer, Straight
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.trajectory import TRACKS
 
@@ -57,7 +57,7 @@ def view_direction(network: PipeNetwork) -> Array:
     """
     liking = np.array([0.1, -1.0, 0.4])
     for part in network.parts:
-        if not isinstance(part.fitting, Straight):
+        if not isinstance(part.fitting, Straight | Reducer):
             normal = part.pose.rotation[:, 1]
             return normal * math.copysign(1.0, normal @ liking)
     axis = network.parts[0].pose.rotation[:, 2]

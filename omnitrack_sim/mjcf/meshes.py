@@ -14,7 +14,7 @@ from manifold3d import CrossSection, Manifold, Mesh, OpType
 from numpy.typing import ArrayLike
 
 from omnitrack_sim.frames import Array
-from omnitrack_sim.pipes import Elbow, Fitting, PipeNetwork, Straight, Tee
+from omnitrack_sim.pipes import Elbow, Fitting, PipeNetwork, Placed, Reducer, Straight, Tee
 
 THICKNESS = 0.004
 """Wall thickness of every fitting, m: a 168 mm pipe with a 160 mm bore; assumed."""
@@ -46,17 +46,17 @@ def network_mesh(network: PipeNetwork, thickness: float = THICKNESS, sections: i
     outer, bores = [], []
     for part in network.parts:
         fitting, matrix = part.fitting, np.column_stack([part.pose.rotation, part.pose.position])
-        outer.append(_fill(fitting, fitting.radius + thickness, sections).transform(matrix))
+        outer.append(_fill(fitting, thickness, sections).transform(matrix))
         bores.append(_bore(fitting, sections).transform(matrix))
-    for (i, port), _ in network.joints:
-        place, radius = network.parts[i].port(port), network.parts[i].fitting.radius
+    for (i, port), (j, other) in network.joints:
+        place = network.parts[i].port(port)
         matrix = np.column_stack([place.rotation, place.position])
-        for solids, r in ((outer, radius + thickness), (bores, radius)):
-            disc = Manifold.cylinder(2 * JOINT_DISC, r, circular_segments=sections, center=True)
-            solids.append(disc.transform(matrix))
+        ends = (network.parts[i], port), (network.parts[j], other)
+        for solids, more in ((outer, thickness), (bores, 0.0)):
+            solids.append(_joint_disc(*ends, more, sections).transform(matrix))
     # A bore ends flush with its wall: at an open end it is cut a little beyond, or a film may stay.
     for i, port in network.open_ends:
-        place, radius = network.parts[i].port(port), network.parts[i].fitting.radius
+        place, radius = network.parts[i].port(port), network.parts[i].fitting.port_radius(port)
         matrix = np.column_stack([place.rotation, place.position])
         disc = Manifold.cylinder(2 * OVERCUT, radius, circular_segments=sections, center=True)
         bores.append(disc.transform(matrix))
@@ -71,7 +71,7 @@ def cutaway_mesh(
     Args:
         fitting: what to cut.
         towards: (3,) direction of the viewer in the fitting frame. Elbows and tees are cut along their own plane, on
-            the viewer's side; a straight pipe along its axis.
+            the viewer's side; a straight pipe or reducer along its axis.
         thickness: of the wall, m.
         sections: corners of the cross-section.
         keep: True for the half that stays, False for the one taken away.
@@ -83,7 +83,7 @@ def cutaway_mesh(
 def cut_normal(fitting: Fitting, towards: ArrayLike) -> Array:
     """Unit normal (3,) of the cut through the fitting's axis, fitting frame, on the side of ``towards`` (3,)."""
     x, y, _ = np.asarray(towards, float)
-    if not isinstance(fitting, Straight):
+    if not isinstance(fitting, Straight | Reducer):
         return np.array([0.0, math.copysign(1.0, y), 0.0])
     across = np.array([x, y, 0.0])
     length = float(np.linalg.norm(across))
@@ -92,19 +92,45 @@ def cut_normal(fitting: Fitting, towards: ArrayLike) -> Array:
 
 def _wall(fitting: Fitting, thickness: float, sections: int) -> Manifold:
     bore = _bore(fitting, sections)  # made first: the order of making solids orders the triangles of the result
-    return _fill(fitting, fitting.radius + thickness, sections) - bore
+    return _fill(fitting, thickness, sections) - bore
 
 
 def _bore(fitting: Fitting, sections: int) -> Manifold:
     """Solid of what is empty: the bore, with the rim of a tee rounded."""
-    bore = _fill(fitting, fitting.radius, sections)
+    bore = _fill(fitting, 0.0, sections)
     if isinstance(fitting, Tee):
         bore += _fillet(fitting, 1.0, sections) + _fillet(fitting, -1.0, sections)
     return bore
 
 
-def _fill(fitting: Fitting, radius: float, sections: int) -> Manifold:
-    """Solid of a given radius about the fitting's axes, between its ports."""
+def _joint_disc(a: tuple[Placed, str], b: tuple[Placed, str], more: float, sections: int) -> Manifold:
+    """Solid about the joint of two ports, in the frame of the first, that fills both bores and ``more`` m around them.
+
+    Within JOINT_DISC of the port plane it is as wide as the parts are there; at a small step, as the narrower one.
+    """
+    radii = [part.fitting.port_radius(port) for part, port in (a, b)]
+    radius = min(radii) if more == 0 else max(radii)
+    behind, ahead = (radius + _growth(part.fitting, port) for part, port in (a, b))
+    if behind == ahead == radius:
+        return Manifold.cylinder(2 * JOINT_DISC, radius + more, circular_segments=sections, center=True)
+    across = [0.0, behind + more, radius + more, ahead + more, 0.0]
+    along = JOINT_DISC * np.array([-1.0, -1.0, 0.0, 1.0, 1.0])
+    return Manifold.revolve(CrossSection([np.column_stack([across, along])]), circular_segments=sections)
+
+
+def _growth(fitting: Fitting, port: str) -> float:
+    """By how much, m, the bore is wider JOINT_DISC inside a port than at it."""
+    if not isinstance(fitting, Reducer):
+        return 0.0
+    return JOINT_DISC * (fitting.slope if port == "start" else -fitting.slope)
+
+
+def _fill(fitting: Fitting, more: float, sections: int) -> Manifold:
+    """Solid of the bore and ``more`` m around it, between the ports."""
+    radius = fitting.radius + more
+    if isinstance(fitting, Reducer):
+        end = fitting.port_radius("end") + more
+        return Manifold.cylinder(fitting.length, radius, end, circular_segments=sections)
     if isinstance(fitting, Straight):
         return Manifold.cylinder(fitting.length, radius, circular_segments=sections)
     if isinstance(fitting, Elbow):

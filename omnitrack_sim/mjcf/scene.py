@@ -36,7 +36,7 @@ def build_scene(
         route: pipes, placed in the world, and their centreline.
         robot: parameters.
         timestep: s.
-        wall_tolerance: m, largest distance of the walls from the exact surface on straights and elbows.
+        wall_tolerance: m, largest distance of the walls from the exact surface on all but tees.
         staves: number of wall pieces around a bore, instead of what the tolerance asks for.
         exact: one geom a fitting and a line without gaps a track, for the compiled collider; ``wall_tolerance``,
             ``staves`` and the robot's ``lugs_per_track`` then mean nothing.

@@ -15,8 +15,9 @@ import numpy as np
 
 from omnitrack_sim.collider.record import RECORD_SIZE, bounding_box, wall_record
 from omnitrack_sim.frames import Array, Pose, unit
-from omnitrack_sim.pipes import Elbow, PipeNetwork, Straight, Tee
+from omnitrack_sim.pipes import Elbow, PipeNetwork, Reducer, Straight, Tee
 from omnitrack_sim.pipes.fittings import Fitting
+from omnitrack_sim.pipes.network import JOINED
 
 THICKNESS = 0.010
 """Depth of the wall pieces, m: many times what a lug moves in a step."""
@@ -56,7 +57,7 @@ def add_walls(spec: mujoco.MjSpec, network: PipeNetwork, tolerance: float = 1e-4
     Args:
         spec: to add to. Geoms are named ``wall_<part>_<index>``, group 3, and collide with lugs only.
         network: placed fittings.
-        tolerance: m, largest distance from the exact surface on straights and elbows. Within 10 mm of a tee's rim it
+        tolerance: m, largest distance from the exact surface on all but tees. Within 10 mm of a tee's rim it
             is 0.5 mm at the default.
         staves: pieces around a bore, instead of what the tolerance asks for.
     """
@@ -88,9 +89,7 @@ def add_exact_walls(spec: mujoco.MjSpec, network: PipeNetwork) -> int:
     spec.nuser_geom = RECORD_SIZE
     taken = {end: other for a, b in network.joints for end, other in ((a, b), (b, a))}
     for index, part in enumerate(network.parts):
-        # A track is no longer carried beyond an open end, nor by a straight wall where an elbow bends away.
-        neighbours = [taken.get((index, port)) for port in part.fitting.ports]
-        ends = [n is None or isinstance(network.parts[n[0]].fitting, Elbow) for n in neighbours]
+        ends = [_line_ends(network, (index, port), taken.get((index, port))) for port in part.fitting.ports]
         centre, half = bounding_box(part.fitting)
         pose = part.pose @ Pose(np.eye(3), centre)
         name = f"wall_{part.name}"
@@ -107,6 +106,18 @@ def add_exact_walls(spec: mujoco.MjSpec, network: PipeNetwork) -> int:
     return len(network.parts)
 
 
+def _line_ends(network: PipeNetwork, end: tuple[int, str], other: tuple[int, str] | None) -> bool:
+    """Whether the wall stops carrying a track at port ``end``, which is joined to ``other`` or to nothing."""
+    if other is None:
+        return True
+    mine, theirs = (network.parts[index].fitting for index, _ in (end, other))
+    bore, next_bore = mine.port_radius(end[1]), theirs.port_radius(other[1])
+    # An elbow bends away, a reducer's cone has a kink. At its narrow end that is a convex edge, which the
+    # collider finds by itself.
+    at_kink = isinstance(theirs, Elbow | Reducer) or (isinstance(mine, Reducer) and bore == mine.largest_radius)
+    return at_kink or abs(bore - next_bore) > JOINED
+
+
 def _add_geom(spec: mujoco.MjSpec, name: str, kind: mujoco.mjtGeom, **shape: object) -> None:
     spec.worldbody.add_geom(name=name, type=kind, group=GROUP, contype=2, conaffinity=1, rgba=WALL_COLOUR, **shape)
 
@@ -119,6 +130,8 @@ def wall_pieces(fitting: Fitting, tolerance: float, staves: int | None = None) -
     pieces = Pieces()
     if isinstance(fitting, Straight):
         _add_straight(pieces, fitting, staves or stave_count(fitting.radius, tolerance))
+    elif isinstance(fitting, Reducer):
+        _add_reducer(pieces, fitting, staves or stave_count(fitting.largest_radius, tolerance))
     elif isinstance(fitting, Elbow):
         # Half of the tolerance for the facets around, half for those along.
         _add_elbow(pieces, fitting, staves or stave_count(fitting.radius, tolerance / 2), tolerance)
@@ -149,6 +162,22 @@ def _add_straight(pieces: Pieces, pipe: Straight, staves: int) -> None:
         pieces.facet(
             ring.face * out + [0, 0, pipe.length / 2], out, np.array([0, 0, 1.0]), ring.half_width, pipe.length / 2
         )
+
+
+def _add_reducer(pieces: Pieces, reducer: Reducer, staves: int) -> None:
+    """Staves tangent to the cone, as wide as its wide end asks for."""
+    ring, slope = _Ring.of(reducer.largest_radius, staves), reducer.slope
+    shift = reducer.largest_radius - ring.face
+    # The ends of the staves stand square to the cone: at the wide end they go on behind the wall of the next pipe as
+    # far as their backs need to close the wedge; at the narrow end they would come out into its bore.
+    overlap = THICKNESS * abs(slope)
+    half_length = (reducer.length * math.hypot(1.0, slope) + overlap) / 2
+    for u in ring.azimuths:
+        out = np.array([math.cos(u), math.sin(u), 0.0])
+        along, normal = unit(slope * out + [0, 0, 1]), unit(out - slope * np.array([0, 0, 1.0]))
+        middle = (reducer.radius + slope * reducer.length / 2) * out + [0, 0, reducer.length / 2]
+        centre = middle - shift * normal + math.copysign(overlap / 2, slope) * along
+        pieces.facet(centre, normal, along, ring.half_width, half_length)
 
 
 def _add_elbow(pieces: Pieces, elbow: Elbow, staves: int, tolerance: float) -> None:

@@ -93,7 +93,7 @@ def route_of(network: Network, way: Way, arcs: TeeArcs = TEE_ARCS) -> Route:
 
 
 def manoeuvre(passage: Passage) -> str:
-    """What the robot does in a fitting of a route: straight, elbow, run to branch, branch to run, over the run."""
+    """What the robot does in a fitting of a route: the kind, or of a tee run to branch, branch to run, over the run."""
     if passage.kind != "tee":
         return passage.kind
     if "branch" not in (passage.enter, passage.leave):

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
-from omnitrack_sim.errors import Fault, NetworkError
+from omnitrack_sim.errors import Fault, GeometryError, NetworkError
 from omnitrack_sim.frames import Pose
 from omnitrack_sim.network.spec import Network, validate
-from omnitrack_sim.pipes import Elbow, Fitting, Placed, Straight, Tee, attached
+from omnitrack_sim.pipes import Elbow, Fitting, Placed, Reducer, Straight, Tee, attached
 
 CLEARANCE = 0.05
 """Least room between the bores of two parts that are not joined, m: more than any wall is thick."""
 TURNS_DEG = (0.0, 90.0, 180.0, 270.0)
+REDUCER_ANGLE = math.radians(10)
+"""Largest half cone angle of the reducers made here, rad."""
+SHORTEST_REDUCER = 0.1
+"""Least length of the reducers made here, m."""
 _TRIES, _STARTS = 60, 20
 
 
@@ -25,6 +30,8 @@ def random_network(
     mean_radii: tuple[float, ...] = (0.09, 0.24),
     tee_share: float = 0.5,
     inner_diameter: float = 0.16,
+    diameters: tuple[float, ...] | None = None,
+    reducer_share: float = 0.25,
 ) -> Network:
     """A valid network; the same arguments give the same one.
 
@@ -34,7 +41,9 @@ def random_network(
         lengths: m, least and greatest length of a straight; multiples of 10 mm are drawn.
         mean_radii: m, of the elbows to draw from.
         tee_share: part of the fittings between straights that are tees; the first one always is.
-        inner_diameter: m, of every bore.
+        inner_diameter: m, of every bore; with ``diameters`` of the first one.
+        diameters: m, bores that reducers lead to; without them all bores are the same.
+        reducer_share: with ``diameters``, part of the fittings between straights that are reducers; the first never is.
 
     Raises:
         NetworkError: the arguments make no sense, or no network of that size was found.
@@ -44,13 +53,29 @@ def random_network(
         raise NetworkError(Fault("fittings", f"is {fittings}; at least 1, and the least number first"))
     if seed < 0:
         raise NetworkError(Fault("seed", f"is {seed}; at least 0"))
+    _check_bores(diameters or (), mean_radii)
     rng = np.random.default_rng(seed)
     count = int(rng.integers(low, high, endpoint=True))
     for _ in range(_STARTS):
-        rows, joints = _grown(rng, count, lengths, mean_radii, tee_share, inner_diameter)
+        rows, joints = _grown(
+            rng, count, lengths, mean_radii, tee_share, inner_diameter, diameters or (), reducer_share
+        )
         if len(rows) == count:
             return validate({"name": f"random_{seed}", "fittings": rows, "joints": joints})
     raise NetworkError(Fault("fittings", f"no network of {count} fittings was found; ask for fewer"))
+
+
+def _check_bores(diameters: tuple[float, ...], mean_radii: tuple[float, ...]) -> None:
+    """Refuse bores that no tee, or none of the elbows, can have."""
+    faults = []
+    for diameter in diameters:
+        try:
+            Tee(inner_diameter=diameter)
+            Elbow(max(mean_radii, default=math.inf), inner_diameter=diameter)
+        except GeometryError as error:
+            faults += [Fault("diameters", f"{diameter} m does not go: {fault}") for fault in error.faults]
+    if faults:
+        raise NetworkError(faults)
 
 
 def _grown(
@@ -60,6 +85,8 @@ def _grown(
     mean_radii: tuple[float, ...],
     tee_share: float,
     inner_diameter: float,
+    diameters: tuple[float, ...],
+    reducer_share: float,
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Tables of fittings and joints; fewer than ``count`` fittings where there was no room."""
     length = _draw_length(rng, lengths)
@@ -71,15 +98,21 @@ def _grown(
     while len(rows) < count and tries < _TRIES:
         tries += 1
         index, port = free[int(rng.integers(len(free)))]
+        bore = 2 * parts[index].fitting.port_radius(port)
+        others = [diameter for diameter in diameters if diameter != bore]
         if not isinstance(parts[index].fitting, Straight):
-            fitting: Fitting = Straight(_draw_length(rng, lengths), inner_diameter)
+            fitting: Fitting = Straight(_draw_length(rng, lengths), bore)
+        elif len(rows) > 1 and others and rng.random() < reducer_share:
+            fitting = _reducer(rng, bore, others)
         elif len(rows) == 1 or rng.random() < tee_share:
-            fitting = Tee(inner_diameter=inner_diameter)
+            fitting = Tee(inner_diameter=bore)
         else:
-            fitting = Elbow(float(rng.choice(mean_radii)), inner_diameter=inner_diameter)
-        enter = fitting.choices[int(rng.integers(len(fitting.choices)))]
-        # A straight looks the same however it is turned.
-        turn_deg = 0.0 if isinstance(fitting, Straight) else float(rng.choice(TURNS_DEG))
+            possible = [radius for radius in mean_radii if radius >= bore / 2] or mean_radii
+            fitting = Elbow(float(rng.choice(possible)), inner_diameter=bore)
+        fits = [end for end in fitting.choices if 2 * fitting.port_radius(end) == bore]
+        enter = fits[int(rng.integers(len(fits)))]
+        # A straight or reducer looks the same however it is turned.
+        turn_deg = 0.0 if isinstance(fitting, Straight | Reducer) else float(rng.choice(TURNS_DEG))
         pose = attached(parts[index].port(port), fitting, enter, np.radians(turn_deg))
         new = Placed(f"{fitting.kind}_{len(rows) + 1}", fitting, pose)
         if _has_room(parts, index, new):
@@ -90,6 +123,15 @@ def _grown(
             free += [(len(parts) - 1, other) for other in fitting.choices if other != enter]
             tries = 0
     return rows, joints
+
+
+def _reducer(rng: np.random.Generator, bore: float, others: list[float]) -> Reducer:
+    """A reducer between ``bore`` m and one of ``others`` m; either may be at its start."""
+    ends = [bore, float(rng.choice(others))]
+    if rng.random() < 0.5:
+        ends.reverse()
+    least = abs(ends[0] - ends[1]) / 2 / math.tan(REDUCER_ANGLE)
+    return Reducer(max(SHORTEST_REDUCER, math.ceil(100 * least) / 100), ends[1], ends[0])
 
 
 def _draw_length(rng: np.random.Generator, lengths: tuple[float, float]) -> float:
@@ -114,8 +156,10 @@ def _has_room(parts: list[Placed], joined: int, new: Placed) -> bool:
 def _row(name: str, fitting: Fitting) -> dict[str, Any]:
     """A fitting as a table of a network file."""
     row: dict[str, Any] = {"kind": fitting.kind, "name": name}
-    if isinstance(fitting, Straight):
+    if isinstance(fitting, Straight | Reducer):
         row["length"] = fitting.length
     elif isinstance(fitting, Elbow):
         row["mean_radius"] = fitting.mean_radius
+    if isinstance(fitting, Reducer):
+        row["end_diameter"] = fitting.end_diameter
     return row | {"inner_diameter": fitting.inner_diameter}  # type: ignore[attr-defined]

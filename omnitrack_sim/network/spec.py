@@ -17,7 +17,7 @@ from omnitrack_sim.errors import Fault, GeometryError, NetworkError
 from omnitrack_sim.files import NAME_PATTERN, checked, fault_of, read_toml, shipped_networks
 from omnitrack_sim.frames import Pose, frame_along
 from omnitrack_sim.network.layout import End, Joined, lay_out
-from omnitrack_sim.pipes import Elbow, Fitting, PipeNetwork, Straight, Tee
+from omnitrack_sim.pipes import Elbow, Fitting, PipeNetwork, Reducer, Straight, Tee
 from omnitrack_sim.tables import Direction, ElbowPipe, Size, Table
 
 PartName = Annotated[str, Field(pattern=r"^[^\s./\\\x00-\x1f]+$")]
@@ -35,6 +35,20 @@ class StraightPart(Table):
     def fitting(self) -> Fitting:
         """The pipe itself."""
         return Straight(self.length, self.inner_diameter)
+
+
+class ReducerPart(Table):
+    """A cone between bores of two sizes."""
+
+    kind: Literal["reducer"]
+    name: PartName
+    length: Size  # m
+    end_diameter: Size  # m, at the port "end"
+    inner_diameter: Size = Reducer.inner_diameter  # m, at the port "start"
+
+    def fitting(self) -> Fitting:
+        """The cone itself."""
+        return Reducer(self.length, self.end_diameter, self.inner_diameter)
 
 
 class ElbowPart(Table):
@@ -66,8 +80,13 @@ class TeePart(Table):
         return Tee(self.run_length, self.branch_length, self.fillet_radius, self.inner_diameter)
 
 
-Part = Annotated[StraightPart | ElbowPart | TeePart, Field(discriminator="kind")]
-_PARTS: dict[str, type[BaseModel]] = {"straight": StraightPart, "elbow": ElbowPart, "tee": TeePart}
+Part = Annotated[StraightPart | ReducerPart | ElbowPart | TeePart, Field(discriminator="kind")]
+_PARTS: dict[str, type[BaseModel]] = {
+    "straight": StraightPart,
+    "reducer": ReducerPart,
+    "elbow": ElbowPart,
+    "tee": TeePart,
+}
 
 
 class Place(Table):
@@ -147,7 +166,7 @@ class Network(Table):
             part.run_length + part.branch_length
             if isinstance(part, TeePart)
             else part.length
-            if isinstance(part, StraightPart)
+            if isinstance(part, StraightPart | ReducerPart)
             else part.mean_radius * math.radians(part.angle_deg)
             for part in self.fittings
         )
@@ -192,7 +211,7 @@ class Network(Table):
     @cached_property
     def _ends(self) -> dict[str, End]:
         """Every port, in order, by its name in the file."""
-        kinds = {"straight": Straight, "elbow": Elbow, "tee": Tee}
+        kinds = {"straight": Straight, "reducer": Reducer, "elbow": Elbow, "tee": Tee}
         return {
             f"{part.name}.{port}": (i, port)
             for i, part in enumerate(self.fittings)

@@ -1,8 +1,9 @@
 """Pipes: fittings, networks, routes and their exact inner surface. Pure NumPy."""
 
 from omnitrack_sim.pipes.centreline import Centreline, Segment
-from omnitrack_sim.pipes.fittings import TEE_ARCS, Elbow, Fitting, Straight, Tee, TeeArcs
+from omnitrack_sim.pipes.fittings import TEE_ARCS, Elbow, Fitting, Reducer, Straight, Tee, TeeArcs
 from omnitrack_sim.pipes.network import (
+    BORE_TOLERANCE,
     Passage,
     PipeNetwork,
     Placed,
@@ -14,6 +15,7 @@ from omnitrack_sim.pipes.network import (
 )
 
 __all__ = [
+    "BORE_TOLERANCE",
     "TEE_ARCS",
     "Centreline",
     "Elbow",
@@ -21,6 +23,7 @@ __all__ = [
     "Passage",
     "PipeNetwork",
     "Placed",
+    "Reducer",
     "Route",
     "Segment",
     "Step",

@@ -1,7 +1,7 @@
-"""Straight, elbow and tee: sizes, ports, axis curves and the exact inner surface.
+"""Straight, reducer, elbow and tee: sizes, ports, axis curves and the exact inner surface.
 
-Frames: a straight runs along +z from the origin; an elbow enters along +z at the origin and bends towards +x; a tee has
-its run along z, centred at the origin, and its branch along +x. Port frames have z out of the fitting.
+Frames: a straight or reducer runs along +z from the origin; an elbow enters along +z at the origin and bends towards
++x; a tee has its run along z, centred at the origin, and its branch along +x. Port frames have z out of the fitting.
 """
 
 from __future__ import annotations
@@ -60,15 +60,24 @@ _X, _Y, _Z = np.eye(3)
 
 @dataclass(frozen=True)
 class Fitting:
-    """What all fittings share: a bore of ``inner_diameter`` m."""
+    """What all fittings share: a bore of ``inner_diameter`` m, the same at all ports but for the reducer's."""
 
     kind: ClassVar[str]
     choices: ClassVar[tuple[str, ...]]
 
     @property
     def radius(self) -> float:
-        """Bore radius, m."""
+        """Bore radius, m; of a reducer that at ``start``."""
         return self.inner_diameter / 2  # type: ignore[attr-defined]
+
+    def port_radius(self, port: str) -> float:
+        """Bore radius at a port, m."""
+        return self.radius
+
+    @property
+    def largest_radius(self) -> float:
+        """Bore radius at the widest port, m."""
+        return max(self.port_radius(port) for port in self.choices)
 
     @property
     def ports(self) -> Mapping[str, Pose]:
@@ -93,31 +102,16 @@ class Fitting:
 
 
 @dataclass(frozen=True)
-class Straight(Fitting):
-    """A straight pipe of ``length`` m."""
+class _Axial(Fitting):
+    """A fitting whose only axis is a line of ``length`` m along +z from the origin."""
 
     length: float
-    inner_diameter: float = 0.16
-    kind: ClassVar[str] = "straight"
     choices: ClassVar[tuple[str, ...]] = ("start", "end")
-
-    def __post_init__(self) -> None:
-        _check(
-            self.kind,
-            length=(self.length > 0, f"is {self.length} m; must be positive"),
-            inner_diameter=(self.inner_diameter > 0, f"is {self.inner_diameter} m; must be positive"),
-        )
 
     @property
     def ports(self) -> Mapping[str, Pose]:
         """``start`` at the origin, ``end`` at z = length."""
         return {"start": _port(-_Z, _X, np.zeros(3)), "end": _port(_Z, _X, self.length * _Z)}
-
-    def signed_distance(self, points: Array) -> tuple[Array, Array]:
-        """See ``Fitting``: R minus the distance from the axis."""
-        across = np.array(points, float)
-        across[..., 2] = 0.0
-        return _bore_distance(across, self.radius)
 
     def extent(self, points: Array) -> Array:
         """See ``Fitting``."""
@@ -128,6 +122,88 @@ class Straight(Fitting):
         """See ``Fitting``."""
         sign = 1.0 if enter == "start" else -1.0
         return Path(self.ports[enter].position, sign * _Z, _X, ((self.length, 0.0),))
+
+
+@dataclass(frozen=True)
+class Straight(_Axial):
+    """A straight pipe of ``length`` m."""
+
+    inner_diameter: float = 0.16
+    kind: ClassVar[str] = "straight"
+
+    def __post_init__(self) -> None:
+        _check(
+            self.kind,
+            length=(self.length > 0, f"is {self.length} m; must be positive"),
+            inner_diameter=(self.inner_diameter > 0, f"is {self.inner_diameter} m; must be positive"),
+        )
+
+    def signed_distance(self, points: Array) -> tuple[Array, Array]:
+        """See ``Fitting``: R minus the distance from the axis."""
+        across = np.array(points, float)
+        across[..., 2] = 0.0
+        return _bore_distance(across, self.radius)
+
+
+STEEPEST_CONE = math.radians(20)
+"""Largest half cone angle of a reducer, rad."""
+
+
+@dataclass(frozen=True)
+class Reducer(_Axial):
+    """A concentric cone of ``length`` m from ``inner_diameter`` m at ``start`` to ``end_diameter`` m at ``end``."""
+
+    end_diameter: float
+    inner_diameter: float = 0.16
+    kind: ClassVar[str] = "reducer"
+
+    def __post_init__(self) -> None:
+        sizes = {name: getattr(self, name) for name in ("length", "inner_diameter", "end_diameter")}
+        _check(self.kind, **{name: (size > 0, f"is {size} m; must be positive") for name, size in sizes.items()})
+        least = abs(self.end_diameter - self.inner_diameter) / 2 / math.tan(STEEPEST_CONE)
+        angle = math.degrees(math.atan(abs(self.slope)))
+        steepest = math.degrees(STEEPEST_CONE)
+        _check(
+            self.kind,
+            end_diameter=(
+                self.end_diameter != self.inner_diameter,
+                f"is {self.end_diameter} m, as inner_diameter is; use a straight",
+            ),
+            length=(
+                self.length >= least,
+                f"is {self.length} m, a half cone angle of {angle:.3g} degrees; at most {steepest:g} degrees are "
+                f"possible, so at least {math.ceil(1e5 * least) / 1e5:.5f} m",
+            ),
+        )
+
+    @property
+    def slope(self) -> float:
+        """Growth of the bore radius along +z, m/m: the tangent of the half cone angle, negative where it narrows."""
+        return (self.end_diameter - self.inner_diameter) / 2 / self.length
+
+    def port_radius(self, port: str) -> float:
+        """See ``Fitting``."""
+        return self.end_diameter / 2 if port == "end" else self.radius
+
+    def signed_distance(self, points: Array) -> tuple[Array, Array]:
+        """See ``Fitting``: to the cone between the port planes, so to its edge where that is nearer than the rest."""
+        points = np.asarray(points, float)
+        x, y, z = np.moveaxis(points, -1, 0)
+        from_axis, slope = np.hypot(x, y), self.slope
+        cosine = 1 / math.hypot(1.0, slope)
+        outward = np.where((from_axis > 0)[..., None], points * [1, 1, 0], _X)
+        outward = outward / np.where(from_axis > 0, from_axis, 1.0)[..., None]
+        # In the half plane through the axis and the point the wall is a straight line.
+        distance = cosine * (self.radius + slope * z - from_axis)
+        foot = z - slope * cosine * distance
+        edge = np.clip(foot, 0.0, self.length)
+        across, along = from_axis - self.radius - slope * edge, z - edge
+        away = np.copysign(np.hypot(across, along), distance)
+        safe = np.where(away == 0, 1.0, away)[..., None]
+        on_cone = (foot == edge)[..., None]
+        from_edge = (across[..., None] * outward + along[..., None] * _Z) / safe
+        gradient = np.where(on_cone, cosine * (slope * _Z - outward), from_edge)
+        return np.where(foot == edge, distance, away), gradient
 
 
 @dataclass(frozen=True)

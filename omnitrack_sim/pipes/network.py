@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from omnitrack_sim.errors import Fault, GeometryError
 from omnitrack_sim.frames import Array, Pose, rotation_about
 from omnitrack_sim.pipes.centreline import Centreline, Segment
-from omnitrack_sim.pipes.fittings import TEE_ARCS, Fitting, Tee, TeeArcs
+from omnitrack_sim.pipes.fittings import TEE_ARCS, Fitting, Reducer, Tee, TeeArcs
 
 SAMPLE_SPACING = 0.02
 """Spacing of the samples along the axis that overlaps are looked for with, m."""
@@ -19,6 +20,8 @@ OVERLAP = 1e-3
 """Depth by which two bores may share space unnoticed, m."""
 JOINED = 1e-6
 """Distance within which two open ports are the same place, m."""
+BORE_TOLERANCE = 1e-3
+"""Difference of the diameters of joined bores that passes as manufacturing tolerance, m."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +59,10 @@ class Placed:
             s = np.linspace(0, line.length, max(2, int(np.ceil(line.length / SAMPLE_SPACING)) + 1))
             point, frame = line.at(s)[0], line.frame(s)
             around = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-            ring = 0.95 * self.fitting.radius * np.stack([np.cos(around), np.sin(around), 0 * around], axis=-1)
-            samples += [point, (point[:, None] + np.einsum("sij,kj->ski", frame, ring)).reshape(-1, 3)]
+            radius = np.linspace(self.fitting.port_radius(enter), self.fitting.port_radius(leave), len(s))
+            ring = np.stack([np.cos(around), np.sin(around), 0 * around], axis=-1)
+            rings = 0.95 * radius[:, None, None] * np.einsum("sij,kj->ski", frame, ring)
+            samples += [point, (point[:, None] + rings).reshape(-1, 3)]
         return np.concatenate(samples)
 
     def holds(self, points: Array, margin: float) -> bool:
@@ -71,7 +76,8 @@ class PipeNetwork:
     """Placed fittings and which ports are joined: ((part, port), (part, port)) by index and name.
 
     Raises:
-        GeometryError: joined bores of different diameter, or parts that run into each other.
+        GeometryError: joined bores whose diameters differ by more than ``BORE_TOLERANCE``, or parts that run into each
+            other.
     """
 
     parts: tuple[Placed, ...]
@@ -93,7 +99,8 @@ class PipeNetwork:
 
         World frame, positive in a bore.
         Each part counts between its port planes; beyond all of them the distance is negative, towards the
-        nearest port plane.
+        nearest port plane. In the part that a reducer's wide end is joined to, points near the axis within a few
+        millimetres of the joint can be nearer to the cone than to their own part's wall; this is not seen here.
         """
         points = np.asarray(points, float)
         best = np.full(points.shape[:-1], -np.inf)
@@ -110,14 +117,14 @@ class PipeNetwork:
         faults = []
         for (i, port_i), (j, port_j) in self.joints:
             a, b = self.parts[i], self.parts[j]
-            if abs(a.fitting.radius - b.fitting.radius) > JOINED:
-                diameters = f"{2 * a.fitting.radius:.6g} m and {2 * b.fitting.radius:.6g} m"
-                faults.append(
-                    Fault(
-                        f"pipes.{j}.inner_diameter",
-                        f"joins {a.name!r} ({port_i}) to {b.name!r} ({port_j}) of {diameters}",
-                    )
+            bore_a, bore_b = 2 * a.fitting.port_radius(port_i), 2 * b.fitting.port_radius(port_j)
+            if abs(bore_a - bore_b) > BORE_TOLERANCE + JOINED:
+                key = "end_diameter" if isinstance(b.fitting, Reducer) and port_j == "end" else "inner_diameter"
+                problem = (
+                    f"joins {a.name!r} ({port_i}) of {bore_a:.6g} m to {b.name!r} ({port_j}) of {bore_b:.6g} m; "
+                    "a reducer joins bores of two sizes"
                 )
+                faults.append(Fault(f"pipes.{j}.{key}", problem))
         return faults
 
     def _overlaps(self) -> list[Fault]:
@@ -129,7 +136,7 @@ class PipeNetwork:
         for i in range(len(self.parts)):
             apart = np.linalg.norm(centres - centres[i], axis=1)
             # The samples stand at 0.95 R: twice that room covers the bores themselves.
-            room = extents + extents[i] + 0.1 * (self.parts[i].fitting.radius + extents)
+            room = extents + extents[i] + 0.1 * (self.parts[i].fitting.largest_radius + extents)
             for j in np.flatnonzero(apart < room).tolist():
                 if j > i and frozenset((i, j)) not in joined:
                     self._overlap(i, j, samples, faults)
@@ -170,7 +177,7 @@ class Passage:
     """One fitting as it is passed, in arc length along the route.
 
     Attributes:
-        index: of the part. kind, enter, leave: of the fitting and its ports. radius: bore radius, m.
+        index: of the part. kind, enter, leave: of the fitting and its ports. radius: bore radius at the entry, m.
         s_enter, s_leave: port planes, m.
         is_turn: the route bends here.
         s_bend_start, s_bend_end, bend_radius: of the centreline's arc, m; nan where it does not bend.
@@ -200,6 +207,20 @@ class Route:
     network: PipeNetwork
     centreline: Centreline
     fittings: tuple[Passage, ...]
+
+    def bore_radius(self, s: Array) -> Array:
+        """Bore radius (n,) m at arc lengths (n,) m along the centreline; beyond its ends that at the ends.
+
+        Linear between the ports of each fitting; at a joint of two bores either of them.
+        """
+        return np.interp(s, *self._bore)
+
+    @cached_property
+    def _bore(self) -> tuple[Array, Array]:
+        """Arc lengths (k,) m of all ports passed, and the bore radii there, m."""
+        ends = [end for p in self.fittings for end in ((p, p.enter, p.s_enter), (p, p.leave, p.s_leave))]
+        radii = [self.network.parts[p.index].fitting.port_radius(port) for p, port, _ in ends]
+        return np.array([s for _, _, s in ends]), np.array(radii)
 
 
 def route(steps: Sequence[Step], start: Pose | None = None, arcs: TeeArcs = TEE_ARCS) -> Route:
@@ -300,7 +321,7 @@ def _passage(index: int, fitting: Fitting, enter: str, leave: str, segments: lis
     starts = distance + np.cumsum([0.0, *(s.length for s in segments)])
     bend = next((i for i, s in enumerate(segments) if s.curvature > 0), None)
     is_turn = bend is not None
-    radius = fitting.radius
+    radius = fitting.port_radius(enter)
     opening = (np.nan, np.nan)
     if isinstance(fitting, Tee):
         # The opening is as wide as the branch, about the point where the axes meet.

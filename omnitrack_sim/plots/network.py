@@ -9,7 +9,7 @@ import numpy as np
 
 from omnitrack_sim.frames import Array
 from omnitrack_sim.network import Network
-from omnitrack_sim.pipes import Centreline, Placed, Route, Straight, Tee
+from omnitrack_sim.pipes import Centreline, Placed, Reducer, Route, Straight, Tee
 from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, save_figure, styled
 
 if TYPE_CHECKING:
@@ -69,7 +69,9 @@ def _draw(network: Network, route: Route | None) -> Figure:
     for part in parts:
         # Each name stands in the view that shows most of its part.
         points = np.concatenate(_lines(part))
-        seen = [float(np.prod(np.ptp(points[:, list(pair)], axis=0) + part.fitting.radius)) for pair, _ in views]
+        seen = [
+            float(np.prod(np.ptp(points[:, list(pair)], axis=0) + part.fitting.largest_radius)) for pair, _ in views
+        ]
         view = int(np.argmax(seen))
         _label(axes[view], renderer, part.name, _middle(part)[list(views[view][0])])
     title = f"{network.name}: {len(parts)} parts, {network.length:.2f} m, {len(network.open_ends)} open ends"
@@ -187,7 +189,7 @@ def _lines(part: Placed) -> list[Array]:
         start, end, branch = (part.port(port).position for port in part.fitting.choices)
         return [np.stack([start, end]), np.stack([part.pose.position, branch])]
     line = _axis(part)
-    count = 2 if isinstance(part.fitting, Straight) else max(2, round(line.length / BEND_SPACING) + 1)
+    count = 2 if isinstance(part.fitting, Straight | Reducer) else max(2, round(line.length / BEND_SPACING) + 1)
     return [line.at(np.linspace(0, line.length, count))[0]]
 
 
@@ -200,14 +202,15 @@ def _middle(part: Placed) -> Array:
 def _caps(part: Placed) -> list[Array]:
     """Discs that close a part's ports, corners (AROUND, 3) m: seen along its axis a pipe is one of them."""
     angle = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
-    disc = part.fitting.radius * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
-    return [part.port(port).apply(disc) for port in part.fitting.choices]
+    disc = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    return [part.port(port).apply(part.fitting.port_radius(port) * disc) for port in part.fitting.choices]
 
 
 def _quads(part: Placed) -> Array:
     """Corners (n, 4, 3) m of the faces of a part's bore."""
     found = []
     angle = np.linspace(0, 2 * np.pi, AROUND + 1)
+    first, last = (part.fitting.port_radius(port) for port in part.fitting.choices[:2])
     for line in _lines(part):
         if isinstance(part.fitting, Tee):
             tangent = np.stack([line[1] - line[0]] * 2) / np.linalg.norm(line[1] - line[0])
@@ -218,7 +221,8 @@ def _quads(part: Placed) -> Array:
             tangent, side = frame[:, :, 2], frame[:, :, 0]
         other = np.cross(tangent, side)
         ring = np.cos(angle)[:, None] * side[:, None] + np.sin(angle)[:, None] * other[:, None]
-        ring = line[:, None] + part.fitting.radius * ring  # (n, AROUND + 1, 3)
+        radius = np.linspace(first, last, len(line))[:, None, None]
+        ring = line[:, None] + radius * ring  # (n, AROUND + 1, 3)
         corners = np.stack([ring[:-1, :-1], ring[1:, :-1], ring[1:, 1:], ring[:-1, 1:]], axis=-2)
         found.append(corners.reshape(-1, 4, 3))
     return np.concatenate(found)
