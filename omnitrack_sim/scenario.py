@@ -6,15 +6,19 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from omnitrack_sim.errors import Fault, GeometryError, ScenarioError
-from omnitrack_sim.files import NAME_PATTERN, checked, fault_of, read_toml, shipped_scenarios
+from omnitrack_sim.errors import Fault, GeometryError, NetworkError, ScenarioError
+from omnitrack_sim.files import NAME_PATTERN, checked, fault_of, read_toml, shipped_networks, shipped_scenarios
 from omnitrack_sim.frames import Pose, frame_along
+from omnitrack_sim.network import Mission, Network, Planner, load_network
+from omnitrack_sim.network import validate as validate_network
+from omnitrack_sim.network.mission import NOSE_ROOM
 from omnitrack_sim.pipes import Route, route
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.tables import (
@@ -33,8 +37,6 @@ from omnitrack_sim.tables import (
     World,
 )
 
-NOSE_ROOM = 0.005
-"""Room between the robot's nose and the end of the route at the goal, m."""
 PER_TRIAL_ROBOT_FIELDS = {"preload", "torque_limit", "roll_torque"}
 """Robot fields that may differ between the trials of one batch: they are floats of the compiled model."""
 _PIPES: dict[str, type[BaseModel]] = {
@@ -46,10 +48,12 @@ _PIPES: dict[str, type[BaseModel]] = {
 
 
 class Scenario(Table):
-    """One run: pipes, robot, start, world, control. Keys and units: see docs/scenarios.md."""
+    """One run: pipes or a mission through a network, robot, start, world, control. Keys: see docs/scenarios.md."""
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)] = "scenario"
-    pipes: Annotated[tuple[Pipe, ...], Field(min_length=1)]
+    pipes: tuple[Pipe, ...] = ()
+    network: Network | None = None
+    mission: Mission | None = None
     start: Start = Start()
     world: World = World()
     contact: Contact = Contact()
@@ -67,8 +71,18 @@ class Scenario(Table):
             raise ScenarioError(faults)
         return self
 
+    @cached_property
+    def planner(self) -> Planner | None:
+        """Plans the legs of the mission; None without one."""
+        if self.network is None or self.mission is None:
+            return None
+        return Planner(self.network, self.mission, self.robot.length, self.start.distance, self.control.arcs)
+
     def route(self) -> Route:
-        """The pipes joined, and the centreline through them."""
+        """The pipes joined, and the centreline through them; of a mission the way to its first goal."""
+        planner = self.planner
+        if planner is not None:
+            return planner.route(planner.first)
         pose = Pose(frame_along(self.start.axis, math.radians(self.start.turn_deg)), np.zeros(3))
         return route([p.step(i) for i, p in enumerate(self.pipes)], pose, self.control.arcs)
 
@@ -80,16 +94,46 @@ class Scenario(Table):
         return self.route().centreline.length - self.robot.length / 2 - NOSE_ROOM
 
     @property
+    def plates(self) -> tuple[tuple[int, str], ...]:
+        """Ports (part index, port) that a plate closes."""
+        planner = self.planner
+        return () if planner is None else planner.plates
+
+    @property
     def time_limit_s(self) -> float:
-        """Simulated seconds after which a run is over."""
+        """Simulated seconds after which a run is over; of a mission its first leg, and each further one has its own."""
         if self.physics.time_limit is not None:
             return self.physics.time_limit
-        return 4 * self.route().centreline.length / self.control.cruise_speed + 20.0
+        return self.time_for(self.route().centreline.length)
+
+    def time_for(self, length: float) -> float:
+        """Simulated seconds that a way of ``length`` m may take: four times what cruising takes, and 20 s."""
+        return 4 * length / self.control.cruise_speed + 20.0
 
     @property
     def hash(self) -> str:
         """SHA-256 of the resolved scenario, hexadecimal."""
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()
+
+    def _missing(self) -> list[Fault]:
+        """Pipes and mission: one of them, and what goes with it."""
+        if self.network is None and self.mission is None:
+            return [] if self.pipes else [Fault("pipes", "is missing: a list of pipes, or give network and mission")]
+        faults = []
+        if self.pipes:
+            faults.append(Fault("pipes", "are given as well as a network; give one of them"))
+        if self.network is None:
+            faults.append(
+                Fault("network", "is missing: a file, a shipped network or a table", tuple(shipped_networks()))
+            )
+        if self.mission is None:
+            faults.append(Fault("mission", "is missing: a table with start and goals"))
+        for key, default in (("axis", Start().axis), ("turn_deg", Start().turn_deg)):
+            if getattr(self.start, key) != default:
+                faults.append(Fault(f"start.{key}", "is for pipes; a network has its own place"))
+        if self.goal.distance is not None:
+            faults.append(Fault("goal.distance", "is for pipes; a mission has goals"))
+        return faults
 
     def _faults(self) -> list[Fault]:
         """What the tables cannot see alone: geometry, start and goal on the route, arms that fit the bore."""
@@ -99,6 +143,7 @@ class Scenario(Table):
             if isinstance(value, float) and not math.isfinite(value)
         ]
         names = []
+        faults += self._missing()
         for i, pipe in enumerate(self.pipes):
             try:
                 names.append(pipe.step(i).name)
@@ -108,22 +153,32 @@ class Scenario(Table):
             return faults
         try:
             line = self.route()
+            planner = self.planner
+            if planner is not None:
+                planner.check()
         except GeometryError as error:
             return list(error.faults)
+        except NetworkError as error:
+            return [Fault(f"mission.{f.where}", f.problem, f.choices) for f in error.faults]
         faults = [
             Fault(f"pipes.{i}.name", f"{name!r} is taken by an earlier pipe")
             for i, name in enumerate(names)
             if name in names[:i]
         ]
         low, high = self.robot.slide_range
-        for i, passage in enumerate(line.fittings):
-            slide = passage.radius - self.robot.nominal_pipe_radius
-            if not low < slide < high:
+        where = "pipes" if self.pipes else "network.fittings"
+        bores = [
+            (p.index, key, line.network.parts[p.index].fitting.port_radius(port))
+            for p in line.fittings
+            for key, port in (("inner_diameter", p.enter), ("end_diameter", p.leave))
+        ]
+        for i, key, radius in bores:
+            if not low < radius - self.robot.nominal_pipe_radius < high:
                 reach = [2 * (self.robot.nominal_pipe_radius + s) for s in (low, high)]
                 faults.append(
                     Fault(
-                        f"pipes.{i}.inner_diameter",
-                        f"is {2 * passage.radius:.4g} m; the arms reach bores from {reach[0]:.4g} to {reach[1]:.4g} m",
+                        f"{where}.{i}.{key}",
+                        f"is {2 * radius:.4g} m; the arms reach bores from {reach[0]:.4g} to {reach[1]:.4g} m",
                     )
                 )
                 break
@@ -149,9 +204,10 @@ class Scenario(Table):
 def model_key(data: Mapping[str, Any]) -> str:
     """What the compiled model depends on, of a scenario as plain data with every key."""
     physics = [data["physics"][key] for key in ("timestep", "collider", "wall_tolerance", "staves")]
+    plates = data["mission"] and data["mission"]["blocked"]
     start = [data["start"][key] for key in ("axis", "turn_deg")]
     robot = {key: value for key, value in data["robot"].items() if key not in PER_TRIAL_ROBOT_FIELDS}
-    return json.dumps([data["pipes"], start, robot, physics], sort_keys=True)
+    return json.dumps([data["pipes"], data["network"], plates, start, robot, physics], sort_keys=True)
 
 
 def load_scenario(source: str | Path) -> Scenario:
@@ -161,18 +217,36 @@ def load_scenario(source: str | Path) -> Scenario:
         ScenarioError: no such file, bad TOML, or any fault in it; every fault is listed with its path in the file.
     """
     path, data = read_toml(source, "scenario", shipped_scenarios(), ScenarioError)
-    return validate({"name": path.stem} | data)
+    return validate(data, path.parent)
 
 
-def validate(data: Mapping[str, Any]) -> Scenario:
-    """A scenario from plain data, as read from TOML or JSON.
+def validate(data: Mapping[str, Any], folder: Path = Path()) -> Scenario:
+    """A scenario from plain data, as read from TOML or JSON; a network may be a table, a file or a shipped one's name.
+
+    Args:
+        data: of the file.
+        folder: that the path of a network is relative to.
 
     Raises:
         ScenarioError: lists every fault with its dotted path.
     """
+    network = data.get("network")
+    if isinstance(network, str | Mapping):
+        data = {**data, "network": _network(network, folder)}
     return checked(
         Scenario, data, "pipes", lambda item: fault_of(item, "pipes", tuple(_PIPES), _choices_at), ScenarioError
     )
+
+
+def _network(source: str | Mapping[str, Any], folder: Path) -> Network:
+    """The network of a scenario: a table, a file or a shipped one's name."""
+    try:
+        if isinstance(source, Mapping):
+            return validate_network(source)
+        return load_network(folder / source if (folder / source).is_file() else source)
+    except NetworkError as error:
+        where = "network: " if isinstance(source, str) else "network."
+        raise ScenarioError([Fault(where + f.where, f.problem, f.choices) for f in error.faults]) from None
 
 
 def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:

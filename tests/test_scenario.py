@@ -68,7 +68,7 @@ def test_a_scenario_survives_its_own_json():
             "pipes.1.inner_diameter",
             "joins",
         ),
-        ({"pipes": []}, "pipes", "at least 1"),
+        ({"pipes": []}, "pipes", "is missing"),
         ({"start": {"distance": 0.01}}, "start.distance", "inside the pipe"),
         ({"start": {"distance": 0.49}}, "start.distance", "inside the pipe"),
         ({"goal": {"distance": 0.05}}, "goal.distance", "over start.distance"),

@@ -79,7 +79,6 @@ class Settings:
     reach: Array  # m
     elbow_delay: Array  # m
     tee_trigger: Array  # m
-    goal_distance: Array  # m
 
 
 class Controller(Protocol):

@@ -139,7 +139,7 @@ def _scene_route(fitting: Fitting) -> Route:
 def _scene_spec(name: str, fitting: Fitting) -> mujoco.MjSpec:
     """A pipe run with the robot in its entry: keyframe ``start``."""
     way, robot = _scene_route(fitting), Robot()
-    spec = build_scene(way, robot, looks=True)
+    spec = build_scene(way.network, robot, looks=True)
     spec.modelname = f"omnitrack_scene_{name}"
     model = spec.copy().compile()
     data = mujoco.MjData(model)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 
 from omnitrack_sim.mjcf.robot import add_robot
 from omnitrack_sim.mjcf.spec import TIMESTEP, new_spec
-from omnitrack_sim.mjcf.walls import add_exact_walls, add_walls
-from omnitrack_sim.pipes import Route
+from omnitrack_sim.mjcf.walls import add_exact_walls, add_plates, add_walls
+from omnitrack_sim.pipes import PipeNetwork
 from omnitrack_sim.robot import Robot
 
 
@@ -21,20 +23,22 @@ def let_walls_sleep(spec: mujoco.MjSpec) -> None:
 
 
 def build_scene(
-    route: Route,
+    network: PipeNetwork,
     robot: Robot,
     *,
+    plates: Sequence[tuple[int, str]] = (),
     timestep: float = TIMESTEP,
     wall_tolerance: float = 1e-4,
     staves: int | None = None,
     exact: bool = False,
     looks: bool = False,
 ) -> mujoco.MjSpec:
-    """The robot at the world's origin and the walls along a route, ready to compile.
+    """The robot at the world's origin and the walls of a network, ready to compile.
 
     Args:
-        route: pipes, placed in the world, and their centreline.
+        network: pipes, placed in the world.
         robot: parameters.
+        plates: ports (part index, port) that are closed by a plate.
         timestep: s.
         wall_tolerance: m, largest distance of the walls from the exact surface on all but tees.
         staves: number of wall pieces around a bore, instead of what the tolerance asks for.
@@ -45,14 +49,15 @@ def build_scene(
     spec = new_spec("omnitrack_scene")
     spec.option.timestep = timestep
     if exact:
-        add_exact_walls(spec, route.network)
+        add_exact_walls(spec, network)
     else:
-        add_walls(spec, route.network, tolerance=wall_tolerance, staves=staves)
+        add_walls(spec, network, tolerance=wall_tolerance, staves=staves)
+    add_plates(spec, network, plates)
     add_robot(spec, robot, line_tracks=exact)
     if looks:
         from omnitrack_sim.mjcf.looks import add_cameras, add_pipe_looks, add_robot_looks
 
         add_robot_looks(spec, robot)
-        add_pipe_looks(spec, route.network)
-        add_cameras(spec, route.network)
+        add_pipe_looks(spec, network)
+        add_cameras(spec, network)
     return spec

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import mujoco
@@ -116,6 +117,29 @@ def _line_ends(network: PipeNetwork, end: tuple[int, str], other: tuple[int, str
     # collider finds by itself.
     at_kink = isinstance(theirs, Elbow | Reducer) or (isinstance(mine, Reducer) and bore == mine.largest_radius)
     return at_kink or abs(bore - next_bore) > JOINED
+
+
+def add_plates(spec: mujoco.MjSpec, network: PipeNetwork, plates: Sequence[tuple[int, str]]) -> None:
+    """Close ports (part index, port name) by plates that collide with lugs; they are seen in pictures."""
+    for index, port in plates:
+        part = network.parts[index]
+        pose, radius = part.port(port), part.fitting.port_radius(port)
+        spec.worldbody.add_geom(
+            name=f"plate_{part.name}_{port}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[radius, radius, PLATE_THICKNESS / 2],
+            pos=pose.position,
+            quat=pose.quaternion,
+            contype=2,
+            conaffinity=1,
+            group=PLATE_GROUP,
+            rgba=PLATE_COLOUR,
+        )
+
+
+PLATE_GROUP, PLATE_COLOUR = 1, [0.72, 0.22, 0.18, 1.0]
+PLATE_THICKNESS = 0.006
+"""Of a plate that closes a pipe, m; assumed."""
 
 
 def _add_geom(spec: mujoco.MjSpec, name: str, kind: mujoco.mjtGeom, **shape: object) -> None:

@@ -196,6 +196,10 @@ class Network(Table):
             raise NetworkError(self._unknown_port(where, port))
         return self._ends[name]
 
+    def port_name(self, port: End) -> str:
+        """``part.port`` of a port given as part index and port name."""
+        return f"{self.fittings[port[0]].name}.{port[1]}"
+
     def to_toml(self) -> str:
         """The file's text; read again it gives an equal network."""
         data = self.model_dump(mode="json", exclude_defaults=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,10 @@ NO_MOTION_COSINE = 0.2
 SLIPPING_RATIO = 0.5
 STALLED_SPEED = 0.2
 """Part of the commanded belt speed below which a saturated motor counts as stalled."""
+
+
+SendsOn = Callable[[int, Place, float, bool], float | None]
+"""Given a robot, the places of all, the time in s and whether it has arrived: seconds for its next leg, or None."""
 
 
 @dataclass
@@ -60,9 +65,13 @@ class Monitor:
         cruise_speed: Array,
         time_limit: Array,
         period: float,
+        sends_on: SendsOn,
     ):
+        """``goal`` (n,) m is read anew at every step. ``sends_on`` is asked before a trial ends that could go on."""
         n = len(goal)
-        self.guide, self.goal, self.time_limit, self.period = guide, goal, time_limit, period
+        self._sends_on = sends_on
+        self.guide, self.goal, self.period = guide, goal, period
+        self.time_limit = np.array(time_limit, float)
         self.patience = np.maximum(PATIENCE_TIME, PATIENCE_DISTANCE / cruise_speed)
         self.exit = robot.length / 2
         self.farthest = np.array(start, float)
@@ -123,9 +132,17 @@ class Monitor:
         )
         if not np.any([flags.any() for flags, _ in events]):
             return
+        sent: set[int] = set()
         for flags, outcome in events:
             for i in np.flatnonzero(flags & np.isnan(self.end_time)).tolist():
-                self._end(i, outcome or self._cause(i, place), readings, place)
+                goes_on = outcome in (None, Outcome.REACHED_GOAL) and i not in sent
+                allowed = self._sends_on(i, place, float(readings.time[i]), outcome is not None) if goes_on else None
+                if allowed is None:
+                    self._end(i, outcome or self._cause(i, place), readings, place)
+                else:
+                    sent.add(i)
+                    self.farthest[i], self.waiting[i] = -np.inf, 0.0
+                    self.time_limit[i] += allowed
 
     def _cause(self, i: int, place: Place) -> Outcome:
         """Why trial ``i`` makes no headway."""

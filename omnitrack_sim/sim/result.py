@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 import math
@@ -23,6 +24,7 @@ import numpy as np
 
 from omnitrack_sim.errors import OutputError
 from omnitrack_sim.metrics import Metrics
+from omnitrack_sim.network import Leg
 from omnitrack_sim.outcome import Outcome
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.robot import MODULES
@@ -45,6 +47,7 @@ class Result:
         trajectory: the record.
         provenance: versions, seed, scenario hash, git commit.
         events: remarks of the controller and the runner.
+        legs: of a mission, in the order of the trajectory's ``leg``; empty for plain pipes.
     """
 
     scenario: Scenario
@@ -55,6 +58,7 @@ class Result:
     trajectory: Trajectory
     provenance: dict[str, Any]
     events: list[str] = field(default_factory=list)
+    legs: tuple[Leg, ...] = ()
 
     @property
     def success(self) -> bool:
@@ -69,7 +73,8 @@ class Result:
 
     def routes(self) -> tuple[Route, ...]:
         """The route of each leg, in the order of the trajectory's ``leg``."""
-        return (self.scenario.route(),)
+        planner = self.scenario.planner
+        return (self.scenario.route(),) if planner is None else tuple(planner.route(leg) for leg in self.legs)
 
     def summary(self) -> dict[str, Any]:
         """The contents of ``result.json``."""
@@ -83,6 +88,7 @@ class Result:
             "duration_s": self.duration_s,
             "metrics": self.metrics,
             "events": self.events,
+            "legs": [dataclasses.asdict(leg) for leg in self.legs],
             "provenance": self.provenance,
         }
 
@@ -189,11 +195,18 @@ def load_result(directory: str | Path) -> Result:
             trajectory=trajectory,
             provenance=summary["provenance"],
             events=summary["events"],
+            legs=tuple(_leg(leg) for leg in summary["legs"]),
         )
     except FileNotFoundError as error:
         raise OutputError(f"{folder}: is no run: {Path(error.filename).name} is missing") from error
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
         raise OutputError(f"{folder}: cannot be read as a run: {error}") from error
+
+
+def _leg(data: dict[str, Any]) -> Leg:
+    way = tuple((int(part), str(enter), str(leave)) for part, enter, leave in data["way"])
+    rest = {key: value for key, value in data.items() if key != "way"}
+    return Leg(way, **rest)
 
 
 def column_names(channel: str) -> list[str]:

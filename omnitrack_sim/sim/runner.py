@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.collider import why_not
-from omnitrack_sim.control import CONTROLLERS, Command, Observation
+from omnitrack_sim.control import CONTROLLERS, Observation
 from omnitrack_sim.control.drive import Drive
+from omnitrack_sim.control.gear import carried_out, heading, seen
 from omnitrack_sim.control.guide import Guide, Place
 from omnitrack_sim.frames import Array
 from omnitrack_sim.metrics import summarise
 from omnitrack_sim.scenario import Scenario, model_key
+from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.monitor import Monitor
 from omnitrack_sim.sim.plant import Plant, Readings, Trials
 from omnitrack_sim.sim.recorder import Recorder
@@ -106,7 +108,8 @@ class BatchRun:
         self.substeps = max(1, round(self.period / first.physics.timestep))
         self.record_every = max(1, round(first.physics.record_period / self.period))
         start = np.array([s.start.distance for s in scenarios])
-        self.guide = Guide.along(first.route(), start)
+        self.legs = Legs(scenarios)
+        self.guide = Guide(self.legs.routes, self.legs.way, start)
         trials = trials_of(scenarios, self.guide)
         self.settings, self.notes = settings_of(scenarios, self.guide)
         self.collider = "exact" if uses_exact_collider(first) else "primitives"
@@ -123,18 +126,17 @@ class BatchRun:
         self.monitor = Monitor(
             self.guide,
             first.robot,
-            self.settings.goal_distance,
+            self.legs.end,
             start,
             self.settings.cruise_speed,
             np.array([s.time_limit_s for s in scenarios]),
             self.period,
+            self._sends_on,
         )
         self.recorder = Recorder(self.controller.phases)
         self.belt_command = np.zeros((len(scenarios), 3))
         self.roll_command = trials.roll.copy()
         self.phase = np.zeros(len(scenarios), int)
-        self.leg = np.zeros(len(scenarios), int)
-        self.gear = np.ones(len(scenarios), int)
         self.shares = Shares()
 
     def advance(self, progress: Progress | None = None, clock: Callable[[], float] = lambda: 0.0) -> None:
@@ -143,8 +145,9 @@ class BatchRun:
         while True:
             t0 = clock()
             readings = self.plant.read()
-            place = self.guide.locate(readings.position, readings.rotation)
-            self._judge(readings, place)
+            place = self._locate(readings)
+            if self._judge(readings, place):
+                place = self._locate(readings)
             active = self.monitor.active
             t1 = clock()
             recorded = tick % self.record_every == 0 or len(active) == 0
@@ -164,14 +167,37 @@ class BatchRun:
             if progress is not None and tick % 50 == 0:
                 self._report(progress, place, active)
 
-    def _judge(self, readings: Readings, place: Place) -> None:
+    def _locate(self, readings: Readings) -> Place:
+        return self.guide.locate(readings.position, heading(readings.rotation, self.legs.gear))
+
+    def _judge(self, readings: Readings, place: Place) -> bool:
+        """Whether a robot was sent onto another leg."""
+        before = self.legs.number.copy()
         self.monitor.update(
             readings, place, self.belt_command, self.drive.saturated, self.controller.resting, self.plant.diverged
         )
+        return bool((self.legs.number != before).any())
+
+    def _sends_on(self, robot: int, place: Place, time: float, arrived: bool) -> float | None:
+        """Send a robot that has arrived at the end of its leg, or hangs, onto its next one, if it has one.
+
+        Returns:
+            Simulated seconds that the leg may take; None where there is none.
+        """
+        gear = self.legs.gear[robot]
+        leg, told = self.legs.next_of(robot, float(place.distance[robot]), arrived)
+        self.controller.events[robot] += [f"{time:.2f} s, {text}" for text in told]
+        if leg is None:
+            return None
+        way = self.legs.way_of(robot, self.guide)
+        self.guide.send(robot, way, leg.begin)
+        self.controller.begin_leg(robot, bool(leg.gear != gear))
+        return self.scenarios[robot].time_for(float(self.guide.lengths[way]))
 
     def _command(self, readings: Readings, place: Place, active: NDArray[np.intp]) -> tuple[Array, Array, Array]:
         """Ask the controller, drive the motors. Trials that have ended keep their last command."""
-        command: Command = self.controller.step(self._observation(readings, place))
+        seen_so = seen(self._observation(readings, place), self.legs.gear)
+        command = carried_out(self.controller.step(seen_so), self.legs.gear)
         self.belt_command[active] = command.belt_speed[active]
         self.roll_command[active] = command.roll[active]
         self.phase[active] = command.phase[active]
@@ -203,8 +229,8 @@ class BatchRun:
             qpos=self.plant.qpos,
             position=readings.position,
             quaternion=readings.quaternion,
-            leg=self.leg,
-            gear=self.gear,
+            leg=self.legs.number,
+            gear=self.legs.gear,
             distance=place.distance,
             offset=place.offset,
             tilt=place.tilt,
@@ -227,7 +253,7 @@ class BatchRun:
         )
 
     def _report(self, progress: Progress, place: Place, active: NDArray[np.intp]) -> None:
-        part = np.clip(place.distance / self.settings.goal_distance, 0, 1)
+        part = np.clip(place.distance / self.legs.end, 0, 1)
         part[np.setdiff1d(np.arange(len(part)), active)] = 1.0
         phase = self.controller.phases[self.phase[active[0]]]
         text = phase if len(part) == 1 else f"{len(active)} of {len(part)} running"
@@ -258,6 +284,7 @@ class BatchRun:
                     trajectory=trajectory,
                     provenance=provenance_of(scenario) | {"collider": self.collider},
                     events=[*([] if note is None else [note]), *self.controller.events[i]],
+                    legs=self.legs.driven(i),
                 )
             )
         return results
@@ -286,6 +313,7 @@ def no_load_slips(scenarios: Sequence[Scenario]) -> list[float]:
 
 def _unloaded(scenario: Scenario) -> str:
     """JSON of the scenario in a straight pipe without gravity."""
+    first = scenario.route().fittings[0]
     bare = {
         "name": "no_load",
         "robot": scenario.robot.model_dump(),
@@ -293,7 +321,7 @@ def _unloaded(scenario: Scenario) -> str:
         "contact": scenario.contact.model_dump(),
         "control": scenario.control.model_dump(),
         "world": {"gravity": [0.0, 0.0, 0.0]},
-        "pipes": [{"kind": "straight", "length": 1.0, "inner_diameter": scenario.pipes[0].inner_diameter}],
+        "pipes": [{"kind": "straight", "length": 1.0, "inner_diameter": 2 * first.radius}],
         "start": {"distance": 0.15},
     }
     return Scenario.model_validate(bare).model_dump_json()

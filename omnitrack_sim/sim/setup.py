@@ -15,6 +15,7 @@ from omnitrack_sim.control.guide import Guide
 from omnitrack_sim.frames import Array, cross, quaternion_from_matrix
 from omnitrack_sim.mjcf.robot import spring_free_length
 from omnitrack_sim.mjcf.scene import build_scene, let_walls_sleep
+from omnitrack_sim.pipes import Elbow, Route, Tee
 from omnitrack_sim.robot import MODULES, Robot
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.plant import Trials
@@ -33,8 +34,9 @@ def scene_of(scenario: Scenario, *, looks: bool = False) -> mujoco.MjSpec:
     physics = scenario.physics
     exact = uses_exact_collider(scenario) and not looks
     spec = build_scene(
-        scenario.route(),
+        scenario.route().network,
         scenario.robot,
+        plates=scenario.plates,
         timestep=physics.timestep,
         wall_tolerance=physics.wall_tolerance,
         staves=physics.staves,
@@ -99,10 +101,12 @@ def settings_of(scenarios: Sequence[Scenario], guide: Guide) -> tuple[Settings, 
     The outer module of a bend of radius rho runs at (1 + R / rho) times the robot's speed, so the motor's speed limits
     the cruise speed. Belts are capped at what the motor holds.
     """
-    factor = 1 + max((p.radius / p.bend_radius for p in guide.passages if p is not None and p.is_turn), default=0.0)
-    radius = float(guide.radius[0])
     cruise, limit, notes = [], [], []
-    for s in scenarios:
+    radii = []
+    for s, way in zip(scenarios, guide.way, strict=True):
+        route = guide.routes[way]
+        factor = 1 + _sharpest_bend(s, route)
+        radii.append(route.fittings[0].radius)
         highest = feasible_belt_speed(s.robot)
         speed = min(s.control.cruise_speed, highest / factor)
         scaled = speed < s.control.cruise_speed
@@ -126,10 +130,21 @@ def settings_of(scenarios: Sequence[Scenario], guide: Guide) -> tuple[Settings, 
         safe_margin=np.radians([np.nan if c.safe_margin_deg is None else c.safe_margin_deg for c in control]),
         reach=np.array([s.robot.reach for s in scenarios]),
         elbow_delay=np.array([c.elbow_delay for c in control]),
-        tee_trigger=np.array([radius / 2 if c.tee_trigger is None else c.tee_trigger for c in control]),
-        goal_distance=np.array([s.goal_distance for s in scenarios]),
+        tee_trigger=np.array(
+            [r / 2 if c.tee_trigger is None else c.tee_trigger for c, r in zip(control, radii, strict=True)]
+        ),
     )
     return settings, notes
+
+
+def _sharpest_bend(scenario: Scenario, route: Route) -> float:
+    """Largest pipe radius over bend radius that a robot may meet: on its route, or in the network of a mission."""
+    if scenario.mission is None:
+        return max((p.radius / p.bend_radius for p in route.fittings if p.is_turn), default=0.0)
+    fittings = [part.fitting for part in route.network.parts]
+    turn = scenario.control.tee_turn_radius
+    bends = [f.radius / f.mean_radius for f in fittings if isinstance(f, Elbow)]
+    return max([*bends, *(f.radius / turn for f in fittings if isinstance(f, Tee))], default=0.0)
 
 
 def start_qpos(scenario: Scenario, model: mujoco.MjModel) -> Array:
