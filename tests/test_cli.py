@@ -26,9 +26,9 @@ def run_dir(tmp_path_factory) -> Path:
 
 
 def test_run_leaves_its_files(run_dir):
-    """A run without video leaves five files and nothing temporary beside them."""
+    """A run without video leaves six files and nothing temporary beside them."""
     names = {p.name for p in run_dir.iterdir()}
-    assert names == {"scenario.json", "result.json", "trajectory.parquet", "replay.npz", "summary.png"}
+    assert names == {"scenario.json", "result.json", "timeline.csv", "trajectory.parquet", "replay.npz", "summary.png"}
     assert [p.name for p in run_dir.parent.iterdir()] == ["straight"]
 
 

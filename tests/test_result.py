@@ -16,7 +16,7 @@ from omnitrack_sim.sim import result as result_module
 from omnitrack_sim.sim.result import column_names, load_result, run_folder
 from omnitrack_sim.trajectory import CHANNELS
 
-FILES = {"scenario.json", "result.json", "trajectory.parquet", "replay.npz"}
+FILES = {"scenario.json", "result.json", "timeline.csv", "trajectory.parquet", "replay.npz"}
 
 
 def contents(folder):

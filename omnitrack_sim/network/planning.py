@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.errors import Fault, NetworkError
 from omnitrack_sim.network.spec import Network
-from omnitrack_sim.pipes import TEE_TURN_RADIUS, Passage, Route, route_through
+from omnitrack_sim.pipes import TEE_TURN_RADIUS, Route, route_through
 
 if TYPE_CHECKING:
     import networkx
@@ -73,12 +73,3 @@ def shortest_route(
         raise NetworkError(Fault("goal", f"{goal!r} cannot be reached from {start!r}{around}")) from None
     way = [(part, enter, leave) for (part, enter), (_, leave) in zip(nodes[::2], nodes[1::2], strict=True)]
     return route_through(network.pipes, way, tee_turn_radius)
-
-
-def manoeuvre(passage: Passage) -> str:
-    """What the robot does in a fitting of a route: straight, elbow, run to branch, branch to run, over the run."""
-    if passage.kind != "tee":
-        return passage.kind
-    if "branch" not in (passage.enter, passage.leave):
-        return "over the run"
-    return "run to branch" if passage.leave == "branch" else "branch to run"
