@@ -92,14 +92,15 @@ def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float)
     samples = _Samples(trajectory, lug_radius)
     visits = []
     for rows in rows_of:
-        first = rows[0]
-        passage = routes[leg[first]].fittings[place[first]]
+        first = int(rows[0])
+        route = routes[int(leg[first])]
+        passage = route.fittings[int(place[first])]
         number = int(group[first])
         visits.append(
             Visit(
                 leg=int(leg[first]),
                 gear=-1 if trajectory["gear"][first] < 0 else 1,
-                name=routes[leg[first]].network.parts[passage.index].name,
+                name=route.network.parts[passage.index].name,
                 kind=passage.kind,
                 manoeuvre=manoeuvre(passage),
                 enter=passage.enter,
