@@ -109,7 +109,7 @@ def legs_trajectory(routes: tuple[Route, ...], distances: list[np.ndarray], gear
 
 
 def two_legs_result(**changes: object) -> LegsResult:
-    """The legs of ``two_legs`` at 0.1 m/s, the second tail first; a roll before ``tee_1``, a retry in ``elbow_side``."""
+    """The legs of ``two_legs`` at 0.1 m/s, the second tail first; a roll before ``tee_1``, a retry in the elbow."""
     routes = two_legs()
     there, back = (route.centreline.length for route in routes)
     ahead = np.concatenate(

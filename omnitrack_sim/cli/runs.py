@@ -82,6 +82,9 @@ def _print_result(result: Result, target: Path) -> None:
         out.print(f"  [yellow]expected {result.scenario.expect.outcome}[/]")
     if _is_mission(result):
         out.print(_visit_table(result))
+        out.print(
+            "  tilt: largest; slip: mean ratio; force: least normal force of a module, 0.1 s mean", soft_wrap=True
+        )
     out.print(_module_table(result))
     metrics = result.metrics
     out.print(
@@ -104,28 +107,29 @@ def _visit_table(result: Result) -> Table:
     """The columns of the timeline that matter most."""
     legs = len(result.routes()) > 1
     heads = [("enter", "s"), ("time", "s"), ("theta5", "deg"), ("tilt", "deg"), ("slip", "1"), ("force", "N")]
-    heads += [("energy", "J"), ("rolls", "1"), ("retries", "1")]
-    table = Table(*(("leg",) if legs else ()), "fitting", "manoeuvre", box=None, padding=(0, 1))
+    heads += [("rolls", "1"), ("retries", "1")]
+    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=True)
+    for name in ["leg", "fitting"] if legs else ["  fitting"]:
+        table.add_column(name, no_wrap=True)
+    table.add_column("manoeuvre")
     for name, unit in heads:
         table.add_column(f"{name}\n{unit}", justify="right", no_wrap=True)
     for visit in result.timeline():
-        leg = f"{visit.leg + 1}{' tail first' if visit.gear < 0 else ''}"
+        leg = f"{visit.leg + 1}{' tail' if visit.gear < 0 else ''}"
         slip = "-" if visit.slip_ratio_mean is None else f"{visit.slip_ratio_mean:.3f}"
         table.add_row(
             *((leg,) if legs else ()),
-            plain(visit.name),
+            plain(visit.name) if legs else f"  {plain(visit.name)}",
             visit.manoeuvre,
             f"{visit.time_enter_s:.2f}",
             f"{visit.duration_s:.2f}",
-            f"{visit.theta5_enter_deg:.0f}",
+            f"{visit.theta5_enter_deg:z.0f}",
             f"{visit.tilt_max_deg:.1f}",
             slip,
             f"{visit.normal_force_min_n:.1f}",
-            f"{visit.energy_j:.1f}",
             str(visit.rolls or "-"),
             str(visit.retries or "-"),
         )
-    table.caption = "tilt: largest; slip: mean ratio; force: least normal force of a module, 0.1 s mean"
     return table
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,14 +13,13 @@ from numpy.typing import NDArray
 from omnitrack_sim.frames import Array
 from omnitrack_sim.pipes import PipeNetwork, Route
 from omnitrack_sim.plots.network import draw_pipes, faces, middle, widest_view
-from omnitrack_sim.plots.style import ALARM, GREY, INK, save_figure, styled
+from omnitrack_sim.plots.style import ALARM, INK, save_figure, styled
+from omnitrack_sim.plots.time_chart import START, Mark, draw_time_chart, signs
 from omnitrack_sim.timeline import (
     FORCE_WINDOW,
     RETRY_PHASE,
     ROLL_PHASE,
     begun,
-    manoeuvre,
-    passage_indices,
     running_mean,
 )
 
@@ -34,33 +32,13 @@ if TYPE_CHECKING:
 
 BIN = 0.01
 """Travel that shares one colour, m."""
-SPEED_WINDOW = 0.2
-"""Length of the running mean that the speed is drawn of, s."""
 BESIDE = 0.5
 """How far beside the axis tail-first travel is drawn, in bore radii."""
-SHADES = {
-    "straight": "#f1f3f5",
-    "elbow": "#d7e4f2",
-    "reducer": "#e8dcec",
-    "run to branch": "#f8dfbd",
-    "branch to run": "#f3c9bb",
-    "over the run": "#d3eadb",
-}
-"""Colours of the bands, by manoeuvre."""
 _WIDTH, _LEFT, _RIGHT, _BETWEEN = 12.0, 0.82, 0.25, 0.85  # inches: of the figure, beside it, between its columns
 _COLUMN, _TALLEST = (_WIDTH - _LEFT - _RIGHT - _BETWEEN) / 2, 5.6  # inches: room for the views of one quantity
 _HEAD, _STACKED, _ASIDE = 0.66, 0.30, 0.72  # inches: title, gaps between two views
 _AXES = "xyz"
-
-
-@dataclass(frozen=True)
-class _Mark:
-    """A sign in the map and in the time chart."""
-
-    text: str
-    marker: str
-    colour: Any
-    rows: NDArray[np.intp]
+_GOAL: dict[str, Any] = START | {"marker": "*", "markersize": 13, "markerfacecolor": "#ffd23f", "markeredgewidth": 0.9}
 
 
 @dataclass(frozen=True)
@@ -124,7 +102,7 @@ def _draw(result: Result) -> Figure:
             axes.append(axis)
         _names(axes, layout, renderer, pipes, np.concatenate([trajectory["position"][s.rows] for s in stretches]))
     _legend(figure, layout, marks, any(s.tail_first for s in stretches))
-    _chart(figure, layout, renderer, trajectory, routes, marks)
+    draw_time_chart(layout.chart(figure), (layout.legs, layout.strip), renderer, trajectory, routes, marks)
     return figure
 
 
@@ -216,6 +194,19 @@ class _Layout:
         axis.autoscale(False)
         return axis
 
+    def chart(self, figure: Figure) -> tuple[Axes, Axes, Axes]:
+        """Axes of the time chart: bands, tilt, speed."""
+        width, tilt = _WIDTH - _LEFT - _RIGHT, self.chart_bottom + self.panel + 0.14
+        rows = (
+            (tilt + self.panel, self.legs + self.strip),
+            (tilt, self.panel),
+            (self.chart_bottom, self.panel),
+        )
+        strip, above, below = (figure.add_axes(self.box(_LEFT, bottom, width, height)) for bottom, height in rows)
+        for axis in (above, below):
+            axis.yaxis.set_label_coords(-0.045, 0.5)
+        return strip, above, below
+
 
 def _ticks(length: float) -> Any:
     """Ticks at the same round distances in every view of about this length, m."""
@@ -244,15 +235,15 @@ def _distances(trajectory: Trajectory) -> list[Array]:
     return [distance[known & (leg == index)] for index in np.unique(leg)]
 
 
-def _marks(result: Result) -> list[_Mark]:
+def _marks(result: Result) -> list[Mark]:
     trajectory = result.trajectory
     marks = [
-        _Mark("modules rolled", "\N{ANTICLOCKWISE OPEN CIRCLE ARROW}", INK, begun(trajectory, ROLL_PHASE)),
-        _Mark("backs off to retry", "\N{LEFTWARDS ARROW WITH HOOK}", ALARM, begun(trajectory, RETRY_PHASE)),
+        Mark("modules rolled", "\N{ANTICLOCKWISE OPEN CIRCLE ARROW}", INK, begun(trajectory, ROLL_PHASE)),
+        Mark("backs off to retry", "\N{LEFTWARDS ARROW WITH HOOK}", ALARM, begun(trajectory, RETRY_PHASE)),
     ]
     known = np.flatnonzero(np.isfinite(trajectory["position"]).all(axis=1))
     if not result.success:
-        marks.append(_Mark(f"end: {result.outcome.value.replace('_', ' ')}", "X", ALARM, known[-1:]))
+        marks.append(Mark(f"end: {result.outcome.value.replace('_', ' ')}", "X", ALARM, known[-1:]))
     return [mark for mark in marks if len(mark.rows)]
 
 
@@ -347,45 +338,15 @@ def _beside(trajectory: Trajectory, route: Route, stretch: _Stretch, view: _View
 
 
 def _draw_marks(
-    axis: Axes, pair: tuple[int, int], trajectory: Trajectory, ends: tuple[Array, Array], marks: list[_Mark]
+    axis: Axes, pair: tuple[int, int], trajectory: Trajectory, ends: tuple[Array, Array], marks: list[Mark]
 ) -> None:
     start, goal = (np.asarray(point)[list(pair), None] for point in ends)
-    axis.plot(*start, **_START, zorder=5)
+    axis.plot(*start, **START, zorder=5)
     axis.plot(*goal, **_GOAL, zorder=5)
     for mark in marks:
         points = trajectory["position"][mark.rows][:, list(pair)].T
-        for style in _signs(mark):
+        for style in signs(mark):
             axis.plot(*points, **style, zorder=5.5)
-
-
-_START: dict[str, Any] = {
-    "marker": "o",
-    "markersize": 7,
-    "markerfacecolor": "white",
-    "markeredgecolor": INK,
-    "markeredgewidth": 1.4,
-    "linestyle": "none",
-}
-_GOAL: dict[str, Any] = _START | {"marker": "*", "markersize": 13, "markerfacecolor": "#ffd23f", "markeredgewidth": 0.9}
-
-
-def _signs(mark: _Mark) -> list[dict[str, Any]]:
-    """What a mark is drawn with: a glyph on a white disc, or a plain marker."""
-    if mark.marker.isascii():
-        return [_START | {"marker": mark.marker, "markersize": 10, "markerfacecolor": mark.colour}]
-    disc = _START | {"markersize": 11, "markeredgecolor": mark.colour, "markeredgewidth": 0.9}
-    glyph = {"marker": _glyph(mark.marker), "markersize": 6, "color": mark.colour, "linestyle": "none"}
-    return [disc, glyph | {"markeredgewidth": 0.3}]
-
-
-@cache
-def _glyph(letter: str) -> Any:
-    """The outline of a letter about its middle, as a marker."""
-    from matplotlib.path import Path as Outline
-    from matplotlib.textpath import TextPath
-
-    outline = TextPath((0, 0), letter)
-    return Outline(outline.vertices - outline.get_extents().get_points().mean(axis=0), outline.codes)
 
 
 def _names(axes: list[Axes], layout: _Layout, renderer: Any, pipes: PipeNetwork, way: Array) -> None:
@@ -397,6 +358,7 @@ def _names(axes: list[Axes], layout: _Layout, renderer: Any, pipes: PipeNetwork,
         axis, columns = axes[view], list(pairs[view])
         place = axis.transData.transform(middle(part)[columns])
         text = axis.text(0, 0, part.name, fontsize=7, color=INK, ha="center", va="center", zorder=6)
+        text.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.6, "pad": 0.4})
         half = np.array(text.get_window_extent(renderer).size) / 2
         reach = _pixels(axis, part.fitting.radius)
         boxes = [np.array(other.get_window_extent(renderer).get_points()) for other in axis.texts if other is not text]
@@ -425,15 +387,15 @@ def _cost(spot: Array, half: Array, boxes: list[Array], covered: list[tuple[Arra
     names = sum(bool((low < other[1]).all() and (high > other[0]).all()) for other in boxes)
     points = sum(worth * float(((p > low) & (p < high)).all(axis=1).sum()) for p, worth in covered)
     frame = axis.get_window_extent().get_points()
-    outside = (low < frame[0] - 6).any() or (high > frame[1] + 6).any()
+    outside = (low < frame[0]).any() or (high > frame[1]).any()
     return 1e6 * names + 1e5 * outside + points
 
 
-def _legend(figure: Figure, layout: _Layout, marks: list[_Mark], tail_first: bool) -> None:
+def _legend(figure: Figure, layout: _Layout, marks: list[Mark], tail_first: bool) -> None:
     """What the signs of the map mean, in one row below it."""
     from matplotlib.lines import Line2D
 
-    handles: list[Any] = [Line2D([], [], **_START), Line2D([], [], **_GOAL)]
+    handles: list[Any] = [Line2D([], [], **START), Line2D([], [], **_GOAL)]
     texts = ["start", "goal"]
     if tail_first:
         handles.append(
@@ -444,129 +406,7 @@ def _legend(figure: Figure, layout: _Layout, marks: list[_Mark], tail_first: boo
         )
         texts.append("tail first")
     for mark in marks:
-        handles.append(tuple(Line2D([], [], **style) for style in _signs(mark)))
+        handles.append(tuple(Line2D([], [], **style) for style in signs(mark)))
         texts.append(mark.text)
     place = {"loc": "center", "bbox_to_anchor": (0.5, (layout.legend + 0.22) / layout.height)}
     figure.legend(handles, texts, ncols=len(texts), columnspacing=2.2, handletextpad=0.5, **place)
-
-
-def _chart(
-    figure: Figure,
-    layout: _Layout,
-    renderer: Any,
-    trajectory: Trajectory,
-    routes: tuple[Route, ...],
-    marks: list[_Mark],
-) -> None:
-    """Bands of the fittings, tilt and speed over time."""
-    width = _WIDTH - _LEFT - _RIGHT
-    time = trajectory.time
-    bottoms = [layout.chart_bottom, layout.chart_bottom + layout.panel + 0.14]
-    speed, tilt = (figure.add_axes(layout.box(_LEFT, bottom, width, layout.panel)) for bottom in bottoms)
-    above = bottoms[1] + layout.panel
-    strip = figure.add_axes(layout.box(_LEFT, above, width, layout.legs + layout.strip))
-    ends = (float(time[0]), float(time[-1]) if time[-1] > time[0] else float(time[0]) + 1.0)
-    for axis in (speed, tilt, strip):
-        axis.set_xlim(*ends)
-    _bands(strip, (speed, tilt), layout, renderer, trajectory, routes)
-    tilt.plot(time, np.degrees(trajectory["tilt"]), color=INK)
-    tilt.set_ylim(0, max(1.0, 1.3 * _largest(np.degrees(trajectory["tilt"]))))
-    tilt.set_ylabel("tilt, deg")
-    tilt.tick_params(labelbottom=False)
-    speed.plot(time, 1e3 * _speed(trajectory), color=INK)
-    speed.axhline(0.0, color=GREY, linewidth=0.6)
-    speed.set_ylabel("speed, mm/s\n+ nose ahead")
-    speed.set_xlabel("time, s")
-    figure.align_ylabels([tilt, speed])
-    high = tilt.get_ylim()[1]
-    for mark in marks:
-        for style in _signs(mark):
-            tilt.plot(time[mark.rows], np.full(len(mark.rows), 0.87 * high), **style, zorder=5, clip_on=False)
-
-
-def _largest(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.max()) if len(known) else 0.0
-
-
-def _speed(trajectory: Trajectory) -> Array:
-    """Speed (T,) m/s along the centreline, positive with the nose ahead: means over ``SPEED_WINDOW``."""
-    time, gear = trajectory.time, np.where(trajectory["gear"] < 0, -1.0, 1.0)
-    if len(time) < 2:
-        return np.zeros(len(time))
-    speed = gear[1:] * np.diff(trajectory["distance"]) / np.diff(time)
-    speed = np.where(np.diff(trajectory["leg"]) == 0, speed, 0.0)  # each leg counts its distance anew
-    return running_mean(np.append(speed[:1], speed)[:, None], time, SPEED_WINDOW)[:, 0]
-
-
-def _bands(
-    strip: Axes,
-    panels: tuple[Axes, ...],
-    layout: _Layout,
-    renderer: Any,
-    trajectory: Trajectory,
-    routes: tuple[Route, ...],
-) -> None:
-    """The fittings that the robot's centre was in: named in the strip, and shaded behind the panels."""
-    from matplotlib.patches import Patch
-
-    strip.set_axis_off()
-    strip.set_ylim(0, layout.legs + layout.strip)
-    leg, place = trajectory["leg"].astype(int), passage_indices(trajectory, routes)
-    time = trajectory.time
-    shown: dict[str, str] = {}
-    for first, last in _spans(leg, place):
-        passage = routes[leg[first]].fittings[place[first]]
-        what = manoeuvre(passage)
-        shade = shown[what] = SHADES.get(what, SHADES["straight"])
-        start, end = float(time[first]), float(time[last])
-        for axis in panels:
-            axis.axvspan(start, end, color=shade, linewidth=0, zorder=0)
-        strip.fill_between([start, end], layout.legs, layout.legs + layout.strip, color=shade, linewidth=0)
-        strip.plot([start, start], [layout.legs, layout.legs + layout.strip], color="white", linewidth=1.2)
-        name = routes[leg[first]].network.parts[passage.index].name
-        _band_name(strip, renderer, name, start, end, layout.legs, layout.strip)
-    if layout.legs:
-        for first, last in _spans(leg):
-            start, end = float(time[first]), float(time[last])
-            strip.plot([start, end], [0.5 * layout.legs] * 2, color=GREY, linewidth=0.8, marker="|", markersize=6)
-            text = f"leg {leg[first] + 1}" + (", tail first" if trajectory["gear"][first] < 0 else "")
-            found = strip.text(
-                (start + end) / 2, 0.5 * layout.legs, f" {text} ", ha="center", va="center", fontsize=7.5
-            )
-            found.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
-    order = [what for what in dict.fromkeys([*SHADES, *shown]) if what in shown]
-    handles = [Patch(facecolor=shown[what], edgecolor=GREY, linewidth=0.4, label=what) for what in order]
-    strip.legend(
-        handles=handles,
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
-        ncols=len(handles),
-        borderpad=0.1,
-        borderaxespad=0.3,
-        columnspacing=1.6,
-        fontsize=8,
-    )
-
-
-def _spans(*codes: NDArray[np.intp]) -> list[tuple[int, int]]:
-    """First row of each span of equal codes (T,), and the first row after it (or the last row of all)."""
-    changed = np.any([np.diff(code) != 0 for code in codes], axis=0)
-    starts = np.append(0, np.flatnonzero(changed) + 1)
-    ends = np.append(starts[1:], len(codes[0]) - 1)
-    return list(zip(starts.tolist(), ends.tolist(), strict=True))
-
-
-def _band_name(strip: Axes, renderer: Any, name: str, start: float, end: float, low: float, height: float) -> None:
-    """A name within its band, level or upright, small enough to fit; none where there is no room."""
-    left, right = (strip.transData.transform((x, 0.0))[0] for x in (start, end))
-    room = float(right - left)
-    bottom, top = (strip.transData.transform((0.0, y))[1] for y in (low, low + height))
-    for size in (8.0, 7.0, 6.0, 5.0):
-        for angle in (0, 90):
-            text = strip.text((start + end) / 2, low + height / 2, name, ha="center", va="center", color=INK)
-            text.set(fontsize=size, rotation=angle)
-            box = text.get_window_extent(renderer)
-            if box.width <= room - 2 and box.height <= top - bottom - 2:
-                return
-            text.remove()
