@@ -282,7 +282,9 @@ def _colour_bar(figure: Figure, layout: _Layout, column: int, text: str, colours
     width = 0.62 * _COLUMN
     left = layout.left_of[column] + (_COLUMN - width) / 2
     axis = figure.add_axes(layout.box(left, layout.bar, width, 0.11))
-    bar = figure.colorbar(scale, cax=axis, orientation="horizontal", extend="max" if largest > top else "neither")
+    bar = figure.colorbar(
+        scale, cax=axis, orientation="horizontal", extend="max" if largest > 1.001 * top else "neither"
+    )
     bar.locator = MaxNLocator(6)
     bar.update_ticks()
     bar.outline.set_linewidth(0.5)  # type: ignore[operator]

@@ -96,7 +96,9 @@ def draw_time_chart(
     tilt.set_ylim(0, max(1.0, 1.3 * _largest(np.degrees(trajectory["tilt"]))))
     tilt.set_ylabel("tilt, deg")
     tilt.tick_params(labelbottom=False)
-    speed.plot(time, 1e3 * _speed(trajectory), color=INK)
+    shown = 1e3 * _speed(trajectory)
+    speed.plot(time, shown, color=INK)
+    speed.set_ylim(-1.15 * _largest(-shown) - 1.0, 1.15 * _largest(shown) + 1.0)
     speed.axhline(0.0, color=GREY, linewidth=0.6)
     speed.set_ylabel("speed, mm/s\n+ nose ahead")
     speed.set_xlabel("time, s")
@@ -107,8 +109,8 @@ def draw_time_chart(
 
 
 def _largest(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.max()) if len(known) else 0.0
+    """The largest of what is finite and positive, else 0."""
+    return float(np.max(values, where=np.isfinite(values), initial=0.0))
 
 
 def _speed(trajectory: Trajectory) -> Array:
