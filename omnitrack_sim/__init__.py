@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.network import Network, load_network, random_network, shortest_route
     from omnitrack_sim.outcome import Outcome
     from omnitrack_sim.pipes import Elbow, PipeNetwork, Reducer, Step, Straight, Tee, route
-    from omnitrack_sim.plots import plot_singularity, plot_summary
+    from omnitrack_sim.plots import plot_mission, plot_singularity, plot_summary
     from omnitrack_sim.render import render_frame, render_video
     from omnitrack_sim.robot import Robot
     from omnitrack_sim.scenario import Scenario, load_scenario, override
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.sim.runner import run, run_batch
     from omnitrack_sim.singularity import TurnCase
     from omnitrack_sim.sweep import Sweep, load_sweep, run_sweep
+    from omnitrack_sim.timeline import Visit
     from omnitrack_sim.trajectory import Trajectory
 
 __version__ = "0.1.0"
@@ -50,7 +51,7 @@ _HOME = {
     "network": ("Network", "load_network", "random_network", "shortest_route"),
     "outcome": ("Outcome",),
     "pipes": ("Elbow", "PipeNetwork", "Reducer", "Step", "Straight", "Tee", "route"),
-    "plots": ("plot_singularity", "plot_summary"),
+    "plots": ("plot_mission", "plot_singularity", "plot_summary"),
     "render": ("render_frame", "render_video"),
     "robot": ("Robot",),
     "scenario": ("Scenario", "load_scenario", "override"),
@@ -58,6 +59,7 @@ _HOME = {
     "sim.runner": ("run", "run_batch"),
     "singularity": ("TurnCase",),
     "sweep": ("Sweep", "load_sweep", "run_sweep"),
+    "timeline": ("Visit",),
     "trajectory": ("Trajectory",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
@@ -85,11 +87,13 @@ __all__ = [
     "Tee",
     "Trajectory",
     "TurnCase",
+    "Visit",
     "load_network",
     "load_result",
     "load_scenario",
     "load_sweep",
     "override",
+    "plot_mission",
     "plot_singularity",
     "plot_summary",
     "random_network",

@@ -1,4 +1,4 @@
-"""Text written into the frames of a film: phase, time, distance and what each belt does. Pillow only."""
+"""Text written into the frames of a film: phase, fitting, time, distance and what each belt does. Pillow only."""
 
 from __future__ import annotations
 
@@ -28,22 +28,37 @@ class Overlay:
     def _px(self, size: float) -> int:
         return max(1, round(size * self.scale))
 
-    def write(self, frame: NDArray[np.uint8], trajectory: Trajectory, row: int) -> NDArray[np.uint8]:
-        """A copy of ``frame`` (h, w, 3) with the values of sample ``row`` in its lower left corner."""
+    def write(self, frame: NDArray[np.uint8], trajectory: Trajectory, row: int, fitting: str = "") -> NDArray[np.uint8]:
+        """A copy of ``frame`` (h, w, 3) with the values of sample ``row`` in its lower left corner.
+
+        ``fitting`` is the name of the one that the robot's centre is in.
+        """
         image = Image.fromarray(np.ascontiguousarray(frame))
         draw = ImageDraw.Draw(image, "RGBA")
         px = self._px
-        left, top = px(18), image.height - px(216)
+        left, top = px(18), image.height - px(242)
         draw.rounded_rectangle((left, top, left + px(336), image.height - px(18)), px(10), fill=_PANEL)
         phase = trajectory.phases[int(trajectory["phase"][row])].replace("_", " ")
         draw.text((left + px(16), top + px(10)), phase, font=self._large, fill=_TEXT)
         place = f"{trajectory.time[row]:5.2f} s     {1000 * trajectory['distance'][row]:5.0f} mm"
         place += f"     tilt {np.degrees(trajectory['tilt'][row]):.0f}°"
-        draw.text((left + px(16), top + px(46)), place, font=self._small, fill=_TEXT)
-        draw.text((left + px(16), top + px(74)), "belt speed, mm/s", font=self._small, fill=_FAINT)
+        where = f"in {fitting}" if fitting else ""
+        if trajectory["gear"][row] < 0:
+            where += ", tail first" if where else "tail first"
+        draw.text((left + px(16), top + px(46)), self._cut(where, px(304)), font=self._small, fill=_TEXT)
+        draw.text((left + px(16), top + px(72)), place, font=self._small, fill=_TEXT)
+        draw.text((left + px(16), top + px(100)), "belt speed, mm/s", font=self._small, fill=_FAINT)
         for module, speed in enumerate(trajectory["belt_speed"][row]):
-            self._bar(draw, left + px(16), top + px(102 + 30 * module), module, float(speed))
+            self._bar(draw, left + px(16), top + px(128 + 30 * module), module, float(speed))
         return np.asarray(image)
+
+    def _cut(self, text: str, width: int) -> str:
+        """As much of a text as is at most ``width`` pixels long."""
+        if self._small.getlength(text) <= width:
+            return text
+        while text and self._small.getlength(text + "\N{HORIZONTAL ELLIPSIS}") > width:
+            text = text[:-1]
+        return text + "\N{HORIZONTAL ELLIPSIS}"
 
     def _bar(self, draw: ImageDraw.ImageDraw, left: int, top: int, module: int, speed: float) -> None:
         """Module number, bar from the middle (forward to the right) and figure."""

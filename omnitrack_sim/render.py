@@ -13,15 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.errors import Fault, InputError, OutputError, RenderError
+from omnitrack_sim.frames import unit
+from omnitrack_sim.timeline import passage_indices
+from omnitrack_sim.viewpoint import DISTANCE, in_the_way, view_directions
 
 if TYPE_CHECKING:
     import mujoco
 
+    from omnitrack_sim.pipes import Route
     from omnitrack_sim.sim.result import Result
     from omnitrack_sim.trajectory import Trajectory
 
 CAMERAS = ("side", "follow", "onboard")
 """``side`` shows all pipes, ``follow`` keeps with the robot, ``onboard`` looks ahead from its nose."""
+FOLLOW_SUN = [0.26, 0.25, 0.23]
+"""Red, green, blue of the sun for the camera ``follow``: it throws no shadows there, and would be too bright."""
 APT_LINE = "sudo apt-get install -y libegl1 libgl1-mesa-dri libopengl0"
 """What headless rendering needs on Debian and Ubuntu."""
 Progress = Callable[[float, str], None]
@@ -36,6 +42,7 @@ def render_video(
     height: int = 720,
     fps: int = 25,
     progress: Progress | None = None,
+    inset: bool = True,
 ) -> Path:
     """Film a run in real time: H.264, yuv420p, playable while it loads. Odd sizes grow by one pixel.
 
@@ -47,6 +54,8 @@ def render_video(
         height: pixels.
         fps: frames a second.
         progress: called with the fraction done (0 to 1) and a text.
+        inset: draw a map of the pipes into the pictures of ``follow`` and ``onboard``, where the route has more than
+            three fittings.
 
     Raises:
         InputError: unknown camera, or a size or frame rate that is not positive.
@@ -62,9 +71,9 @@ def render_video(
     path = Path(path)
     partial = path.with_name(f".{path.stem}.partial.mp4")
     try:
-        with _Stage(result, width, height) as stage, _writer(partial, fps) as append:
+        with _Stage(result, width, height, camera, inset) as stage, _writer(partial, fps) as append:
             for index, time in enumerate(times):
-                append(stage.picture(float(time), camera))
+                append(stage.picture(float(time)))
                 if progress:
                     progress((index + 1) / count, "rendering")
         partial.replace(path)
@@ -76,7 +85,12 @@ def render_video(
 
 
 def render_frame(
-    result: Result | str | os.PathLike[str], time: float, camera: str = "side", width: int = 1280, height: int = 720
+    result: Result | str | os.PathLike[str],
+    time: float,
+    camera: str = "side",
+    width: int = 1280,
+    height: int = 720,
+    inset: bool = True,
 ) -> Image:
     """One picture (height, width, 3) of a run at ``time`` s, uint8; times outside the run show its nearest end.
 
@@ -85,8 +99,8 @@ def render_frame(
         RenderError: no offscreen OpenGL on this machine; the message says what to install.
     """
     _check(camera, width, height)
-    with _Stage(_loaded(result), width, height) as stage:
-        return stage.picture(time, camera)
+    with _Stage(_loaded(result), width, height, camera, inset) as stage:
+        return stage.picture(time)
 
 
 def render_frames(
@@ -95,25 +109,33 @@ def render_frames(
     camera: str = "side",
     width: int = 1280,
     height: int = 720,
+    inset: bool = True,
 ) -> list[Image]:
     """Pictures of one run at ``times`` s, as ``render_frame`` makes one; faster than one after the other."""
     _check(camera, width, height)
-    with _Stage(_loaded(result), width, height) as stage:
-        return [stage.picture(time, camera) for time in times]
+    with _Stage(_loaded(result), width, height, camera, inset) as stage:
+        return [stage.picture(time) for time in times]
 
 
 class _Stage:
-    """A recorded run, ready to be drawn at any time from any camera."""
+    """A recorded run, ready to be drawn at any time from one camera."""
 
-    def __init__(self, result: Result, width: int, height: int):
+    def __init__(self, result: Result, width: int, height: int, camera: str, inset: bool):
+        from omnitrack_sim.inset import Inset, needs_map
         from omnitrack_sim.overlay import Overlay
 
         self._context, self._mujoco = _open_context(width, height)
-        from omnitrack_sim.mjcf.looks import look_pitch
+        from omnitrack_sim.mjcf.looks import FIELD_OF_VIEW, add_pipe_insides, follow_direction, look_pitch
         from omnitrack_sim.sim.setup import scene_of
 
         mj = self._mujoco
+        self.camera, routes = camera, result.routes()
+        network = routes[0].network
         spec = scene_of(result.scenario, looks=True)
+        if camera == "follow":
+            add_pipe_insides(spec, network)
+            spec.visual.global_.fovy = FIELD_OF_VIEW
+            spec.light("sun").diffuse = FOLLOW_SUN
         quality, buffer = spec.visual.quality, spec.visual.global_
         quality.shadowsize, quality.offsamples, quality.numslices, quality.numstacks = 2048, 4, 12, 8
         buffer.offwidth, buffer.offheight = width, height
@@ -127,6 +149,15 @@ class _Stage:
         self._area = mj.MjrRect(0, 0, width, height)
         self._pixels = np.zeros((height, width, 3), np.uint8)
         self._overlay = Overlay(width, height)
+        self._fittings = _fitting_names(result.trajectory, routes)
+        self._inset = None
+        if inset and camera != "side" and needs_map(routes):
+            self._inset = Inset(result.trajectory, routes, result.goal_point(), width, height)
+        if camera == "follow":
+            self._parts = network.parts
+            self._viewer = view_directions(result.trajectory, routes, follow_direction(network))  # (T, 3)
+            self._inside = [self.model.geom(f"look_inside_{part.name}").id for part in network.parts]
+            self._scene.flags[int(mj.mjtRndFlag.mjRND_SHADOW)] = 0  # the nearer walls are not seen, but throw shadows
 
     def __enter__(self) -> _Stage:
         return self
@@ -135,28 +166,59 @@ class _Stage:
         self._gpu.free()
         self._context.free()
 
-    def picture(self, time: float, camera: str) -> Image:
+    def picture(self, time: float) -> Image:
         """The frame (height, width, 3) at ``time`` s with what is known about it written in."""
         mj, model, data = self._mujoco, self.model, self.data
         row = int(np.argmin(np.abs(self.trajectory.time - time)))
         data.qpos[:] = self._qpos[row]
         mj.mj_kinematics(model, data)
         mj.mj_camlight(model, data)
-        eye = mj.MjvCamera()
-        eye.type = mj.mjtCamera.mjCAMERA_FIXED
-        eye.fixedcamid = model.camera(camera).id
-        mj.mjv_updateScene(
-            model, data, _options(mj, camera), mj.MjvPerturb(), eye, int(mj.mjtCatBit.mjCAT_ALL), self._scene
-        )
+        eye = self._following(row) if self.camera == "follow" else mj.MjvCamera()
+        if self.camera != "follow":
+            eye.type = mj.mjtCamera.mjCAMERA_FIXED
+            eye.fixedcamid = model.camera(self.camera).id
+        options = _options(mj, self.camera)
+        mj.mjv_updateScene(model, data, options, mj.MjvPerturb(), eye, int(mj.mjtCatBit.mjCAT_ALL), self._scene)
         mj.mjr_render(self._area, self._scene, self._gpu)
         mj.mjr_readPixels(self._pixels, None, self._area, self._gpu)
-        return self._overlay.write(self._pixels[::-1], self.trajectory, row)
+        frame = self._overlay.write(self._pixels[::-1], self.trajectory, row, self._fittings[row])
+        return frame if self._inset is None else self._inset.write(frame, row)
+
+    def _following(self, row: int) -> Any:
+        """The camera that keeps with the robot. Light comes over its shoulder; pipes in its way become nearly clear."""
+        mj, model = self._mujoco, self.model
+        centre, back = np.array(self.data.qpos[:3]), self._viewer[row]
+        nose = self.data.body("chassis").xmat.reshape(3, 3)[:, 2]
+        targets = centre + 0.05 * np.array([[0.0], [1.0], [-1.0]]) * nose
+        clear = in_the_way(self._parts, centre + DISTANCE * back, targets)
+        red, green, blue, _ = model.material("pipe").rgba
+        for geom, share in zip(self._inside, clear, strict=True):
+            model.geom_rgba[geom] = (red, green, blue, 1 - 0.88 * share)
+        right = unit(np.cross([0.0, 0.0, 1.0], back))
+        self.data.light_xdir[model.light("sun").id] = -unit(back + 0.55 * np.cross(back, right) - 0.40 * right)
+        eye = mj.MjvCamera()
+        eye.type = mj.mjtCamera.mjCAMERA_FREE
+        eye.lookat[:] = centre
+        eye.distance = DISTANCE
+        eye.azimuth = np.degrees(np.arctan2(-back[1], -back[0]))
+        eye.elevation = -np.degrees(np.arcsin(np.clip(back[2], -1, 1)))
+        return eye
+
+
+def _fitting_names(trajectory: Trajectory, routes: Sequence[Route]) -> list[str]:
+    """Name of the fitting that the robot's centre is in, a sample each."""
+    names = [[route.network.parts[passage.index].name for passage in route.fittings] for route in routes]
+    legs = trajectory["leg"].astype(int).tolist()
+    return [names[leg][place] for leg, place in zip(legs, passage_indices(trajectory, routes).tolist(), strict=True)]
 
 
 def _options(mj: Any, camera: str) -> mujoco.MjvOption:
-    """Visual geoms only; the cut-off halves of the pipes close them again around the camera within."""
+    """Visual geoms only. The cut-off halves of the pipes close them again around the camera within.
+
+    The camera that follows sees the insides instead of pipes cut towards one side.
+    """
     options = mj.MjvOption()
-    options.geomgroup[:] = [0, 1, 1, 0, camera == "onboard", 0]
+    options.geomgroup[:] = [0, camera != "follow", 1, 0, camera == "onboard", camera == "follow"]
     options.sitegroup[:] = 0
     options.flags[int(mj.mjtVisFlag.mjVIS_ACTUATOR)] = 0
     return options

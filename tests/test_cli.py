@@ -26,10 +26,27 @@ def run_dir(tmp_path_factory) -> Path:
 
 
 def test_run_leaves_its_files(run_dir):
-    """A run without video leaves five files and nothing temporary beside them."""
+    """A run without video leaves six files and nothing temporary beside them."""
     names = {p.name for p in run_dir.iterdir()}
-    assert names == {"scenario.json", "result.json", "trajectory.parquet", "replay.npz", "summary.png"}
+    assert names == {"scenario.json", "result.json", "timeline.csv", "trajectory.parquet", "replay.npz", "summary.png"}
     assert [p.name for p in run_dir.parent.iterdir()] == ["straight"]
+
+
+def test_a_run_through_many_fittings_has_a_map_and_a_table(tmp_path):
+    """More than three fittings: map.png beside the others, the fittings with units on the screen, rows in the CSV."""
+    pipes = [("straight", ""), ("elbow", ""), ("straight", ""), ("tee", 'enter = "run_start"\nleave = "branch"')]
+    text = "".join(f'[[pipes]]\nkind = "{kind}"\n{rest}\n' for kind, rest in pipes)
+    text = text.replace('"straight"\n', '"straight"\nlength = 0.4\n')
+    (tmp_path / "chain.toml").write_text(text)
+    limit = ["--set", "physics.time_limit=0.3", "--set", "start.distance=0.385"]
+    done = omnitrack("run", str(tmp_path / "chain.toml"), *limit, "--no-video", "--out", str(tmp_path / "chain"))
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "chain" / "map.png").stat().st_size > 10_000
+    rows = (tmp_path / "chain" / "timeline.csv").read_text().splitlines()
+    assert [row.split(",")[2] for row in rows] == ["name", "straight_0", "elbow_1"]
+    assert "straight_0" in done.stdout
+    assert "theta5" in done.stdout
+    assert " deg " in done.stdout
 
 
 def test_result_file_says_what_happened(run_dir):

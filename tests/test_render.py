@@ -7,12 +7,16 @@ from types import SimpleNamespace
 import av
 import numpy as np
 import pytest
+from samples import drive, two_legs, two_legs_result
 
 from omnitrack_sim.errors import InputError, OutputError
 from omnitrack_sim.frames import quaternion_from_matrix
+from omnitrack_sim.inset import Inset, needs_map, projection
+from omnitrack_sim.overlay import Overlay
 from omnitrack_sim.render import render_frame, render_video
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.trajectory import CHANNELS, Trajectory
+from omnitrack_sim.viewpoint import in_the_way, view_directions
 
 SIZE = (320, 180)
 PIPES = [
@@ -34,7 +38,9 @@ def result():
     channels |= {"position": position, "quaternion": quaternion_from_matrix(frame), "distance": distance}
     channels["belt_speed"] = np.full((len(time), 3), 0.1)
     qpos = np.concatenate([position, channels["quaternion"], np.zeros((len(time), 15))], axis=1)
-    return SimpleNamespace(scenario=scenario, trajectory=Trajectory(time, channels, ("straight",), qpos))
+    channels["gear"] = np.ones(len(time))
+    trajectory = Trajectory(time, channels, ("straight",), qpos)
+    return SimpleNamespace(scenario=scenario, trajectory=trajectory, routes=lambda: (scenario.route(),))
 
 
 def test_film_has_the_length_size_and_codec_asked_for(result, tmp_path):
@@ -88,3 +94,90 @@ def test_unwritable_film_is_a_clean_error(result, tmp_path):
     """A film into a folder that does not exist is an OutputError that names the file."""
     with pytest.raises(OutputError, match=r"missing/run.mp4"):
         render_video(result, tmp_path / "missing" / "run.mp4", width=64, height=36)
+
+
+def chain_result() -> SimpleNamespace:
+    """A robot drawn through bends in three planes and a tee: more fittings than a film goes without a map."""
+    pipes = [*PIPES, {"kind": "elbow", "mean_radius": 0.09, "turn_deg": 90.0}, {"kind": "straight", "length": 0.5}]
+    pipes += [{"kind": "tee", "enter": "run_start", "leave": "branch", "turn_deg": 120.0}]
+    scenario = Scenario.model_validate({"name": "chain", "pipes": [*pipes, {"kind": "straight", "length": 0.4}]})
+    way = scenario.route()
+    distance = np.arange(0.1, way.centreline.length - 0.1, 0.01)
+    channels = drive(way, distance)
+    qpos = np.concatenate([channels["position"], channels["quaternion"], np.zeros((len(distance), 15))], axis=1)
+    trajectory = Trajectory(0.1 * np.arange(len(distance)), channels, ("cruise",), qpos)
+    goal = channels["position"][-1]
+    return SimpleNamespace(scenario=scenario, trajectory=trajectory, routes=lambda: (way,), goal_point=lambda: goal)
+
+
+def test_the_camera_that_follows_looks_across_the_pipe():
+    """In every plane: never along the pipe, never from far below, and without a jump."""
+    result = chain_result()
+    (way,) = result.routes()
+    back = view_directions(result.trajectory, (way,), [0.1, -1.0, 0.4])
+    tangent = way.centreline.at(result.trajectory["distance"])[1]
+    assert np.allclose(np.linalg.norm(back, axis=1), 1.0)
+    assert np.abs((back * tangent).sum(axis=1)).max() < 0.75
+    assert np.abs((back * tangent).sum(axis=1)).mean() < 0.3
+    assert np.linalg.norm(np.diff(back, axis=0), axis=1).max() < 0.12  # rad for 10 mm of travel
+    assert (back[:, 2] > -0.5).all()
+
+
+def test_a_pipe_in_the_way_is_known():
+    """A part between eye and robot is in the way; the one around the robot, and one elsewhere, are not."""
+    parts = two_legs()[0].network.parts
+    robot = np.array([[0.0, 0.0, 0.3]])
+    drop = next(part for part in parts if part.name == "drop")
+    beyond = robot[0] + 1.6 * (drop.pose.position - robot[0]) * [1, 1, 0]
+    shares = in_the_way(parts, beyond, robot)
+    share = {part.name: float(value) for part, value in zip(parts, shares, strict=True)}
+    assert share["drop"] == 1.0
+    assert share["riser"] == share["chimney"] == 0.0
+
+
+def test_films_of_long_routes_have_a_map():
+    """A map in the upper right corner of follow and onboard, not of side, and not when it is not wanted."""
+    result = chain_result()
+    assert needs_map(result.routes())
+    for camera, has_map in (("side", False), ("follow", True), ("onboard", True)):
+        mapped, bare = (render_frame(result, 3.0, camera, *SIZE, inset=wanted) for wanted in (True, False))
+        assert (mapped[10:60, 250:300] != bare[10:60, 250:300]).any() == has_map, camera
+        assert (mapped[:, :200] == bare[:, :200]).all()
+
+
+def test_map_shows_the_way_driven_so_far():
+    """The way grows, its colour tells tail first from nose first, and the rest of the frame stays as it is."""
+    result = two_legs_result()
+    inset = Inset(result.trajectory, result.routes(), result.goal_point(), 1280, 720)
+    grey = np.full((720, 1280, 3), 90, np.uint8)
+    frames = [inset.write(grey, row).astype(int) for row in (0, 900, len(result.trajectory) - 1)]
+    yellow = [int(((f[..., 0] > 220) & (f[..., 1] > 170) & (f[..., 2] < 100)).sum()) for f in frames]
+    pink = [int(((f[..., 0] > 220) & (f[..., 1] < 140) & (f[..., 2] > 140)).sum()) for f in frames]
+    assert yellow[0] < yellow[1] / 2
+    assert pink[0] == pink[1] == 0
+    assert pink[2] > 50
+    assert (frames[2][:, :800] == 90).all()
+
+
+def test_map_of_a_plane_network_is_an_elevation():
+    """Pipes in the plane y = 0 are seen along y; of pipes in space every one is longer than a dot."""
+    flat = Scenario.model_validate({"name": "flat", "pipes": PIPES}).route().network
+    assert np.allclose(np.abs(projection(flat)), [[1, 0, 0], [0, 0, 1], [0, 1, 0]], atol=1e-12)
+    network = two_legs()[0].network
+    view = projection(network)
+    for part in network.parts:
+        start, end = (part.port(port).position for port in part.fitting.choices[:2])
+        assert np.linalg.norm((end - start) @ view[:, :2]) > 0.4 * np.linalg.norm(end - start)
+
+
+def test_overlay_names_fitting_and_gear():
+    """Two fittings, and two gears, give different text; a long name is cut to the panel."""
+    overlay, grey = Overlay(1280, 720), np.full((720, 1280, 3), 90, np.uint8)
+    trajectory = two_legs_result().trajectory
+    last = len(trajectory) - 1
+    named, long = (overlay.write(grey, trajectory, last, name) for name in ("drop", "a_very_long_name_" * 5))
+    assert (named != long).any()
+    assert (long[:, 360:] == 90).all()
+    channels = dict(trajectory.channels) | {"gear": np.ones(last + 1)}
+    nose_first = Trajectory(trajectory.time, channels, trajectory.phases, trajectory.qpos)
+    assert (overlay.write(grey, nose_first, last, "drop") != named).any()

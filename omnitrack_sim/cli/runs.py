@@ -28,8 +28,9 @@ def run(
     camera: Annotated[str, typer.Option(help="Camera of the video: side, follow or onboard.")] = "side",
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json instead of the table.")] = False,
 ) -> None:
-    """Run one scenario and save result, trajectory, plot and video."""
-    from omnitrack_sim.plots import plot_summary
+    """Run one scenario and save result, timeline, trajectory, plots and video."""
+    from omnitrack_sim.inset import needs_map
+    from omnitrack_sim.plots import plot_mission, plot_summary
     from omnitrack_sim.sim.result import check_output, run_folder
     from omnitrack_sim.sim.runner import run as run_scenario
 
@@ -43,6 +44,8 @@ def run(
     with run_folder(target) as temporary:
         result.write(temporary)
         plot_summary(result, temporary / "summary.png")
+        if needs_map(result.routes()):
+            plot_mission(result, temporary / "map.png")
         if video:
             _try_video(result, temporary / "video.mp4", camera, as_json)
     if as_json:
@@ -77,6 +80,11 @@ def _print_result(result: Result, target: Path) -> None:
         out.print(f"  {plain(event)}", soft_wrap=True)
     if result.as_expected is False:
         out.print(f"  [yellow]expected {result.scenario.expect.outcome}[/]")
+    if _is_mission(result):
+        out.print(_visit_table(result))
+        out.print(
+            "  tilt: largest; slip: mean ratio; force: least normal force of a module, 0.1 s mean", soft_wrap=True
+        )
     out.print(_module_table(result))
     metrics = result.metrics
     out.print(
@@ -86,6 +94,43 @@ def _print_result(result: Result, target: Path) -> None:
         soft_wrap=True,
     )
     out.print(f"  saved in {target}", soft_wrap=True)
+
+
+def _is_mission(result: Result) -> bool:
+    """Whether a run has more to tell than one fitting: two that are not straight, or several legs."""
+    routes = result.routes()
+    turns = [passage for route in routes for passage in route.fittings if passage.kind != "straight"]
+    return len(routes) > 1 or len(turns) > 1
+
+
+def _visit_table(result: Result) -> Table:
+    """The columns of the timeline that matter most."""
+    legs = len(result.routes()) > 1
+    heads = [("enter", "s"), ("time", "s"), ("theta5", "deg"), ("tilt", "deg"), ("slip", "1"), ("force", "N")]
+    heads += [("rolls", "1"), ("retries", "1")]
+    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=True)
+    for name in ["leg", "fitting"] if legs else ["  fitting"]:
+        table.add_column(name, no_wrap=True)
+    table.add_column("manoeuvre")
+    for name, unit in heads:
+        table.add_column(f"{name}\n{unit}", justify="right", no_wrap=True)
+    for visit in result.timeline():
+        leg = f"{visit.leg + 1}{' tail' if visit.gear < 0 else ''}"
+        slip = "-" if visit.slip_ratio_mean is None else f"{visit.slip_ratio_mean:.3f}"
+        table.add_row(
+            *((leg,) if legs else ()),
+            plain(visit.name) if legs else f"  {plain(visit.name)}",
+            visit.manoeuvre,
+            f"{visit.time_enter_s:.2f}",
+            f"{visit.duration_s:.2f}",
+            f"{visit.theta5_enter_deg:z.0f}",
+            f"{visit.tilt_max_deg:.1f}",
+            slip,
+            f"{visit.normal_force_min_n:.1f}",
+            str(visit.rolls or "-"),
+            str(visit.retries or "-"),
+        )
+    return table
 
 
 _ROWS = {

@@ -10,7 +10,7 @@ import trimesh
 from numpy.typing import ArrayLike
 
 from omnitrack_sim.frames import Array, quaternion_from_matrix, unit
-from omnitrack_sim.mjcf.meshes import THICKNESS, cutaway_mesh
+from omnitrack_sim.mjcf.meshes import THICKNESS, cutaway_mesh, inside_mesh
 from omnitrack_sim.mjcf.parts import coil, lug_row, triangular_prism
 from omnitrack_sim.pipes import PipeNetwork, Reducer, Straight
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
@@ -20,6 +20,8 @@ ROBOT_GROUP = 2
 PIPE_GROUP = 1
 FRONT_GROUP = 4
 """The halves of the pipes that are cut away: hidden, but for the camera within the pipe."""
+INSIDE_GROUP = 5
+"""The insides of the pipes, which are seen from within only: from outside one looks through the nearer wall."""
 COLOURS: dict[str, tuple[float, float, float]] = {
     "module_1": (0.95, 0.55, 0.05),
     "module_2": (0.10, 0.45, 0.80),
@@ -153,6 +155,26 @@ def add_pipe_looks(spec: mujoco.MjSpec, network: PipeNetwork, cutaway_normal: Ar
             _add_mesh(spec, name, cutaway_mesh(part.fitting, local, keep=keep))
             geom = _look(spec.worldbody, name, "pipe", mesh=name, pos=part.pose.position, quat=part.pose.quaternion)
             geom.group = group
+
+
+def add_pipe_insides(spec: mujoco.MjSpec, network: PipeNetwork) -> None:
+    """The inner surface of each part of the network as ``inside_<part>`` (group 5), for a viewer who moves about.
+
+    Renderers that pass over faces seen from behind, as MuJoCo's does, open the pipes towards any viewer by themselves.
+    """
+    _add_materials(spec)
+    for part in network.parts:
+        name = f"inside_{part.name}"
+        _add_mesh(spec, name, inside_mesh(part.fitting))
+        geom = _look(spec.worldbody, name, "pipe", mesh=name, pos=part.pose.position, quat=part.pose.quaternion)
+        geom.group = INSIDE_GROUP
+
+
+def follow_direction(network: PipeNetwork) -> Array:
+    """Unit vector (3,), world: from the robot to the camera that keeps with it, where nothing speaks against it."""
+    towards = view_direction(network)
+    up = _upward(towards)
+    return unit(towards + 0.20 * up + 0.16 * np.cross(up, towards))
 
 
 def add_cameras(spec: mujoco.MjSpec, network: PipeNetwork, cutaway_normal: ArrayLike | None = None) -> None:

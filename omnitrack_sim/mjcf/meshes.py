@@ -80,6 +80,15 @@ def cutaway_mesh(
     return manifold_to_trimesh(_wall(fitting, thickness, sections).trim_by_plane(tuple(side), 0.0))
 
 
+def inside_mesh(fitting: Fitting, sections: int = SECTIONS) -> trimesh.Trimesh:
+    """The inner surface of a fitting alone, m, fitting frame; its faces look into the bore."""
+    mesh = fitting_mesh(fitting, sections=sections)
+    within = fitting.signed_distance(np.asarray(mesh.vertices))[0] > -THICKNESS / 2
+    mesh.update_faces(within[mesh.faces].all(axis=1))
+    mesh.remove_unreferenced_vertices()
+    return mesh
+
+
 def cut_normal(fitting: Fitting, towards: ArrayLike) -> Array:
     """Unit normal (3,) of the cut through the fitting's axis, fitting frame, on the side of ``towards`` (3,)."""
     x, y, _ = np.asarray(towards, float)

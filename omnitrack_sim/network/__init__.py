@@ -1,9 +1,10 @@
 """Pipe networks as files, and routes through them. ``network.export`` writes models, meshes and tables."""
 
 from omnitrack_sim.network.mission import Leg, Mission, Planner
-from omnitrack_sim.network.planning import manoeuvre, shortest_route
+from omnitrack_sim.network.planning import shortest_route
 from omnitrack_sim.network.random import random_network
 from omnitrack_sim.network.spec import Network, load_network, validate
+from omnitrack_sim.timeline import manoeuvre
 
 __all__ = [
     "Leg",

@@ -67,6 +67,9 @@ class Planner:
         distance: m along the way from the start port to the robot's centre as it begins.
         arcs: of the centreline in tees.
 
+    Attributes:
+        ends: ports (part index, port) of start and goals. plates: those closed by a plate.
+
     Raises:
         NetworkError: no such port or fitting, no open end, or a goal that cannot be reached; ``start``, ``goals.0``,
             ``avoid.0`` or ``blocked.0`` say which.
@@ -76,19 +79,14 @@ class Planner:
         self, network: Network, mission: Mission, length: float, distance: float, arcs: TeeArcs = TEE_ARCS
     ) -> None:
         self.network, self.mission, self.length, self.arcs = network, mission, length, arcs
-        self._ends, self._blocked = _checked(network, mission)
+        self.ends, self.plates = _checked(network, mission)
         self._graph = port_graph(network, arcs)
         names = [part.name for part in network.fittings]
         self._graph.remove_nodes_from([node for node in list(self._graph) if names[node[0]] in mission.avoid])
-        way = shortest_way(self._graph, self._ends[0], self._ends[1])
+        way = shortest_way(self._graph, self.ends[0], self.ends[1])
         if way is None:
             raise NetworkError(_unreachable(0, mission))
         self.first = self._forward(way, distance, 0)
-
-    @property
-    def plates(self) -> tuple[tuple[int, str], ...]:
-        """Ports (part index, port) that are closed by a plate."""
-        return self._blocked
 
     def route(self, leg: Leg) -> Route:
         """The way of a leg with its centreline."""
@@ -134,7 +132,7 @@ class Planner:
             # Nose first: not back through the port it came in by.
             back = self.network.joined_to.get(f"{self.network.fittings[part].name}.{enter}")
             cut = graph if back is None else _without_edge(graph, (part, enter), self.network.port(back))
-            onward = shortest_way(cut, (part, enter), self._ends[goal + 1])
+            onward = shortest_way(cut, (part, enter), self.ends[goal + 1])
             if onward is None:
                 continue
             way = (*leg.way[:c], *onward)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from omnitrack_sim.errors import Fault, NetworkError
 from omnitrack_sim.network.layout import End
 from omnitrack_sim.network.spec import Network
-from omnitrack_sim.pipes import TEE_ARCS, Passage, Route, TeeArcs, route_through
+from omnitrack_sim.pipes import TEE_ARCS, Route, TeeArcs, route_through
 
 if TYPE_CHECKING:
     import networkx
@@ -90,12 +90,3 @@ def shortest_way(graph: networkx.DiGraph[Any], start: End, goal: End) -> Way | N
 def route_of(network: Network, way: Way, arcs: TeeArcs = TEE_ARCS) -> Route:
     """A way through a network with its centreline."""
     return route_through(network.pipes, way, arcs)
-
-
-def manoeuvre(passage: Passage) -> str:
-    """What the robot does in a fitting of a route: the kind, or of a tee run to branch, branch to run, over the run."""
-    if passage.kind != "tee":
-        return passage.kind
-    if "branch" not in (passage.enter, passage.leave):
-        return "over the run"
-    return "run to branch" if passage.leave == "branch" else "branch to run"

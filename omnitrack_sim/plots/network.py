@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from omnitrack_sim.frames import Array
 from omnitrack_sim.network import Network
-from omnitrack_sim.pipes import Centreline, Placed, Reducer, Route, Straight, Tee
+from omnitrack_sim.pipes import Centreline, PipeNetwork, Placed, Reducer, Route, Straight, Tee
 from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, save_figure, styled
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def _draw(network: Network, route: Route | None) -> Figure:
     from matplotlib.figure import Figure
 
     parts = network.pipes.parts
-    quads = np.concatenate([_quads(part) for part in parts])
+    quads = faces(network.pipes)
     low, high = quads.reshape(-1, 3).min(axis=0), quads.reshape(-1, 3).max(axis=0)
     across = 0 if high[0] - low[0] >= high[1] - low[1] else 1
     figure = Figure(figsize=(13.5, 5.4), layout="constrained")
@@ -67,13 +68,8 @@ def _draw(network: Network, route: Route | None) -> Figure:
     canvas.draw()
     renderer = canvas.get_renderer()
     for part in parts:
-        # Each name stands in the view that shows most of its part.
-        points = np.concatenate(_lines(part))
-        seen = [
-            float(np.prod(np.ptp(points[:, list(pair)], axis=0) + part.fitting.largest_radius)) for pair, _ in views
-        ]
-        view = int(np.argmax(seen))
-        _label(axes[view], renderer, part.name, _middle(part)[list(views[view][0])])
+        view = widest_view(part, [pair for pair, _ in views])
+        label(axes[view], renderer, part.name, middle(part)[list(views[view][0])])
     title = f"{network.name}: {len(parts)} parts, {network.length:.2f} m, {len(network.open_ends)} open ends"
     if route is not None:
         title += f"; route of {route.centreline.length:.2f} m through {len(route.fittings)} parts"
@@ -107,16 +103,8 @@ def _draw_space(space: Any, network: Network, quads: Array, low: Array, high: Ar
 def _draw_view(
     axis: Axes, network: Network, quads: Array, pair: tuple[int, int], title: str, route: Route | None
 ) -> None:
-    from matplotlib.collections import PolyCollection
-
     columns = list(pair)
-    caps = [cap[:, columns] for part in network.pipes.parts for cap in _caps(part)]
-    axis.add_collection(
-        PolyCollection([*quads[:, :, columns], *caps], facecolors=PIPE, edgecolors=PIPE, linewidths=0.4)
-    )
-    for part in network.pipes.parts:
-        for line in _lines(part):
-            axis.plot(*line[:, columns].T, color=GREY, linewidth=0.7)
+    draw_pipes(axis, network.pipes, pair, quads)
     if route is not None:
         axis.plot(*_way(route)[:, columns].T, color=ROUTE, linewidth=2.4, alpha=0.85)
     for name, point in _open_ends(network, route):
@@ -128,14 +116,41 @@ def _draw_view(
     axis.margins(0.06)
 
 
-def _label(axis: Axes, renderer: Any, text: str, point: Array) -> None:
+def draw_pipes(axis: Axes, pipes: PipeNetwork, pair: tuple[int, int], quads: Array) -> None:
+    """Bores and axes of all parts in one view; ``pair``: world axes to the right and up; ``quads``: of ``faces``."""
+    from matplotlib.collections import PolyCollection
+
+    columns = list(pair)
+    caps = [cap[:, columns] for part in pipes.parts for cap in _caps(part)]
+    axis.add_collection(
+        PolyCollection([*quads[:, :, columns], *caps], facecolors=PIPE, edgecolors=PIPE, linewidths=0.4)
+    )
+    for part in pipes.parts:
+        for line in _lines(part):
+            axis.plot(*line[:, columns].T, color=GREY, linewidth=0.7)
+
+
+def faces(pipes: PipeNetwork) -> Array:
+    """Corners (n, 4, 3) m of the faces of all bores, world frame."""
+    return np.concatenate([_quads(part) for part in pipes.parts])
+
+
+def widest_view(part: Placed, pairs: Sequence[tuple[int, int]]) -> int:
+    """Index of the view, of ``pairs`` of world axes, that shows most of a part."""
+    points = np.concatenate(_lines(part))
+    return int(
+        np.argmax([np.prod(np.ptp(points[:, list(pair)], axis=0) + part.fitting.largest_radius) for pair in pairs])
+    )
+
+
+def label(axis: Axes, renderer: Any, text: str, point: Array) -> None:
     """A name at a place (2,) m, moved up or down until it covers no other one."""
-    taken = [label.get_window_extent(renderer) for label in axis.texts]
-    label = None
+    taken = [other.get_window_extent(renderer) for other in axis.texts]
+    found = None
     for shift in (0, 9, -9, 18, -18, 27, -27, 36, -36):
-        if label is not None:
-            label.remove()
-        label = axis.annotate(
+        if found is not None:
+            found.remove()
+        found = axis.annotate(
             text,
             (float(point[0]), float(point[1])),
             xytext=(0, shift),
@@ -147,7 +162,7 @@ def _label(axis: Axes, renderer: Any, text: str, point: Array) -> None:
             zorder=6,
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.6},
         )
-        box = label.get_window_extent(renderer)
+        box = found.get_window_extent(renderer)
         if not any(box.overlaps(other) for other in taken):
             return
 
@@ -193,7 +208,7 @@ def _lines(part: Placed) -> list[Array]:
     return [line.at(np.linspace(0, line.length, count))[0]]
 
 
-def _middle(part: Placed) -> Array:
+def middle(part: Placed) -> Array:
     """Where a part's name stands (3,) m."""
     line = _axis(part)
     return line.at(np.array([line.length / 2]))[0][0]

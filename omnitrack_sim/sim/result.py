@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import io
 import json
@@ -23,12 +24,14 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.errors import OutputError
+from omnitrack_sim.frames import Array
 from omnitrack_sim.metrics import Metrics
 from omnitrack_sim.network import Leg
 from omnitrack_sim.outcome import Outcome
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.robot import MODULES
 from omnitrack_sim.scenario import Scenario, validate
+from omnitrack_sim.timeline import Visit, timeline
 from omnitrack_sim.trajectory import CHANNELS, TRACKS, Trajectory
 
 RESULT_FILE = "result.json"
@@ -76,6 +79,19 @@ class Result:
         planner = self.scenario.planner
         return (self.scenario.route(),) if planner is None else tuple(planner.route(leg) for leg in self.legs)
 
+    def goal_point(self) -> Array:
+        """Where the robot's centre has to get to, (3,) m, world frame; of a mission the last goal's port."""
+        planner = self.scenario.planner
+        if planner is not None:
+            part, port = planner.ends[-1]
+            return planner.network.pipes.parts[part].port(port).position
+        line = self.routes()[-1].centreline
+        return line.at(np.clip([self.scenario.goal_distance], 0.0, line.length))[0][0]
+
+    def timeline(self) -> list[Visit]:
+        """The run fitting by fitting, in order of time; see ``timeline.timeline``."""
+        return timeline(self.trajectory, self.routes(), self.scenario.robot.lug_radius)
+
     def summary(self) -> dict[str, Any]:
         """The contents of ``result.json``."""
         return {
@@ -93,10 +109,11 @@ class Result:
         }
 
     def write(self, folder: Path) -> None:
-        """Write scenario, result, trajectory and replay, a file each, into an existing folder."""
+        """Write scenario, result, timeline, trajectory and replay, a file each, into an existing folder."""
         (folder / "scenario.json").write_text(self.scenario.model_dump_json(indent=2) + "\n", encoding="utf-8")
         summary = json.dumps(_finite(self.summary()), indent=2, allow_nan=False)
         (folder / RESULT_FILE).write_text(summary + "\n", encoding="utf-8")
+        _write_timeline(self.timeline(), folder / "timeline.csv")
         _write_parquet(self.trajectory, folder / "trajectory.parquet")
         _write_npz(folder / "replay.npz", time=self.trajectory.time, qpos=self.trajectory.qpos)
 
@@ -221,6 +238,14 @@ def column_names(channel: str) -> list[str]:
         return [f"{channel}_{i}" for i in modules]
     ends = TRACKS if shape[1] == len(TRACKS) else tuple("xyz")
     return [f"{channel}_{i}_{end}" for i in modules for end in ends]
+
+
+def _write_timeline(visits: list[Visit], path: Path) -> None:
+    """One row a visit. Numbers are written so that reading gives them back exactly; what there is not, is empty."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(field.name for field in dataclasses.fields(Visit))
+        rows.writerows(dataclasses.astuple(visit) for visit in visits)
 
 
 def _write_parquet(trajectory: Trajectory, path: Path) -> None:

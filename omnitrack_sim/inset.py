@@ -1,0 +1,192 @@
+"""A small map of all pipes in the corner of a film: the way driven so far, the robot and its goal. Pillow only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from omnitrack_sim.frames import Array, matrix_from_quaternion
+from omnitrack_sim.pipes import PipeNetwork, Placed, Route, Tee
+from omnitrack_sim.trajectory import Trajectory
+
+FEW_FITTINGS = 3
+"""A route through no more fittings than this needs no map."""
+SPACING = 0.04
+"""Distance of neighbouring points of a drawn axis, m."""
+NOSE_FIRST, TAIL_FIRST = (255, 205, 70), (240, 120, 170)
+"""Colours of the way driven, 8-bit RGB."""
+_PANEL, _EDGE, _PIPE, _ROBOT = (14, 18, 24, 190), (14, 18, 24), (120, 131, 144), (255, 255, 255)
+_FINER = 3  # the map is drawn this much larger and then made smaller, for smooth lines
+_VIEWS = [(0, 0), (90, 0), *((side * turn, up) for up in (22, 35) for turn in (25, 40, 60) for side in (1, -1))]
+# degrees: elevations from two sides, and oblique views from above
+_MOST = 500  # points that overlap is looked for with
+
+
+def needs_map(routes: Sequence[Route]) -> bool:
+    """Whether a run goes through more than ``FEW_FITTINGS`` fittings, or over several legs."""
+    return len(routes) > 1 or len(routes[0].fittings) > FEW_FITTINGS
+
+
+class Inset:
+    """The map for frames of one size, upper right corner. The pipes are drawn once."""
+
+    def __init__(self, trajectory: Trajectory, routes: Sequence[Route], goal: Array, width: int, height: int) -> None:
+        """``goal`` (3,) m, world frame; ``width`` and ``height`` of the frames in pixels."""
+        network = routes[0].network
+        self.trajectory = trajectory
+        self.view = projection(network)
+        self.unit = _FINER * min(height / 720, width / 1280)  # pixels of the large map for one of a 720-line film
+        axes = [self._flat(line) for part in network.parts for line in _lines(part)]
+        radius = max(part.fitting.radius for part in network.parts)
+        low = np.min([axis.min(axis=0) for axis in axes], axis=0) - radius
+        high = np.max([axis.max(axis=0) for axis in axes], axis=0) + radius
+        pad = 14 * self.unit
+        room = np.array([0.27 * width, 0.40 * height]) * _FINER - 2 * pad
+        self.scale = float((room / (high - low)).min())  # pixels a metre
+        self.offset = np.array([pad - self.scale * low[0], pad + self.scale * high[1]])
+        size = np.ceil((self.scale * (high - low) + 2 * pad) / _FINER).astype(int)
+        self.size = (int(size[0]) * _FINER, int(size[1]) * _FINER)
+        self.place = (width - round(18 * self.unit / _FINER) - int(size[0]), round(18 * self.unit / _FINER))
+        self._background = self._pipes(network, goal)
+        step = np.abs(np.diff(trajectory["distance"], prepend=trajectory["distance"][0]))
+        marks = np.floor(np.cumsum(np.where(np.isfinite(step), step, 0.0)) / 0.01)
+        known = np.isfinite(trajectory["position"]).all(axis=1)
+        self._rows = np.flatnonzero(known & ((np.diff(marks, prepend=-1) > 0) | _changed(trajectory["leg"])))
+        self._points = self._pixels(trajectory["position"])  # (T, 2)
+
+    def write(self, frame: NDArray[np.uint8], row: int) -> NDArray[np.uint8]:
+        """A copy of ``frame`` (h, w, 3) with the map as of sample ``row``."""
+        panel = self._background.copy()
+        draw = ImageDraw.Draw(panel)
+        self._way(draw, row)
+        self._robot(draw, row)
+        small = panel.resize((self.size[0] // _FINER, self.size[1] // _FINER), Image.Resampling.BOX)
+        image = Image.fromarray(np.ascontiguousarray(frame))
+        image.paste(small.convert("RGB"), self.place, small.getchannel("A"))
+        return np.asarray(image)
+
+    def _flat(self, points: Array) -> Array:
+        """Places (n, 2) m, right and up in the map, of ``points`` (n, 3) m."""
+        return points @ self.view[:, :2]
+
+    def _pixels(self, points: Array) -> Array:
+        """The same in pixels of the large map, right and down."""
+        return self.offset + self.scale * self._flat(points) * [1, -1]
+
+    def _pipes(self, network: PipeNetwork, goal: Array) -> Image.Image:
+        """Panel, pipes from the farthest to the nearest, goal."""
+        image = Image.new("RGBA", self.size, (0, 0, 0, 0))
+        draw = ImageDraw.Draw(image)
+        draw.rounded_rectangle((0, 0, self.size[0] - 1, self.size[1] - 1), round(10 * self.unit), fill=_PANEL)
+        lines = [(part, line) for part in network.parts for line in _lines(part)]
+        pieces = [(part.fitting.radius, line[i : i + 2]) for part, line in lines for i in range(len(line) - 1)]
+        order = np.argsort([float((piece @ self.view[:, 2]).mean()) for _, piece in pieces], kind="stable")
+        for radius, piece in (pieces[i] for i in order):
+            ends = [tuple(end) for end in self._pixels(piece).tolist()]
+            thick = max(5 * self.unit, 2 * self.scale * radius)
+            # The dark edge ends square, so that it shows at crossings only and not where pieces meet.
+            draw.line(ends, fill=_EDGE, width=round(thick + 3 * self.unit))
+            draw.line(ends, fill=_PIPE, width=round(thick))
+            for x, y in ends:
+                draw.ellipse((x - thick / 2, y - thick / 2, x + thick / 2, y + thick / 2), fill=_PIPE)
+        self._star(draw, self._pixels(goal[None])[0])
+        return image
+
+    def _star(self, draw: ImageDraw.ImageDraw, centre: Array) -> None:
+        angle = np.pi * np.arange(10) / 5
+        reach = np.where(np.arange(10) % 2 == 0, 9.0, 4.0) * self.unit
+        corners = centre + reach[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
+        draw.polygon([tuple(corner) for corner in corners.tolist()], fill=(255, 230, 120), outline=_EDGE)
+
+    def _way(self, draw: ImageDraw.ImageDraw, row: int) -> None:
+        """The way driven up to ``row``, in the colour of the gear."""
+        rows = np.append(self._rows[self._rows < row], row)
+        tail_first = self.trajectory["gear"][rows] < 0
+        for first, last in _spans(tail_first):
+            points = self._points[rows[first : last + 1]]
+            colour = TAIL_FIRST if tail_first[first] else NOSE_FIRST
+            if len(points) > 1 and np.isfinite(points).all():
+                path = [tuple(point) for point in points.tolist()]
+                draw.line(path, fill=colour, width=max(1, round(3.2 * self.unit)), joint="curve")
+
+    def _robot(self, draw: ImageDraw.ImageDraw, row: int) -> None:
+        """A dot, and an arrow from it to where the nose points; short where that is towards the viewer or away."""
+        centre = self._points[row]
+        if not np.isfinite(centre).all():
+            return
+        nose = matrix_from_quaternion(self.trajectory["quaternion"][row])[:, 2]
+        ahead = (nose @ self.view[:, :2]) * [1, -1]
+        aside = np.array([-ahead[1], ahead[0]]) / max(float(np.hypot(*ahead)), 1e-9)
+        tip, base = centre + 19 * self.unit * ahead, centre + 5 * self.unit * ahead
+        corners = [tip, base + 6.5 * self.unit * aside, base - 6.5 * self.unit * aside]
+        draw.polygon([tuple(corner) for corner in np.array(corners).tolist()], fill=_ROBOT, outline=_EDGE)
+        for reach, colour in ((7.0, _EDGE), (5.5, _ROBOT)):
+            low, high = centre - reach * self.unit, centre + reach * self.unit
+            draw.ellipse((*low.tolist(), *high.tolist()), fill=colour)
+
+
+def projection(network: PipeNetwork) -> Array:
+    """Axes of the picture as columns (3, 3): right, up, towards the viewer. World z is up.
+
+    Of elevations and oblique views from above the one in which the fewest pipes lie over others or are seen end on.
+    """
+    lines = [line for part in network.parts for line in _lines(part)]
+    points = np.concatenate(lines)
+    points = points[:: max(1, len(points) // _MOST)]
+    steps = np.concatenate([np.diff(line, axis=0) for line in lines])
+    length = np.linalg.norm(steps, axis=1)
+    apart = _distances(points)
+    width = 2 * max(part.fitting.radius for part in network.parts)
+    best, least = np.eye(3), np.inf
+    for azimuth, elevation in np.radians(_VIEWS):
+        view = _axes(azimuth, elevation)
+        over = (_distances(points @ view[:, :2]) < width) & (apart > 1.5 * width)
+        shown = np.linalg.norm(steps @ view[:, :2], axis=1) / length
+        end_on = length @ np.maximum(0.6 - shown, 0.0) / length.sum()
+        short = length @ (1 - shown) / length.sum()
+        cost = over.any(axis=1).mean() + 2 * end_on + 0.2 * short
+        if cost < least - 1e-9:
+            best, least = view, cost
+    return best
+
+
+def _axes(azimuth: float, elevation: float) -> Array:
+    """Picture axes (3, 3) of a viewer in front (-y), turned by ``azimuth`` rad to his right and raised."""
+    back = np.array([np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
+    right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    return np.stack([right, np.cross(back, right), back], axis=-1)
+
+
+def _distances(points: Array) -> Array:
+    """Distances (n, n) m between ``points`` (n, d) m."""
+    return np.linalg.norm(points[:, None] - points[None], axis=-1)
+
+
+def _lines(part: Placed) -> list[Array]:
+    """Axes of a part, points (n, 3) m: a tee has its run and its branch."""
+    if isinstance(part.fitting, Tee):
+        start, end, branch = (part.port(port).position for port in part.fitting.choices)
+        middle = part.pose.position
+        return [_line(start, middle), _line(middle, end), _line(middle, branch)]
+    enter, leave = part.fitting.choices[:2]
+    axis = part.axis(enter, leave)
+    return [axis.at(np.linspace(0, axis.length, max(2, round(axis.length / SPACING) + 1)))[0]]
+
+
+def _line(start: Array, end: Array) -> Array:
+    count = max(2, round(float(np.linalg.norm(end - start)) / SPACING) + 1)
+    return start + np.linspace(0, 1, count)[:, None] * (end - start)
+
+
+def _changed(codes: NDArray) -> NDArray[np.bool_]:
+    """Where (T,) codes differ from the sample before."""
+    return np.diff(codes, prepend=codes[:1]) != 0
+
+
+def _spans(codes: NDArray) -> list[tuple[int, int]]:
+    """First row of each span of equal codes (n,), and the first row after it (or the last of all)."""
+    starts = np.append(0, np.flatnonzero(codes[1:] != codes[:-1]) + 1)
+    return list(zip(starts.tolist(), np.append(starts[1:], len(codes) - 1).tolist(), strict=True))

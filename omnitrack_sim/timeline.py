@@ -1,0 +1,220 @@
+"""The run fitting by fitting: when the robot was where, and how it fared there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.frames import Array
+from omnitrack_sim.pipes import Passage, Route
+from omnitrack_sim.trajectory import Trajectory
+
+ROLL_PHASE, RETRY_PHASE = "align", "back_off"
+"""Names of the phases in which a robot rolls its modules on the spot, and backs off to try again."""
+FORCE_WINDOW = 0.1
+"""Length of the running mean that the least normal force is taken of, s: single lugs leave the wall all the time."""
+
+
+@dataclass(frozen=True)
+class Visit:
+    """One fitting that the robot's centre was in, on one leg.
+
+    A robot that backs out of a fitting and comes again has one visit of it, from the first entry to the last exit.
+    Means are over the time in the fitting. Slip and forces are of the three modules.
+
+    Attributes:
+        leg: index of the leg. gear: 1 nose first, -1 tail first.
+        name, kind: of the fitting. manoeuvre: see ``manoeuvre``. enter, leave: ports, as the leg's route has them.
+        time_enter_s: first sample in it. time_leave_s: first sample after it; None where the run ended in it.
+        duration_s: time in it, without the time backed out of it; all durations add up to the run's.
+        theta5_enter_deg: module 1 from the turning direction of this fitting or, in a straight, the next one.
+        tilt_max_deg, tilt_leave_deg: robot axis against the centreline; at the last sample in it.
+        slip_ratio_mean: of the magnitude, while in contact; None where no module touched the wall.
+        slip_distance_m: belt travel that moved nothing, mean of the modules.
+        normal_force_mean_n: of the modules. normal_force_min_n: least of the modules' means over ``FORCE_WINDOW``.
+        energy_j: mechanical, of all motors, braking not recovered; adds up to that of ``metrics.summarise``.
+        rolls, retries: how often the robot began to roll its modules or to back off for this fitting.
+    """
+
+    leg: int
+    gear: int
+    name: str
+    kind: str
+    manoeuvre: str
+    enter: str
+    leave: str
+    time_enter_s: float
+    time_leave_s: float | None
+    duration_s: float
+    theta5_enter_deg: float
+    tilt_max_deg: float
+    tilt_leave_deg: float
+    slip_ratio_mean: float | None
+    slip_distance_m: float
+    normal_force_mean_n: float
+    normal_force_min_n: float
+    energy_j: float
+    rolls: int
+    retries: int
+
+
+def manoeuvre(passage: Passage) -> str:
+    """What the robot does in a fitting: its kind, or in a tee run to branch, branch to run, over the run."""
+    if passage.kind != "tee":
+        return passage.kind
+    if "branch" not in (passage.enter, passage.leave):
+        return "over the run"
+    return "run to branch" if passage.leave == "branch" else "branch to run"
+
+
+def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float) -> list[Visit]:
+    """One visit for each fitting the robot's centre was in, in order of the first entry.
+
+    A roll before a fitting, or a retry, begins while the centre may still be in the fitting before. It counts for the
+    fitting ahead that it is for: the first elbow or tee of the leg whose bend or opening the centre has not left. Where
+    there is none, or the centre never came into it on that leg, it counts where the robot stood. Controllers without
+    these phases have none.
+
+    Args:
+        trajectory: the record.
+        routes: of each leg, in the order of the channel ``leg``.
+        lug_radius: m, belt speed over shaft speed.
+    """
+    leg, place = trajectory["leg"].astype(int), passage_indices(trajectory, routes)
+    group = _offsets(routes)[leg] + place  # (T,) one number for each fitting of each leg
+    order = np.argsort(group, kind="stable")
+    rows_of = np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
+    rows_of.sort(key=lambda rows: rows[0])
+    rolls, retries = (_counts(trajectory, routes, group, name) for name in (ROLL_PHASE, RETRY_PHASE))
+    samples = _Samples(trajectory, lug_radius)
+    visits = []
+    for rows in rows_of:
+        first = int(rows[0])
+        route = routes[int(leg[first])]
+        passage = route.fittings[int(place[first])]
+        number = int(group[first])
+        visits.append(
+            Visit(
+                leg=int(leg[first]),
+                gear=-1 if trajectory["gear"][first] < 0 else 1,
+                name=route.network.parts[passage.index].name,
+                kind=passage.kind,
+                manoeuvre=manoeuvre(passage),
+                enter=passage.enter,
+                leave=passage.leave,
+                **samples.figures(rows),
+                rolls=int(rolls[number]),
+                retries=int(retries[number]),
+            )
+        )
+    return visits
+
+
+def passage_indices(trajectory: Trajectory, routes: Sequence[Route]) -> NDArray[np.intp]:
+    """Index (T,) into the fittings of its leg's route of the fitting that the robot's centre is in.
+
+    Before the first port plane and beyond the last one it is the first and the last fitting. A sample whose distance is
+    not a number is where the sample before it was.
+    """
+    distance = trajectory["distance"]
+    known = np.maximum.accumulate(np.where(np.isfinite(distance), np.arange(len(distance)), 0))
+    distance, leg = distance[known], trajectory["leg"].astype(int)
+    place = np.zeros(len(distance), np.intp)
+    for index, route in enumerate(routes):
+        planes = [passage.s_leave for passage in route.fittings[:-1]]
+        on = leg == index
+        place[on] = np.searchsorted(planes, distance[on], side="right")
+    return place
+
+
+def begun(trajectory: Trajectory, phase: str) -> NDArray[np.intp]:
+    """Rows at which the phase of that name begins; none where there is no such phase."""
+    if phase not in trajectory.phases:
+        return np.zeros(0, np.intp)
+    inside = trajectory["phase"].astype(int) == trajectory.phases.index(phase)
+    return np.flatnonzero(inside & ~np.append(False, inside[:-1]))
+
+
+def running_mean(values: NDArray, time: Array, window: float) -> Array:
+    """Centred mean (T, k) over ``window`` s of samples (T, k) at ``time`` (T,) s; shorter at both ends."""
+    values = np.asarray(values, float)
+    if len(time) < 2:
+        return values
+    step = np.diff(time)[:, None]
+    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(step * (values[1:] + values[:-1]) / 2, axis=0)])
+    low, high = np.maximum(time - window / 2, time[0]), np.minimum(time + window / 2, time[-1])
+    rise = [np.interp(high, time, column) - np.interp(low, time, column) for column in total.T]
+    return np.stack(rise, axis=1) / (high - low)[:, None]
+
+
+class _Samples:
+    """What the figures of a visit are made of, each per interval from one sample to the next (trapezoidal rule)."""
+
+    def __init__(self, trajectory: Trajectory, lug_radius: float) -> None:
+        touching = (trajectory["contact_count"].sum(axis=-1) > 0).astype(float)  # (T, 3)
+        power = np.maximum(trajectory["motor_torque"] * trajectory["belt_speed"] / lug_radius, 0.0)  # (T, 3) W
+        force = trajectory["normal_force"]
+        time = trajectory.time
+        self.time, self.step = time, np.append(np.diff(time), 0.0)  # (T,) s, of the interval that begins here
+        self.touching = _between(touching.sum(axis=1))
+        self.slip = _between((np.abs(trajectory["slip_ratio"]) * touching).sum(axis=1))
+        self.slip_speed = _between(np.abs(trajectory["slip_velocity"]).mean(axis=1))
+        self.power = _between(power.sum(axis=1))
+        self.force = _between(force.mean(axis=1))
+        self.least_force = running_mean(force, time, FORCE_WINDOW).min(axis=1)
+        self.tilt, self.theta5 = (np.degrees(trajectory[name]) for name in ("tilt", "theta5"))
+
+    def figures(self, rows: NDArray[np.intp]) -> dict:
+        """The measured fields of the visit that holds the samples ``rows``, in order of time."""
+        first, last = int(rows[0]), int(rows[-1])
+        step = self.step[rows]
+        # A run that ends at its first sample in a fitting has spent no time there: its values are that sample's.
+        weight = step if step.sum() > 0 else np.ones(len(rows))
+        touching = float(weight @ self.touching[rows])
+        return {
+            "time_enter_s": float(self.time[first]),
+            "time_leave_s": float(self.time[last + 1]) if last + 1 < len(self.time) else None,
+            "duration_s": float(step.sum()),
+            "theta5_enter_deg": float(self.theta5[first]),
+            "tilt_max_deg": float(self.tilt[rows].max()),
+            "tilt_leave_deg": float(self.tilt[last]),
+            "slip_ratio_mean": float(weight @ self.slip[rows]) / touching if touching > 0 else None,
+            "slip_distance_m": float(step @ self.slip_speed[rows]),
+            "normal_force_mean_n": float(weight @ self.force[rows] / weight.sum()),
+            "normal_force_min_n": float(self.least_force[rows].min()),
+            "energy_j": float(step @ self.power[rows]),
+        }
+
+
+def _between(values: Array) -> Array:
+    """Mean (T,) of each sample (T,) and the next one; the last sample as it is."""
+    return (values + np.append(values[1:], values[-1:])) / 2
+
+
+def _offsets(routes: Sequence[Route]) -> NDArray[np.intp]:
+    """Where the fittings of each leg begin when those of all legs are counted through; and how many there are."""
+    return np.cumsum([0, *(len(route.fittings) for route in routes)])
+
+
+def _counts(trajectory: Trajectory, routes: Sequence[Route], group: NDArray[np.intp], phase: str) -> NDArray[np.intp]:
+    """How often a phase began, for each fitting of each leg; ``group`` (T,) is the one that each sample is in."""
+    offsets, visited = _offsets(routes), set(group.tolist())
+    counts = np.zeros(offsets[-1], np.intp)
+    for row in begun(trajectory, phase).tolist():
+        leg = int(trajectory["leg"][row])
+        ahead = _ahead(routes[leg], float(trajectory["distance"][row]))
+        meant = None if ahead is None else int(offsets[leg]) + ahead
+        counts[meant if meant in visited else group[row]] += 1
+    return counts
+
+
+def _ahead(route: Route, distance: float) -> int | None:
+    """The first elbow or tee whose bend or opening ends beyond ``distance`` m; None after the last one."""
+    for index, passage in enumerate(route.fittings):
+        end = passage.s_bend_end if passage.is_turn else passage.opening[1]  # nan where there is neither
+        if end > distance:
+            return index
+    return None

@@ -1,0 +1,98 @@
+"""The map of a run and the time chart below it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from PIL import Image
+from samples import sample_result, sample_trajectory, two_legs_result
+
+from omnitrack_sim.outcome import Outcome
+from omnitrack_sim.plots import mission_figure, plot_mission
+from omnitrack_sim.trajectory import Trajectory
+
+
+@pytest.fixture(scope="module")
+def figure():
+    return mission_figure(two_legs_result())
+
+
+def texts(figure) -> list[str]:
+    return [text.get_text() for axis in figure.axes for text in axis.texts]
+
+
+def legends(figure) -> list[str]:
+    found = [*figure.legends, *(axis.get_legend() for axis in figure.axes)]
+    return [text.get_text() for legend in found if legend is not None for text in legend.get_texts()]
+
+
+def test_every_part_is_named_in_both_maps_and_every_fitting_in_the_chart(figure):
+    """Parts of the network once a map; fittings driven through in the bands, legs below."""
+    names = texts(figure)
+    parts = [part.name for part in two_legs_result().routes()[0].network.parts]
+    driven = [visit.name for visit in two_legs_result().timeline()]
+    driven += ["shelf", "elbow_side"]  # two bands each: the robot backed off from one into the other
+    for part in parts:
+        assert names.count(part) == 2 + driven.count(part), part
+    assert [name.strip() for name in names if "leg" in name] == ["leg 1", "leg 2, tail first"]
+
+
+def test_names_do_not_cover_each_other(figure):
+    """No two names of a map overlap."""
+    renderer = figure.canvas.get_renderer()
+    for axis in figure.axes:
+        boxes = [text.get_window_extent(renderer) for text in axis.texts]
+        for i, box in enumerate(boxes):
+            assert not any(box.overlaps(other) for other in boxes[:i])
+
+
+def test_colours_are_the_recorded_values(figure):
+    """The pieces of the first leg carry slip on the left and force on the right, in all four views."""
+    lines = [[c for c in axis.collections if isinstance(c, LineCollection)] for axis in figure.axes]
+    coloured = [[c.get_array() for c in found if c.get_array() is not None] for found in lines]
+    first = [np.asarray(found[0]) for found in coloured if found]
+    assert len(first) == 4
+    assert first[0].min() == pytest.approx(0.01)
+    assert first[0].max() == pytest.approx((0.31 + 0.11 + 0.09) / 3, rel=0.02)
+    assert np.array_equal(first[0], first[1])
+    assert first[2].max() == pytest.approx(25.0)
+    assert 9.0 < first[2].min() < 11.0
+
+
+def test_signs_are_explained(figure):
+    """The legends name what occurs: roll, retry, tail first, manoeuvres; and no end, for the goal was reached."""
+    told = legends(figure)
+    assert {"start", "goal", "tail first", "modules rolled", "backs off to retry"} <= set(told)
+    assert {"straight", "elbow", "run to branch", "over the run"} <= set(told)
+    assert not any(text.startswith("end") for text in told)
+
+
+def test_a_failed_run_shows_its_end():
+    """The outcome stands in the head and at the place where the run ended."""
+    figure = mission_figure(two_legs_result(outcome=Outcome.STUCK))
+    assert "end: stuck" in legends(figure)
+    assert any("stuck after" in text.get_text() for text in figure.texts)
+
+
+def test_same_run_same_bytes(tmp_path):
+    """No clock enters; the bitmap is as wide as the other figures."""
+    for name in ("a.png", "b.png"):
+        plot_mission(two_legs_result(), tmp_path / name)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.size[0] == 1680
+
+
+@pytest.mark.parametrize("samples", [1, 2, 201])
+def test_any_run_can_be_drawn(tmp_path, samples):
+    """One pipe, a run that ended at once, and a record that ends in what is not a number."""
+    full = sample_trajectory()
+    channels = {name: np.array(values[:samples], float) for name, values in full.channels.items()}
+    if samples > 2:
+        for values in channels.values():
+            values[-2:] = np.nan
+        channels["leg"][:], channels["phase"][:], channels["gear"][:] = 0, 0, 1
+    short = Trajectory(full.time[:samples], channels, full.phases, full.qpos[:samples])
+    plot_mission(sample_result(short, outcome=Outcome.DIVERGED, duration_s=0.0), tmp_path / "map.pdf")
+    assert (tmp_path / "map.pdf").stat().st_size > 5_000
