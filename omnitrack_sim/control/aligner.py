@@ -66,7 +66,7 @@ class Aligner:
         self.roll = np.array(roll, float)  # (n, 3) rad
         self.roll_target = self.roll.copy()
         self.attempts = np.zeros(n, int)
-        self.patience = np.zeros(n)  # s, until a roll is looked at as it is
+        self.deadline = np.full(n, np.inf)  # s, when a roll is looked at as it is
         self.events: list[list[str]] = [[] for _ in range(n)]
         self._belt_sign = belt_sign(self.roll)  # (n, 3)
         self._learn()
@@ -133,7 +133,7 @@ class Aligner:
             self.roll[robot] = -self.roll[robot, SWAPPED]
             self.roll_target[robot] = -self.roll_target[robot, SWAPPED]
             self._belt_sign[robot] = self._belt_sign[robot, SWAPPED]
-        self.attempts[robot], self.patience[robot] = 0, 0.0
+        self.attempts[robot], self.deadline[robot] = 0, np.inf
         if self.settings.align[robot]:
             self.aligned[robot] = self.guide.first[self.guide.way[robot]]
 
@@ -157,17 +157,17 @@ class Aligner:
             return due
         rows = np.arange(len(due))
         settled = np.abs(observation.roll - self.roll_target).max(axis=-1) < ROLL_SETTLED
-        self.patience = np.where(due, self.patience - self.period, 0.0)
         # The last try is the widest.
         best, width = self.best[-1, rows, place.passage], self.aim[-1, rows, place.passage]
         oriented = np.abs(orientation_error(place.theta5, best)) <= width + ROUNDING
         off_the_line = no_motion_distance(observation.roll).min(axis=-1) >= NO_MOTION_MARGIN - ROLL_SETTLED
         # With the nose inside, a fitting that goes with any orientation is not worth a stop.
         inside = (room < 0) & self.makes_do[place.passage]
-        decide = due & (settled | (self.patience < 0))
+        decide = due & (settled | (observation.time > self.deadline))
         finished = decide & (((oriented | inside) & off_the_line) | (self.attempts >= ALIGN_ATTEMPTS))
         self.aligned = np.where(finished, place.passage + 1, self.aligned)
         self.attempts = np.where(finished, 0, self.attempts)
+        self.deadline = np.where(finished, np.inf, self.deadline)
         again = decide & ~finished
         if again.any():
             self._plan(np.flatnonzero(again), observation)
@@ -185,7 +185,8 @@ class Aligner:
                 plan = plan.where(plan.exists, plan_roll(theta5, roll, centre, aim, ratio))
         self.roll_target[robots] += plan.change[:, None]
         self.attempts[robots] = np.where(plan.exists, self.attempts[robots] + 1, ALIGN_ATTEMPTS)
-        self.patience[robots] = np.abs(plan.change) / self.robot.roll_rate + ROLL_PATIENCE
+        rolling = np.abs(plan.change) / self.robot.roll_rate
+        self.deadline[robots] = observation.time[robots] + rolling + ROLL_PATIENCE
         for i, robot in enumerate(robots):
             fitting = self.guide.name_of(int(place.passage[robot]))
             self.events[robot].append(f"{observation.time[robot]:.2f} s, before {fitting}: {_told(plan, i, theta5[i])}")

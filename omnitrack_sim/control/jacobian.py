@@ -20,6 +20,9 @@ _PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT, N
 RATE_GAIN = np.array([0.0, 0.0, 2.5, 5.0, 0.0, 0.0])
 """Rotation asked in addition, per rad/s that the rotation is too slow or too fast, by phase. In a tee, where the inner
 module has lost the wall, the springs can turn the robot over within 0.2 s; in an elbow the term keeps it centred."""
+MERGE_BACK_OFF_GAIN = 2.5
+"""The same while backing off into the branch that a robot came out of: its tail has to find the way in. Of 10 robots
+that back off there 7 pass in the end, and none without it; into a branch, backing off goes better without."""
 RATE_FILTER = 0.005
 """Time constant of the measured rotation rate, s: single lugs shake the robot."""
 
@@ -72,7 +75,7 @@ class JacobianController:
         wall_speed = tracking_speeds(
             observation.rotation,
             self.angular_velocity,
-            RATE_GAIN[phase],
+            np.where(backing & self.recovery.out_of_branch[place.passage], MERGE_BACK_OFF_GAIN, RATE_GAIN[phase]),
             wanted,
             direction * s.cruise_speed,
             self.guide.radius[place.passage],

@@ -17,6 +17,8 @@ PROGRESS = 0.002
 """Advance beyond the farthest point so far that counts as headway, m."""
 PATIENCE_DISTANCE = 0.15
 """Distance at cruise speed without headway after which a turn has failed, m; half of what ends the run."""
+MERGE_PATIENCE_DISTANCE = 0.27
+"""Likewise out of a branch, where most robots that hang for a while get through."""
 FALLEN = 0.04
 """Fall behind the farthest point after which a turn has failed, m."""
 BESIDE = 0.6
@@ -42,6 +44,7 @@ class Recovery:
         self._learn()
 
     def _learn(self) -> None:
+        self.out_of_branch = np.array([p is not None and p.enter == "branch" for p in self.guide.passages])  # (Q,)
         self.into_branch = np.array([p is not None and p.leave == "branch" for p in self.guide.passages])  # (Q,)
 
     def begin_leg(self, robot: int) -> None:
@@ -68,7 +71,8 @@ class Recovery:
     def _begin(self, observation: Observation, aligner: Aligner, events: list[list[str]]) -> None:
         place, speed = observation.place, self.settings.cruise_speed
         turning = self.guide.is_turn[place.passage] & (aligner.nose_room(place) < 0)
-        hanging = self.waiting > PATIENCE_DISTANCE / speed
+        patience = np.where(self.out_of_branch[place.passage], MERGE_PATIENCE_DISTANCE, PATIENCE_DISTANCE)
+        hanging = self.waiting > patience / speed
         fallen = place.distance < self.farthest - FALLEN
         # Out of a branch there is nothing to go past: the far wall stands across the way.
         beside = self.into_branch[place.passage] & (place.offset > BESIDE * self.guide.radius[place.passage])

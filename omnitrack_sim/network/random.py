@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.errors import Fault, GeometryError, NetworkError
-from omnitrack_sim.frames import Pose
+from omnitrack_sim.frames import Array, Pose
 from omnitrack_sim.network.spec import Network, validate
 from omnitrack_sim.pipes import Elbow, Fitting, Placed, Reducer, Straight, Tee, attached
 
@@ -19,7 +19,7 @@ REDUCER_ANGLE = math.radians(10)
 """Largest half cone angle of the reducers made here, rad."""
 SHORTEST_REDUCER = 0.1
 """Least length of the reducers made here, m."""
-_TRIES, _STARTS = 60, 20
+_TRIES, _STARTS = 60, 100
 
 
 def random_network(
@@ -33,14 +33,14 @@ def random_network(
     diameters: tuple[float, ...] | None = None,
     reducer_share: float = 0.25,
 ) -> Network:
-    """A valid network; the same arguments give the same one.
+    """A valid network, every open end a straight that a robot can stand in; the same arguments give the same one.
 
     Args:
         seed: of NumPy's default generator.
         fittings: how many, or the least and greatest number.
         lengths: m, least and greatest length of a straight; multiples of 10 mm are drawn.
         mean_radii: m, of the elbows to draw from.
-        tee_share: part of the fittings between straights that are tees; the first one always is.
+        tee_share: part of the fittings between straights that are tees; the first one is, where there is room for it.
         inner_diameter: m, of every bore; with ``diameters`` of the first one.
         diameters: m, bores that reducers lead to; without them all bores are the same.
         reducer_share: with ``diameters``, part of the fittings between straights that are reducers; the first never is.
@@ -88,23 +88,27 @@ def _grown(
     diameters: tuple[float, ...],
     reducer_share: float,
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Tables of fittings and joints; fewer than ``count`` fittings where there was no room."""
-    length = _draw_length(rng, lengths)
-    parts = [Placed("straight_1", Straight(length, inner_diameter), Pose())]
-    rows: list[dict[str, Any]] = [_row("straight_1", parts[0].fitting)]
+    """Tables of fittings and joints; fewer than ``count`` fittings where there was no room.
+
+    Tees, elbows and reducers are added together with the straights at their other ports, so every open end is a
+    straight.
+    """
+    first = Placed("straight_1", Straight(_draw_length(rng, lengths), inner_diameter), Pose())
+    parts, samples = [first], [first.bore_samples()]
     joints: list[dict[str, Any]] = []
     free = [(0, "start"), (0, "end")]
     tries = 0
-    while len(rows) < count and tries < _TRIES:
+    while len(parts) < count and tries < _TRIES:
         tries += 1
+        left = count - len(parts)
         index, port = free[int(rng.integers(len(free)))]
         bore = 2 * parts[index].fitting.port_radius(port)
         others = [diameter for diameter in diameters if diameter != bore]
-        if not isinstance(parts[index].fitting, Straight):
+        if left == 1:
             fitting: Fitting = Straight(_draw_length(rng, lengths), bore)
-        elif len(rows) > 1 and others and rng.random() < reducer_share:
+        elif len(parts) > 1 and others and rng.random() < reducer_share:
             fitting = _reducer(rng, bore, others)
-        elif len(rows) == 1 or rng.random() < tee_share:
+        elif left > 2 and (len(parts) == 1 or rng.random() < tee_share):
             fitting = Tee(inner_diameter=bore)
         else:
             possible = [radius for radius in mean_radii if radius >= bore / 2] or mean_radii
@@ -113,16 +117,33 @@ def _grown(
         enter = fits[int(rng.integers(len(fits)))]
         # A straight or reducer looks the same however it is turned.
         turn_deg = 0.0 if isinstance(fitting, Straight | Reducer) else float(rng.choice(TURNS_DEG))
-        pose = attached(parts[index].port(port), fitting, enter, np.radians(turn_deg))
-        new = Placed(f"{fitting.kind}_{len(rows) + 1}", fitting, pose)
-        if _has_room(parts, index, new):
-            parts.append(new)
-            rows.append(_row(new.name, fitting))
-            joints.append({"ports": [f"{parts[index].name}.{port}", f"{new.name}.{enter}"], "turn_deg": turn_deg})
+        new = [_joined_to(parts[index], port, fitting, enter, turn_deg, len(parts))]
+        ends = [(len(parts), end) for end in fitting.choices if end != enter]
+        added = [{"ports": [f"{parts[index].name}.{port}", f"{new[0].name}.{enter}"], "turn_deg": turn_deg}]
+        if not isinstance(fitting, Straight):
+            for _, end in ends:
+                straight = Straight(_draw_length(rng, lengths), 2 * fitting.port_radius(end))
+                new.append(_joined_to(new[0], end, straight, "start", 0.0, len(parts) + len(new)))
+                added.append({"ports": [f"{new[0].name}.{end}", f"{new[-1].name}.start"], "turn_deg": 0.0})
+            ends = [(len(parts) + 1 + i, "end") for i in range(len(ends))]
+        new_samples = [part.bore_samples() for part in new]
+        if all(
+            _has_room(parts, samples, index if i == 0 else None, part, points)
+            for i, (part, points) in enumerate(zip(new, new_samples, strict=True))
+        ):
+            parts += new
+            samples += new_samples
+            joints += added
             free.remove((index, port))
-            free += [(len(parts) - 1, other) for other in fitting.choices if other != enter]
+            free += ends
             tries = 0
-    return rows, joints
+    return [_row(part.name, part.fitting) for part in parts], joints
+
+
+def _joined_to(part: Placed, port: str, fitting: Fitting, enter: str, turn_deg: float, index: int) -> Placed:
+    """A fitting placed at a port of another one, with a name that says which part it is."""
+    pose = attached(part.port(port), fitting, enter, np.radians(turn_deg))
+    return Placed(f"{fitting.kind}_{index + 1}", fitting, pose)
 
 
 def _reducer(rng: np.random.Generator, bore: float, others: list[float]) -> Reducer:
@@ -138,15 +159,14 @@ def _draw_length(rng: np.random.Generator, lengths: tuple[float, float]) -> floa
     return round(float(rng.uniform(*lengths)), 2)
 
 
-def _has_room(parts: list[Placed], joined: int, new: Placed) -> bool:
-    """Whether a new part keeps clear of all parts but the one it is joined to."""
-    samples = new.bore_samples()
+def _has_room(parts: list[Placed], samples_of: list[Array], joined: int | None, new: Placed, samples: Array) -> bool:
+    """Whether a new part, with points of its bore, keeps clear of all ``parts`` but the one that it is joined to."""
     centre = (samples.max(axis=0) + samples.min(axis=0)) / 2
     reach = float(np.linalg.norm(samples - centre, axis=1).max()) + 2 * CLEARANCE
     for index, part in enumerate(parts):
         if index == joined:
             continue
-        others = part.bore_samples()
+        others = samples_of[index]
         near = others[np.linalg.norm(others - centre, axis=1) < reach]
         if part.holds(samples, -CLEARANCE) or (len(near) and new.holds(near, -CLEARANCE)):
             return False

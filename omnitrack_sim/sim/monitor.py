@@ -24,6 +24,8 @@ SLIDE_BACK = 0.10
 """Fall behind the farthest point that ends a trial, m."""
 MEMORY = 0.5
 """Time constant of the averages that the cause is read from, s."""
+TEE_ROOM = 1.5
+"""Offset from the centreline, in pipe radii, beyond which a robot has gone astray in a tee turn; 1 elsewhere."""
 LOST_CONTACT = 1.0
 """Mean normal force below which a module counts as having lost the wall, N."""
 NO_MOTION_COSINE = 0.2
@@ -120,7 +122,10 @@ class Monitor:
         # Headway is counted anew from where a robot rests or has backed off to.
         self.farthest = np.where(progress | resting, place.distance, self.farthest)
         self.waiting = np.where(progress | resting, 0.0, self.waiting + self.period)
-        outside = (place.offset > self.guide.radius[place.passage]) | (place.distance < -self.exit)
+        # In the middle of a tee the arc of a turn is up to a bore's radius from where the robot may well be.
+        in_turn = self.guide.is_tee[place.passage] & self.guide.is_turn[place.passage]
+        room = self.guide.radius[place.passage] * np.where(in_turn, TEE_ROOM, 1.0)
+        outside = (place.offset > room) | (place.distance < -self.exit)
         outside |= place.distance > self.guide.lengths[place.way] + self.exit
         hanging = (self.waiting > self.patience) | (place.distance < self.farthest - SLIDE_BACK)
         events = (
