@@ -43,7 +43,10 @@ _ADVICE = {
         "The modules lie on the no-motion line (roll near 90 degrees), where both tracks touch and oppose each other: "
         "start with another start.roll_deg."
     ),
-    Outcome.LEFT_PIPE: "The robot's centre left the pipes: check start.distance and gravity against the friction.",
+    Outcome.LEFT_PIPE: (
+        "The robot's centre left its way, out of a pipe or past a tee into another one: check start.distance, and "
+        "gravity against the friction."
+    ),
     Outcome.TIMED_OUT: "Time ran out while the robot still moved: raise physics.time_limit.",
     Outcome.DIVERGED: "The physics diverged: lower physics.timestep or look for extreme parameters.",
 }

@@ -32,18 +32,22 @@ ROLL_SETTLED = 0.02
 """Roll error at which a roll counts as done, rad."""
 ALIGN_ATTEMPTS = 3
 """Rolls in a row before one fitting; slip while rolling makes the first one fall short."""
+CLEARANCES = (np.radians(60.0), np.radians(45.0), NO_MOTION_MARGIN)
+"""Distances of the roll from the no-motion line; the next one where the first has no roll. Out of a branch 60 of 60
+robots pass with 90 and 60 degrees, 58 with 40 and 11 with 30, where the track away from the wall touches and brakes."""
 ROLL_PATIENCE = 2.0
 """Time beyond what a roll should take after which it is looked at as it is, s: a jammed module never gets there."""
 NO_MOTION_BAND = 0.1
 """Size of cos(roll) below which the belts keep their direction: at the no-motion line its sign is noise."""
 AIMS: dict[Manoeuvre, tuple[float, ...]] = {
-    "elbow": (0.5, 1.0),
-    "tee_turn": (0.5, 1.0),
+    "elbow": (0.5, 0.5, 1.0),
+    "tee_turn": (0.5, 0.85, 1.0),
     "tee_straight": (0.25, 0.5, 1.0),
 }
-"""Parts of the safe margin that a roll aims at; the next one where the first has no roll off the no-motion line.
+"""Parts of the safe margin that a roll aims at; the next one where the first has no roll clear of the no-motion line.
 Straight over a tee nearer is steadier: tilt up to 1.1 degrees from 6 degrees beside the best orientation, 0.9 from the
 best. In a tee turn it is not: dead on, both outer modules lose the wall at the same time (docs/design-study.md)."""
+WIDTHS = 3
 
 
 def manoeuvres(guide: Guide) -> tuple[Manoeuvre | None, ...]:
@@ -79,9 +83,8 @@ class Aligner:
         given, reach = self.settings.safe_margin, self.settings.reach
         derived = safe_margin(sector_angle(guide.radius, reach[:, None]))  # (n, Q) rad
         self.margin = np.where(np.isnan(given)[:, None], derived, given[:, None])
-        tries = max(len(aims) for aims in AIMS.values())
-        self.best = np.zeros((tries, *self.margin.shape))  # (tries, n, Q) rad
-        self.aim = np.zeros(self.best.shape)  # (tries, n, Q) rad, half-width of the range about it
+        self.best = np.zeros((WIDTHS, *self.margin.shape))  # (widths, n, Q) rad
+        self.aim = np.zeros(self.best.shape)  # (widths, n, Q) rad, half-width of the range about it
         self.makes_do = np.array([m in ("elbow", "tee_straight") for m in asked])  # (Q,) goes with any orientation
         for q, manoeuvre in enumerate(asked):
             if manoeuvre is None:
@@ -93,10 +96,10 @@ class Aligner:
                     break
                 together.append((p, following))
             together.sort(key=lambda passage: _FIRST_COMES.index(passage[1]))
-            for i in range(tries):
+            for i in range(WIDTHS):
                 wishes = []
                 for p, wanted in together:
-                    part = AIMS[wanted][min(i, len(AIMS[wanted]) - 1)]
+                    part = AIMS[wanted][i]
                     wishes.append(Wish(preferred_theta5(wanted) - self._turned_between(q, p), part * self.margin[:, p]))
                 self.best[i, :, q], self.aim[i, :, q] = agreed(wishes)
 
@@ -157,10 +160,10 @@ class Aligner:
             return due
         rows = np.arange(len(due))
         settled = np.abs(observation.roll - self.roll_target).max(axis=-1) < ROLL_SETTLED
-        # The last try is the widest.
+        # The last range is the widest.
         best, width = self.best[-1, rows, place.passage], self.aim[-1, rows, place.passage]
         oriented = np.abs(orientation_error(place.theta5, best)) <= width + ROUNDING
-        off_the_line = no_motion_distance(observation.roll).min(axis=-1) >= NO_MOTION_MARGIN - ROLL_SETTLED
+        off_the_line = no_motion_distance(observation.roll).min(axis=-1) >= CLEARANCES[0] - ROLL_SETTLED
         # With the nose inside, a fitting that goes with any orientation is not worth a stop.
         inside = (room < 0) & self.makes_do[place.passage]
         decide = due & (settled | (observation.time > self.deadline))
@@ -178,16 +181,23 @@ class Aligner:
         place, roll = observation.place, self.roll_target[robots, 0]
         theta5, passage = place.theta5[robots], place.passage[robots]
         ratio = self.robot.lug_radius / self.guide.radius[passage]
-        best, aims = self.best[:, robots, passage], self.aim[:, robots, passage]  # (tries, m) rad
-        plan = plan_roll(theta5, roll, best[0], aims[0], ratio)
-        for centre, aim in zip(best[1:], aims[1:], strict=True):
-            if not plan.exists.all():
-                plan = plan.where(plan.exists, plan_roll(theta5, roll, centre, aim, ratio))
+        best, aims = self.best[:, robots, passage], self.aim[:, robots, passage]  # (widths, m) rad
+        plans = (
+            plan_roll(theta5, roll, centre, aim, ratio, no_motion_margin=clearance)
+            for clearance in CLEARANCES
+            for centre, aim in zip(best, aims, strict=True)
+        )
+        plan = next(plans)
+        while not plan.exists.all() and (other := next(plans, None)) is not None:
+            plan = plan.where(plan.exists, other)
         self.roll_target[robots] += plan.change[:, None]
-        self.attempts[robots] = np.where(plan.exists, self.attempts[robots] + 1, ALIGN_ATTEMPTS)
+        rolls = plan.change != 0
+        self.attempts[robots] = np.where(rolls, self.attempts[robots] + 1, ALIGN_ATTEMPTS)
         rolling = np.abs(plan.change) / self.robot.roll_rate
         self.deadline[robots] = observation.time[robots] + rolling + ROLL_PATIENCE
         for i, robot in enumerate(robots):
+            if plan.exists[i] and not rolls[i]:
+                continue
             fitting = self.guide.name_of(int(place.passage[robot]))
             self.events[robot].append(f"{observation.time[robot]:.2f} s, before {fitting}: {_told(plan, i, theta5[i])}")
 
