@@ -44,10 +44,10 @@ def test_a_robot_without_safe_orientation_says_so_and_drives_on(results):
 
 def test_modules_on_the_no_motion_line_are_rolled_off_it():
     """A robot that reaches the fitting with its modules near 90 degrees stops to roll, though theta5 is best."""
-    base = override(load_scenario("tee_turn"), {"start.roll_deg": 70, "physics.time_limit": 6.5})
+    base = override(load_scenario("tee_turn"), {"start.roll_deg": 70, "physics.time_limit": 5.0})
     (result,) = run_batch([base])
     assert "rolls the modules by" in result.events[0]
     rolled = np.flatnonzero(result.trajectory["phase"] == result.trajectory.phases.index("align"))[-1]
     clear = no_motion_distance(result.trajectory["roll"][rolled])
-    assert (clear > CLEARANCES[0] - 2 * ROLL_SETTLED).all()
+    assert (clear > sorted(CLEARANCES)[1] - 2 * ROLL_SETTLED).all()
     assert abs(orientation_error(result.trajectory["theta5"][rolled], preferred_theta5("tee_turn"))) < np.radians(11.73)

@@ -32,9 +32,10 @@ ROLL_SETTLED = 0.02
 """Roll error at which a roll counts as done, rad."""
 ALIGN_ATTEMPTS = 3
 """Rolls in a row before one fitting; slip while rolling makes the first one fall short."""
-CLEARANCES = (np.radians(60.0), np.radians(45.0), NO_MOTION_MARGIN)
-"""Distances of the roll from the no-motion line; the next one where the first has no roll. Out of a branch 60 of 60
-robots pass with 90 and 60 degrees, 58 with 40 and 11 with 30, where the track away from the wall touches and brakes."""
+CLEARANCES = {np.radians(60.0): 0.0, np.radians(45.0): np.radians(90.0), NO_MOTION_MARGIN: np.radians(360.0)}
+"""Distances of the roll from the no-motion line, and the further roll, rad, that a robot puts up with to have so much.
+Out of a branch 60 of 60 robots pass with 90 and 60 degrees, 58 with 40 and 11 with 30, where the track away from the
+wall touches and brakes."""
 ROLL_PATIENCE = 2.0
 """Time beyond what a roll should take after which it is looked at as it is, s: a jammed module never gets there."""
 NO_MOTION_BAND = 0.1
@@ -163,7 +164,7 @@ class Aligner:
         # The last range is the widest.
         best, width = self.best[-1, rows, place.passage], self.aim[-1, rows, place.passage]
         oriented = np.abs(orientation_error(place.theta5, best)) <= width + ROUNDING
-        off_the_line = no_motion_distance(observation.roll).min(axis=-1) >= CLEARANCES[0] - ROLL_SETTLED
+        off_the_line = no_motion_distance(observation.roll).min(axis=-1) >= max(CLEARANCES) - ROLL_SETTLED
         # With the nose inside, a fitting that goes with any orientation is not worth a stop.
         inside = (room < 0) & self.makes_do[place.passage]
         decide = due & (settled | (observation.time > self.deadline))
@@ -182,14 +183,14 @@ class Aligner:
         theta5, passage = place.theta5[robots], place.passage[robots]
         ratio = self.robot.lug_radius / self.guide.radius[passage]
         best, aims = self.best[:, robots, passage], self.aim[:, robots, passage]  # (widths, m) rad
-        plans = (
-            plan_roll(theta5, roll, centre, aim, ratio, no_motion_margin=clearance)
-            for clearance in CLEARANCES
-            for centre, aim in zip(best, aims, strict=True)
-        )
-        plan = next(plans)
-        while not plan.exists.all() and (other := next(plans, None)) is not None:
-            plan = plan.where(plan.exists, other)
+        plan, least = None, np.full(len(robots), np.inf)
+        for clearance, detour in CLEARANCES.items():
+            for centre, aim in zip(best, aims, strict=True):
+                other = plan_roll(theta5, roll, centre, aim, ratio, no_motion_margin=clearance)
+                cost = np.where(other.exists, np.abs(other.change) + detour, np.inf)
+                plan = other if plan is None else other.where(cost < least, plan)
+                least = np.minimum(cost, least)
+        assert plan is not None
         self.roll_target[robots] += plan.change[:, None]
         rolls = plan.change != 0
         self.attempts[robots] = np.where(rolls, self.attempts[robots] + 1, ALIGN_ATTEMPTS)
