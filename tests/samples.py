@@ -67,8 +67,8 @@ class LegsResult(Result):
     def routes(self) -> tuple[Route, ...]:
         return self.legs
 
-    def goal_point(self) -> np.ndarray:
-        return self.legs[-1].network.parts[-1].port("end").position
+    def goal_points(self) -> np.ndarray:
+        return self.legs[-1].network.parts[-1].port("end").position[None]
 
 
 PHASES = ("cruise", "align", "back_off")
