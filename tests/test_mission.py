@@ -48,7 +48,7 @@ def names(plan: Planner, leg: Leg) -> list[str]:
     return [plan.network.fittings[part].name for part, _, _ in leg.way]
 
 
-def mission_of(network, start: str, *goals: str, **tables) -> Scenario:
+def mission_of(network, start: str, /, *goals: str, **tables) -> Scenario:
     """A mission on exact walls."""
     mission = {"start": start, "goals": list(goals)} | tables.pop("mission", {})
     physics = {"collider": "exact"} | tables.pop("physics", {})
@@ -79,7 +79,7 @@ def test_goals_come_in_order_and_each_is_backed_out_of():
     legs = plan.plan()
     assert [(leg.gear, leg.goal) for leg in legs] == [(1, 0), (-1, -1), (1, 1), (-1, -1), (1, 2)]
     assert names(plan, legs[1]) == ["yard_drain", "tee_yard", "collector_1"]
-    assert names(plan, legs[3]) == ["kitchen_drain", "tee_ground", "stack_1"]
+    assert names(plan, legs[3])[:3] == ["kitchen_drain", "tee_ground", "stack_1"]
 
 
 @pytest.mark.parametrize(
@@ -112,12 +112,15 @@ def test_backing_legs_end_where_the_robot_can_stand(network, start, goals):
 
 
 def test_close_fittings_are_backed_out_of_together():
-    """Between tee_a and tee_b there is no room to stand: the robot backs out to before tee_a."""
-    plan = planner("close_fittings", "inlet", "under", "outlet")
-    _, back, onward = plan.plan()
-    assert names(plan, back) == ["under_arm", "tee_b", "gap", "tee_a", "shelf"]
-    tee_a = plan.route(onward).fittings[names(plan, onward).index("tee_a")]
-    assert onward.begin == pytest.approx(tee_a.opening[0] - STAND_BEFORE - LENGTH / 2)
+    """The ways part in a tee right after an elbow, or right after a tee: the robot backs out to before the first."""
+    plan = planner("close_fittings", "inlet", "spur", "outlet", "last")
+    _, back, onward, back_again, last = plan.plan()
+    assert names(plan, back)[:4] == ["spur_arm", "tee_knee", "knee", "corridor"]
+    knee = plan.route(onward).fittings[names(plan, onward).index("knee")]
+    assert onward.begin == pytest.approx(knee.s_bend_start - STAND_BEFORE - LENGTH / 2)
+    assert names(plan, back_again)[:4] == ["exit_arm", "tee_c", "tee_b", "gap"]
+    tee_b = plan.route(last).fittings[names(plan, last).index("tee_b")]
+    assert last.begin == pytest.approx(tee_b.s_bend_start - STAND_BEFORE - LENGTH / 2)
 
 
 def test_a_closed_port_sends_the_robot_round_the_loop():
@@ -198,11 +201,16 @@ def tail_first_plant(scenario: Scenario, trials: Trials, threads: int) -> Plant:
 
 
 @needs_exact
-def test_tail_first_is_nose_first_seen_from_behind():
-    """Through an elbow, with a roll before it: the same way, with belts and rolls of modules 2 and 3 exchanged."""
+@pytest.mark.parametrize(("theta5_deg", "until"), [(0.0, 99.0), (50.0, 4.5)])
+def test_tail_first_is_nose_first_seen_from_behind(theta5_deg, until):
+    """Through an elbow: the same way, with belts and rolls of modules 2 and 3 exchanged.
+
+    From 50 degrees the modules are rolled first. In the elbow, where the robot is then not symmetric, contacts that come
+    and go make much of differences by rounding from about 5 s on.
+    """
     pipes = [{"kind": "straight", "length": 0.4}, {"kind": "elbow", "mean_radius": 0.24}]
     pipes.append({"kind": "straight", "length": 0.4})
-    start = {"distance": 0.12, "theta5_deg": 50.0}
+    start = {"distance": 0.12, "theta5_deg": theta5_deg}
     scenario = validate({"pipes": pipes, "start": start, "physics": {"collider": "exact"}})
     runs = [BatchRun([scenario]), BatchRun([scenario], make_plant=tail_first_plant)]
     runs[1].legs.gear[:] = -1
@@ -212,13 +220,13 @@ def test_tail_first_is_nose_first_seen_from_behind():
     assert nose.outcome is tail.outcome is Outcome.REACHED_GOAL
     assert (tail.trajectory["gear"] == -1).all()
     assert tail.duration_s == pytest.approx(nose.duration_s, abs=0.1)
-    n = min(len(nose.trajectory), len(tail.trajectory))
     a, b = nose.trajectory, tail.trajectory
-    assert np.abs(a["position"][:n] - b["position"][:n]).max() < 0.005
-    assert np.abs(a["tilt"][:n] - b["tilt"][:n]).max() < np.radians(2)
-    assert np.abs(a["roll_command"][:n] + b["roll_command"][:n][:, SWAPPED]).max() < np.radians(3)
-    early = a.time[:n] < 2.0
-    assert np.abs(a["belt_speed"][:n] + b["belt_speed"][:n][:, SWAPPED])[early].max() < 0.005
+    n = int(np.searchsorted(a.time, min(until, tail.duration_s)))
+    assert a["distance"][n - 1] > 0.4  # in the elbow at least
+    assert np.abs(a["position"][:n] - b["position"][:n]).max() < 0.001
+    assert np.abs(a["tilt"][:n] - b["tilt"][:n]).max() < np.radians(0.5)
+    assert np.abs(a["roll_command"][:n] + b["roll_command"][:n][:, SWAPPED]).max() < np.radians(0.1)
+    assert np.abs(a["belt_speed"][:n] + b["belt_speed"][:n][:, SWAPPED]).max() < 0.005
 
 
 # What an aligner wishes for
