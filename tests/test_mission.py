@@ -205,8 +205,8 @@ def tail_first_plant(scenario: Scenario, trials: Trials, threads: int) -> Plant:
 def test_tail_first_is_nose_first_seen_from_behind(theta5_deg, until):
     """Through an elbow: the same way, with belts and rolls of modules 2 and 3 exchanged.
 
-    From 50 degrees the modules are rolled first. In the elbow, where the robot is then not symmetric, contacts that come
-    and go make much of differences by rounding from about 5 s on.
+    From 50 degrees the modules are rolled first. In the elbow, where the robot is then not symmetric, contacts that
+    come and go make much of differences by rounding from about 5 s on.
     """
     pipes = [{"kind": "straight", "length": 0.4}, {"kind": "elbow", "mean_radius": 0.24}]
     pipes.append({"kind": "straight", "length": 0.4})
