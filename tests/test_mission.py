@@ -302,6 +302,22 @@ def test_a_robot_with_no_other_way_gives_up():
 
 
 @needs_exact
+def test_a_goal_that_is_cut_off_on_the_way_is_no_success(monkeypatch):
+    """At the first goal with the second one out of reach by what was found closed: not arrived, and told so."""
+    scenario = mission_of("fig14", "top", "far", "low")
+    run = BatchRun([scenario])
+    assert run.legs.missed(0) == ("low",)
+    onward = Planner.onward
+    closed = [scenario.network.port("drop.end")]  # type: ignore[union-attr]
+    monkeypatch.setattr(Planner, "onward", lambda self, leg, at, goal, _: onward(self, leg, at, goal, closed))
+    run.advance()
+    (result,) = run.results(no_load=False)
+    assert result.outcome is Outcome.STUCK
+    assert result.reason.startswith("no way to low is left; ")
+    assert result.events[-2].endswith("reached far")
+
+
+@needs_exact
 def test_two_goals_one_after_the_other():
     """The robot tells each goal it reaches and backs out of the first."""
     result = driven(mission_of("house_sewer", "sewer", "yard", "kitchen"))

@@ -56,6 +56,15 @@ def test_shipped_sweeps_are_whole(name):
         sweep.scenario(index)
 
 
+def test_values_that_only_go_together_are_no_fault():
+    """A goal that is the base's start goes with another start; a port that there is not goes with none."""
+    ends = {"kind": "list", "values": ["inlet", "top"]}
+    start, goal = ends | {"path": "mission.start"}, ends | {"path": "mission.goals.0"}
+    assert resolve({"name": "s", "base": "missions/fig14", "axes": [start, goal]}).size == 4
+    with pytest.raises(SweepError, match=r"^axes.1.values.0: there is no port 'cellar' \(choose from: inlet, "):
+        resolve({"name": "s", "base": "missions/fig14", "axes": [start, goal | {"values": ["cellar", "top"]}]})
+
+
 def test_ten_thousand_trials_are_expanded_in_seconds():
     """Expanding and batching the Monte Carlo validates no scenario: it takes seconds."""
     start = time.perf_counter()
