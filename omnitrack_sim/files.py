@@ -127,7 +127,8 @@ def _scenario_folder() -> Path:
 def shipped_scenarios() -> dict[str, Path]:
     """Scenarios that come with the package, by name: the file's path below ``scenarios/`` without its ending."""
     folder = _scenario_folder()
-    files = [*sorted(folder.glob("*.toml")), *sorted(folder.glob("paper/*.toml"))]
+    groups = ("*.toml", "paper/*.toml", "missions/*.toml")
+    files = [path for group in groups for path in sorted(folder.glob(group))]
     return {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
 
 

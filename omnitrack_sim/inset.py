@@ -1,4 +1,4 @@
-"""A small map of all pipes in the corner of a film: the way driven so far, the robot and its goal. Pillow only."""
+"""A small map of all pipes in the corner of a film: the way driven so far, the robot and its goals. Pillow only."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ SPACING = 0.04
 NOSE_FIRST, TAIL_FIRST = (255, 205, 70), (240, 120, 170)
 """Colours of the way driven, 8-bit RGB."""
 _PANEL, _EDGE, _PIPE, _ROBOT = (14, 18, 24, 190), (14, 18, 24), (120, 131, 144), (255, 255, 255)
+_PLATE = (226, 74, 60)
 _FINER = 3  # the map is drawn this much larger and then made smaller, for smooth lines
 _VIEWS = [(0, 0), (90, 0), *((side * turn, up) for up in (22, 35) for turn in (25, 40, 60) for side in (1, -1))]
 # degrees: elevations from two sides, and oblique views from above
@@ -33,8 +34,24 @@ def needs_map(routes: Sequence[Route]) -> bool:
 class Inset:
     """The map for frames of one size, upper right corner. The pipes are drawn once."""
 
-    def __init__(self, trajectory: Trajectory, routes: Sequence[Route], goal: Array, width: int, height: int) -> None:
-        """``goal`` (3,) m, world frame; ``width`` and ``height`` of the frames in pixels."""
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        routes: Sequence[Route],
+        goals: Array,
+        plates: Array,
+        width: int,
+        height: int,
+    ) -> None:
+        """For frames of ``width`` and ``height`` pixels.
+
+        Args:
+            trajectory: the record.
+            routes: of each leg.
+            goals: (G, 3) m, world frame.
+            plates: (P, k, 3) m, world frame, rims of plates that close a pipe.
+            width, height: of the frames, pixels.
+        """
         network = routes[0].network
         self.trajectory = trajectory
         self.view = projection(network)
@@ -50,7 +67,7 @@ class Inset:
         size = np.ceil((self.scale * (high - low) + 2 * pad) / _FINER).astype(int)
         self.size = (int(size[0]) * _FINER, int(size[1]) * _FINER)
         self.place = (width - round(18 * self.unit / _FINER) - int(size[0]), round(18 * self.unit / _FINER))
-        self._background = self._pipes(network, goal)
+        self._background = self._pipes(network, goals, plates)
         step = np.abs(np.diff(trajectory["distance"], prepend=trajectory["distance"][0]))
         marks = np.floor(np.cumsum(np.where(np.isfinite(step), step, 0.0)) / 0.01)
         known = np.isfinite(trajectory["position"]).all(axis=1)
@@ -76,8 +93,8 @@ class Inset:
         """The same in pixels of the large map, right and down."""
         return self.offset + self.scale * self._flat(points) * [1, -1]
 
-    def _pipes(self, network: PipeNetwork, goal: Array) -> Image.Image:
-        """Panel, pipes from the farthest to the nearest, goal."""
+    def _pipes(self, network: PipeNetwork, goals: Array, plates: Array) -> Image.Image:
+        """Panel, pipes from the farthest to the nearest, plates, goals."""
         image = Image.new("RGBA", self.size, (0, 0, 0, 0))
         draw = ImageDraw.Draw(image)
         draw.rounded_rectangle((0, 0, self.size[0] - 1, self.size[1] - 1), round(10 * self.unit), fill=_PANEL)
@@ -92,7 +109,12 @@ class Inset:
             draw.line(ends, fill=_PIPE, width=round(thick))
             for x, y in ends:
                 draw.ellipse((x - thick / 2, y - thick / 2, x + thick / 2, y + thick / 2), fill=_PIPE)
-        self._star(draw, self._pixels(goal[None])[0])
+        for rim in plates:
+            corners = [tuple(corner) for corner in self._pixels(rim).tolist()]
+            draw.polygon(corners, fill=_PLATE)
+            draw.line(corners, fill=_PLATE, width=round(3 * self.unit))
+        for goal in self._pixels(goals):
+            self._star(draw, goal)
         return image
 
     def _star(self, draw: ImageDraw.ImageDraw, centre: Array) -> None:

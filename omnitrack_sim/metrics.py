@@ -27,10 +27,11 @@ def summarise(trajectory: Trajectory, *, no_load_slip: float, lug_radius: float,
         ``slip_ratio_mean`` (of the magnitude), ``slip_distance_m``, ``traction_rms_n``, ``normal_force_mean_n``,
         ``contact_fraction`` (of the time), ``spring_travel_max_m``, ``stall_time_s``, ``pitch_max_deg``,
         ``motor_torque_max_n_m`` (lists of three); ``tilt_max_deg``, ``tilt_exit_deg``, ``mean_speed_m_s``,
-        ``distance_m``, ``energy_j`` (mechanical, braking not recovered), ``no_load_slip_m_s``, ``phase_time_s``.
+        ``distance_m`` (headway along the way, the legs added up), ``energy_j`` (mechanical, braking not recovered),
+        ``no_load_slip_m_s``, ``phase_time_s``.
     """
     time = trajectory.time
-    travelled = float(trajectory["distance"][-1] - trajectory["distance"][0])
+    travelled = _travelled(trajectory)
     duration = float(time[-1] - time[0])
     power = trajectory["motor_torque"] * trajectory["belt_speed"] / lug_radius  # (T, 3) W
     at_limit = np.abs(trajectory["motor_torque"]) >= 0.99 * torque_limit
@@ -55,6 +56,14 @@ def summarise(trajectory: Trajectory, *, no_load_slip: float, lug_radius: float,
         "stall_time_s": _integral(stalled.astype(float), time).tolist(),
         "phase_time_s": _phase_times(trajectory),
     }
+
+
+def _travelled(trajectory: Trajectory) -> float:
+    """Headway along the way from beginning to end of each leg, added up, m."""
+    distance, leg = trajectory["distance"], trajectory["leg"]
+    ends = np.append(np.flatnonzero(np.diff(leg)), len(leg) - 1)
+    starts = np.append(0, ends[:-1] + 1)
+    return float((distance[ends] - distance[starts]).sum())
 
 
 def _integral(values: NDArray, time: NDArray[np.float64]) -> NDArray[np.float64]:

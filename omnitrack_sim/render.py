@@ -152,7 +152,8 @@ class _Stage:
         self._fittings = _fitting_names(result.trajectory, routes)
         self._inset = None
         if inset and camera != "side" and needs_map(routes):
-            self._inset = Inset(result.trajectory, routes, result.goal_point(), width, height)
+            places = result.goal_points(), result.plate_rims()
+            self._inset = Inset(result.trajectory, routes, *places, width, height)
         if camera == "follow":
             self._parts = network.parts
             self._viewer = view_directions(result.trajectory, routes, follow_direction(network))  # (T, 3)

@@ -154,8 +154,7 @@ class Scenario(Table):
         try:
             line = self.route()
             planner = self.planner
-            if planner is not None:
-                planner.check()
+            routes = [line] if planner is None else [planner.route(leg) for leg in planner.plan()]
         except GeometryError as error:
             return list(error.faults)
         except NetworkError as error:
@@ -169,8 +168,10 @@ class Scenario(Table):
         where = "pipes" if self.pipes else "network.fittings"
         bores = [
             (p.index, key, line.network.parts[p.index].fitting.port_radius(port))
-            for p in line.fittings
-            for key, port in (("inner_diameter", p.enter), ("end_diameter", p.leave))
+            for driven in routes
+            for p in driven.fittings
+            for port in (p.enter, p.leave)
+            for key in ["end_diameter" if (p.kind, port) == ("reducer", "end") else "inner_diameter"]
         ]
         for i, key, radius in bores:
             if not low < radius - self.robot.nominal_pipe_radius < high:

@@ -60,15 +60,15 @@ def sample_result(trajectory: Trajectory | None = None, **changes: object) -> Re
 
 @dataclass(frozen=True)
 class LegsResult(Result):
-    """A result whose legs are given instead of the scenario's one route."""
+    """A result whose routes are given instead of the scenario's one route."""
 
-    legs: tuple[Route, ...] = field(default=())
+    driven: tuple[Route, ...] = field(default=())
 
     def routes(self) -> tuple[Route, ...]:
-        return self.legs
+        return self.driven
 
-    def goal_point(self) -> np.ndarray:
-        return self.legs[-1].network.parts[-1].port("end").position
+    def goal_points(self) -> np.ndarray:
+        return self.driven[-1].network.parts[-1].port("end").position[None]
 
 
 PHASES = ("cruise", "align", "back_off")
@@ -119,4 +119,4 @@ def two_legs_result(**changes: object) -> LegsResult:
     trajectory.channels["phase"][np.isclose(ahead, 0.4, atol=0.001).nonzero()[0]] = 1
     trajectory.channels["phase"][600:700] = 2
     plain = sample_result(trajectory, **changes)
-    return LegsResult(**{name: getattr(plain, name) for name in plain.__dataclass_fields__}, legs=routes)
+    return LegsResult(**{name: getattr(plain, name) for name in plain.__dataclass_fields__}, driven=routes)

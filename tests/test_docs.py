@@ -10,9 +10,10 @@ import pytest
 import omnitrack_sim
 from omnitrack_sim.cli import app
 from omnitrack_sim.files import shipped_networks, shipped_scenarios, shipped_sweeps
-from omnitrack_sim.network import Network
+from omnitrack_sim.network import Mission, Network
 from omnitrack_sim.network import validate as validate_network
 from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.scenario import validate as validate_scenario
 from omnitrack_sim.sweep.axes import AXES
 from omnitrack_sim.sweep.spec import SweepFile, resolve
 from omnitrack_sim.sweep.table import METRICS
@@ -21,11 +22,12 @@ ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_python_of_the_readme_runs(capsys):
-    """The README's Python block runs as it stands and prints two outcomes."""
-    (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+@pytest.mark.parametrize(("block", "lines"), [(0, 2), (1, 12)])
+def test_python_of_the_readme_runs(capsys, block, lines):
+    """The README's Python blocks run as they stand: two outcomes; a mission's outcome, legs, visits of fittings."""
+    code = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)[block]
     exec(compile(code, "README.md", "exec"), {"__name__": "readme"})
-    assert len(capsys.readouterr().out.splitlines()) == 2
+    assert len(capsys.readouterr().out.splitlines()) >= lines
 
 
 @pytest.mark.parametrize("script", sorted((ROOT / "scenarios" / "scripts").glob("*.py")), ids=lambda p: p.stem)
@@ -82,6 +84,18 @@ def test_examples_of_the_network_page_run(capsys):
     assert "bridge" not in capsys.readouterr().out
 
 
+def test_examples_of_the_mission_page_run(capsys):
+    """The TOML of docs/missions.md is a scenario, its Python prints five legs, and it names all missions and keys."""
+    text = (ROOT / "docs" / "missions.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
+    assert len(validate_scenario(tomllib.loads(example)).plates) == 1
+    (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    exec(compile(code, "missions.md", "exec"), {"__name__": "missions"})
+    assert len(capsys.readouterr().out.splitlines()) == 5
+    missions = [name for name in shipped_scenarios() if name.startswith("missions/")]
+    assert [name for name in [*missions, *Mission.model_fields] if f"`{name}`" not in text] == []
+
+
 def test_links_of_the_documents_lead_somewhere():
     """Every relative link of README and docs points to a file that exists."""
     for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
@@ -96,6 +110,7 @@ def test_every_key_of_a_scenario_is_documented():
     schema = Scenario.model_json_schema()
     keys = set(schema["properties"])
     for table in (
+        "Mission",
         "Start",
         "World",
         "Contact",

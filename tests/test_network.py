@@ -356,7 +356,7 @@ def test_random_networks_with_reducers():
     """With ``diameters`` bores change at reducers and nowhere else; every network is valid and the same again."""
     bores = (0.16, 0.15, 0.1)
     reducers = 0
-    for seed in range(20):
+    for seed in range(30):
         network = random_network(seed, 10, diameters=bores)
         assert network == random_network(seed, 10, diameters=bores)
         assert validate(tomllib.loads(network.to_toml())) == network

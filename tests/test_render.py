@@ -106,8 +106,8 @@ def chain_result() -> SimpleNamespace:
     channels = drive(way, distance)
     qpos = np.concatenate([channels["position"], channels["quaternion"], np.zeros((len(distance), 15))], axis=1)
     trajectory = Trajectory(0.1 * np.arange(len(distance)), channels, ("cruise",), qpos)
-    goal = channels["position"][-1]
-    return SimpleNamespace(scenario=scenario, trajectory=trajectory, routes=lambda: (way,), goal_point=lambda: goal)
+    places = {"goal_points": lambda: channels["position"][-1:], "plate_rims": lambda: np.zeros((0, 25, 3))}
+    return SimpleNamespace(scenario=scenario, trajectory=trajectory, routes=lambda: (way,), **places)
 
 
 def test_the_camera_that_follows_looks_across_the_pipe():
@@ -148,7 +148,7 @@ def test_films_of_long_routes_have_a_map():
 def test_map_shows_the_way_driven_so_far():
     """The way grows, its colour tells tail first from nose first, and the rest of the frame stays as it is."""
     result = two_legs_result()
-    inset = Inset(result.trajectory, result.routes(), result.goal_point(), 1280, 720)
+    inset = Inset(result.trajectory, result.routes(), result.goal_points(), result.plate_rims(), 1280, 720)
     grey = np.full((720, 1280, 3), 90, np.uint8)
     frames = [inset.write(grey, row).astype(int) for row in (0, 900, len(result.trajectory) - 1)]
     yellow = [int(((f[..., 0] > 220) & (f[..., 1] > 170) & (f[..., 2] < 100)).sum()) for f in frames]

@@ -28,6 +28,7 @@ SHIPPED = {
     "tee_springs": 600,
     "tee_factors": 2160,
     "tee_lugs": 300,
+    "fig14_pairs": 25,
 }
 
 
@@ -43,15 +44,25 @@ def _faults(*axes, **keys) -> dict[str, str]:
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_sweeps_are_whole(name):
-    """Every shipped sweep loads, has its number of trials, says what it answers, and its first and last are valid."""
+    """Every shipped sweep loads, has its number of trials, says what it answers, and its second and last but one are
+    valid: the first and last of ``fig14_pairs`` have the start as the goal."""
     sweep = load_sweep(name)
     assert set(shipped_sweeps()) == set(SHIPPED)
     assert sweep.size == SHIPPED[name] == sum(len(part.trials) for part in sweep.parts())
     comment = re.match(r"(#.*\n)+", shipped_sweeps()[name].read_text())
     assert comment
     assert "Answers" in comment[0]
-    for index in (0, sweep.size - 1):
+    for index in (1, sweep.size - 2):
         sweep.scenario(index)
+
+
+def test_values_that_only_go_together_are_no_fault():
+    """A goal that is the base's start goes with another start; a port that there is not goes with none."""
+    ends = {"kind": "list", "values": ["inlet", "top"]}
+    start, goal = ends | {"path": "mission.start"}, ends | {"path": "mission.goals.0"}
+    assert resolve({"name": "s", "base": "missions/fig14", "axes": [start, goal]}).size == 4
+    with pytest.raises(SweepError, match=r"^axes.1.values.0: there is no port 'cellar' \(choose from: inlet, "):
+        resolve({"name": "s", "base": "missions/fig14", "axes": [start, goal | {"values": ["cellar", "top"]}]})
 
 
 def test_ten_thousand_trials_are_expanded_in_seconds():

@@ -25,7 +25,12 @@ def run(
         Path | None, typer.Option("--out", metavar="DIR", help="Where the results go; out/NAME when not given.")
     ] = None,
     video: Annotated[bool, typer.Option(help="Also render video.mp4.")] = True,
-    camera: Annotated[str, typer.Option(help="Camera of the video: side, follow or onboard.")] = "side",
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            help="Camera of the video: side, follow or onboard; when not given follow for a mission and side otherwise."
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json instead of the table.")] = False,
 ) -> None:
     """Run one scenario and save result, timeline, trajectory, plots and video."""
@@ -35,6 +40,7 @@ def run(
     from omnitrack_sim.sim.runner import run as run_scenario
 
     loaded = load(scenario, [*(assignments or []), *([FAST] if fast else [])])
+    camera = camera or ("side" if loaded.mission is None else "follow")
     if video:
         _check_camera(camera)
     target = folder or Path("out") / loaded.name

@@ -52,7 +52,7 @@ def build_scene(
         add_exact_walls(spec, network)
     else:
         add_walls(spec, network, tolerance=wall_tolerance, staves=staves)
-    add_plates(spec, network, plates)
+    add_plates(spec, network, plates, looks)
     add_robot(spec, robot, line_tracks=exact)
     if looks:
         from omnitrack_sim.mjcf.looks import add_cameras, add_pipe_looks, add_robot_looks

@@ -119,15 +119,20 @@ def _line_ends(network: PipeNetwork, end: tuple[int, str], other: tuple[int, str
     return at_kink or abs(bore - next_bore) > JOINED
 
 
-def add_plates(spec: mujoco.MjSpec, network: PipeNetwork, plates: Sequence[tuple[int, str]]) -> None:
-    """Close ports (part index, port name) by plates that collide with lugs; they are seen in pictures."""
+def add_plates(
+    spec: mujoco.MjSpec, network: PipeNetwork, plates: Sequence[tuple[int, str]], looks: bool = False
+) -> None:
+    """Close ports (part index, port name) by plates that collide with lugs; they are seen in pictures.
+
+    With ``looks`` they are as round as the bore; otherwise square, which touches faster and goes into the wall.
+    """
     for index, port in plates:
         part = network.parts[index]
         pose, radius = part.port(port), part.fitting.port_radius(port)
         spec.worldbody.add_geom(
             name=f"plate_{part.name}_{port}",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=[radius, radius, PLATE_THICKNESS / 2],
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER if looks else mujoco.mjtGeom.mjGEOM_BOX,
+            size=[radius, PLATE_THICKNESS / 2, 0.0] if looks else [radius, radius, PLATE_THICKNESS / 2],
             pos=pose.position,
             quat=pose.quaternion,
             contype=2,
@@ -137,7 +142,7 @@ def add_plates(spec: mujoco.MjSpec, network: PipeNetwork, plates: Sequence[tuple
         )
 
 
-PLATE_GROUP, PLATE_COLOUR = 1, [0.72, 0.22, 0.18, 1.0]
+PLATE_GROUP, PLATE_COLOUR = 2, [0.72, 0.22, 0.18, 1.0]
 PLATE_THICKNESS = 0.006
 """Of a plate that closes a pipe, m; assumed."""
 

@@ -3,7 +3,7 @@
 A robot drives nose first from an open end to a goal. Where it has to turn back, at a goal with another one to follow
 or where its way is blocked, it backs out the way it came, tail first, until it stands before the tee where the new way
 leaves the old one, and goes on nose first. So every way nose first begins at the mission's start, and arc lengths on
-the part that two of them share are equal.
+the part that two of them share are equal. To a goal that is the mission's start it backs out all the way.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Leg:
         way: (part index, port entered, port left) of the fittings in order.
         gear: 1 nose first, -1 tail first.
         begin, end: m, arc length of the robot's centre along the way where the leg begins and where it is over.
-        goal: number of the goal that is reached at its end, or -1 where the robot only backs out.
+        goal: number of the goal that is reached at its end, or -1 where the robot only backs out of the way.
         note: what is done, in words.
     """
 
@@ -92,18 +92,19 @@ class Planner:
         """The way of a leg with its centreline."""
         return route_of(self.network, leg.way, self.arcs)
 
-    def check(self) -> None:
-        """Whether every goal can be reached from the one before it, as far as the robot knows.
+    def plan(self) -> tuple[Leg, ...]:
+        """The legs to all goals where nothing is in the way.
 
         Raises:
-            NetworkError: one cannot.
+            NetworkError: a goal cannot be reached from the one before it.
         """
-        leg = self.first
+        planned = [self.first]
         for goal in range(1, len(self.mission.goals)):
-            legs = self.onward(leg, leg.end, goal, ())
+            legs = self.onward(planned[-1], planned[-1].end, goal, ())
             if legs is None:
                 raise NetworkError(_unreachable(goal, self.mission))
-            leg = legs[-1]
+            planned += legs
+        return tuple(planned)
 
     def obstacle(self, leg: Leg, distance: float) -> tuple[int, str]:
         """The port (part index, port) that a robot at arc length ``distance`` m cannot get to."""
@@ -114,18 +115,25 @@ class Planner:
         return part, leave
 
     def onward(self, leg: Leg, distance: float, goal: int, closed: Iterable[tuple[int, str]]) -> list[Leg] | None:
-        """Legs to a goal for a robot on a leg nose first, at arc length ``distance`` m; None where no way is left.
+        """Legs to a goal for a robot at arc length ``distance`` m of a leg; None where no way is left.
+
+        The robot comes back to the mission's start tail first. From there it sets out anew.
 
         Args:
-            leg: the robot is on it.
+            leg: the robot is on it, nose first; or tail first at its end, which is the mission's start.
             distance: m.
             goal: number of the goal.
             closed: ports (part index, port) found to be closed.
         """
         graph = self._graph.copy()
         graph.remove_nodes_from([node for node in closed if node in graph])
+        if leg.gear < 0:
+            way = shortest_way(graph, self.ends[0], self.ends[goal + 1])
+            return None if way is None else [self._forward(way, self.length / 2 + NOSE_ROOM, goal)]
         old = self.route(leg)
         here = next((i for i, p in enumerate(old.fittings) if distance < p.s_leave), len(leg.way) - 1)
+        if self.ends[goal + 1] == self.ends[0]:
+            return [self._backing(old, leg.way, here, distance, self.length / 2 + NOSE_ROOM, goal)]
         best: tuple[float, Way, float] | None = None
         for c in range(here, -1, -1):
             part, enter, _ = leg.way[c]
@@ -151,8 +159,8 @@ class Planner:
         length = route_of(self.network, way, self.arcs).centreline.length
         return Leg(way, 1, begin, length - self.length / 2 - NOSE_ROOM, goal, f"to {self.mission.goals[goal]}")
 
-    def _backing(self, old: Route, way: Way, here: int, distance: float, stand: float) -> Leg:
-        """Back out from ``distance`` in fitting ``here`` of a way to ``stand`` m on it."""
+    def _backing(self, old: Route, way: Way, here: int, distance: float, stand: float, goal: int = -1) -> Leg:
+        """Back out from ``distance`` in fitting ``here`` of a way to ``stand`` m on it, where a goal may be."""
         reverse: Way = tuple((part, leave, enter) for part, enter, leave in way[here::-1])
         route = route_of(self.network, reverse, self.arcs)
         at = next(i for i, p in enumerate(old.fittings) if stand < p.s_leave)
@@ -160,7 +168,8 @@ class Planner:
         # An arc out of a branch is not as long as the one into it: count from the port that both ways share.
         end = route.fittings[here - at].s_leave - (stand - old.fittings[at].s_enter)
         name = self.network.fittings[way[here][0]].name
-        return Leg(reverse, -1, begin, end, -1, f"backs out of {name}")
+        to = "" if goal < 0 else f", to {self.mission.goals[goal]}"
+        return Leg(reverse, -1, begin, end, goal, f"backs out of {name}{to}")
 
     def _stand(self, route: Route, index: int) -> float:
         """Arc length, m, where a robot stands to pass fitting ``index`` of a route in another way than before."""

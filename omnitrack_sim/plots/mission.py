@@ -38,6 +38,7 @@ _WIDTH, _LEFT, _RIGHT, _BETWEEN = 12.0, 0.82, 0.25, 0.85  # inches: of the figur
 _COLUMN, _TALLEST = (_WIDTH - _LEFT - _RIGHT - _BETWEEN) / 2, 5.6  # inches: room for the views of one quantity
 _HEAD, _STACKED, _ASIDE = 0.66, 0.30, 0.72  # inches: title, gaps between two views
 _AXES = "xyz"
+_PLATE: dict[str, Any] = {"facecolor": f"{ALARM}40", "edgecolor": ALARM, "linewidth": 2.5, "joinstyle": "bevel"}
 _GOAL: dict[str, Any] = START | {"marker": "*", "markersize": 13, "markerfacecolor": "#ffd23f", "markeredgewidth": 0.9}
 
 
@@ -90,7 +91,7 @@ def _draw(result: Result) -> Figure:
         ("slip ratio, mean magnitude of the modules over 10 mm", "viridis", [s.slip for s in stretches]),
         ("least normal force of a module, N", "plasma", [s.force for s in stretches]),
     )
-    ends = (trajectory["position"][0], result.goal_point())
+    start, goals, plates = trajectory["position"][:1], result.goal_points(), result.plate_rims()
     for column, (text, colours, values) in enumerate(quantities):
         scale = _colour_bar(figure, layout, column, text, colours, values)
         axes = []
@@ -98,10 +99,11 @@ def _draw(result: Result) -> Figure:
             axis = layout.add(figure, view, column)
             draw_pipes(axis, pipes, view.pair, quads)
             _draw_way(axis, view, trajectory, routes, stretches, values, scale)
-            _draw_marks(axis, view.pair, trajectory, ends, marks)
+            _draw_places(axis, view.pair, start, goals, plates)
+            _draw_marks(axis, view.pair, trajectory, marks)
             axes.append(axis)
         _names(axes, layout, renderer, pipes, np.concatenate([trajectory["position"][s.rows] for s in stretches]))
-    _legend(figure, layout, marks, any(s.tail_first for s in stretches))
+    _legend(figure, layout, marks, any(s.tail_first for s in stretches), len(plates) > 0)
     draw_time_chart(layout.chart(figure), (layout.legs, layout.strip), renderer, trajectory, routes, marks)
     return figure
 
@@ -339,12 +341,16 @@ def _beside(trajectory: Trajectory, route: Route, stretch: _Stretch, view: _View
     return BESIDE * route.fittings[0].radius * shift
 
 
-def _draw_marks(
-    axis: Axes, pair: tuple[int, int], trajectory: Trajectory, ends: tuple[Array, Array], marks: list[Mark]
-) -> None:
-    start, goal = (np.asarray(point)[list(pair), None] for point in ends)
-    axis.plot(*start, **START, zorder=5)
-    axis.plot(*goal, **_GOAL, zorder=5)
+def _draw_places(axis: Axes, pair: tuple[int, int], start: Array, goals: Array, plates: Array) -> None:
+    """Start (1, 3) m, goals (G, 3) m and plates by their rims (P, k, 3) m."""
+    columns = list(pair)
+    for rim in plates:
+        axis.fill(*rim[:, columns].T, **_PLATE, zorder=4)
+    axis.plot(*start[:, columns].T, **START, zorder=5)
+    axis.plot(*goals[:, columns].T, **_GOAL, zorder=5)
+
+
+def _draw_marks(axis: Axes, pair: tuple[int, int], trajectory: Trajectory, marks: list[Mark]) -> None:
     for mark in marks:
         points = trajectory["position"][mark.rows][:, list(pair)].T
         for style in signs(mark):
@@ -393,7 +399,7 @@ def _cost(spot: Array, half: Array, boxes: list[Array], covered: list[tuple[Arra
     return 1e6 * names + 1e5 * outside + points
 
 
-def _legend(figure: Figure, layout: _Layout, marks: list[Mark], tail_first: bool) -> None:
+def _legend(figure: Figure, layout: _Layout, marks: list[Mark], tail_first: bool, plates: bool) -> None:
     """What the signs of the map mean, in one row below it."""
     from matplotlib.lines import Line2D
 
@@ -407,6 +413,9 @@ def _legend(figure: Figure, layout: _Layout, marks: list[Mark], tail_first: bool
             )
         )
         texts.append("tail first")
+    if plates:
+        handles.append(Line2D([], [], color=ALARM, linewidth=_PLATE["linewidth"]))
+        texts.append("closed by a plate")
     for mark in marks:
         handles.append(tuple(Line2D([], [], **style) for style in signs(mark)))
         texts.append(mark.text)

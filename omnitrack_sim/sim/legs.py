@@ -83,6 +83,12 @@ class Legs:
             self._way_numbers[leg.way] = guide.add(planner.route(leg))
         return self._way_numbers[leg.way]
 
+    def missed(self, robot: int) -> tuple[str, ...]:
+        """The goals of a robot's mission that its legs so far do not lead to; none in plain pipes."""
+        planner = self._planners[robot]
+        reached = [leg.goal for leg in self._driven[robot] if leg.goal >= 0]
+        return () if planner is None else planner.mission.goals[reached[-1] + 1 :]
+
     def driven(self, robot: int) -> tuple[Leg, ...]:
         """The legs that a robot has begun."""
         return tuple(self._driven[robot])

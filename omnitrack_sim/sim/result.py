@@ -79,14 +79,21 @@ class Result:
         planner = self.scenario.planner
         return (self.scenario.route(),) if planner is None else tuple(planner.route(leg) for leg in self.legs)
 
-    def goal_point(self) -> Array:
-        """Where the robot's centre has to get to, (3,) m, world frame; of a mission the last goal's port."""
+    def goal_points(self) -> Array:
+        """Where the robot's centre has to get to, (G, 3) m, world frame; of a mission the goals' ports, in order."""
         planner = self.scenario.planner
         if planner is not None:
-            part, port = planner.ends[-1]
-            return planner.network.pipes.parts[part].port(port).position
+            parts = planner.network.pipes.parts
+            return np.array([parts[part].port(port).position for part, port in planner.ends[1:]])
         line = self.routes()[-1].centreline
-        return line.at(np.clip([self.scenario.goal_distance], 0.0, line.length))[0][0]
+        return line.at(np.clip([self.scenario.goal_distance], 0.0, line.length))[0]
+
+    def plate_rims(self) -> Array:
+        """Rims (P, 25, 3) m, world frame, of the plates that close ports."""
+        parts, angle = self.routes()[0].network.parts, np.linspace(0.0, 2 * np.pi, 25)
+        circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(25)], axis=-1)
+        found = [(parts[i].port(port), parts[i].fitting.port_radius(port)) for i, port in self.scenario.plates]
+        return np.array([pose.apply(radius * circle) for pose, radius in found]).reshape(-1, 25, 3)
 
     def timeline(self) -> list[Visit]:
         """The run fitting by fitting, in order of time; see ``timeline.timeline``."""

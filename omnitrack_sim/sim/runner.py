@@ -19,6 +19,7 @@ from omnitrack_sim.control.gear import carried_out, heading, seen
 from omnitrack_sim.control.guide import Guide, Place
 from omnitrack_sim.frames import Array
 from omnitrack_sim.metrics import summarise
+from omnitrack_sim.outcome import Outcome
 from omnitrack_sim.scenario import Scenario, model_key
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.monitor import Monitor
@@ -267,6 +268,9 @@ class BatchRun:
         for i, trajectory in enumerate(self.recorder.trajectories(end_time)):
             scenario, outcome = self.scenarios[i], self.monitor.outcome[i]
             assert outcome is not None
+            reason, missed = self.monitor.reason[i], self.legs.missed(i)
+            if outcome is Outcome.REACHED_GOAL and missed:
+                outcome, reason = Outcome.STUCK, f"no way to {', '.join(missed)} is left; {reason}"
             metrics = summarise(
                 trajectory,
                 no_load_slip=slips[i],
@@ -278,7 +282,7 @@ class BatchRun:
                 Result(
                     scenario=scenario,
                     outcome=outcome,
-                    reason=self.monitor.reason[i],
+                    reason=reason,
                     duration_s=float(end_time[i]),
                     metrics=metrics,
                     trajectory=trajectory,

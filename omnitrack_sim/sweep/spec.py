@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -152,7 +152,7 @@ def resolve(data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str
         raise SweepError(_faults_of(error)) from None
     bases, faults = _bases(file, folder, changes or {})
     if bases:
-        faults += [fault for i, axis in enumerate(file.axes) for fault in _axis_faults(f"axes.{i}", axis, bases)]
+        faults += [fault for i in range(len(file.axes)) for fault in _axis_faults(i, file.axes, bases)]
         faults += _clashes(file, bases, changes or {})
     if faults:
         raise SweepError(faults)
@@ -220,8 +220,10 @@ def _spread(scenario: Scenario, changes: Mapping[str, Any], origin: str) -> dict
     return spread
 
 
-def _axis_faults(where: str, axis: AxisTable, bases: Mapping[str, Scenario]) -> Iterator[Fault]:
-    """What is wrong with an axis in the light of the base scenarios."""
+def _axis_faults(number: int, axes: Sequence[AxisTable], bases: Mapping[str, Scenario]) -> Iterator[Fault]:
+    """What is wrong with one of the axes in the light of the base scenarios."""
+    where, axis = f"axes.{number}", axes[number]
+    others = [other for other in axes if other is not axis and isinstance(other, ListAxis)]
     for i, path in enumerate(axis.paths):
         at = f"{where}.path" if isinstance(axis.path, str) else f"{where}.path.{i}"
         for name, scenario in bases.items():
@@ -241,7 +243,7 @@ def _axis_faults(where: str, axis: AxisTable, bases: Mapping[str, Scenario]) -> 
                 yield Fault(at, f"{path!r} {problem}")
                 break
             if isinstance(axis, ListAxis):
-                yield from _misspelt(where, axis, scenario, found)
+                yield from _misspelt(where, axis, scenario, found, others)
 
 
 def _missing(at: str, path: str, data: Mapping[str, Any], base: str | None) -> Fault:
@@ -271,8 +273,13 @@ def _misfit(axis: AxisTable, present: Any) -> str | None:
     return "takes whole numbers only" if isinstance(present, int) and not whole else None
 
 
-def _misspelt(where: str, axis: ListAxis, scenario: Scenario, places: list[str]) -> Iterator[Fault]:
-    """Words and truth values that the scenario does not know. Numbers out of range make invalid trials instead."""
+def _misspelt(
+    where: str, axis: ListAxis, scenario: Scenario, places: list[str], others: Sequence[ListAxis]
+) -> Iterator[Fault]:
+    """Words and truth values that the scenario does not know, whatever value one of the ``others`` has.
+
+    Numbers out of range, and values that do not go together, make invalid trials instead.
+    """
     data = scenario.model_dump(mode="json")
     for i, value in enumerate(axis.values):
         present = trials.value_at(data, places[0])
@@ -281,9 +288,23 @@ def _misspelt(where: str, axis: ListAxis, scenario: Scenario, places: list[str])
         try:
             override(scenario, dict.fromkeys(places, value))
         except ScenarioError as error:
-            for fault in error.faults:
-                if fault.where in places:
-                    yield Fault(f"{where}.values.{i}", fault.problem, fault.choices)
+            found = [fault for fault in error.faults if fault.where in places]
+            if found and not _goes_with_another(scenario, dict.fromkeys(places, value), others):
+                yield from (Fault(f"{where}.values.{i}", fault.problem, fault.choices) for fault in found)
+
+
+def _goes_with_another(scenario: Scenario, changes: Mapping[str, Any], others: Sequence[ListAxis]) -> bool:
+    """Whether changes are valid together with some value of one of the axes ``others``."""
+    data = scenario.model_dump(mode="json")
+    for other in others:
+        places = [place for path in other.paths for place in trials.matches(data, path)]
+        for value in other.values:
+            try:
+                override(scenario, dict(changes) | dict.fromkeys(places, value))
+            except ScenarioError:
+                continue
+            return True
+    return False
 
 
 def _clashes(file: SweepFile, bases: Mapping[str, Scenario], changes: Mapping[str, Any]) -> Iterator[Fault]:

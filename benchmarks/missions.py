@@ -1,0 +1,214 @@
+"""How often a robot gets through pipe networks.
+
+python benchmarks/missions.py [--quick] [--workers N] [--out DIR]
+
+Two studies, with the exact collider where it loads (extra fast) and walls of primitives elsewhere:
+
+* pairs: the network fig14 from every open end to every other one, with three start orientations each.
+* random: networks of 6 to 12 fittings grown from a seed. Start and goal are drawn from the open ends, gravity in any
+  direction, friction from 0.7 to 1.0 and the start orientation, all from the same seed.
+
+Prints how many arrived with Wilson's 95 % interval, whether the fittings were passed in the planned order, how often
+robots backed off to try again, and for each failure its seed, outcome and written cause. --out keeps all runs as CSV.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import dataclasses
+import os
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import permutations
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from omnitrack_sim import Result, Scenario, load_network, random_network, run_batch
+from omnitrack_sim.collider import why_not
+from omnitrack_sim.scenario import validate
+from omnitrack_sim.statistics import wilson_interval
+
+ORIENTATIONS_DEG = (0.0, 40.0, 80.0)
+"""Start orientations of the pairs: a third of the period of three modules apart."""
+FRICTION = (0.7, 1.0)
+NETWORKS, QUICK_NETWORKS = 100, 10
+LAST_EVENTS = 4
+"""How many of a failed run's events are printed."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One mission and what came of it.
+
+    Attributes:
+        study: "pairs" or "random". seed: of the random network; -1 for pairs. start, goal: open ends.
+        friction: coefficient. theta5_deg: start orientation, deg. gravity_x, gravity_y, gravity_z: m/s², world frame.
+        fittings: number on the planned way. arrived: whether the robot reached its goal. in_order: see ``in_order``.
+        retries, rolls: how often the robot backed off to try again, and stopped to roll its modules.
+        duration_s: simulated. wall_s: on this machine. reason, events: as the result tells them.
+    """
+
+    study: str
+    seed: int
+    start: str
+    goal: str
+    friction: float
+    theta5_deg: float
+    gravity_x: float
+    gravity_y: float
+    gravity_z: float
+    fittings: int
+    outcome: str
+    arrived: bool
+    in_order: bool
+    retries: int
+    rolls: int
+    duration_s: float
+    wall_s: float
+    collider: str
+    reason: str
+    events: str
+
+
+def pair(start: str, goal: str, theta5_deg: float) -> Scenario:
+    """From one open end of fig14 to another."""
+    return _mission("fig14", start, goal, theta5_deg=theta5_deg)
+
+
+def random_mission(seed: int) -> Scenario:
+    """A random mission in a random network, both from ``seed``."""
+    network = random_network(seed)
+    rng = np.random.default_rng([seed, 1])
+    start, goal = rng.choice(network.open_ends, 2, replace=False)
+    gravity = rng.normal(size=3)
+    gravity *= 9.81 / np.linalg.norm(gravity)
+    friction, theta5_deg = float(rng.uniform(*FRICTION)), float(rng.uniform(-180, 180))
+    table = network.model_dump(mode="json")
+    return _mission(table, str(start), str(goal), theta5_deg=theta5_deg, friction=friction, gravity=gravity.tolist())
+
+
+def _mission(
+    network: object,
+    start: str,
+    goal: str,
+    *,
+    theta5_deg: float,
+    friction: float = 0.9,
+    gravity: Sequence[float] = (0.0, 0.0, -9.81),
+) -> Scenario:
+    return validate(
+        {
+            "network": network,
+            "mission": {"start": start, "goals": [goal]},
+            "start": {"theta5_deg": theta5_deg},
+            "contact": {"friction": friction},
+            "world": {"gravity": list(gravity)},
+            "physics": {"collider": "exact" if why_not() is None else "primitives"},
+        }
+    )
+
+
+def in_order(result: Result) -> bool:
+    """Whether the fittings were passed in the order of each leg's route, none left out, the last leg to its end."""
+    routes, visits = result.routes(), result.timeline()
+    for leg, route in enumerate(routes):
+        planned = [route.network.parts[passage.index].name for passage in route.fittings]
+        visited = [visit.name for visit in visits if visit.leg == leg]
+        first = planned.index(visited[0]) if visited else 0
+        if visited != planned[first : first + len(visited)]:
+            return False
+        if leg == len(routes) - 1 and result.success and visited[-1:] != planned[-1:]:
+            return False
+    return True
+
+
+def drive(task: tuple[str, int, str, str, float]) -> Run:
+    """Run one mission: study, seed, and for a pair its ends and theta5 in deg."""
+    study, seed, start, goal, theta5_deg = task
+    scenario = pair(start, goal, theta5_deg) if study == "pairs" else random_mission(seed)
+    begin = time.perf_counter()
+    (result,) = run_batch([scenario], threads=1, no_load=False)
+    wall = time.perf_counter() - begin
+    assert scenario.mission is not None
+    visits = result.timeline()
+    x, y, z = scenario.world.gravity
+    return Run(
+        study=study,
+        seed=seed,
+        start=scenario.mission.start,
+        goal=scenario.mission.goals[-1],
+        friction=scenario.contact.friction,
+        theta5_deg=scenario.start.theta5_deg,
+        gravity_x=x,
+        gravity_y=y,
+        gravity_z=z,
+        fittings=len(scenario.route().fittings),
+        outcome=result.outcome.value,
+        arrived=result.success,
+        in_order=in_order(result),
+        retries=sum(visit.retries for visit in visits),
+        rolls=sum(visit.rolls for visit in visits),
+        duration_s=result.duration_s,
+        wall_s=wall,
+        collider=str(result.provenance["collider"]),
+        reason=result.reason,
+        events="\n".join(result.events),
+    )
+
+
+def report(title: str, runs: Sequence[Run]) -> None:
+    """One row of the table of rates."""
+    arrived = [run for run in runs if run.arrived]
+    low, high = wilson_interval(len(arrived), len(runs))
+    mean = f"{np.mean([run.duration_s for run in arrived]):.1f} s" if arrived else "-"
+    retried = sum(run.retries > 0 for run in runs)
+    print(
+        f"| {title} | {len(arrived)} of {len(runs)} | {100 * low:.1f} to {100 * high:.1f} % | "
+        f"{sum(run.in_order for run in runs)} | {sum(run.retries for run in runs)} in {retried} runs | {mean} |"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--quick", action="store_true", help="one orientation a pair, 10 networks")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes; default: number of cores")
+    parser.add_argument("--out", type=Path, help="folder for missions.csv")
+    asked = parser.parse_args()
+    orientations = ORIENTATIONS_DEG[:1] if asked.quick else ORIENTATIONS_DEG
+    names = tuple(load_network("fig14").ports)
+    tasks = [("pairs", -1, start, goal, angle) for start, goal in permutations(names, 2) for angle in orientations]
+    tasks += [("random", seed, "", "", 0.0) for seed in range(QUICK_NETWORKS if asked.quick else NETWORKS)]
+    begin = time.perf_counter()
+    with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
+        runs = list(pool.map(drive, tasks))
+    simulated = sum(run.duration_s for run in runs)
+    print(f"collider: {runs[0].collider}; {simulated:.0f} simulated s in {time.perf_counter() - begin:.0f} s\n")
+    print("| study | arrived | 95 % interval | in planned order | retries | mean time of those that arrived |")
+    print("|---|---|---|---|---|---|")
+    for study, title in (("pairs", "fig14, all pairs of ends"), ("random", "random networks")):
+        report(title, [run for run in runs if run.study == study])
+    failures = [run for run in runs if not run.arrived or not run.in_order]
+    if failures:
+        print("\nFailures, and runs not in the planned order:\n")
+    for run in failures:
+        where = f"seed {run.seed}" if run.study == "random" else f"fig14, theta5 {run.theta5_deg:g} deg"
+        order = "" if run.in_order else ", not in the planned order"
+        print(f"* {where}, {run.start} to {run.goal}, friction {run.friction:.2f}: {run.outcome}{order}; {run.reason}")
+        for event in run.events.splitlines()[-LAST_EVENTS:]:
+            print(f"    * {event}")
+    if asked.out is not None:
+        asked.out.mkdir(parents=True, exist_ok=True)
+        with (asked.out / "missions.csv").open("w", encoding="utf-8", newline="") as file:
+            rows = csv.writer(file, lineterminator="\n")
+            rows.writerow(field.name for field in dataclasses.fields(Run))
+            rows.writerows(dataclasses.astuple(run) for run in runs)
+        print(f"\nsaved {asked.out / 'missions.csv'}")
+
+
+if __name__ == "__main__":
+    main()
