@@ -33,11 +33,16 @@ ROLL_SETTLED = 0.02
 ALIGN_ATTEMPTS = 3
 """Rolls in a row before one fitting; slip while rolling makes the first one fall short."""
 CLEARANCES = {np.radians(60.0): 0.0, np.radians(45.0): np.radians(90.0), NO_MOTION_MARGIN: np.radians(360.0)}
-"""Distances of the roll from the no-motion line, and the further roll, rad, that a robot puts up with to have so much.
-Out of a branch 60 of 60 robots pass with 90 and 60 degrees, 58 with 40 and 11 with 30, where the track away from the
-wall touches and brakes."""
-ROLL_PATIENCE = 2.0
-"""Time beyond what a roll should take after which it is looked at as it is, s: a jammed module never gets there."""
+"""Distances of the roll from the no-motion line, and the further roll, rad, that a robot puts up with to have so much
+before a tee turn. Out of a branch 60 of 60 robots pass with 90 and 60 degrees, 58 with 40 and 11 with 30, where the
+track away from the wall touches and brakes."""
+WIDTH_DETOUR = np.radians(90.0)
+"""Further roll, rad, that a robot puts up with to come into the next narrower range of ``AIMS``."""
+CLEAR_ENOUGH = np.radians(45.0)
+"""Distance of the roll from the no-motion line with which a robot that is oriented drives on, rad."""
+ROLL_PATIENCE = 1.0
+"""Time beyond what a roll should take after which it is looked at as it is, s: the belts' grip may hold a module off
+its target for good."""
 NO_MOTION_BAND = 0.1
 """Size of cos(roll) below which the belts keep their direction: at the no-motion line its sign is noise."""
 AIMS: dict[Manoeuvre, tuple[float, ...]] = {
@@ -160,11 +165,13 @@ class Aligner:
         if not due.any():
             return due
         rows = np.arange(len(due))
+        new = due & np.isinf(self.deadline)
+        self.deadline = np.where(new, observation.time + ROLL_PATIENCE, self.deadline)
         settled = np.abs(observation.roll - self.roll_target).max(axis=-1) < ROLL_SETTLED
         # The last range is the widest.
         best, width = self.best[-1, rows, place.passage], self.aim[-1, rows, place.passage]
         oriented = np.abs(orientation_error(place.theta5, best)) <= width + ROUNDING
-        off_the_line = no_motion_distance(observation.roll).min(axis=-1) >= max(CLEARANCES) - ROLL_SETTLED
+        off_the_line = no_motion_distance(observation.roll).min(axis=-1) >= CLEAR_ENOUGH - ROLL_SETTLED
         # With the nose inside, a fitting that goes with any orientation is not worth a stop.
         inside = (room < 0) & self.makes_do[place.passage]
         decide = due & (settled | (observation.time > self.deadline))
@@ -184,15 +191,17 @@ class Aligner:
         ratio = self.robot.lug_radius / self.guide.radius[passage]
         best, aims = self.best[:, robots, passage], self.aim[:, robots, passage]  # (widths, m) rad
         plan, least = None, np.full(len(robots), np.inf)
+        turns = self.guide.is_tee[passage] & self.guide.is_turn[passage]
         for clearance, detour in CLEARANCES.items():
-            for centre, aim in zip(best, aims, strict=True):
+            for width, (centre, aim) in enumerate(zip(best, aims, strict=True)):
                 other = plan_roll(theta5, roll, centre, aim, ratio, no_motion_margin=clearance)
-                cost = np.where(other.exists, np.abs(other.change) + detour, np.inf)
+                cost = np.abs(other.change) + np.where(turns, detour, 0.0) + width * WIDTH_DETOUR
+                cost = np.where(other.exists, cost, np.inf)
                 plan = other if plan is None else other.where(cost < least, plan)
                 least = np.minimum(cost, least)
         assert plan is not None
         self.roll_target[robots] += plan.change[:, None]
-        rolls = plan.change != 0
+        rolls = np.abs(plan.change) > ROLL_SETTLED
         self.attempts[robots] = np.where(rolls, self.attempts[robots] + 1, ALIGN_ATTEMPTS)
         rolling = np.abs(plan.change) / self.robot.roll_rate
         self.deadline[robots] = observation.time[robots] + rolling + ROLL_PATIENCE

@@ -140,7 +140,9 @@ class Monitor:
         sent: set[int] = set()
         for flags, outcome in events:
             for i in np.flatnonzero(flags & np.isnan(self.end_time)).tolist():
-                goes_on = outcome in (None, Outcome.REACHED_GOAL) and i not in sent
+                if i in sent:
+                    continue
+                goes_on = outcome in (None, Outcome.REACHED_GOAL)
                 allowed = self._sends_on(i, place, float(readings.time[i]), outcome is not None) if goes_on else None
                 if allowed is None:
                     self._end(i, outcome or self._cause(i, place), readings, place)
