@@ -2,11 +2,12 @@
 
 python benchmarks/missions.py [--quick] [--workers N] [--out DIR]
 
-Two studies, with the exact collider where it loads (extra fast) and walls of primitives elsewhere:
+Three studies, with the exact collider where it loads (extra fast) and walls of primitives elsewhere:
 
 * pairs: the network fig14 from every open end to every other one, with three start orientations each.
 * random: networks of 6 to 12 fittings grown from a seed. Start and goal are drawn from the open ends, gravity in any
   direction, friction from 0.7 to 1.0 and the start orientation, all from the same seed.
+* bores: the same with reducers between bores of 160, 150, 155 and 165 mm.
 
 Prints how many arrived with Wilson's 95 % interval, whether the fittings were passed in the planned order, how often
 robots backed off to try again, and for each failure its seed, outcome and written cause. --out keeps all runs as CSV.
@@ -36,6 +37,13 @@ from omnitrack_sim.statistics import wilson_interval
 ORIENTATIONS_DEG = (0.0, 40.0, 80.0)
 """Start orientations of the pairs: a third of the period of three modules apart."""
 FRICTION = (0.7, 1.0)
+BORES = (0.150, 0.155, 0.165)
+"""Bores, m, that reducers lead to from 160 mm."""
+TITLES = {
+    "pairs": "fig14, all pairs of ends",
+    "random": "random networks",
+    "bores": "random networks, four bores",
+}
 NETWORKS, QUICK_NETWORKS = 100, 10
 LAST_EVENTS = 4
 """How many of a failed run's events are printed."""
@@ -46,7 +54,7 @@ class Run:
     """One mission and what came of it.
 
     Attributes:
-        study: "pairs" or "random". seed: of the random network; -1 for pairs. start, goal: open ends.
+        study: "pairs", "random" or "bores". seed: of the random network; -1 for pairs. start, goal: open ends.
         friction: coefficient. theta5_deg: start orientation, deg. gravity_x, gravity_y, gravity_z: m/s², world frame.
         fittings: number on the planned way. arrived: whether the robot reached its goal. in_order: see ``in_order``.
         retries, rolls: how often the robot backed off to try again, and stopped to roll its modules.
@@ -80,9 +88,9 @@ def pair(start: str, goal: str, theta5_deg: float) -> Scenario:
     return _mission("fig14", start, goal, theta5_deg=theta5_deg)
 
 
-def random_mission(seed: int) -> Scenario:
-    """A random mission in a random network, both from ``seed``."""
-    network = random_network(seed)
+def random_mission(seed: int, bores: tuple[float, ...] = ()) -> Scenario:
+    """A random mission in a random network, both from ``seed``; with ``bores``, m, also reducers to these."""
+    network = random_network(seed, diameters=bores or None)
     rng = np.random.default_rng([seed, 1])
     start, goal = rng.choice(network.open_ends, 2, replace=False)
     gravity = rng.normal(size=3)
@@ -130,7 +138,10 @@ def in_order(result: Result) -> bool:
 def drive(task: tuple[str, int, str, str, float]) -> Run:
     """Run one mission: study, seed, and for a pair its ends and theta5 in deg."""
     study, seed, start, goal, theta5_deg = task
-    scenario = pair(start, goal, theta5_deg) if study == "pairs" else random_mission(seed)
+    if study == "pairs":
+        scenario = pair(start, goal, theta5_deg)
+    else:
+        scenario = random_mission(seed, BORES if study == "bores" else ())
     begin = time.perf_counter()
     (result,) = run_batch([scenario], threads=1, no_load=False)
     wall = time.perf_counter() - begin
@@ -175,14 +186,15 @@ def report(title: str, runs: Sequence[Run]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--quick", action="store_true", help="one orientation a pair, 10 networks")
+    parser.add_argument("--quick", action="store_true", help="one orientation a pair, 10 networks a study")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes; default: number of cores")
     parser.add_argument("--out", type=Path, help="folder for missions.csv")
     asked = parser.parse_args()
     orientations = ORIENTATIONS_DEG[:1] if asked.quick else ORIENTATIONS_DEG
     names = tuple(load_network("fig14").ports)
     tasks = [("pairs", -1, start, goal, angle) for start, goal in permutations(names, 2) for angle in orientations]
-    tasks += [("random", seed, "", "", 0.0) for seed in range(QUICK_NETWORKS if asked.quick else NETWORKS)]
+    count = QUICK_NETWORKS if asked.quick else NETWORKS
+    tasks += [(study, seed, "", "", 0.0) for study in ("random", "bores") for seed in range(count)]
     begin = time.perf_counter()
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
         runs = list(pool.map(drive, tasks))
@@ -190,13 +202,13 @@ def main() -> None:
     print(f"collider: {runs[0].collider}; {simulated:.0f} simulated s in {time.perf_counter() - begin:.0f} s\n")
     print("| study | arrived | 95 % interval | in planned order | retries | mean time of those that arrived |")
     print("|---|---|---|---|---|---|")
-    for study, title in (("pairs", "fig14, all pairs of ends"), ("random", "random networks")):
+    for study, title in TITLES.items():
         report(title, [run for run in runs if run.study == study])
     failures = [run for run in runs if not run.arrived or not run.in_order]
     if failures:
         print("\nFailures, and runs not in the planned order:\n")
     for run in failures:
-        where = f"seed {run.seed}" if run.study == "random" else f"fig14, theta5 {run.theta5_deg:g} deg"
+        where = f"fig14, theta5 {run.theta5_deg:g} deg" if run.study == "pairs" else f"{run.study}, seed {run.seed}"
         order = "" if run.in_order else ", not in the planned order"
         print(f"* {where}, {run.start} to {run.goal}, friction {run.friction:.2f}: {run.outcome}{order}; {run.reason}")
         for event in run.events.splitlines()[-LAST_EVENTS:]:

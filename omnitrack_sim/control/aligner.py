@@ -33,9 +33,9 @@ ROLL_SETTLED = 0.02
 ALIGN_ATTEMPTS = 3
 """Rolls in a row before one fitting; slip while rolling makes the first one fall short."""
 CLEARANCES = {np.radians(60.0): 0.0, np.radians(45.0): np.radians(90.0), NO_MOTION_MARGIN: np.radians(360.0)}
-"""Distances of the roll from the no-motion line, and the further roll, rad, that a robot puts up with to have so much
-before a tee turn. Out of a branch 60 of 60 robots pass with 90 and 60 degrees, 58 with 40 and 11 with 30, where the
-track away from the wall touches and brakes."""
+"""Distances of the roll from the no-motion line, and the further roll, rad, that a robot puts up with to have so much.
+Out of a branch 60 of 60 robots pass with 90 and 60 degrees, 58 with 40 and 11 with 30, where the track away from the
+wall touches and brakes; straight over a tee such a robot falls into a branch that opens downward."""
 WIDTH_DETOUR = np.radians(90.0)
 """Further roll, rad, that a robot puts up with to come into the next narrower range of ``AIMS``."""
 CLEAR_ENOUGH = np.radians(45.0)
@@ -191,11 +191,10 @@ class Aligner:
         ratio = self.robot.lug_radius / self.guide.radius[passage]
         best, aims = self.best[:, robots, passage], self.aim[:, robots, passage]  # (widths, m) rad
         plan, least = None, np.full(len(robots), np.inf)
-        turns = self.guide.is_tee[passage] & self.guide.is_turn[passage]
         for clearance, detour in CLEARANCES.items():
             for width, (centre, aim) in enumerate(zip(best, aims, strict=True)):
                 other = plan_roll(theta5, roll, centre, aim, ratio, no_motion_margin=clearance)
-                cost = np.abs(other.change) + np.where(turns, detour, 0.0) + width * WIDTH_DETOUR
+                cost = np.abs(other.change) + detour + width * WIDTH_DETOUR
                 cost = np.where(other.exists, cost, np.inf)
                 plan = other if plan is None else other.where(cost < least, plan)
                 least = np.minimum(cost, least)

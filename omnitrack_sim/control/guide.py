@@ -19,7 +19,7 @@ class Place:
     Attributes:
         way: (n,) index into ``Guide.routes`` of each robot's route.
         distance: (n,) m, arc length of the centreline point nearest to the robot's centre.
-        offset: (n,) m, distance from that point.
+        aside: (n, 3) m, from that point to the robot's centre, world frame. offset: (n,) m, its length.
         tilt: (n,) rad, robot axis against the tangent there.
         theta5: (n,) rad, module 1 from the turning direction of the fitting being passed or next, in [-pi, pi).
         passage: (n,) index into ``Guide.passages`` of that fitting, or of the end of the way after its last one.
@@ -27,6 +27,7 @@ class Place:
 
     way: NDArray[np.intp]
     distance: Array
+    aside: Array
     offset: Array
     tilt: Array
     theta5: Array
@@ -109,6 +110,7 @@ class Guide:
         return Place(
             way=self.way.copy(),
             distance=distance,
+            aside=position - point,
             offset=length(position - point),
             tilt=angle_between(axis, tangent),
             theta5=angle_about(axis, reference, rotation[:, :, 0]),

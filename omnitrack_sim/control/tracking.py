@@ -18,6 +18,8 @@ from omnitrack_sim.kinematics import module_speeds
 HEADING_LEAD = 0.09
 """How far the heading may be ahead of the lookahead point, m. In the open middle of a tee the robot turns faster than
 the arc; turning it back would push it out of the branch again."""
+MOST_SLOPE = 0.1
+"""Steepest way back to the centreline, rad."""
 _LEADS = np.linspace(0.0, HEADING_LEAD, 7)
 
 
@@ -29,6 +31,7 @@ def wanted_rotation(
     lookahead: Array,
     limit: Array,
     direction: Array,
+    centring: Array,
 ) -> Array:
     """Rotation per metre of travel (n, 3) rad/m, world frame: the bend's curvature plus gain x heading error.
 
@@ -39,6 +42,7 @@ def wanted_rotation(
         gain: (n,) 1/m. lookahead: (n,) m.
         limit: (n,) rad/m, cap on the length of the result.
         direction: (n,) 1 forward, -1 backward: the heading is then compared with the centreline behind.
+        centring: (n,) 1/m, slope towards the centreline that is wanted per metre beside it, up to ``MOST_SLOPE``.
     """
     axis = rotation[:, :, 2]
     _, tangent, normal, curvature = guide.at(place.distance)
@@ -48,6 +52,10 @@ def wanted_rotation(
     nearest = np.argmin(angles, axis=1)
     rows = np.arange(len(nearest))
     target, angle = tangents[rows, nearest], angles[rows, nearest]
+    slope = centring[:, None] * place.aside
+    slope = slope * np.minimum(1.0, MOST_SLOPE / np.maximum(length(slope), 1e-12))[:, None]
+    target = np.where((centring > 0)[:, None], unit(target - direction[:, None] * slope), target)
+    angle = np.where(centring > 0, angle_between(axis, target), angle)
     # A robot that has turned ahead of the bend goes straight until the bend has caught up.
     bend = cross(tangent, normal) * (curvature * (nearest == 0))[:, None]
     wanted = bend + unit(cross(axis, target)) * (direction * gain * angle)[:, None]
