@@ -222,7 +222,7 @@ def test_tail_first_is_nose_first_seen_from_behind(theta5_deg, until):
     assert tail.duration_s == pytest.approx(nose.duration_s, abs=0.1)
     a, b = nose.trajectory, tail.trajectory
     n = int(np.searchsorted(a.time, min(until, tail.duration_s)))
-    assert a["distance"][n - 1] > 0.4  # in the elbow at least
+    assert a["distance"][n - 1] > 0.35  # the nose is in the elbow at least
     assert np.abs(a["position"][:n] - b["position"][:n]).max() < 0.001
     assert np.abs(a["tilt"][:n] - b["tilt"][:n]).max() < np.radians(0.5)
     assert np.abs(a["roll_command"][:n] + b["roll_command"][:n][:, SWAPPED]).max() < np.radians(0.1)
