@@ -2,12 +2,14 @@
 
 python benchmarks/missions.py [--quick] [--workers N] [--out DIR]
 
-Three studies, with the exact collider where it loads (extra fast) and walls of primitives elsewhere:
+Four studies, with the exact collider where it loads (extra fast) and walls of primitives elsewhere:
 
 * pairs: the network fig14 from every open end to every other one, with three start orientations each.
 * random: networks of 6 to 12 fittings grown from a seed. Start and goal are drawn from the open ends, gravity in any
   direction, friction from 0.7 to 1.0 and the start orientation, all from the same seed.
 * bores: the same with reducers between bores of 160, 150, 155 and 165 mm.
+* close: two fittings with less than a robot's length between: elbow and elbow, elbow and tee, tee and tee, in every
+  passage and plane, with random gravity, friction and start orientation.
 
 Prints how many arrived with Wilson's 95 % interval, whether the fittings were passed in the planned order, how often
 robots backed off to try again, and for each failure its seed, outcome and written cause. --out keeps all runs as CSV.
@@ -23,7 +25,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import permutations, product
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -31,6 +33,7 @@ import numpy as np
 
 from omnitrack_sim import Result, Scenario, load_network, random_network, run_batch
 from omnitrack_sim.collider import why_not
+from omnitrack_sim.errors import ScenarioError
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.statistics import wilson_interval
 
@@ -39,10 +42,13 @@ ORIENTATIONS_DEG = (0.0, 40.0, 80.0)
 FRICTION = (0.7, 1.0)
 BORES = (0.150, 0.155, 0.165)
 """Bores, m, that reducers lead to from 160 mm."""
+CLOSE_TRIALS = 4
+"""Random trials of each pair of close fittings."""
 TITLES = {
     "pairs": "fig14, all pairs of ends",
     "random": "random networks",
     "bores": "random networks, four bores",
+    "close": "fittings close together",
 }
 NETWORKS, QUICK_NETWORKS = 100, 10
 LAST_EVENTS = 4
@@ -54,7 +60,8 @@ class Run:
     """One mission and what came of it.
 
     Attributes:
-        study: "pairs", "random" or "bores". seed: of the random network; -1 for pairs. start, goal: open ends.
+        study: one of ``TITLES``. seed: of the random network or trial; -1 for pairs. start, goal: open ends;
+            of close fittings both fittings and nothing.
         friction: coefficient. theta5_deg: start orientation, deg. gravity_x, gravity_y, gravity_z: m/s², world frame.
         fittings: number on the planned way. arrived: whether the robot reached its goal. in_order: see ``in_order``.
         retries, rolls: how often the robot backed off to try again, and stopped to roll its modules.
@@ -100,6 +107,42 @@ def random_mission(seed: int, bores: tuple[float, ...] = ()) -> Scenario:
     return _mission(table, str(start), str(goal), theta5_deg=theta5_deg, friction=friction, gravity=gravity.tolist())
 
 
+def close_fittings() -> dict[str, list[dict[str, object]]]:
+    """Two fittings of every kind and passage, the second one turned by 0, 90 and 180 degrees, by what they are."""
+    tees = {"turn": ("run_start", "branch"), "merge": ("branch", "run_end"), "over": ("run_start", "run_end")}
+    passages: dict[str, dict[str, object]] = {
+        name: {"kind": "tee", "enter": enter, "leave": leave} for name, (enter, leave) in tees.items()
+    }
+    passages |= {f"elbow {r}": {"kind": "elbow", "mean_radius": r / 1000} for r in (90, 240)}
+    before, after = {"kind": "straight", "length": 0.4}, {"kind": "straight", "length": 0.5}
+    found: dict[str, list[dict[str, object]]] = {}
+    for first, second in product(passages, passages):
+        gaps = (0.0, 0.1) if first in tees and second in tees else (0.0,)
+        for gap, turn in product(gaps, (0.0, 90.0, 180.0)):
+            between = [{"kind": "straight", "length": gap}] if gap else []
+            name = f"{first}, {1000 * gap:.0f} mm, {second} at {turn:.0f} deg"
+            found[name] = [before, passages[first], *between, passages[second] | {"turn_deg": turn}, after]
+    return found
+
+
+def close(name: str, seed: int) -> Scenario | None:
+    """A random trial of two close fittings; None where they run into each other."""
+    rng = np.random.default_rng([seed, 2])
+    gravity = rng.normal(size=3)
+    gravity *= 9.81 / np.linalg.norm(gravity)
+    data = {
+        "pipes": close_fittings()[name],
+        "start": {"theta5_deg": float(rng.uniform(-180, 180)), "distance": 0.15},
+        "contact": {"friction": float(rng.uniform(*FRICTION))},
+        "world": {"gravity": gravity.tolist()},
+        "physics": {"collider": "exact" if why_not() is None else "primitives"},
+    }
+    try:
+        return validate(data)
+    except ScenarioError:
+        return None
+
+
 def _mission(
     network: object,
     start: str,
@@ -136,23 +179,27 @@ def in_order(result: Result) -> bool:
 
 
 def drive(task: tuple[str, int, str, str, float]) -> Run:
-    """Run one mission: study, seed, and for a pair its ends and theta5 in deg."""
+    """Run one mission: study, seed, for a pair its ends and theta5 in deg, for close fittings what they are."""
     study, seed, start, goal, theta5_deg = task
     if study == "pairs":
         scenario = pair(start, goal, theta5_deg)
+    elif study == "close":
+        found = close(start, seed)
+        assert found is not None
+        scenario = found
     else:
         scenario = random_mission(seed, BORES if study == "bores" else ())
     begin = time.perf_counter()
     (result,) = run_batch([scenario], threads=1, no_load=False)
     wall = time.perf_counter() - begin
-    assert scenario.mission is not None
+    mission = scenario.mission
     visits = result.timeline()
     x, y, z = scenario.world.gravity
     return Run(
         study=study,
         seed=seed,
-        start=scenario.mission.start,
-        goal=scenario.mission.goals[-1],
+        start=start if mission is None else mission.start,
+        goal="" if mission is None else mission.goals[-1],
         friction=scenario.contact.friction,
         theta5_deg=scenario.start.theta5_deg,
         gravity_x=x,
@@ -195,6 +242,9 @@ def main() -> None:
     tasks = [("pairs", -1, start, goal, angle) for start, goal in permutations(names, 2) for angle in orientations]
     count = QUICK_NETWORKS if asked.quick else NETWORKS
     tasks += [(study, seed, "", "", 0.0) for study in ("random", "bores") for seed in range(count)]
+    trials = range(1 if asked.quick else CLOSE_TRIALS)
+    chains = [name for name in close_fittings() if close(name, 0) is not None]
+    tasks += [("close", seed, name, "", 0.0) for name in chains for seed in trials]
     begin = time.perf_counter()
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
         runs = list(pool.map(drive, tasks))
