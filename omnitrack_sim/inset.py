@@ -10,7 +10,7 @@ from PIL import Image, ImageDraw
 
 from omnitrack_sim.frames import Array, matrix_from_quaternion
 from omnitrack_sim.pipes import PipeNetwork, Placed, Route, Tee
-from omnitrack_sim.trajectory import Trajectory
+from omnitrack_sim.trajectory import Trajectory, spans
 
 FEW_FITTINGS = 3
 """A route through no more fittings than this needs no map."""
@@ -127,7 +127,7 @@ class Inset:
         """The way driven up to ``row``, in the colour of the gear."""
         rows = np.append(self._rows[self._rows < row], row)
         tail_first = self.trajectory["gear"][rows] < 0
-        for first, last in _spans(tail_first):
+        for first, last in spans(tail_first):
             points = self._points[rows[first : last + 1]]
             colour = TAIL_FIRST if tail_first[first] else NOSE_FIRST
             if len(points) > 1 and np.isfinite(points).all():
@@ -206,9 +206,3 @@ def _line(start: Array, end: Array) -> Array:
 def _changed(codes: NDArray) -> NDArray[np.bool_]:
     """Where (T,) codes differ from the sample before."""
     return np.diff(codes, prepend=codes[:1]) != 0
-
-
-def _spans(codes: NDArray) -> list[tuple[int, int]]:
-    """First row of each span of equal codes (n,), and the first row after it (or the last of all)."""
-    starts = np.append(0, np.flatnonzero(codes[1:] != codes[:-1]) + 1)
-    return list(zip(starts.tolist(), np.append(starts[1:], len(codes) - 1).tolist(), strict=True))

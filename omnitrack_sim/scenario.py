@@ -91,6 +91,8 @@ class Scenario(Table):
         """Arc length of the robot's centre at the goal, m."""
         if self.goal.distance is not None:
             return self.goal.distance
+        if self.planner is not None:
+            return self.planner.first.end
         return self.route().centreline.length - self.robot.length / 2 - NOSE_ROOM
 
     @property

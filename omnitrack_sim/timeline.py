@@ -214,7 +214,6 @@ def _counts(trajectory: Trajectory, routes: Sequence[Route], group: NDArray[np.i
 def _ahead(route: Route, distance: float) -> int | None:
     """The first elbow or tee whose bend or opening ends beyond ``distance`` m; None after the last one."""
     for index, passage in enumerate(route.fittings):
-        end = passage.s_bend_end if passage.is_turn else passage.opening[1]  # nan where there is neither
-        if end > distance:
+        if passage.span[1] > distance:
             return index
     return None

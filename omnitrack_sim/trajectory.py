@@ -95,9 +95,12 @@ class Trajectory:
     def phase_spans(self) -> list[tuple[str, float, float]]:
         """The phases in order: (name, start, end) with times in s."""
         codes = self["phase"]
-        starts = np.flatnonzero(np.diff(codes, prepend=-1))
-        ends = np.append(starts[1:], len(codes) - 1)
-        return [
-            (self.phases[int(codes[a])], float(self.time[a]), float(self.time[b]))
-            for a, b in zip(starts, ends, strict=True)
-        ]
+        return [(self.phases[int(codes[a])], float(self.time[a]), float(self.time[b])) for a, b in spans(codes)]
+
+
+def spans(*codes: NDArray) -> list[tuple[int, int]]:
+    """First sample of each span in which all codes (T,) stay as they are, and the one after it, or the last of all."""
+    changed = np.any([np.diff(code) != 0 for code in codes], axis=0)
+    starts = np.append(0, np.flatnonzero(changed) + 1)
+    ends = np.append(starts[1:], len(codes[0]) - 1)
+    return list(zip(starts.tolist(), ends.tolist(), strict=True))

@@ -94,7 +94,7 @@ def _geometry(trajectory: Trajectory, routes: Sequence[Route], rows: NDArray[np.
         distance = trajectory["distance"][rows[on]]
         tangent[on] = route.centreline.at(distance)[1]
         for passage in route.fittings:
-            if passage.is_turn or passage.kind == "tee":
+            if passage.asks_orientation:
                 here = (distance > passage.s_enter - _NEAR) & (distance < passage.s_leave + _NEAR)
                 plane[on[here]] = _normal(route, passage)
     return tangent, plane

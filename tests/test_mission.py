@@ -22,12 +22,13 @@ from omnitrack_sim import (
 )
 from omnitrack_sim.cli import app
 from omnitrack_sim.collider import why_not
+from omnitrack_sim.control.aligner import STOP_BEFORE
 from omnitrack_sim.control.alignment import Wish, agreed
 from omnitrack_sim.control.gear import SWAPPED, carried_out, heading, seen
 from omnitrack_sim.control.guide import Place
 from omnitrack_sim.control.interface import Command, Observation
 from omnitrack_sim.network import Leg, Mission, Planner
-from omnitrack_sim.network.mission import NOSE_ROOM, STAND_BEFORE
+from omnitrack_sim.network.mission import NOSE_ROOM
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.plant import Plant, Trials
@@ -108,7 +109,7 @@ def test_backing_legs_end_where_the_robot_can_stand(network, start, goals):
         parting = next(i for i, (a, b) in enumerate(zip(old.way, new.way, strict=False)) if a != b)
         passage = plan.route(new).fittings[parting]
         opening = passage.s_bend_start if passage.is_turn else passage.opening[0]
-        assert new.begin + LENGTH / 2 <= opening - STAND_BEFORE + 1e-9
+        assert new.begin + LENGTH / 2 <= opening - STOP_BEFORE + 1e-9
 
 
 def test_close_fittings_are_backed_out_of_together():
@@ -117,10 +118,10 @@ def test_close_fittings_are_backed_out_of_together():
     _, back, onward, back_again, last = plan.plan()
     assert names(plan, back)[:4] == ["spur_arm", "tee_knee", "knee", "corridor"]
     knee = plan.route(onward).fittings[names(plan, onward).index("knee")]
-    assert onward.begin == pytest.approx(knee.s_bend_start - STAND_BEFORE - LENGTH / 2)
+    assert onward.begin == pytest.approx(knee.s_bend_start - STOP_BEFORE - LENGTH / 2)
     assert names(plan, back_again)[:4] == ["exit_arm", "tee_c", "tee_b", "gap"]
     tee_b = plan.route(last).fittings[names(plan, last).index("tee_b")]
-    assert last.begin == pytest.approx(tee_b.s_bend_start - STAND_BEFORE - LENGTH / 2)
+    assert last.begin == pytest.approx(tee_b.s_bend_start - STOP_BEFORE - LENGTH / 2)
 
 
 def test_a_closed_port_sends_the_robot_round_the_loop():

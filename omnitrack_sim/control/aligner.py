@@ -53,7 +53,7 @@ AIMS: dict[Manoeuvre, tuple[float, ...]] = {
 """Parts of the safe margin that a roll aims at; the next one where the first has no roll clear of the no-motion line.
 Straight over a tee nearer is steadier: tilt up to 1.1 degrees from 6 degrees beside the best orientation, 0.9 from the
 best. In a tee turn it is not: dead on, both outer modules lose the wall at the same time (docs/design-study.md)."""
-WIDTHS = 3
+WIDTHS = len(AIMS["elbow"])
 
 
 def manoeuvres(guide: Guide) -> tuple[Manoeuvre | None, ...]:
@@ -88,8 +88,8 @@ class Aligner:
         guide, asked = self.guide, manoeuvres(self.guide)
         given, reach = self.settings.safe_margin, self.settings.reach
         derived = safe_margin(sector_angle(guide.radius, reach[:, None]))  # (n, Q) rad
-        self.margin = np.where(np.isnan(given)[:, None], derived, given[:, None])
-        self.best = np.zeros((WIDTHS, *self.margin.shape))  # (widths, n, Q) rad
+        margin = np.where(np.isnan(given)[:, None], derived, given[:, None])
+        self.best = np.zeros((WIDTHS, *margin.shape))  # (widths, n, Q) rad
         self.aim = np.zeros(self.best.shape)  # (widths, n, Q) rad, half-width of the range about it
         self.makes_do = np.array([m in ("elbow", "tee_straight") for m in asked])  # (Q,) goes with any orientation
         for q, manoeuvre in enumerate(asked):
@@ -102,12 +102,10 @@ class Aligner:
                     break
                 together.append((p, following))
             together.sort(key=lambda passage: _FIRST_COMES.index(passage[1]))
+            centres = [preferred_theta5(wanted) - self._turned_between(q, p) for p, wanted in together]
             for i in range(WIDTHS):
-                wishes = []
-                for p, wanted in together:
-                    part = AIMS[wanted][i]
-                    wishes.append(Wish(preferred_theta5(wanted) - self._turned_between(q, p), part * self.margin[:, p]))
-                self.best[i, :, q], self.aim[i, :, q] = agreed(wishes)
+                widths = [AIMS[wanted][i] * margin[:, p] for p, wanted in together]
+                self.best[i, :, q], self.aim[i, :, q] = agreed(list(map(Wish, centres, widths)))
 
     def _room_between(self, passage: int) -> float:
         """Length, m, of the way from the end of a passage to the start of the next one."""
@@ -119,8 +117,7 @@ class Aligner:
         for q in (first, later):
             found = self.guide.passages[q]
             assert found is not None
-            way = int(np.searchsorted(self.guide.first, q, side="right")) - 1
-            frame = self.guide.centreline.frame(np.array([found.s_enter]), np.array([way]))[0]
+            frame = self.guide.centreline.frame(np.array([found.s_enter]), self.guide.way_of[[q]])[0]
             x, y, _ = self.guide.directions[q] @ frame
             angles.append(np.arctan2(y, x))
         return float(angles[0] - angles[1])

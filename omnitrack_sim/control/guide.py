@@ -46,7 +46,8 @@ class Guide:
         way: (n,) route of each robot.
         first, count: (W,) first passage of each route, and number with the end; arrays below have an entry a passage.
         start, end: (Q,) m, arc length where the fitting begins to matter and where it has been passed.
-        is_turn: (Q,) bool, the route bends there. is_tee: (Q,) bool.
+        way_of: (Q,) route of each passage.
+        is_turn: (Q,) bool, the route bends there. is_tee, into_branch, out_of_branch: (Q,) bool.
         radius: (Q,) m, of the bore there.
         directions: (Q, 3) turning directions at the fitting's entry, world frame.
     """
@@ -80,17 +81,20 @@ class Guide:
         first, end_directions, last_radius = [], [], []
         for route in self.routes:
             first.append(len(passages))
-            passages += [p for p in route.fittings if p.is_turn or p.kind == "tee"]
+            passages += [p for p in route.fittings if p.asks_orientation]
             passages.append(None)
             end_directions.append(route.centreline.frame(np.array([route.centreline.length]))[0, :, 0])
             last_radius.append(route.fittings[-1].radius)
         self.passages = tuple(passages)
         self.first = np.array(first)
         self.count = np.diff([*first, len(passages)])
-        spans = [(np.inf, np.inf) if p is None else _span(p) for p in passages]
+        self.way_of = np.repeat(np.arange(len(self.routes)), self.count)
+        spans = [(np.inf, np.inf) if p is None else p.span for p in passages]
         self.start, self.end = np.array(spans).T
         self.is_turn = np.array([p is not None and p.is_turn for p in passages])
         self.is_tee = np.array([p is not None and p.kind == "tee" for p in passages])
+        self.into_branch = np.array([p is not None and p.leave == "branch" for p in passages])
+        self.out_of_branch = np.array([p is not None and p.enter == "branch" for p in passages])
         at_end = iter(zip(end_directions, last_radius, strict=True))
         ends = [(p.turn_direction, p.radius) if p is not None else next(at_end) for p in passages]
         self.directions = np.array([direction for direction, _ in ends])
@@ -104,14 +108,15 @@ class Guide:
         distance = self.centreline.locate(position, self._distance, self._way)
         self._distance = distance
         point, tangent, normal, _ = self.at(distance)
+        aside = position - point
         axis = rotation[:, :, 2]
         passage = self._passage(distance)
         reference = self._turning_direction(distance, passage, normal)
         return Place(
             way=self.way.copy(),
             distance=distance,
-            aside=position - point,
-            offset=length(position - point),
+            aside=aside,
+            offset=length(aside),
             tilt=angle_between(axis, tangent),
             theta5=angle_about(axis, reference, rotation[:, :, 0]),
             passage=passage,
@@ -135,8 +140,7 @@ class Guide:
         """The name of a passage's fitting in the network."""
         found = self.passages[passage]
         assert found is not None
-        way = int(np.searchsorted(self.first, passage, side="right")) - 1
-        return self.routes[way].network.parts[found.index].name
+        return self.routes[self.way_of[passage]].network.parts[found.index].name
 
     def turning_direction(self, distance: Array) -> Array:
         """Unit vectors (n, 3), world frame: where the fitting passed or next at arc length (n,) m turns to."""
@@ -149,11 +153,6 @@ class Guide:
     def _turning_direction(self, distance: Array, passage: NDArray[np.intp], normal: Array) -> Array:
         bending = self.is_turn[passage] & (distance > self.start[passage])
         return np.where(bending[:, None], normal, self.directions[passage])
-
-
-def _span(passage: Passage) -> tuple[float, float]:
-    """Arc lengths, m, where a fitting begins to matter and where it has been passed."""
-    return (passage.s_bend_start, passage.s_bend_end) if passage.is_turn else passage.opening
 
 
 def angle_between(a: Array, b: Array) -> Array:

@@ -53,8 +53,7 @@ class JacobianController:
         asked = manoeuvres(self.guide)
         self.kind = np.array([_PHASES[m] for m in asked])  # (Q,) phase in each passage
         gains = np.array([0.0 if m is None else RATE_GAIN[m] for m in asked])
-        merges = np.array([p is not None and p.enter == "branch" for p in self.guide.passages])
-        self.rate_gain = np.where(merges, MERGE_RATE_GAIN, gains)  # (Q,)
+        self.rate_gain = np.where(self.guide.out_of_branch, MERGE_RATE_GAIN, gains)  # (Q,)
 
     def begin_leg(self, robot: int, turned: bool) -> None:
         """See ``Controller``."""
@@ -75,7 +74,7 @@ class JacobianController:
             observation.angular_velocity - self.angular_velocity
         )
         inside = self.aligner.nose_room(place) < 0
-        damped = np.where(backing, self.recovery.out_of_branch[place.passage], inside & ~aligning)
+        damped = np.where(backing, self.guide.out_of_branch[place.passage], inside & ~aligning)
         phase = np.where(inside, self.kind[place.passage], CRUISE)
         phase = np.where(backing, BACK_OFF, np.where(aligning, ALIGN, phase))
         direction = np.where(backing, -1.0, 1.0)

@@ -48,7 +48,7 @@ class PaperController:
         self.mark = np.array(
             [np.inf if p is None else p.opening[0] if p.kind == "tee" else p.s_bend_start for p in passages]
         )
-        way = np.repeat(np.arange(len(guide.routes)), guide.count)  # (Q,)
+        way = guide.way_of
         longest = guide.lengths[way]
         self.way_in = guide.centreline.at(np.clip(guide.start, 0, longest), way)[1]  # (Q, 3) tangents before the turns
         self.way_out = guide.centreline.at(np.clip(guide.end, 0, longest), way)[1]  # (Q, 3) and behind them

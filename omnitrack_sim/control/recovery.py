@@ -41,15 +41,9 @@ class Recovery:
         self.backing = np.zeros(n, bool)
         self.retries = np.zeros(n, int)
         self.passage = np.zeros(n, np.intp)
-        self._learn()
-
-    def _learn(self) -> None:
-        self.out_of_branch = np.array([p is not None and p.enter == "branch" for p in self.guide.passages])  # (Q,)
-        self.into_branch = np.array([p is not None and p.leave == "branch" for p in self.guide.passages])  # (Q,)
 
     def begin_leg(self, robot: int) -> None:
         """Start a robot afresh on its new way."""
-        self._learn()
         self.farthest[robot], self.waiting[robot] = -np.inf, 0.0
         self.backing[robot], self.retries[robot], self.passage[robot] = False, 0, -1
 
@@ -71,11 +65,11 @@ class Recovery:
     def _begin(self, observation: Observation, aligner: Aligner, events: list[list[str]]) -> None:
         place, speed = observation.place, self.settings.cruise_speed
         turning = self.guide.is_turn[place.passage] & (aligner.nose_room(place) < 0)
-        patience = np.where(self.out_of_branch[place.passage], MERGE_PATIENCE_DISTANCE, PATIENCE_DISTANCE)
+        patience = np.where(self.guide.out_of_branch[place.passage], MERGE_PATIENCE_DISTANCE, PATIENCE_DISTANCE)
         hanging = self.waiting > patience / speed
         fallen = place.distance < self.farthest - FALLEN
         # Out of a branch there is nothing to go past: the far wall stands across the way.
-        beside = self.into_branch[place.passage] & (place.offset > BESIDE * self.guide.radius[place.passage])
+        beside = self.guide.into_branch[place.passage] & (place.offset > BESIDE * self.guide.radius[place.passage])
         failed = turning & (hanging | fallen | beside) & ~self.backing & (self.retries < RETRIES) & self.settings.retry
         for robot in np.flatnonzero(failed):
             name = self.guide.name_of(int(place.passage[robot]))

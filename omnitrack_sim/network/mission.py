@@ -14,16 +14,16 @@ from typing import Annotated
 
 from pydantic import Field
 
+from omnitrack_sim.control.aligner import STOP_BEFORE
 from omnitrack_sim.errors import Fault, NetworkError
-from omnitrack_sim.network.planning import Way, port_graph, route_of, shortest_way
+from omnitrack_sim.network.layout import End
+from omnitrack_sim.network.planning import Way, port_graph, route_of, shortest_way, unreachable
 from omnitrack_sim.network.spec import Network
 from omnitrack_sim.pipes import TEE_ARCS, Route, TeeArcs
 from omnitrack_sim.tables import Table
 
 NOSE_ROOM = 0.005
 """Room between the robot's nose and the end of the way at a goal, m."""
-STAND_BEFORE = 0.02
-"""Room between the nose and a tee's opening where a robot stands to take another way, m."""
 AT_THE_NOSE = 0.02
 """How far behind the nose, m, the obstacle that stops a robot may seem to be."""
 
@@ -80,9 +80,7 @@ class Planner:
     ) -> None:
         self.network, self.mission, self.length, self.arcs = network, mission, length, arcs
         self.ends, self.plates = _checked(network, mission)
-        self._graph = port_graph(network, arcs)
-        names = [part.name for part in network.fittings]
-        self._graph.remove_nodes_from([node for node in list(self._graph) if names[node[0]] in mission.avoid])
+        self._graph = port_graph(network, arcs, mission.avoid)
         way = shortest_way(self._graph, self.ends[0], self.ends[1])
         if way is None:
             raise NetworkError(_unreachable(0, mission))
@@ -106,7 +104,7 @@ class Planner:
             planned += legs
         return tuple(planned)
 
-    def obstacle(self, leg: Leg, distance: float) -> tuple[int, str]:
+    def obstacle(self, leg: Leg, distance: float) -> End:
         """The port (part index, port) that a robot at arc length ``distance`` m cannot get to."""
         nose = distance + self.length / 2 - AT_THE_NOSE
         fittings = self.route(leg).fittings
@@ -114,7 +112,7 @@ class Planner:
         part, _, leave = leg.way[index]
         return part, leave
 
-    def onward(self, leg: Leg, distance: float, goal: int, closed: Iterable[tuple[int, str]]) -> list[Leg] | None:
+    def onward(self, leg: Leg, distance: float, goal: int, closed: Iterable[End]) -> list[Leg] | None:
         """Legs to a goal for a robot at arc length ``distance`` m of a leg; None where no way is left.
 
         The robot comes back to the mission's start tail first. From there it sets out anew.
@@ -125,8 +123,10 @@ class Planner:
             goal: number of the goal.
             closed: ports (part index, port) found to be closed.
         """
-        graph = self._graph.copy()
-        graph.remove_nodes_from([node for node in closed if node in graph])
+        import networkx
+
+        closed = tuple(closed)
+        graph = networkx.restricted_view(self._graph, closed, [])
         if leg.gear < 0:
             way = shortest_way(graph, self.ends[0], self.ends[goal + 1])
             return None if way is None else [self._forward(way, self.length / 2 + NOSE_ROOM, goal)]
@@ -139,8 +139,9 @@ class Planner:
             part, enter, _ = leg.way[c]
             # Nose first: not back through the port it came in by.
             back = self.network.joined_to.get(f"{self.network.fittings[part].name}.{enter}")
-            cut = graph if back is None else _without_edge(graph, (part, enter), self.network.port(back))
-            onward = shortest_way(cut, (part, enter), self.ends[goal + 1])
+            cut = [] if back is None else [((part, enter), self.network.port(back))]
+            graph = networkx.restricted_view(self._graph, closed, cut)
+            onward = shortest_way(graph, (part, enter), self.ends[goal + 1])
             if onward is None:
                 continue
             way = (*leg.way[:c], *onward)
@@ -174,40 +175,28 @@ class Planner:
     def _stand(self, route: Route, index: int) -> float:
         """Arc length, m, where a robot stands to pass fitting ``index`` of a route in another way than before."""
         first = index
-        while first > 0 and _start(route, first) - _end(route, first - 1) < self.length + STAND_BEFORE:
+        while first > 0 and _start(route, first) - _end(route, first - 1) < self.length + STOP_BEFORE:
             first -= 1
-        return max(_start(route, first) - self.length / 2 - STAND_BEFORE, self.length / 2)
+        return max(_start(route, first) - self.length / 2 - STOP_BEFORE, self.length / 2)
 
 
 def _start(route: Route, index: int) -> float:
     """Arc length, m, where a fitting's bend or opening begins; its port where it has none."""
     passage = route.fittings[index]
-    return passage.s_bend_start if passage.is_turn else passage.opening[0] if passage.kind == "tee" else passage.s_leave
+    return passage.span[0] if passage.asks_orientation else passage.s_leave
 
 
 def _end(route: Route, index: int) -> float:
     """Arc length, m, where the last bend or opening up to fitting ``index`` ends."""
-    for passage in route.fittings[index::-1]:
-        if passage.is_turn or passage.kind == "tee":
-            return passage.s_bend_end if passage.is_turn else passage.opening[1]
-    return -float("inf")
-
-
-def _without_edge(graph, a, b):  # type: ignore[no-untyped-def]
-    """A copy of a graph without the edge from ``a`` to ``b``."""
-    copy = graph.copy()
-    if copy.has_edge(a, b):
-        copy.remove_edge(a, b)
-    return copy
+    return next((p.span[1] for p in route.fittings[index::-1] if p.asks_orientation), -float("inf"))
 
 
 def _unreachable(goal: int, mission: Mission) -> Fault:
     before = mission.goals[goal - 1] if goal else mission.start
-    around = f" without {', '.join(sorted(mission.avoid))}" if mission.avoid else ""
-    return Fault(f"goals.{goal}", f"{mission.goals[goal]!r} cannot be reached from {before!r}{around}")
+    return unreachable(f"goals.{goal}", before, mission.goals[goal], mission.avoid)
 
 
-def _checked(network: Network, mission: Mission) -> tuple[list[tuple[int, str]], tuple[tuple[int, str], ...]]:
+def _checked(network: Network, mission: Mission) -> tuple[list[End], tuple[End, ...]]:
     """Start and goals as nodes, and the blocked ports."""
     ends, plates, faults = [], [], []
     asked = [("start", mission.start), *((f"goals.{i}", goal) for i, goal in enumerate(mission.goals))]

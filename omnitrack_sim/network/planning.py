@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from itertools import permutations
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +18,11 @@ Way = tuple[tuple[int, str, str], ...]
 """Fittings in order: part index, port entered, port left."""
 
 
-def port_graph(network: Network, arcs: TeeArcs = TEE_ARCS) -> networkx.DiGraph[Any]:
-    """Ports (part index, port name) as nodes; ``length`` m of the axis between the ports of a fitting, 0 at joints."""
+def port_graph(network: Network, arcs: TeeArcs = TEE_ARCS, avoid: Collection[str] = ()) -> networkx.DiGraph[Any]:
+    """Ports (part index, port name) as nodes; ``length`` m of the axis between the ports of a fitting, 0 at joints.
+
+    Fittings to ``avoid`` are left out.
+    """
     import networkx
 
     graph = networkx.DiGraph()
@@ -30,6 +33,7 @@ def port_graph(network: Network, arcs: TeeArcs = TEE_ARCS) -> networkx.DiGraph[A
     for a, b in network.pipes.joints:
         graph.add_edge(a, b, length=0.0)
         graph.add_edge(b, a, length=0.0)
+    graph.remove_nodes_from([node for node in graph if network.fittings[node[0]].name in avoid])
     return graph
 
 
@@ -66,12 +70,9 @@ def shortest_route(
     ]
     if faults:
         raise NetworkError(faults)
-    graph = port_graph(network, arcs)
-    graph.remove_nodes_from([node for node in graph if names[node[0]] in avoided])
-    way = shortest_way(graph, ends[0], ends[1])
+    way = shortest_way(port_graph(network, arcs, avoided), ends[0], ends[1])
     if way is None:
-        around = f" without {', '.join(sorted(avoided))}" if avoided else ""
-        raise NetworkError(Fault("goal", f"{goal!r} cannot be reached from {start!r}{around}"))
+        raise NetworkError(unreachable("goal", start, goal, avoided))
     return route_of(network, way, arcs)
 
 
@@ -85,6 +86,12 @@ def shortest_way(graph: networkx.DiGraph[Any], start: End, goal: End) -> Way | N
     except (networkx.NetworkXNoPath, networkx.NodeNotFound):
         return None
     return tuple((part, enter, leave) for (part, enter), (_, leave) in zip(nodes[::2], nodes[1::2], strict=True))
+
+
+def unreachable(where: str, start: str, goal: str, avoid: Collection[str]) -> Fault:
+    """The fault of a goal to which there is no way; ``where`` names what asked for it."""
+    around = f" without {', '.join(sorted(avoid))}" if avoid else ""
+    return Fault(where, f"{goal!r} cannot be reached from {start!r}{around}")
 
 
 def route_of(network: Network, way: Way, arcs: TeeArcs = TEE_ARCS) -> Route:

@@ -199,6 +199,16 @@ class Passage:
     opening: tuple[float, float]
     turn_direction: Array
 
+    @property
+    def asks_orientation(self) -> bool:
+        """Whether it matters here how the robot is turned about its axis: in bends and tees."""
+        return self.is_turn or self.kind == "tee"
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Arc lengths, m, where the bend or, straight over a tee, the opening begins and ends; nan elsewhere."""
+        return (self.s_bend_start, self.s_bend_end) if self.is_turn else self.opening
+
 
 @dataclass(frozen=True)
 class Route:

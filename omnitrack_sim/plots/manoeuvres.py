@@ -16,6 +16,7 @@ from omnitrack_sim.frames import wrap_angle
 from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, styled
 from omnitrack_sim.robot import MODULE_ANGLES, MODULES
 from omnitrack_sim.statistics import wilson_interval
+from omnitrack_sim.trajectory import spans
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -229,9 +230,9 @@ def _module_names(trajectory: Trajectory) -> list[str]:
 
 def _spans(trajectory: Trajectory) -> Iterator[tuple[str, int, int]]:
     """The phases in order: (name, first sample, sample of its end)."""
-    for name, start, end in trajectory.phase_spans():
-        a, b = np.searchsorted(trajectory.time, (start, end))
-        yield name, int(a), int(b)
+    codes = trajectory["phase"]
+    for first, end in spans(codes):
+        yield trajectory.phases[int(codes[first])], first, end
 
 
 def _module_lines(axis: Axes, trajectory: Trajectory, x: NDArray, values: NDArray) -> None:
@@ -348,7 +349,7 @@ def _unrolled(axis: Axes, trajectory: Trajectory) -> None:
 def _fittings(axis: Axes, route: Route) -> None:
     """Dotted lines where each bend or tee opening begins and ends, with the fitting's name between them."""
     for fitting in route.fittings:
-        start, end = (fitting.s_bend_start, fitting.s_bend_end) if fitting.is_turn else fitting.opening
+        start, end = fitting.span
         if math.isfinite(start) and math.isfinite(end):
             for s in (start, end):
                 axis.axvline(s, color=INK, lw=0.8, ls=":")

@@ -13,6 +13,7 @@ from omnitrack_sim.frames import Array
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.plots.style import GREY, INK
 from omnitrack_sim.timeline import manoeuvre, passage_indices, running_mean
+from omnitrack_sim.trajectory import spans
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -140,7 +141,7 @@ def _bands(
     leg, place = trajectory["leg"].astype(int), passage_indices(trajectory, routes)
     time = trajectory.time
     shown: dict[str, str] = {}
-    for first, last in _spans(leg, place):
+    for first, last in spans(leg, place):
         passage = routes[leg[first]].fittings[place[first]]
         what = manoeuvre(passage)
         shade = shown[what] = SHADES.get(what, SHADES["straight"])
@@ -152,7 +153,7 @@ def _bands(
         name = routes[leg[first]].network.parts[passage.index].name
         _band_name(strip, renderer, name, start, end, legs, names)
     if legs:
-        for first, last in _spans(leg):
+        for first, last in spans(leg):
             start, end = float(time[first]), float(time[last])
             strip.plot([start, end], [0.5 * legs] * 2, color=GREY, linewidth=0.8, marker="|", markersize=6)
             text = f"leg {leg[first] + 1}" + (", tail first" if trajectory["gear"][first] < 0 else "")
@@ -170,14 +171,6 @@ def _bands(
         columnspacing=1.6,
         fontsize=8,
     )
-
-
-def _spans(*codes: NDArray[np.intp]) -> list[tuple[int, int]]:
-    """First row of each span of equal codes (T,), and the first row after it (or the last row of all)."""
-    changed = np.any([np.diff(code) != 0 for code in codes], axis=0)
-    starts = np.append(0, np.flatnonzero(changed) + 1)
-    ends = np.append(starts[1:], len(codes[0]) - 1)
-    return list(zip(starts.tolist(), ends.tolist(), strict=True))
 
 
 def _band_name(strip: Axes, renderer: Any, name: str, start: float, end: float, low: float, height: float) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from omnitrack_sim.control.guide import Guide
 from omnitrack_sim.network import Leg
+from omnitrack_sim.network.layout import End
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.scenario import Scenario
 
@@ -25,7 +26,7 @@ class Legs:
         self._planners = [scenario.planner for scenario in scenarios]
         self._driven: list[list[Leg]] = [[] if p is None else [p.first] for p in self._planners]
         self._to_come: list[list[Leg]] = [[] for _ in scenarios]
-        self._closed: list[list[tuple[int, str]]] = [[] for _ in scenarios]
+        self._closed: list[list[End]] = [[] for _ in scenarios]
         self._way_numbers: dict[object, int] = {}
         self.routes: list[Route] = []
         self.way = np.zeros(len(scenarios), np.intp)
@@ -37,9 +38,7 @@ class Legs:
             self.way[i] = self._way_numbers[key]
         self.number = np.zeros(len(scenarios), int)
         self.gear = np.ones(len(scenarios), int)
-        self.end = np.array(
-            [s.goal_distance if p is None else p.first.end for s, p in zip(scenarios, self._planners, strict=True)]
-        )
+        self.end = np.array([s.goal_distance for s in scenarios])
 
     def next_of(self, robot: int, distance: float, arrived: bool) -> tuple[Leg | None, list[str]]:
         """The leg that follows for a robot at arc length ``distance`` m, and what there is to tell about it.
