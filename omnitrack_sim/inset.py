@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from omnitrack_sim.frames import Array, matrix_from_quaternion
 from omnitrack_sim.pipes import PipeNetwork, Placed, Route, Tee
+from omnitrack_sim.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.trajectory import Trajectory, spans
 
 FEW_FITTINGS = 3

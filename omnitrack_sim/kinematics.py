@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.frames import Array, cross, length
 from omnitrack_sim.robot import MODULE_ANGLES
+from omnitrack_sim.rotations import Array, cross, length
 
 _COS, _SIN = np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES)  # (3,)
 _ROOT3 = np.sqrt(3.0)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.errors import Fault, InputError, OutputError, RenderError
-from omnitrack_sim.frames import unit
+from omnitrack_sim.rotations import unit
 from omnitrack_sim.timeline import passage_indices
 from omnitrack_sim.viewpoint import DISTANCE, in_the_way, view_directions
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.frames import Array
 from omnitrack_sim.pipes import Passage, Route
+from omnitrack_sim.rotations import Array
 from omnitrack_sim.trajectory import Trajectory
 
 ROLL_PHASE, RETRY_PHASE = "align", "back_off"

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnitrack_sim.frames import Array, cross, dot, unit
 from omnitrack_sim.pipes import Passage, Placed, Route
+from omnitrack_sim.rotations import Array, cross, dot, unit
 from omnitrack_sim.trajectory import Trajectory
 
 DISTANCE = 0.68

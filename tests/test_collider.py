@@ -8,8 +8,8 @@ import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.collider import RECORD_SIZE, bounding_box, install, wall_record
-from omnitrack_sim.frames import unit
 from omnitrack_sim.pipes import Elbow, Reducer, Step, Straight, Tee, route
+from omnitrack_sim.rotations import unit
 from omnitrack_sim.sim.setup import scene_of, start_qpos
 
 line = pytest.importorskip("omnitrack_sim.collider.line")

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from omnitrack_sim.frames import Array
 from omnitrack_sim.pipes import Elbow, Reducer, Straight, Tee
 from omnitrack_sim.pipes.fittings import Fitting
+from omnitrack_sim.rotations import Array
 
 MARK = 20260.5
 """First number of a record: geoms without it are none of ours."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omnitrack_sim.frames import Array
+from omnitrack_sim.rotations import Array
 
 
 @dataclass(frozen=True)

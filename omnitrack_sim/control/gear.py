@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.control.interface import Command, Observation
-from omnitrack_sim.frames import Array
+from omnitrack_sim.rotations import Array
 
 TURNED = np.array([1.0, -1.0, -1.0])
 """Diagonal of the rotation by 180 degrees about x."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.frames import Array, cross, dot, length
 from omnitrack_sim.pipes import Centreline, Passage, Route
+from omnitrack_sim.rotations import Array, cross, dot, length
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import ClassVar, Protocol
 from numpy.typing import NDArray
 
 from omnitrack_sim.control.guide import Guide, Place
-from omnitrack_sim.frames import Array
 from omnitrack_sim.robot import Robot
+from omnitrack_sim.rotations import Array
 
 
 @dataclass(frozen=True)

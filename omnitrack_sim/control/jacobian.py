@@ -13,8 +13,8 @@ from omnitrack_sim.control.guide import Guide
 from omnitrack_sim.control.interface import Command, Observation, Settings
 from omnitrack_sim.control.recovery import Recovery
 from omnitrack_sim.control.tracking import tracking_speeds, wanted_rotation
-from omnitrack_sim.frames import Array
 from omnitrack_sim.robot import Robot
+from omnitrack_sim.rotations import Array
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT, BACK_OFF = range(6)
 _PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT, None: CRUISE}

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from omnitrack_sim.control.aligner import STOP_BEFORE, Aligner
 from omnitrack_sim.control.guide import Guide
 from omnitrack_sim.control.interface import Observation, Settings
-from omnitrack_sim.frames import Array
 from omnitrack_sim.robot import Robot
+from omnitrack_sim.rotations import Array
 
 RETRIES = 2
 """How often a robot backs off at one fitting before it is left to hang."""

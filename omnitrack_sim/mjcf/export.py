@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 import trimesh
 
-from omnitrack_sim.frames import Pose, quaternion_from_matrix
 from omnitrack_sim.mjcf.looks import add_cameras, add_pipe_looks, add_robot_looks
 from omnitrack_sim.mjcf.meshes import fitting_mesh, network_mesh
 from omnitrack_sim.mjcf.robot import add_robot
@@ -19,6 +18,7 @@ from omnitrack_sim.mjcf.spec import new_spec
 from omnitrack_sim.mjcf.walls import add_walls
 from omnitrack_sim.pipes import Elbow, Fitting, PipeNetwork, Placed, Route, Step, Straight, Tee, route
 from omnitrack_sim.robot import Robot
+from omnitrack_sim.rotations import Pose, quaternion_from_matrix
 
 FITTINGS: Mapping[str, Fitting] = {
     "straight": Straight(0.5),

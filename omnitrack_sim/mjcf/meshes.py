@@ -13,8 +13,8 @@ import trimesh
 from manifold3d import CrossSection, Manifold, Mesh, OpType
 from numpy.typing import ArrayLike
 
-from omnitrack_sim.frames import Array
 from omnitrack_sim.pipes import Elbow, Fitting, PipeNetwork, Placed, Reducer, Straight, Tee
+from omnitrack_sim.rotations import Array
 
 THICKNESS = 0.004
 """Wall thickness of every fitting, m: a 168 mm pipe with a 160 mm bore; assumed."""

@@ -15,8 +15,8 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.collider import line_record
-from omnitrack_sim.frames import quaternion_from_matrix, rotation_about
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
+from omnitrack_sim.rotations import quaternion_from_matrix, rotation_about
 from omnitrack_sim.trajectory import TRACKS
 
 COLLISION_GROUP = 3

@@ -15,10 +15,10 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.collider.record import RECORD_SIZE, bounding_box, wall_record
-from omnitrack_sim.frames import Array, Pose, unit
 from omnitrack_sim.pipes import Elbow, PipeNetwork, Reducer, Straight, Tee
 from omnitrack_sim.pipes.fittings import Fitting
 from omnitrack_sim.pipes.network import JOINED
+from omnitrack_sim.rotations import Array, Pose, unit
 
 THICKNESS = 0.010
 """Depth of the wall pieces, m: many times what a lug moves in a step."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnitrack_sim.errors import Fault, GeometryError, NetworkError
-from omnitrack_sim.frames import Pose
 from omnitrack_sim.pipes import Fitting, PipeNetwork, Placed, attached
+from omnitrack_sim.rotations import Pose
 
 CLOSES = 1e-3
 """Distance by which the two ports of a joint that closes a loop may miss each other, m."""

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.errors import Fault, GeometryError, NetworkError
-from omnitrack_sim.frames import Array, Pose
 from omnitrack_sim.network.spec import Network, validate
 from omnitrack_sim.pipes import Elbow, Fitting, Placed, Reducer, Straight, Tee, attached
+from omnitrack_sim.rotations import Array, Pose
 
 CLEARANCE = 0.05
 """Least room between the bores of two parts that are not joined, m: more than any wall is thick."""

@@ -14,8 +14,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from omnitrack_sim.errors import Fault, GeometryError
-from omnitrack_sim.frames import Array, Pose
 from omnitrack_sim.pipes.saddle import tee_signed_distance
+from omnitrack_sim.rotations import Array, Pose
 
 Bend = tuple[float, float]
 """Length m and curvature 1/m of one segment of an axis curve."""

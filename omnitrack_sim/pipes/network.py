@@ -10,9 +10,9 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from omnitrack_sim.errors import Fault, GeometryError
-from omnitrack_sim.frames import Array, Pose, rotation_about
 from omnitrack_sim.pipes.centreline import Centreline, Segment
 from omnitrack_sim.pipes.fittings import TEE_ARCS, Fitting, Reducer, Tee, TeeArcs
+from omnitrack_sim.rotations import Array, Pose, rotation_about
 
 SAMPLE_SPACING = 0.02
 """Spacing of the samples along the axis that overlaps are looked for with, m."""

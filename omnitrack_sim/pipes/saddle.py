@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnitrack_sim.frames import Array
+from omnitrack_sim.rotations import Array
 
 _BISECTIONS = 50
 

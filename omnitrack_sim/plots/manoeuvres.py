@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnitrack_sim.frames import wrap_angle
 from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, styled
 from omnitrack_sim.robot import MODULE_ANGLES, MODULES
+from omnitrack_sim.rotations import wrap_angle
 from omnitrack_sim.statistics import wilson_interval
 from omnitrack_sim.trajectory import spans
 

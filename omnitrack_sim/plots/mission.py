@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.frames import Array
 from omnitrack_sim.pipes import PipeNetwork, Route
 from omnitrack_sim.plots.network import draw_pipes, faces, middle, widest_view
 from omnitrack_sim.plots.style import ALARM, INK, save_figure, styled
 from omnitrack_sim.plots.time_chart import START, Mark, draw_time_chart, signs
+from omnitrack_sim.rotations import Array
 from omnitrack_sim.timeline import (
     FORCE_WINDOW,
     RETRY_PHASE,

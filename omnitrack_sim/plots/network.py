@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from omnitrack_sim.frames import Array
 from omnitrack_sim.network import Network
 from omnitrack_sim.pipes import Centreline, PipeNetwork, Placed, Reducer, Route, Straight, Tee
 from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, save_figure, styled
+from omnitrack_sim.rotations import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.frames import Array
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.plots.style import GREY, INK
+from omnitrack_sim.rotations import Array
 from omnitrack_sim.timeline import manoeuvre, passage_indices, running_mean
 from omnitrack_sim.trajectory import spans
 

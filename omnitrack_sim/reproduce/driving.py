@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnitrack_sim.frames import wrap_angle
 from omnitrack_sim.outcome import Outcome
 from omnitrack_sim.reproduce.claim import Claim
 from omnitrack_sim.reproduce.runs import FRICTIONS, PRELOAD_FACTORS, Runs, least_preload
+from omnitrack_sim.rotations import wrap_angle
 from omnitrack_sim.sim.result import Result
 from omnitrack_sim.sim.setup import motor_of
 

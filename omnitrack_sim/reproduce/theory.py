@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnitrack_sim.frames import Array, matrix_from_quaternion
 from omnitrack_sim.kinematics import angular_velocity, cross_velocity, mean_velocity
 from omnitrack_sim.reproduce.claim import Claim
 from omnitrack_sim.reproduce.runs import Runs
 from omnitrack_sim.robot import Robot
+from omnitrack_sim.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.sim.result import Result
 from omnitrack_sim.singularity import TurnCase
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnitrack_sim.frames import Array
+from omnitrack_sim.rotations import Array
 from omnitrack_sim.trajectory import CHANNELS, Trajectory
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.frames import Array
+from omnitrack_sim.rotations import Array
 
 _Y = np.array([0.0, 1.0, 0.0])
 _OFFSETS = np.radians(np.concatenate([np.arange(0, 100, 0.25), np.arange(100, 181, 2)]))  # from the outer direction

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.frames import Array
+from omnitrack_sim.rotations import Array
 
 Definition = Literal["ellipse", "crotch", "strip"]
 DEFINITIONS: tuple[Definition, ...] = get_args(Definition)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
-from omnitrack_sim.frames import Array
+from omnitrack_sim.rotations import Array
 from omnitrack_sim.sweep import sampling
 from omnitrack_sim.tables import Positive, Table
 

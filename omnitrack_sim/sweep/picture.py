@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from omnitrack_sim.frames import Array, unit
 from omnitrack_sim.plots.style import save_figure
 from omnitrack_sim.plots.sweep import Spread, sweep_figure
+from omnitrack_sim.rotations import Array, unit
 from omnitrack_sim.singularity import TurnCase
 from omnitrack_sim.sweep.axes import DirectionAxis
 from omnitrack_sim.sweep.part import ERROR, INVALID

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from omnitrack_sim.frames import Array
+from omnitrack_sim.rotations import Array
 
 Sampling = Literal["random", "latin_hypercube", "sobol"]
 Draws = Literal["common", "independent"]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from omnitrack_sim.frames import (
+from omnitrack_sim.rotations import (
     Pose,
     matrix_from_quaternion,
     quaternion_from_matrix,
