@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from omnitrack_sim.scenario import Scenario, load_scenario, override
     from omnitrack_sim.sim.result import Result, load_result
     from omnitrack_sim.sim.runner import run, run_batch
-    from omnitrack_sim.singularity import TurnCase
     from omnitrack_sim.sweep import Sweep, load_sweep, run_sweep
+    from omnitrack_sim.theory.singularity import TurnCase
     from omnitrack_sim.timeline import Visit
     from omnitrack_sim.trajectory import Trajectory
 

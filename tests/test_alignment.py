@@ -12,8 +12,8 @@ from omnitrack_sim.control.alignment import (
     preferred_theta5,
 )
 from omnitrack_sim.errors import InputError
-from omnitrack_sim.kinematics import belt_sign
-from omnitrack_sim.singularity import is_singular, safe_margin, sector_angle
+from omnitrack_sim.theory.kinematics import belt_sign
+from omnitrack_sim.theory.singularity import is_singular, safe_margin, sector_angle
 
 RATIO = 0.0276 / 0.080
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.errors import InputError
-from omnitrack_sim.singularity import (
+from omnitrack_sim.theory.singularity import (
     TeePath,
     TurnCase,
     contact_map,

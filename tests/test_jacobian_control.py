@@ -6,7 +6,7 @@ import pytest
 from omnitrack_sim import load_scenario, override, run_batch
 from omnitrack_sim.control.aligner import CLEAR_ENOUGH, ROLL_SETTLED
 from omnitrack_sim.control.alignment import no_motion_distance, orientation_error, preferred_theta5
-from omnitrack_sim.singularity import safe_margin, sector_angle
+from omnitrack_sim.theory.singularity import safe_margin, sector_angle
 
 
 @pytest.fixture(scope="module")

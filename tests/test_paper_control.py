@@ -7,9 +7,9 @@ from omnitrack_sim import load_scenario, override, run_batch
 from omnitrack_sim.control import Settings
 from omnitrack_sim.control.guide import Guide
 from omnitrack_sim.control.paper import PaperController
-from omnitrack_sim.kinematics import elbow_speeds
 from omnitrack_sim.robot import MODULE_ANGLES
 from omnitrack_sim.sim.setup import settings_of
+from omnitrack_sim.theory.kinematics import elbow_speeds
 
 
 def _turn_speeds(name: str, theta5_deg: float, **more) -> tuple[np.ndarray, object]:

@@ -7,7 +7,7 @@ from matplotlib.colors import to_rgb
 from omnitrack_sim.errors import InputError
 from omnitrack_sim.plots import FIGURES, plot_singularity, singularity_figure
 from omnitrack_sim.plots.singularity import SECTOR_COLOUR
-from omnitrack_sim.singularity import TurnCase, mitre_ellipse
+from omnitrack_sim.theory.singularity import TurnCase, mitre_ellipse
 
 CASE = TurnCase()
 

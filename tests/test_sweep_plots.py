@@ -9,10 +9,10 @@ import pytest
 from omnitrack_sim.plots.manoeuvres import SINGULAR_COLOUR
 from omnitrack_sim.plots.style import save_figure
 from omnitrack_sim.plots.sweep import THETA5, Spread, sweep_figure
-from omnitrack_sim.singularity import TurnCase
 from omnitrack_sim.sweep import load_sweep
 from omnitrack_sim.sweep.picture import CLASSES, spreads, turn_case
 from omnitrack_sim.sweep.spec import resolve
+from omnitrack_sim.theory.singularity import TurnCase
 
 RNG = np.random.default_rng(0)
 N = 400

@@ -32,7 +32,6 @@ import trimesh
 from numpy.typing import NDArray
 
 from omnitrack_sim import Scenario, load_scenario
-from omnitrack_sim.kinematics import belt_sign
 from omnitrack_sim.mjcf.meshes import fitting_mesh
 from omnitrack_sim.mjcf.robot import (
     FREE_SPRING_LENGTH,
@@ -48,6 +47,7 @@ from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.rotations import Array, cross, dot, matrix_from_quaternion
 from omnitrack_sim.sim.plant import AT_REST, BOTH_TRACKS_COSINE, NUMBERS, Plant, Readings, Trials
 from omnitrack_sim.sim.runner import BatchRun, MakePlant
+from omnitrack_sim.theory.kinematics import belt_sign
 from omnitrack_sim.trajectory import TRACKS
 
 JOBS = ("straight", "elbow_short", "tee_turn")

@@ -14,7 +14,7 @@ from omnitrack_sim.cli.common import app, out
 from omnitrack_sim.errors import Fault, InputError, OutputError
 
 if TYPE_CHECKING:
-    from omnitrack_sim.singularity import TurnCase
+    from omnitrack_sim.theory.singularity import TurnCase
 
 
 @app.command()
@@ -47,7 +47,7 @@ def singularity(
 ) -> None:
     """The motion singularity region: sector, safe margin, success rate, real geometry, and the roll out of it."""
     from omnitrack_sim.robot import Robot
-    from omnitrack_sim.singularity import TurnCase, reach_from_sector
+    from omnitrack_sim.theory.singularity import TurnCase, reach_from_sector
 
     if reach is not None and sector_deg is not None:
         raise InputError(Fault("--reach, --sector-deg", "give one of the two"))
@@ -80,7 +80,7 @@ def singularity(
 def _orientation(case: TurnCase, theta5_deg: float, roll_deg: float, radius_ratio: float) -> dict[str, Any]:
     """Verdict on one orientation, and the shortest roll to a safe one."""
     from omnitrack_sim.control.alignment import Obstacle, plan_roll
-    from omnitrack_sim.singularity import is_singular
+    from omnitrack_sim.theory.singularity import is_singular
 
     theta5, roll = math.radians(theta5_deg), math.radians(roll_deg)
     plan = plan_roll(theta5, roll, case.best, case.margin, radius_ratio, modules=case.modules)

@@ -21,10 +21,10 @@ from omnitrack_sim.control.alignment import (
 from omnitrack_sim.control.gear import SWAPPED
 from omnitrack_sim.control.guide import Guide, Place
 from omnitrack_sim.control.interface import Observation, Settings
-from omnitrack_sim.kinematics import belt_sign
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Array
-from omnitrack_sim.singularity import safe_margin, sector_angle
+from omnitrack_sim.theory.kinematics import belt_sign
+from omnitrack_sim.theory.singularity import safe_margin, sector_angle
 
 STOP_BEFORE = 0.02
 """Room between the robot's nose and the fitting's bend or opening when it stops to align, m."""

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.kinematics import belt_sign, turn_from_roll
 from omnitrack_sim.robot import MODULES
 from omnitrack_sim.rotations import Array, wrap_angle
-from omnitrack_sim.singularity import best_theta5
+from omnitrack_sim.theory.kinematics import belt_sign, turn_from_roll
+from omnitrack_sim.theory.singularity import best_theta5
 
 Manoeuvre = Literal["elbow", "tee_turn", "tee_straight"]
 NO_MOTION_MARGIN = np.radians(30.0)

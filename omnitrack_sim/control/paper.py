@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from omnitrack_sim.control.aligner import Aligner, manoeuvres
 from omnitrack_sim.control.guide import Guide, Place, angle_between
 from omnitrack_sim.control.interface import Command, Observation, Settings
-from omnitrack_sim.kinematics import elbow_speeds
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.rotations import Array, cross, dot, unit
+from omnitrack_sim.theory.kinematics import elbow_speeds
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT = range(5)
 _PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT, None: CRUISE}

@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from omnitrack_sim.control.guide import Guide, Place, angle_between
-from omnitrack_sim.kinematics import module_speeds
 from omnitrack_sim.rotations import Array, cross, dot, length, unit
+from omnitrack_sim.theory.kinematics import module_speeds
 
 HEADING_LEAD = 0.09
 """How far the heading may be ahead of the lookahead point, m. In the open middle of a tee the robot turns faster than

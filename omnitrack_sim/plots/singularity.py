@@ -13,7 +13,7 @@ import numpy as np
 
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, save_figure, styled
-from omnitrack_sim.singularity import (
+from omnitrack_sim.theory.singularity import (
     DEFINITIONS,
     TeePath,
     TurnCase,

@@ -25,7 +25,7 @@ from omnitrack_sim.reproduce.claim import Claim
 from omnitrack_sim.reproduce.report import Picture, Strip, page
 from omnitrack_sim.reproduce.runs import SEED, Runs, run_all, scenarios
 from omnitrack_sim.sim.result import check_output, provenance_of, run_folder
-from omnitrack_sim.singularity import TurnCase
+from omnitrack_sim.theory.singularity import TurnCase
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

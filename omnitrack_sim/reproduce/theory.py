@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnitrack_sim.kinematics import angular_velocity, cross_velocity, mean_velocity
 from omnitrack_sim.reproduce.claim import Claim
 from omnitrack_sim.reproduce.runs import Runs
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.sim.result import Result
-from omnitrack_sim.singularity import TurnCase
+from omnitrack_sim.theory.kinematics import angular_velocity, cross_velocity, mean_velocity
+from omnitrack_sim.theory.singularity import TurnCase
 
 _WINDOW = 10
 """Samples over which rotation and speeds are averaged: single lugs shake the robot."""

@@ -11,8 +11,8 @@ from omnitrack_sim.reproduce.claim import Claim
 from omnitrack_sim.reproduce.runs import GRAVITIES, Runs
 from omnitrack_sim.robot import MODULE_ANGLES
 from omnitrack_sim.sim.result import Result
-from omnitrack_sim.singularity import TurnCase, is_singular
 from omnitrack_sim.statistics import wilson_interval
+from omnitrack_sim.theory.singularity import TurnCase, is_singular
 
 STRAIGHT = 10.0
 """Tilt below which a robot counts as straight at the end of a run, degrees."""

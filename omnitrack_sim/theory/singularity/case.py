@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.robot import MODULES, Robot
-from omnitrack_sim.singularity.contact import ContactMap, TeePath, contact_map, outer_sector, turn_path
-from omnitrack_sim.singularity.region import (
+from omnitrack_sim.theory.singularity.contact import ContactMap, TeePath, contact_map, outer_sector, turn_path
+from omnitrack_sim.theory.singularity.region import (
     DEFINITIONS,
     Definition,
     best_theta5,

@@ -4,8 +4,8 @@
 exact geometry of two pipes, ``case`` both together for one robot at one tee.
 """
 
-from omnitrack_sim.singularity.case import TurnCase
-from omnitrack_sim.singularity.contact import (
+from omnitrack_sim.theory.singularity.case import TurnCase
+from omnitrack_sim.theory.singularity.contact import (
     ContactMap,
     TeePath,
     contact_map,
@@ -14,7 +14,7 @@ from omnitrack_sim.singularity.contact import (
     turn_path,
     wall_distance,
 )
-from omnitrack_sim.singularity.region import (
+from omnitrack_sim.theory.singularity.region import (
     DEFINITIONS,
     PAPER_SECTOR,
     Definition,
