@@ -21,9 +21,11 @@ if TYPE_CHECKING:
     )
     from omnitrack_sim.files import shipped_networks, shipped_scenarios, shipped_sweeps
     from omnitrack_sim.network import Network, load_network, random_network, shortest_route
-    from omnitrack_sim.outcome import Outcome
     from omnitrack_sim.pipes import Elbow, PipeNetwork, Reducer, Step, Straight, Tee, route
     from omnitrack_sim.plots import plot_mission, plot_singularity, plot_summary
+    from omnitrack_sim.record.outcome import Outcome
+    from omnitrack_sim.record.timeline import Visit
+    from omnitrack_sim.record.trajectory import Trajectory
     from omnitrack_sim.render import render_frame, render_video
     from omnitrack_sim.robot import Robot
     from omnitrack_sim.scenario import Scenario, load_scenario, override
@@ -31,8 +33,6 @@ if TYPE_CHECKING:
     from omnitrack_sim.sim.runner import run, run_batch
     from omnitrack_sim.sweep import Sweep, load_sweep, run_sweep
     from omnitrack_sim.theory.singularity import TurnCase
-    from omnitrack_sim.timeline import Visit
-    from omnitrack_sim.trajectory import Trajectory
 
 __version__ = "0.1.0"
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from omnitrack_sim.pipes import PipeNetwork, Placed, Route, Tee
+from omnitrack_sim.record.trajectory import Trajectory, spans
 from omnitrack_sim.rotations import Array, matrix_from_quaternion
-from omnitrack_sim.trajectory import Trajectory, spans
 
 FEW_FITTINGS = 3
 """A route through no more fittings than this needs no map."""

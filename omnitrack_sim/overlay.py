@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from omnitrack_sim.trajectory import Trajectory
+from omnitrack_sim.record.trajectory import Trajectory
 
 MODULE_COLOURS = ((243, 146, 28), (66, 146, 222), (30, 176, 122))
 """Module 1, 2, 3 in text and bars, 8-bit RGB; brighter than on the robot, to be read on the dark panel."""

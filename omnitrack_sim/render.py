@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.errors import Fault, InputError, OutputError, RenderError
+from omnitrack_sim.record.timeline import passage_indices
 from omnitrack_sim.rotations import unit
-from omnitrack_sim.timeline import passage_indices
 from omnitrack_sim.viewpoint import DISTANCE, in_the_way, view_directions
 
 if TYPE_CHECKING:
     import mujoco
 
     from omnitrack_sim.pipes import Route
+    from omnitrack_sim.record.trajectory import Trajectory
     from omnitrack_sim.sim.result import Result
-    from omnitrack_sim.trajectory import Trajectory
 
 CAMERAS = ("side", "follow", "onboard")
 """``side`` shows all pipes, ``follow`` keeps with the robot, ``onboard`` looks ahead from its nose."""

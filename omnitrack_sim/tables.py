@@ -8,8 +8,8 @@ from typing import Annotated, Literal, get_args
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from omnitrack_sim.control import CONTROLLERS
-from omnitrack_sim.outcome import Outcome
 from omnitrack_sim.pipes import TEE_ARCS, Elbow, Reducer, Step, Straight, Tee, TeeArcs
+from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.robot import Robot
 
 ControllerName = Literal["jacobian", "paper", "equal"]

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.pipes import Passage, Placed, Route
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.rotations import Array, cross, dot, unit
-from omnitrack_sim.trajectory import Trajectory
 
 DISTANCE = 0.68
 """From the robot's centre to the viewer, m."""

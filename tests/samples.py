@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from omnitrack_sim.metrics import summarise
 from omnitrack_sim.network import load_network, shortest_route
-from omnitrack_sim.outcome import Outcome
 from omnitrack_sim.pipes import Route
+from omnitrack_sim.record.metrics import summarise
+from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.trajectory import CHANNELS, Trajectory
 from omnitrack_sim.rotations import quaternion_from_matrix
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim.result import Result, provenance_of
-from omnitrack_sim.trajectory import CHANNELS, Trajectory
 
 LUG_RADIUS, TORQUE_LIMIT = 0.0276, 0.245
 

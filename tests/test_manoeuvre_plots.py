@@ -9,7 +9,6 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex, to_rgb, to_rgba
 from samples import sample_result, sample_trajectory
 
-from omnitrack_sim.outcome import Outcome
 from omnitrack_sim.plots.manoeuvres import (
     FAILED_COLOUR,
     PASSED_COLOUR,
@@ -23,9 +22,10 @@ from omnitrack_sim.plots.manoeuvres import (
     success_figure,
 )
 from omnitrack_sim.plots.style import MODULE_COLOURS, save_figure
+from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.statistics import wilson_interval
-from omnitrack_sim.trajectory import Trajectory
 
 PHASES = ("cruise", "align", "elbow", "tee_turn", "tee_straight")
 SECTOR, MARGIN = 96.54, (120 - 96.54) / 2

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from samples import LUG_RADIUS, TORQUE_LIMIT, sample_trajectory
 
-from omnitrack_sim.metrics import Metrics, summarise
-from omnitrack_sim.trajectory import Trajectory
+from omnitrack_sim.record.metrics import Metrics, summarise
+from omnitrack_sim.record.trajectory import Trajectory
 
 T = 201
 PER_MODULE = (

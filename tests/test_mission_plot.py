@@ -8,9 +8,9 @@ from matplotlib.collections import LineCollection
 from PIL import Image
 from samples import sample_result, sample_trajectory, two_legs_result
 
-from omnitrack_sim.outcome import Outcome
 from omnitrack_sim.plots import mission_figure, plot_mission
-from omnitrack_sim.trajectory import Trajectory
+from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.trajectory import Trajectory
 
 
 @pytest.fixture(scope="module")

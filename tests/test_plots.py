@@ -8,9 +8,9 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 from samples import sample_result, sample_trajectory
 
-from omnitrack_sim.outcome import Outcome
 from omnitrack_sim.plots import MODULE_COLOURS, PANELS, plot_summary, summary_figure
-from omnitrack_sim.trajectory import Trajectory
+from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.trajectory import Trajectory
 
 
 def test_panels_carry_units():

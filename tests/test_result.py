@@ -11,10 +11,10 @@ import pytest
 from samples import sample_result, sample_trajectory
 
 from omnitrack_sim.errors import OutputError
-from omnitrack_sim.outcome import Outcome
+from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.trajectory import CHANNELS
 from omnitrack_sim.sim import result as result_module
 from omnitrack_sim.sim.result import column_names, load_result, run_folder
-from omnitrack_sim.trajectory import CHANNELS
 
 FILES = {"scenario.json", "result.json", "timeline.csv", "trajectory.parquet", "replay.npz"}
 READ = FILES - {"timeline.csv"}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from omnitrack_sim import Outcome, Result, load_scenario, override, run, run_batch
+from omnitrack_sim.record.trajectory import CHANNELS
 from omnitrack_sim.sim.runner import BatchRun
-from omnitrack_sim.trajectory import CHANNELS
 
 
 def _short_tee(**changes):

@@ -16,7 +16,7 @@ import pytest
 from sweep_samples import DEADLY, VALID, deadly_part, no_worker, once_deadly_part, small_sweep, write_sweep
 
 from omnitrack_sim import OutputError, SweepError, load_sweep, run, run_sweep
-from omnitrack_sim.metrics import summarise
+from omnitrack_sim.record.metrics import summarise
 from omnitrack_sim.sim.runner import run_batch
 from omnitrack_sim.sweep import engine, folder, part, workers
 from omnitrack_sim.sweep.summary import summarise_sweep

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from samples import LUG_RADIUS, PHASES, TORQUE_LIMIT, drive, legs_trajectory, sample_result, two_legs, two_legs_result
 
-from omnitrack_sim.metrics import summarise
 from omnitrack_sim.pipes import Elbow, Route, Step, Straight, route
+from omnitrack_sim.record.metrics import summarise
+from omnitrack_sim.record.timeline import Visit, passage_indices, timeline
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.sim.result import load_result
-from omnitrack_sim.timeline import Visit, passage_indices, timeline
-from omnitrack_sim.trajectory import Trajectory
 
 WAY = np.arange(0.1, 1.2, 0.002)
 

@@ -43,12 +43,12 @@ from omnitrack_sim.mjcf.robot import (
 )
 from omnitrack_sim.pipes import Elbow, PipeNetwork, Straight
 from omnitrack_sim.pipes.fittings import Fitting
+from omnitrack_sim.record.trajectory import TRACKS
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.rotations import Array, cross, dot, matrix_from_quaternion
 from omnitrack_sim.sim.plant import AT_REST, BOTH_TRACKS_COSINE, NUMBERS, Plant, Readings, Trials
 from omnitrack_sim.sim.runner import BatchRun, MakePlant
 from omnitrack_sim.theory.kinematics import belt_sign
-from omnitrack_sim.trajectory import TRACKS
 
 JOBS = ("straight", "elbow_short", "tee_turn")
 SLIDER_MASS = 1e-3

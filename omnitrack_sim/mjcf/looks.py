@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from omnitrack_sim.mjcf.meshes import THICKNESS, cutaway_mesh, inside_mesh
 from omnitrack_sim.mjcf.parts import coil, lug_row, triangular_prism
 from omnitrack_sim.pipes import PipeNetwork, Reducer, Straight
+from omnitrack_sim.record.trajectory import TRACKS
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.rotations import Array, quaternion_from_matrix, unit
-from omnitrack_sim.trajectory import TRACKS
 
 ROBOT_GROUP = 2
 PIPE_GROUP = 1

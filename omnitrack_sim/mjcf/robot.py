@@ -15,9 +15,9 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.collider import line_record
+from omnitrack_sim.record.trajectory import TRACKS
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.rotations import quaternion_from_matrix, rotation_about
-from omnitrack_sim.trajectory import TRACKS
 
 COLLISION_GROUP = 3
 LUG_CONTYPE, LUG_CONAFFINITY = 1, 2

@@ -4,7 +4,7 @@ from omnitrack_sim.network.mission import Leg, Mission, Planner
 from omnitrack_sim.network.planning import shortest_route
 from omnitrack_sim.network.random import random_network
 from omnitrack_sim.network.spec import Network, load_network, validate
-from omnitrack_sim.timeline import manoeuvre
+from omnitrack_sim.record.timeline import manoeuvre
 
 __all__ = [
     "Leg",

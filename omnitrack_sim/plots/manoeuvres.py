@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, styled
+from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.record.trajectory import spans
 from omnitrack_sim.robot import MODULE_ANGLES, MODULES
 from omnitrack_sim.rotations import wrap_angle
-from omnitrack_sim.statistics import wilson_interval
-from omnitrack_sim.trajectory import spans
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.projections.polar import PolarAxes
 
     from omnitrack_sim.pipes import Route
+    from omnitrack_sim.record.trajectory import Trajectory
     from omnitrack_sim.sim.result import Result
-    from omnitrack_sim.trajectory import Trajectory
 
 PHASE_COLOURS = {"align": "#fbe9a6", "tee_turn": "#d3ebcb", "elbow": "#dbe6f3", "tee_straight": "#eadfeb"}
 """Background of the phases; a phase that is not here stays white."""

@@ -14,21 +14,21 @@ from omnitrack_sim.pipes import PipeNetwork, Route
 from omnitrack_sim.plots.network import draw_pipes, faces, middle, widest_view
 from omnitrack_sim.plots.style import ALARM, INK, save_figure, styled
 from omnitrack_sim.plots.time_chart import START, Mark, draw_time_chart, signs
-from omnitrack_sim.rotations import Array
-from omnitrack_sim.timeline import (
+from omnitrack_sim.record.timeline import (
     FORCE_WINDOW,
     RETRY_PHASE,
     ROLL_PHASE,
     begun,
     running_mean,
 )
+from omnitrack_sim.rotations import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from omnitrack_sim.record.trajectory import Trajectory
     from omnitrack_sim.sim.result import Result
-    from omnitrack_sim.trajectory import Trajectory
 
 BIN = 0.01
 """Travel that shares one colour, m."""

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from omnitrack_sim.record.trajectory import Trajectory
     from omnitrack_sim.sim.result import Result
-    from omnitrack_sim.trajectory import Trajectory
 
 _LINES: tuple[dict[str, Any], ...] = ({"lw": 1.1}, {"lw": 2.8, "alpha": 0.5}, {"lw": 1.1})
 """Module 2 is drawn broad and pale below module 3: in a symmetric turn they coincide, and both shall be seen."""

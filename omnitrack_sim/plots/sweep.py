@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.plots.manoeuvres import PASSED_COLOUR, success_colours, success_figure
 from omnitrack_sim.plots.style import GREY, INK, styled
+from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.rotations import Array
-from omnitrack_sim.statistics import wilson_interval
 from omnitrack_sim.theory.singularity import TurnCase
 
 if TYPE_CHECKING:

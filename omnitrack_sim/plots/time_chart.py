@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.plots.style import GREY, INK
+from omnitrack_sim.record.timeline import manoeuvre, passage_indices, running_mean
+from omnitrack_sim.record.trajectory import spans
 from omnitrack_sim.rotations import Array
-from omnitrack_sim.timeline import manoeuvre, passage_indices, running_mean
-from omnitrack_sim.trajectory import spans
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from omnitrack_sim.trajectory import Trajectory
+    from omnitrack_sim.record.trajectory import Trajectory
 
 SPEED_WINDOW = 0.2
 """Length of the running mean that the speed is drawn of, s."""

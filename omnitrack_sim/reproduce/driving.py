@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnitrack_sim.outcome import Outcome
+from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.reproduce.claim import Claim
 from omnitrack_sim.reproduce.runs import FRICTIONS, PRELOAD_FACTORS, Runs, least_preload
 from omnitrack_sim.rotations import wrap_angle

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from omnitrack_sim.plots.manoeuvres import inner_module
+from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.reproduce.claim import Claim
 from omnitrack_sim.reproduce.runs import GRAVITIES, Runs
 from omnitrack_sim.robot import MODULE_ANGLES
 from omnitrack_sim.sim.result import Result
-from omnitrack_sim.statistics import wilson_interval
 from omnitrack_sim.theory.singularity import TurnCase, is_singular
 
 STRAIGHT = 10.0

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.control.guide import Guide, Place
-from omnitrack_sim.outcome import Outcome
+from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.sim.plant import Readings

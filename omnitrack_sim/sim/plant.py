@@ -10,10 +10,10 @@ from mujoco import batch
 from numpy.typing import NDArray
 
 from omnitrack_sim.mjcf.robot import LUG_CONAFFINITY, LUG_CONTYPE, lug_pitch
+from omnitrack_sim.record.trajectory import TRACKS
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Array, cross, dot, matrix_from_quaternion
 from omnitrack_sim.theory.kinematics import belt_sign
-from omnitrack_sim.trajectory import TRACKS
 
 NUMBERS = (1, 2, 3)
 BOTH_TRACKS_COSINE = 0.5

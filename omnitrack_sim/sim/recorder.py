@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from omnitrack_sim.record.trajectory import CHANNELS, Trajectory
 from omnitrack_sim.rotations import Array
-from omnitrack_sim.trajectory import CHANNELS, Trajectory
 
 
 class Recorder:

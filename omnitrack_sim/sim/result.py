@@ -24,15 +24,15 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.errors import OutputError
-from omnitrack_sim.metrics import Metrics
 from omnitrack_sim.network import Leg
-from omnitrack_sim.outcome import Outcome
 from omnitrack_sim.pipes import Route
+from omnitrack_sim.record.metrics import Metrics
+from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.timeline import Visit, timeline
+from omnitrack_sim.record.trajectory import CHANNELS, TRACKS, Trajectory
 from omnitrack_sim.robot import MODULES
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.scenario import Scenario, validate
-from omnitrack_sim.timeline import Visit, timeline
-from omnitrack_sim.trajectory import CHANNELS, TRACKS, Trajectory
 
 RESULT_FILE = "result.json"
 _AXES = {3: "xyz", 4: "wxyz"}

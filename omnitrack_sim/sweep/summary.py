@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Collection
 from typing import TYPE_CHECKING, Any
 
-from omnitrack_sim.outcome import Outcome
-from omnitrack_sim.statistics import wilson_interval
+from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.sweep.part import ERROR, INVALID
 from omnitrack_sim.sweep.spec import Sweep
 

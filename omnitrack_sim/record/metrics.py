@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.trajectory import Trajectory
+from omnitrack_sim.record.trajectory import Trajectory
 
 STALL_SPEED = 0.005
 """Belt speed below which a motor at its limit counts as stalled, m/s."""

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.pipes import Passage, Route
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.rotations import Array
-from omnitrack_sim.trajectory import Trajectory
 
 ROLL_PHASE, RETRY_PHASE = "align", "back_off"
 """Names of the phases in which a robot rolls its modules on the spot, and backs off to try again."""
