@@ -49,7 +49,7 @@ _HOME = {
     ),
     "files": ("shipped_networks", "shipped_scenarios", "shipped_sweeps"),
     "network": ("Network", "load_network", "random_network", "shortest_route"),
-    "outcome": ("Outcome",),
+    "record.outcome": ("Outcome",),
     "pipes": ("Elbow", "PipeNetwork", "Reducer", "Step", "Straight", "Tee", "route"),
     "plots": ("plot_mission", "plot_singularity", "plot_summary"),
     "render": ("render_frame", "render_video"),
@@ -57,10 +57,10 @@ _HOME = {
     "scenario": ("Scenario", "load_scenario", "override"),
     "sim.result": ("Result", "load_result"),
     "sim.runner": ("run", "run_batch"),
-    "singularity": ("TurnCase",),
+    "theory.singularity": ("TurnCase",),
     "sweep": ("Sweep", "load_sweep", "run_sweep"),
-    "timeline": ("Visit",),
-    "trajectory": ("Trajectory",),
+    "record.timeline": ("Visit",),
+    "record.trajectory": ("Trajectory",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

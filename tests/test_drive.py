@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from omnitrack_sim.control.drive import MOTORS, Drive
+from omnitrack_sim.robot.drive import MOTORS, Drive
 
 R = 0.0276
 

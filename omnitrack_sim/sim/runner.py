@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.collider import why_not
 from omnitrack_sim.control import CONTROLLERS, Observation
-from omnitrack_sim.control.drive import Drive
 from omnitrack_sim.control.gear import carried_out, heading, seen
 from omnitrack_sim.control.guide import Guide, Place
 from omnitrack_sim.record.metrics import summarise
 from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.robot.drive import Drive
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.scenario import Scenario, model_key
 from omnitrack_sim.sim.legs import Legs

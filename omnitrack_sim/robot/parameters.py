@@ -101,7 +101,7 @@ class Robot(BaseModel):
     ] = 0.20
     motor: Annotated[
         Literal["simulation", "pololu_1000_hpcb"],
-        Quantity("", "assumed", "crawler motor; see omnitrack_sim.control.drive.MOTORS"),
+        Quantity("", "assumed", "crawler motor; see omnitrack_sim.robot.drive.MOTORS"),
     ] = "simulation"
     torque_limit: Annotated[
         float | None, Field(gt=0), Quantity("N m", "assumed", "limit on a crawler motor; none: the motor's own")
