@@ -32,8 +32,8 @@ from pathlib import Path
 import numpy as np
 
 from omnitrack_sim import Result, Scenario, load_network, random_network, run_batch
-from omnitrack_sim.collider import why_not
 from omnitrack_sim.errors import ScenarioError
+from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario import validate
 

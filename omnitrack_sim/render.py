@@ -125,7 +125,7 @@ class _Stage:
         from omnitrack_sim.overlay import Overlay
 
         self._context, self._mujoco = _open_context(width, height)
-        from omnitrack_sim.mjcf.looks import FIELD_OF_VIEW, add_pipe_insides, follow_direction, look_pitch
+        from omnitrack_sim.model.looks import FIELD_OF_VIEW, add_pipe_insides, follow_direction, look_pitch
         from omnitrack_sim.sim.setup import scene_of
 
         mj = self._mujoco

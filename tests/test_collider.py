@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.collider import RECORD_SIZE, bounding_box, install, wall_record
+from omnitrack_sim.model.collider import RECORD_SIZE, bounding_box, install, wall_record
 from omnitrack_sim.pipes import Elbow, Reducer, Step, Straight, Tee, route
 from omnitrack_sim.rotations import unit
 from omnitrack_sim.sim.setup import scene_of, start_qpos
 
-line = pytest.importorskip("omnitrack_sim.collider.line")
+line = pytest.importorskip("omnitrack_sim.model.collider.line")
 
 FITTINGS = {
     "straight": Straight(0.4),
@@ -63,7 +63,7 @@ def touching_lines(fitting, count, seed=0):
 
 def test_the_compiled_surfaces_are_those_of_the_pipes():
     """Reducer, elbow and tee: distance within 1e-12 m and gradient within 1e-9 of the NumPy functions."""
-    from omnitrack_sim.collider.surface import cone, tee, torus
+    from omnitrack_sim.model.collider.surface import cone, tee, torus
 
     rng = np.random.default_rng(1)
     for fitting in FITTINGS.values():
@@ -173,7 +173,7 @@ def test_other_height_fields_collide_as_before():
 
 def joined_contacts(way, centre, direction):
     """Distances (k,) and normals (k, 3) of a track's contacts with all fittings of a route along +z."""
-    from omnitrack_sim.mjcf.walls import add_exact_walls
+    from omnitrack_sim.model.walls import add_exact_walls
 
     spec = mujoco.MjSpec()
     add_exact_walls(spec, way.network)
@@ -240,7 +240,7 @@ def test_a_track_over_the_kinks_of_a_reducer(bore):
 
 def test_a_small_step_carries_a_track_on_both_sides():
     """Where bores differ by manufacturing tolerance, a line ends at the joint on either side; elsewhere it does not."""
-    from omnitrack_sim.mjcf.walls import add_exact_walls
+    from omnitrack_sim.model.walls import add_exact_walls
 
     for bore, ends in ((0.16, False), (0.1605, True)):
         steps = [("a", Straight(0.2), "start", "end"), ("b", Tee(inner_diameter=bore), "run_start", "run_end")]

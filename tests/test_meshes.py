@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from omnitrack_sim.mjcf.meshes import SECTIONS, THICKNESS, cutaway_mesh, fitting_mesh, network_mesh
-from omnitrack_sim.mjcf.parts import coil, lug_row, triangular_prism
+from omnitrack_sim.model.meshes import SECTIONS, THICKNESS, cutaway_mesh, fitting_mesh, network_mesh
+from omnitrack_sim.model.parts import coil, lug_row, triangular_prism
 from omnitrack_sim.pipes import Elbow, Reducer, Step, Straight, Tee, route
 
 FITTINGS = [

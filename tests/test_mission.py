@@ -21,12 +21,12 @@ from omnitrack_sim import (
     shipped_scenarios,
 )
 from omnitrack_sim.cli import app
-from omnitrack_sim.collider import why_not
 from omnitrack_sim.control.aligner import STOP_BEFORE
 from omnitrack_sim.control.alignment import Wish, agreed
 from omnitrack_sim.control.gear import SWAPPED, carried_out, heading, seen
 from omnitrack_sim.control.guide import Place
 from omnitrack_sim.control.interface import Command, Observation
+from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.network import Leg, Mission, Planner
 from omnitrack_sim.network.mission import NOSE_ROOM
 from omnitrack_sim.robot import Robot

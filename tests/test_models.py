@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from omnitrack_sim.mjcf.export import check_models, write_models
-from omnitrack_sim.mjcf.looks import add_cameras, add_pipe_looks, add_robot_looks
-from omnitrack_sim.mjcf.robot import add_robot
-from omnitrack_sim.mjcf.spec import new_spec
+from omnitrack_sim.model.export import check_models, write_models
+from omnitrack_sim.model.looks import add_cameras, add_pipe_looks, add_robot_looks
+from omnitrack_sim.model.robot import add_robot
+from omnitrack_sim.model.spec import new_spec
 from omnitrack_sim.pipes import Elbow, Step, route
 from omnitrack_sim.robot import Robot
 

@@ -15,7 +15,7 @@ from test_cli import omnitrack
 
 from omnitrack_sim.errors import NetworkError
 from omnitrack_sim.files import shipped_networks
-from omnitrack_sim.mjcf.meshes import network_mesh
+from omnitrack_sim.model.meshes import network_mesh
 from omnitrack_sim.network import load_network, manoeuvre, random_network, shortest_route, validate
 from omnitrack_sim.network.export import COLUMNS, export_network
 from omnitrack_sim.pipes import Elbow, Step, Straight, Tee, route

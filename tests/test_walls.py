@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from omnitrack_sim.mjcf.spec import new_spec
-from omnitrack_sim.mjcf.walls import add_walls, stave_count
+from omnitrack_sim.model.spec import new_spec
+from omnitrack_sim.model.walls import add_walls, stave_count
 from omnitrack_sim.pipes import Elbow, PipeNetwork, Placed, Reducer, Step, Straight, Tee, route
 from omnitrack_sim.rotations import Pose, unit
 

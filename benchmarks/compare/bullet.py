@@ -32,8 +32,8 @@ import trimesh
 from numpy.typing import NDArray
 
 from omnitrack_sim import Scenario, load_scenario
-from omnitrack_sim.mjcf.meshes import fitting_mesh
-from omnitrack_sim.mjcf.robot import (
+from omnitrack_sim.model.meshes import fitting_mesh
+from omnitrack_sim.model.robot import (
     FREE_SPRING_LENGTH,
     ROLL_STIFFNESS,
     ROTOR_INERTIA_REFLECTED,
@@ -200,7 +200,7 @@ def _joint(
 
 
 def robot_urdf(robot: Robot) -> str:
-    """The robot as URDF text, frames and signs as in ``omnitrack_sim.mjcf.robot``."""
+    """The robot as URDF text, frames and signs as in ``omnitrack_sim.model.robot``."""
     parts = [f'<link name="chassis">{_cylinder(robot.chassis_mass, 0.025, robot.chassis_length)}</link>']
     radius, free = robot.lug_radius - robot.track_offset, (1.0, -1.0)
     track_inertia = TRACK_MASS * robot.lug_radius**2

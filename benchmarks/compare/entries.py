@@ -15,10 +15,10 @@ import numpy as np
 from peer_walls import MeshSettings, convex_walls, flex_walls, sdf_walls
 
 from omnitrack_sim import override
-from omnitrack_sim.collider import line_record, why_not
-from omnitrack_sim.mjcf.robot import LUG_CONAFFINITY, LUG_CONTYPE, add_robot, lug_pitch
-from omnitrack_sim.mjcf.spec import new_spec
-from omnitrack_sim.mjcf.walls import add_exact_walls, add_walls
+from omnitrack_sim.model.collider import line_record, why_not
+from omnitrack_sim.model.robot import LUG_CONAFFINITY, LUG_CONTYPE, add_robot, lug_pitch
+from omnitrack_sim.model.spec import new_spec
+from omnitrack_sim.model.walls import add_exact_walls, add_walls
 from omnitrack_sim.pipes import PipeNetwork, Placed
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.scenario import Scenario

@@ -13,9 +13,9 @@ import trimesh
 from decompose import convex_pieces
 from manifold3d import Manifold, Mesh
 
-from omnitrack_sim.mjcf.meshes import fitting_mesh, manifold_to_trimesh
-from omnitrack_sim.mjcf.robot import LUG_CONAFFINITY, LUG_CONTYPE
-from omnitrack_sim.mjcf.walls import GROUP, sagitta
+from omnitrack_sim.model.meshes import fitting_mesh, manifold_to_trimesh
+from omnitrack_sim.model.robot import LUG_CONAFFINITY, LUG_CONTYPE
+from omnitrack_sim.model.walls import GROUP, sagitta
 from omnitrack_sim.pipes import Fitting, PipeNetwork
 
 NEAR = 1e-3
@@ -23,7 +23,7 @@ NEAR = 1e-3
 SLIVER = 1e-6
 """Triangles of less height than this, m, are left out: contacts with them are not numbers."""
 WALL_MASKS = {"contype": LUG_CONAFFINITY, "conaffinity": LUG_CONTYPE, "group": GROUP}
-"""Walls touch lugs and nothing else, as in ``omnitrack_sim.mjcf.walls``."""
+"""Walls touch lugs and nothing else, as in ``omnitrack_sim.model.walls``."""
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ def models(
     root: Annotated[Path, typer.Option(help="Folder that holds models/ and assets/.")] = Path(),
 ) -> None:
     """Check or write the published MJCF models and meshes."""
-    from omnitrack_sim.mjcf.export import check_models, write_models
+    from omnitrack_sim.model.export import check_models, write_models
 
     if check == write:
         raise ScenarioError(Fault("omnitrack models", "say one of --check and --write", ("--check", "--write")))

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from omnitrack_sim.errors import OutputError
-from omnitrack_sim.mjcf.export import network_stl, network_xml
+from omnitrack_sim.model.export import network_stl, network_xml
 from omnitrack_sim.network.spec import Network
 from omnitrack_sim.pipes import PipeNetwork
 

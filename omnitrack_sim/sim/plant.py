@@ -9,7 +9,7 @@ import numpy as np
 from mujoco import batch
 from numpy.typing import NDArray
 
-from omnitrack_sim.mjcf.robot import LUG_CONAFFINITY, LUG_CONTYPE, lug_pitch
+from omnitrack_sim.model.robot import LUG_CONAFFINITY, LUG_CONTYPE, lug_pitch
 from omnitrack_sim.record.trajectory import TRACKS
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Array, cross, dot, matrix_from_quaternion

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.collider import why_not
 from omnitrack_sim.control import CONTROLLERS, Observation
 from omnitrack_sim.control.gear import carried_out, heading, seen
 from omnitrack_sim.control.guide import Guide, Place
+from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.record.metrics import summarise
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.robot.drive import Drive

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from omnitrack_sim.collider import why_not
 from omnitrack_sim.control import Settings
 from omnitrack_sim.control.guide import Guide
-from omnitrack_sim.mjcf.robot import spring_free_length
-from omnitrack_sim.mjcf.scene import build_scene, let_walls_sleep
+from omnitrack_sim.model.collider import why_not
+from omnitrack_sim.model.robot import spring_free_length
+from omnitrack_sim.model.scene import build_scene, let_walls_sleep
 from omnitrack_sim.pipes import Elbow, Route, Tee
 from omnitrack_sim.robot import MODULES, Robot
 from omnitrack_sim.robot.drive import MOTORS, Motor

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import mujoco
 
-from omnitrack_sim.mjcf.robot import add_robot
-from omnitrack_sim.mjcf.spec import TIMESTEP, new_spec
-from omnitrack_sim.mjcf.walls import add_exact_walls, add_plates, add_walls
+from omnitrack_sim.model.robot import add_robot
+from omnitrack_sim.model.spec import TIMESTEP, new_spec
+from omnitrack_sim.model.walls import add_exact_walls, add_plates, add_walls
 from omnitrack_sim.pipes import PipeNetwork
 from omnitrack_sim.robot import Robot
 
@@ -55,7 +55,7 @@ def build_scene(
     add_plates(spec, network, plates, looks)
     add_robot(spec, robot, line_tracks=exact)
     if looks:
-        from omnitrack_sim.mjcf.looks import add_cameras, add_pipe_looks, add_robot_looks
+        from omnitrack_sim.model.looks import add_cameras, add_pipe_looks, add_robot_looks
 
         add_robot_looks(spec, robot)
         add_pipe_looks(spec, network)

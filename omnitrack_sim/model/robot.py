@@ -14,7 +14,7 @@ import math
 import mujoco
 import numpy as np
 
-from omnitrack_sim.collider import line_record
+from omnitrack_sim.model.collider import line_record
 from omnitrack_sim.record.trajectory import TRACKS
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.rotations import quaternion_from_matrix, rotation_about

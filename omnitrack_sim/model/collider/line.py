@@ -16,8 +16,8 @@ import math
 
 from numba import njit
 
-from omnitrack_sim.collider.record import ELBOW, RECORD_SIZE, REDUCER, STRAIGHT, TEE
-from omnitrack_sim.collider.surface import EDGE, FACE, cone, tee, torus
+from omnitrack_sim.model.collider.record import ELBOW, RECORD_SIZE, REDUCER, STRAIGHT, TEE
+from omnitrack_sim.model.collider.surface import EDGE, FACE, cone, tee, torus
 
 _compiled = njit(cache=True, error_model="numpy")
 _KIND, _RADIUS, _SIZES, _BOX, _ENDS = 1, 2, 3, 6, 9  # places in a record

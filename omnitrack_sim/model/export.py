@@ -10,12 +10,12 @@ import mujoco
 import numpy as np
 import trimesh
 
-from omnitrack_sim.mjcf.looks import add_cameras, add_pipe_looks, add_robot_looks
-from omnitrack_sim.mjcf.meshes import fitting_mesh, network_mesh
-from omnitrack_sim.mjcf.robot import add_robot
-from omnitrack_sim.mjcf.scene import build_scene
-from omnitrack_sim.mjcf.spec import new_spec
-from omnitrack_sim.mjcf.walls import add_walls
+from omnitrack_sim.model.looks import add_cameras, add_pipe_looks, add_robot_looks
+from omnitrack_sim.model.meshes import fitting_mesh, network_mesh
+from omnitrack_sim.model.robot import add_robot
+from omnitrack_sim.model.scene import build_scene
+from omnitrack_sim.model.spec import new_spec
+from omnitrack_sim.model.walls import add_walls
 from omnitrack_sim.pipes import Elbow, Fitting, PipeNetwork, Placed, Route, Step, Straight, Tee, route
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Pose, quaternion_from_matrix

@@ -14,7 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from omnitrack_sim.collider.record import MARK, RECORD_SIZE
+from omnitrack_sim.model.collider.record import MARK, RECORD_SIZE
 
 _FIELD, _CAPSULE = int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
 _KINDS = int(mujoco.mjtGeom.mjNGEOMTYPES)
@@ -114,7 +114,7 @@ def _compile(original: int, places: dict[str, int]) -> Any:
     from numba import cfunc, types
     from numba.core.extending import intrinsic
 
-    from omnitrack_sim.collider.line import line_contacts
+    from omnitrack_sim.model.collider.line import line_contacts
 
     pointer, doubles = types.voidptr, types.CPointer(types.float64)
 

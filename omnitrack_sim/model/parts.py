@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 from manifold3d import CrossSection, Manifold
 
-from omnitrack_sim.mjcf.meshes import manifold_to_trimesh
+from omnitrack_sim.model.meshes import manifold_to_trimesh
 
 LUG_ARC_DEG = 164.0
 """Arc of a half-round lug about the module axis; the rest is the gap between the two tracks."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
-from omnitrack_sim.collider.record import RECORD_SIZE, bounding_box, wall_record
+from omnitrack_sim.model.collider.record import RECORD_SIZE, bounding_box, wall_record
 from omnitrack_sim.pipes import Elbow, PipeNetwork, Reducer, Straight, Tee
 from omnitrack_sim.pipes.fittings import Fitting
 from omnitrack_sim.pipes.network import JOINED
