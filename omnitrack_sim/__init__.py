@@ -19,7 +19,6 @@ if TYPE_CHECKING:
         ScenarioError,
         SweepError,
     )
-    from omnitrack_sim.files import shipped_networks, shipped_scenarios, shipped_sweeps
     from omnitrack_sim.network import Network, load_network, random_network, shortest_route
     from omnitrack_sim.pipes import Elbow, PipeNetwork, Reducer, Step, Straight, Tee, route
     from omnitrack_sim.plots import plot_mission, plot_singularity, plot_summary
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.render import render_frame, render_video
     from omnitrack_sim.robot import Robot
     from omnitrack_sim.scenario import Scenario, load_scenario, override
+    from omnitrack_sim.schema.reading import shipped_networks, shipped_scenarios, shipped_sweeps
     from omnitrack_sim.sim.result import Result, load_result
     from omnitrack_sim.sim.runner import run, run_batch
     from omnitrack_sim.sweep import Sweep, load_sweep, run_sweep
@@ -47,7 +47,7 @@ _HOME = {
         "ScenarioError",
         "SweepError",
     ),
-    "files": ("shipped_networks", "shipped_scenarios", "shipped_sweeps"),
+    "schema.reading": ("shipped_networks", "shipped_scenarios", "shipped_sweeps"),
     "network": ("Network", "load_network", "random_network", "shortest_route"),
     "record.outcome": ("Outcome",),
     "pipes": ("Elbow", "PipeNetwork", "Reducer", "Step", "Straight", "Tee", "route"),

@@ -14,14 +14,14 @@ import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from omnitrack_sim.errors import Fault, GeometryError, NetworkError, ScenarioError
-from omnitrack_sim.files import NAME_PATTERN, checked, fault_of, read_toml, shipped_networks, shipped_scenarios
 from omnitrack_sim.network import Mission, Network, Planner, load_network
 from omnitrack_sim.network import validate as validate_network
 from omnitrack_sim.network.mission import NOSE_ROOM
 from omnitrack_sim.pipes import Route, route
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Pose, frame_along
-from omnitrack_sim.tables import (
+from omnitrack_sim.schema.reading import NAME_PATTERN, checked, fault_of, read_toml, shipped_networks, shipped_scenarios
+from omnitrack_sim.schema.tables import (
     Contact,
     Control,
     ElbowPipe,

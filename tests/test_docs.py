@@ -9,11 +9,11 @@ import pytest
 
 import omnitrack_sim
 from omnitrack_sim.cli import app
-from omnitrack_sim.files import shipped_networks, shipped_scenarios, shipped_sweeps
 from omnitrack_sim.network import Mission, Network
 from omnitrack_sim.network import validate as validate_network
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario import validate as validate_scenario
+from omnitrack_sim.schema.reading import shipped_networks, shipped_scenarios, shipped_sweeps
 from omnitrack_sim.sweep.axes import AXES
 from omnitrack_sim.sweep.spec import SweepFile, resolve
 from omnitrack_sim.sweep.table import METRICS

@@ -14,13 +14,13 @@ import trimesh
 from test_cli import omnitrack
 
 from omnitrack_sim.errors import NetworkError
-from omnitrack_sim.files import shipped_networks
 from omnitrack_sim.model.meshes import network_mesh
 from omnitrack_sim.network import load_network, manoeuvre, random_network, shortest_route, validate
 from omnitrack_sim.network.export import COLUMNS, export_network
 from omnitrack_sim.pipes import Elbow, Step, Straight, Tee, route
 from omnitrack_sim.plots.network import _quads
 from omnitrack_sim.rotations import Pose, frame_along
+from omnitrack_sim.schema.reading import shipped_networks
 
 
 def straight(name: str, length: float = 0.4, **sizes) -> dict:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.errors import ScenarioError
-from omnitrack_sim.files import shipped_scenarios
 from omnitrack_sim.scenario import Scenario, load_scenario, model_key, override, validate
+from omnitrack_sim.schema.reading import shipped_scenarios
 
 PIPES = [{"kind": "straight", "length": 0.5}]
 

@@ -11,9 +11,9 @@ import pytest
 
 from omnitrack_sim import Robot, ScenarioError, SweepError, load_scenario, load_sweep, override, shipped_sweeps
 from omnitrack_sim.scenario import model_key
+from omnitrack_sim.schema.tables import UNITS, unit_of
 from omnitrack_sim.sim.runner import batch_key
 from omnitrack_sim.sweep.spec import resolve
-from omnitrack_sim.tables import UNITS, unit_of
 
 GRID = {"path": "contact.friction", "kind": "grid", "start": 0.2, "stop": 0.8, "count": 3}
 KIND = {"path": "control.kind", "kind": "list", "values": ["jacobian", "paper"]}

@@ -16,7 +16,7 @@ from omnitrack_sim.errors import Fault, ScenarioError
 @app.command()
 def scenarios(as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False) -> None:
     """List the scenarios, sweeps and networks of the package; `omnitrack run`, `sweep` and `network NAME` find them."""
-    from omnitrack_sim.files import shipped_networks, shipped_scenarios, shipped_sweeps
+    from omnitrack_sim.schema.reading import shipped_networks, shipped_scenarios, shipped_sweeps
 
     rows = {name: _comment(path) for name, path in shipped_scenarios().items()}
     sweeps = {name: _comment(path) for name, path in shipped_sweeps().items()}

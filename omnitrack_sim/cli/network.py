@@ -65,8 +65,8 @@ def network(
 
 
 def _network(source: str | None, seed: int | None, fittings: int | None) -> Network:
-    from omnitrack_sim.files import shipped_networks
     from omnitrack_sim.network import load_network, random_network
+    from omnitrack_sim.schema.reading import shipped_networks
 
     if (source is None) == (seed is None):
         raise NetworkError(Fault("NETWORK", "give a file or name, or --random", tuple(shipped_networks())))

@@ -20,7 +20,7 @@ from omnitrack_sim.network.layout import End
 from omnitrack_sim.network.planning import Way, port_graph, route_of, shortest_way, unreachable
 from omnitrack_sim.network.spec import Network
 from omnitrack_sim.pipes import TEE_ARCS, Route, TeeArcs
-from omnitrack_sim.tables import Table
+from omnitrack_sim.schema.tables import Table
 
 NOSE_ROOM = 0.005
 """Room between the robot's nose and the end of the way at a goal, m."""

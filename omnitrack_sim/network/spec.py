@@ -14,11 +14,11 @@ import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from omnitrack_sim.errors import Fault, GeometryError, NetworkError
-from omnitrack_sim.files import NAME_PATTERN, checked, fault_of, read_toml, shipped_networks
 from omnitrack_sim.network.layout import End, Joined, lay_out
 from omnitrack_sim.pipes import Elbow, Fitting, PipeNetwork, Reducer, Straight, Tee
 from omnitrack_sim.rotations import Pose, frame_along
-from omnitrack_sim.tables import Direction, ElbowPipe, Size, Table
+from omnitrack_sim.schema.reading import NAME_PATTERN, checked, fault_of, read_toml, shipped_networks
+from omnitrack_sim.schema.tables import Direction, ElbowPipe, Size, Table
 
 PartName = Annotated[str, Field(pattern=r"^[^\s./\\\x00-\x1f]+$")]
 """A part's name is also one of a port and of a geom: no dot, no space, no separator."""

@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.robot import MODULES
+from omnitrack_sim.schema.tables import unit_of
 from omnitrack_sim.sweep.axes import BASE, DirectionAxis
 from omnitrack_sim.sweep.part import Row
 from omnitrack_sim.sweep.spec import Sweep
 from omnitrack_sim.sweep.trials import Part
-from omnitrack_sim.tables import unit_of
 
 if TYPE_CHECKING:
     import pyarrow as pa

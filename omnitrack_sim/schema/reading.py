@@ -119,7 +119,7 @@ def fault_of(
 
 def _scenario_folder() -> Path:
     """Where the shipped scenarios are: inside the installed package, or beside it in a checkout."""
-    package = Path(__file__).parent
+    package = Path(__file__).parents[1]
     inside = package / "_scenarios"
     return inside if inside.is_dir() else package.parent / "scenarios"
 

@@ -1,0 +1,1 @@
+"""What users write in files: tables with their keys, units and limits; reading; dotted paths."""
