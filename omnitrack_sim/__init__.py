@@ -19,13 +19,13 @@ if TYPE_CHECKING:
         ScenarioError,
         SweepError,
     )
+    from omnitrack_sim.film.render import render_frame, render_video
     from omnitrack_sim.network import Network, load_network, random_network, shortest_route
     from omnitrack_sim.pipes import Elbow, PipeNetwork, Reducer, Step, Straight, Tee, route
     from omnitrack_sim.plots import plot_mission, plot_singularity, plot_summary
     from omnitrack_sim.record.outcome import Outcome
     from omnitrack_sim.record.timeline import Visit
     from omnitrack_sim.record.trajectory import Trajectory
-    from omnitrack_sim.render import render_frame, render_video
     from omnitrack_sim.robot import Robot
     from omnitrack_sim.scenario import Scenario, load_scenario, override
     from omnitrack_sim.schema.reading import shipped_networks, shipped_scenarios, shipped_sweeps
@@ -52,7 +52,7 @@ _HOME = {
     "record.outcome": ("Outcome",),
     "pipes": ("Elbow", "PipeNetwork", "Reducer", "Step", "Straight", "Tee", "route"),
     "plots": ("plot_mission", "plot_singularity", "plot_summary"),
-    "render": ("render_frame", "render_video"),
+    "film.render": ("render_frame", "render_video"),
     "robot": ("Robot",),
     "scenario": ("Scenario", "load_scenario", "override"),
     "sim.result": ("Result", "load_result"),

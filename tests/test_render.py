@@ -10,13 +10,13 @@ import pytest
 from samples import drive, two_legs, two_legs_result
 
 from omnitrack_sim.errors import InputError, OutputError
-from omnitrack_sim.inset import Inset, needs_map, projection
-from omnitrack_sim.overlay import Overlay
+from omnitrack_sim.film.inset import Inset, needs_map, projection
+from omnitrack_sim.film.overlay import Overlay
+from omnitrack_sim.film.render import render_frame, render_video
+from omnitrack_sim.film.viewpoint import in_the_way, view_directions
 from omnitrack_sim.record.trajectory import CHANNELS, Trajectory
-from omnitrack_sim.render import render_frame, render_video
 from omnitrack_sim.rotations import quaternion_from_matrix
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.viewpoint import in_the_way, view_directions
 
 SIZE = (320, 180)
 PIPES = [

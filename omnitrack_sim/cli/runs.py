@@ -34,7 +34,7 @@ def run(
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json instead of the table.")] = False,
 ) -> None:
     """Run one scenario and save result, timeline, trajectory, plots and video."""
-    from omnitrack_sim.inset import needs_map
+    from omnitrack_sim.film.inset import needs_map
     from omnitrack_sim.plots import plot_mission, plot_summary
     from omnitrack_sim.sim.result import check_output, run_folder
     from omnitrack_sim.sim.runner import run as run_scenario
@@ -61,7 +61,7 @@ def run(
 
 
 def _check_camera(camera: str) -> None:
-    from omnitrack_sim.render import CAMERAS
+    from omnitrack_sim.film.render import CAMERAS
 
     if camera not in CAMERAS:
         raise ScenarioError(Fault("--camera", f"is {camera!r}", CAMERAS))
@@ -69,7 +69,7 @@ def _check_camera(camera: str) -> None:
 
 def _try_video(result: Result, path: Path, camera: str, quiet: bool) -> None:
     """Render, or say why not: the run itself is not lost for want of OpenGL."""
-    from omnitrack_sim.render import render_video
+    from omnitrack_sim.film.render import render_video
 
     try:
         with progress("video", quiet) as report:
@@ -169,7 +169,7 @@ def render(
     ] = None,
 ) -> None:
     """Render a saved run from another camera."""
-    from omnitrack_sim.render import render_video
+    from omnitrack_sim.film.render import render_video
     from omnitrack_sim.sim.result import load_result
 
     _check_camera(camera)

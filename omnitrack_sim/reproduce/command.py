@@ -212,7 +212,7 @@ def _file(figure: Figure) -> bytes:
 
 def _strips(runs: Runs) -> tuple[list[Strip], list[str]]:
     """Frames of a few runs; without OpenGL none, and the sentence that says so."""
-    from omnitrack_sim.render import render_frames
+    from omnitrack_sim.film.render import render_frames
 
     strips = []
     try:

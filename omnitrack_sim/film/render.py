@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.errors import Fault, InputError, OutputError, RenderError
+from omnitrack_sim.film.viewpoint import DISTANCE, in_the_way, view_directions
 from omnitrack_sim.record.timeline import passage_indices
 from omnitrack_sim.rotations import unit
-from omnitrack_sim.viewpoint import DISTANCE, in_the_way, view_directions
 
 if TYPE_CHECKING:
     import mujoco
@@ -121,8 +121,8 @@ class _Stage:
     """A recorded run, ready to be drawn at any time from one camera."""
 
     def __init__(self, result: Result, width: int, height: int, camera: str, inset: bool):
-        from omnitrack_sim.inset import Inset, needs_map
-        from omnitrack_sim.overlay import Overlay
+        from omnitrack_sim.film.inset import Inset, needs_map
+        from omnitrack_sim.film.overlay import Overlay
 
         self._context, self._mujoco = _open_context(width, height)
         from omnitrack_sim.model.looks import FIELD_OF_VIEW, add_pipe_insides, follow_direction, look_pitch
