@@ -16,8 +16,8 @@ import numpy as np
 
 from omnitrack_sim.model.collider.record import RECORD_SIZE, bounding_box, wall_record
 from omnitrack_sim.pipes import Elbow, PipeNetwork, Reducer, Straight, Tee
+from omnitrack_sim.pipes.assembly import JOINED
 from omnitrack_sim.pipes.fittings import Fitting
-from omnitrack_sim.pipes.network import JOINED
 from omnitrack_sim.rotations import Array, Pose, unit
 
 THICKNESS = 0.010

@@ -1,8 +1,6 @@
 """Pipes: fittings, networks, routes and their exact inner surface. Pure NumPy."""
 
-from omnitrack_sim.pipes.centreline import Centreline, Segment
-from omnitrack_sim.pipes.fittings import TEE_ARCS, Elbow, Fitting, Reducer, Straight, Tee, TeeArcs
-from omnitrack_sim.pipes.network import (
+from omnitrack_sim.pipes.assembly import (
     BORE_TOLERANCE,
     Passage,
     PipeNetwork,
@@ -13,6 +11,8 @@ from omnitrack_sim.pipes.network import (
     route,
     route_through,
 )
+from omnitrack_sim.pipes.centreline import Centreline, Segment
+from omnitrack_sim.pipes.fittings import TEE_ARCS, Elbow, Fitting, Reducer, Straight, Tee, TeeArcs
 
 __all__ = [
     "BORE_TOLERANCE",
