@@ -15,8 +15,8 @@ from test_cli import omnitrack
 
 from omnitrack_sim.errors import NetworkError
 from omnitrack_sim.model.meshes import network_mesh
+from omnitrack_sim.model.network_export import COLUMNS, export_network
 from omnitrack_sim.network import load_network, manoeuvre, random_network, shortest_route, validate
-from omnitrack_sim.network.export import COLUMNS, export_network
 from omnitrack_sim.pipes import Elbow, Step, Straight, Tee, route
 from omnitrack_sim.plots.network import _quads
 from omnitrack_sim.rotations import Pose, frame_along

@@ -51,7 +51,7 @@ def network(
         _plot(found, plot, route)
     written = [path for path in (to_file, plot) if path is not None]
     if export is not None:
-        from omnitrack_sim.network.export import export_network
+        from omnitrack_sim.model.network_export import export_network
 
         written += export_network(found, export)
     if as_json:
