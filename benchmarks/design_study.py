@@ -2,8 +2,8 @@
 
 python benchmarks/design_study.py [STUDY ...] [--trials N] [--quick]
 
-Each line is a variant: how many of the same random turns passed, their mean time, how the others ended. Studies:
-lugs, length, shafts, preload, friction, numerics, traversal.
+Each line is a variant: how many of the same random turns passed, their mean time, how the others
+ended. Studies: lugs, length, shafts, preload, friction, numerics, traversal.
 """
 
 from __future__ import annotations
@@ -17,16 +17,21 @@ from omnitrack_sim import load_scenario, override, run_batch
 VARIANTS = {
     "lugs": [(f"{k} lugs a track", {"robot.lugs_per_track": k}) for k in (5, 9, 12, 17, 24, 34)],
     "length": [
-        (f"contact length {1000 * x:.0f} mm", {"robot.contact_length": x}) for x in (0.07, 0.08, 0.09, 0.1, 0.11)
+        (f"contact length {1000 * x:.0f} mm", {"robot.contact_length": x})
+        for x in (0.07, 0.08, 0.09, 0.1, 0.11)
     ],
     "shafts": [
-        (f"shaft spacing {1000 * x:.0f} mm", {"robot.shaft_spacing": x}) for x in (0.09, 0.11, 0.126, 0.15, 0.18)
+        (f"shaft spacing {1000 * x:.0f} mm", {"robot.shaft_spacing": x})
+        for x in (0.09, 0.11, 0.126, 0.15, 0.18)
     ],
     "numerics": [
         ("as shipped", {}),
         ("half the time step", {"physics.timestep": 0.001}),
         ("twice the staves", {"physics.staves": 96}),
-        ("twice the lugs", {"robot.lugs_per_track": 2 * load_scenario("tee_turn").robot.lugs_per_track}),
+        (
+            "twice the lugs",
+            {"robot.lugs_per_track": 2 * load_scenario("tee_turn").robot.lugs_per_track},
+        ),
     ],
 }
 """Studies that change the robot or the numerics on the same trials."""
@@ -44,21 +49,26 @@ DRAWS = {
 
 
 def traversal(variants: list[tuple[str, dict]]) -> None:
-    """Traversal times of straight, elbow and tee for each variant, and their change against the first."""
+    """Traversal times of straight, elbow and tee for each variant, and their change against the
+    first."""
     names = ("straight", "elbow", "tee_turn")
     first: list[float] = []
     for label, changes in variants:
         results = run_batch([override(load_scenario(name), changes) for name in names])
         times = [r.duration_s for r in results]
         first = first or times
-        cells = [f"{t:.2f} s ({100 * (t / f - 1):+.1f} %)" for t, f in zip(times, first, strict=True)]
+        cells = [
+            f"{t:.2f} s ({100 * (t / f - 1):+.1f} %)" for t, f in zip(times, first, strict=True)
+        ]
         print(f"| {label} | " + " | ".join(cells) + " |", flush=True)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     studies = [*VARIANTS, *DRAWS, "traversal"]
-    parser.add_argument("studies", nargs="*", metavar="STUDY", help=f"of {', '.join(studies)}; all when not given")
+    parser.add_argument(
+        "studies", nargs="*", metavar="STUDY", help=f"of {', '.join(studies)}; all when not given"
+    )
     parser.add_argument("--trials", type=int, default=96)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--quick", action="store_true", help="8 trials a variant")

@@ -1,9 +1,11 @@
-"""Kills a sweep at random moments, goes on each time, and compares the table with that of an uninterrupted one.
+"""Kills a sweep at random moments, goes on each time, and compares the table with that of an
+uninterrupted one.
 
 python benchmarks/kill_test.py [--kills N] [--trials N] [--workers N] [--seed N]
 
-After each kill it checks that the workers have died with their parent and that no finished part was lost or changed.
-Ends with status 1 if a worker lives on, a part is lost, or a file of the two folders differs by a byte.
+After each kill it checks that the workers have died with their parent and that no finished part was
+lost or changed. Ends with status 1 if a worker lives on, a part is lost, or a file of the two
+folders differs by a byte.
 """
 
 from __future__ import annotations
@@ -45,7 +47,9 @@ GRACE = 5.0
 
 def main() -> int:
     """Kill, go on, compare."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--trials", type=int, default=1000)
     parser.add_argument("--workers", type=int, default=2)
@@ -54,13 +58,25 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as place:
         file = Path(place) / "kill_test.toml"
         file.write_text(SWEEP.format(trials=given.trials), encoding="utf-8")
-        command = [sys.executable, "-m", "omnitrack_sim.cli", "sweep", str(file), "--json", "--workers"]
+        command = [
+            sys.executable,
+            "-m",
+            "omnitrack_sim.cli",
+            "sweep",
+            str(file),
+            "--json",
+            "--workers",
+        ]
         calm, killed = Path(place) / "calm", Path(place) / "killed"
         start = time.perf_counter()
         subprocess.run([*command, "1", "--out", str(calm)], check=True, stdout=subprocess.DEVNULL)
         print(f"uninterrupted, 1 worker: {time.perf_counter() - start:.1f} s", flush=True)
-        faults = kill_often([*command, str(given.workers), "--out", str(killed)], killed, given.kills, given.seed)
-        different = [name for name in FILES if (calm / name).read_bytes() != (killed / name).read_bytes()]
+        faults = kill_often(
+            [*command, str(given.workers), "--out", str(killed)], killed, given.kills, given.seed
+        )
+        different = [
+            name for name in FILES if (calm / name).read_bytes() != (killed / name).read_bytes()
+        ]
     print("all files equal" if not different else f"different: {', '.join(different)}")
     return 1 if faults or different else 0
 
@@ -88,7 +104,10 @@ def kill_often(command: list[str], folder: Path, kills: int, seed: int) -> int:
         parts = {path.name: path.read_bytes() for path in (folder / "parts").glob("[0-9]*.parquet")}
         lost = [name for name, data in before.items() if parts.get(name) != data]
         left = len(list(folder.rglob(".*.tmp")))
-        print(f"kill {done}: {len(parts)} parts, {len(children)} workers, {left} temporary files", flush=True)
+        print(
+            f"kill {done}: {len(parts)} parts, {len(children)} workers, {left} temporary files",
+            flush=True,
+        )
         if alive or lost:
             print(f"  FAULT: alive {alive}, lost or changed {lost}")
             faults += 1

@@ -4,15 +4,18 @@ python benchmarks/missions.py [--quick] [--workers N] [--out DIR]
 
 Four studies, with the exact collider where it loads (extra fast) and walls of primitives elsewhere:
 
-* pairs: the network fig14 from every open end to every other one, with three start orientations each.
-* random: networks of 6 to 12 fittings grown from a seed. Start and goal are drawn from the open ends, gravity in any
-  direction, friction from 0.7 to 1.0 and the start orientation, all from the same seed.
+* pairs: the network fig14 from every open end to every other one, with three start orientations
+  each.
+* random: networks of 6 to 12 fittings grown from a seed. Start and goal are drawn from the open
+  ends, gravity in any direction, friction from 0.7 to 1.0 and the start orientation, all from the
+  same seed.
 * bores: the same with reducers between bores of 160, 150, 155 and 165 mm.
-* close: two fittings with less than a robot's length between: elbow and elbow, elbow and tee, tee and tee, in every
-  passage and plane, with random gravity, friction and start orientation.
+* close: two fittings with less than a robot's length between: elbow and elbow, elbow and tee, tee
+  and tee, in every passage and plane, with random gravity, friction and start orientation.
 
-Prints how many arrived with Wilson's 95 % interval, whether the fittings were passed in the planned order, how often
-robots backed off to try again, and for each failure its seed, outcome and written cause. --out keeps all runs as CSV.
+Prints how many arrived with Wilson's 95 % interval, whether the fittings were passed in the planned
+order, how often robots backed off to try again, and for each failure its seed, outcome and written
+cause. --out keeps all runs as CSV.
 """
 
 from __future__ import annotations
@@ -60,11 +63,14 @@ class Run:
     """One mission and what came of it.
 
     Attributes:
-        study: one of ``TITLES``. seed: of the random network or trial; -1 for pairs. start, goal: open ends;
-            of close fittings both fittings and nothing.
-        friction: coefficient. theta5_deg: start orientation, deg. gravity_x, gravity_y, gravity_z: m/s², world frame.
-        fittings: number on the planned way. arrived: whether the robot reached its goal. in_order: see ``in_order``.
-        retries, rolls: how often the robot backed off to try again, and stopped to roll its modules.
+        study: one of ``TITLES``. seed: of the random network or trial; -1 for pairs. start, goal:
+            open ends; of close fittings both fittings and nothing.
+        friction: coefficient. theta5_deg: start orientation, deg. gravity_x, gravity_y, gravity_z:
+            m/s², world frame.
+        fittings: number on the planned way. arrived: whether the robot reached its goal. in_order:
+            see ``in_order``.
+        retries, rolls: how often the robot backed off to try again, and stopped to roll its
+            modules.
         duration_s: simulated. wall_s: on this machine. reason, events: as the result tells them.
     """
 
@@ -96,7 +102,8 @@ def pair(start: str, goal: str, theta5_deg: float) -> Scenario:
 
 
 def random_mission(seed: int, bores: tuple[float, ...] = ()) -> Scenario:
-    """A random mission in a random network, both from ``seed``; with ``bores``, m, also reducers to these."""
+    """A random mission in a random network, both from ``seed``; with ``bores``, m, also reducers to
+    these."""
     network = random_network(seed, diameters=bores or None)
     rng = np.random.default_rng([seed, 1])
     start, goal = rng.choice(network.open_ends, 2, replace=False)
@@ -104,14 +111,27 @@ def random_mission(seed: int, bores: tuple[float, ...] = ()) -> Scenario:
     gravity *= 9.81 / np.linalg.norm(gravity)
     friction, theta5_deg = float(rng.uniform(*FRICTION)), float(rng.uniform(-180, 180))
     table = network.model_dump(mode="json")
-    return _mission(table, str(start), str(goal), theta5_deg=theta5_deg, friction=friction, gravity=gravity.tolist())
+    return _mission(
+        table,
+        str(start),
+        str(goal),
+        theta5_deg=theta5_deg,
+        friction=friction,
+        gravity=gravity.tolist(),
+    )
 
 
 def close_fittings() -> dict[str, list[dict[str, object]]]:
-    """Two fittings of every kind and passage, the second one turned by 0, 90 and 180 degrees, by what they are."""
-    tees = {"turn": ("run_start", "branch"), "merge": ("branch", "run_end"), "over": ("run_start", "run_end")}
+    """Two fittings of every kind and passage, the second one turned by 0, 90 and 180 degrees, by
+    what they are."""
+    tees = {
+        "turn": ("run_start", "branch"),
+        "merge": ("branch", "run_end"),
+        "over": ("run_start", "run_end"),
+    }
     passages: dict[str, dict[str, object]] = {
-        name: {"kind": "tee", "enter": enter, "leave": leave} for name, (enter, leave) in tees.items()
+        name: {"kind": "tee", "enter": enter, "leave": leave}
+        for name, (enter, leave) in tees.items()
     }
     passages |= {f"elbow {r}": {"kind": "elbow", "mean_radius": r / 1000} for r in (90, 240)}
     before, after = {"kind": "straight", "length": 0.4}, {"kind": "straight", "length": 0.5}
@@ -121,7 +141,13 @@ def close_fittings() -> dict[str, list[dict[str, object]]]:
         for gap, turn in product(gaps, (0.0, 90.0, 180.0)):
             between = [{"kind": "straight", "length": gap}] if gap else []
             name = f"{first}, {1000 * gap:.0f} mm, {second} at {turn:.0f} deg"
-            found[name] = [before, passages[first], *between, passages[second] | {"turn_deg": turn}, after]
+            found[name] = [
+                before,
+                passages[first],
+                *between,
+                passages[second] | {"turn_deg": turn},
+                after,
+            ]
     return found
 
 
@@ -165,7 +191,8 @@ def _mission(
 
 
 def in_order(result: Result) -> bool:
-    """Whether the fittings were passed in the order of each leg's route, none left out, the last leg to its end."""
+    """Whether the fittings were passed in the order of each leg's route, none left out, the last
+    leg to its end."""
     routes, visits = result.routes(), result.timeline()
     for leg, route in enumerate(routes):
         planned = [route.network.parts[passage.index].name for passage in route.fittings]
@@ -179,7 +206,8 @@ def in_order(result: Result) -> bool:
 
 
 def drive(task: tuple[str, int, str, str, float]) -> Run:
-    """Run one mission: study, seed, for a pair its ends and theta5 in deg, for close fittings what they are."""
+    """Run one mission: study, seed, for a pair its ends and theta5 in deg, for close fittings what
+    they are."""
     study, seed, start, goal, theta5_deg = task
     if study == "pairs":
         scenario = pair(start, goal, theta5_deg)
@@ -227,19 +255,31 @@ def report(title: str, runs: Sequence[Run]) -> None:
     retried = sum(run.retries > 0 for run in runs)
     print(
         f"| {title} | {len(arrived)} of {len(runs)} | {100 * low:.1f} to {100 * high:.1f} % | "
-        f"{sum(run.in_order for run in runs)} | {sum(run.retries for run in runs)} in {retried} runs | {mean} |"
+        f"{sum(run.in_order for run in runs)} | {sum(run.retries for run in runs)} in {retried} "
+        f"runs | {mean} |"
     )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--quick", action="store_true", help="one orientation a pair, 10 networks a study")
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes; default: number of cores")
+    parser.add_argument(
+        "--quick", action="store_true", help="one orientation a pair, 10 networks a study"
+    )
+    parser.add_argument(
+        "--workers",
+        type=int,
+        default=os.cpu_count() or 1,
+        help="processes; default: number of cores",
+    )
     parser.add_argument("--out", type=Path, help="folder for missions.csv")
     asked = parser.parse_args()
     orientations = ORIENTATIONS_DEG[:1] if asked.quick else ORIENTATIONS_DEG
     names = tuple(load_network("fig14").ports)
-    tasks = [("pairs", -1, start, goal, angle) for start, goal in permutations(names, 2) for angle in orientations]
+    tasks = [
+        ("pairs", -1, start, goal, angle)
+        for start, goal in permutations(names, 2)
+        for angle in orientations
+    ]
     count = QUICK_NETWORKS if asked.quick else NETWORKS
     tasks += [(study, seed, "", "", 0.0) for study in ("random", "bores") for seed in range(count)]
     trials = range(1 if asked.quick else CLOSE_TRIALS)
@@ -249,8 +289,14 @@ def main() -> None:
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
         runs = list(pool.map(drive, tasks))
     simulated = sum(run.duration_s for run in runs)
-    print(f"collider: {runs[0].collider}; {simulated:.0f} simulated s in {time.perf_counter() - begin:.0f} s\n")
-    print("| study | arrived | 95 % interval | in planned order | retries | mean time of those that arrived |")
+    print(
+        f"collider: {runs[0].collider}; {simulated:.0f} simulated s in "
+        f"{time.perf_counter() - begin:.0f} s\n"
+    )
+    print(
+        "| study | arrived | 95 % interval | in planned order | retries | mean time of those that "
+        "arrived |"
+    )
     print("|---|---|---|---|---|---|")
     for study, title in TITLES.items():
         report(title, [run for run in runs if run.study == study])
@@ -258,9 +304,16 @@ def main() -> None:
     if failures:
         print("\nFailures, and runs not in the planned order:\n")
     for run in failures:
-        where = f"fig14, theta5 {run.theta5_deg:g} deg" if run.study == "pairs" else f"{run.study}, seed {run.seed}"
+        where = (
+            f"fig14, theta5 {run.theta5_deg:g} deg"
+            if run.study == "pairs"
+            else f"{run.study}, seed {run.seed}"
+        )
         order = "" if run.in_order else ", not in the planned order"
-        print(f"* {where}, {run.start} to {run.goal}, friction {run.friction:.2f}: {run.outcome}{order}; {run.reason}")
+        print(
+            f"* {where}, {run.start} to {run.goal}, friction {run.friction:.2f}: "
+            f"{run.outcome}{order}; {run.reason}"
+        )
         for event in run.events.splitlines()[-LAST_EVENTS:]:
             print(f"    * {event}")
     if asked.out is not None:

@@ -2,13 +2,14 @@
 
 python benchmarks/network_length.py [--quick]
 
-A tee turn whose branch goes on as a long chain of straights, so that the walls count 500, 5,000 and 20,000 pieces. The
-robot stays in the tee. Prints microseconds of physics a step and of control a trial and control step: with walls of
-primitives, the same without passing over what never moves, and with the exact collider. Least of three measurements,
-which take turns because the machine's speed varies.
+A tee turn whose branch goes on as a long chain of straights, so that the walls count 500, 5,000 and
+20,000 pieces. The
+robot stays in the tee. Prints microseconds of physics a step and of control a trial and control
+step: with walls of primitives, the same without passing over what never moves, and with the exact
+collider. Least of three measurements, which take turns because the machine's speed varies.
 
-A second table has the same turn, gravity along the entry, on a mission through a random network of 50 fittings, and
-how much more it costs than in one tee.
+A second table has the same turn, gravity along the entry, on a mission through a random network of
+50 fittings, and how much more it costs than in one tee.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ SEGMENT = 0.5
 STAVES = 48
 NETWORK_SEED, NETWORK_FITTINGS = 0, 50
 BEFORE = 0.23
-"""From the robot's centre to the tee's opening as it starts, m: lugs touch run and rim while the turn begins."""
+"""From the robot's centre to the tee's opening as it starts, m: lugs touch run and rim while the
+turn begins."""
 MEASUREMENTS = 3
 TRIALS, STEPS = 8, 60
 VARIANTS = {
@@ -39,10 +41,14 @@ VARIANTS = {
 
 
 def long_scenario(pieces: int, collider: str) -> Scenario:
-    """The tee turn with as many straights behind it as make up ``pieces`` wall pieces of primitives."""
+    """The tee turn with as many straights behind it as make up ``pieces`` wall pieces of
+    primitives."""
     data = load_scenario("tee_turn").model_dump(mode="json")
     have = len(setup.scene_of(load_scenario("tee_turn")).geoms)
-    data["pipes"] += [{"kind": "straight", "length": SEGMENT} for _ in range(max(0, round((pieces - have) / STAVES)))]
+    data["pipes"] += [
+        {"kind": "straight", "length": SEGMENT}
+        for _ in range(max(0, round((pieces - have) / STAVES)))
+    ]
     data["physics"] |= {"collider": collider, "time_limit": 1000.0}
     data["start"]["distance"] = load_scenario("tee_turn").route().fittings[1].opening[0] - BEFORE
     data["control"]["align"] = False
@@ -50,7 +56,8 @@ def long_scenario(pieces: int, collider: str) -> Scenario:
 
 
 def network_scenario(collider: str) -> Scenario:
-    """The same turn at an open end of a random network, gravity back along the entry as in ``tee_turn``."""
+    """The same turn at an open end of a random network, gravity back along the entry as in
+    ``tee_turn``."""
     network = random_network(NETWORK_SEED, NETWORK_FITTINGS)
     for start, goal in permutations(network.open_ends, 2):
         route = shortest_route(network, start, goal)
@@ -73,7 +80,8 @@ def network_scenario(collider: str) -> Scenario:
 
 
 def cost(run: BatchRun) -> tuple[float, float]:
-    """Microseconds of physics a step and of control a trial and control step, over the next steps of a batch."""
+    """Microseconds of physics a step and of control a trial and control step, over the next steps
+    of a batch."""
     before = (run.shares.physics, run.shares.control)
     limit = run.monitor.time_limit
     run.monitor.time_limit = limit * 0 + run.plant.read().time + STEPS * run.period
@@ -102,7 +110,10 @@ def main() -> None:
         for name, (physics, control) in least.items():
             print(f"| {pieces:,} | {fittings} | {name} | {physics:.1f} | {control:.1f} |")
     setup.SLEEP_FROM = VARIANTS["primitives"][1]
-    print(f"\n| walls | part | one tee, us | random network of {NETWORK_FITTINGS} fittings, us | ratio |")
+    print(
+        f"\n| walls | part | one tee, us | random network of {NETWORK_FITTINGS} fittings, us | "
+        "ratio |"
+    )
     print("|---|---|---|---|---|")
     for collider in ("primitives", "exact"):
         runs = {"tee": long_scenario(0, collider), "network": network_scenario(collider)}

@@ -2,9 +2,11 @@
 
 python benchmarks/speed.py [--trials N] [--quick] [--fast]
 
-Prints simulated seconds per wall second on one thread and trials per second on two, the shares of physics, control and
-recording, of collision and solver within the physics, and the peak memory. Before it prints it checks that the work was
-done right: all trials reach the goal, and the walls are exact within 0.1 mm. ``--fast`` measures the exact collider.
+Prints simulated seconds per wall second on one thread and trials per second on two, the shares of
+physics, control and recording, of collision and solver within the physics, and the peak memory.
+Before it prints it checks that the work was
+done right: all trials reach the goal, and the walls are exact within 0.1 mm. ``--fast`` measures
+the exact collider.
 """
 
 from __future__ import annotations
@@ -25,14 +27,17 @@ from omnitrack_sim.sim.setup import scene_of, start_qpos
 def timed_batch(trials: int, threads: int, collider: str) -> tuple[BatchRun, float, float]:
     """A batch of tee turns, its wall seconds and its simulated seconds."""
     ranges = {"theta5_deg": 5.0, "preload": (25.0, 30.0), "friction": (0.95, 1.0)}
-    batch = BatchRun(random_tee_turns(trials, **ranges, changes={"physics.collider": collider}), threads)
+    batch = BatchRun(
+        random_tee_turns(trials, **ranges, changes={"physics.collider": collider}), threads
+    )
     start = time.perf_counter()
     batch.advance(clock=time.perf_counter)
     return batch, time.perf_counter() - start, float(batch.monitor.end_time.sum())
 
 
 def physics_shares(collider: str, steps: int = 2000) -> dict[str, float]:
-    """Shares of collision, constraint assembly and solver in a physics step of a robot cruising in the tee's run."""
+    """Shares of collision, constraint assembly and solver in a physics step of a robot cruising in
+    the tee's run."""
     scenario = override(load_scenario("tee_turn"), {"physics.collider": collider})
     model = scene_of(scenario).compile()
     data = mujoco.MjData(model)
@@ -48,11 +53,14 @@ def physics_shares(collider: str, steps: int = 2000) -> dict[str, float]:
         "solver": kinds.mjTIMER_CONSTRAINT,
         "kinematics": kinds.mjTIMER_POS_KINEMATICS,
     }
-    return {name: data.timer[kind].duration / total for name, kind in parts.items()} if total else {}
+    return (
+        {name: data.timer[kind].duration / total for name, kind in parts.items()} if total else {}
+    )
 
 
 def check_walls(rays: int = 4000) -> float:
-    """Largest distance, m, of ray hits from the exact surface on the straight parts of the tee turn."""
+    """Largest distance, m, of ray hits from the exact surface on the straight parts of the tee
+    turn."""
     scenario = load_scenario("tee_turn")
     network = scenario.route().network
     model = scene_of(scenario).compile()
@@ -68,7 +76,10 @@ def check_walls(rays: int = 4000) -> float:
     data.qpos[:3] = [5.0, 0.0, 0.0]  # the robot is out of the way
     mujoco.mj_forward(model, data)
     hit = np.zeros(1, np.int32)
-    length = [mujoco.mj_ray(model, data, p, v, groups, 1, robot, hit) for p, v in zip(origin, across, strict=True)]
+    length = [
+        mujoco.mj_ray(model, data, p, v, groups, 1, robot, hit)
+        for p, v in zip(origin, across, strict=True)
+    ]
     distance, _ = network.signed_distance(origin + across * np.array(length)[:, None])
     return float(np.abs(distance).max())
 
@@ -82,7 +93,9 @@ def main() -> None:
     collider = "exact" if options.fast else "primitives"
     trials = 4 if options.quick else options.trials
 
-    wall_error = 0.0 if options.fast else check_walls()  # tests/test_collider.py checks the exact ones
+    wall_error = (
+        0.0 if options.fast else check_walls()
+    )  # tests/test_collider.py checks the exact ones
     assert wall_error <= 1e-4, f"walls are off by {1000 * wall_error:.3f} mm"
     single, wall, simulated = timed_batch(trials, 1, collider)
     assert all(o is Outcome.REACHED_GOAL for o in single.monitor.outcome), single.monitor.outcome
@@ -92,10 +105,18 @@ def main() -> None:
     robot = single.scenarios[0].robot
     shares = single.shares
     walls = "exact walls" if options.fast else f"walls within {1000 * wall_error:.3f} mm"
-    print(f"tee turn, {robot.lugs_per_track} lugs a track, 2 ms, {walls}, {trials} trials, all passed")
+    print(
+        f"tee turn, {robot.lugs_per_track} lugs a track, 2 ms, {walls}, {trials} trials, all passed"
+    )
     print(f"one thread   {simulated / wall:7.1f} simulated s / wall s")
-    print(f"two threads  {trials / wall_two:7.2f} trials / s, {wall / wall_two:.2f} times one thread")
-    for name, seconds in (("physics", shares.physics), ("control", shares.control), ("recording", shares.recording)):
+    print(
+        f"two threads  {trials / wall_two:7.2f} trials / s, {wall / wall_two:.2f} times one thread"
+    )
+    for name, seconds in (
+        ("physics", shares.physics),
+        ("control", shares.control),
+        ("recording", shares.recording),
+    ):
         print(f"{name:12s} {100 * seconds / wall:7.1f} % of the wall time")
     for name, part in physics_shares(collider).items():
         print(f"  {name:10s} {100 * part:7.1f} % of a physics step")

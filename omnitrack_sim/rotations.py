@@ -19,7 +19,8 @@ def unit(vector: ArrayLike) -> Array:
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Dot products (...,) of vectors (..., 3), summed in one order at any batch size: runs repeat bit for bit."""
+    """Dot products (...,) of vectors (..., 3), summed in one order at any batch size: runs repeat
+    bit for bit."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
@@ -29,7 +30,8 @@ def length(vector: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross products (..., 3) of vectors (..., 3), a few times faster than NumPy's for small arrays."""
+    """Cross products (..., 3) of vectors (..., 3), a few times faster than NumPy's for small
+    arrays."""
     product = np.empty(np.broadcast_shapes(a.shape, b.shape))
     product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
     product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
@@ -38,7 +40,8 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
-    """Rotation matrices (..., 3, 3) by ``angle`` (...,) rad about ``axis`` (..., 3), right-handed."""
+    """Rotation matrices (..., 3, 3) by ``angle`` (...,) rad about ``axis`` (..., 3),
+    right-handed."""
     axis, angle = unit(axis), np.asarray(angle, float)
     axis = np.broadcast_to(axis, (*np.broadcast_shapes(axis.shape[:-1], angle.shape), 3))
     half = np.broadcast_to(angle, axis.shape[:-1])[..., None] / 2
@@ -46,12 +49,16 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
 
 
 def frame_along(axis: ArrayLike, turn: float) -> Array:
-    """Rotation (3, 3) with z along ``axis`` (3,) and x near the reference's, turned by ``turn`` rad about the axis.
+    """Rotation (3, 3) with z along ``axis`` (3,) and x near the reference's, turned by ``turn`` rad
+    about the axis.
 
-    Without a turn x is the reference's x made square to the axis; for an axis close to it, -z or z instead.
+    Without a turn x is the reference's x made square to the axis; for an axis close to it, -z or z
+    instead.
     """
     z = unit(axis)
-    helper = np.array([1.0, 0, 0]) if abs(z[0]) < 0.9 else np.array([0, 0, -1.0 if z[0] > 0 else 1.0])
+    helper = (
+        np.array([1.0, 0, 0]) if abs(z[0]) < 0.9 else np.array([0, 0, -1.0 if z[0] > 0 else 1.0])
+    )
     x = unit(helper - z * (helper @ z))
     x = x * math.cos(turn) + np.cross(z, x) * math.sin(turn)
     return np.stack([x, np.cross(z, x), z], axis=-1)
@@ -82,15 +89,41 @@ def quaternion_from_matrix(matrix: ArrayLike) -> Array:
     xyz = 1 + 2 * d - trace[..., None]
     candidates = np.stack(
         [
-            np.stack([w, m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]], -1),
             np.stack(
-                [m[..., 2, 1] - m[..., 1, 2], xyz[..., 0], m[..., 1, 0] + m[..., 0, 1], m[..., 0, 2] + m[..., 2, 0]], -1
+                [
+                    w,
+                    m[..., 2, 1] - m[..., 1, 2],
+                    m[..., 0, 2] - m[..., 2, 0],
+                    m[..., 1, 0] - m[..., 0, 1],
+                ],
+                -1,
             ),
             np.stack(
-                [m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] + m[..., 0, 1], xyz[..., 1], m[..., 2, 1] + m[..., 1, 2]], -1
+                [
+                    m[..., 2, 1] - m[..., 1, 2],
+                    xyz[..., 0],
+                    m[..., 1, 0] + m[..., 0, 1],
+                    m[..., 0, 2] + m[..., 2, 0],
+                ],
+                -1,
             ),
             np.stack(
-                [m[..., 1, 0] - m[..., 0, 1], m[..., 0, 2] + m[..., 2, 0], m[..., 2, 1] + m[..., 1, 2], xyz[..., 2]], -1
+                [
+                    m[..., 0, 2] - m[..., 2, 0],
+                    m[..., 1, 0] + m[..., 0, 1],
+                    xyz[..., 1],
+                    m[..., 2, 1] + m[..., 1, 2],
+                ],
+                -1,
+            ),
+            np.stack(
+                [
+                    m[..., 1, 0] - m[..., 0, 1],
+                    m[..., 0, 2] + m[..., 2, 0],
+                    m[..., 2, 1] + m[..., 1, 2],
+                    xyz[..., 2],
+                ],
+                -1,
             ),
         ],
         axis=-2,
@@ -108,7 +141,8 @@ def wrap_angle(angle: ArrayLike, period: float = 2 * np.pi) -> Array:
 
 @dataclass(frozen=True)
 class Pose:
-    """A frame B in a frame A: ``rotation`` (3, 3) has B's axes in A as columns, ``position`` (3,) m."""
+    """A frame B in a frame A: ``rotation`` (3, 3) has B's axes in A as columns, ``position`` (3,)
+    m."""
 
     rotation: Array = field(default_factory=lambda: np.eye(3))
     position: Array = field(default_factory=lambda: np.zeros(3))

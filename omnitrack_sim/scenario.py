@@ -20,7 +20,14 @@ from omnitrack_sim.network.mission import NOSE_ROOM
 from omnitrack_sim.pipes import Route, route
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Pose, frame_along
-from omnitrack_sim.schema.reading import NAME_PATTERN, checked, fault_of, read_toml, shipped_networks, shipped_scenarios
+from omnitrack_sim.schema.reading import (
+    NAME_PATTERN,
+    checked,
+    fault_of,
+    read_toml,
+    shipped_networks,
+    shipped_scenarios,
+)
 from omnitrack_sim.schema.tables import (
     Contact,
     Control,
@@ -38,7 +45,8 @@ from omnitrack_sim.schema.tables import (
 )
 
 PER_TRIAL_ROBOT_FIELDS = {"preload", "torque_limit", "roll_torque"}
-"""Robot fields that may differ between the trials of one batch: they are floats of the compiled model."""
+"""Robot fields that may differ between the trials of one batch: they are floats of the compiled
+model."""
 _PIPES: dict[str, type[BaseModel]] = {
     "straight": StraightPipe,
     "reducer": ReducerPipe,
@@ -48,7 +56,8 @@ _PIPES: dict[str, type[BaseModel]] = {
 
 
 class Scenario(Table):
-    """One run: pipes or a mission through a network, robot, start, world, control. Keys: see docs/scenarios.md."""
+    """One run: pipes or a mission through a network, robot, start, world, control. Keys: see
+    docs/scenarios.md."""
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)] = "scenario"
     pipes: tuple[Pipe, ...] = ()
@@ -76,10 +85,13 @@ class Scenario(Table):
         """Plans the legs of the mission; None without one."""
         if self.network is None or self.mission is None:
             return None
-        return Planner(self.network, self.mission, self.robot.length, self.start.distance, self.control.arcs)
+        return Planner(
+            self.network, self.mission, self.robot, self.start.distance, self.control.arcs
+        )
 
     def route(self) -> Route:
-        """The pipes joined, and the centreline through them; of a mission the way to its first goal."""
+        """The pipes joined, and the centreline through them; of a mission the way to its first
+        goal."""
         planner = self.planner
         if planner is not None:
             return planner.route(planner.first)
@@ -103,13 +115,15 @@ class Scenario(Table):
 
     @property
     def time_limit_s(self) -> float:
-        """Simulated seconds after which a run is over; of a mission its first leg, and each further one has its own."""
+        """Simulated seconds after which a run is over; of a mission its first leg, and each further
+        one has its own."""
         if self.physics.time_limit is not None:
             return self.physics.time_limit
         return self.time_for(self.route().centreline.length)
 
     def time_for(self, length: float) -> float:
-        """Simulated seconds that a way of ``length`` m may take: four times what cruising takes, and 20 s."""
+        """Simulated seconds that a way of ``length`` m may take: four times what cruising takes,
+        and 20 s."""
         return 4 * length / self.control.cruise_speed + 20.0
 
     @property
@@ -120,13 +134,21 @@ class Scenario(Table):
     def _missing(self) -> list[Fault]:
         """Pipes and mission: one of them, and what goes with it."""
         if self.network is None and self.mission is None:
-            return [] if self.pipes else [Fault("pipes", "is missing: a list of pipes, or give network and mission")]
+            return (
+                []
+                if self.pipes
+                else [Fault("pipes", "is missing: a list of pipes, or give network and mission")]
+            )
         faults = []
         if self.pipes:
             faults.append(Fault("pipes", "are given as well as a network; give one of them"))
         if self.network is None:
             faults.append(
-                Fault("network", "is missing: a file, a shipped network or a table", tuple(shipped_networks()))
+                Fault(
+                    "network",
+                    "is missing: a file, a shipped network or a table",
+                    tuple(shipped_networks()),
+                )
             )
         if self.mission is None:
             faults.append(Fault("mission", "is missing: a table with start and goals"))
@@ -138,7 +160,8 @@ class Scenario(Table):
         return faults
 
     def _faults(self) -> list[Fault]:
-        """What the tables cannot see alone: geometry, start and goal on the route, arms that fit the bore."""
+        """What the tables cannot see alone: geometry, start and goal on the route, arms that fit
+        the bore."""
         faults = [
             Fault(f"robot.{field}", f"is {value}; must be finite")
             for field, value in self.robot
@@ -150,7 +173,10 @@ class Scenario(Table):
             try:
                 names.append(pipe.step(i).name)
             except GeometryError as error:
-                faults += [Fault(f"pipes.{i}.{f.where.rpartition('.')[2]}", f.problem, f.choices) for f in error.faults]
+                faults += [
+                    Fault(f"pipes.{i}.{f.where.rpartition('.')[2]}", f.problem, f.choices)
+                    for f in error.faults
+                ]
         if faults:
             return faults
         try:
@@ -173,7 +199,9 @@ class Scenario(Table):
             for driven in routes
             for p in driven.fittings
             for port in (p.enter, p.leave)
-            for key in ["end_diameter" if (p.kind, port) == ("reducer", "end") else "inner_diameter"]
+            for key in [
+                "end_diameter" if (p.kind, port) == ("reducer", "end") else "inner_diameter"
+            ]
         ]
         for i, key, radius in bores:
             if not low < radius - self.robot.nominal_pipe_radius < high:
@@ -181,7 +209,10 @@ class Scenario(Table):
                 faults.append(
                     Fault(
                         f"{where}.{i}.{key}",
-                        f"is {2 * radius:.4g} m; the arms reach bores from {reach[0]:.4g} to {reach[1]:.4g} m",
+                        (
+                            f"is {2 * radius:.4g} m; the arms reach bores from {reach[0]:.4g} to "
+                            f"{reach[1]:.4g} m"
+                        ),
                     )
                 )
                 break
@@ -191,14 +222,20 @@ class Scenario(Table):
             faults.append(
                 Fault(
                     "start.distance",
-                    f"is {distance} m; the robot lies inside the pipe from {half:.4f} to {length - half:.4f} m",
+                    (
+                        f"is {distance} m; the robot lies inside the pipe from {half:.4f} to "
+                        f"{length - half:.4f} m"
+                    ),
                 )
             )
         elif self.goal.distance is not None and not distance < self.goal.distance <= length:
             faults.append(
                 Fault(
                     "goal.distance",
-                    f"is {self.goal.distance} m; must be over start.distance and at most {length:.4f} m",
+                    (
+                        f"is {self.goal.distance} m; must be over start.distance and at most "
+                        f"{length:.4f} m"
+                    ),
                 )
             )
         return faults
@@ -209,22 +246,28 @@ def model_key(data: Mapping[str, Any]) -> str:
     physics = [data["physics"][key] for key in ("timestep", "collider", "wall_tolerance", "staves")]
     plates = data["mission"] and data["mission"]["blocked"]
     start = [data["start"][key] for key in ("axis", "turn_deg")]
-    robot = {key: value for key, value in data["robot"].items() if key not in PER_TRIAL_ROBOT_FIELDS}
-    return json.dumps([data["pipes"], data["network"], plates, start, robot, physics], sort_keys=True)
+    robot = {
+        key: value for key, value in data["robot"].items() if key not in PER_TRIAL_ROBOT_FIELDS
+    }
+    return json.dumps(
+        [data["pipes"], data["network"], plates, start, robot, physics], sort_keys=True
+    )
 
 
 def load_scenario(source: str | Path) -> Scenario:
     """Read a scenario file, or a shipped scenario by name.
 
     Raises:
-        ScenarioError: no such file, bad TOML, or any fault in it; every fault is listed with its path in the file.
+        ScenarioError: no such file, bad TOML, or any fault in it; every fault is listed with its
+            path in the file.
     """
     path, data = read_toml(source, "scenario", shipped_scenarios(), ScenarioError)
     return validate(data, path.parent)
 
 
 def validate(data: Mapping[str, Any], folder: Path = Path()) -> Scenario:
-    """A scenario from plain data, as read from TOML or JSON; a network may be a table, a file or a shipped one's name.
+    """A scenario from plain data, as read from TOML or JSON; a network may be a table, a file or a
+    shipped one's name.
 
     Args:
         data: of the file.
@@ -237,7 +280,11 @@ def validate(data: Mapping[str, Any], folder: Path = Path()) -> Scenario:
     if isinstance(network, str | Mapping):
         data = {**data, "network": _network(network, folder)}
     return checked(
-        Scenario, data, "pipes", lambda item: fault_of(item, "pipes", tuple(_PIPES), _choices_at), ScenarioError
+        Scenario,
+        data,
+        "pipes",
+        lambda item: fault_of(item, "pipes", tuple(_PIPES), _choices_at),
+        ScenarioError,
     )
 
 
@@ -249,11 +296,14 @@ def _network(source: str | Mapping[str, Any], folder: Path) -> Network:
         return load_network(folder / source if (folder / source).is_file() else source)
     except NetworkError as error:
         where = "network: " if isinstance(source, str) else "network."
-        raise ScenarioError([Fault(where + f.where, f.problem, f.choices) for f in error.faults]) from None
+        raise ScenarioError(
+            [Fault(where + f.where, f.problem, f.choices) for f in error.faults]
+        ) from None
 
 
 def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
-    """A copy with values changed by dotted path, such as ``{"control.cruise_speed": 0.12, "pipes.0.length": 1.0}``.
+    """A copy with values changed by dotted path, such as ``{"control.cruise_speed": 0.12,
+    "pipes.0.length": 1.0}``.
 
     Raises:
         ScenarioError: unknown paths (with the choices at that place) or values that do not fit.

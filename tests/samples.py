@@ -50,7 +50,9 @@ def sample_result(trajectory: Trajectory | None = None, **changes: object) -> Re
         "outcome": Outcome.REACHED_GOAL,
         "reason": "reached 0.5 m",
         "duration_s": float(trajectory.time[-1]),
-        "metrics": summarise(trajectory, no_load_slip=1e-4, lug_radius=LUG_RADIUS, torque_limit=TORQUE_LIMIT),
+        "metrics": summarise(
+            trajectory, no_load_slip=1e-4, lug_radius=LUG_RADIUS, torque_limit=TORQUE_LIMIT
+        ),
         "trajectory": trajectory,
         "provenance": provenance_of(scenario),
         "events": ["a remark"],
@@ -81,12 +83,16 @@ def two_legs() -> tuple[Route, Route]:
 
 
 def drive(route: Route, distance: np.ndarray, leg: int = 0, gear: int = 1) -> dict[str, np.ndarray]:
-    """Channels of a robot that is at ``distance`` (T,) m of a route's centreline, nose or tail along it."""
+    """Channels of a robot that is at ``distance`` (T,) m of a route's centreline, nose or tail
+    along it."""
     samples = len(distance)
     channels = {name: np.zeros((samples, *channel.shape)) for name, channel in CHANNELS.items()}
     position, frame = route.centreline.at(distance)[0], route.centreline.frame(distance)
     bend = route.centreline.at(distance)[3][:, None] / 11.0  # 1 on the tightest bend
-    channels |= {"position": position, "quaternion": quaternion_from_matrix(frame * [1.0, gear, gear])}
+    channels |= {
+        "position": position,
+        "quaternion": quaternion_from_matrix(frame * [1.0, gear, gear]),
+    }
     channels |= {"distance": distance, "leg": np.full(samples, leg), "gear": np.full(samples, gear)}
     channels["tilt"] = 0.1 * bend[:, 0]
     channels["belt_speed"] = channels["belt_speed_command"] = np.full((samples, 3), 0.1 * gear)
@@ -98,25 +104,36 @@ def drive(route: Route, distance: np.ndarray, leg: int = 0, gear: int = 1) -> di
     return channels
 
 
-def legs_trajectory(routes: tuple[Route, ...], distances: list[np.ndarray], gears: list[int]) -> Trajectory:
+def legs_trajectory(
+    routes: tuple[Route, ...], distances: list[np.ndarray], gears: list[int]
+) -> Trajectory:
     """Legs one after the other at one sample in 20 ms; the phase is cruise throughout."""
     legs = zip(routes, distances, range(len(routes)), gears, strict=True)
     parts = [drive(*leg) for leg in legs]
     channels = {name: np.concatenate([part[name] for part in parts]) for name in CHANNELS}
     time = 0.02 * np.arange(len(channels["distance"]))
-    qpos = np.concatenate([channels["position"], channels["quaternion"], np.zeros((len(time), 15))], axis=1)
+    qpos = np.concatenate(
+        [channels["position"], channels["quaternion"], np.zeros((len(time), 15))], axis=1
+    )
     return Trajectory(time, channels, PHASES, qpos)
 
 
 def two_legs_result(**changes: object) -> LegsResult:
-    """The legs of ``two_legs`` at 0.1 m/s, the second tail first; a roll before ``tee_1``, a retry in the elbow."""
+    """The legs of ``two_legs`` at 0.1 m/s, the second tail first; a roll before ``tee_1``, a retry
+    in the elbow."""
     routes = two_legs()
     there, back = (route.centreline.length for route in routes)
     ahead = np.concatenate(
-        [np.arange(0.1, 1.3, 0.002), np.arange(1.3, 1.1, -0.002), np.arange(1.1, there - 0.1, 0.002)]
+        [
+            np.arange(0.1, 1.3, 0.002),
+            np.arange(1.3, 1.1, -0.002),
+            np.arange(1.1, there - 0.1, 0.002),
+        ]
     )
     trajectory = legs_trajectory(routes, [ahead, np.arange(0.1, back - 0.1, 0.002)], [1, -1])
     trajectory.channels["phase"][np.isclose(ahead, 0.4, atol=0.001).nonzero()[0]] = 1
     trajectory.channels["phase"][600:700] = 2
     plain = sample_result(trajectory, **changes)
-    return LegsResult(**{name: getattr(plain, name) for name in plain.__dataclass_fields__}, driven=routes)
+    return LegsResult(
+        **{name: getattr(plain, name) for name in plain.__dataclass_fields__}, driven=routes
+    )

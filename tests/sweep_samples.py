@@ -1,4 +1,5 @@
-"""A small sweep, and workers that die, for the tests of sweeps. Workers of other processes import this module."""
+"""A small sweep, and workers that die, for the tests of sweeps. Workers of other processes import
+this module."""
 
 from __future__ import annotations
 

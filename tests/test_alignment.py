@@ -52,13 +52,16 @@ def test_plan_ends_inside_the_margin_and_off_the_no_motion_line():
 @pytest.mark.parametrize("modules", [2, 3, 4])
 @pytest.mark.parametrize("turn_limit", [np.pi / 3, np.pi])
 def test_no_admissible_roll_is_shorter(modules, turn_limit):
-    """Against a fine grid of all rolls within the turn limit: none is shorter, none there where the plan has none."""
+    """Against a fine grid of all rolls within the turn limit: none is shorter, none there where the
+    plan has none."""
     theta5, roll, best, margin, ratio, clearance = draw = _draw(300, seed=modules)
     plan = _plan(draw, modules=modules, turn_limit=turn_limit)
     turn = np.linspace(-turn_limit, turn_limit, 40_001)
     step = turn[1] - turn[0]
     change = turn / ratio[:, None]
-    wanted = np.abs(orientation_error(theta5[:, None] - turn, best[:, None], modules)) <= margin[:, None]
+    wanted = (
+        np.abs(orientation_error(theta5[:, None] - turn, best[:, None], modules)) <= margin[:, None]
+    )
     admissible = wanted & (no_motion_distance(roll[:, None] + change) >= clearance[:, None])
     shortest = np.where(admissible, np.abs(change), np.inf).min(axis=1)
     # The grid misses ranges narrower than its step: it may find nothing, never something shorter.
@@ -78,7 +81,8 @@ def test_robot_that_is_well_placed_does_not_roll():
 
 
 def test_modules_on_the_no_motion_line_roll_off_it():
-    """Well oriented, but rolled by 90 degrees: the shortest way off, 30 degrees, stays within 11.7 of theta5."""
+    """Well oriented, but rolled by 90 degrees: the shortest way off, 30 degrees, stays within 11.7
+    of theta5."""
     plan = plan_roll(0.0, np.pi / 2, 0.0, np.radians(11.7), RATIO)
     assert abs(plan.change) == pytest.approx(NO_MOTION_MARGIN)
     assert plan.change > 0  # of two equal ones the positive
@@ -86,10 +90,13 @@ def test_modules_on_the_no_motion_line_roll_off_it():
 
 
 def test_worst_orientation_goes_to_the_border_of_the_safe_range():
-    """From theta5 = 60 by 48.27 degrees of robot, 139.9 of roll: the module ends on its lower track."""
+    """From theta5 = 60 by 48.27 degrees of robot, 139.9 of roll: the module ends on its lower
+    track."""
     margin = safe_margin(sector_angle(0.08, 0.0961016))
     plan = plan_roll(np.pi / 3, 0.0, 0.0, margin, RATIO)
-    assert np.degrees(abs(plan.change)) == pytest.approx((60 - np.degrees(margin)) / RATIO, abs=1e-6)
+    assert np.degrees(abs(plan.change)) == pytest.approx(
+        (60 - np.degrees(margin)) / RATIO, abs=1e-6
+    )
     assert plan.belt_sign == -1
     assert not is_singular(plan.theta5, sector_angle(0.08, 0.0961016) - 1e-6)
 
@@ -106,7 +113,9 @@ def test_equal_orientations_have_the_same_plan():
     """A third of a turn of the robot and a whole turn of the modules change nothing."""
     theta5, roll, best, margin, ratio, clearance = draw = _draw(2000)
     plan = _plan(draw)
-    again = _plan((theta5 + 2 * np.pi / 3, roll - 2 * np.pi, best - 4 * np.pi / 3, margin, ratio, clearance))
+    again = _plan(
+        (theta5 + 2 * np.pi / 3, roll - 2 * np.pi, best - 4 * np.pi / 3, margin, ratio, clearance)
+    )
     assert np.allclose(plan.change, again.change, atol=1e-8)
 
 
@@ -121,7 +130,16 @@ def test_equal_orientations_have_the_same_plan():
 )
 def test_impossible_margins_are_said(more, obstacle):
     """No roll, and the reason with what to try."""
-    plan = plan_roll(**{"theta5": np.pi / 3, "roll": 0.0, "best": 0.0, "margin": 0.2, "radius_ratio": RATIO, **more})
+    plan = plan_roll(
+        **{
+            "theta5": np.pi / 3,
+            "roll": 0.0,
+            "best": 0.0,
+            "margin": 0.2,
+            "radius_ratio": RATIO,
+            **more,
+        }
+    )
     assert not plan.exists
     assert plan.change == 0
     assert Obstacle(int(plan.obstacle)) is obstacle
@@ -129,8 +147,11 @@ def test_impossible_margins_are_said(more, obstacle):
 
 
 def test_preferred_orientations():
-    """A module innermost in an elbow and towards a tee's branch; on either side of an opening driven past."""
-    assert [np.degrees(preferred_theta5(m)) for m in ("elbow", "tee_turn", "tee_straight")] == pytest.approx([0, 0, 60])
+    """A module innermost in an elbow and towards a tee's branch; on either side of an opening
+    driven past."""
+    assert [
+        np.degrees(preferred_theta5(m)) for m in ("elbow", "tee_turn", "tee_straight")
+    ] == pytest.approx([0, 0, 60])
     assert np.degrees(preferred_theta5("tee_turn", modules=4)) == pytest.approx(45)
     with pytest.raises(InputError, match="elbow, tee_turn, tee_straight"):
         preferred_theta5("cross")

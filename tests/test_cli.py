@@ -28,18 +28,33 @@ def run_dir(tmp_path_factory) -> Path:
 def test_run_leaves_its_files(run_dir):
     """A run without video leaves six files and nothing temporary beside them."""
     names = {p.name for p in run_dir.iterdir()}
-    assert names == {"scenario.json", "result.json", "timeline.csv", "trajectory.parquet", "replay.npz", "summary.png"}
+    assert names == {
+        "scenario.json",
+        "result.json",
+        "timeline.csv",
+        "trajectory.parquet",
+        "replay.npz",
+        "summary.png",
+    }
     assert [p.name for p in run_dir.parent.iterdir()] == ["straight"]
 
 
 def test_a_run_through_many_fittings_has_a_map_and_a_table(tmp_path):
-    """More than three fittings: map.png beside the others, the fittings with units on the screen, rows in the CSV."""
-    pipes = [("straight", ""), ("elbow", ""), ("straight", ""), ("tee", 'enter = "run_start"\nleave = "branch"')]
+    """More than three fittings: map.png beside the others, the fittings with units on the screen,
+    rows in the CSV."""
+    pipes = [
+        ("straight", ""),
+        ("elbow", ""),
+        ("straight", ""),
+        ("tee", 'enter = "run_start"\nleave = "branch"'),
+    ]
     text = "".join(f'[[pipes]]\nkind = "{kind}"\n{rest}\n' for kind, rest in pipes)
     text = text.replace('"straight"\n', '"straight"\nlength = 0.4\n')
     (tmp_path / "chain.toml").write_text(text)
     limit = ["--set", "physics.time_limit=0.3", "--set", "start.distance=0.385"]
-    done = omnitrack("run", str(tmp_path / "chain.toml"), *limit, "--no-video", "--out", str(tmp_path / "chain"))
+    done = omnitrack(
+        "run", str(tmp_path / "chain.toml"), *limit, "--no-video", "--out", str(tmp_path / "chain")
+    )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "chain" / "map.png").stat().st_size > 10_000
     rows = (tmp_path / "chain" / "timeline.csv").read_text().splitlines()
@@ -55,7 +70,13 @@ def test_result_file_says_what_happened(run_dir):
     assert result["outcome"] == "timed_out"
     assert result["success"] is False
     assert result["duration_s"] == pytest.approx(0.3)
-    for name in ("slip_ratio_mean", "traction_rms_n", "normal_force_mean_n", "contact_fraction", "stall_time_s"):
+    for name in (
+        "slip_ratio_mean",
+        "traction_rms_n",
+        "normal_force_mean_n",
+        "contact_fraction",
+        "stall_time_s",
+    ):
         assert len(result["metrics"][name]) == 3
     assert {"seed", "scenario_sha256", "versions", "git_commit"} <= set(result["provenance"])
 
@@ -67,7 +88,9 @@ def test_an_override_reaches_the_run(run_dir):
 
 def test_json_goes_to_standard_output(tmp_path):
     """--json prints result.json and nothing else."""
-    done = omnitrack("run", "straight", *SHORT, "--no-video", "--json", "--out", str(tmp_path / "a"))
+    done = omnitrack(
+        "run", "straight", *SHORT, "--no-video", "--json", "--out", str(tmp_path / "a")
+    )
     assert json.loads(done.stdout)["outcome"] == "timed_out"
 
 
@@ -127,7 +150,8 @@ def test_view_without_a_screen_says_so(monkeypatch):
 
 
 def test_singularity_prints_the_papers_numbers():
-    """The default robot at the reach of 96.54 degrees: every key that scripts rely on, with its value."""
+    """The default robot at the reach of 96.54 degrees: every key that scripts rely on, with its
+    value."""
     done = omnitrack("singularity", "--sector-deg", "96.54", "--json")
     told = json.loads(done.stdout)
     assert told["sector_deg"] == pytest.approx(96.54)
@@ -142,7 +166,8 @@ def test_singularity_prints_the_papers_numbers():
 
 
 def test_singularity_table_judges_an_orientation_and_plans_its_roll():
-    """The table has each definition; theta5 = 60 is singular and rolls out, a robot without margin is told why not."""
+    """The table has each definition; theta5 = 60 is singular and rolls out, a robot without margin
+    is told why not."""
     done = omnitrack("singularity", "--theta5-deg", "60")
     assert all(name in done.stdout for name in ("ellipse", "crotch", "strip", "real", "96.55"))
     assert "theta5 60 deg: singular" in done.stdout
@@ -170,7 +195,10 @@ def test_singularity_writes_its_figure(tmp_path):
         (["--sector-deg", "300"], "sector: is 300 degrees"),
         (["--contact-length", "-1"], "contact_length"),
         (["--plot", "a.gif"], "choose from: png, svg, pdf"),
-        (["--plot", "a.png", "--figure", "x"], "all, sections, orientations, sector, definitions, map"),
+        (
+            ["--plot", "a.png", "--figure", "x"],
+            "all, sections, orientations, sector, definitions, map",
+        ),
         (["--plot", "missing/a.png"], "missing/a.png: cannot be written"),
     ],
 )

@@ -30,7 +30,8 @@ RADIUS, HALF, PITCH = 0.0266, 0.042, 0.006
 
 
 def contacts(fitting, centre, direction, margin=0.0, ends=(True, True, True)):
-    """Distances (k,), positions and normals (k, 3) of a track's contacts, and places (k,) along its line, m."""
+    """Distances (k,), positions and normals (k, 3) of a track's contacts, and places (k,) along its
+    line, m."""
     con = np.zeros(line.CONTACT_SIZE * line.MOST_CONTACTS)
     box, _ = bounding_box(fitting)
     z = direction / np.linalg.norm(direction)
@@ -39,14 +40,17 @@ def contacts(fitting, centre, direction, margin=0.0, ends=(True, True, True)):
     matrix = np.stack([np.eye(3), np.stack([x, np.cross(z, x), z], axis=-1)])
     record = wall_record(fitting, ends[: len(fitting.ports)])
     position = np.stack([box, centre]).ravel()
-    n = line.line_contacts(con, record, 0, position, matrix.ravel(), 1, 0, RADIUS, HALF, PITCH, margin)
+    n = line.line_contacts(
+        con, record, 0, position, matrix.ravel(), 1, 0, RADIUS, HALF, PITCH, margin
+    )
     found = con[: n * line.CONTACT_SIZE].reshape(n, line.CONTACT_SIZE)
     lug = found[:, 1:4] + found[:, 4:7] * (RADIUS + found[:, :1] / 2)
     return found[:, 0], found[:, 1:4], found[:, 4:7], (lug - centre) @ z
 
 
 def touching_lines(fitting, count, seed=0):
-    """Centres and directions of lines that press a little into the wall somewhere between the ports."""
+    """Centres and directions of lines that press a little into the wall somewhere between the
+    ports."""
     rng = np.random.default_rng(seed)
     box, half = bounding_box(fitting)
     directions = unit(rng.normal(size=(count, 3)))
@@ -62,7 +66,8 @@ def touching_lines(fitting, count, seed=0):
 
 
 def test_the_compiled_surfaces_are_those_of_the_pipes():
-    """Reducer, elbow and tee: distance within 1e-12 m and gradient within 1e-9 of the NumPy functions."""
+    """Reducer, elbow and tee: distance within 1e-12 m and gradient within 1e-9 of the NumPy
+    functions."""
     from omnitrack_sim.model.collider.surface import cone, tee, torus
 
     rng = np.random.default_rng(1)
@@ -102,7 +107,9 @@ def test_contacts_lie_on_the_wall_and_none_is_missed(name):
         np.testing.assert_allclose(fitting.signed_distance(wall)[0], 0.0, atol=1e-8)
         # A minimum next to the line's end counts as that end.
         next_to_end = 0 < HALF - abs(places[np.argmin(d)]) < line.LEAST_APART
-        assert distance.min() <= d.min() - RADIUS + (line.LEAST_APART**2 / RADIUS if next_to_end else 1e-6)
+        assert distance.min() <= d.min() - RADIUS + (
+            line.LEAST_APART**2 / RADIUS if next_to_end else 1e-6
+        )
         for end in (0, -1):
             if d[end] < RADIUS:
                 assert np.abs(s - places[end]).min() < 1e-9
@@ -111,7 +118,8 @@ def test_contacts_lie_on_the_wall_and_none_is_missed(name):
 
 
 def test_a_line_along_a_straight_rests_on_its_two_ends():
-    """Two contacts, as deep as the line is off the axis; one end alone where the line is tilted away."""
+    """Two contacts, as deep as the line is off the axis; one end alone where the line is tilted
+    away."""
     pipe = Straight(0.4)
     offset = pipe.radius - RADIUS + 1e-4
     distance, _, _, s = contacts(pipe, np.array([offset, 0, 0.2]), np.array([0, 0, 1.0]))
@@ -122,7 +130,8 @@ def test_a_line_along_a_straight_rests_on_its_two_ends():
 
 
 def test_where_a_straight_wall_stops_carrying_there_is_a_contact():
-    """At an open end, at a port before an elbow, at a tee's rim; not where another straight goes on."""
+    """At an open end, at a port before an elbow, at a tee's rim; not where another straight goes
+    on."""
     pipe = Straight(0.4)
     across = np.array([pipe.radius - RADIUS + 1e-4, 0, 0.38])
     for ends, count in (((True, True), 2), ((True, False), 1)):
@@ -145,7 +154,8 @@ def test_a_line_beyond_the_wall_belongs_to_another_pipe():
 
 
 def test_the_bounding_box_holds_the_bore():
-    """Every point of the bore between the ports lies in the box, and the box is no larger than it needs."""
+    """Every point of the bore between the ports lies in the box, and the box is no larger than it
+    needs."""
     rng = np.random.default_rng(2)
     for fitting in FITTINGS.values():
         box, half = bounding_box(fitting)
@@ -159,9 +169,12 @@ def test_the_bounding_box_holds_the_bore():
 
 
 def test_other_height_fields_collide_as_before():
-    """A capsule on a height field without a record: the same state with and without the collider installed."""
-    text = """<mujoco><asset><hfield name="h" nrow="3" ncol="3" size="1 1 .2 .1" elevation="0 0 0 0 1 0 0 0 0"/></asset>
-    <worldbody><geom type="hfield" hfield="h"/><body pos=".1 .2 .5"><freejoint/><geom type="capsule" size=".1 .2"/>
+    """A capsule on a height field without a record: the same state with and without the collider
+    installed."""
+    text = """<mujoco><asset>
+    <hfield name="h" nrow="3" ncol="3" size="1 1 .2 .1" elevation="0 0 0 0 1 0 0 0 0"/></asset>
+    <worldbody><geom type="hfield" hfield="h"/>
+    <body pos=".1 .2 .5"><freejoint/><geom type="capsule" size=".1 .2"/>
     </body></worldbody></mujoco>"""
     model = mujoco.MjModel.from_xml_string(text)
     install()
@@ -172,7 +185,8 @@ def test_other_height_fields_collide_as_before():
 
 
 def joined_contacts(way, centre, direction):
-    """Distances (k,) and normals (k, 3) of a track's contacts with all fittings of a route along +z."""
+    """Distances (k,) and normals (k, 3) of a track's contacts with all fittings of a route along
+    +z."""
     from omnitrack_sim.model.walls import add_exact_walls
 
     spec = mujoco.MjSpec()
@@ -192,7 +206,8 @@ def joined_contacts(way, centre, direction):
 
 @pytest.mark.parametrize("bore", [0.15, 0.13])
 def test_a_track_over_the_kinks_of_a_reducer(bore):
-    """The deepest contact over all fittings is as deep as the line lies in the exact wall, at both ends of a cone."""
+    """The deepest contact over all fittings is as deep as the line lies in the exact wall, at both
+    ends of a cone."""
     cone = Reducer(0.05, bore)
     steps = [
         ("a", Straight(0.2), "start", "end"),
@@ -213,7 +228,8 @@ def test_a_track_over_the_kinks_of_a_reducer(bore):
             s = np.linspace(-HALF, HALF, 2001)
 
             def depths(offset, middle=middle, out=out, direction=direction, s=s):
-                """Distance (2001,) of points of the line to the wall: three lines in the plane through the axis."""
+                """Distance (2001,) of points of the line to the wall: three lines in the plane
+                through the axis."""
                 points = middle + offset * out + s[:, None] * direction
                 p = np.stack([points @ out, points[:, 2]], axis=-1)
                 found = []
@@ -226,7 +242,9 @@ def test_a_track_over_the_kinks_of_a_reducer(bore):
             low, high = 0.03, 0.06  # bring the line to where it presses 0.1 mm deep
             for _ in range(50):
                 offset = (low + high) / 2
-                low, high = (low, offset) if depths(offset).min() < RADIUS - 1e-4 else (offset, high)
+                low, high = (
+                    (low, offset) if depths(offset).min() < RADIUS - 1e-4 else (offset, high)
+                )
             d = depths(offset)
             from_end = HALF - abs(s[np.argmin(d)])
             # A minimum next to the line's end counts as that end.
@@ -239,38 +257,51 @@ def test_a_track_over_the_kinks_of_a_reducer(bore):
 
 
 def test_a_small_step_carries_a_track_on_both_sides():
-    """Where bores differ by manufacturing tolerance, a line ends at the joint on either side; elsewhere it does not."""
+    """Where bores differ by manufacturing tolerance, a line ends at the joint on either side;
+    elsewhere it does not."""
     from omnitrack_sim.model.walls import add_exact_walls
 
     for bore, ends in ((0.16, False), (0.1605, True)):
-        steps = [("a", Straight(0.2), "start", "end"), ("b", Tee(inner_diameter=bore), "run_start", "run_end")]
+        steps = [
+            ("a", Straight(0.2), "start", "end"),
+            ("b", Tee(inner_diameter=bore), "run_start", "run_end"),
+        ]
         spec = mujoco.MjSpec()
         add_exact_walls(spec, route([Step(*step) for step in steps]).network)
         records = spec.compile().geom_user
         assert (records[:, 9:12] > 0).tolist() == [[True, ends, False], [ends, True, True]]
 
 
-@pytest.mark.parametrize("name", ["straight", "vertical_climb", "reducer", "elbow", "elbow_short", "tee_turn"])
+@pytest.mark.parametrize(
+    "name", ["straight", "vertical_climb", "reducer", "elbow", "elbow_short", "tee_turn"]
+)
 def test_runs_agree_with_primitives(name):
     """The shipped runs end alike, in the same time within 2 %, with normal forces within 15 %."""
     scenario = ot.load_scenario(name)
     ours, exact = ot.run_batch([scenario, ot.override(scenario, {"physics.collider": "exact"})])
     assert exact.outcome is ours.outcome
     assert exact.duration_s == pytest.approx(ours.duration_s, rel=0.02)
-    np.testing.assert_allclose(exact.metrics["normal_force_mean_n"], ours.metrics["normal_force_mean_n"], rtol=0.15)
+    np.testing.assert_allclose(
+        exact.metrics["normal_force_mean_n"], ours.metrics["normal_force_mean_n"], rtol=0.15
+    )
     assert (exact.provenance["collider"], ours.provenance["collider"]) == ("exact", "primitives")
 
 
 def test_runs_repeat_at_any_thread_count():
     """Two threads and one give the same bytes."""
-    base = ot.override(ot.load_scenario("tee_turn"), {"physics.collider": "exact", "physics.time_limit": 1.0})
+    base = ot.override(
+        ot.load_scenario("tee_turn"), {"physics.collider": "exact", "physics.time_limit": 1.0}
+    )
     trials = [ot.override(base, {"start.theta5_deg": angle}) for angle in (0.0, 20.0, 50.0)]
-    for one, two in zip(ot.run_batch(trials, threads=1), ot.run_batch(trials, threads=2), strict=True):
+    for one, two in zip(
+        ot.run_batch(trials, threads=1), ot.run_batch(trials, threads=2), strict=True
+    ):
         np.testing.assert_array_equal(one.trajectory.qpos, two.trajectory.qpos)
 
 
 def test_walls_stay_exact_under_a_turned_route():
-    """Contacts of a robot in a route that leans: every contact position lies within its depth of the exact surface."""
+    """Contacts of a robot in a route that leans: every contact position lies within its depth of
+    the exact surface."""
     changes = {"physics.collider": "exact", "start.axis": [0.3, -0.5, 0.8], "start.turn_deg": 33.0}
     scenario = ot.override(ot.load_scenario("elbow_short"), changes)
     network = scenario.route().network
@@ -288,10 +319,14 @@ def test_without_numba_the_walls_are_primitives(monkeypatch):
     """The run goes on, and says so."""
     monkeypatch.setattr("omnitrack_sim.sim.setup.why_not", lambda: "numba is missing")
     monkeypatch.setattr("omnitrack_sim.sim.runner.why_not", lambda: "numba is missing")
-    scenario = ot.override(ot.load_scenario("straight"), {"physics.collider": "exact", "physics.time_limit": 0.1})
+    scenario = ot.override(
+        ot.load_scenario("straight"), {"physics.collider": "exact", "physics.time_limit": 0.1}
+    )
     result = ot.run(scenario)
     assert result.provenance["collider"] == "primitives"
-    assert result.events == ["exact collider not used: numba is missing; walls and tracks are primitives"]
+    assert result.events == [
+        "exact collider not used: numba is missing; walls and tracks are primitives"
+    ]
 
 
 def test_records_have_their_size():

@@ -24,7 +24,9 @@ def flex_entry() -> entries.Entry:
     return entries.entries(entries.Work(Path("unused"), 1.0), ("flex",), quick=True)[0]
 
 
-def row(peer: str, speed: float, error: float, outcome: str = "reached_goal", timestep: float = 0.002) -> measure.Row:
+def row(
+    peer: str, speed: float, error: float, outcome: str = "reached_goal", timestep: float = 0.002
+) -> measure.Row:
     return measure.Row(peer, "tee_turn", {}, timestep, outcome, None, error, error, speed, speed)
 
 
@@ -59,19 +61,24 @@ def test_missing_walls_count_as_the_reach():
     scenario = ot.load_scenario("straight")
     entry = entries.Entry("flex", {}, {}, lambda spec, network: 0.0)
     part = scenario.route().network.parts[0]
-    assert entries.probe_walls(entry, scenario, part, 5)[0] == pytest.approx(1000 * entries.PROBE_REACH)
+    assert entries.probe_walls(entry, scenario, part, 5)[0] == pytest.approx(
+        1000 * entries.PROBE_REACH
+    )
 
 
 def test_wall_error_of_the_primitives():
     """The package's own walls of a straight read no more than their tolerance."""
     scenario = ot.load_scenario("straight")
-    entry = entries.Entry("primitives", {}, {}, lambda spec, network: 0.0 * add_walls(spec, network, tolerance=1e-4))
+    entry = entries.Entry(
+        "primitives", {}, {}, lambda spec, network: 0.0 * add_walls(spec, network, tolerance=1e-4)
+    )
     largest, _ = entries.probe_walls(entry, scenario, scenario.route().network.parts[0], 300)
     assert 0 < largest <= 0.1
 
 
 def test_mesh_walls_are_solid_and_centred():
-    """The tee's wall is watertight, and its bore's vertices stand out of the exact surface by half the sagitta."""
+    """The tee's wall is watertight, and its bore's vertices stand out of the exact surface by half
+    the sagitta."""
     tee = ot.load_scenario("tee_turn").route().network.parts[1].fitting
     settings = MeshSettings(sections=48)
     assert wall_solid(tee, settings).is_watertight
@@ -89,7 +96,8 @@ def test_best_settings_finish_then_are_exact_then_fast():
 
 
 def test_ratio_is_taken_at_equal_or_better_wall_error():
-    """Against the fastest own entry that finishes at the same time step and no greater wall error."""
+    """Against the fastest own entry that finishes at the same time step and no greater wall
+    error."""
     peer = row("flex", 2.0, 0.05)
     own = [
         row("primitives", 30.0, 0.1),

@@ -25,8 +25,11 @@ PIVOT = turn_path(R)  # about the crotch at the distance R
     [(1.0, 1.10, 113.4), (1.0, 1.20, 98.5), (1.0, np.sqrt(2), 78.8), (0.5, 1.20, 109.4)],
 )
 def test_outer_sector_of_lines(length, reach, sector):
-    """Pivot about the crotch: sector in degrees for L / R and rho / R, from an independent calculation."""
-    assert np.degrees(outer_sector(PIVOT, reach * R, R, length * R)) == pytest.approx(sector, abs=0.3)
+    """Pivot about the crotch: sector in degrees for L / R and rho / R, from an independent
+    calculation."""
+    assert np.degrees(outer_sector(PIVOT, reach * R, R, length * R)) == pytest.approx(
+        sector, abs=0.3
+    )
 
 
 def test_outer_sector_of_points_is_the_strip_bound():
@@ -47,18 +50,23 @@ def test_the_papers_sector_at_the_calibrated_reach():
 @pytest.mark.parametrize("length", [0.0, 0.04, 0.085, 0.15])
 @pytest.mark.parametrize("turn_angle", [np.pi / 2, np.radians(60), np.radians(120)])
 def test_wall_distance_is_that_of_marching_outward(length, turn_angle):
-    """Against the first sample outside the union of the two bores, along 101 places of the module."""
+    """Against the first sample outside the union of the two bores, along 101 places of the
+    module."""
     rng = np.random.default_rng(4)
     path, angles = turn_path(R, turn_angle, poses=5), rng.uniform(-np.pi, np.pi, 8)
     exact = wall_distance(path, angles, R, length)  # (T, A)
-    outward = np.cos(angles)[:, None] * path.turning_direction[:, None] + np.sin(angles)[:, None] * np.array([0, 1, 0])
+    outward = np.cos(angles)[:, None] * path.turning_direction[:, None] + np.sin(angles)[
+        :, None
+    ] * np.array([0, 1, 0])
     along = np.linspace(-length / 2, length / 2, 101)
     out = np.linspace(0, 0.3, 1001)
     line = path.centre[:, None] + along[:, None] * path.axis[:, None]  # (T, S, 3)
     points = line[:, None, :, None] + out[:, None] * outward[:, :, None, None]  # (T, A, S, Q, 3)
     branch = np.array([np.sin(turn_angle), 0, np.cos(turn_angle)])
     from_branch = np.linalg.norm(np.cross(points, branch), axis=-1)
-    inside = (np.hypot(points[..., 0], points[..., 1]) < R) | ((points @ branch > 0) & (from_branch < R))
+    inside = (np.hypot(points[..., 0], points[..., 1]) < R) | (
+        (points @ branch > 0) & (from_branch < R)
+    )
     marched = np.where(inside.all(axis=-1), np.inf, out[np.argmin(inside, axis=-1)]).min(axis=-1)
     far = marched > 0.299
     late = np.where(far, 0.0, marched - np.where(far, 0.0, exact))
@@ -89,7 +97,9 @@ def test_lengths_scale():
     """Only the ratios to R matter."""
     small, large = turn_path(1.1, poses=91), turn_path(11.0, poses=91)
     angles = np.linspace(0, np.pi, 40)
-    assert np.allclose(10 * wall_distance(small, angles, 1.0, 0.9), wall_distance(large, angles, 10.0, 9.0))
+    assert np.allclose(
+        10 * wall_distance(small, angles, 1.0, 0.9), wall_distance(large, angles, 10.0, 9.0)
+    )
 
 
 def test_map_mirrors_with_the_orientation():
@@ -101,7 +111,8 @@ def test_map_mirrors_with_the_orientation():
 
 
 def test_orientations_that_keep_contact_are_those_of_the_sector():
-    """On the pivot path with L = 85 mm they are the safe margin of the outer sector: no other direction is lost."""
+    """On the pivot path with L = 85 mm they are the safe margin of the outer sector: no other
+    direction is lost."""
     theta5 = np.radians(np.arange(-60, 60, 0.5))
     state = contact_map(PIVOT, theta5, 0.0961, R, 0.085)
     margin = safe_margin(outer_sector(PIVOT, 0.0961, R, 0.085))
@@ -111,7 +122,8 @@ def test_orientations_that_keep_contact_are_those_of_the_sector():
 
 
 def test_straight_over_a_tee_modules_beside_the_opening_hold():
-    """At theta5 = 60 all modules touch throughout; a module that faces the opening loses the wall."""
+    """At theta5 = 60 all modules touch throughout; a module that faces the opening loses the
+    wall."""
     state = contact_map(straight_path(R), np.radians([60.0, 0.0]), 0.0961, R, 0.09)
     assert state.keeps_contact.tolist() == [True, False]
     assert not state.touching[:, 1, 0].all()
@@ -119,10 +131,14 @@ def test_straight_over_a_tee_modules_beside_the_opening_hold():
 
 
 def test_module_facing_the_opening_bridges_it_when_long_enough():
-    """Straight over, at theta from the opening the gap is 2 R cos(theta): a line that long never leaves the wall."""
+    """Straight over, at theta from the opening the gap is 2 R cos(theta): a line that long never
+    leaves the wall."""
     angle = np.radians(50)
     gap = 2 * R * np.cos(angle)
-    longest = [wall_distance(straight_path(R), angle, R, length).max() for length in (gap - 0.002, gap + 0.002)]
+    longest = [
+        wall_distance(straight_path(R), angle, R, length).max()
+        for length in (gap - 0.002, gap + 0.002)
+    ]
     assert longest[0] > R + 1e-4
     assert longest[1] == pytest.approx(R)
 
@@ -152,10 +168,15 @@ def test_bad_values_are_named(call, message):
 
 
 def test_case_puts_the_figures_together():
-    """One period of theta5, best in the middle; summary and properties agree; bad values are refused at once."""
+    """One period of theta5, best in the middle; summary and properties agree; bad values are
+    refused at once."""
     case = TurnCase(reach=0.0961016, contact_length=0.085)
     told = case.summary()
-    assert told["sector_deg"] == pytest.approx(96.54, abs=0.01) == told["definitions"]["ellipse"]["sector_deg"]
+    assert (
+        told["sector_deg"]
+        == pytest.approx(96.54, abs=0.01)
+        == told["definitions"]["ellipse"]["sector_deg"]
+    )
     assert told["real_geometry"]["sector_deg"] == pytest.approx(np.degrees(case.real_sector))
     assert told["real_geometry"]["keeps_contact_rate"] == pytest.approx(0.1955, abs=0.01)
     even = TurnCase(modules=4).real_map(orientations=5, poses=3)

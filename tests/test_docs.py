@@ -24,13 +24,16 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 @pytest.mark.parametrize(("block", "lines"), [(0, 2), (1, 12)])
 def test_python_of_the_readme_runs(capsys, block, lines):
-    """The README's Python blocks run as they stand: two outcomes; a mission's outcome, legs, visits of fittings."""
+    """The README's Python blocks run as they stand: two outcomes; a mission's outcome, legs, visits
+    of fittings."""
     code = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)[block]
     exec(compile(code, "README.md", "exec"), {"__name__": "readme"})
     assert len(capsys.readouterr().out.splitlines()) >= lines
 
 
-@pytest.mark.parametrize("script", sorted((ROOT / "scenarios" / "scripts").glob("*.py")), ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "script", sorted((ROOT / "scenarios" / "scripts").glob("*.py")), ids=lambda p: p.stem
+)
 def test_scripts_run(script, capsys):
     """Each script on the public API runs and prints a table."""
     runpy.run_path(str(script), run_name="__main__")
@@ -47,11 +50,16 @@ def test_readme_names_every_command_and_scenario():
 
 
 def test_sweeps_and_their_keys_are_documented():
-    """The README names every shipped sweep, docs/sweeps.md every key of a sweep file and every metric of the table."""
+    """The README names every shipped sweep, docs/sweeps.md every key of a sweep file and every
+    metric of the table."""
     text = (ROOT / "docs" / "sweeps.md").read_text(encoding="utf-8")
     for name in shipped_sweeps():
         assert f"`{name}`" in README
-    keys = {*SweepFile.model_fields, *METRICS, *(key for axis in AXES.values() for key in axis.model_fields)}
+    keys = {
+        *SweepFile.model_fields,
+        *METRICS,
+        *(key for axis in AXES.values() for key in axis.model_fields),
+    }
     assert sorted(key for key in keys if f"`{key}`" not in text) == []
 
 
@@ -70,7 +78,10 @@ def test_networks_and_their_keys_are_documented():
     for name in shipped_networks():
         assert f"`{name}`" in README
     schema = Network.model_json_schema()
-    keys = {*schema["properties"], *(key for table in schema["$defs"].values() for key in table["properties"])}
+    keys = {
+        *schema["properties"],
+        *(key for table in schema["$defs"].values() for key in table["properties"]),
+    }
     assert sorted(key for key in keys if f"`{key}`" not in text) == []
 
 
@@ -78,14 +89,19 @@ def test_examples_of_the_network_page_run(capsys):
     """The TOML of docs/networks.md is a network, and its Python runs."""
     text = (ROOT / "docs" / "networks.md").read_text(encoding="utf-8")
     (example,) = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
-    assert validate_network(tomllib.loads(example)).open_ends == ("riser.start", "t1.run_end", "bend.end")
+    assert validate_network(tomllib.loads(example)).open_ends == (
+        "riser.start",
+        "t1.run_end",
+        "bend.end",
+    )
     (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     exec(compile(code, "networks.md", "exec"), {"__name__": "networks"})
     assert "bridge" not in capsys.readouterr().out
 
 
 def test_examples_of_the_mission_page_run(capsys):
-    """The TOML of docs/missions.md is a scenario, its Python prints five legs, and it names all missions and keys."""
+    """The TOML of docs/missions.md is a scenario, its Python prints five legs, and it names all
+    missions and keys."""
     text = (ROOT / "docs" / "missions.md").read_text(encoding="utf-8")
     (example,) = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
     assert len(validate_scenario(tomllib.loads(example)).plates) == 1

@@ -46,5 +46,6 @@ def test_integral_grows_only_while_the_motor_can_follow():
 
 
 def test_recommended_torque_carries_a_third_of_the_robot():
-    """The recommended 0.245 N m at the belt is more than a third of a 1 kg robot's weight, as climbing needs."""
+    """The recommended 0.245 N m at the belt is more than a third of a 1 kg robot's weight, as
+    climbing needs."""
     assert MOTORS["pololu_1000_hpcb"].torque_limit / R > 9.81 / 3

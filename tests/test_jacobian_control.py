@@ -11,9 +11,11 @@ from omnitrack_sim.theory.singularity import safe_margin, sector_angle
 
 @pytest.fixture(scope="module")
 def results():
-    """The first seconds of tee turns from the worst orientation: as it is, and with a reach that has no safe one."""
+    """The first seconds of tee turns from the worst orientation: as it is, and with a reach that
+    has no safe one."""
     base = override(
-        load_scenario("tee_turn"), {"start.theta5_deg": 60, "physics.time_limit": 4.0, "control.retry": False}
+        load_scenario("tee_turn"),
+        {"start.theta5_deg": 60, "physics.time_limit": 4.0, "control.retry": False},
     )
     return run_batch([base, override(base, {"robot.reach": 0.088})])
 
@@ -26,13 +28,18 @@ def test_the_roll_is_told(results):
 
 
 def test_the_roll_comes_true(results):
-    """After it theta5 is inside the margin of the robot's reach and the belts run the other way round."""
+    """After it theta5 is inside the margin of the robot's reach and the belts run the other way
+    round."""
     trajectory = results[0].trajectory
     phases = np.array(trajectory.phases)[trajectory["phase"].astype(int)]
     after = np.flatnonzero(phases == "align")[-1] + 1
     assert abs(trajectory["theta5"][after]) < safe_margin(sector_angle(0.08, 0.0961))
     assert np.cos(trajectory["roll"][after]).max() < -0.5
-    assert trajectory["belt_speed_command"][after].max() < 0 < trajectory["belt_speed_command"][1].min()
+    assert (
+        trajectory["belt_speed_command"][after].max()
+        < 0
+        < trajectory["belt_speed_command"][1].min()
+    )
 
 
 def test_a_robot_without_safe_orientation_says_so_and_drives_on(results):
@@ -43,11 +50,16 @@ def test_a_robot_without_safe_orientation_says_so_and_drives_on(results):
 
 
 def test_modules_on_the_no_motion_line_are_rolled_off_it():
-    """A robot that reaches the fitting with its modules near 90 degrees stops to roll, though theta5 is best."""
+    """A robot that reaches the fitting with its modules near 90 degrees stops to roll, though
+    theta5 is best."""
     base = override(load_scenario("tee_turn"), {"start.roll_deg": 70, "physics.time_limit": 5.0})
     (result,) = run_batch([base])
     assert "rolls the modules by" in result.events[0]
-    rolled = np.flatnonzero(result.trajectory["phase"] == result.trajectory.phases.index("align"))[-1]
+    rolled = np.flatnonzero(result.trajectory["phase"] == result.trajectory.phases.index("align"))[
+        -1
+    ]
     clear = no_motion_distance(result.trajectory["roll"][rolled])
     assert (clear > CLEAR_ENOUGH - 2 * ROLL_SETTLED).all()
-    assert abs(orientation_error(result.trajectory["theta5"][rolled], preferred_theta5("tee_turn"))) < np.radians(11.73)
+    assert abs(
+        orientation_error(result.trajectory["theta5"][rolled], preferred_theta5("tee_turn"))
+    ) < np.radians(11.73)

@@ -50,7 +50,8 @@ def test_equal_arms_leave_only_the_forward_speed(rng):
 
 
 def test_unequal_arms_leave_a_cross_velocity(rng):
-    """Eq. 8 = Eq. 9 + cross velocity; one longer arm drifts by theta4_dot (l1 - l) / 3 across it."""
+    """Eq. 8 = Eq. 9 + cross velocity; one longer arm drifts by theta4_dot (l1 - l) / 3 across
+    it."""
     V, w, arms = rng.normal(size=(50, 3)), rng.normal(size=50), rng.uniform(0.03, 0.06, (50, 3))
     mean = kin.mean_velocity(V, w, arms)
     assert np.allclose(mean[:, :2], kin.cross_velocity(w, arms))
@@ -58,7 +59,8 @@ def test_unequal_arms_leave_a_cross_velocity(rng):
 
 
 def test_each_module_turns_about_the_line_of_the_other_two(rng):
-    """Eqs. 10-12: each rotation leaves the other two modules at rest and gives its own the speed V_i."""
+    """Eqs. 10-12: each rotation leaves the other two modules at rest and gives its own the speed
+    V_i."""
     V = rng.normal(size=3)
     points = LEVER * np.stack([np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES), np.zeros(3)], axis=-1)
     for i, omega in enumerate(kin.rotation_by_module(V, LEVER)):
@@ -76,7 +78,8 @@ def test_angular_velocity_is_equations_14_to_16(rng):
 
 
 def test_jacobian_is_equation_18():
-    """As printed, with the columns of modules 2 and 3 exchanged; Eqs. 1-16 put together give the same."""
+    """As printed, with the columns of modules 2 and 3 exchanged; Eqs. 1-16 put together give the
+    same."""
     r, l = RADIUS, LEVER
     printed = [
         [0, -ROOT3 * r / (3 * l), ROOT3 * r / (3 * l), 0],
@@ -101,7 +104,8 @@ def test_jacobian_times_its_inverse_is_the_identity(rng):
 
 
 def test_jacobian_agrees_with_finite_differences_of_a_rigid_body(rng):
-    """Contact points of a body moved by a small motion advance along z by r theta_dot dt, with the motion from J."""
+    """Contact points of a body moved by a small motion advance along z by r theta_dot dt, with the
+    motion from J."""
     shafts, step = rng.normal(size=(20, 4)), 1e-5
     motion = np.einsum("ij,nj->ni", kin.jacobian(RADIUS, LEVER), shafts)
     points = LEVER * np.stack([np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES), np.zeros(3)], axis=-1)
@@ -135,9 +139,11 @@ def test_turning_the_wanted_motion_by_120_degrees_permutes_the_modules(rng):
 
 
 def test_lever_of_half_the_diameter_gives_the_elbow_ratios(rng):
-    """Inverse J with l = D/2, turning at V / 1.5 D towards theta5, gives Eq. 20 to 1e-12; l = D/2 - r does not."""
+    """Inverse J with l = D/2, turning at V / 1.5 D towards theta5, gives Eq. 20 to 1e-12; l = D/2 -
+    r does not."""
     theta5, omega = rng.uniform(-np.pi, np.pi, 200), 0.1 / (1.5 * D)
-    # In the robot frame the turning direction lies at -theta5; turning towards d is a rotation about z x d.
+    # In the robot frame the turning direction lies at -theta5; turning towards d is a rotation
+    # about z x d.
     wx, wy = omega * np.sin(theta5), omega * np.cos(theta5)
     paths = 1.5 * D - 0.5 * D * np.cos(theta5[:, None] + np.array(MODULE_ANGLES))
     ratios = paths / paths.sum(axis=-1, keepdims=True)
@@ -149,7 +155,8 @@ def test_lever_of_half_the_diameter_gives_the_elbow_ratios(rng):
 
 
 def test_elbow_radii_of_the_two_elbows():
-    """Preferred orientation, mm: 160:280:280 for 1.5 D and 10:130:130 for 90 mm: no module runs backward in either."""
+    """Preferred orientation, mm: 160:280:280 for 1.5 D and 10:130:130 for 90 mm: no module runs
+    backward in either."""
     assert np.allclose(kin.elbow_radii(0.0, 0.24, 0.08) * 1e3, [160, 280, 280])
     assert np.allclose(kin.elbow_radii(0.0, 0.09, 0.08) * 1e3, [10, 130, 130])
 
@@ -162,7 +169,8 @@ def test_mean_of_the_elbow_paths_is_the_centreline(rng):
 
 
 def test_radius_of_curvature_is_that_of_the_elbow():
-    """Eq. 19 gives back the elbow's mean radius while all modules run forward, and so does the path radius."""
+    """Eq. 19 gives back the elbow's mean radius while all modules run forward, and so does the path
+    radius."""
     theta5 = np.linspace(-np.pi, np.pi, 25)
     speeds = kin.elbow_speeds(0.1, theta5, 0.24, 0.08)
     omega = kin.angular_velocity(speeds, 0.0, 0.08)
@@ -171,8 +179,13 @@ def test_radius_of_curvature_is_that_of_the_elbow():
 
 
 def test_limits_of_the_radius_of_curvature():
-    """Infinite on a line, NaN at rest, and on the spot 0.667 l or 0.577 l by Eq. 19 where the path has radius 0."""
-    assert kin.radius_of_curvature([0.1, 0.1, 0.1], [0, 0, 0]) == np.inf == kin.path_radius([0.1, 0.1, 0.1], [0, 0, 0])
+    """Infinite on a line, NaN at rest, and on the spot 0.667 l or 0.577 l by Eq. 19 where the path
+    has radius 0."""
+    assert (
+        kin.radius_of_curvature([0.1, 0.1, 0.1], [0, 0, 0])
+        == np.inf
+        == kin.path_radius([0.1, 0.1, 0.1], [0, 0, 0])
+    )
     assert np.isnan(kin.radius_of_curvature([0, 0, 0], [0, 0, 0]))
     assert np.isnan(kin.path_radius([0, 0, 0], [0, 0, 0]))
     for wx, wy, expected in ((0.0, 1.0, 2 / 3), (1.0, 0.0, 1 / ROOT3)):
@@ -184,7 +197,15 @@ def test_limits_of_the_radius_of_curvature():
 
 def test_belt_sign_follows_the_cosine_of_the_roll():
     """Upper track below 90 degrees, lower one beyond, neither on the no-motion line."""
-    assert kin.belt_sign(np.radians([0, 80, 90, 100, 180, -100, 360])).tolist() == [1, 1, 0, -1, -1, -1, 1]
+    assert kin.belt_sign(np.radians([0, 80, 90, 100, 180, -100, 360])).tolist() == [
+        1,
+        1,
+        0,
+        -1,
+        -1,
+        -1,
+        1,
+    ]
 
 
 @pytest.mark.parametrize("module", kin.MODULE_KINDS)
@@ -210,9 +231,17 @@ def test_half_a_roll_turns_the_robot_by_62_degrees():
 
 def test_arrays_of_any_leading_shape(rng):
     """Shapes broadcast through every function."""
-    V, spin, arms = rng.normal(size=(2, 5, 3)), rng.normal(size=(2, 5)), rng.uniform(0.04, 0.06, (5, 3))
+    V, spin, arms = (
+        rng.normal(size=(2, 5, 3)),
+        rng.normal(size=(2, 5)),
+        rng.uniform(0.04, 0.06, (5, 3)),
+    )
     assert kin.module_velocities(V, spin, arms).shape == (2, 5, 3, 3)
-    assert kin.mean_velocity(V, spin, arms).shape == kin.angular_velocity(V, spin, LEVER).shape == (2, 5, 3)
+    assert (
+        kin.mean_velocity(V, spin, arms).shape
+        == kin.angular_velocity(V, spin, LEVER).shape
+        == (2, 5, 3)
+    )
     assert kin.cross_velocity(spin, arms).shape == (2, 5, 2)
     assert kin.radius_of_curvature(V, V).shape == kin.path_radius(V, V).shape == (2, 5)
     assert kin.elbow_radii(spin, 0.24, np.full(5, 0.08)).shape == (2, 5, 3)

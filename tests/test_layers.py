@@ -11,13 +11,25 @@ ROOT = Path(__file__).parents[1]
 
 def test_imports_go_one_way():
     """The import contracts of pyproject.toml hold."""
-    done = subprocess.run([Path(sys.executable).with_name("lint-imports")], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run(
+        [Path(sys.executable).with_name("lint-imports")], cwd=ROOT, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stdout
 
 
 def test_import_is_light():
-    """Importing the package loads neither MuJoCo nor matplotlib nor pyarrow nor the mesh libraries."""
-    heavy = ("mujoco", "matplotlib", "pyarrow", "trimesh", "manifold3d", "pydantic", "imageio", "av")
+    """Importing the package loads neither MuJoCo nor matplotlib nor pyarrow nor the mesh
+    libraries."""
+    heavy = (
+        "mujoco",
+        "matplotlib",
+        "pyarrow",
+        "trimesh",
+        "manifold3d",
+        "pydantic",
+        "imageio",
+        "av",
+    )
     code = f"import sys, omnitrack_sim; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
@@ -33,7 +45,16 @@ def test_every_public_name_is_there():
 
 def test_the_wheel_works_alone(tmp_path):
     """The built wheel, installed elsewhere, lists its scenarios and runs one by name."""
-    build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(tmp_path / "dist"), str(ROOT)]
+    build = [
+        sys.executable,
+        "-m",
+        "build",
+        "--wheel",
+        "--no-isolation",
+        "--outdir",
+        str(tmp_path / "dist"),
+        str(ROOT),
+    ]
     subprocess.run(build, check=True, capture_output=True, text=True)
     venv.create(tmp_path / "env", with_pip=False)
     python = tmp_path / "env" / "bin" / "python"
@@ -52,10 +73,20 @@ def test_the_wheel_works_alone(tmp_path):
         str(wheel),
     ]
     subprocess.run(install, check=True, capture_output=True, text=True)
-    # The dependencies come from the environment of the tests, behind the wheel and without the checkout.
+    # The dependencies come from the environment of the tests, behind the wheel and without the
+    # checkout.
     dependencies = [p for p in sys.path if p.endswith("site-packages")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(target), *dependencies])}
-    command = [python, "-m", "omnitrack_sim.cli", "run", "tee_turn", "--no-video", "--set", "physics.time_limit=0.1"]
+    command = [
+        python,
+        "-m",
+        "omnitrack_sim.cli",
+        "run",
+        "tee_turn",
+        "--no-video",
+        "--set",
+        "physics.time_limit=0.1",
+    ]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out" / "tee_turn" / "result.json").is_file()

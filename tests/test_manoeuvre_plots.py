@@ -32,22 +32,36 @@ SECTOR, MARGIN = 96.54, (120 - 96.54) / 2
 
 
 def _result(theta5=0.0, codes=(0, 1, 3, 0), **changes):
-    """The sample run with the phases of ``codes``, a quarter of it each, at a constant theta5 [rad]."""
+    """The sample run with the phases of ``codes``, a quarter of it each, at a constant theta5
+    [rad]."""
     full = sample_trajectory(**changes)
     quarter = np.minimum(4 * np.arange(len(full)) // len(full), 3)
-    channels = dict(full.channels) | {"phase": np.array(codes)[quarter], "theta5": np.full(len(full), theta5)}
+    channels = dict(full.channels) | {
+        "phase": np.array(codes)[quarter],
+        "theta5": np.full(len(full), theta5),
+    }
     return sample_result(Trajectory(full.time, channels, PHASES, full.qpos))
 
 
 def _elbow_runs(thetas, **changes):
-    pipes = [{"kind": "straight", "length": 0.3}, {"kind": "elbow"}, {"kind": "straight", "length": 0.4}]
-    scenarios = [validate({"name": "e", "pipes": pipes, "start": {"theta5_deg": float(t)}}) for t in thetas]
+    pipes = [
+        {"kind": "straight", "length": 0.3},
+        {"kind": "elbow"},
+        {"kind": "straight", "length": 0.4},
+    ]
+    scenarios = [
+        validate({"name": "e", "pipes": pipes, "start": {"theta5_deg": float(t)}}) for t in thetas
+    ]
     return [sample_result(scenario=scenario, **changes) for scenario in scenarios]
 
 
 def _success(**changes):
     theta5 = np.arange(-60.0, 60.0, 5.0)
-    given = {"theta5_deg": theta5, "passed": {"a": np.abs(theta5) < 22, "b": theta5 > 100}, "sector_deg": SECTOR}
+    given = {
+        "theta5_deg": theta5,
+        "passed": {"a": np.abs(theta5) < 22, "b": theta5 > 100},
+        "sector_deg": SECTOR,
+    }
     return success_figure(**(given | changes))
 
 
@@ -98,7 +112,8 @@ def test_import_leaves_matplotlib_out():
 
 
 def test_angular_velocity_is_belt_speed_over_lug_radius():
-    """Measured solid and commanded dashed lines hold belt speed over lug radius, in the modules' colours."""
+    """Measured solid and commanded dashed lines hold belt speed over lug radius, in the modules'
+    colours."""
     command = np.full((201, 3), 0.05)
     result = _result(belt_speed_command=command)
     axis = angular_velocity_figure(result, lug_radius=0.02).axes[0]
@@ -114,7 +129,11 @@ def test_angular_velocity_is_belt_speed_over_lug_radius():
 def test_lug_radius_is_the_robots():
     """Without a lug radius the scenario's robot gives it."""
     result = _result()
-    line = next(li for li in angular_velocity_figure(result).axes[0].lines if li.get_label() == "module 1, inner")
+    line = next(
+        li
+        for li in angular_velocity_figure(result).axes[0].lines
+        if li.get_label() == "module 1, inner"
+    )
     radius = result.scenario.robot.lug_radius
     np.testing.assert_allclose(line.get_ydata(), result.trajectory["belt_speed"][:, 0] / radius)
 
@@ -140,9 +159,12 @@ def test_align_is_yellow_and_the_turn_green():
     assert _legend(figure)[-2:] == ["holonomic motion", "turn"]
 
 
-@pytest.mark.parametrize(("theta5_deg", "inner"), [(0, 0), (-110, 1), (130, 2), (-230, 2), (50, 0), (70, 2)])
+@pytest.mark.parametrize(
+    ("theta5_deg", "inner"), [(0, 0), (-110, 1), (130, 2), (-230, 2), (50, 0), (70, 2)]
+)
 def test_inner_module_points_into_the_turn(theta5_deg, inner):
-    """The module nearest to the turning direction at the start of the turn is called inner, the others outer."""
+    """The module nearest to the turning direction at the start of the turn is called inner, the
+    others outer."""
     result = _result(np.radians(theta5_deg))
     assert inner_module(result.trajectory) == inner
     names = [f"module {i + 1}, {'inner' if i == inner else 'outer'}" for i in range(3)]
@@ -169,13 +191,16 @@ def test_along_holds_the_channels():
     result = _result()
     names = ("traction", 1.0), ("normal_force", 1.0), ("slip_velocity", 1e3)
     for axis, (name, scale) in zip(along_figure(result).axes, names, strict=True):
-        np.testing.assert_allclose(np.stack([li.get_ydata() for li in axis.lines], -1), result.trajectory[name] * scale)
+        np.testing.assert_allclose(
+            np.stack([li.get_ydata() for li in axis.lines], -1), result.trajectory[name] * scale
+        )
         for line in axis.lines:
             np.testing.assert_array_equal(line.get_xdata(), result.trajectory["distance"])
 
 
 def test_along_shades_arc_length():
-    """The shade of a phase spans the arc length driven in it; standing still leaves a narrow strip."""
+    """The shade of a phase spans the arc length driven in it; standing still leaves a narrow
+    strip."""
     result = _result()
     distance = result.trajectory["distance"]
     ((low, high),) = _spans(along_figure(result).axes[0], "turn")
@@ -188,7 +213,8 @@ def test_along_shades_arc_length():
 
 
 def test_contact_map_places_the_modules():
-    """Marks lie at the arc length and at theta5 plus the module's angle, coloured by normal force."""
+    """Marks lie at the arc length and at theta5 plus the module's angle, coloured by normal
+    force."""
     result = _result(np.radians(100))
     axis = contact_map_figure(result).axes[0]
     points = next(c for c in axis.collections if c.get_label() == "contact")
@@ -200,7 +226,8 @@ def test_contact_map_places_the_modules():
 
 
 def test_contact_map_marks_lost_contact():
-    """Where the normal force is below 0.5 N, or not a number, there is a hollow grey mark and no coloured one."""
+    """Where the normal force is below 0.5 N, or not a number, there is a hollow grey mark and no
+    coloured one."""
     force = np.full((201, 3), 20.0)
     force[:10, 1], force[10:13, 2] = 0.49, np.nan
     axis = contact_map_figure(_result(normal_force=force)).axes[0]
@@ -244,7 +271,9 @@ def test_ring_band_is_as_wide_as_the_sector():
     """Around the circle the formula's range comes three times, each as wide as the sector."""
     ring = _success().axes[1]
     assert [np.degrees(p.get_width()) for p in ring.patches] == pytest.approx([SECTOR] * 3)
-    assert [np.degrees(p.get_x() + p.get_width() / 2) for p in ring.patches] == pytest.approx([60, 180, 300])
+    assert [np.degrees(p.get_x() + p.get_width() / 2) for p in ring.patches] == pytest.approx(
+        [60, 180, 300]
+    )
 
 
 def test_real_margin_is_dashed():
@@ -263,7 +292,8 @@ def test_success_rows_are_named_and_rated():
 
 
 def test_success_cells_have_the_outcome_at_their_orientation():
-    """A cell lies about its orientation and is blue where the run passed, orange where it failed."""
+    """A cell lies about its orientation and is blue where the run passed, orange where it
+    failed."""
     figure = _success(theta5_deg=[10, 110, 0], passed={"a": [True, True, False]})
     mesh = figure.axes[0].collections[1]
     assert mesh.get_array().ravel().tolist() == [1, 0, 1]
@@ -281,7 +311,9 @@ def test_repeated_orientations_share_a_cell():
 
 def test_cells_close_the_circle():
     """Evenly spaced orientations leave no gap where the period begins anew."""
-    left, middle, _ = (mesh.get_coordinates()[0, :, 0] for mesh in _success().axes[0].collections[:3])
+    left, middle, _ = (
+        mesh.get_coordinates()[0, :, 0] for mesh in _success().axes[0].collections[:3]
+    )
     assert left[-1] == pytest.approx(middle[0]) == pytest.approx(-62.5)
     assert middle[-1] == pytest.approx(57.5)
 
@@ -293,7 +325,8 @@ def test_unequal_rows_are_refused():
 
 
 def test_elbow_panels_hold_the_metrics():
-    """The lines hold exit and largest tilt, mean slip distance in mm and duration, in the order of theta5."""
+    """The lines hold exit and largest tilt, mean slip distance in mm and duration, in the order of
+    theta5."""
     metrics = {"tilt_exit_deg": 1.5, "tilt_max_deg": 7.0, "slip_distance_m": [0.001, 0.002, 0.006]}
     figure = elbow_figure({"a": _elbow_runs((40, -20), metrics=metrics, duration_s=9.0)})
     for axis, value in zip(figure.axes, (1.5, 7.0, 3.0, 9.0), strict=True):
@@ -311,7 +344,13 @@ def test_failed_runs_are_hollow():
 
 @pytest.mark.parametrize(
     ("passed", "total", "low", "high"),
-    [(0, 10, 0.0, 0.2775), (10, 10, 0.7225, 1.0), (5, 10, 0.2366, 0.7634), (0, 0, 0.0, 1.0), (94, 96, 0.9272, 0.9943)],
+    [
+        (0, 10, 0.0, 0.2775),
+        (10, 10, 0.7225, 1.0),
+        (5, 10, 0.2366, 0.7634),
+        (0, 0, 0.0, 1.0),
+        (94, 96, 0.9272, 0.9943),
+    ],
 )
 def test_wilson_interval(passed, total, low, high):
     """Known intervals, also where nothing or everything passed."""
@@ -319,7 +358,8 @@ def test_wilson_interval(passed, total, low, high):
 
 
 def test_rates_have_bars_whiskers_and_counts():
-    """Bars are the rates in per cent, whiskers Wilson's interval, and the counts stand beside them."""
+    """Bars are the rates in per cent, whiskers Wilson's interval, and the counts stand beside
+    them."""
     axis = rates_figure([("a", 5, 10), ("b", 0, 10)], reference=0.1955).axes[0]
     assert [bar.get_width() for bar in axis.patches] == [50, 0]
     assert list(axis.lines[0].get_xdata()) == pytest.approx([23.66, 76.34], abs=0.005)

@@ -29,7 +29,8 @@ def genus(mesh):
 
 @pytest.mark.parametrize("fitting", FITTINGS, ids=str)
 def test_wall_is_a_solid_with_open_bores(fitting):
-    """A fitting is watertight, wound outward, and of genus openings - 1: a blocked branch would lower it."""
+    """A fitting is watertight, wound outward, and of genus openings - 1: a blocked branch would
+    lower it."""
     mesh = fitting_mesh(fitting)
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
@@ -39,7 +40,8 @@ def test_wall_is_a_solid_with_open_bores(fitting):
 
 @pytest.mark.parametrize("fitting", FITTINGS, ids=str)
 def test_corners_lie_on_the_inner_or_outer_surface(fitting):
-    """No corner of the mesh is nearer to the axis than the exact inner surface, or outside the wall."""
+    """No corner of the mesh is nearer to the axis than the exact inner surface, or outside the
+    wall."""
     mesh = fitting_mesh(fitting)
     distance, _ = fitting.signed_distance(mesh.vertices)
     inner = distance > -THICKNESS / 2
@@ -50,7 +52,8 @@ def test_corners_lie_on_the_inner_or_outer_surface(fitting):
 
 @pytest.mark.parametrize("fitting", [Elbow(0.24), Elbow(0.09), Elbow(0.24, math.pi)], ids=str)
 def test_elbow_volume_is_pappus(fitting):
-    """The wall's volume is its cross-section times the length of the centreline, less what the corners cut off."""
+    """The wall's volume is its cross-section times the length of the centreline, less what the
+    corners cut off."""
     inner, outer = fitting.radius, fitting.radius + THICKNESS
     expected = math.pi * (outer**2 - inner**2) * fitting.mean_radius * fitting.angle
     assert fitting_mesh(fitting).volume == pytest.approx(expected, rel=3e-3)
@@ -66,12 +69,15 @@ def cone_volume(length: float, start: float, end: float) -> float:
 def test_reducer_volume_is_that_of_two_frustums(reducer):
     """The wall is one frustum less another, 4 mm apart across the axis."""
     bores = reducer.port_radius("start"), reducer.port_radius("end")
-    outer, inner = (cone_volume(reducer.length, *(r + more for r in bores)) for more in (THICKNESS, 0.0))
+    outer, inner = (
+        cone_volume(reducer.length, *(r + more for r in bores)) for more in (THICKNESS, 0.0)
+    )
     assert fitting_mesh(reducer).volume == pytest.approx(outer - inner, rel=1e-5)
 
 
 def test_joints_of_a_reducer_are_whole():
-    """A chain with reducers is one watertight solid: the sum of its parts, with nothing cut off or put on at joints."""
+    """A chain with reducers is one watertight solid: the sum of its parts, with nothing cut off or
+    put on at joints."""
     steps = [
         Step("a", Straight(0.3), "start", "end"),
         Step("b", Reducer(0.1, 0.12), "start", "end"),
@@ -97,10 +103,13 @@ def test_fillet_takes_material_off_the_rim():
 
 @pytest.mark.parametrize("fitting", FITTINGS, ids=str)
 def test_cut_halves_make_the_whole(fitting):
-    """The half that stays and the half taken away are solids, and together have the volume of the fitting."""
+    """The half that stays and the half taken away are solids, and together have the volume of the
+    fitting."""
     halves = [cutaway_mesh(fitting, [0.3, 1.0, 0.2], keep=keep) for keep in (True, False)]
     assert all(half.is_watertight for half in halves)
-    assert sum(half.volume for half in halves) == pytest.approx(fitting_mesh(fitting).volume, rel=1e-6)
+    assert sum(half.volume for half in halves) == pytest.approx(
+        fitting_mesh(fitting).volume, rel=1e-6
+    )
 
 
 @pytest.mark.parametrize("towards", [[0.0, 1, 0], [0.0, -1, 0]])
@@ -111,7 +120,8 @@ def test_the_viewers_half_is_taken_away(towards):
 
 
 @pytest.mark.parametrize(
-    "part", [triangular_prism(0.012, 0.1), lug_row(0.0276, 0.006, 0.016, 6), coil(0.0056, 0.0009, 0.02, 6)]
+    "part",
+    [triangular_prism(0.012, 0.1), lug_row(0.0276, 0.006, 0.016, 6), coil(0.0056, 0.0009, 0.02, 6)],
 )
 def test_robot_parts_are_solids(part):
     """Chassis, lugs and springs are watertight with outward faces."""
@@ -120,7 +130,8 @@ def test_robot_parts_are_solids(part):
 
 
 def test_lug_row_reaches_the_module_radius():
-    """The lugs that are drawn end at the radius of those that touch the wall, and stay on their own side."""
+    """The lugs that are drawn end at the radius of those that touch the wall, and stay on their own
+    side."""
     row = lug_row(0.0276, 0.006, 0.016, 6)
     assert np.hypot(row.vertices[:, 0], row.vertices[:, 1]).max() == pytest.approx(0.0276, abs=1e-6)
     assert row.vertices[:, 0].min() > 0

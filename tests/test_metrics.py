@@ -22,7 +22,9 @@ PER_MODULE = (
 
 
 def figures(trajectory: Trajectory) -> Metrics:
-    return summarise(trajectory, no_load_slip=1e-4, lug_radius=LUG_RADIUS, torque_limit=TORQUE_LIMIT)
+    return summarise(
+        trajectory, no_load_slip=1e-4, lug_radius=LUG_RADIUS, torque_limit=TORQUE_LIMIT
+    )
 
 
 def each(*values: float) -> np.ndarray:
@@ -38,8 +40,11 @@ def test_mean_speed_is_distance_over_time():
 
 
 def test_energy_of_constant_power():
-    """Torque 0.1 N m at a belt speed of one lug radius a second is 0.1 W a module: 3 x 0.1 W x 4 s."""
-    steady = sample_trajectory(T, motor_torque=each(0.1, 0.1, 0.1), belt_speed=each(LUG_RADIUS, LUG_RADIUS, LUG_RADIUS))
+    """Torque 0.1 N m at a belt speed of one lug radius a second is 0.1 W a module: 3 x 0.1 W x 4
+    s."""
+    steady = sample_trajectory(
+        T, motor_torque=each(0.1, 0.1, 0.1), belt_speed=each(LUG_RADIUS, LUG_RADIUS, LUG_RADIUS)
+    )
     assert figures(steady)["energy_j"] == pytest.approx(1.2)
 
 
@@ -68,7 +73,8 @@ def test_slip_counts_in_both_directions():
 
 
 def test_stall_needs_full_torque_and_standstill():
-    """Full torque while running, and standstill with little torque, are no stall; both together are."""
+    """Full torque while running, and standstill with little torque, are no stall; both together
+    are."""
     torque, speed = each(TORQUE_LIMIT, TORQUE_LIMIT, 0.1), each(0.1, 0.0, 0.0)
     stall = figures(sample_trajectory(T, motor_torque=torque, belt_speed=speed))["stall_time_s"]
     assert stall == pytest.approx([0.0, 4.0, 0.0])
@@ -78,14 +84,18 @@ def test_contact_on_either_track_is_contact():
     """A module that touches with its lower track only counts as much as one on its upper track."""
     count = np.zeros((T, 3, 2))
     count[:, 0, 0] = count[:, 1, 1] = 3
-    assert figures(sample_trajectory(T, contact_count=count))["contact_fraction"] == pytest.approx([1.0, 1.0, 0.0])
+    assert figures(sample_trajectory(T, contact_count=count))["contact_fraction"] == pytest.approx(
+        [1.0, 1.0, 0.0]
+    )
 
 
 def test_spring_travel_is_counted_from_the_start():
     """An arm that starts at -1 mm and reaches -6 mm has travelled 5 mm."""
     slide = each(-0.001, 0.0, 0.0)
     slide[100, 0] = -0.006
-    assert figures(sample_trajectory(T, slide=slide))["spring_travel_max_m"] == pytest.approx([0.005, 0.0, 0.0])
+    assert figures(sample_trajectory(T, slide=slide))["spring_travel_max_m"] == pytest.approx(
+        [0.005, 0.0, 0.0]
+    )
 
 
 def test_phase_times_add_up_to_the_duration():
@@ -101,7 +111,12 @@ def test_means_weigh_by_time_not_by_sample():
     trajectory = sample_trajectory(T)
     time = np.concatenate([np.linspace(0, 1, 101), np.linspace(1, 4, 101)[1:]])
     force = np.where(time[:, None] <= 1, 10.0, 20.0) * np.ones(3)
-    uneven = Trajectory(time, dict(trajectory.channels) | {"normal_force": force}, trajectory.phases, trajectory.qpos)
+    uneven = Trajectory(
+        time,
+        dict(trajectory.channels) | {"normal_force": force},
+        trajectory.phases,
+        trajectory.qpos,
+    )
     assert figures(uneven)["normal_force_mean_n"] == pytest.approx([17.5] * 3, rel=0.01)
 
 
@@ -109,7 +124,10 @@ def test_a_single_sample_has_figures():
     """A run that ends at once gives finite figures, zero where they are rates or integrals."""
     trajectory = sample_trajectory(T)
     one = Trajectory(
-        trajectory.time[:1], {k: v[:1] for k, v in trajectory.channels.items()}, trajectory.phases, trajectory.qpos[:1]
+        trajectory.time[:1],
+        {k: v[:1] for k, v in trajectory.channels.items()},
+        trajectory.phases,
+        trajectory.qpos[:1],
     )
     metrics = figures(one)
     assert metrics["mean_speed_m_s"] == 0.0

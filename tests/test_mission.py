@@ -21,7 +21,6 @@ from omnitrack_sim import (
     shipped_scenarios,
 )
 from omnitrack_sim.cli import app
-from omnitrack_sim.control.aligner import STOP_BEFORE
 from omnitrack_sim.control.alignment import Wish, agreed
 from omnitrack_sim.control.gear import SWAPPED, carried_out, heading, seen
 from omnitrack_sim.control.guide import Place
@@ -42,7 +41,7 @@ needs_exact = pytest.mark.skipif(why_not() is not None, reason="the exact collid
 
 def planner(network: str, start: str, *goals: str, **more) -> Planner:
     mission = Mission(start=start, goals=goals, **more)
-    return Planner(load_network(network), mission, LENGTH, 0.1)
+    return Planner(load_network(network), mission, Robot(), 0.1)
 
 
 def names(plan: Planner, leg: Leg) -> list[str]:
@@ -93,39 +92,46 @@ def test_goals_come_in_order_and_each_is_backed_out_of():
     ],
 )
 def test_backing_legs_end_where_the_robot_can_stand(network, start, goals):
-    """Each leg begins where the one before it ended; the nose then is before the tee at which the ways part."""
+    """Each leg begins where the one before it ended; the nose then is before the tee at which the
+    ways part."""
     plan = planner(network, start, *goals)
     legs = plan.plan()
     assert len(legs) > len(goals)
     for old, back, new in zip(legs, legs[1:], legs[2:], strict=False):
         if back.gear > 0:
             continue
-        for first, s, second, r in ((old, old.end, back, back.begin), (back, back.end, new, new.begin)):
+        for first, s, second, r in (
+            (old, old.end, back, back.begin),
+            (back, back.end, new, new.begin),
+        ):
             places = [
-                plan.route(leg).centreline.at(np.array([distance]))[:2] for leg, distance in ((first, s), (second, r))
+                plan.route(leg).centreline.at(np.array([distance]))[:2]
+                for leg, distance in ((first, s), (second, r))
             ]
             assert np.allclose(places[0][0], places[1][0], atol=1e-9)
             assert np.allclose(places[0][1], -places[1][1], atol=1e-9)
         parting = next(i for i, (a, b) in enumerate(zip(old.way, new.way, strict=False)) if a != b)
         passage = plan.route(new).fittings[parting]
         opening = passage.s_bend_start if passage.is_turn else passage.opening[0]
-        assert new.begin + LENGTH / 2 <= opening - STOP_BEFORE + 1e-9
+        assert new.begin + LENGTH / 2 <= opening - Robot().standing_room + 1e-9
 
 
 def test_close_fittings_are_backed_out_of_together():
-    """The ways part in a tee right after an elbow, or right after a tee: the robot backs out to before the first."""
+    """The ways part in a tee right after an elbow, or right after a tee: the robot backs out to
+    before the first."""
     plan = planner("close_fittings", "inlet", "spur", "outlet", "last")
     _, back, onward, back_again, last = plan.plan()
     assert names(plan, back)[:4] == ["spur_arm", "tee_knee", "knee", "corridor"]
     knee = plan.route(onward).fittings[names(plan, onward).index("knee")]
-    assert onward.begin == pytest.approx(knee.s_bend_start - STOP_BEFORE - LENGTH / 2)
+    assert onward.begin == pytest.approx(knee.s_bend_start - Robot().standing_room - LENGTH / 2)
     assert names(plan, back_again)[:4] == ["exit_arm", "tee_c", "tee_b", "gap"]
     tee_b = plan.route(last).fittings[names(plan, last).index("tee_b")]
-    assert last.begin == pytest.approx(tee_b.s_bend_start - STOP_BEFORE - LENGTH / 2)
+    assert last.begin == pytest.approx(tee_b.s_bend_start - Robot().standing_room - LENGTH / 2)
 
 
 def test_a_closed_port_sends_the_robot_round_the_loop():
-    """What stands before the nose is the obstacle; the way round the tower is found, and none where both are closed."""
+    """What stands before the nose is the obstacle; the way round the tower is found, and none where
+    both are closed."""
     plan = planner("tower", "foot", "head")
     leg = plan.first
     assert names(plan, leg) == ["riser_1", "tee_low", "riser_2", "tee_high", "riser_3"]
@@ -143,11 +149,13 @@ def test_a_closed_port_sends_the_robot_round_the_loop():
 
 
 def test_avoided_fittings_are_not_entered():
-    """A fitting to avoid closes the short way; with both ways closed the goal is out of reach, and that is told."""
+    """A fitting to avoid closes the short way; with both ways closed the goal is out of reach, and
+    that is told."""
     plan = planner("tower", "foot", "head", avoid=("riser_2",))
     assert "shaft" in names(plan, plan.first)
     with pytest.raises(
-        NetworkError, match=r"^goals.0: 'head' cannot be reached from 'foot' without cross_low, riser_2$"
+        NetworkError,
+        match=r"^goals.0: 'head' cannot be reached from 'foot' without cross_low, riser_2$",
     ):
         planner("tower", "foot", "head", avoid=("riser_2", "cross_low"))
 
@@ -170,22 +178,46 @@ def observation(n: int = 4) -> Observation:
     """Random readings of n robots."""
     rng = np.random.default_rng(0)
     rotation = np.linalg.qr(rng.normal(size=(n, 3, 3)))[0]
-    modules = {"slide", "pitch", "roll", "belt_speed", "motor_torque", "traction", "normal_force", "slip_velocity"}
+    modules = {
+        "slide",
+        "pitch",
+        "roll",
+        "belt_speed",
+        "motor_torque",
+        "traction",
+        "normal_force",
+        "slip_velocity",
+    }
     shapes = dict.fromkeys([*modules, "module_speed"], (n, 3)) | {"contact_count": (n, 3, 2)}
-    shapes |= {"contact_position": (n, 3, 3), "time": (n,), "position": (n, 3), "angular_velocity": (n, 3)}
-    place = Place(*(np.zeros(n, int) if name in ("way", "passage") else np.zeros(n) for name in Place.__annotations__))
-    return Observation(rotation=rotation, place=place, **{name: rng.normal(size=s) for name, s in shapes.items()})
+    shapes |= {
+        "contact_position": (n, 3, 3),
+        "time": (n,),
+        "position": (n, 3),
+        "angular_velocity": (n, 3),
+    }
+    place = Place(
+        *(
+            np.zeros(n, int) if name in ("way", "passage") else np.zeros(n)
+            for name in Place.__annotations__
+        )
+    )
+    return Observation(
+        rotation=rotation, place=place, **{name: rng.normal(size=s) for name, s in shapes.items()}
+    )
 
 
 def test_turning_twice_is_the_identity():
-    """Seen from behind and from behind again, a robot is what it was; likewise a command and a frame."""
+    """Seen from behind and from behind again, a robot is what it was; likewise a command and a
+    frame."""
     gear = np.array([1, -1, -1, 1])
     first = observation()
     once, twice = seen(first, gear), seen(seen(first, gear), gear)
     assert not np.array_equal(once.rotation, first.rotation)
     for field in dataclasses.fields(first):
         if field.name != "place":
-            assert np.array_equal(getattr(twice, field.name), getattr(first, field.name)), field.name
+            assert np.array_equal(getattr(twice, field.name), getattr(first, field.name)), (
+                field.name
+            )
     assert np.allclose(np.linalg.det(heading(first.rotation, gear)), np.linalg.det(first.rotation))
     command = Command(belt_speed=first.belt_speed, roll=first.roll, phase=gear)
     again = carried_out(carried_out(command, gear), gear)
@@ -198,7 +230,12 @@ def tail_first_plant(scenario: Scenario, trials: Trials, threads: int) -> Plant:
     """The robots turned by 180 degrees about their x axes."""
     w, x, y, z = trials.quaternion.T
     turned = np.stack([-x, w, z, -y], axis=-1)  # the product with a half turn about x
-    return Plant(scene_of(scenario).compile(), scenario.robot, dataclasses.replace(trials, quaternion=turned), threads)
+    return Plant(
+        scene_of(scenario).compile(),
+        scenario.robot,
+        dataclasses.replace(trials, quaternion=turned),
+        threads,
+    )
 
 
 @needs_exact
@@ -206,8 +243,8 @@ def tail_first_plant(scenario: Scenario, trials: Trials, threads: int) -> Plant:
 def test_tail_first_is_nose_first_seen_from_behind(theta5_deg, until):
     """Through an elbow: the same way, with belts and rolls of modules 2 and 3 exchanged.
 
-    From 50 degrees the modules are rolled first. In the elbow, where the robot is then not symmetric, contacts that
-    come and go make much of differences by rounding from about 5 s on.
+    From 50 degrees the modules are rolled first. In the elbow, where the robot is then not
+    symmetric, contacts that come and go make much of differences by rounding from about 5 s on.
     """
     pipes = [{"kind": "straight", "length": 0.4}, {"kind": "elbow", "mean_radius": 0.24}]
     pipes.append({"kind": "straight", "length": 0.4})
@@ -234,13 +271,16 @@ def test_tail_first_is_nose_first_seen_from_behind(theta5_deg, until):
 
 
 def test_wishes_agree_on_what_they_have_in_common():
-    """The common range of two wishes, the first one's where they have none, modulo the period of the modules."""
+    """The common range of two wishes, the first one's where they have none, modulo the period of
+    the modules."""
     margin = np.radians([10.0])
     best, width = agreed([Wish(0.0, margin), Wish(np.radians(12.0), margin)])
     assert np.degrees([best[0], width[0]]) == pytest.approx([6.0, 4.0])
     best, width = agreed([Wish(0.0, margin), Wish(np.radians(132.0), margin)])
     assert np.degrees([best[0], width[0]]) == pytest.approx([6.0, 4.0])
-    best, width = agreed([Wish(0.0, margin), Wish(np.radians(60.0), margin), Wish(np.radians(-8.0), margin)])
+    best, width = agreed(
+        [Wish(0.0, margin), Wish(np.radians(60.0), margin), Wish(np.radians(-8.0), margin)]
+    )
     assert np.degrees([best[0], width[0]]) == pytest.approx([-4.0, 6.0])
     best, width = agreed([Wish(0.3, np.array([0.1, 0.2])), Wish(0.5, np.array([0.05, 0.1]))])
     assert best == pytest.approx([0.3, 0.45])
@@ -252,7 +292,9 @@ def test_wishes_agree_on_what_they_have_in_common():
 
 @pytest.fixture(scope="module")
 def dead_end() -> Result:
-    return driven(override(load_scenario("missions/dead_end"), {"physics.collider": "exact"}))
+    # At theta5 = 0 the last merge, against gravity, is close: some processors' sines decide it.
+    changes = {"physics.collider": "exact", "start.theta5_deg": 10.0}
+    return driven(override(load_scenario("missions/dead_end"), changes))
 
 
 @needs_exact
@@ -270,7 +312,9 @@ def test_a_robot_before_a_plate_backs_out_and_goes_round(dead_end):
     assert [visit.name for visit in visits if visit.leg == 1] == ["riser_2", "tee_low", "riser_1"]
     assert visits[-1].name == "riser_3"
     assert sum(visit.duration_s for visit in visits) == pytest.approx(dead_end.duration_s)
-    way = sum(abs(trajectory["distance"][trajectory["leg"] == leg][[0, -1]] @ [-1, 1]) for leg in range(3))
+    way = sum(
+        abs(trajectory["distance"][trajectory["leg"] == leg][[0, -1]] @ [-1, 1]) for leg in range(3)
+    )
     assert dead_end.metrics["distance_m"] == pytest.approx(way)
     end = dead_end.goal_points()[-1] - trajectory["position"][-1]
     assert np.linalg.norm(end) == pytest.approx(LENGTH / 2 + NOSE_ROOM, abs=0.005)
@@ -284,10 +328,16 @@ def test_a_mission_is_saved_and_read_back(dead_end, tmp_path):
     assert again.events == dead_end.events
     assert again.scenario == dead_end.scenario
     assert again.timeline() == dead_end.timeline()
-    assert [r.centreline.length for r in again.routes()] == [r.centreline.length for r in dead_end.routes()]
+    assert [r.centreline.length for r in again.routes()] == [
+        r.centreline.length for r in dead_end.routes()
+    ]
     assert again.plate_rims().shape == (1, 25, 3)
     assert np.allclose(
-        np.linalg.norm(again.plate_rims() - again.plate_rims().mean(axis=1, keepdims=True), axis=-1), 0.08, atol=0.01
+        np.linalg.norm(
+            again.plate_rims() - again.plate_rims().mean(axis=1, keepdims=True), axis=-1
+        ),
+        0.08,
+        atol=0.01,
     )
 
 
@@ -304,13 +354,16 @@ def test_a_robot_with_no_other_way_gives_up():
 
 @needs_exact
 def test_a_goal_that_is_cut_off_on_the_way_is_no_success(monkeypatch):
-    """At the first goal with the second one out of reach by what was found closed: not arrived, and told so."""
+    """At the first goal with the second one out of reach by what was found closed: not arrived, and
+    told so."""
     scenario = mission_of("fig14", "top", "far", "low")
     run = BatchRun([scenario])
     assert run.legs.missed(0) == ("low",)
     onward = Planner.onward
     closed = [scenario.network.port("drop.end")]  # type: ignore[union-attr]
-    monkeypatch.setattr(Planner, "onward", lambda self, leg, at, goal, _: onward(self, leg, at, goal, closed))
+    monkeypatch.setattr(
+        Planner, "onward", lambda self, leg, at, goal, _: onward(self, leg, at, goal, closed)
+    )
     run.advance()
     (result,) = run.results(no_load=False)
     assert result.outcome is Outcome.STUCK
@@ -331,15 +384,26 @@ def test_two_goals_one_after_the_other():
 @needs_exact
 def test_fittings_close_together_are_passed():
     """An S-bend, then a tee right after an elbow."""
-    sizes = [("straight", 0.3), ("elbow", 0.09), ("elbow", 0.09), ("straight", 0.3), ("elbow", 0.09), ("tee", None)]
+    sizes = [
+        ("straight", 0.3),
+        ("elbow", 0.09),
+        ("elbow", 0.09),
+        ("straight", 0.3),
+        ("elbow", 0.09),
+        ("tee", None),
+    ]
     sizes.append(("straight", 0.3))
     keys = {"straight": "length", "elbow": "mean_radius"}
     fittings = [
-        {"kind": kind, "name": f"p{i}"} | ({keys[kind]: size} if size else {}) for i, (kind, size) in enumerate(sizes)
+        {"kind": kind, "name": f"p{i}"} | ({keys[kind]: size} if size else {})
+        for i, (kind, size) in enumerate(sizes)
     ]
     joints = [{"ports": [f"p{i}.end", f"p{i + 1}.start"]} for i in range(4)]
     joints[1]["turn_deg"] = 180.0
-    joints += [{"ports": ["p4.end", "p5.run_start"], "turn_deg": 90.0}, {"ports": ["p5.branch", "p6.start"]}]
+    joints += [
+        {"ports": ["p4.end", "p5.run_start"], "turn_deg": 90.0},
+        {"ports": ["p5.branch", "p6.start"]},
+    ]
     result = driven(mission_of({"fittings": fittings, "joints": joints}, "p0.start", "p6.end"))
     assert result.success, result.reason
     assert [visit.name for visit in result.timeline()] == [f"p{i}" for i in range(7)]
@@ -347,7 +411,8 @@ def test_fittings_close_together_are_passed():
 
 @needs_exact
 def test_a_mission_does_not_depend_on_its_batch():
-    """Missions with other starts and goals share a batch, one with a leg added on the way: same bits as alone."""
+    """Missions with other starts and goals share a batch, one with a leg added on the way: same
+    bits as alone."""
     scenarios = [
         mission_of("fig14", "top", "far"),
         mission_of("fig14", "far", "top", start={"theta5_deg": 20.0}),
@@ -371,18 +436,42 @@ def test_a_mission_does_not_depend_on_its_batch():
     ("changes", "told"),
     [
         ({"network": "nowhere"}, r"network: nowhere: no such file, .*choose from: .*fig14"),
-        ({"mission.start": "nowhere"}, r"^mission.start: there is no port 'nowhere' \(choose from: inlet, "),
-        ({"mission.goals": ["riser.end"]}, r"^mission.goals.0: .* joined to tee_1.run_start \(choose from: inlet, "),
+        (
+            {"mission.start": "nowhere"},
+            r"^mission.start: there is no port 'nowhere' \(choose from: inlet, ",
+        ),
+        (
+            {"mission.goals": ["riser.end"]},
+            r"^mission.goals.0: .* joined to tee_1.run_start \(choose from: inlet, ",
+        ),
         ({"mission.goals": ["inlet"]}, r"^mission.goals.0: 'inlet' is where the robot is already$"),
-        ({"mission.goals": ["low", "low"]}, r"^mission.goals.1: 'low' is where the robot is already$"),
+        (
+            {"mission.goals": ["low", "low"]},
+            r"^mission.goals.1: 'low' is where the robot is already$",
+        ),
         ({"mission.goals": []}, r"^mission.goals: list should have at least 1 item"),
-        ({"mission.avoid": ["tee_1"]}, r"^mission.goals.0: 'low' cannot be reached from 'inlet' without tee_1$"),
-        ({"mission.avoid": ["tee_9"]}, r"^mission.avoid.0: there is no fitting 'tee_9' \(choose from: riser, "),
-        ({"mission.blocked": ["tee_1.end"]}, r"^mission.blocked.0: .*choose from: tee_1.run_start, tee_1.run_end, "),
-        ({"pipes": [{"kind": "straight", "length": 1.0}]}, r"^pipes: are given as well as a network"),
+        (
+            {"mission.avoid": ["tee_1"]},
+            r"^mission.goals.0: 'low' cannot be reached from 'inlet' without tee_1$",
+        ),
+        (
+            {"mission.avoid": ["tee_9"]},
+            r"^mission.avoid.0: there is no fitting 'tee_9' \(choose from: riser, ",
+        ),
+        (
+            {"mission.blocked": ["tee_1.end"]},
+            r"^mission.blocked.0: .*choose from: tee_1.run_start, tee_1.run_end, ",
+        ),
+        (
+            {"pipes": [{"kind": "straight", "length": 1.0}]},
+            r"^pipes: are given as well as a network",
+        ),
         ({"start.axis": [1.0, 0.0, 0.0]}, r"^start.axis: is for pipes"),
         ({"goal.distance": 1.0}, r"^goal.distance: is for pipes"),
-        ({"start.distance": 0.01}, r"^start.distance: is 0.01 m; the robot lies inside the pipe from "),
+        (
+            {"start.distance": 0.01},
+            r"^start.distance: is 0.01 m; the robot lies inside the pipe from ",
+        ),
     ],
 )
 def test_bad_missions_are_refused_with_place_and_choices(changes, told):
@@ -400,21 +489,34 @@ def test_what_belongs_together_is_asked_for():
 
 
 def test_bores_beyond_the_arms_are_found_on_every_leg():
-    """A pipe too wide on the way to the second goal is told by its place in the network, and at which end it is."""
+    """A pipe too wide on the way to the second goal is told by its place in the network, and at
+    which end it is."""
     table = load_network("house_sewer").model_dump(mode="json")
     names = [part["name"] for part in table["fittings"]]
     table["fittings"].append(
-        {"kind": "reducer", "name": "funnel", "length": 0.2, "inner_diameter": 0.16, "end_diameter": 0.2}
+        {
+            "kind": "reducer",
+            "name": "funnel",
+            "length": 0.2,
+            "inner_diameter": 0.16,
+            "end_diameter": 0.2,
+        }
     )
     table["joints"].append({"ports": ["kitchen_drain.end", "funnel.start"]})
     table["ports"]["kitchen"] = "funnel.end"
-    with pytest.raises(ScenarioError, match=rf"^network.fittings.{len(names)}.end_diameter: is 0.2 m; the arms reach"):
+    with pytest.raises(
+        ScenarioError,
+        match=rf"^network.fittings.{len(names)}.end_diameter: is 0.2 m; the arms reach",
+    ):
         validate({"network": table, "mission": {"start": "sewer", "goals": ["yard", "kitchen"]}})
 
 
-@pytest.mark.parametrize("name", [name for name in shipped_scenarios() if name.startswith("missions/")])
+@pytest.mark.parametrize(
+    "name", [name for name in shipped_scenarios() if name.startswith("missions/")]
+)
 def test_shipped_missions_are_planned_to_their_last_goal(name):
-    """Each loads, says in a comment what it shows, expects to arrive, and has a way to every goal."""
+    """Each loads, says in a comment what it shows, expects to arrive, and has a way to every
+    goal."""
     scenario = load_scenario(name)
     assert scenario.expect.outcome is Outcome.REACHED_GOAL
     assert scenario.physics.collider == "primitives"
@@ -425,12 +527,17 @@ def test_shipped_missions_are_planned_to_their_last_goal(name):
 
 
 def test_network_files_are_found_beside_the_scenario(tmp_path):
-    """A network may be a path relative to the scenario's folder, and another one may be set on the command line."""
+    """A network may be a path relative to the scenario's folder, and another one may be set on the
+    command line."""
     (tmp_path / "n.toml").write_text(load_network("fig14").to_toml())
-    (tmp_path / "m.toml").write_text('network = "n.toml"\n[mission]\nstart = "inlet"\ngoals = ["low"]\n')
+    (tmp_path / "m.toml").write_text(
+        'network = "n.toml"\n[mission]\nstart = "inlet"\ngoals = ["low"]\n'
+    )
     scenario = load_scenario(tmp_path / "m.toml")
     assert scenario.network == load_network("fig14")
-    changed = override(scenario, {"network": "tower", "mission.start": "foot", "mission.goals": ["roof"]})
+    changed = override(
+        scenario, {"network": "tower", "mission.start": "foot", "mission.goals": ["roof"]}
+    )
     assert changed.network == load_network("tower")
     assert json.loads(changed.model_dump_json())["network"]["name"] == "tower"
 
@@ -439,7 +546,9 @@ def test_network_files_are_found_beside_the_scenario(tmp_path):
 def test_films_of_missions_follow_the_robot(name, camera, monkeypatch, tmp_path):
     """Without --camera the film of a mission follows, that of plain pipes is from the side."""
     used = []
-    monkeypatch.setattr("omnitrack_sim.film.render.render_video", lambda *_, camera, **__: used.append(camera))
+    monkeypatch.setattr(
+        "omnitrack_sim.film.render.render_video", lambda *_, camera, **__: used.append(camera)
+    )
     short = ["--set", "physics.time_limit=0.1", "--fast", "--out", str(tmp_path / "run")]
     done = CliRunner().invoke(app, ["run", name, *short])
     assert done.exit_code == 0, done.output

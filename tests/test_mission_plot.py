@@ -24,7 +24,9 @@ def texts(figure) -> list[str]:
 
 def legends(figure) -> list[str]:
     found = [*figure.legends, *(axis.get_legend() for axis in figure.axes)]
-    return [text.get_text() for legend in found if legend is not None for text in legend.get_texts()]
+    return [
+        text.get_text() for legend in found if legend is not None for text in legend.get_texts()
+    ]
 
 
 def test_every_part_is_named_in_both_maps_and_every_fitting_in_the_chart(figure):
@@ -32,7 +34,10 @@ def test_every_part_is_named_in_both_maps_and_every_fitting_in_the_chart(figure)
     names = texts(figure)
     parts = [part.name for part in two_legs_result().routes()[0].network.parts]
     driven = [visit.name for visit in two_legs_result().timeline()]
-    driven += ["shelf", "elbow_side"]  # two bands each: the robot backed off from one into the other
+    driven += [
+        "shelf",
+        "elbow_side",
+    ]  # two bands each: the robot backed off from one into the other
     for part in parts:
         assert names.count(part) == 2 + driven.count(part), part
     assert [name.strip() for name in names if "leg" in name] == ["leg 1", "leg 2, tail first"]
@@ -48,7 +53,8 @@ def test_names_do_not_cover_each_other(figure):
 
 
 def test_colours_are_the_recorded_values(figure):
-    """The pieces of the first leg carry slip on the left and force on the right, in all four views."""
+    """The pieces of the first leg carry slip on the left and force on the right, in all four
+    views."""
     lines = [[c for c in axis.collections if isinstance(c, LineCollection)] for axis in figure.axes]
     coloured = [[c.get_array() for c in found if c.get_array() is not None] for found in lines]
     first = [np.asarray(found[0]) for found in coloured if found]
@@ -61,7 +67,8 @@ def test_colours_are_the_recorded_values(figure):
 
 
 def test_signs_are_explained(figure):
-    """The legends name what occurs: roll, retry, tail first, manoeuvres; and no end, for the goal was reached."""
+    """The legends name what occurs: roll, retry, tail first, manoeuvres; and no end, for the goal
+    was reached."""
     told = legends(figure)
     assert {"start", "goal", "tail first", "modules rolled", "backs off to retry"} <= set(told)
     assert {"straight", "elbow", "run to branch", "over the run"} <= set(told)
@@ -94,5 +101,7 @@ def test_any_run_can_be_drawn(tmp_path, samples):
             values[-2:] = np.nan
         channels["leg"][:], channels["phase"][:], channels["gear"][:] = 0, 0, 1
     short = Trajectory(full.time[:samples], channels, full.phases, full.qpos[:samples])
-    plot_mission(sample_result(short, outcome=Outcome.DIVERGED, duration_s=0.0), tmp_path / "map.pdf")
+    plot_mission(
+        sample_result(short, outcome=Outcome.DIVERGED, duration_s=0.0), tmp_path / "map.pdf"
+    )
     assert (tmp_path / "map.pdf").stat().st_size > 5_000

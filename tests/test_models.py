@@ -67,7 +67,8 @@ def test_scenes_start_with_every_module_on_the_wall(folders):
 
 
 def test_looks_change_nothing_physical():
-    """With looks the robot has the same bodies, masses and inertias, and no look can touch anything."""
+    """With looks the robot has the same bodies, masses and inertias, and no look can touch
+    anything."""
     plain, dressed = new_spec("plain"), new_spec("dressed")
     network = route([Step("bend", Elbow(0.24), "start", "end")]).network
     for spec in (plain, dressed):

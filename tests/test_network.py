@@ -47,13 +47,18 @@ def branched(**changes) -> dict:
     """A riser, a tee, and a straight at each of its other ports, as plain data."""
     return {
         "fittings": [straight("a"), tee("t"), straight("b"), straight("c", 0.5)],
-        "joints": [joint("a.end", "t.run_start"), joint("t.run_end", "b.start"), joint("t.branch", "c.end")],
+        "joints": [
+            joint("a.end", "t.run_start"),
+            joint("t.run_end", "b.start"),
+            joint("t.branch", "c.end"),
+        ],
         **changes,
     }
 
 
 def narrowed(**changes) -> dict:
-    """``branched`` with the branch led on through a reducer into a bore of 120 mm, as plain data."""
+    """``branched`` with the branch led on through a reducer into a bore of 120 mm, as plain
+    data."""
     data = branched()
     data["fittings"] += [reducer("r"), straight("d", 0.5, inner_diameter=0.12)]
     data["joints"] += [joint("c.start", "r.start"), joint("r.end", "d.start")]
@@ -61,9 +66,12 @@ def narrowed(**changes) -> dict:
 
 
 def ring(length: float) -> dict:
-    """Four elbows and four straights in a rectangle; it closes where ``length`` m is that of the first side, 0.4."""
+    """Four elbows and four straights in a rectangle; it closes where ``length`` m is that of the
+    first side, 0.4."""
     sides = [0.4, 0.3, length, 0.3]
-    fittings = [part for i, side in enumerate(sides) for part in (straight(f"s{i}", side), elbow(f"e{i}"))]
+    fittings = [
+        part for i, side in enumerate(sides) for part in (straight(f"s{i}", side), elbow(f"e{i}"))
+    ]
     names = [part["name"] for part in fittings]
     joints = [joint(f"{a}.end", f"{b}.start") for a, b in itertools.pairwise([*names, names[0]])]
     return {"fittings": fittings, "joints": joints}
@@ -79,7 +87,8 @@ def faults_of(data: dict) -> dict[str, str]:
 
 
 def test_a_chain_lies_as_its_route():
-    """A chain is placed as ``pipes.route`` places it, entered forwards or listed the other way round."""
+    """A chain is placed as ``pipes.route`` places it, entered forwards or listed the other way
+    round."""
     steps = [
         Step("a", Straight(0.3), "start", "end"),
         Step("b", Elbow(0.24), "start", "end", np.radians(70)),
@@ -121,7 +130,8 @@ def test_first_port_is_where_the_place_says():
 
 
 def test_a_loop_closes():
-    """A rectangle of pipes is a network without open ends; off by less than a millimetre it still is."""
+    """A rectangle of pipes is a network without open ends; off by less than a millimetre it still
+    is."""
     assert validate(ring(0.4)).open_ends == ()
     assert validate(ring(0.4008)).open_ends == ()
 
@@ -144,19 +154,47 @@ def test_a_loop_that_misses_says_by_how_much():
     [
         ({"nonsense": 1}, "nonsense", "fittings"),
         ({"fittings": [straight("a", colour=1)]}, "fittings.0.colour", "inner_diameter"),
-        ({"fittings": [{"kind": "cross", "name": "x"}]}, "fittings.0.kind", "elbow, reducer, straight, tee"),
+        (
+            {"fittings": [{"kind": "cross", "name": "x"}]},
+            "fittings.0.kind",
+            "elbow, reducer, straight, tee",
+        ),
         ({"fittings": [{"kind": "tee"}]}, "fittings.0.name", "required"),
         ({"fittings": [straight("a.b")]}, "fittings.0.name", "no dot"),
         ({"fittings": []}, "fittings", "at least 1"),
-        ({"fittings": [elbow("a", mean_radius=0.05)], "joints": []}, "fittings.0.mean_radius", "at least"),
-        ({"fittings": [{"kind": "reducer", "name": "r", "length": 0.1}]}, "fittings.0.end_diameter", "required"),
-        ({"fittings": [reducer("r", length=0.02)], "joints": []}, "fittings.0.length", "20 degrees"),
-        ({"fittings": [reducer("r", 0.16)], "joints": []}, "fittings.0.end_diameter", "use a straight"),
+        (
+            {"fittings": [elbow("a", mean_radius=0.05)], "joints": []},
+            "fittings.0.mean_radius",
+            "at least",
+        ),
+        (
+            {"fittings": [{"kind": "reducer", "name": "r", "length": 0.1}]},
+            "fittings.0.end_diameter",
+            "required",
+        ),
+        (
+            {"fittings": [reducer("r", length=0.02)], "joints": []},
+            "fittings.0.length",
+            "20 degrees",
+        ),
+        (
+            {"fittings": [reducer("r", 0.16)], "joints": []},
+            "fittings.0.end_diameter",
+            "use a straight",
+        ),
         ({"place": {"axis": [0, 0, 0]}}, "place.axis", "no direction"),
-        ({"joints": [joint("a.end", "t.middle")]}, "joints.0.ports.1", "t.run_start, t.run_end, t.branch"),
+        (
+            {"joints": [joint("a.end", "t.middle")]},
+            "joints.0.ports.1",
+            "t.run_start, t.run_end, t.branch",
+        ),
         ({"joints": [joint("a.end", "u.branch")]}, "joints.0.ports.1", "choose from: a, t, b, c"),
         ({"joints": [joint("a.end", "a.start")]}, "joints.0.ports", "itself"),
-        ({"joints": [joint("a.end", "t.branch"), joint("b.end", "t.branch")]}, "joints.1.ports.1", "joints.0"),
+        (
+            {"joints": [joint("a.end", "t.branch"), joint("b.end", "t.branch")]},
+            "joints.1.ports.1",
+            "joints.0",
+        ),
         ({"joints": [joint("a.end", "t.branch")]}, "fittings.2", "not connected"),
         ({"ports": {"inlet": "a.end"}}, "ports.inlet", "a.start"),
         ({"ports": {"inlet": "z.end"}}, "ports.inlet", "no fitting 'z'"),
@@ -191,7 +229,13 @@ def test_a_reducer_joins_bores_of_two_sizes():
     network = validate(narrowed())
     assert network.length == pytest.approx(0.4 + 0.32 + 0.16 + 0.4 + 0.5 + 0.15 + 0.5)
     way = shortest_route(network, "d.end", "a.start")
-    assert [manoeuvre(p) for p in way.fittings] == ["straight", "reducer", "straight", "branch to run", "straight"]
+    assert [manoeuvre(p) for p in way.fittings] == [
+        "straight",
+        "reducer",
+        "straight",
+        "branch to run",
+        "straight",
+    ]
     assert np.allclose(way.bore_radius(np.array([0.2, 0.575, 0.8])), [0.06, 0.07, 0.08])
     data = narrowed()
     data["joints"][3:] = [joint("c.start", "r.end"), joint("r.start", "d.start")]
@@ -208,7 +252,8 @@ def test_bores_may_differ_by_a_millimetre():
 
 
 def test_overlaps_name_both_parts():
-    """A straight that comes back through the riser is refused; places are those of the file though a part is loose."""
+    """A straight that comes back through the riser is refused; places are those of the file though
+    a part is loose."""
     bends = [elbow(f"e{i}", mean_radius=0.09) for i in range(3)]
     data = {
         "fittings": [straight("a"), straight("loose"), tee("t"), *bends, straight("back", 0.8)],
@@ -272,11 +317,14 @@ def simple_ways(network, start, goal):
 
 @pytest.mark.parametrize("name", ["tower", "house_sewer", "random"])
 def test_shortest_route_is_the_shortest(name):
-    """Between any two open ends no way that passes each fitting once is shorter, and its parts are joined in order."""
+    """Between any two open ends no way that passes each fitting once is shorter, and its parts are
+    joined in order."""
     network = random_network(11) if name == "random" else load_network(name)
     for start, goal in itertools.permutations(network.open_ends, 2):
         way = shortest_route(network, start, goal)
-        assert way.centreline.length == pytest.approx(min(simple_ways(network, start, goal)), abs=1e-9)
+        assert way.centreline.length == pytest.approx(
+            min(simple_ways(network, start, goal)), abs=1e-9
+        )
         assert len({p.index for p in way.fittings}) == len(way.fittings)
 
 
@@ -294,14 +342,18 @@ def test_a_loop_gives_a_second_way():
 
 @pytest.mark.parametrize("name", sorted(shipped_networks()))
 def test_routes_of_shipped_networks(name):
-    """Every pair of open ends has a route: parts joined in order, arc lengths that follow on, a line without jumps."""
+    """Every pair of open ends has a route: parts joined in order, arc lengths that follow on, a
+    line without jumps."""
     network = load_network(name)
     assert set(network.ports.values()) == set(network.open_ends)
     for start, goal in itertools.permutations(network.open_ends, 2):
         way = shortest_route(network, start, goal)
         assert way.network is network.pipes
         ports = [
-            (f"{network.fittings[p.index].name}.{p.enter}", f"{network.fittings[p.index].name}.{p.leave}")
+            (
+                f"{network.fittings[p.index].name}.{p.enter}",
+                f"{network.fittings[p.index].name}.{p.leave}",
+            )
             for p in way.fittings
         ]
         assert (ports[0][0], ports[-1][1]) == (start, goal)
@@ -316,7 +368,8 @@ def test_routes_of_shipped_networks(name):
 
 
 def test_turns_of_a_tee():
-    """Branch to run bends towards the run's port; run to branch towards the branch; over the run the branch is told."""
+    """Branch to run bends towards the run's port; run to branch towards the branch; over the run
+    the branch is told."""
     network = validate(branched())
     pipes = network.pipes
     outward = {port: pipes.parts[1].port(port).rotation[:, 2] for port in Tee.choices}
@@ -339,7 +392,8 @@ def test_turns_of_a_tee():
 
 @pytest.mark.parametrize("block", range(5))
 def test_random_networks_are_valid_and_repeat(block):
-    """Networks of ten seeds are valid, have the size asked for, are the same again, and survive being written."""
+    """Networks of ten seeds are valid, have the size asked for, are the same again, and survive
+    being written."""
     for seed in range(10 * block, 10 * block + 10):
         network = random_network(seed)
         assert 6 <= len(network.fittings) <= 12
@@ -353,7 +407,8 @@ def test_random_networks_are_valid_and_repeat(block):
 
 
 def test_random_networks_with_reducers():
-    """With ``diameters`` bores change at reducers and nowhere else; every network is valid and the same again."""
+    """With ``diameters`` bores change at reducers and nowhere else; every network is valid and the
+    same again."""
     bores = (0.16, 0.15, 0.1)
     reducers = 0
     for seed in range(30):
@@ -382,7 +437,9 @@ def test_random_networks_of_any_size():
 
 def test_toml_keeps_place_and_names():
     """What is written loads back equal, names that need quotes included."""
-    network = validate(branched(name='odd "name" é', place={"position": [0, 0, 1]}, ports={"in let": "a.start"}))
+    network = validate(
+        branched(name='odd "name" é', place={"position": [0, 0, 1]}, ports={"in let": "a.start"})
+    )
     assert validate(tomllib.loads(network.to_toml())) == network
 
 
@@ -390,12 +447,16 @@ def test_toml_keeps_place_and_names():
 def exported(tmp_path_factory):
     """The tower, exported: a network with a loop."""
     network = load_network("tower")
-    files = {path.suffix: path for path in export_network(network, tmp_path_factory.mktemp("tower"))}
+    files = {
+        path.suffix: path
+        for path in export_network(network.name, network.pipes, tmp_path_factory.mktemp("tower"))
+    }
     return network, files
 
 
 def test_exported_walls_stand_where_the_pipes_are(exported):
-    """Rays from the axis of every straight and elbow hit the walls of the MJCF at the exact surface."""
+    """Rays from the axis of every straight and elbow hit the walls of the MJCF at the exact
+    surface."""
     network, files = exported
     model = mujoco.MjModel.from_xml_path(str(files[".xml"]))
     data = mujoco.MjData(model)
@@ -412,10 +473,16 @@ def test_exported_walls_stand_where_the_pipes_are(exported):
                 assert abs(network.pipes.signed_distance(point + away * ray)[0]) < 1e-3
 
 
-@pytest.mark.parametrize(("name", "loops"), [("tower", 1), ("house_sewer", 0), ("random", 0), ("reducers", 0)])
+@pytest.mark.parametrize(
+    ("name", "loops"), [("tower", 1), ("house_sewer", 0), ("random", 0), ("reducers", 0)]
+)
 def test_the_solid_is_one_wall(name, loops):
-    """The solid is watertight and in one piece; n open ends and l loops make its genus n - 1 + 2 l."""
-    made = {"random": lambda: random_network(3), "reducers": lambda: random_network(0, 12, diameters=(0.16, 0.12))}
+    """The solid is watertight and in one piece; n open ends and l loops make its genus n - 1 + 2
+    l."""
+    made = {
+        "random": lambda: random_network(3),
+        "reducers": lambda: random_network(0, 12, diameters=(0.16, 0.12)),
+    }
     network = made[name]() if name in made else load_network(name)
     mesh = network_mesh(network.pipes)
     assert mesh.is_watertight
@@ -424,10 +491,13 @@ def test_the_solid_is_one_wall(name, loops):
 
 
 def test_exported_solid_has_the_walls_volume(exported):
-    """The STL holds that solid: it begins at the foot's port and has the volume of the walls within 1 percent."""
+    """The STL holds that solid: it begins at the foot's port and has the volume of the walls within
+    1 percent."""
     network, files = exported
     mesh = trimesh.load(files[".stl"])
-    assert mesh.bounds[0][2] == pytest.approx(network.pipes.parts[12].port("end").position[2] - 0.084, abs=1e-4)
+    assert mesh.bounds[0][2] == pytest.approx(
+        network.pipes.parts[12].port("end").position[2] - 0.084, abs=1e-4
+    )
     assert mesh.volume == pytest.approx(network_mesh(network.pipes).volume, rel=0.01)
 
 
@@ -447,9 +517,10 @@ def test_exported_centrelines_lie_in_the_bore(exported):
 
 
 def test_exports_of_a_reducer(tmp_path):
-    """MJCF walls and centrelines of a network with a reducer lie where it does; the figure draws a cone."""
+    """MJCF walls and centrelines of a network with a reducer lie where it does; the figure draws a
+    cone."""
     network = validate(narrowed())
-    files = {path.suffix: path for path in export_network(network, tmp_path)}
+    files = {path.suffix: path for path in export_network(network.name, network.pipes, tmp_path)}
     model = mujoco.MjModel.from_xml_path(str(files[".xml"]))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -458,14 +529,21 @@ def test_exports_of_a_reducer(tmp_path):
     for z in (0.02, 0.075, 0.13):
         for angle in np.linspace(0, 2 * np.pi, 7):
             ray = part.pose.rotation @ [np.cos(angle), np.sin(angle), 0]
-            away = mujoco.mj_ray(model, data, part.pose.apply(np.array([0, 0, z])), ray, None, True, -1, hit)
+            away = mujoco.mj_ray(
+                model, data, part.pose.apply(np.array([0, 0, z])), ray, None, True, -1, hit
+            )
             assert away == pytest.approx(0.08 - z * 0.02 / 0.15, abs=1.1e-4)
     with open(files[".csv"], encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if row["name"] == "r"]
     assert float(rows[-1]["s_m"]) == pytest.approx(0.15)
-    assert trimesh.load(files[".stl"]).volume == pytest.approx(network_mesh(network.pipes).volume, rel=0.01)
+    assert trimesh.load(files[".stl"]).volume == pytest.approx(
+        network_mesh(network.pipes).volume, rel=0.01
+    )
     corners = part.pose.inverse().apply(_quads(part))
-    assert np.allclose(np.hypot(corners[..., 0], corners[..., 1]), np.interp(corners[..., 2], [0, 0.15], [0.08, 0.06]))
+    assert np.allclose(
+        np.hypot(corners[..., 0], corners[..., 1]),
+        np.interp(corners[..., 2], [0, 0.15], [0.08, 0.06]),
+    )
 
 
 def test_command_lists_routes_and_writes(tmp_path):

@@ -14,7 +14,12 @@ from omnitrack_sim.theory.kinematics import elbow_speeds
 
 def _turn_speeds(name: str, theta5_deg: float, **more) -> tuple[np.ndarray, object]:
     """Commanded wall speeds (3,) in the middle of the turn, and the result."""
-    changes = {"control.kind": "paper", "control.align": False, "start.theta5_deg": theta5_deg, **more}
+    changes = {
+        "control.kind": "paper",
+        "control.align": False,
+        "start.theta5_deg": theta5_deg,
+        **more,
+    }
     (result,) = run_batch([override(load_scenario(name), changes)])
     phases = np.array(result.trajectory.phases)[result.trajectory["phase"].astype(int)]
     turning = np.flatnonzero((phases == "elbow") | (phases == "tee_turn"))
@@ -28,7 +33,8 @@ def test_elbow_speeds_are_equation_20():
 
 
 def test_tee_speeds_are_backward_inside_and_forward_outside():
-    """Inner module -100 mm/s, outer ones +100, from the moment the head is R/2 past the opening's near edge."""
+    """Inner module -100 mm/s, outer ones +100, from the moment the head is R/2 past the opening's
+    near edge."""
     speeds, result = _turn_speeds("tee_turn", 0.0)
     assert speeds.tolist() == [-0.1, 0.1, 0.1]
     trajectory = result.trajectory
@@ -38,7 +44,8 @@ def test_tee_speeds_are_backward_inside_and_forward_outside():
 
 
 def test_turn_ends_when_the_axis_has_turned():
-    """The last sample of the turn is within 4 degrees of the way out, or past it, in the plane of the bend."""
+    """The last sample of the turn is within 4 degrees of the way out, or past it, in the plane of
+    the bend."""
     _, result = _turn_speeds("tee_turn", 0.0)
     trajectory = result.trajectory
     last = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("tee_turn"))[-1]
@@ -50,7 +57,9 @@ def test_turn_ends_when_the_axis_has_turned():
 
 def test_equal_speeds_are_equal():
     """The baseline never modulates."""
-    speeds, _ = _turn_speeds("elbow_short", 0.0, **{"control.kind": "equal", "physics.time_limit": 4.0})
+    speeds, _ = _turn_speeds(
+        "elbow_short", 0.0, **{"control.kind": "equal", "physics.time_limit": 4.0}
+    )
     assert speeds.tolist() == [0.1, 0.1, 0.1]
 
 
@@ -68,7 +77,8 @@ def test_two_modules_are_inner_in_the_worst_orientation():
 
 
 def test_a_failed_turn_is_tried_again():
-    """Unaligned from the worst orientation the turn hangs; with retry the robot backs off to before the tee."""
+    """Unaligned from the worst orientation the turn hangs; with retry the robot backs off to before
+    the tee."""
     base = override(load_scenario("tee_turn"), {"start.theta5_deg": 60, "control.align": False})
     without, tried = run_batch([override(base, {"control.retry": False}), base])
     assert without.events == []
@@ -82,7 +92,9 @@ def test_a_failed_turn_is_tried_again():
 
 def test_an_elbow_can_begin_later():
     """With a delay of 50 mm the turn begins with the head 50 mm past the bend's start."""
-    _, result = _turn_speeds("elbow_short", 0.0, **{"control.elbow_delay": 0.05, "physics.time_limit": 3.0})
+    _, result = _turn_speeds(
+        "elbow_short", 0.0, **{"control.elbow_delay": 0.05, "physics.time_limit": 3.0}
+    )
     trajectory = result.trajectory
     begin = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("elbow"))[0]
     head = trajectory["distance"][begin] + result.scenario.robot.length / 2
@@ -93,8 +105,12 @@ def test_a_tee_turn_begins_at_its_trigger():
     """Half a radius past the opening's edge, as published, or where the scenario says."""
     base = {"control.align": False, "control.kind": "paper", "physics.time_limit": 4.5}
     for trigger, expected in ((None, 0.04), (0.06, 0.06)):
-        result = run_batch([override(load_scenario("tee_turn"), base | {"control.tee_trigger": trigger})])[0]
+        result = run_batch(
+            [override(load_scenario("tee_turn"), base | {"control.tee_trigger": trigger})]
+        )[0]
         trajectory = result.trajectory
         begin = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("tee_turn"))[0]
         head = trajectory["distance"][begin] + result.scenario.robot.length / 2
-        assert head == pytest.approx(result.scenario.route().fittings[1].opening[0] + expected, abs=0.005)
+        assert head == pytest.approx(
+            result.scenario.route().fittings[1].opening[0] + expected, abs=0.005
+        )

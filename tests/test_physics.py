@@ -11,7 +11,9 @@ G = 9.81
 
 
 def _climb(**changes) -> Scenario:
-    return override(load_scenario("vertical_climb"), {k.replace("__", "."): v for k, v in changes.items()})
+    return override(
+        load_scenario("vertical_climb"), {k.replace("__", "."): v for k, v in changes.items()}
+    )
 
 
 def _settled(result: Result, name: str) -> np.ndarray:
@@ -34,7 +36,8 @@ def test_belt_speed_is_climbing_speed(climb):
 
 
 def test_tractions_carry_the_weight(climb):
-    """The sum of the tractions is the robot's weight, within 1 %; the mass of the compiled model is the robot's."""
+    """The sum of the tractions is the robot's weight, within 1 %; the mass of the compiled model is
+    the robot's."""
     robot = climb.scenario.robot
     assert _settled(climb, "traction").sum() == pytest.approx(robot.mass * G, rel=0.01)
     assert scene_of(climb.scenario).compile().body_mass.sum() == pytest.approx(robot.mass, rel=0.01)
@@ -48,18 +51,26 @@ def test_normal_force_is_the_spring_force(climb):
 
 
 def test_motors_carry_the_traction(climb):
-    """Motor torque is traction times lug radius in steady climb, within 2 %: nothing is lost in the chain."""
+    """Motor torque is traction times lug radius in steady climb, within 2 %: nothing is lost in the
+    chain."""
     expected = _settled(climb, "traction") * climb.scenario.robot.lug_radius
     assert _settled(climb, "motor_torque") == pytest.approx(expected, rel=0.02)
 
 
 def test_reversal_at_half_a_roll_and_no_motion_between():
-    """Rolled by 180 degrees the robot runs backward at belt speed; at 90 degrees under 5 % of it (Fig. 18)."""
+    """Rolled by 180 degrees the robot runs backward at belt speed; at 90 degrees under 5 % of it
+    (Fig. 18)."""
     base = _climb(world__gravity=[0.0, 0.0, 0.0], physics__time_limit=2.5, start__distance=0.4)
-    upright, turned, beside = run_batch([override(base, {"start.roll_deg": a}) for a in (0.0, 180.0, 90.0)])
-    moved = [r.trajectory["position"][-1, 2] - r.trajectory["position"][50, 2] for r in (upright, turned, beside)]
+    upright, turned, beside = run_batch(
+        [override(base, {"start.roll_deg": a}) for a in (0.0, 180.0, 90.0)]
+    )
+    moved = [
+        r.trajectory["position"][-1, 2] - r.trajectory["position"][50, 2]
+        for r in (upright, turned, beside)
+    ]
     path = 0.1 * (upright.trajectory.time[-1] - upright.trajectory.time[50])
-    # The controller knows the roll and turns the belts round: forward both times, with the belt reversed.
+    # The controller knows the roll and turns the belts round: forward both times, with the belt
+    # reversed.
     assert moved[0] == pytest.approx(path, rel=0.01)
     assert moved[1] == pytest.approx(path, rel=0.01)
     assert turned.trajectory["belt_speed"][-1] == pytest.approx([-0.1] * 3, rel=0.01)
@@ -67,15 +78,23 @@ def test_reversal_at_half_a_roll_and_no_motion_between():
 
 
 def test_robot_turns_by_the_roll_over_the_radii():
-    """Rolling the modules turns the robot by -phi r / R, within 2 %, wherever a roll is asked (Fig. 11)."""
-    result = run(override(load_scenario("tee_straight"), {"start.theta5_deg": 0.0, "world.gravity": [0.0, 0.0, 0.0]}))
+    """Rolling the modules turns the robot by -phi r / R, within 2 %, wherever a roll is asked (Fig.
+    11)."""
+    result = run(
+        override(
+            load_scenario("tee_straight"),
+            {"start.theta5_deg": 0.0, "world.gravity": [0.0, 0.0, 0.0]},
+        )
+    )
     phases, time = result.trajectory["phase"], result.trajectory.time
     aligning = np.flatnonzero(phases == result.trajectory.phases.index("align"))
     before, after = aligning[0] - 1, aligning[-1] + 1
     roll = result.trajectory["roll"].mean(axis=1)
     turned = result.trajectory["theta5"][after] - result.trajectory["theta5"][before]
     robot = result.scenario.robot
-    expected = turn_from_roll(roll[after] - roll[before], robot.lug_radius, robot.nominal_pipe_radius)
+    expected = turn_from_roll(
+        roll[after] - roll[before], robot.lug_radius, robot.nominal_pipe_radius
+    )
     assert abs(roll[after] - roll[before]) > 0.5
     assert turned == pytest.approx(expected, rel=0.02)
     assert time[after] > time[before]
@@ -92,7 +111,8 @@ def test_too_little_friction_slides_down():
 
 
 def test_too_little_torque_stalls():
-    """With less torque than the weight needs the motors stand at their limit, and the outcome says so."""
+    """With less torque than the weight needs the motors stand at their limit, and the outcome says
+    so."""
     robot = _climb().robot
     needed = robot.mass * G / 3 * robot.lug_radius
     below, above = run_batch([_climb(robot__torque_limit=f * needed) for f in (0.95, 1.2)])
@@ -107,7 +127,8 @@ def test_no_motion_line_is_named():
 
 
 def test_small_motor_scales_the_cruise_speed():
-    """The published motor cannot hold 100 mm/s under load: the run says so and goes on at what it holds."""
+    """The published motor cannot hold 100 mm/s under load: the run says so and goes on at what it
+    holds."""
     result = run(_climb(robot__motor="pololu_1000_hpcb"))
     assert result.outcome is Outcome.REACHED_GOAL
     assert any("scaled" in event for event in result.events)
@@ -115,9 +136,12 @@ def test_small_motor_scales_the_cruise_speed():
 
 
 def test_elbows_pass_at_any_orientation_and_leave_straight():
-    """Both elbows, three orientations, two gravities, without alignment: through, and out within 3 degrees."""
+    """Both elbows, three orientations, two gravities, without alignment: through, and out within 3
+    degrees."""
     trials = [
-        override(load_scenario(name), {"start.theta5_deg": a, "control.align": False, "world.gravity": g})
+        override(
+            load_scenario(name), {"start.theta5_deg": a, "control.align": False, "world.gravity": g}
+        )
         for name in ("elbow", "elbow_short")
         for a in (0.0, 40.0, 80.0)
         for g in ([0.0, 0.0, -G], [0.0, G, 0.0])
@@ -128,7 +152,8 @@ def test_elbows_pass_at_any_orientation_and_leave_straight():
 
 
 def test_tee_fails_at_the_worst_orientation_and_passes_at_the_best():
-    """Without alignment theta5 = 60 degrees fails and 0 passes: the motion singularity comes out of the contacts."""
+    """Without alignment theta5 = 60 degrees fails and 0 passes: the motion singularity comes out of
+    the contacts."""
     base = override(load_scenario("tee_turn"), {"control.align": False})
     best, worst = run_batch([base, override(base, {"start.theta5_deg": 60.0})])
     assert best.outcome is Outcome.REACHED_GOAL

@@ -13,7 +13,12 @@ REDUCERS = {
     "widening reducer": Reducer(0.15, 0.18, 0.1),
     "steep reducer": Reducer(0.07, 0.11),
 }
-FITTINGS = {"straight": Straight(0.4), "elbow": Elbow(0.24), "short elbow": Elbow(0.09), "tee": Tee()} | REDUCERS
+FITTINGS = {
+    "straight": Straight(0.4),
+    "elbow": Elbow(0.24),
+    "short elbow": Elbow(0.09),
+    "tee": Tee(),
+} | REDUCERS
 
 
 def mixed_route():
@@ -42,7 +47,11 @@ def test_gradient_is_the_derivative(name):
     _, gradient = fitting.signed_distance(points)
     numeric = np.stack(
         [
-            (fitting.signed_distance(points + h * e)[0] - fitting.signed_distance(points - h * e)[0]) / (2 * h)
+            (
+                fitting.signed_distance(points + h * e)[0]
+                - fitting.signed_distance(points - h * e)[0]
+            )
+            / (2 * h)
             for e in np.eye(3)
         ],
         -1,
@@ -50,12 +59,15 @@ def test_gradient_is_the_derivative(name):
     off = np.linalg.norm(numeric - gradient, axis=-1)
     assert len(points) > 200
     assert np.allclose(np.linalg.norm(gradient, axis=-1), 1)
-    assert np.quantile(off, 0.98) < 1e-4  # the ridges, where two walls are equally near, have no derivative
+    assert (
+        np.quantile(off, 0.98) < 1e-4
+    )  # the ridges, where two walls are equally near, have no derivative
 
 
 @pytest.mark.parametrize("name", FITTINGS)
 def test_ports_lie_on_the_axis(name):
-    """A port's rim is on the wall, its centre on the port plane, and its z axis points out of the fitting."""
+    """A port's rim is on the wall, its centre on the port plane, and its z axis points out of the
+    fitting."""
     fitting = FITTINGS[name]
     for end, port in fitting.ports.items():
         z = port.rotation[:, 2]
@@ -63,18 +75,25 @@ def test_ports_lie_on_the_axis(name):
         assert np.allclose(fitting.signed_distance(rim)[0], 0, atol=1e-9)
         assert fitting.port_radius(end) <= fitting.largest_radius
         assert np.isclose(fitting.extent(port.position), 0, atol=1e-9)
-        assert fitting.extent(port.position - 0.01 * z) > 0 > fitting.extent(port.position + 0.01 * z)
+        assert (
+            fitting.extent(port.position - 0.01 * z) > 0 > fitting.extent(port.position + 0.01 * z)
+        )
         assert np.isclose(np.linalg.det(port.rotation), 1)
 
 
 @pytest.mark.parametrize("name", REDUCERS)
 def test_reducer_distance_is_that_of_the_cone(name):
-    """A reducer's distance is that to dense samples of the cone between its ports, positive in the bore."""
+    """A reducer's distance is that to dense samples of the cone between its ports, positive in the
+    bore."""
     reducer, spacing = REDUCERS[name], 5e-4
     z = np.linspace(0, reducer.length, round(reducer.length / spacing) + 1)
-    radius = np.interp(z, [0, reducer.length], [reducer.port_radius("start"), reducer.port_radius("end")])
+    radius = np.interp(
+        z, [0, reducer.length], [reducer.port_radius("start"), reducer.port_radius("end")]
+    )
     u = np.arange(0, 2 * np.pi, spacing / reducer.largest_radius)
-    cone = np.stack([radius[:, None] * np.cos(u), radius[:, None] * np.sin(u), z[:, None] + 0 * u], -1).reshape(-1, 3)
+    cone = np.stack(
+        [radius[:, None] * np.cos(u), radius[:, None] * np.sin(u), z[:, None] + 0 * u], -1
+    ).reshape(-1, 3)
     points = inside(reducer, 200, np.random.default_rng(2))
     brute = np.array([np.sqrt(((cone - p) ** 2).sum(-1).min()) for p in points])
     distance = reducer.signed_distance(points)[0]
@@ -87,18 +106,22 @@ def test_reducer_distance_is_that_of_the_cone(name):
 
 
 def test_reducer_distance_at_its_ends():
-    """On the axis: the slant distance at the wide port, the radius itself at the narrow one, from either side."""
+    """On the axis: the slant distance at the wide port, the radius itself at the narrow one, from
+    either side."""
     for reducer in (Reducer(0.1, 0.15), Reducer(0.1, 0.16, 0.15)):
         wide, narrow = sorted(reducer.ports, key=reducer.port_radius, reverse=True)
         cosine = np.cos(np.arctan(0.05))
-        assert np.isclose(reducer.signed_distance(reducer.ports[wide].position)[0], 0.08 * cosine, atol=1e-12)
+        assert np.isclose(
+            reducer.signed_distance(reducer.ports[wide].position)[0], 0.08 * cosine, atol=1e-12
+        )
         distance, gradient = reducer.signed_distance(reducer.ports[narrow].position)
         assert np.isclose(distance, 0.075, atol=1e-12)
         assert np.isclose(np.linalg.norm(gradient), 1)
 
 
 def test_tee_distance_is_that_of_the_opened_wall():
-    """A tee's distance in the bore is the one to dense samples of the shrunk wall's faces, less the fillet radius."""
+    """A tee's distance in the bore is the one to dense samples of the shrunk wall's faces, less the
+    fillet radius."""
     tee, spacing = Tee(), 1e-3
     rho = tee.radius + tee.fillet_radius
     u, w = np.meshgrid(np.arange(0, 2 * np.pi, spacing / rho), np.arange(-0.25, 0.25, spacing))
@@ -110,7 +133,9 @@ def test_tee_distance_is_that_of_the_opened_wall():
     samples = np.concatenate([run, branch])
     points = inside(tee, 300, np.random.default_rng(2))
     points = points[tee.signed_distance(points)[0] > 0]
-    brute = np.array([np.sqrt(((samples - p) ** 2).sum(-1).min()) for p in points]) - tee.fillet_radius
+    brute = (
+        np.array([np.sqrt(((samples - p) ** 2).sum(-1).min()) for p in points]) - tee.fillet_radius
+    )
     excess = brute - tee.signed_distance(points)[0]
     assert len(points) > 200
     assert excess.min() > -1e-9
@@ -118,7 +143,8 @@ def test_tee_distance_is_that_of_the_opened_wall():
 
 
 def test_tee_rim_is_round():
-    """Points on the ball that rolls within the wall, on the rim's bore side, are at distance zero."""
+    """Points on the ball that rolls within the wall, on the rim's bore side, are at distance
+    zero."""
     tee = Tee()
     rho, f = tee.radius + tee.fillet_radius, tee.fillet_radius
     edge = rho * np.array([1.0, 0, 1.0])
@@ -127,7 +153,8 @@ def test_tee_rim_is_round():
 
 
 def test_locate_inverts_at():
-    """The arc length of a point of the centreline is found again, also off the axis, with and without a hint."""
+    """The arc length of a point of the centreline is found again, also off the axis, with and
+    without a hint."""
     line = mixed_route().centreline
     s = np.linspace(-0.1, line.length + 0.1, 300)
     point, _, normal, _ = line.at(s)
@@ -137,7 +164,8 @@ def test_locate_inverts_at():
 
 
 def test_frames_follow_the_centreline():
-    """Frames are rotations with z along the tangent, the tangent is the curve's derivative, and frames never jump."""
+    """Frames are rotations with z along the tangent, the tangent is the curve's derivative, and
+    frames never jump."""
     line = mixed_route().centreline
     s, h = np.linspace(0.001, line.length - 0.001, 2000), 1e-6
     frame, (_, tangent, _, _) = line.frame(s), line.at(s)
@@ -159,7 +187,8 @@ def test_centreline_stays_in_the_bore():
 
 
 def test_elbows_without_turns_stay_in_one_plane():
-    """A chain of elbows without turns keeps to the plane of its first bend and keeps bending the same way."""
+    """A chain of elbows without turns keeps to the plane of its first bend and keeps bending the
+    same way."""
     way = route([Step(str(i), Elbow(0.24), "start", "end") for i in range(3)])
     assert np.allclose(way.centreline.at(np.linspace(0, way.centreline.length, 50))[0][:, 1], 0)
     assert np.allclose(way.centreline.at(np.array([way.centreline.length]))[1], [[-1, 0, 0]])
@@ -175,25 +204,55 @@ def test_overlap_names_both_parts():
 
 
 def test_bores_must_match():
-    """Pipes of different bores are not joined; the fault names ports and diameters. One millimetre passes."""
-    told = r"inner_diameter: joins 'a' \(end\) of 0.16 m to 'b' \(start\) of 0.12 m; a reducer joins"
+    """Pipes of different bores are not joined; the fault names ports and diameters. One millimetre
+    passes."""
+    told = (
+        r"inner_diameter: joins 'a' \(end\) of 0.16 m to 'b' \(start\) of 0.12 m; a reducer joins"
+    )
     with pytest.raises(GeometryError, match=told):
-        route([Step("a", Straight(0.3), "start", "end"), Step("b", Straight(0.3, 0.12), "start", "end")])
+        route(
+            [
+                Step("a", Straight(0.3), "start", "end"),
+                Step("b", Straight(0.3, 0.12), "start", "end"),
+            ]
+        )
     for sign in (1, -1):
         bore = 0.16 + sign * BORE_TOLERANCE
-        route([Step("a", Straight(0.3), "start", "end"), Step("b", Straight(0.3, bore), "start", "end")])
+        route(
+            [
+                Step("a", Straight(0.3), "start", "end"),
+                Step("b", Straight(0.3, bore), "start", "end"),
+            ]
+        )
         with pytest.raises(GeometryError, match="a reducer joins bores"):
-            route([Step("a", Straight(0.3, bore + sign * 1e-4), "start", "end"), Step("b", Tee(), "branch", "run_end")])
+            route(
+                [
+                    Step("a", Straight(0.3, bore + sign * 1e-4), "start", "end"),
+                    Step("b", Tee(), "branch", "run_end"),
+                ]
+            )
 
 
 def test_a_reducer_counts_by_the_port_that_is_joined():
     """Each end takes its own bore; the fault of the far one stands at its own key."""
-    first, last = Step("a", Straight(0.3), "start", "end"), Step("c", Straight(0.3, 0.12), "start", "end")
-    assert route([first, Step("b", Reducer(0.1, 0.12), "start", "end"), last]).fittings[2].radius == 0.06
-    assert route([first, Step("b", Reducer(0.1, 0.16, 0.12), "end", "start"), last]).fittings[1].radius == 0.08
+    first, last = (
+        Step("a", Straight(0.3), "start", "end"),
+        Step("c", Straight(0.3, 0.12), "start", "end"),
+    )
+    assert (
+        route([first, Step("b", Reducer(0.1, 0.12), "start", "end"), last]).fittings[2].radius
+        == 0.06
+    )
+    assert (
+        route([first, Step("b", Reducer(0.1, 0.16, 0.12), "end", "start"), last]).fittings[1].radius
+        == 0.08
+    )
     with pytest.raises(GeometryError) as caught:
         route([first, Step("b", Reducer(0.1, 0.12), "end", "start"), last])
-    assert [fault.where for fault in caught.value.faults] == ["pipes.1.end_diameter", "pipes.2.inner_diameter"]
+    assert [fault.where for fault in caught.value.faults] == [
+        "pipes.1.end_diameter",
+        "pipes.2.inner_diameter",
+    ]
 
 
 def test_bore_along_a_route():
@@ -236,8 +295,12 @@ def test_every_fault_is_named(make, faults):
 
 
 def test_a_reducer_says_how_long_it_has_to_be():
-    """Over 20 degrees the fault names the least length, which then is accepted; equal bores: a straight."""
-    with pytest.raises(GeometryError, match=r"reducer.length: is 0.01 m, a half cone angle of 26.6 .* 20 .* 0.01374 m"):
+    """Over 20 degrees the fault names the least length, which then is accepted; equal bores: a
+    straight."""
+    with pytest.raises(
+        GeometryError,
+        match=r"reducer.length: is 0.01 m, a half cone angle of 26.6 .* 20 .* 0.01374 m",
+    ):
         Reducer(0.01, 0.15)
     Reducer(0.01374, 0.15)
     with pytest.raises(GeometryError, match="use a straight"):

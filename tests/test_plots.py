@@ -34,7 +34,9 @@ def test_phases_and_modules_are_named_once():
     """The legends name each module and each phase that occurred exactly once."""
     figure = summary_figure(sample_result())
     names = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
-    assert sorted(names) == sorted(["module 1", "module 2", "module 3", "commanded", "straight", "turn", "leave"])
+    assert sorted(names) == sorted(
+        ["module 1", "module 2", "module 3", "commanded", "straight", "turn", "leave"]
+    )
 
 
 def test_outcome_is_written():

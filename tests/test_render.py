@@ -35,19 +35,31 @@ def result():
     distance = 0.1 + 0.5 * time
     channels = {name: np.zeros((len(time), *channel.shape)) for name, channel in CHANNELS.items()}
     position, frame = line.at(distance)[0], line.frame(distance)
-    channels |= {"position": position, "quaternion": quaternion_from_matrix(frame), "distance": distance}
+    channels |= {
+        "position": position,
+        "quaternion": quaternion_from_matrix(frame),
+        "distance": distance,
+    }
     channels["belt_speed"] = np.full((len(time), 3), 0.1)
     qpos = np.concatenate([position, channels["quaternion"], np.zeros((len(time), 15))], axis=1)
     channels["gear"] = np.ones(len(time))
     trajectory = Trajectory(time, channels, ("straight",), qpos)
-    return SimpleNamespace(scenario=scenario, trajectory=trajectory, routes=lambda: (scenario.route(),))
+    return SimpleNamespace(
+        scenario=scenario, trajectory=trajectory, routes=lambda: (scenario.route(),)
+    )
 
 
 def test_film_has_the_length_size_and_codec_asked_for(result, tmp_path):
-    """One second at 10 frames a second is 11 frames of H.264, odd sizes made even, and nothing else stays."""
+    """One second at 10 frames a second is 11 frames of H.264, odd sizes made even, and nothing else
+    stays."""
     progress = []
     path = render_video(
-        result, tmp_path / "run.mp4", width=319, height=179, fps=10, progress=lambda f, _: progress.append(f)
+        result,
+        tmp_path / "run.mp4",
+        width=319,
+        height=179,
+        fps=10,
+        progress=lambda f, _: progress.append(f),
     )
     with av.open(str(path)) as film:
         stream = film.streams.video[0]
@@ -64,7 +76,8 @@ def test_film_has_the_length_size_and_codec_asked_for(result, tmp_path):
 
 @pytest.mark.parametrize("camera", ["side", "follow", "onboard"])
 def test_every_camera_sees_something_that_changes(result, camera):
-    """Each camera gives a picture of the size asked for, not of one colour, and another one later in the run."""
+    """Each camera gives a picture of the size asked for, not of one colour, and another one later
+    in the run."""
     early, late = (render_frame(result, t, camera, *SIZE) for t in (0.0, 1.0))
     assert early.shape == (180, 320, 3)
     assert early.dtype == np.uint8
@@ -73,7 +86,8 @@ def test_every_camera_sees_something_that_changes(result, camera):
 
 
 def test_modules_show_in_three_colours(result):
-    """At least two of orange, blue and green are in the picture that follows the robot; the third may be behind it."""
+    """At least two of orange, blue and green are in the picture that follows the robot; the third
+    may be behind it."""
     frame = render_frame(result, 0.0, "follow", 640, 360).astype(int)[:, 180:]
     red, green, blue = frame[..., 0], frame[..., 1], frame[..., 2]
     orange = (red > 120) & (red > green + 40) & (green > blue + 30)
@@ -97,17 +111,31 @@ def test_unwritable_film_is_a_clean_error(result, tmp_path):
 
 
 def chain_result() -> SimpleNamespace:
-    """A robot drawn through bends in three planes and a tee: more fittings than a film goes without a map."""
-    pipes = [*PIPES, {"kind": "elbow", "mean_radius": 0.09, "turn_deg": 90.0}, {"kind": "straight", "length": 0.5}]
+    """A robot drawn through bends in three planes and a tee: more fittings than a film goes without
+    a map."""
+    pipes = [
+        *PIPES,
+        {"kind": "elbow", "mean_radius": 0.09, "turn_deg": 90.0},
+        {"kind": "straight", "length": 0.5},
+    ]
     pipes += [{"kind": "tee", "enter": "run_start", "leave": "branch", "turn_deg": 120.0}]
-    scenario = Scenario.model_validate({"name": "chain", "pipes": [*pipes, {"kind": "straight", "length": 0.4}]})
+    scenario = Scenario.model_validate(
+        {"name": "chain", "pipes": [*pipes, {"kind": "straight", "length": 0.4}]}
+    )
     way = scenario.route()
     distance = np.arange(0.1, way.centreline.length - 0.1, 0.01)
     channels = drive(way, distance)
-    qpos = np.concatenate([channels["position"], channels["quaternion"], np.zeros((len(distance), 15))], axis=1)
+    qpos = np.concatenate(
+        [channels["position"], channels["quaternion"], np.zeros((len(distance), 15))], axis=1
+    )
     trajectory = Trajectory(0.1 * np.arange(len(distance)), channels, ("cruise",), qpos)
-    places = {"goal_points": lambda: channels["position"][-1:], "plate_rims": lambda: np.zeros((0, 25, 3))}
-    return SimpleNamespace(scenario=scenario, trajectory=trajectory, routes=lambda: (way,), **places)
+    places = {
+        "goal_points": lambda: channels["position"][-1:],
+        "plate_rims": lambda: np.zeros((0, 25, 3)),
+    }
+    return SimpleNamespace(
+        scenario=scenario, trajectory=trajectory, routes=lambda: (way,), **places
+    )
 
 
 def test_the_camera_that_follows_looks_across_the_pipe():
@@ -124,7 +152,8 @@ def test_the_camera_that_follows_looks_across_the_pipe():
 
 
 def test_a_pipe_in_the_way_is_known():
-    """A part between eye and robot is in the way; the one around the robot, and one elsewhere, are not."""
+    """A part between eye and robot is in the way; the one around the robot, and one elsewhere, are
+    not."""
     parts = two_legs()[0].network.parts
     robot = np.array([[0.0, 0.0, 0.3]])
     drop = next(part for part in parts if part.name == "drop")
@@ -136,22 +165,30 @@ def test_a_pipe_in_the_way_is_known():
 
 
 def test_films_of_long_routes_have_a_map():
-    """A map in the upper right corner of follow and onboard, not of side, and not when it is not wanted."""
+    """A map in the upper right corner of follow and onboard, not of side, and not when it is not
+    wanted."""
     result = chain_result()
     assert needs_map(result.routes())
     for camera, has_map in (("side", False), ("follow", True), ("onboard", True)):
-        mapped, bare = (render_frame(result, 3.0, camera, *SIZE, inset=wanted) for wanted in (True, False))
+        mapped, bare = (
+            render_frame(result, 3.0, camera, *SIZE, inset=wanted) for wanted in (True, False)
+        )
         assert (mapped[10:60, 250:300] != bare[10:60, 250:300]).any() == has_map, camera
         assert (mapped[:, :200] == bare[:, :200]).all()
 
 
 def test_map_shows_the_way_driven_so_far():
-    """The way grows, its colour tells tail first from nose first, and the rest of the frame stays as it is."""
+    """The way grows, its colour tells tail first from nose first, and the rest of the frame stays
+    as it is."""
     result = two_legs_result()
-    inset = Inset(result.trajectory, result.routes(), result.goal_points(), result.plate_rims(), 1280, 720)
+    inset = Inset(
+        result.trajectory, result.routes(), result.goal_points(), result.plate_rims(), 1280, 720
+    )
     grey = np.full((720, 1280, 3), 90, np.uint8)
     frames = [inset.write(grey, row).astype(int) for row in (0, 900, len(result.trajectory) - 1)]
-    yellow = [int(((f[..., 0] > 220) & (f[..., 1] > 170) & (f[..., 2] < 100)).sum()) for f in frames]
+    yellow = [
+        int(((f[..., 0] > 220) & (f[..., 1] > 170) & (f[..., 2] < 100)).sum()) for f in frames
+    ]
     pink = [int(((f[..., 0] > 220) & (f[..., 1] < 140) & (f[..., 2] > 140)).sum()) for f in frames]
     assert yellow[0] < yellow[1] / 2
     assert pink[0] == pink[1] == 0
@@ -160,7 +197,8 @@ def test_map_shows_the_way_driven_so_far():
 
 
 def test_map_of_a_plane_network_is_an_elevation():
-    """Pipes in the plane y = 0 are seen along y; of pipes in space every one is longer than a dot."""
+    """Pipes in the plane y = 0 are seen along y; of pipes in space every one is longer than a
+    dot."""
     flat = Scenario.model_validate({"name": "flat", "pipes": PIPES}).route().network
     assert np.allclose(np.abs(projection(flat)), [[1, 0, 0], [0, 0, 1], [0, 1, 0]], atol=1e-12)
     network = two_legs()[0].network
@@ -175,7 +213,9 @@ def test_overlay_names_fitting_and_gear():
     overlay, grey = Overlay(1280, 720), np.full((720, 1280, 3), 90, np.uint8)
     trajectory = two_legs_result().trajectory
     last = len(trajectory) - 1
-    named, long = (overlay.write(grey, trajectory, last, name) for name in ("drop", "a_very_long_name_" * 5))
+    named, long = (
+        overlay.write(grey, trajectory, last, name) for name in ("drop", "a_very_long_name_" * 5)
+    )
     assert (named != long).any()
     assert (long[:, 360:] == 90).all()
     channels = dict(trajectory.channels) | {"gear": np.ones(last + 1)}

@@ -12,10 +12,18 @@ from omnitrack_sim.errors import OutputError
 from omnitrack_sim.reproduce import Claim, command, driving, theory, turning
 from omnitrack_sim.reproduce.command import _at, _by_friction
 from omnitrack_sim.reproduce.report import Picture, Strip, page
-from omnitrack_sim.reproduce.runs import GRAVITIES, least_preload, random_tee_turns, run_all, scenarios
+from omnitrack_sim.reproduce.runs import (
+    GRAVITIES,
+    least_preload,
+    random_tee_turns,
+    run_all,
+    scenarios,
+)
 from omnitrack_sim.robot import Robot
 
-CLAIM = Claim("a_b", "Section V", 'says <b> & "c"', "true if", "1.0 mm", "one run", True, "scenario", "why")
+CLAIM = Claim(
+    "a_b", "Section V", 'says <b> & "c"', "true if", "1.0 mm", "one run", True, "scenario", "why"
+)
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +42,8 @@ def runs():
 
 
 def test_quick_and_full_differ_in_numbers_only():
-    """The same lists; the full form has 60 orientations for both controllers and 200 random trials."""
+    """The same lists; the full form has 60 orientations for both controllers and 200 random
+    trials."""
     quick, full = scenarios(True), scenarios(False)
     assert quick.keys() == full.keys()
     assert len(full["aligned"]) == len(full["slippery"]) == 200
@@ -46,17 +55,26 @@ def test_quick_and_full_differ_in_numbers_only():
 
 
 def test_random_trials_repeat_and_cover_all_gravities():
-    """Same draw twice; friction within its range; all six gravities and both signs of theta5 occur."""
+    """Same draw twice; friction within its range; all six gravities and both signs of theta5
+    occur."""
     first, again = (random_tee_turns(60, (0.8, 1.0)) for _ in range(2))
     assert [s.hash for s in first] == [s.hash for s in again]
     assert {s.world.gravity for s in first} == set(GRAVITIES.values())
     assert all(0.8 <= s.contact.friction <= 1.0 and s.control.align for s in first)
-    assert min(s.start.theta5_deg for s in first) < -40 < 40 < max(s.start.theta5_deg for s in first)
+    assert (
+        min(s.start.theta5_deg for s in first) < -40 < 40 < max(s.start.theta5_deg for s in first)
+    )
 
 
 def test_claims_of_driving_hold(runs):
     """Climb, mean speed, opposite motion, no-motion line, sign change, unequal arms."""
-    measures = (driving.climb, theory.mean_speed, driving.past_180, driving.no_motion_line, driving.sign_change)
+    measures = (
+        driving.climb,
+        theory.mean_speed,
+        driving.past_180,
+        driving.no_motion_line,
+        driving.sign_change,
+    )
     for measure in (*measures, theory.unequal_arms, turning.compression):
         claim = measure(runs)
         assert claim.holds, claim
@@ -64,7 +82,8 @@ def test_claims_of_driving_hold(runs):
 
 
 def test_claims_can_fail(runs):
-    """Measured on the wrong runs the verdict is false: a climb is no no-motion line, upright is no flat pipe."""
+    """Measured on the wrong runs the verdict is false: a climb is no no-motion line, upright is no
+    flat pipe."""
     wrong = {"no_motion_line": runs["vertical_climb"], "rolled_past_180": runs["vertical_climb"]}
     assert not driving.no_motion_line(wrong).holds
     assert not driving.past_180(wrong).holds
@@ -125,7 +144,9 @@ def test_claims_go_to_json():
     """Every field and the verdict."""
     row = json.loads(json.dumps(CLAIM.row()))
     assert row["verdict"] == "holds"
-    assert {"id", "source", "paper", "statement", "measured", "uncertainty", "how", "note"} < set(row)
+    assert {"id", "source", "paper", "statement", "measured", "uncertainty", "how", "note"} < set(
+        row
+    )
 
 
 def test_a_foreign_folder_is_refused_before_anything_runs(tmp_path, monkeypatch):
@@ -141,7 +162,9 @@ def _results(**changes):
     base = sample_result()
     key = next(iter(changes))
     path = {"friction": "contact.friction", "theta5": "start.theta5_deg"}[key]
-    return [sample_result(scenario=override(base.scenario, {path: value})) for value in changes[key]]
+    return [
+        sample_result(scenario=override(base.scenario, {path: value})) for value in changes[key]
+    ]
 
 
 def test_trials_are_counted_by_friction():

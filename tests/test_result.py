@@ -32,7 +32,8 @@ def test_every_outcome_has_advice():
 
 
 def test_round_trip(tmp_path):
-    """A loaded run equals the saved one: scenario, outcome, figures, every channel and the replay."""
+    """A loaded run equals the saved one: scenario, outcome, figures, every channel and the
+    replay."""
     saved = sample_result()
     loaded = load_result(saved.save(tmp_path / "run"))
     assert loaded.summary() == saved.summary()
@@ -175,9 +176,9 @@ def test_a_damaged_file_is_a_clean_error(tmp_path, damaged):
 def test_result_json_is_strict(tmp_path):
     """A diverged run, whose figures are not numbers, still gives JSON that every reader takes."""
     broken = sample_trajectory(tilt=np.full(201, np.nan))
-    folder = sample_result(broken, outcome=Outcome.DIVERGED, metrics={"tilt_max_deg": float("nan")}).save(
-        tmp_path / "run"
-    )
+    folder = sample_result(
+        broken, outcome=Outcome.DIVERGED, metrics={"tilt_max_deg": float("nan")}
+    ).save(tmp_path / "run")
 
     def refuse(token):
         raise AssertionError(token)

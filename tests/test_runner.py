@@ -15,13 +15,20 @@ def _short_tee(**changes):
 
 def _equal(a: Result, b: Result) -> bool:
     names = all(np.array_equal(a.trajectory[n], b.trajectory[n]) for n in CHANNELS)
-    return names and np.array_equal(a.trajectory.qpos, b.trajectory.qpos) and a.summary() == b.summary()
+    return (
+        names
+        and np.array_equal(a.trajectory.qpos, b.trajectory.qpos)
+        and a.summary() == b.summary()
+    )
 
 
 def test_same_bytes_at_any_thread_count_alone_and_in_a_batch():
     """A trial is bit for bit the same at 1 and 2 threads, alone and among 15 others."""
     scenario = _short_tee(start__theta5_deg=5.0)
-    others = [_short_tee(start__theta5_deg=a, contact__friction=0.8) for a in np.linspace(-30, 30, 15).tolist()]
+    others = [
+        _short_tee(start__theta5_deg=a, contact__friction=0.8)
+        for a in np.linspace(-30, 30, 15).tolist()
+    ]
     alone, threaded = run(scenario), run(scenario, threads=2)
     batch = run_batch([*others[:7], scenario, *others[7:]], threads=2)
     assert _equal(alone, threaded)
@@ -42,7 +49,9 @@ def test_results_keep_the_order_of_the_scenarios():
     """Scenarios of different models and speeds come back in the order they were given."""
     names = ["straight", "vertical_climb", "straight", "elbow"]
     limit = {"physics.time_limit": 0.3}
-    results = run_batch([override(load_scenario(n), limit | {"seed": i}) for i, n in enumerate(names)])
+    results = run_batch(
+        [override(load_scenario(n), limit | {"seed": i}) for i, n in enumerate(names)]
+    )
     assert [r.scenario.seed for r in results] == [0, 1, 2, 3]
     assert [r.scenario.name for r in results] == names
 

@@ -20,9 +20,14 @@ def _faults(data) -> dict[str, str]:
 
 def test_shipped_scenarios_are_valid_and_expect_something():
     """Every shipped file loads and states its outcome."""
-    assert {"straight", "vertical_climb", "elbow", "elbow_short", "tee_turn", "tee_straight"} <= set(
-        shipped_scenarios()
-    )
+    assert {
+        "straight",
+        "vertical_climb",
+        "elbow",
+        "elbow_short",
+        "tee_turn",
+        "tee_straight",
+    } <= set(shipped_scenarios())
     for name in shipped_scenarios():
         scenario = load_scenario(name)
         assert scenario.name == name.rpartition("/")[2]
@@ -48,13 +53,30 @@ def test_a_scenario_survives_its_own_json():
         ({"robot": {"lug_radius": -0.01}}, "robot.lug_radius", "greater than 0"),
         ({"pipes": [{"kind": "bend"}]}, "pipes.0.kind", "elbow"),
         ({"pipes": [{"kind": "straight", "length": -1.0}]}, "pipes.0.length", "greater than 0"),
-        ({"pipes": [{"kind": "elbow", "mean_radius": 0.05}]}, "pipes.0.mean_radius", "at least the pipe radius"),
+        (
+            {"pipes": [{"kind": "elbow", "mean_radius": 0.05}]},
+            "pipes.0.mean_radius",
+            "at least the pipe radius",
+        ),
         ({"pipes": [{"kind": "tee", "enter": "side"}]}, "pipes.0.enter", "run_start"),
         ({"pipes": [{"kind": "reducer", "length": 0.1}]}, "pipes.0.end_diameter", "required"),
-        ({"pipes": [{"kind": "reducer", "length": 0.1, "end_diameter": 0.16}]}, "pipes.0.end_diameter", "a straight"),
-        ({"pipes": [{"kind": "reducer", "length": 0.01, "end_diameter": 0.15}]}, "pipes.0.length", "20 degrees"),
         (
-            {"pipes": [*PIPES, {"kind": "reducer", "length": 0.1, "end_diameter": 0.15, "enter": "end"}]},
+            {"pipes": [{"kind": "reducer", "length": 0.1, "end_diameter": 0.16}]},
+            "pipes.0.end_diameter",
+            "a straight",
+        ),
+        (
+            {"pipes": [{"kind": "reducer", "length": 0.01, "end_diameter": 0.15}]},
+            "pipes.0.length",
+            "20 degrees",
+        ),
+        (
+            {
+                "pipes": [
+                    *PIPES,
+                    {"kind": "reducer", "length": 0.1, "end_diameter": 0.15, "enter": "end"},
+                ]
+            },
             "pipes.1.end_diameter",
             "a reducer joins bores",
         ),
@@ -98,19 +120,25 @@ def test_all_faults_are_told_at_once():
 
 def test_a_faulty_pipe_is_one_fault():
     """A misspelt key of the only pipe does not also count as a missing pipe."""
-    assert set(_faults({"pipes": [{"kind": "straight", "length": 0.5, "lenght": 0.5}]})) == {"pipes.0.lenght"}
+    assert set(_faults({"pipes": [{"kind": "straight", "length": 0.5, "lenght": 0.5}]})) == {
+        "pipes.0.lenght"
+    }
 
 
 def test_pipes_that_run_into_each_other_are_refused():
     """Five tight elbows in one plane come back into the first; both are named."""
-    faults = _faults({"pipes": [{"kind": "elbow", "mean_radius": 0.09}] * 5, "start": {"distance": 0.1}})
+    faults = _faults(
+        {"pipes": [{"kind": "elbow", "mean_radius": 0.09}] * 5, "start": {"distance": 0.1}}
+    )
     assert any("elbow_0" in text and "elbow_4" in text for text in faults.values())
 
 
 def test_override_changes_by_dotted_path_and_leaves_the_original():
     """Tables and list items are reached by their path."""
     scenario = load_scenario("tee_turn")
-    changed = override(scenario, {"control.cruise_speed": 0.05, "pipes.0.length": 0.5, "robot.preload": 20})
+    changed = override(
+        scenario, {"control.cruise_speed": 0.05, "pipes.0.length": 0.5, "robot.preload": 20}
+    )
     assert changed.control.cruise_speed == 0.05
     assert changed.pipes[0].length == 0.5
     assert changed.robot.preload == 20.0
@@ -119,7 +147,12 @@ def test_override_changes_by_dotted_path_and_leaves_the_original():
 
 @pytest.mark.parametrize(
     ("path", "choice"),
-    [("control.speed", "cruise_speed"), ("pipes.9.length", "0"), ("wrold.gravity", "world"), ("pipes.0.0", "length")],
+    [
+        ("control.speed", "cruise_speed"),
+        ("pipes.9.length", "0"),
+        ("wrold.gravity", "world"),
+        ("pipes.0.0", "length"),
+    ],
 )
 def test_override_with_an_unknown_path_lists_the_choices(path, choice):
     """A misspelt path is refused with what there is at that place."""
@@ -130,9 +163,17 @@ def test_override_with_an_unknown_path_lists_the_choices(path, choice):
 
 def test_override_takes_numpy_values():
     """Values computed with NumPy, arrays included, do as well as plain ones."""
-    changes = {"contact.friction": np.float64(0.5), "seed": np.int64(3), "world.gravity": np.array([0.0, 0.0, 1.0])}
+    changes = {
+        "contact.friction": np.float64(0.5),
+        "seed": np.int64(3),
+        "world.gravity": np.array([0.0, 0.0, 1.0]),
+    }
     changed = override(load_scenario("tee_turn"), changes)
-    assert (changed.contact.friction, changed.seed, changed.world.gravity) == (0.5, 3, (0.0, 0.0, 1.0))
+    assert (changed.contact.friction, changed.seed, changed.world.gravity) == (
+        0.5,
+        3,
+        (0.0, 0.0, 1.0),
+    )
 
 
 def test_only_floats_of_the_compiled_model_share_a_model():
@@ -146,7 +187,11 @@ def test_only_floats_of_the_compiled_model_share_a_model():
         "seed": 3,
     }
     assert model_key(override(base, same).model_dump()) == model_key(base.model_dump())
-    for change in ({"pipes.0.length": 0.35}, {"robot.lugs_per_track": 5}, {"physics.timestep": 0.001}):
+    for change in (
+        {"pipes.0.length": 0.35},
+        {"robot.lugs_per_track": 5},
+        {"physics.timestep": 0.001},
+    ):
         assert model_key(override(base, change).model_dump()) != model_key(base.model_dump())
 
 

@@ -34,11 +34,15 @@ def test_the_papers_numbers():
     assert success_rate(sector) == pytest.approx(0.1955, abs=2e-4)
 
 
-@pytest.mark.parametrize(("definition", "reach"), [("ellipse", 96.102), ("crotch", 103.68), ("strip", 107.20)])
+@pytest.mark.parametrize(
+    ("definition", "reach"), [("ellipse", 96.102), ("crotch", 103.68), ("strip", 107.20)]
+)
 def test_reach_that_each_definition_needs(definition, reach):
     """Reach, mm, for a sector of 96.54 degrees in a pipe of R = 80 mm."""
     tolerance = 0.001 if definition == "ellipse" else 0.005
-    assert reach_from_sector(PAPER_SECTOR, 80.0, definition=definition) == pytest.approx(reach, abs=tolerance)
+    assert reach_from_sector(PAPER_SECTOR, 80.0, definition=definition) == pytest.approx(
+        reach, abs=tolerance
+    )
 
 
 def test_rivals_by_their_formulas_for_a_right_angle():
@@ -69,7 +73,8 @@ def test_sector_depends_on_the_ratio_only(definition):
 
 @pytest.mark.parametrize("definition", DEFINITIONS)
 def test_longer_reach_means_a_smaller_sector(definition):
-    """Strictly, from rho = R to the reach that has no sector; at 96.1 mm by 3.46 degrees a millimetre."""
+    """Strictly, from rho = R to the reach that has no sector; at 96.1 mm by 3.46 degrees a
+    millimetre."""
     end = 3.0 if definition == "strip" else np.sqrt(2)
     sector = sector_angle(1.0, np.linspace(1.0, end, 2000), definition=definition)
     assert (np.diff(sector) < 0).all()
@@ -78,8 +83,11 @@ def test_longer_reach_means_a_smaller_sector(definition):
 
 
 def test_limits():
-    """No contact below R, half the circle at R, no safe orientation up to 89.44 mm, no sector from sqrt(2) R on."""
-    sector = np.degrees(sector_angle(80.0, [79.9, 80.0, 80 * np.sqrt(1.25), 80 * np.sqrt(2), 130.0]))
+    """No contact below R, half the circle at R, no safe orientation up to 89.44 mm, no sector from
+    sqrt(2) R on."""
+    sector = np.degrees(
+        sector_angle(80.0, [79.9, 80.0, 80 * np.sqrt(1.25), 80 * np.sqrt(2), 130.0])
+    )
     assert np.allclose(sector, [360, 180, 120, 0, 0], atol=1e-5)
     rates = failure_rate(sector_angle(80.0, [79.9, 80.0, 89.4, 113.2]))
     assert rates.tolist() == [1, 1, 1, 0]
@@ -87,7 +95,8 @@ def test_limits():
 
 
 def test_a_slighter_turn_has_a_smaller_sector():
-    """At one reach the sector grows with the turn angle; the needed reach goes to R / cos(delta/2)."""
+    """At one reach the sector grows with the turn angle; the needed reach goes to R /
+    cos(delta/2)."""
     turn = np.radians(np.linspace(60, 150, 40))
     assert (np.diff(sector_angle(80.0, 92.0, turn)) > 0).all()
     assert np.allclose(reach_from_sector(0.0, 80.0, turn), 80 / np.cos(turn / 2))
@@ -102,28 +111,36 @@ def test_membership():
 
 @pytest.mark.parametrize("modules", [1, 2, 3, 4, 5])
 def test_membership_is_that_of_any_module(modules):
-    """The one wrapped angle says the same as looking at every module in turn, and its mean is the failure rate."""
+    """The one wrapped angle says the same as looking at every module in turn, and its mean is the
+    failure rate."""
     theta5, sector = np.linspace(-7, 7, 5001), np.radians(50)
     directions = theta5[:, None] + 2 * np.pi * np.arange(modules) / modules
     off_outer = np.abs(np.angle(np.exp(1j * (directions - np.pi))))
     assert (is_singular(theta5, sector, modules) == (off_outer < sector / 2).any(axis=1)).all()
     period = np.linspace(0, 2 * np.pi / modules, 100_001)
-    assert is_singular(period, sector, modules).mean() == pytest.approx(failure_rate(sector, modules), abs=1e-4)
+    assert is_singular(period, sector, modules).mean() == pytest.approx(
+        failure_rate(sector, modules), abs=1e-4
+    )
 
 
 @pytest.mark.parametrize("modules", [1, 2, 3, 4, 5, 6])
 def test_best_and_worst_orientation(modules):
-    """From the best one to its margin nothing is singular, beyond it is; the worst one is for any sector."""
+    """From the best one to its margin nothing is singular, beyond it is; the worst one is for any
+    sector."""
     sector = np.radians(30)
     margin, best = safe_margin(sector, modules), best_theta5(modules)
-    near, beyond = best + margin * np.linspace(-0.999, 0.999, 99), best + margin * np.array([-1.001, 1.001])
+    near, beyond = (
+        best + margin * np.linspace(-0.999, 0.999, 99),
+        best + margin * np.array([-1.001, 1.001]),
+    )
     assert not is_singular(near, sector, modules).any()
     assert is_singular(beyond, sector, modules).all()
     assert is_singular(worst_theta5(modules), 1e-6, modules)
 
 
 def test_intersections_found_by_search_are_the_closed_form():
-    """Walk round the ellipse, bisect where it crosses the circle: the points lie on both and project to the sector."""
+    """Walk round the ellipse, bisect where it crosses the circle: the points lie on both and
+    project to the sector."""
     for rho, turn in ((RHO, np.pi / 2), (0.085, np.pi / 2), (0.09, 1.2), (0.12, 2.0)):
         a, b = (float(axis) for axis in mitre_ellipse(R, turn))
 
@@ -139,17 +156,22 @@ def test_intersections_found_by_search_are_the_closed_form():
         assert np.allclose([u, v], [x, y], atol=1e-12)
         assert (u / a) ** 2 + (v / b) ** 2 == pytest.approx(1, abs=1e-12)
         assert np.hypot(u, v) == pytest.approx(rho, abs=1e-12)
-        # Along the pipe the point (u, v) of the section falls on (u cos(delta/2), v) of the end circle.
+        # Along the pipe the point (u, v) of the section falls on (u cos(delta/2), v) of the end
+        # circle.
         alpha = np.arctan2(v, u * np.cos(turn / 2))
         assert 2 * alpha == pytest.approx(float(sector_angle(R, rho, turn)), abs=1e-9)
 
 
 def test_the_crotch_circle_meets_the_ellipse_where_its_formula_says():
-    """Circle of radius rho through the inner vertex (-a, 0): its other meeting points project to the crotch sector."""
+    """Circle of radius rho through the inner vertex (-a, 0): its other meeting points project to
+    the crotch sector."""
     rho, turn = 0.104, np.pi / 2
     a, b = (float(axis) for axis in mitre_ellipse(R, turn))
     half_sector = float(sector_angle(R, rho, turn, "crotch")) / 2
-    u, v = a * np.cos(half_sector), b * np.sin(half_sector)  # on the ellipse above that direction of the end circle
+    u, v = (
+        a * np.cos(half_sector),
+        b * np.sin(half_sector),
+    )  # on the ellipse above that direction of the end circle
     assert np.hypot(u + a - rho, v) == pytest.approx(rho, abs=1e-12)
 
 

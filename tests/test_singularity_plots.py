@@ -28,7 +28,9 @@ def test_sections_are_the_ellipses_of_the_cuts():
 def test_cuts_go_through_the_crotch():
     """Every cut starts at the crotch and ends on the outer wall of the run."""
     cut, _ = _axes("sections")
-    cuts = [line for line in cut.lines if line.get_linewidth() == 2 and len(line.get_xdata()) == 2][1:]
+    cuts = [line for line in cut.lines if line.get_linewidth() == 2 and len(line.get_xdata()) == 2][
+        1:
+    ]
     assert len(cuts) == 4
     for line in cuts:
         assert (line.get_xdata()[0], line.get_ydata()[0]) == pytest.approx((80, -80))

@@ -33,8 +33,11 @@ FORMS = {
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("left_out", ["none", "some", "all"])
 def test_every_form_is_drawn_and_repeats(form, left_out):
-    """Each form draws without a warning, with trials that have no outcome too, and twice the same bytes."""
-    passed = np.where({"none": PASSED < 0, "some": PASSED > 0, "all": PASSED >= 0}[left_out], np.nan, PASSED)
+    """Each form draws without a warning, with trials that have no outcome too, and twice the same
+    bytes."""
+    passed = np.where(
+        {"none": PASSED < 0, "some": PASSED > 0, "all": PASSED >= 0}[left_out], np.nan, PASSED
+    )
     files = []
     for _ in range(2):
         buffer = io.BytesIO()
@@ -59,7 +62,8 @@ def test_orientations_have_the_sector_of_the_case_behind_them():
 
 
 def test_a_map_has_a_cell_a_grid_point_and_bins_of_draws():
-    """Grid cells hold their own trial; draws are binned 8 x 8, and bins of few trials tell how many."""
+    """Grid cells hold their own trial; draws are binned 8 x 8, and bins of few trials tell how
+    many."""
     x, y = (v.ravel() for v in np.meshgrid([1.0, 2.0, 3.0], [10.0, 20.0], indexing="ij"))
     passed = np.array([0, 1, 1, 0, np.nan, 1.0])
     axis = sweep_figure([Spread("a", "m", x), Spread("b", "1", y)], passed).axes[0]
@@ -74,7 +78,8 @@ def test_a_map_has_a_cell_a_grid_point_and_bins_of_draws():
 
 
 def test_main_effects_are_sorted_by_their_spread():
-    """The axis that decides comes first; ten bins of a draw hold the rates of the trials in them."""
+    """The axis that decides comes first; ten bins of a draw hold the rates of the trials in
+    them."""
     figure = sweep_figure([FRICTION, KIND, PRELOAD], PASSED)
     panels = [axis for axis in figure.axes if axis.get_visible()]
     assert panels[0].get_xlabel() == "robot.preload [N]"
@@ -88,12 +93,16 @@ def test_gravity_is_shown_by_its_angle_to_the_run():
     """Down along an upward run is against it; thirds of the sphere are of one size."""
     down = {"path": "world.gravity", "kind": "list", "values": [[0, 0, -9.81], [9.81, 0, 0]]}
     axes = [{"path": "world.gravity", "kind": "direction"}]
-    sweep = resolve({"name": "s", "base": "tee_turn", "samples": 900, "sampling": "sobol", "axes": axes})
+    sweep = resolve(
+        {"name": "s", "base": "tee_turn", "samples": 900, "sampling": "sobol", "axes": axes}
+    )
     (spread,) = spreads(sweep)
     assert spread.order == CLASSES
     assert [list(spread.values).count(name) for name in CLASSES] == pytest.approx([300] * 3, abs=15)
     vectors = np.array(sweep.trials()["world.gravity"])
-    assert all(name == CLASSES[0] for name, v in zip(spread.values, vectors, strict=True) if v[2] < -4)
+    assert all(
+        name == CLASSES[0] for name, v in zip(spread.values, vectors, strict=True) if v[2] < -4
+    )
     (words,) = spreads(resolve({"name": "s", "base": "tee_turn", "axes": [down]}))
     assert words.order == ("[0.0, 0.0, -9.81]", "[9.81, 0.0, 0.0]")
 

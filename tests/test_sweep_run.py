@@ -1,4 +1,5 @@
-"""A sweep's table does not depend on who ran it, and survives kills, damage, full disks and bad trials."""
+"""A sweep's table does not depend on who ran it, and survives kills, damage, full disks and bad
+trials."""
 
 import errno
 import json
@@ -13,7 +14,15 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from sweep_samples import DEADLY, VALID, deadly_part, no_worker, once_deadly_part, small_sweep, write_sweep
+from sweep_samples import (
+    DEADLY,
+    VALID,
+    deadly_part,
+    no_worker,
+    once_deadly_part,
+    small_sweep,
+    write_sweep,
+)
 
 from omnitrack_sim import OutputError, SweepError, load_sweep, run, run_sweep
 from omnitrack_sim.record.metrics import summarise
@@ -111,9 +120,15 @@ def test_columns_and_units(table):
         *(f"world.gravity_{c}" for c in "xyz"),
         "robot.preload",
     ]
-    units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in table.schema}
+    units = {
+        field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in table.schema
+    }
     assert units["world.gravity_z"] == "m/s²"
-    assert (units["robot.preload"], units["duration_s"], units["slip_ratio_mean_2"]) == ("N", "s", "1")
+    assert (units["robot.preload"], units["duration_s"], units["slip_ratio_mean_2"]) == (
+        "N",
+        "s",
+        "1",
+    )
     assert names[-3:] == ["attempts", "collider", "events"]
     invalid = table["outcome"].to_pylist().index("invalid")
     row = table.slice(invalid, 1).to_pylist()[0]
@@ -145,10 +160,15 @@ def test_every_metric_is_in_the_table():
 
 
 def test_summary_counts_without_the_invalid(calm, table):
-    """Rates are over the trials with an outcome; invalid ones are told; groups add up to the whole."""
+    """Rates are over the trials with an outcome; invalid ones are told; groups add up to the
+    whole."""
     summary = json.loads((calm / "summary.json").read_text())
     invalid = table["outcome"].to_pylist().count("invalid")
-    assert (summary["trials"], summary["invalid"], summary["counted"]) == (10, invalid, 10 - invalid)
+    assert (summary["trials"], summary["invalid"], summary["counted"]) == (
+        10,
+        invalid,
+        10 - invalid,
+    )
     assert summary["outcomes"] == {"invalid": invalid, "timed_out": 10 - invalid}
     (rows,) = summary["groups"].values()
     assert [row["value"] for row in rows] == ["jacobian", "equal"]
@@ -160,11 +180,18 @@ def test_groups_of_every_kind_of_value():
     """Whole numbers, vectors and truth values are grouped, and stand in columns of their kind."""
     axes = [
         {"path": "robot.lugs_per_track", "kind": "grid", "start": 2, "stop": 3, "count": 2},
-        {"path": "world.gravity", "kind": "list", "values": [[0, 0, -9.81], [0, 0, 0]], "labels": ["down", "none"]},
+        {
+            "path": "world.gravity",
+            "kind": "list",
+            "values": [[0, 0, -9.81], [0, 0, 0]],
+            "labels": ["down", "none"],
+        },
         {"path": "control.align", "kind": "list", "values": [True, False]},
         {"path": "robot.preload", "kind": "list", "values": [20, 30.5]},
     ]
-    sweep = small_sweep(axes=axes, set={"physics.time_limit": 0.02, "physics.wall_tolerance": 0.002})
+    sweep = small_sweep(
+        axes=axes, set={"physics.time_limit": 0.02, "physics.wall_tolerance": 0.002}
+    )
     table = run_sweep(sweep)
     kinds = [str(table.schema.field(name).type) for name in table.schema.names[1:7]]
     assert kinds == ["int64", "double", "double", "double", "bool", "double"]
@@ -245,7 +272,8 @@ def test_another_sweep_is_refused_and_the_difference_named(calm):
 
 
 def test_a_renamed_sweep_is_told_anew_and_not_run_again(calm, tmp_path, monkeypatch):
-    """Name and groups of a finished sweep may change: summary and sweep.json follow, no trial is run."""
+    """Name and groups of a finished sweep may change: summary and sweep.json follow, no trial is
+    run."""
     place = tmp_path / "sweep"
     run_sweep(small_sweep(), place)
     monkeypatch.setattr(engine, "run_part", None)
@@ -283,7 +311,8 @@ def test_leftovers_of_killed_runs_go_but_not_those_of_living_ones(tmp_path):
 
 
 def test_an_exception_makes_one_row(calm, tmp_path, monkeypatch):
-    """A trial that raises becomes a row with the exception; its companions have their usual rows."""
+    """A trial that raises becomes a row with the exception; its companions have their usual
+    rows."""
     usual = part.run_batch
     bad = small_sweep().scenario(VALID).hash
 
@@ -294,7 +323,10 @@ def test_an_exception_makes_one_row(calm, tmp_path, monkeypatch):
 
     monkeypatch.setattr(part, "run_batch", run_batch)
     rows = run_sweep(small_sweep(), tmp_path / "sweep").to_pylist()
-    assert (rows[VALID]["outcome"], rows[VALID]["reason"]) == ("error", "ZeroDivisionError: a rare case")
+    assert (rows[VALID]["outcome"], rows[VALID]["reason"]) == (
+        "error",
+        "ZeroDivisionError: a rare case",
+    )
     expected = pq.read_table(calm / "trials.parquet").to_pylist()
     assert rows[:VALID] + rows[VALID + 1 :] == expected[:VALID] + expected[VALID + 1 :]
     assert json.loads((tmp_path / "sweep" / "summary.json").read_text())["error"] == 1
@@ -321,7 +353,8 @@ def test_a_worker_that_is_killed_once_costs_nothing(calm, tmp_path, monkeypatch)
 
 
 def test_workers_that_never_work_are_told(monkeypatch):
-    """Workers that die at once, and a given executor that breaks, end with an error that says so."""
+    """Workers that die at once, and a given executor that breaks, end with an error that says
+    so."""
     monkeypatch.setattr(workers, "begin_worker", no_worker)
     with pytest.raises(WorkersLost, match="before they run anything"):
         run_sweep(small_sweep(), executor=lambda: LocalPool(1))
@@ -357,7 +390,8 @@ def test_a_sweep_of_invalid_trials_only_is_an_error(tmp_path):
 
 
 def test_kill_of_the_parent_and_ctrl_c(tmp_path):
-    """Killed and interrupted on the way, workers die with their parent, and the same command ends with equal files."""
+    """Killed and interrupted on the way, workers die with their parent, and the same command ends
+    with equal files."""
     file = write_sweep(tmp_path, samples=30, time_limit=0.4)
     run_sweep(load_sweep(file), tmp_path / "calm")
     command = ("sweep", file, "--out", tmp_path / "killed", "--workers", 2)
@@ -427,7 +461,10 @@ def _dask(*arguments: str, cwd: Path) -> subprocess.Popen:
         (["tee_orientation", "--set", "start.theta5_deg=1"], "set by axes.0 too"),
         (["tee_orientation", "--shard", "3/2"], "--shard"),
         (["tee_orientation", "--continue"], "holds no sweep"),
-        (["tee_orientation", "--workers", "2", "--dask", "tcp://127.0.0.1:9"], "give one of the two"),
+        (
+            ["tee_orientation", "--workers", "2", "--dask", "tcp://127.0.0.1:9"],
+            "give one of the two",
+        ),
     ],
 )
 def test_bad_arguments_end_with_status_2(tmp_path, arguments, told):

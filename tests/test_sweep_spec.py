@@ -9,7 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omnitrack_sim import Robot, ScenarioError, SweepError, load_scenario, load_sweep, override, shipped_sweeps
+from omnitrack_sim import (
+    Robot,
+    ScenarioError,
+    SweepError,
+    load_scenario,
+    load_sweep,
+    override,
+    shipped_sweeps,
+)
 from omnitrack_sim.scenario import model_key
 from omnitrack_sim.schema.tables import UNITS, unit_of
 from omnitrack_sim.sim.runner import batch_key
@@ -44,7 +52,8 @@ def _faults(*axes, **keys) -> dict[str, str]:
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_sweeps_are_whole(name):
-    """Every shipped sweep loads, has its number of trials, says what it answers, and its second and last but one are
+    """Every shipped sweep loads, has its number of trials, says what it answers, and its second and
+    last but one are
     valid: the first and last of ``fig14_pairs`` have the start as the goal."""
     sweep = load_sweep(name)
     assert set(shipped_sweeps()) == set(SHIPPED)
@@ -57,12 +66,21 @@ def test_shipped_sweeps_are_whole(name):
 
 
 def test_values_that_only_go_together_are_no_fault():
-    """A goal that is the base's start goes with another start; a port that there is not goes with none."""
+    """A goal that is the base's start goes with another start; a port that there is not goes with
+    none."""
     ends = {"kind": "list", "values": ["inlet", "top"]}
     start, goal = ends | {"path": "mission.start"}, ends | {"path": "mission.goals.0"}
     assert resolve({"name": "s", "base": "missions/fig14", "axes": [start, goal]}).size == 4
-    with pytest.raises(SweepError, match=r"^axes.1.values.0: there is no port 'cellar' \(choose from: inlet, "):
-        resolve({"name": "s", "base": "missions/fig14", "axes": [start, goal | {"values": ["cellar", "top"]}]})
+    with pytest.raises(
+        SweepError, match=r"^axes.1.values.0: there is no port 'cellar' \(choose from: inlet, "
+    ):
+        resolve(
+            {
+                "name": "s",
+                "base": "missions/fig14",
+                "axes": [start, goal | {"values": ["cellar", "top"]}],
+            }
+        )
 
 
 def test_ten_thousand_trials_are_expanded_in_seconds():
@@ -83,8 +101,11 @@ def test_crossed_axes_run_first_slowest_and_share_their_draws():
 
 
 def test_combinations_have_draws_of_their_own_when_asked():
-    """Independent draws differ between the combinations, and cover each axis evenly over all of them."""
-    columns = _sweep(KIND, UNIFORM, samples=50, sampling="latin_hypercube", draws="independent").trials()
+    """Independent draws differ between the combinations, and cover each axis evenly over all of
+    them."""
+    columns = _sweep(
+        KIND, UNIFORM, samples=50, sampling="latin_hypercube", draws="independent"
+    ).trials()
     preload = np.array(columns["robot.preload"])
     assert columns["control.kind"] == ["jacobian"] * 50 + ["paper"] * 50
     assert (preload[:50] != preload[50:]).all()
@@ -93,7 +114,8 @@ def test_combinations_have_draws_of_their_own_when_asked():
 
 @pytest.mark.parametrize("sampling", ["random", "latin_hypercube", "sobol"])
 def test_draws_have_their_distributions_and_repeat(sampling):
-    """Uniform, truncated normal and direction have their ranges and means; the seed alone decides."""
+    """Uniform, truncated normal and direction have their ranges and means; the seed alone
+    decides."""
     normal = {"path": "contact.friction", "kind": "normal", "mean": 0.8, "std": 0.2, "low": 0.7}
     axes = (UNIFORM, normal, GRAVITY)
     columns = _sweep(*axes, samples=1000, sampling=sampling).trials()
@@ -113,7 +135,14 @@ def test_draws_have_their_distributions_and_repeat(sampling):
 
 def test_a_normal_far_above_its_mean_stays_in_its_range():
     """A truncation eight deviations out neither leaves its range nor collapses."""
-    axis = {"path": "contact.friction", "kind": "normal", "mean": 0.0, "std": 0.1, "low": 0.8, "high": 0.9}
+    axis = {
+        "path": "contact.friction",
+        "kind": "normal",
+        "mean": 0.0,
+        "std": 0.1,
+        "low": 0.8,
+        "high": 0.9,
+    }
     values = _sweep(axis, samples=200).trials()["contact.friction"]
     assert min(values) >= 0.8
     assert max(values) <= 0.9
@@ -121,8 +150,13 @@ def test_a_normal_far_above_its_mean_stays_in_its_range():
 
 
 def test_a_trial_is_the_override_of_its_base():
-    """scenario(i) is the base with the axis values, on all paths of the axis and all pipes of a star."""
-    bore = {"path": ["pipes.*.inner_diameter", "robot.preload"], "kind": "list", "values": [0.16, 0.17]}
+    """scenario(i) is the base with the axis values, on all paths of the axis and all pipes of a
+    star."""
+    bore = {
+        "path": ["pipes.*.inner_diameter", "robot.preload"],
+        "kind": "list",
+        "values": [0.16, 0.17],
+    }
     sweep = _sweep(bore, GRID, set={"control.align": False})
     expected = override(
         load_scenario("tee_turn"),
@@ -147,7 +181,9 @@ def test_several_bases_are_the_first_axis():
 def test_a_base_may_be_a_file_beside_the_sweep(tmp_path):
     """Paths of bases are relative to the sweep's file, whose stem is its name."""
     (tmp_path / "pipe.toml").write_text('[[pipes]]\nkind = "straight"\nlength = 0.6\n')
-    text = 'base = "pipe.toml"\n[[axes]]\npath = "contact.friction"\nkind = "list"\nvalues = [0.5]\n'
+    text = (
+        'base = "pipe.toml"\n[[axes]]\npath = "contact.friction"\nkind = "list"\nvalues = [0.5]\n'
+    )
     (tmp_path / "mine.toml").write_text(text)
     sweep = load_sweep(tmp_path / "mine.toml", {"robot.preload": 20})
     assert sweep.name == "mine"
@@ -156,13 +192,16 @@ def test_a_base_may_be_a_file_beside_the_sweep(tmp_path):
 
 
 def test_batches_never_mix_models_and_are_fixed_by_the_file():
-    """Trials of one model are together in order, at most batch of them; the key is that of the runner."""
+    """Trials of one model are together in order, at most batch of them; the key is that of the
+    runner."""
     reach = {"path": "robot.reach", "kind": "grid", "start": 0.095, "stop": 0.097, "count": 2}
     sweep = _sweep(GRID, reach, batch=2)
     parts = sweep.parts()
     assert [[trial.index for trial in part.trials] for part in parts] == [[0, 2], [4], [1, 3], [5]]
     assert len({part.hash for part in parts}) == 4
-    keys = [{batch_key(sweep.scenario(t.index).model_dump()) for t in part.trials} for part in parts]
+    keys = [
+        {batch_key(sweep.scenario(t.index).model_dump()) for t in part.trials} for part in parts
+    ]
     assert all(len(found) == 1 for found in keys)
     assert len({part.model for part in parts}) == 2 == len(set.union(*keys))
     assert model_key(sweep.scenario(0).model_dump()) == model_key(sweep.scenario(2).model_dump())
@@ -172,7 +211,11 @@ def test_the_hash_tells_what_the_table_depends_on():
     """Name, groups and labels do not change the hash; axes, base and seed do."""
     same = _sweep(KIND).hash
     assert _sweep(KIND | {"labels": ["a", "b"]}, name="other", group_by=[]).hash == same
-    assert same not in {_sweep(KIND, seed=1).hash, _sweep(GRID).hash, _sweep(KIND, set={"control.align": False}).hash}
+    assert same not in {
+        _sweep(KIND, seed=1).hash,
+        _sweep(GRID).hash,
+        _sweep(KIND, set={"control.align": False}).hash,
+    }
 
 
 def test_whole_numbers_and_decimals_are_one_value():
@@ -195,7 +238,12 @@ def test_a_trial_that_does_not_fit_is_no_fault_of_the_file():
 
 def test_all_faults_of_the_form_are_told_at_once():
     """Every fault of the tables has its path and its choices."""
-    axes = [{"path": "a", "kind": "sobol"}, UNIFORM | {"high": 1}, {"kind": "grid", "start": 1}, KIND | {"path": 5}]
+    axes = [
+        {"path": "a", "kind": "sobol"},
+        UNIFORM | {"high": 1},
+        {"kind": "grid", "start": 1},
+        KIND | {"path": 5},
+    ]
     faults = _faults(*axes, {"path": "x"}, bach=3, samples=0, sampling="lhs")
     assert set(faults) == {
         "samples",
@@ -216,7 +264,8 @@ def test_all_faults_of_the_form_are_told_at_once():
 
 
 def test_all_faults_in_the_light_of_the_base_are_told_at_once():
-    """Unknown paths, misspelt words, unfit kinds of axis, clashes and groups are named with the choices."""
+    """Unknown paths, misspelt words, unfit kinds of axis, clashes and groups are named with the
+    choices."""
     faults = _faults(
         KIND | {"path": "control.knd"},
         KIND | {"values": ["jacobian", "papr"]},
@@ -260,10 +309,20 @@ def test_single_faults(keys, where, told):
 
 
 def test_units_are_those_of_the_documents():
-    """Every unit in the code stands beside its key in docs/scenarios.md, and every robot parameter has its own."""
+    """Every unit in the code stands beside its key in docs/scenarios.md, and every robot parameter
+    has its own."""
     text = (Path(__file__).parents[1] / "docs" / "scenarios.md").read_text(encoding="utf-8")
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("| `")]
-    told = {(key, cell) for cells in rows for key in re.findall(r"`(\w+)`", cells[0]) for cell in cells[1:]}
+    rows = [
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in text.splitlines()
+        if line.startswith("| `")
+    ]
+    told = {
+        (key, cell)
+        for cells in rows
+        for key in re.findall(r"`(\w+)`", cells[0])
+        for cell in cells[1:]
+    }
     for path, unit in UNITS.items():
         key = path.rpartition(".")[2]
         assert unit == "1" or (key, unit) in told, path

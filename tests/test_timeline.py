@@ -7,7 +7,16 @@ import dataclasses
 
 import numpy as np
 import pytest
-from samples import LUG_RADIUS, PHASES, TORQUE_LIMIT, drive, legs_trajectory, sample_result, two_legs, two_legs_result
+from samples import (
+    LUG_RADIUS,
+    PHASES,
+    TORQUE_LIMIT,
+    drive,
+    legs_trajectory,
+    sample_result,
+    two_legs,
+    two_legs_result,
+)
 
 from omnitrack_sim.pipes import Elbow, Route, Step, Straight, route
 from omnitrack_sim.record.metrics import summarise
@@ -25,9 +34,13 @@ def bend() -> Route:
     return route([*steps, Step("c", Straight(0.5), "start", "end")])
 
 
-def record(way: Route, distance: np.ndarray = WAY, phases: tuple[str, ...] = PHASES, **changes) -> Trajectory:
+def record(
+    way: Route, distance: np.ndarray = WAY, phases: tuple[str, ...] = PHASES, **changes
+) -> Trajectory:
     channels = drive(way, distance) | changes
-    return Trajectory(0.02 * np.arange(len(distance)), channels, phases, np.zeros((len(distance), 22)))
+    return Trajectory(
+        0.02 * np.arange(len(distance)), channels, phases, np.zeros((len(distance), 22))
+    )
 
 
 def visits(trajectory: Trajectory, *ways: Route) -> list[Visit]:
@@ -39,10 +52,14 @@ def test_one_row_for_each_fitting(bend):
     rows = visits(record(bend), bend)
     assert [row.name for row in rows] == ["a", "b", "c"]
     assert [row.manoeuvre for row in rows] == ["straight", "elbow", "straight"]
-    assert [row.time_enter_s for row in rows] == pytest.approx([0.0, 4.0, 7.78])  # 0.4 m and 0.777 m at 0.1 m/s
+    assert [row.time_enter_s for row in rows] == pytest.approx(
+        [0.0, 4.0, 7.78]
+    )  # 0.4 m and 0.777 m at 0.1 m/s
     assert [row.time_leave_s for row in rows[:2]] == pytest.approx([4.0, 7.78])
     assert rows[2].time_leave_s is None
-    assert [(row.leg, row.gear, row.enter, row.leave) for row in rows] == [(0, 1, "start", "end")] * 3
+    assert [(row.leg, row.gear, row.enter, row.leave) for row in rows] == [
+        (0, 1, "start", "end")
+    ] * 3
 
 
 def test_durations_energy_and_slip_add_up_to_the_run(bend):
@@ -50,10 +67,14 @@ def test_durations_energy_and_slip_add_up_to_the_run(bend):
     wave = np.sin(WAY / 0.03)[:, None] * [1.0, 0.5, -2.0]
     trajectory = record(bend, motor_torque=wave, slip_velocity=0.01 * wave)
     rows = visits(trajectory, bend)
-    whole = summarise(trajectory, no_load_slip=0.0, lug_radius=LUG_RADIUS, torque_limit=TORQUE_LIMIT)
+    whole = summarise(
+        trajectory, no_load_slip=0.0, lug_radius=LUG_RADIUS, torque_limit=TORQUE_LIMIT
+    )
     assert sum(row.duration_s for row in rows) == pytest.approx(trajectory.time[-1])
     assert sum(row.energy_j for row in rows) == pytest.approx(whole["energy_j"])
-    assert sum(row.slip_distance_m for row in rows) == pytest.approx(np.mean(whole["slip_distance_m"]))
+    assert sum(row.slip_distance_m for row in rows) == pytest.approx(
+        np.mean(whole["slip_distance_m"])
+    )
 
 
 def test_means_are_of_the_modules_and_the_time_in_contact(bend):
@@ -62,7 +83,9 @@ def test_means_are_of_the_modules_and_the_time_in_contact(bend):
     count[:250, 0, 1] = 2
     slip = np.tile([-0.3, 0.9, 0.9], (len(WAY), 1))
     force = np.tile([30.0, 0.0, 15.0], (len(WAY), 1))
-    first, _, last = visits(record(bend, contact_count=count, slip_ratio=slip, normal_force=force), bend)
+    first, _, last = visits(
+        record(bend, contact_count=count, slip_ratio=slip, normal_force=force), bend
+    )
     assert first.slip_ratio_mean == pytest.approx(0.3)
     assert last.slip_ratio_mean is None
     assert first.normal_force_mean_n == pytest.approx(15.0)
@@ -84,14 +107,19 @@ def test_tilt_and_theta5_are_in_degrees(bend):
     tilt, theta5 = np.zeros(len(WAY)), np.full(len(WAY), 0.5)
     tilt[250], tilt[388], theta5[200] = 0.2, 0.1, -1.0
     _, elbow, last = visits(record(bend, tilt=tilt, theta5=theta5), bend)
-    assert (elbow.tilt_max_deg, elbow.tilt_leave_deg) == pytest.approx(tuple(np.degrees([0.2, 0.1])))
+    assert (elbow.tilt_max_deg, elbow.tilt_leave_deg) == pytest.approx(
+        tuple(np.degrees([0.2, 0.1]))
+    )
     assert elbow.theta5_enter_deg == pytest.approx(np.degrees(-1.0))
     assert last.tilt_max_deg == 0.0
 
 
 def test_a_retry_does_not_split_a_visit(bend):
-    """Backed out of the elbow and in again: one row, from first entry to last exit, less the time outside."""
-    there = np.concatenate([np.arange(0.1, 0.6, 0.002), np.arange(0.6, 0.4, -0.002), np.arange(0.4, 1.2, 0.002)])
+    """Backed out of the elbow and in again: one row, from first entry to last exit, less the time
+    outside."""
+    there = np.concatenate(
+        [np.arange(0.1, 0.6, 0.002), np.arange(0.6, 0.4, -0.002), np.arange(0.4, 1.2, 0.002)]
+    )
     phase = np.zeros(len(there))
     phase[250:350] = 2
     first, elbow, _ = visits(record(bend, there, phase=phase), bend)
@@ -103,7 +131,8 @@ def test_a_retry_does_not_split_a_visit(bend):
 
 
 def test_a_roll_counts_for_the_fitting_ahead(bend):
-    """Rolls begun before the elbow are the elbow's; after the last bend they count where the robot stands."""
+    """Rolls begun before the elbow are the elbow's; after the last bend they count where the robot
+    stands."""
     phase = np.zeros(len(WAY))
     phase[150:160] = phase[170:175] = phase[450:460] = 1
     assert [row.rolls for row in visits(record(bend, phase=phase), bend)] == [0, 2, 1]
@@ -119,19 +148,34 @@ def test_a_roll_for_a_fitting_that_was_never_reached_counts_where_it_was(bend):
 
 def test_controllers_without_these_phases_have_none(bend):
     """Phase codes mean what the trajectory's names say."""
-    rows = visits(record(bend, phases=("cruise", "elbow", "coast"), phase=np.arange(len(WAY)) % 3), bend)
+    rows = visits(
+        record(bend, phases=("cruise", "elbow", "coast"), phase=np.arange(len(WAY)) % 3), bend
+    )
     assert [(row.rolls, row.retries) for row in rows] == [(0, 0)] * 3
 
 
 def test_every_leg_has_its_own_rows():
-    """Into an arm and back out of it: tail first, with the ports the other way round, and nothing mixed up."""
+    """Into an arm and back out of it: tail first, with the ports the other way round, and nothing
+    mixed up."""
     rows = two_legs_result().timeline()
     names = ["riser", "tee_1", "shelf", "elbow_side", "link", "tee_3", "side_arm"]
-    assert [row.name for row in rows] == [*names, "side_arm", "tee_3", "drop", "elbow_low", "low_arm"]
+    assert [row.name for row in rows] == [
+        *names,
+        "side_arm",
+        "tee_3",
+        "drop",
+        "elbow_low",
+        "low_arm",
+    ]
     assert [row.leg for row in rows] == [0] * 7 + [1] * 5
     assert [row.gear for row in rows] == [1] * 7 + [-1] * 5
     assert (rows[5].manoeuvre, rows[8].manoeuvre) == ("over the run", "run to branch")
-    assert (rows[6].enter, rows[6].leave, rows[7].enter, rows[7].leave) == ("start", "end", "end", "start")
+    assert (rows[6].enter, rows[6].leave, rows[7].enter, rows[7].leave) == (
+        "start",
+        "end",
+        "end",
+        "start",
+    )
     assert rows[6].time_leave_s == rows[7].time_enter_s
     assert [row.name for row in rows if row.rolls] == ["tee_1"]
     assert [row.name for row in rows if row.retries] == ["elbow_side"]
@@ -157,7 +201,8 @@ def test_broken_and_short_records_have_rows(bend):
 
 
 def test_table_reads_back_exactly(tmp_path):
-    """timeline.csv has the fields as columns and every number to the last bit; what there is not, is empty."""
+    """timeline.csv has the fields as columns and every number to the last bit; what there is not,
+    is empty."""
     result = sample_result()
     folder = result.save(tmp_path / "run")
     with (folder / "timeline.csv").open(encoding="utf-8", newline="") as file:

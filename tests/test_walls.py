@@ -23,12 +23,15 @@ FITTINGS = {
     "tee": Tee(),
 }
 RAYS = 4000
-END_MARGIN = 1e-3  # m, rays that leave this close to a port plane may slip past the ends of the pieces
+END_MARGIN = (
+    1e-3  # m, rays that leave this close to a port plane may slip past the ends of the pieces
+)
 
 
 @lru_cache
 def cast(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cast length (n,) or -1, exact distance of the hit (n,), the hit (n, 3), of rays that end in the wall."""
+    """Cast length (n,) or -1, exact distance of the hit (n,), the hit (n, 3), of rays that end in
+    the wall."""
     fitting = FITTINGS[name]
     spec = new_spec(name)
     add_walls(spec, PipeNetwork((Placed("pipe", fitting, Pose()),)))
@@ -37,7 +40,9 @@ def cast(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     mujoco.mj_forward(model, data)
     rng = np.random.default_rng(0)
     points = rng.uniform([-0.1, -0.1, -0.2], [0.3, 0.1, 0.4], (60 * RAYS, 3))
-    points = points[(fitting.signed_distance(points)[0] > 1e-3) & (fitting.extent(points) > END_MARGIN)][:RAYS]
+    points = points[
+        (fitting.signed_distance(points)[0] > 1e-3) & (fitting.extent(points) > END_MARGIN)
+    ][:RAYS]
     rays = unit(rng.normal(size=points.shape))
     exact = np.zeros(len(points))
     for _ in range(300):
@@ -45,7 +50,12 @@ def cast(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     ends_in_wall = fitting.extent(points + rays * exact[:, None]) > END_MARGIN
     points, rays = points[ends_in_wall], rays[ends_in_wall]
     geom = np.zeros(1, np.int32)
-    length = np.array([mujoco.mj_ray(model, data, p, v, None, 1, -1, geom) for p, v in zip(points, rays, strict=True)])
+    length = np.array(
+        [
+            mujoco.mj_ray(model, data, p, v, None, 1, -1, geom)
+            for p, v in zip(points, rays, strict=True)
+        ]
+    )
     hits = points + rays * length[:, None]
     return length, fitting.signed_distance(hits)[0], hits
 
@@ -65,12 +75,15 @@ def test_wall_error(name):
 
 
 def test_tee_wall_error():
-    """Rays meet a tee's wall within 0.5 mm of the exact surface by the rim, and 0.1 mm farther away."""
+    """Rays meet a tee's wall within 0.5 mm of the exact surface by the rim, and 0.1 mm farther
+    away."""
     _, error, hits = cast("tee")
     tee = FITTINGS["tee"]
     rho = tee.radius + tee.fillet_radius
     t = np.linspace(-np.pi / 2, np.pi / 2, 400)
-    edge = rho * np.concatenate([np.stack([np.cos(t), np.sin(t), sign * np.cos(t)], -1) for sign in (1, -1)])
+    edge = rho * np.concatenate(
+        [np.stack([np.cos(t), np.sin(t), sign * np.cos(t)], -1) for sign in (1, -1)]
+    )
     from_rim = np.array([np.linalg.norm(edge - p, axis=1).min() for p in hits]) - tee.fillet_radius
     near = from_rim < 0.010
     assert near.sum() > 100
@@ -79,7 +92,8 @@ def test_tee_wall_error():
 
 
 def test_no_leak_where_reducers_are_joined():
-    """Around every joint of a chain with two cones, rays from the axis meet the wall where it should be."""
+    """Around every joint of a chain with two cones, rays from the axis meet the wall where it
+    should be."""
     narrow = Reducer(0.05, 0.14)
     steps = [
         Step("a", Straight(0.1), "start", "end"),
@@ -120,7 +134,8 @@ def test_stave_count_is_the_least(tolerance):
 
 
 def test_walls_touch_only_lugs():
-    """Wall geoms are named after their part, stand in group 3 and do not collide with one another."""
+    """Wall geoms are named after their part, stand in group 3 and do not collide with one
+    another."""
     spec = new_spec("x")
     count = add_walls(spec, PipeNetwork((Placed("pipe", Tee(), Pose()),)))
     model = spec.compile()

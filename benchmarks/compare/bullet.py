@@ -2,12 +2,16 @@
 
 python benchmarks/compare/bullet.py [--job NAME]... [--setting NAME]... [--probes N]
 
-Drives the jobs at each setting with the package's own controller and prints outcome, speed and wall error.
+Drives the jobs at each setting with the package's own controller and prints outcome, speed and wall
+error.
 
-What differs from the robot in MuJoCo, because Bullet has no armature, no tied joints and no soft contacts of that kind:
+What differs from the robot in MuJoCo, because Bullet has no armature, no tied joints and no soft
+contacts of that kind:
 
-* No reflected rotor inertia of crawler and rotary motors: as the mass of a link it would add weight.
-* Belts are velocity motors that correct ``BulletSettings.servo`` of the error in a step, within the drive's force
+* No reflected rotor inertia of crawler and rotary motors: as the mass of a link it would add
+  weight.
+* Belts are velocity motors that correct ``BulletSettings.servo`` of the error in a step, within the
+  drive's force
   limits. The two runs of a chain are not tied: each has a motor of its own.
 * Rotary motors are position motors with the time constant of the servo (kv / kp).
 * Springs and dampers are joint forces, held for a step.
@@ -76,9 +80,10 @@ class BulletSettings:
         sections, along: edges of the wall mesh around the bore; rings in 90 degrees of an elbow.
         erp: part of a contact's depth that is corrected in a step.
         breaking: distance from which contacts are kept, m.
-        stiffness, damping: of a contact, N/m and N s/m, instead of ``erp``; None for rigid contacts.
-        servo: part of a belt's speed error that its motor corrects in a step; ``time_step / BELT_SERVO_TIME`` is the
-            motor's own lag without load.
+        stiffness, damping: of a contact, N/m and N s/m, instead of ``erp``; None for rigid
+            contacts.
+        servo: part of a belt's speed error that its motor corrects in a step; ``time_step /
+            BELT_SERVO_TIME`` is the motor's own lag without load.
         cone: friction cone instead of a pyramid.
     """
 
@@ -105,16 +110,21 @@ SETTINGS: dict[str, BulletSettings] = {
     "soft_4ms": BulletSettings(time_step=0.004, stiffness=2e4, damping=50.0),
     "4ms_iterations_200": BulletSettings(time_step=0.004, iterations=200),
     "4ms_iterations_100": BulletSettings(time_step=0.004, iterations=100),
-    "4ms_iterations_200_fine": BulletSettings(time_step=0.004, iterations=200, sections=192, along=48),
+    "4ms_iterations_200_fine": BulletSettings(
+        time_step=0.004, iterations=200, sections=192, along=48
+    ),
 }
 
 
 def inner_mesh(fitting: Fitting, settings: BulletSettings) -> trimesh.Trimesh:
-    """Inner surface of a fitting, m, fitting frame; the exact surface lies amid each facet around the bore."""
+    """Inner surface of a fitting, m, fitting frame; the exact surface lies amid each facet around
+    the bore."""
     n = settings.sections
     if isinstance(fitting, (Straight, Elbow)):
         turns = (
-            1 if isinstance(fitting, Straight) else max(2, math.ceil(settings.along * fitting.angle / (math.pi / 2)))
+            1
+            if isinstance(fitting, Straight)
+            else max(2, math.ceil(settings.along * fitting.angle / (math.pi / 2)))
         )
         mesh = _swept(fitting, n, turns)
     else:
@@ -146,7 +156,10 @@ def _swept(fitting: Straight | Elbow, sections: int, turns: int) -> trimesh.Trim
     index = np.arange((turns + 1) * sections).reshape(turns + 1, sections)
     a, b = index[:-1], index[1:]
     a_next, b_next = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
-    faces = [np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, b, a_next), (a_next, b, b_next))]
+    faces = [
+        np.stack(corners, axis=-1).reshape(-1, 3)
+        for corners in ((a, b, a_next), (a_next, b, b_next))
+    ]
     return trimesh.Trimesh(points.reshape(-1, 3), np.concatenate(faces), process=False)
 
 
@@ -158,7 +171,9 @@ def add_wall(client: int, network: PipeNetwork, settings: BulletSettings) -> int
         meshes.append(trimesh.Trimesh(part.pose.apply(mesh.vertices), mesh.faces, process=False))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "wall.obj"
-        file.write_text(trimesh.util.concatenate(meshes).export(file_type="obj", digits=9), encoding="utf-8")
+        file.write_text(
+            trimesh.util.concatenate(meshes).export(file_type="obj", digits=9), encoding="utf-8"
+        )
         shape = bullet.createCollisionShape(
             bullet.GEOM_MESH,
             fileName=str(file),
@@ -179,7 +194,8 @@ def _vector(*values: float) -> str:
 
 def _inertial(mass: float, across: float, axial: float) -> str:
     return (
-        f'<inertial><mass value="{mass:.9g}"/><inertia ixx="{across:.9g}" iyy="{across:.9g}" izz="{axial:.9g}"'
+        f'<inertial><mass value="{mass:.9g}"/><inertia ixx="{across:.9g}" iyy="{across:.9g}" '
+        f'izz="{axial:.9g}"'
         ' ixy="0" ixz="0" iyz="0"/></inertial>'
     )
 
@@ -190,18 +206,27 @@ def _cylinder(mass: float, radius: float, length: float) -> str:
 
 
 def _joint(
-    name: str, kind: str, parent: str, child: str, axis: str, limits: tuple[float, float], origin: str = ""
+    name: str,
+    kind: str,
+    parent: str,
+    child: str,
+    axis: str,
+    limits: tuple[float, float],
+    origin: str = "",
 ) -> str:
     bounds = f'<limit lower="{limits[0]:.9g}" upper="{limits[1]:.9g}" effort="1e4" velocity="1e3"/>'
     return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{origin}'
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child '
+        f'link="{child}"/>{origin}'
         f'<axis xyz="{axis}"/>{bounds}<dynamics damping="0" friction="0"/></joint>'
     )
 
 
 def robot_urdf(robot: Robot) -> str:
     """The robot as URDF text, frames and signs as in ``omnitrack_sim.model.robot``."""
-    parts = [f'<link name="chassis">{_cylinder(robot.chassis_mass, 0.025, robot.chassis_length)}</link>']
+    parts = [
+        f'<link name="chassis">{_cylinder(robot.chassis_mass, 0.025, robot.chassis_length)}</link>'
+    ]
     radius, free = robot.lug_radius - robot.track_offset, (1.0, -1.0)
     track_inertia = TRACK_MASS * robot.lug_radius**2
     for number, angle in zip(NUMBERS, MODULE_ANGLES, strict=True):
@@ -210,10 +235,29 @@ def robot_urdf(robot: Robot) -> str:
         slider, arm, module = f"slider_{number}", f"arm_{number}", f"module_{number}"
         parts += [
             f'<link name="{slider}">{_cylinder(SLIDER_MASS, 0.01, robot.shaft_spacing)}</link>',
-            _joint(f"slide_{number}", "prismatic", "chassis", slider, "1 0 0", robot.slide_range, origin),
-            f'<link name="{arm}">{_cylinder(robot.arm_mass - SLIDER_MASS, 0.01, robot.shaft_spacing)}</link>',
-            _joint(f"pitch_{number}", "revolute", slider, arm, "0 1 0", (-robot.pitch_limit, robot.pitch_limit)),
-            f'<link name="{module}">{_cylinder(robot.module_mass, robot.lug_radius, robot.length)}</link>',
+            _joint(
+                f"slide_{number}",
+                "prismatic",
+                "chassis",
+                slider,
+                "1 0 0",
+                robot.slide_range,
+                origin,
+            ),
+            "<link "
+            f'name="{arm}">'
+            f"{_cylinder(robot.arm_mass - SLIDER_MASS, 0.01, robot.shaft_spacing)}</link>",
+            _joint(
+                f"pitch_{number}",
+                "revolute",
+                slider,
+                arm,
+                "0 1 0",
+                (-robot.pitch_limit, robot.pitch_limit),
+            ),
+            "<link "
+            f'name="{module}">'
+            f"{_cylinder(robot.module_mass, robot.lug_radius, robot.length)}</link>",
             _joint(f"roll_{number}", "continuous", arm, module, "0 0 1", free),
         ]
         for track, side in zip(TRACKS, (1.0, -1.0), strict=True):
@@ -224,7 +268,8 @@ def robot_urdf(robot: Robot) -> str:
                 for z in lug_places(robot)
             )
             parts += [
-                f'<link name="{name}">{_inertial(TRACK_MASS, track_inertia, track_inertia)}{lugs}</link>',
+                "<link "
+                f'name="{name}">{_inertial(TRACK_MASS, track_inertia, track_inertia)}{lugs}</link>',
                 _joint(f"belt_{track}_{number}", "prismatic", module, name, f"0 0 {-side:g}", free),
             ]
     return f'<?xml version="1.0"?><robot name="omnitrack">{"".join(parts)}</robot>'
@@ -244,7 +289,10 @@ class BulletPlant:
         self.wall = add_wall(self.client, scenario.route().network, settings)
         self.body = self._add_robot(trials)
         self.build_seconds = time.perf_counter() - start
-        self.spring_free, self.roll_torque = float(trials.spring_free[0]), float(trials.roll_torque[0])
+        self.spring_free, self.roll_torque = (
+            float(trials.spring_free[0]),
+            float(trials.roll_torque[0]),
+        )
         self.engine_seconds, self.engine_steps = 0.0, 0
         self.diverged = np.zeros(1, bool)
         self.time = 0.0
@@ -294,22 +342,40 @@ class BulletPlant:
             for j in range(bullet.getNumJoints(body, physicsClientId=self.client))
         }
         kinds = ("slide", "pitch", "roll", "belt_upper", "belt_lower")
-        self._joint = np.array([[joint[f"{k}_{i}"] for k in kinds] for i in NUMBERS])  # (3, 5), as in qpos
+        self._joint = np.array(
+            [[joint[f"{k}_{i}"] for k in kinds] for i in NUMBERS]
+        )  # (3, 5), as in qpos
         self._all = self._joint.ravel().tolist()
         self._sprung = self._joint[:, [SLIDE, PITCH]].ravel().tolist()
         self._belts = self._joint[:, [UPPER, LOWER]].ravel().tolist()
         self._rolls = self._joint[:, ROLL].tolist()
         self._links = [*self._joint[:, PITCH].tolist(), *self._rolls]  # arms and modules
         self._track_of = {int(j): divmod(i, 2) for i, j in enumerate(self._belts)}
-        quiet = {"linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0, "maxJointVelocity": 1e3}
+        quiet = {
+            "linearDamping": 0.0,
+            "angularDamping": 0.0,
+            "jointDamping": 0.0,
+            "maxJointVelocity": 1e3,
+        }
         for link in range(-1, len(joint)):
             bullet.changeDynamics(body, link, **quiet, physicsClientId=self.client)
         for link in self._belts:
-            surface = {"lateralFriction": float(trials.friction[0]), "spinningFriction": 0.0, "rollingFriction": 0.0}
+            surface = {
+                "lateralFriction": float(trials.friction[0]),
+                "spinningFriction": 0.0,
+                "rollingFriction": 0.0,
+            }
             if self.settings.stiffness is not None:
-                surface |= {"contactStiffness": self.settings.stiffness, "contactDamping": self.settings.damping}
-            bullet.changeDynamics(body, link, restitution=0.0, **surface, physicsClientId=self.client)
-            bullet.setCollisionFilterGroupMask(body, link, LUG_GROUP, WALL_GROUP, physicsClientId=self.client)
+                surface |= {
+                    "contactStiffness": self.settings.stiffness,
+                    "contactDamping": self.settings.damping,
+                }
+            bullet.changeDynamics(
+                body, link, restitution=0.0, **surface, physicsClientId=self.client
+            )
+            bullet.setCollisionFilterGroupMask(
+                body, link, LUG_GROUP, WALL_GROUP, physicsClientId=self.client
+            )
         for row, slide, roll in zip(self._joint, trials.slide[0], trials.roll[0], strict=True):
             bullet.resetJointState(body, row[SLIDE], slide, physicsClientId=self.client)
             bullet.resetJointState(body, row[ROLL], roll, physicsClientId=self.client)
@@ -325,36 +391,56 @@ class BulletPlant:
 
     def _refresh(self) -> None:
         """State of the engine to ``qpos``."""
-        position, (x, y, z, w) = bullet.getBasePositionAndOrientation(self.body, physicsClientId=self.client)
+        position, (x, y, z, w) = bullet.getBasePositionAndOrientation(
+            self.body, physicsClientId=self.client
+        )
         states = bullet.getJointStates(self.body, self._all, physicsClientId=self.client)
         self._velocity = np.array([s[1] for s in states]).reshape(3, JOINTS_PER_MODULE)
-        self._motor_force = np.array([s[3] for s in states]).reshape(3, JOINTS_PER_MODULE) * self.settings.substeps
+        self._motor_force = (
+            np.array([s[3] for s in states]).reshape(3, JOINTS_PER_MODULE) * self.settings.substeps
+        )
         self.qpos[0] = [*position, w, x, y, z, *(s[0] for s in states)]
 
     def contacts(self) -> list[tuple[int, int, Array, Array, float]]:
-        """Contacts that press: module, track (0 upper, 1 lower), point (3,) m, force on the track (3,) N, gap m."""
+        """Contacts that press: module, track (0 upper, 1 lower), point (3,) m, force on the track
+        (3,) N, gap m."""
         found = []
         points = bullet.getContactPoints(self.body, self.wall, physicsClientId=self.client)
         for point in points:
             module, track = self._track_of[point[3]]
             if point[9] <= 0:
                 continue
-            force = point[9] * np.array(point[7]) + point[10] * np.array(point[11]) + point[12] * np.array(point[13])
+            force = (
+                point[9] * np.array(point[7])
+                + point[10] * np.array(point[11])
+                + point[12] * np.array(point[13])
+            )
             # Bullet reports the impulse of its last own step over the whole step.
-            found.append((module, track, np.array(point[6]), force * self.settings.substeps, point[8]))
+            found.append(
+                (module, track, np.array(point[6]), force * self.settings.substeps, point[8])
+            )
         return found
 
     def read(self) -> Readings:
         """As ``Plant.read``."""
         qpos = self.qpos[:, 7:].reshape(1, 3, JOINTS_PER_MODULE)
         links = bullet.getLinkStates(
-            self.body, self._links, computeLinkVelocity=1, computeForwardKinematics=1, physicsClientId=self.client
+            self.body,
+            self._links,
+            computeLinkVelocity=1,
+            computeForwardKinematics=1,
+            physicsClientId=self.client,
         )
         turned = np.array([s[5] for s in links])[:, [3, 0, 1, 2]]
         rotation = matrix_from_quaternion(turned)
         arm_out, forward = rotation[:3, :, 0], rotation[3:, :, 2]
         place, linear, spin = (np.array([s[i] for s in links[3:]]) for i in (4, 6, 7))
-        number, total, weight, centre = np.zeros((3, 2)), np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
+        number, total, weight, centre = (
+            np.zeros((3, 2)),
+            np.zeros((3, 3)),
+            np.zeros(3),
+            np.zeros((3, 3)),
+        )
         for module, track, point, force, _ in self.contacts():
             size = float(np.linalg.norm(force))
             number[module, track] += 1
@@ -383,17 +469,27 @@ class BulletPlant:
             traction=dot(total, forward)[None],
             normal_force=-dot(total, arm_out)[None],
             belt_speed=belt_speed[None].copy(),
-            motor_torque=self._motor_force[None][..., [UPPER, LOWER]].sum(axis=-1) * self.robot.lug_radius,
+            motor_torque=self._motor_force[None][..., [UPPER, LOWER]].sum(axis=-1)
+            * self.robot.lug_radius,
             module_speed=module_speed[None],
             wall_speed=wall_speed[None],
             slip_velocity=slip[None],
-            slip_ratio=np.where(scale > AT_REST, np.clip(slip / np.maximum(scale, AT_REST), -1, 1), 0.0)[None],
+            slip_ratio=np.where(
+                scale > AT_REST, np.clip(slip / np.maximum(scale, AT_REST), -1, 1), 0.0
+            )[None],
             contact_count=number[None],
             contact_position=self._contact_position[None].copy(),
         )
 
-    def step(self, active: NDArray[np.intp], drive: tuple[Array, Array, Array], roll: Array, substeps: int) -> None:
-        """As ``Plant.step``; ``substeps`` counts the scenario's physics steps, Bullet takes as many as it is set to."""
+    def step(
+        self,
+        active: NDArray[np.intp],
+        drive: tuple[Array, Array, Array],
+        roll: Array,
+        substeps: int,
+    ) -> None:
+        """As ``Plant.step``; ``substeps`` counts the scenario's physics steps, Bullet takes as many
+        as it is set to."""
         if 0 not in active:
             return
         self._ask_motors(tuple(value[0] for value in drive), roll[0])
@@ -435,7 +531,8 @@ class BulletPlant:
         )
 
     def _move_rows_back(self) -> None:
-        """Chains are endless: a row of lugs that has moved on by a pitch is the same row, moved back."""
+        """Chains are endless: a row of lugs that has moved on by a pitch is the same row, moved
+        back."""
         pitch = lug_pitch(self.robot)
         travel = self.qpos[0, 7:].reshape(3, JOINTS_PER_MODULE)[:, UPPER:]
         back = pitch * np.round(travel / pitch)
@@ -452,7 +549,9 @@ class BulletPlant:
     def _leave_out_far_tracks(self) -> None:
         """As ``Plant``: no contacts of tracks that face away from the wall."""
         cosine = np.cos(self.qpos[0, 7:].reshape(3, JOINTS_PER_MODULE)[:, ROLL])
-        at_wall = np.stack([cosine > -BOTH_TRACKS_COSINE, cosine < BOTH_TRACKS_COSINE], axis=-1)  # (3, 2)
+        at_wall = np.stack(
+            [cosine > -BOTH_TRACKS_COSINE, cosine < BOTH_TRACKS_COSINE], axis=-1
+        )  # (3, 2)
         for module, track in zip(*np.nonzero(at_wall != self._at_wall), strict=True):
             mask = WALL_GROUP if at_wall[module, track] else 0
             link = self._joint[module, UPPER + track]
@@ -467,13 +566,19 @@ class BulletPlant:
         stiffness, lever = robot.module_stiffness / 2, robot.shaft_spacing / 2
         states = bullet.getJointStates(self.body, self._sprung, physicsClientId=self.client)
         forces = []
-        for (slide, slide_rate, *_), (pitch, pitch_rate, *_) in zip(states[::2], states[1::2], strict=True):
+        for (slide, slide_rate, *_), (pitch, pitch_rate, *_) in zip(
+            states[::2], states[1::2], strict=True
+        ):
             front = stiffness * _push(slide + lever * pitch, self.spring_free)
             rear = stiffness * _push(slide - lever * pitch, self.spring_free)
             forces.append(front + rear - robot.slide_damping * slide_rate)
             forces.append(lever * (front - rear) - robot.pitch_damping * pitch_rate)
         bullet.setJointMotorControlArray(
-            self.body, self._sprung, bullet.TORQUE_CONTROL, forces=forces, physicsClientId=self.client
+            self.body,
+            self._sprung,
+            bullet.TORQUE_CONTROL,
+            forces=forces,
+            physicsClientId=self.client,
         )
 
 
@@ -496,7 +601,9 @@ def contacts_per_lug(plant: BulletPlant) -> float:
     found = plant.contacts()
     if not found:
         return math.nan
-    links = bullet.getLinkStates(plant.body, plant._belts, computeForwardKinematics=1, physicsClientId=plant.client)
+    links = bullet.getLinkStates(
+        plant.body, plant._belts, computeForwardKinematics=1, physicsClientId=plant.client
+    )
     places, lugs = lug_places(plant.robot), set()
     for module, track, point, _, _ in found:
         state = links[2 * module + track]
@@ -511,8 +618,8 @@ def bullet_wall_error(
 ) -> tuple[float, float]:
     """Largest and 99 % distance, mm, of the surface that lugs meet from the exact one.
 
-    A sphere as large as a lug is held ``PROBE_GAP`` off the exact surface, and the engine is asked for the gap. On the
-    fittings that bend or branch; in a straight route on all of it.
+    A sphere as large as a lug is held ``PROBE_GAP`` off the exact surface, and the engine is asked
+    for the gap. On the fittings that bend or branch; in a straight route on all of it.
     """
     network = scenario.route().network
     radius = scenario.robot.lug_radius - scenario.robot.track_offset
@@ -521,12 +628,16 @@ def bullet_wall_error(
     client = bullet.connect(bullet.DIRECT)
     try:
         wall = add_wall(client, network, settings)
-        shape = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=radius, physicsClientId=client)
+        shape = bullet.createCollisionShape(
+            bullet.GEOM_SPHERE, radius=radius, physicsClientId=client
+        )
         probe = bullet.createMultiBody(1.0, shape, physicsClientId=client)
         errors = np.full(len(centres), np.inf)
         exact = network.signed_distance(centres)[0]
         for i, centre, distance in zip(count(), centres, exact):
-            bullet.resetBasePositionAndOrientation(probe, centre.tolist(), [0, 0, 0, 1], physicsClientId=client)
+            bullet.resetBasePositionAndOrientation(
+                probe, centre.tolist(), [0, 0, 0, 1], physicsClientId=client
+            )
             points = bullet.getClosestPoints(probe, wall, 0.01, physicsClientId=client)
             if points:
                 errors[i] = distance - radius - min(point[8] for point in points)
@@ -536,8 +647,11 @@ def bullet_wall_error(
     return float(size.max()), float(np.quantile(size, 0.99))
 
 
-def probe_centres(network: PipeNetwork, parts: list, radius: float, number: int, seed: int) -> Array:
-    """Centres (number, 3) m of spheres that stand ``PROBE_GAP`` off the exact surface, at random over ``parts``."""
+def probe_centres(
+    network: PipeNetwork, parts: list, radius: float, number: int, seed: int
+) -> Array:
+    """Centres (number, 3) m of spheres that stand ``PROBE_GAP`` off the exact surface, at random
+    over ``parts``."""
     rng = np.random.default_rng(seed)
     samples = np.concatenate([part.bore_samples() for part in parts])
     chosen = []
@@ -606,7 +720,9 @@ def drive(scenario: Scenario, settings: BulletSettings) -> Drive:
 
 def main() -> None:
     """Drive the jobs at the settings."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--job", action="append", choices=JOBS)
     parser.add_argument("--setting", action="append", choices=sorted(SETTINGS))
     parser.add_argument("--probes", type=int, default=2000)
@@ -616,8 +732,15 @@ def main() -> None:
             scenario = load_scenario(job)
             result = drive(scenario, SETTINGS[name])
             largest, most = bullet_wall_error(scenario, SETTINGS[name], given.probes)
-            values = "  ".join(f"{k} {v:.3g}" for k, v in dataclasses.asdict(result).items() if isinstance(v, float))
-            print(f"{name:16} {job:12} {result.outcome}  wall {largest:.3f}/{most:.3f} mm  {values}  {result.reason}")
+            values = "  ".join(
+                f"{k} {v:.3g}"
+                for k, v in dataclasses.asdict(result).items()
+                if isinstance(v, float)
+            )
+            print(
+                f"{name:16} {job:12} {result.outcome}  wall {largest:.3f}/{most:.3f} mm  {values}  "
+                f"{result.reason}"
+            )
 
 
 if __name__ == "__main__":

@@ -38,10 +38,11 @@ TITLES = {
 NEEDS = {"convex": "coacd", "bullet": "pybullet", "exact": "numba"}
 """Packages that an entry needs beyond those of omnitrack_sim."""
 PROBE_DEPTH = 1e-3
-"""How far a lug is pressed into the exact surface to feel for the walls, m; signed distance fields have no contacts at
-a distance."""
+"""How far a lug is pressed into the exact surface to feel for the walls, m; signed distance fields
+have no contacts at a distance."""
 PROBE_REACH = 5e-3
-"""Farthest from the exact surface that a wall is found, m; a wall farther off counts as this far."""
+"""Farthest from the exact surface that a wall is found, m; a wall farther off counts as this
+far."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,8 @@ class Entry:
         peer: key of ``TITLES``.
         settings: as they are reported.
         overrides: of the scenario, by key.
-        walls: adds the walls of a network to a spec and returns seconds spent in other processes; none for entries
-            whose plant is made elsewhere.
+        walls: adds the walls of a network to a spec and returns seconds spent in other processes;
+            none for entries whose plant is made elsewhere.
         line_tracks: rows of lugs are lines, for the compiled collider.
         depth_factor: depth of penetration over what contacts say of it.
     """
@@ -116,7 +117,8 @@ class Built:
 
     Attributes:
         make_plant: for ``BatchRun``.
-        wall_error: errors (k,) m of the collision surface at k probes in a part; see ``probe_walls``.
+        wall_error: errors (k,) m of the collision surface at k probes in a part; see
+            ``probe_walls``.
         build_s: CPU seconds to make walls and model.
         elements: wall pieces, or triangles.
     """
@@ -128,7 +130,8 @@ class Built:
 
 
 def probe_places(part: Placed, radius: float, count: int, seed: int = 0) -> Array:
-    """Centres (count, 3) m, world frame, of spheres that touch a part's exact inner surface, away from its ports."""
+    """Centres (count, 3) m, world frame, of spheres that touch a part's exact inner surface, away
+    from its ports."""
     rng = np.random.default_rng(seed)
     samples = part.bore_samples()
     low, high = samples.min(axis=0), samples.max(axis=0)
@@ -146,16 +149,20 @@ def probe_places(part: Placed, radius: float, count: int, seed: int = 0) -> Arra
 
 
 def probe_walls(entry: Entry, scenario: Scenario, part: Placed, count: int) -> tuple[float, float]:
-    """Largest error and that which 99 % of the probes keep, mm, of an entry's collision surface in one part.
+    """Largest error and that which 99 % of the probes keep, mm, of an entry's collision surface in
+    one part.
 
-    A lug is pressed into the exact surface at ``count`` places; its deepest contact is that deep, or off by the error.
-    The compiled collider is probed with its own kind of geom, a line of no length.
+    A lug is pressed into the exact surface at ``count`` places; its deepest contact is that deep,
+    or off by the error. The compiled collider is probed with its own kind of geom, a line of no
+    length.
     """
     assert entry.walls is not None
     spec = new_spec("probe")
     radius = scenario.robot.lug_radius - scenario.robot.track_offset
     entry.walls(spec, scenario.route().network)
-    probe = spec.worldbody.add_body(name="probe", mass=1.0, inertia=[1.0, 1.0, 1.0], explicitinertial=True)
+    probe = spec.worldbody.add_body(
+        name="probe", mass=1.0, inertia=[1.0, 1.0, 1.0], explicitinertial=True
+    )
     probe.add_freejoint()
     shape: dict[str, Any] = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [radius, 0, 0]}
     if entry.line_tracks:
@@ -164,7 +171,9 @@ def probe_walls(entry: Entry, scenario: Scenario, part: Placed, count: int) -> t
             "size": [radius, 1e-9, 0],
             "userdata": line_record(lug_pitch(scenario.robot)),
         }
-    probe.add_geom(contype=LUG_CONTYPE, conaffinity=LUG_CONAFFINITY, priority=1, margin=PROBE_REACH, **shape)
+    probe.add_geom(
+        contype=LUG_CONTYPE, conaffinity=LUG_CONAFFINITY, priority=1, margin=PROBE_REACH, **shape
+    )
     model = spec.compile()
     data = mujoco.MjData(model)
     errors = []
@@ -174,13 +183,18 @@ def probe_walls(entry: Entry, scenario: Scenario, part: Placed, count: int) -> t
         mujoco.mj_comPos(model, data)
         mujoco.mj_flex(model, data)
         mujoco.mj_collision(model, data)
-        found = entry.depth_factor * float(data.contact.dist.min()) + PROBE_DEPTH if data.ncon else PROBE_REACH
+        found = (
+            entry.depth_factor * float(data.contact.dist.min()) + PROBE_DEPTH
+            if data.ncon
+            else PROBE_REACH
+        )
         errors.append(min(abs(found), PROBE_REACH) if np.isfinite(found) else PROBE_REACH)
     return 1000 * max(errors), 1000 * float(np.percentile(errors, 99))
 
 
 def entries(work: Work, peers: tuple[str, ...] = tuple(TITLES), quick: bool = False) -> list[Entry]:
-    """Every entry of ``peers``; ``quick``: the first two of this package, the first of each peer."""
+    """Every entry of ``peers``; ``quick``: the first two of this package, the first of each
+    peer."""
     found: dict[str, list[Entry]] = {
         "primitives": [_primitives(t, w) for t, w in OWN_PRIMITIVES],
         "exact": [_exact(t) for t in (0.002, 0.001, 0.004)],
@@ -189,7 +203,11 @@ def entries(work: Work, peers: tuple[str, ...] = tuple(TITLES), quick: bool = Fa
         "sdf": [_sdf(*settings) for settings in SDF],
         "bullet": _bullet_entries(),
     }
-    return [entry for peer in peers for entry in (found[peer][: 2 if peer in OWN else 1] if quick else found[peer])]
+    return [
+        entry
+        for peer in peers
+        for entry in (found[peer][: 2 if peer in OWN else 1] if quick else found[peer])
+    ]
 
 
 def missing(peer: str) -> str | None:
@@ -210,7 +228,11 @@ CONVEX: list[tuple[float, MeshSettings, dict[str, Any]]] = [
     (0.002, MeshSettings(48), {"threshold": 0.02, **_UNPROCESSED}),
     (0.002, MeshSettings(48), {"threshold": 0.01, **_UNPROCESSED}),
     (0.002, MeshSettings(48), {"threshold": 0.01, "max_convex_hull": 100, **_UNPROCESSED}),
-    (0.002, MeshSettings(48), {"threshold": 0.05, "preprocess_resolution": 30, "mcts_iterations": 50}),
+    (
+        0.002,
+        MeshSettings(48),
+        {"threshold": 0.05, "preprocess_resolution": 30, "mcts_iterations": 50},
+    ),
 ]
 """Time step, s, mesh and arguments of CoACD."""
 FLEX = [
@@ -226,9 +248,11 @@ SDF = [
     (0.002, MeshSettings(96, thickness=0.010), 7, 3, 4),
     (0.002, MeshSettings(96, thickness=0.010), 7, 10, 40),
 ]
-"""Time step, s, mesh, depth of the octree, iterations and starting points of the search for contacts."""
+"""Time step, s, mesh, depth of the octree, iterations and starting points of the search for
+contacts."""
 SDF_DEPTH_FACTOR = 2.0
-"""A contact with a signed distance field lies where both shapes are equally deep, and says that depth: half of all."""
+"""A contact with a signed distance field lies where both shapes are equally deep, and says that
+depth: half of all."""
 
 
 CONTROL_PERIOD, COARSE_CONTROL_PERIOD = 0.010, 0.008
@@ -236,12 +260,17 @@ CONTROL_PERIOD, COARSE_CONTROL_PERIOD = 0.010, 0.008
 
 
 def _clock(timestep: float) -> dict[str, float]:
-    """The time step and, where the control period is no multiple of it, the other control period."""
+    """The time step and, where the control period is no multiple of it, the other control
+    period."""
     fits = abs(CONTROL_PERIOD / timestep - round(CONTROL_PERIOD / timestep)) < 1e-9
     if fits:
         return {"physics.timestep": timestep}
     period = COARSE_CONTROL_PERIOD
-    return {"physics.timestep": timestep, "physics.control_period": period, "physics.record_period": 5 * period}
+    return {
+        "physics.timestep": timestep,
+        "physics.control_period": period,
+        "physics.record_period": 5 * period,
+    }
 
 
 def _primitives(timestep: float, tolerance: float) -> Entry:
@@ -266,7 +295,12 @@ def _exact(timestep: float) -> Entry:
 def _convex(work: Work, timestep: float, mesh: MeshSettings, **coacd: Any) -> Entry:
     return Entry(
         "convex",
-        {"timestep_ms": 1000 * timestep, "sections": mesh.sections, "wall_mm": 1000 * mesh.thickness, **coacd},
+        {
+            "timestep_ms": 1000 * timestep,
+            "sections": mesh.sections,
+            "wall_mm": 1000 * mesh.thickness,
+            **coacd,
+        },
         _clock(timestep),
         lambda spec, network: convex_walls(spec, network, mesh, coacd, work.folder, work.limit_s),
     )
@@ -278,11 +312,18 @@ def _flex(timestep: float, sections: int, edge: float | None, radius: float) -> 
         return 0.0
 
     edge_mm = None if edge is None else 1000 * edge
-    settings = {"timestep_ms": 1000 * timestep, "sections": sections, "edge_mm": edge_mm, "radius_mm": 1000 * radius}
+    settings = {
+        "timestep_ms": 1000 * timestep,
+        "sections": sections,
+        "edge_mm": edge_mm,
+        "radius_mm": 1000 * radius,
+    }
     return Entry("flex", settings, _clock(timestep), walls)
 
 
-def _sdf(timestep: float, mesh: MeshSettings, depth: int | None, iterations: int, points: int) -> Entry:
+def _sdf(
+    timestep: float, mesh: MeshSettings, depth: int | None, iterations: int, points: int
+) -> Entry:
     def walls(spec: mujoco.MjSpec, network: PipeNetwork) -> float:
         sdf_walls(spec, network, mesh, depth, iterations, points)
         return 0.0
@@ -305,7 +346,9 @@ def _bullet_entries() -> list[Entry]:
 
     made = []
     for name, settings in bullet.SETTINGS.items():
-        values = dataclasses.asdict(settings) if dataclasses.is_dataclass(settings) else dict(settings)
+        values = (
+            dataclasses.asdict(settings) if dataclasses.is_dataclass(settings) else dict(settings)
+        )
         timestep = values.get("time_step")
         overrides = {} if timestep is None else _clock(timestep)
         made.append(Entry("bullet", {"name": name, **values}, overrides))

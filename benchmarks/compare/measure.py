@@ -23,7 +23,8 @@ class Row:
     """What was measured of an entry on a job.
 
     Attributes:
-        outcome: as in ``omnitrack_sim.Outcome``, or ``out_of_budget`` when the CPU time ran out, or ``error``.
+        outcome: as in ``omnitrack_sim.Outcome``, or ``out_of_budget`` when the CPU time ran out, or
+            ``error``.
         error: why there is nothing, or None.
         wall_error_max_mm, wall_error_99_mm: of the collision surface on the job's fitting.
         step_speed, speed: simulated seconds a CPU second, of the physics alone and with control.
@@ -90,7 +91,8 @@ class Case:
         return case
 
     def drive(self, budget_s: float) -> None:
-        """Drive once for at most ``budget_s`` CPU seconds, and fill the row; see ``settle`` for repeats."""
+        """Drive once for at most ``budget_s`` CPU seconds, and fill the row; see ``settle`` for
+        repeats."""
         if self.built is None:
             return
         start = time.process_time()

@@ -1,4 +1,5 @@
-"""MuJoCo scenes with the package's robot and other walls: convex pieces, a rigid flex, a signed distance field."""
+"""MuJoCo scenes with the package's robot and other walls: convex pieces, a rigid flex, a signed
+distance field."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ from omnitrack_sim.model.walls import GROUP, sagitta
 from omnitrack_sim.pipes import Fitting, PipeNetwork
 
 NEAR = 1e-3
-"""A mesh vertex this close to the exact inner surface lies on the bore, m; the outside is a wall thickness away."""
+"""A mesh vertex this close to the exact inner surface lies on the bore, m; the outside is a wall
+thickness away."""
 SLIVER = 1e-6
 """Triangles of less height than this, m, are left out: contacts with them are not numbers."""
 WALL_MASKS = {"contype": LUG_CONAFFINITY, "conaffinity": LUG_CONTYPE, "group": GROUP}
@@ -44,8 +46,9 @@ class MeshSettings:
 def wall_solid(fitting: Fitting, settings: MeshSettings) -> trimesh.Trimesh:
     """The wall of a fitting as a watertight solid, m, fitting frame.
 
-    Vertices of the bore are moved onto the exact surface, and out of it by half the sagitta of the facets around: the
-    exact surface then lies midway between a facet's nearest and farthest points, as with the package's own walls.
+    Vertices of the bore are moved onto the exact surface, and out of it by half the sagitta of the
+    facets around: the exact surface then lies midway between a facet's nearest and farthest points,
+    as with the package's own walls.
     """
     solid = fitting_mesh(fitting, settings.thickness, settings.sections)
     if settings.edge is not None:
@@ -56,7 +59,8 @@ def wall_solid(fitting: Fitting, settings: MeshSettings) -> trimesh.Trimesh:
 
 
 def bore_surface(fitting: Fitting, settings: MeshSettings, depth: float = 0.0) -> trimesh.Trimesh:
-    """The triangles of ``wall_solid`` that face the bore, moved ``depth`` m into the wall, fitting frame."""
+    """The triangles of ``wall_solid`` that face the bore, moved ``depth`` m into the wall, fitting
+    frame."""
     solid = wall_solid(fitting, settings)
     distance, _ = fitting.signed_distance(solid.vertices)
     on_bore = np.abs(distance) < NEAR
@@ -85,7 +89,8 @@ def convex_walls(
     folder: Path,
     limit_s: float,
 ) -> float:
-    """Convex pieces that CoACD finds in the solid of each fitting; returns the seconds that it took."""
+    """Convex pieces that CoACD finds in the solid of each fitting; returns the seconds that it
+    took."""
     total = 0.0
     for part in network.parts:
         pieces, seconds = convex_pieces(wall_solid(part.fitting, mesh), coacd, folder, limit_s)
@@ -93,14 +98,21 @@ def convex_walls(
         for index, (vertices, faces) in enumerate(pieces):
             name = f"wall_{part.name}_{index}"
             _add_mesh(spec, name, part.pose.apply(vertices), np.asarray(faces))
-            spec.worldbody.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, **WALL_MASKS)
+            spec.worldbody.add_geom(
+                name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, **WALL_MASKS
+            )
     return total
 
 
 def flex_walls(
-    spec: mujoco.MjSpec, network: PipeNetwork, mesh: MeshSettings, radius: float = 1e-3, offset: float = 0.0
+    spec: mujoco.MjSpec,
+    network: PipeNetwork,
+    mesh: MeshSettings,
+    radius: float = 1e-3,
+    offset: float = 0.0,
 ) -> None:
-    """One rigid flex a fitting: the bore's triangles, ``radius`` m thick to either side and set back by as much.
+    """One rigid flex a fitting: the bore's triangles, ``radius`` m thick to either side and set
+    back by as much.
 
     ``offset`` widens the bore, m.
     """
@@ -135,10 +147,14 @@ def sdf_walls(
         asset.needsdf = True
         if octree_depth is not None:
             asset.octree_maxdepth = octree_depth
-        spec.worldbody.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_SDF, meshname=name, **WALL_MASKS)
+        spec.worldbody.add_geom(
+            name=name, type=mujoco.mjtGeom.mjGEOM_SDF, meshname=name, **WALL_MASKS
+        )
 
 
-def _add_mesh(spec: mujoco.MjSpec, name: str, vertices: np.ndarray, faces: np.ndarray) -> mujoco.MjsMesh:
+def _add_mesh(
+    spec: mujoco.MjSpec, name: str, vertices: np.ndarray, faces: np.ndarray
+) -> mujoco.MjsMesh:
     asset = spec.add_mesh(name=name)
     asset.uservert, asset.userface = np.ravel(vertices), np.asarray(faces, np.int32).ravel()
     return asset

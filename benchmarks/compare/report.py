@@ -15,7 +15,8 @@ ZERO_ERROR_MM = 1e-3
 
 
 def best(rows: list[Row]) -> Row:
-    """The best of a peer's settings on one job: it finishes, then its wall error, then its speed."""
+    """The best of a peer's settings on one job: it finishes, then its wall error, then its
+    speed."""
 
     def rank(row: Row) -> tuple[bool, bool, float, float]:
         error = row.wall_error_max_mm
@@ -27,7 +28,8 @@ def best(rows: list[Row]) -> Row:
 
 
 def rival(peer: Row, rows: list[Row]) -> Row | None:
-    """This package's fastest entry that finishes the same job, at the peer's time step and at most its wall error."""
+    """This package's fastest entry that finishes the same job, at the peer's time step and at most
+    its wall error."""
     own = [
         row
         for row in rows
@@ -78,13 +80,23 @@ def tables(rows: list[Row], tried: list[Row], notes: list[str]) -> str:
         lines += [f"## {job}", "", "| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
         lines += [_line(row, rows) for row in rows if row.job == job]
         lines.append("")
-    lines += ["## Settings tried", "", "| entry | job | settings | outcome | wall error, mm | speed | elements |"]
+    lines += [
+        "## Settings tried",
+        "",
+        "| entry | job | settings | outcome | wall error, mm | speed | elements |",
+    ]
     lines += ["|---" * 7 + "|"]
     for row in tried:
         told = row.outcome if row.error is None else row.error
         errors = _number(row.wall_error_max_mm, 3)
-        speed, elements = _number(row.step_speed, 2), row.elements if row.elements is not None else "-"
-        lines.append(f"| {row.peer} | {row.job} | {settings_text(row)} | {told} | {errors} | {speed} | {elements} |")
+        speed, elements = (
+            _number(row.step_speed, 2),
+            row.elements if row.elements is not None else "-",
+        )
+        lines.append(
+            f"| {row.peer} | {row.job} | {settings_text(row)} | {told} | {errors} | {speed} | "
+            f"{elements} |"
+        )
     lines += ["", *(f"* {note}" for note in notes)]
     return "\n".join(lines).rstrip() + "\n"
 
@@ -130,10 +142,15 @@ def plot(rows: list[Row], job: str, path: Path) -> None:
                 )
                 label = None
                 axes.annotate(
-                    f"{1000 * row.timestep:g} ms", (max(row.wall_error_max_mm, ZERO_ERROR_MM), row.step_speed),
+                    f"{1000 * row.timestep:g} "
+                    "ms", (max(row.wall_error_max_mm, ZERO_ERROR_MM), row.step_speed),
                     textcoords="offset points", xytext=(5, 3), fontsize=7,
                 )  # fmt: skip
-        axes.set(xscale="log", yscale="log", xlabel=f"largest wall error, mm ({ZERO_ERROR_MM:g} mm: none)")
+        axes.set(
+            xscale="log",
+            yscale="log",
+            xlabel=f"largest wall error, mm ({ZERO_ERROR_MM:g} mm: none)",
+        )
         axes.set_ylabel("simulated s a CPU s, stepping")
         axes.set_title(f"{job}: discs finish, crosses do not")
         axes.grid(alpha=0.3)

@@ -2,9 +2,9 @@
 
 python benchmarks/compare/run.py [--quick] [--out DIR] [--peer NAME]... [--job NAME]...
 
-Tries the settings of each peer on each job, takes the best (it finishes, then its wall error, then its speed), and
-times these and all entries of this package again, in turns, on one thread. Writes compare.json, compare.md and
-compare.svg.
+Tries the settings of each peer on each job, takes the best (it finishes, then its wall error, then
+its speed), and times these and all entries of this package again, in turns, on one thread. Writes
+compare.json, compare.md and compare.svg.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ from omnitrack_sim import load_scenario, override
 
 
 def compare(options: argparse.Namespace) -> dict[str, Any]:
-    """Measure; returns what goes into the JSON file. Rows and cases stay objects under ``rows`` and ``tried``."""
+    """Measure; returns what goes into the JSON file. Rows and cases stay objects under ``rows`` and
+    ``tried``."""
     notes = []
     peers = []
     for peer in options.peer or TITLES:
@@ -63,7 +64,9 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
 
 def _timed(cases: list[Case], options: argparse.Namespace) -> list[Any]:
     """All cases again, in turns, so that what else the machine does falls on all alike."""
-    repeats: dict[int, list[Any]] = {index: [dataclasses.replace(c.row)] for index, c in enumerate(cases)}
+    repeats: dict[int, list[Any]] = {
+        index: [dataclasses.replace(c.row)] for index, c in enumerate(cases)
+    }
     for _ in range(options.repeats - 1):
         for index, case in enumerate(cases):
             if case.row.error is None and case.row.outcome != "out_of_budget":
@@ -91,7 +94,12 @@ def machine() -> dict[str, Any]:
             versions[package] = version(package)
         except PackageNotFoundError:
             versions[package] = "not installed"
-    return {"processor": platform.machine(), "cores": os.cpu_count(), "system": platform.system(), "versions": versions}
+    return {
+        "processor": platform.machine(),
+        "cores": os.cpu_count(),
+        "system": platform.system(),
+        "versions": versions,
+    }
 
 
 def finite(value: Any) -> Any:
@@ -106,16 +114,31 @@ def finite(value: Any) -> Any:
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--quick", action="store_true", help="one setting a peer, short runs")
-    parser.add_argument("--quick-time", type=float, default=0.4, help="simulated seconds of a quick run")
+    parser.add_argument(
+        "--quick-time", type=float, default=0.4, help="simulated seconds of a quick run"
+    )
     parser.add_argument("--out", type=Path, default=Path("out/compare"))
     parser.add_argument("--peer", action="append", choices=list(TITLES))
     parser.add_argument("--job", action="append", choices=list(PARTS))
-    parser.add_argument("--probes", type=int, default=None, help="probes of a wall; 2000, or 300 with --quick")
-    parser.add_argument("--repeats", type=int, default=None, help="timed runs; 3, or 1 with --quick")
-    parser.add_argument("--budget", type=float, default=None, help="CPU seconds of a run; 20, or 3 with --quick")
-    parser.add_argument("--decompose-limit", type=float, default=None, help="seconds CoACD may take a fitting")
+    parser.add_argument(
+        "--probes", type=int, default=None, help="probes of a wall; 2000, or 300 with --quick"
+    )
+    parser.add_argument(
+        "--repeats", type=int, default=None, help="timed runs; 3, or 1 with --quick"
+    )
+    parser.add_argument(
+        "--budget", type=float, default=None, help="CPU seconds of a run; 20, or 3 with --quick"
+    )
+    parser.add_argument(
+        "--decompose-limit", type=float, default=None, help="seconds CoACD may take a fitting"
+    )
     options = parser.parse_args()
-    for name, full, quick in (("probes", 2000, 300), ("repeats", 3, 1), ("budget", 20, 3), ("decompose_limit", 90, 15)):
+    for name, full, quick in (
+        ("probes", 2000, 300),
+        ("repeats", 3, 1),
+        ("budget", 20, 3),
+        ("decompose_limit", 90, 15),
+    ):
         if getattr(options, name) is None:
             setattr(options, name, quick if options.quick else full)
     options.out.mkdir(parents=True, exist_ok=True)
@@ -124,14 +147,23 @@ def main() -> None:
     data = {
         "machine": machine(),
         "quick": options.quick,
-        "best": [dataclasses.asdict(r) | {"ratio": ratio(r, rows) if r.peer not in OWN else None} for r in rows],
+        "best": [
+            dataclasses.asdict(r) | {"ratio": ratio(r, rows) if r.peer not in OWN else None}
+            for r in rows
+        ],
         "tried": [dataclasses.asdict(r) for r in tried],
         "notes": found["notes"],
     }
-    (options.out / "compare.json").write_text(json.dumps(finite(data), indent=1) + "\n", encoding="utf-8")
+    (options.out / "compare.json").write_text(
+        json.dumps(finite(data), indent=1) + "\n", encoding="utf-8"
+    )
     text = tables(rows, tried, found["notes"])
     (options.out / "compare.md").write_text(text, encoding="utf-8")
-    plot(rows, "tee_turn" if any(r.job == "tee_turn" for r in rows) else rows[0].job, options.out / "compare.svg")
+    plot(
+        rows,
+        "tee_turn" if any(r.job == "tee_turn" for r in rows) else rows[0].job,
+        options.out / "compare.svg",
+    )
     print(text)
 
 

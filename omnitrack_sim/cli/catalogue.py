@@ -14,8 +14,11 @@ from omnitrack_sim.errors import Fault, ScenarioError
 
 
 @app.command()
-def scenarios(as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False) -> None:
-    """List the scenarios, sweeps and networks of the package; `omnitrack run`, `sweep` and `network NAME` find them."""
+def scenarios(
+    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
+) -> None:
+    """List the scenarios, sweeps and networks of the package; `omnitrack run`, `sweep` and `network
+    NAME` find them."""
     from omnitrack_sim.schema.reading import shipped_networks, shipped_scenarios, shipped_sweeps
 
     rows = {name: _comment(path) for name, path in shipped_scenarios().items()}
@@ -36,14 +39,17 @@ def scenarios(as_json: Annotated[bool, typer.Option("--json", help="For machines
 def _comment(path: Path) -> str:
     """The comment at the head of a scenario, sweep or network file."""
     lines = path.read_text(encoding="utf-8").splitlines()
-    head = lines[: next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))]
+    head = lines[
+        : next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))
+    ]
     return " ".join(line.lstrip("# ") for line in head)
 
 
 @app.command()
 def parameters(
     scenario: Annotated[
-        str | None, typer.Argument(help="Show the robot of this scenario instead of the default one.")
+        str | None,
+        typer.Argument(help="Show the robot of this scenario instead of the default one."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
 ) -> None:
@@ -64,7 +70,9 @@ def parameters(
 
 @app.command()
 def models(
-    check: Annotated[bool, typer.Option("--check", help="Say which files differ; status 1 if any does.")] = False,
+    check: Annotated[
+        bool, typer.Option("--check", help="Say which files differ; status 1 if any does.")
+    ] = False,
     write: Annotated[bool, typer.Option("--write", help="Write the files.")] = False,
     root: Annotated[Path, typer.Option(help="Folder that holds models/ and assets/.")] = Path(),
 ) -> None:
@@ -72,7 +80,9 @@ def models(
     from omnitrack_sim.model.export import check_models, write_models
 
     if check == write:
-        raise ScenarioError(Fault("omnitrack models", "say one of --check and --write", ("--check", "--write")))
+        raise ScenarioError(
+            Fault("omnitrack models", "say one of --check and --write", ("--check", "--write"))
+        )
     folders = root / "models", root / "assets"
     if write:
         out.print(f"wrote {len(write_models(*folders))} files below {root.resolve()}")
@@ -80,5 +90,7 @@ def models(
     different = check_models(*folders)
     for name in different:
         out.print(f"differs: {name}")
-    out.print("models and assets are up to date" if not different else "run `omnitrack models --write`")
+    out.print(
+        "models and assets are up to date" if not different else "run `omnitrack models --write`"
+    )
     raise typer.Exit(1 if different else 0)

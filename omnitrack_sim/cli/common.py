@@ -1,4 +1,5 @@
-"""What the commands share: the application, its consoles, scenarios from arguments, progress bars."""
+"""What the commands share: the application, its consoles, scenarios from arguments, progress
+bars."""
 
 from __future__ import annotations
 
@@ -38,12 +39,18 @@ ScenarioArgument = Annotated[
 ]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="PATH=VALUE", help="Override a value, such as control.cruise_speed=0.12."),
+    typer.Option(
+        "--set", metavar="PATH=VALUE", help="Override a value, such as control.cruise_speed=0.12."
+    ),
 ]
 
 
 FastOption = Annotated[
-    bool, typer.Option("--fast", help="Exact walls and whole tracks, compiled (physics.collider = exact; extra fast).")
+    bool,
+    typer.Option(
+        "--fast",
+        help="Exact walls and whole tracks, compiled (physics.collider = exact; extra fast).",
+    ),
 ]
 FAST = 'physics.collider="exact"'
 """What ``--fast`` sets."""
@@ -54,14 +61,20 @@ def load(source: str, assignments: list[str] | None) -> Scenario:
     from omnitrack_sim.scenario import load_scenario, override
 
     scenario = load_scenario(source)
-    return override(scenario, dict(assignment(text) for text in assignments)) if assignments else scenario
+    return (
+        override(scenario, dict(assignment(text) for text in assignments))
+        if assignments
+        else scenario
+    )
 
 
 def assignment(text: str) -> tuple[str, Any]:
     """PATH=VALUE; the value as in TOML, a bare word as a string."""
     path, equals, value = text.partition("=")
     if not equals or not path:
-        raise ScenarioError(Fault(f"--set {text}", "is not PATH=VALUE, such as control.cruise_speed=0.12"))
+        raise ScenarioError(
+            Fault(f"--set {text}", "is not PATH=VALUE, such as control.cruise_speed=0.12")
+        )
     try:
         return path.strip(), tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
@@ -82,4 +95,6 @@ def progress(title: str, quiet: bool) -> Iterator[Any]:
     )
     with Progress(*columns, console=err, transient=True) as bar:
         task = bar.add_task(title, total=1.0)
-        yield lambda part, text="": bar.update(task, completed=part, description=f"{title} {text}".strip())
+        yield lambda part, text="": bar.update(
+            task, completed=part, description=f"{title} {text}".strip()
+        )

@@ -20,31 +20,52 @@ if TYPE_CHECKING:
 @app.command()
 def network(
     source: Annotated[
-        str | None, typer.Argument(metavar="NETWORK", help="A network file, or the name of a shipped one.")
+        str | None,
+        typer.Argument(metavar="NETWORK", help="A network file, or the name of a shipped one."),
     ] = None,
-    start: Annotated[str | None, typer.Option("--from", metavar="PORT", help="Open end a route starts at.")] = None,
-    goal: Annotated[str | None, typer.Option("--to", metavar="PORT", help="Open end it ends at.")] = None,
+    start: Annotated[
+        str | None, typer.Option("--from", metavar="PORT", help="Open end a route starts at.")
+    ] = None,
+    goal: Annotated[
+        str | None, typer.Option("--to", metavar="PORT", help="Open end it ends at.")
+    ] = None,
     avoid: Annotated[
-        list[str] | None, typer.Option("--avoid", metavar="FITTING", help="Fitting the route does not enter.")
+        list[str] | None,
+        typer.Option("--avoid", metavar="FITTING", help="Fitting the route does not enter."),
     ] = None,
-    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a figure: png, svg or pdf.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a figure: png, svg or pdf.")
+    ] = None,
     export: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write MJCF and STL of the walls and CSV of the centrelines.")
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Write MJCF and STL of the walls and CSV of the centrelines."
+        ),
     ] = None,
     random: Annotated[
-        int | None, typer.Option("--random", metavar="SEED", help="Make a random network instead of reading one.")
+        int | None,
+        typer.Option(
+            "--random", metavar="SEED", help="Make a random network instead of reading one."
+        ),
     ] = None,
-    fittings: Annotated[int | None, typer.Option(metavar="N", help="With --random: how many fittings.")] = None,
-    to_file: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write the network as TOML.")] = None,
+    fittings: Annotated[
+        int | None, typer.Option(metavar="N", help="With --random: how many fittings.")
+    ] = None,
+    to_file: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Write the network as TOML.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
 ) -> None:
-    """A pipe network: its parts and open ends, the shortest route between two of these, figures and exports."""
+    """A pipe network: its parts and open ends, the shortest route between two of these, figures and
+    exports."""
     found = _network(source, random, fittings)
     if (start is None) != (goal is None):
         raise NetworkError(Fault("--from, --to", "give both or none", found.open_ends))
     if avoid and start is None:
         raise NetworkError(Fault("--avoid", "is for a route: give --from and --to as well"))
-    route = _route(found, start, goal, avoid or []) if start is not None and goal is not None else None
+    route = (
+        _route(found, start, goal, avoid or []) if start is not None and goal is not None else None
+    )
     if to_file is not None:
         _write(to_file, lambda path: path.write_text(found.to_toml(), encoding="utf-8"))
     if plot is not None:
@@ -53,7 +74,7 @@ def network(
     if export is not None:
         from omnitrack_sim.model.network_export import export_network
 
-        written += export_network(found, export)
+        written += export_network(found.name, found.pipes, export)
     if as_json:
         print(json.dumps(_summary(found, route), indent=2))
         return
@@ -69,7 +90,9 @@ def _network(source: str | None, seed: int | None, fittings: int | None) -> Netw
     from omnitrack_sim.schema.reading import shipped_networks
 
     if (source is None) == (seed is None):
-        raise NetworkError(Fault("NETWORK", "give a file or name, or --random", tuple(shipped_networks())))
+        raise NetworkError(
+            Fault("NETWORK", "give a file or name, or --random", tuple(shipped_networks()))
+        )
     if seed is None:
         if fittings is not None:
             raise NetworkError(Fault("--fittings", "is for --random"))
@@ -117,13 +140,15 @@ def _summary(found: Network, route: Route | None) -> dict[str, Any]:
             part.model_dump(mode="json")
             | {
                 "ports": {
-                    port: found.joined_to.get(f"{part.name}.{port}") for port in found.pipes.parts[i].fitting.choices
+                    port: found.joined_to.get(f"{part.name}.{port}")
+                    for port in found.pipes.parts[i].fitting.choices
                 }
             }
             for i, part in enumerate(found.fittings)
         ],
         "open_ends": [
-            {"port": port, "name": named.get(port), "position_m": _position(found, port)} for port in found.open_ends
+            {"port": port, "name": named.get(port), "position_m": _position(found, port)}
+            for port in found.open_ends
         ],
     }
     if route is not None:
@@ -159,7 +184,11 @@ def _print_network(found: Network) -> None:
         for row, port in enumerate(found.pipes.parts[i].fitting.choices):
             end = f"{part.name}.{port}"
             other = found.joined_to.get(end)
-            to = plain(other) if other else "[yellow]open[/]" + (f" ({plain(named[end])})" if end in named else "")
+            to = (
+                plain(other)
+                if other
+                else "[yellow]open[/]" + (f" ({plain(named[end])})" if end in named else "")
+            )
             head = (plain(part.name), part.kind, _sizes(part)) if row == 0 else ("", "", "")
             table.add_row(*head, port, to)
     out.print(table)
@@ -172,7 +201,12 @@ def _sizes(part: Any) -> str:
     """The sizes of a part, mm and degrees."""
     bores = [part.inner_diameter, *([part.end_diameter] if hasattr(part, "end_diameter") else [])]
     sizes = [f"D {' to '.join(f'{1e3 * bore:.4g}' for bore in bores)} mm"]
-    for key, text in (("length", "L"), ("mean_radius", "Rm"), ("run_length", "run"), ("branch_length", "branch")):
+    for key, text in (
+        ("length", "L"),
+        ("mean_radius", "Rm"),
+        ("run_length", "run"),
+        ("branch_length", "branch"),
+    ):
         if hasattr(part, key):
             sizes.append(f"{text} {1e3 * getattr(part, key):.4g} mm")
     if hasattr(part, "angle_deg"):
@@ -183,6 +217,8 @@ def _sizes(part: Any) -> str:
 def _print_route(route: Route) -> None:
     table = Table("passes", "manoeuvre", "from, m", "length, m", box=None, padding=(0, 2))
     for row in _passages(route):
-        table.add_row(plain(row["name"]), row["manoeuvre"], f"{row['from_m']:.3f}", f"{row['length_m']:.3f}")
+        table.add_row(
+            plain(row["name"]), row["manoeuvre"], f"{row['from_m']:.3f}", f"{row['length_m']:.3f}"
+        )
     out.print(table)
     out.print(f"route: {route.centreline.length:.3f} m through {len(route.fittings)} parts")

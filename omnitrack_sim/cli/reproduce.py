@@ -15,10 +15,16 @@ from omnitrack_sim.errors import Fault, InputError
 
 @app.command()
 def reproduce(
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer orientations and trials: minutes.")] = False,
-    folder: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the page goes.")] = Path("out/reproduce"),
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer orientations and trials: minutes.")
+    ] = False,
+    folder: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Where the page goes.")
+    ] = Path("out/reproduce"),
     format: Annotated[str, typer.Option(help="Of the files in figures/: svg, pdf or png.")] = "svg",
-    as_json: Annotated[bool, typer.Option("--json", help="Print the claims instead of the table.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the claims instead of the table.")
+    ] = False,
 ) -> None:
     """Reproduce the paper: claims.json and report.html. Exit status 1 if a claim fails."""
     from omnitrack_sim.plots import FORMATS
@@ -37,5 +43,8 @@ def reproduce(
             colour = "green" if claim.holds else "red"
             table.add_row(f"[{colour}]{claim.verdict}[/]", claim.id, plain(claim.measured))
         out.print(table)
-        out.print(f"{len(claims) - failed} of {len(claims)} claims hold; {folder / 'report.html'}", soft_wrap=True)
+        out.print(
+            f"{len(claims) - failed} of {len(claims)} claims hold; {folder / 'report.html'}",
+            soft_wrap=True,
+        )
     raise typer.Exit(1 if failed else 0)

@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from omnitrack_sim.cli.common import FAST, FastOption, ScenarioArgument, SetOption, app, err, load, out, plain, progress
+from omnitrack_sim.cli.common import (
+    FAST,
+    FastOption,
+    ScenarioArgument,
+    SetOption,
+    app,
+    err,
+    load,
+    out,
+    plain,
+    progress,
+)
 from omnitrack_sim.errors import Fault, RenderError, ScenarioError
 
 if TYPE_CHECKING:
@@ -22,16 +33,22 @@ def run(
     assignments: SetOption = None,
     fast: FastOption = False,
     folder: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Where the results go; out/NAME when not given.")
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Where the results go; out/NAME when not given."),
     ] = None,
     video: Annotated[bool, typer.Option(help="Also render video.mp4.")] = True,
     camera: Annotated[
         str | None,
         typer.Option(
-            help="Camera of the video: side, follow or onboard; when not given follow for a mission and side otherwise."
+            help=(
+                "Camera of the video: side, follow or onboard; when not given follow for a "
+                "mission and side otherwise."
+            )
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print result.json instead of the table.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print result.json instead of the table.")
+    ] = False,
 ) -> None:
     """Run one scenario and save result, timeline, trajectory, plots and video."""
     from omnitrack_sim.film.inset import needs_map
@@ -80,7 +97,9 @@ def _try_video(result: Result, path: Path, camera: str, quiet: bool) -> None:
 
 def _print_result(result: Result, target: Path) -> None:
     colour = "green" if result.success else "yellow"
-    out.print(f"[bold {colour}]{result.outcome.value}[/] {plain(result.outcome.advice)}", soft_wrap=True)
+    out.print(
+        f"[bold {colour}]{result.outcome.value}[/] {plain(result.outcome.advice)}", soft_wrap=True
+    )
     out.print(f"  {plain(result.reason)}", soft_wrap=True)
     for event in result.events:
         out.print(f"  {plain(event)}", soft_wrap=True)
@@ -89,13 +108,16 @@ def _print_result(result: Result, target: Path) -> None:
     if _is_mission(result):
         out.print(_visit_table(result))
         out.print(
-            "  tilt: largest; slip: mean ratio; force: least normal force of a module, 0.1 s mean", soft_wrap=True
+            "  tilt: largest; slip: mean ratio; force: least normal force of a module, 0.1 s mean",
+            soft_wrap=True,
         )
     out.print(_module_table(result))
     metrics = result.metrics
     out.print(
-        f"  simulated {result.duration_s:.2f} s, {metrics['distance_m']:.3f} m at {metrics['mean_speed_m_s']:.4f} m/s, "
-        f"tilt up to {metrics['tilt_max_deg']:.1f} deg, at the end {metrics['tilt_exit_deg']:.1f} deg, "
+        f"  simulated {result.duration_s:.2f} s, {metrics['distance_m']:.3f} m at "
+        f"{metrics['mean_speed_m_s']:.4f} m/s, "
+        f"tilt up to {metrics['tilt_max_deg']:.1f} deg, at the end {metrics['tilt_exit_deg']:.1f} "
+        "deg, "
         f"{metrics['energy_j']:.1f} J; slip without load {metrics['no_load_slip_m_s']:.1e} m/s",
         soft_wrap=True,
     )
@@ -103,16 +125,26 @@ def _print_result(result: Result, target: Path) -> None:
 
 
 def _is_mission(result: Result) -> bool:
-    """Whether a run has more to tell than one fitting: two that are not straight, or several legs."""
+    """Whether a run has more to tell than one fitting: two that are not straight, or several
+    legs."""
     routes = result.routes()
-    turns = [passage for route in routes for passage in route.fittings if passage.kind != "straight"]
+    turns = [
+        passage for route in routes for passage in route.fittings if passage.kind != "straight"
+    ]
     return len(routes) > 1 or len(turns) > 1
 
 
 def _visit_table(result: Result) -> Table:
     """The columns of the timeline that matter most."""
     legs = len(result.routes()) > 1
-    heads = [("enter", "s"), ("time", "s"), ("theta5", "deg"), ("tilt", "deg"), ("slip", "1"), ("force", "N")]
+    heads = [
+        ("enter", "s"),
+        ("time", "s"),
+        ("theta5", "deg"),
+        ("tilt", "deg"),
+        ("slip", "1"),
+        ("force", "N"),
+    ]
     heads += [("rolls", "1"), ("retries", "1")]
     table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=True)
     for name in ["leg", "fitting"] if legs else ["  fitting"]:
@@ -162,10 +194,13 @@ def _module_table(result: Result) -> Table:
 
 @app.command()
 def render(
-    run_dir: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="A folder that `omnitrack run` wrote.")],
+    run_dir: Annotated[
+        Path, typer.Argument(metavar="RUN_DIR", help="A folder that `omnitrack run` wrote.")
+    ],
     camera: Annotated[str, typer.Option(help="side, follow or onboard.")] = "side",
     file: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE.mp4", help="RUN_DIR/CAMERA.mp4 when not given.")
+        Path | None,
+        typer.Option("--out", metavar="FILE.mp4", help="RUN_DIR/CAMERA.mp4 when not given."),
     ] = None,
 ) -> None:
     """Render a saved run from another camera."""

@@ -21,31 +21,43 @@ if TYPE_CHECKING:
 def singularity(
     pipe_diameter: Annotated[float, typer.Option(help="Inner diameter D, m.")] = 0.16,
     reach: Annotated[
-        float | None, typer.Option(help="Robot axis to module surface, springs extended, m; the robot's if not given.")
+        float | None,
+        typer.Option(
+            help="Robot axis to module surface, springs extended, m; the robot's if not given."
+        ),
     ] = None,
     sector_deg: Annotated[
         float | None, typer.Option(help="Take the reach that gives this sector instead (inverse).")
     ] = None,
     turn_angle_deg: Annotated[float, typer.Option(help="Angle between run and branch.")] = 90.0,
     modules: Annotated[int, typer.Option(help="Number of equal modules.")] = 3,
-    definition: Annotated[str, typer.Option(help="Of the region: ellipse, crotch or strip.")] = "ellipse",
+    definition: Annotated[
+        str, typer.Option(help="Of the region: ellipse, crotch or strip.")
+    ] = "ellipse",
     contact_length: Annotated[
-        float | None, typer.Option(help="Of a module, m, for the real geometry; the robot's if not given.")
+        float | None,
+        typer.Option(help="Of a module, m, for the real geometry; the robot's if not given."),
     ] = None,
     bend_radius: Annotated[
-        float | None, typer.Option(help="Arc of the robot's centre, m, for the real geometry; D/2 if not given.")
+        float | None,
+        typer.Option(help="Arc of the robot's centre, m, for the real geometry; D/2 if not given."),
     ] = None,
     theta5_deg: Annotated[
-        float | None, typer.Option(help="Also judge this orientation and plan the roll out of the region.")
+        float | None,
+        typer.Option(help="Also judge this orientation and plan the roll out of the region."),
     ] = None,
     roll_deg: Annotated[float, typer.Option(help="Roll of the modules now, for the plan.")] = 0.0,
-    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a figure: png, svg or pdf.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a figure: png, svg or pdf.")
+    ] = None,
     figure: Annotated[
-        str, typer.Option(help="Which one: all, sections, orientations, sector, definitions or map.")
+        str,
+        typer.Option(help="Which one: all, sections, orientations, sector, definitions or map."),
     ] = "all",
     as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
 ) -> None:
-    """The motion singularity region: sector, safe margin, success rate, real geometry, and the roll out of it."""
+    """The motion singularity region: sector, safe margin, success rate, real geometry, and the roll
+    out of it."""
     from omnitrack_sim.robot import Robot
     from omnitrack_sim.theory.singularity import TurnCase, reach_from_sector
 
@@ -77,7 +89,9 @@ def singularity(
             out.print(f"saved {plot}")
 
 
-def _orientation(case: TurnCase, theta5_deg: float, roll_deg: float, radius_ratio: float) -> dict[str, Any]:
+def _orientation(
+    case: TurnCase, theta5_deg: float, roll_deg: float, radius_ratio: float
+) -> dict[str, Any]:
     """Verdict on one orientation, and the shortest roll to a safe one."""
     from omnitrack_sim.control.alignment import Obstacle, plan_roll
     from omnitrack_sim.theory.singularity import is_singular
@@ -123,13 +137,22 @@ def _print_singularity(summary: dict[str, Any]) -> None:
         f"best theta5 {summary['best_theta5_deg']:g} deg",
         soft_wrap=True,
     )
-    table = Table("region", "sector, deg", "margin, deg", "failure rate", "success rate", box=None, padding=(0, 2))
+    table = Table(
+        "region",
+        "sector, deg",
+        "margin, deg",
+        "failure rate",
+        "success rate",
+        box=None,
+        padding=(0, 2),
+    )
     for name, rates in summary["definitions"].items():
         table.add_row(name, *_rates(rates), style="bold" if name == summary["definition"] else None)
     table.add_row(f"real, L = {1e3 * real['contact_length_m']:.0f} mm", *_rates(real))
     out.print(table)
     out.print(
-        f"  real geometry: {100 * real['keeps_contact_rate']:.1f} % of the orientations keep all modules on the wall "
+        f"  real geometry: {100 * real['keeps_contact_rate']:.1f} % of the orientations keep all "
+        "modules on the wall "
         f"(arc of {1e3 * real['bend_radius_m']:.0f} mm)",
         soft_wrap=True,
     )
@@ -156,7 +179,8 @@ def _print_orientation(orientation: dict[str, Any]) -> None:
         out.print("  no roll needed")
     else:
         out.print(
-            f"  roll the modules by {plan['roll_change_deg']:.1f} deg to {plan['roll_deg']:.1f}: theta5 becomes "
+            f"  roll the modules by {plan['roll_change_deg']:.1f} deg to {plan['roll_deg']:.1f}: "
+            "theta5 becomes "
             f"{plan['theta5_deg']:.2f} deg, belts then run with sign {plan['belt_sign']:+d}",
             soft_wrap=True,
         )

@@ -29,22 +29,36 @@ LISTED = 10
 
 @app.command()
 def sweep(
-    source: Annotated[str, typer.Argument(metavar="SWEEP", help="A sweep file, or the name of a shipped one.")],
+    source: Annotated[
+        str, typer.Argument(metavar="SWEEP", help="A sweep file, or the name of a shipped one.")
+    ],
     assignments: SetOption = None,
     fast: FastOption = False,
     folder: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Where parts and table go; out/NAME when not given.")
+        Path | None,
+        typer.Option(
+            "--out", metavar="DIR", help="Where parts and table go; out/NAME when not given."
+        ),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes on this machine; as many as cores when not given.")
+        int | None,
+        typer.Option(min=1, help="Processes on this machine; as many as cores when not given."),
     ] = None,
     dask: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786.")
     ] = None,
-    shard: Annotated[str | None, typer.Option(metavar="I/N", help="Only the I-th of N shares, I from 1.")] = None,
-    go_on: Annotated[bool, typer.Option("--continue", help="DIR must hold this sweep already.")] = False,
-    only_list: Annotated[bool, typer.Option("--list", help="Count the trials, show the first, run nothing.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print summary.json instead of the table.")] = False,
+    shard: Annotated[
+        str | None, typer.Option(metavar="I/N", help="Only the I-th of N shares, I from 1.")
+    ] = None,
+    go_on: Annotated[
+        bool, typer.Option("--continue", help="DIR must hold this sweep already.")
+    ] = False,
+    only_list: Annotated[
+        bool, typer.Option("--list", help="Count the trials, show the first, run nothing.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print summary.json instead of the table.")
+    ] = False,
 ) -> None:
     """Run a sweep; the same command goes on after an interruption."""
     from omnitrack_sim.sweep import load_sweep, run_sweep
@@ -58,7 +72,9 @@ def sweep(
     share = _share(shard)
     target = folder or Path("out") / loaded.name
     if go_on and not holds_sweep(target):
-        raise OutputError(f"{target}: holds no sweep to go on with; leave out --continue to begin one")
+        raise OutputError(
+            f"{target}: holds no sweep to go on with; leave out --continue to begin one"
+        )
     executor = _executor(workers, dask)
     seen: list[Status] = []
     try:
@@ -73,12 +89,19 @@ def sweep(
         done = f"{seen[0].done} of {seen[0].total} trials are done" if seen else "nothing is done"
         err.print(f"interrupted: {done}; the same command goes on from there", soft_wrap=True)
         raise typer.Exit(130) from None
-    summary = json.loads((target / SUMMARY_FILE).read_text(encoding="utf-8")) if table.num_rows == loaded.size else None
+    summary = (
+        json.loads((target / SUMMARY_FILE).read_text(encoding="utf-8"))
+        if table.num_rows == loaded.size
+        else None
+    )
     if as_json:
         print(json.dumps(summary, indent=2))
     elif summary is None:
         out.print(
-            f"{table.num_rows} trials of this share are done; the table follows when all {loaded.size} are in {target}",
+            (
+                f"{table.num_rows} trials of this share are done; the table follows when all "
+                f"{loaded.size} are in {target}"
+            ),
             soft_wrap=True,
         )
     else:
@@ -90,7 +113,9 @@ def _share(text: str | None) -> tuple[int, int] | None:
         return None
     found = re.fullmatch(r"(\d+)/(\d+)", text)
     if not found or not 1 <= int(found[1]) <= int(found[2]):
-        raise InputError(Fault("--shard", f"is {text!r}; write I/N with I from 1 to N, such as 1/4"))
+        raise InputError(
+            Fault("--shard", f"is {text!r}; write I/N with I from 1 to N, such as 1/4")
+        )
     return int(found[1]), int(found[2])
 
 
@@ -144,7 +169,10 @@ def _duration(seconds: float) -> str:
 def _print_trials(loaded: Sweep) -> None:
     columns = loaded.trials()
     parts = loaded.parts()
-    out.print(f"{loaded.size} trials in {len(parts)} batches of {len({part.model for part in parts})} models")
+    out.print(
+        f"{loaded.size} trials in {len(parts)} batches of {len({part.model for part in parts})} "
+        "models"
+    )
     table = Table("trial", "values", box=None, padding=(0, 2))
     for i in range(min(LISTED, loaded.size)):
         values = ", ".join(f"{name} = {_shown(column[i])}" for name, column in columns.items())
@@ -170,7 +198,10 @@ def _print_summary(summary: dict[str, Any], target: Path) -> None:
     ends = ", ".join(f"{count} {name}" for name, count in summary["outcomes"].items())
     out.print(f"  {ends}", soft_wrap=True)
     if summary["invalid"] or summary["error"]:
-        out.print(f"  not in the rates: {summary['invalid']} invalid, {summary['error']} error", soft_wrap=True)
+        out.print(
+            f"  not in the rates: {summary['invalid']} invalid, {summary['error']} error",
+            soft_wrap=True,
+        )
     out.print(f"  saved in {target}", soft_wrap=True)
 
 

@@ -1,4 +1,5 @@
-"""Observation -> command: guide along the route, tracking law, alignment, motors. Pure, vectorised over trials."""
+"""Observation -> command: guide along the route, tracking law, alignment, motors. Pure, vectorised
+over trials."""
 
 from omnitrack_sim.control.interface import Command, Controller, Observation, Settings
 from omnitrack_sim.control.jacobian import JacobianController

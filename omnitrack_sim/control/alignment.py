@@ -1,8 +1,10 @@
-"""How far to roll before a fitting, so that theta5 is safe and the modules stay off the no-motion line.
+"""How far to roll before a fitting, so that theta5 is safe and the modules stay off the no-motion
+line.
 
-Rolling all modules by phi turns the robot by -phi r / R. With R / r = 2.9 a third of a turn of the robot costs nearly a
-whole turn of the modules, so the three equal orientations have almost the same roll and picking another one does not
-leave the no-motion line; the width of the safe range does (11.73 degrees of theta5 are 34 degrees of roll).
+Rolling all modules by phi turns the robot by -phi r / R. With R / r = 2.9 a third of a turn of the
+robot costs nearly a whole turn of the modules, so the three equal orientations have almost the same
+roll and picking another one does not leave the no-motion line; the width of the safe range does
+(11.73 degrees of theta5 are 34 degrees of roll).
 """
 
 from __future__ import annotations
@@ -23,9 +25,11 @@ from omnitrack_sim.theory.singularity import best_theta5
 
 Manoeuvre = Literal["elbow", "tee_turn", "tee_straight"]
 NO_MOTION_MARGIN = np.radians(30.0)
-"""Default least distance of a roll from the no-motion line, where both tracks touch and work against each other."""
+"""Default least distance of a roll from the no-motion line, where both tracks touch and work
+against each other."""
 TURN_LIMIT = np.pi
-"""Default limit on the robot's turn in one plan, rad: half a turn either way reaches every equal orientation."""
+"""Default limit on the robot's turn in one plan, rad: half a turn either way reaches every equal
+orientation."""
 ROUNDING = 1e-9  # rad, by which a plan on the border of a range may miss it
 _LEAST_NO_MOTION_MARGIN = 1e-6  # rad, with no margin asked the line itself is still kept clear
 
@@ -46,10 +50,13 @@ class Obstacle(IntEnum):
 
 _OBSTACLES = {
     Obstacle.CLEAR: "there is a roll that ends in the safe range and off the no-motion line",
-    Obstacle.NO_SAFE_ORIENTATION: "the safe margin is zero: no orientation keeps all modules on the wall; "
+    Obstacle.NO_SAFE_ORIENTATION: "the safe margin is zero: no orientation keeps all modules on "
+    "the wall; "
     "a longer reach makes the singular sector smaller",
-    Obstacle.NO_ROLL_OFF_THE_LINE: "the no-motion margin is over 90 degrees: it excludes every roll; ask for less",
-    Obstacle.OUT_OF_RANGE: "every safe orientation within the turn limit has its modules near the no-motion line; "
+    Obstacle.NO_ROLL_OFF_THE_LINE: "the no-motion margin is over 90 degrees: it excludes every "
+    "roll; ask for less",
+    Obstacle.OUT_OF_RANGE: "every safe orientation within the turn limit has its modules near "
+    "the no-motion line; "
     "ask for a wider safe margin, a smaller no-motion margin or a larger turn limit",
 }
 
@@ -59,10 +66,12 @@ class RollPlan:
     """Rolls of any number of robots, arrays of one shape (...).
 
     Attributes:
-        change: rad, what all modules roll by; 0 where none is needed, and where there is none that helps.
+        change: rad, what all modules roll by; 0 where none is needed, and where there is none that
+            helps.
         roll: rad, roll of the modules afterwards.
         theta5: rad, in [-pi, pi), afterwards, if they roll without slip.
-        belt_sign: direction in which a positive belt speed drives afterwards: the sign of cos(roll).
+        belt_sign: direction in which a positive belt speed drives afterwards: the sign of
+            cos(roll).
         obstacle: an ``Obstacle``, as int8.
     """
 
@@ -84,7 +93,8 @@ class RollPlan:
 
 
 def preferred_theta5(manoeuvre: Manoeuvre, modules: int = MODULES) -> float:
-    """The orientation, rad, to come to before a fitting; theta5 is taken from the turn, or from the tee's opening.
+    """The orientation, rad, to come to before a fitting; theta5 is taken from the turn, or from the
+    tee's opening.
 
     * ``elbow``: one module on the innermost curve (Fig. 15);
     * ``tee_turn``: the outer direction midway between two modules (Fig. 8(b), Fig. 9);
@@ -93,26 +103,33 @@ def preferred_theta5(manoeuvre: Manoeuvre, modules: int = MODULES) -> float:
     Raises:
         InputError: there is no such manoeuvre.
     """
-    orientations = {"elbow": 0.0, "tee_turn": float(best_theta5(modules)), "tee_straight": np.pi / modules}
+    orientations = {
+        "elbow": 0.0,
+        "tee_turn": float(best_theta5(modules)),
+        "tee_straight": np.pi / modules,
+    }
     if manoeuvre not in orientations:
         raise InputError(Fault("manoeuvre", f"is {manoeuvre!r}", tuple(orientations)))
     return orientations[manoeuvre]
 
 
 def orientation_error(theta5: ArrayLike, best: ArrayLike, modules: int = MODULES) -> Array:
-    """Angle (...,) rad from the nearest of the equal best orientations, in [-period / 2, period / 2)."""
+    """Angle (...,) rad from the nearest of the equal best orientations, in [-period / 2, period /
+    2)."""
     return wrap_angle(np.asarray(theta5, float) - best, 2 * np.pi / modules)
 
 
 class Wish(NamedTuple):
-    """A range of theta5: ``best`` rad, modulo the period, and ``margin`` (n,) rad to either side."""
+    """A range of theta5: ``best`` rad, modulo the period, and ``margin`` (n,) rad to either
+    side."""
 
     best: float
     margin: Array
 
 
 def agreed(wishes: Sequence[Wish], modules: int = MODULES) -> tuple[Array, Array]:
-    """Middle (n,) and half-width (n,) rad of the range that wishes have in common, the first of them before all.
+    """Middle (n,) and half-width (n,) rad of the range that wishes have in common, the first of
+    them before all.
 
     A wish that has nothing in common with those before it is left out.
     """
@@ -127,7 +144,8 @@ def agreed(wishes: Sequence[Wish], modules: int = MODULES) -> tuple[Array, Array
 
 
 def no_motion_distance(roll: ArrayLike) -> Array:
-    """Angle (...,) rad between a roll and the nearest no-motion line (90 or 270 degrees), in [0, pi/2]."""
+    """Angle (...,) rad between a roll and the nearest no-motion line (90 or 270 degrees), in [0,
+    pi/2]."""
     return np.abs(wrap_angle(np.asarray(roll, float) - np.pi / 2, np.pi))
 
 
@@ -142,16 +160,18 @@ def plan_roll(
     turn_limit: float = TURN_LIMIT,
     modules: int = MODULES,
 ) -> RollPlan:
-    """Shortest roll after which theta5 is within ``margin`` of ``best`` and the roll clear of the no-motion line.
+    """Shortest roll after which theta5 is within ``margin`` of ``best`` and the roll clear of the
+    no-motion line.
 
-    The admissible rolls are a union of closed ranges, so the shortest is zero or a border of one; all borders within
-    the turn limit are tried. Of two equally short ones the positive is taken.
+    The admissible rolls are a union of closed ranges, so the shortest is zero or a border of one;
+    all borders within the turn limit are tried. Of two equally short ones the positive is taken.
 
     Args:
         theta5: (...,) rad, module 1 from the turning direction.
         roll: (...,) rad, roll of the modules now.
         best: (...,) rad, wanted theta5, modulo 2 pi / modules.
-        margin: (...,) rad, half-width of the safe range about it, such as ``singularity.safe_margin`` gives.
+        margin: (...,) rad, half-width of the safe range about it, such as
+            ``singularity.safe_margin`` gives.
         radius_ratio: (...,) lug radius over pipe radius, r / R.
         no_motion_margin: (...,) rad, least distance of the roll from the no-motion line.
         turn_limit: rad, largest turn of the robot.
@@ -160,7 +180,9 @@ def plan_roll(
     Raises:
         InputError: a radius ratio is not positive, or the turn limit negative.
     """
-    arrays = (np.asarray(a, float) for a in (theta5, roll, best, margin, radius_ratio, no_motion_margin))
+    arrays = (
+        np.asarray(a, float) for a in (theta5, roll, best, margin, radius_ratio, no_motion_margin)
+    )
     theta5, roll, best, margin, ratio, clearance = np.broadcast_arrays(*arrays)
     if not np.all(ratio > 0):
         raise InputError(Fault("radius_ratio", "must be positive"))
@@ -176,7 +198,9 @@ def plan_roll(
         ],
         axis=-1,
     )
-    after = wrap_angle(error[..., None] + turn_from_roll(candidates, ratio[..., None], 1.0), 2 * np.pi / modules)
+    after = wrap_angle(
+        error[..., None] + turn_from_roll(candidates, ratio[..., None], 1.0), 2 * np.pi / modules
+    )
     admissible = (
         (np.abs(after) <= margin[..., None] + ROUNDING)
         & (no_motion_distance(roll[..., None] + candidates) >= clearance[..., None] - ROUNDING)
@@ -184,7 +208,9 @@ def plan_roll(
         & (margin[..., None] > 0)
     )
     # The positive of two equal ones: its cost is less by less than rounding of angles.
-    cost = np.where(admissible, np.abs(candidates) - np.where(candidates > 0, ROUNDING, 0.0), np.inf)
+    cost = np.where(
+        admissible, np.abs(candidates) - np.where(candidates > 0, ROUNDING, 0.0), np.inf
+    )
     shortest = np.argmin(cost, axis=-1)[..., None]
     exists = np.take_along_axis(admissible, shortest, axis=-1)[..., 0]
     change = np.where(exists, np.take_along_axis(candidates, shortest, axis=-1)[..., 0], 0.0)
@@ -202,17 +228,22 @@ def plan_roll(
     )
 
 
-def _safe_borders(error: Array, margin: Array, ratio: Array, turn_limit: float, period: float) -> Array:
-    """Rolls (..., K) that bring theta5 to the borders of the safe ranges about each equal orientation."""
+def _safe_borders(
+    error: Array, margin: Array, ratio: Array, turn_limit: float, period: float
+) -> Array:
+    """Rolls (..., K) that bring theta5 to the borders of the safe ranges about each equal
+    orientation."""
     reached = int(np.ceil(turn_limit / period)) + 1
     centres = error[..., None] + period * np.arange(-reached, reached + 1)
-    # A border on the far side of the range is needed too: the near one may lie at the no-motion line.
+    # A border on the far side of the range is needed too: the near one may lie at the no-motion
+    # line.
     borders = np.concatenate([centres - margin[..., None], centres + margin[..., None]], axis=-1)
     return borders / ratio[..., None]
 
 
 def _line_borders(roll: Array, clearance: Array, roll_limit: float) -> Array:
-    """Rolls (..., K) that bring the modules to the borders of the bands about the no-motion lines."""
+    """Rolls (..., K) that bring the modules to the borders of the bands about the no-motion
+    lines."""
     reached = int(np.ceil(roll_limit / np.pi)) + 1
     nearest = wrap_angle(np.pi / 2 - roll, np.pi)
     lines = nearest[..., None] + np.pi * np.arange(-reached, reached + 1)

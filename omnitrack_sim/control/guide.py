@@ -1,4 +1,5 @@
-"""Where the robots are along their routes: arc length, tilt, offset, and theta5 to the fitting ahead."""
+"""Where the robots are along their routes: arc length, tilt, offset, and theta5 to the fitting
+ahead."""
 
 from __future__ import annotations
 
@@ -19,10 +20,13 @@ class Place:
     Attributes:
         way: (n,) index into ``Guide.routes`` of each robot's route.
         distance: (n,) m, arc length of the centreline point nearest to the robot's centre.
-        aside: (n, 3) m, from that point to the robot's centre, world frame. offset: (n,) m, its length.
+        aside: (n, 3) m, from that point to the robot's centre, world frame. offset: (n,) m, its
+            length.
         tilt: (n,) rad, robot axis against the tangent there.
-        theta5: (n,) rad, module 1 from the turning direction of the fitting being passed or next, in [-pi, pi).
-        passage: (n,) index into ``Guide.passages`` of that fitting, or of the end of the way after its last one.
+        theta5: (n,) rad, module 1 from the turning direction of the fitting being passed or next,
+            in [-pi, pi).
+        passage: (n,) index into ``Guide.passages`` of that fitting, or of the end of the way after
+            its last one.
     """
 
     way: NDArray[np.intp]
@@ -37,15 +41,17 @@ class Place:
 class Guide:
     """Follows n robots, each along a route of its own.
 
-    ``passages`` are the fittings that need an orientation, elbows and tees, of one route after the other. Each route
-    has one entry more, None, for what comes after its last one; theta5 is then measured from the x axis of the
-    route's frame at its end.
+    ``passages`` are the fittings that need an orientation, elbows and tees, of one route after the
+    other. Each route has one entry more, None, for what comes after its last one; theta5 is then
+    measured from the x axis of the route's frame at its end.
 
     Attributes:
         routes: what ``way`` counts.
         way: (n,) route of each robot.
-        first, count: (W,) first passage of each route, and number with the end; arrays below have an entry a passage.
-        start, end: (Q,) m, arc length where the fitting begins to matter and where it has been passed.
+        first, count: (W,) first passage of each route, and number with the end; arrays below have
+            an entry a passage.
+        start, end: (Q,) m, arc length where the fitting begins to matter and where it has been
+            passed.
         way_of: (Q,) route of each passage.
         is_turn: (Q,) bool, the route bends there. is_tee, into_branch, out_of_branch: (Q,) bool.
         radius: (Q,) m, of the bore there.
@@ -83,7 +89,9 @@ class Guide:
             first.append(len(passages))
             passages += [p for p in route.fittings if p.asks_orientation]
             passages.append(None)
-            end_directions.append(route.centreline.frame(np.array([route.centreline.length]))[0, :, 0])
+            end_directions.append(
+                route.centreline.frame(np.array([route.centreline.length]))[0, :, 0]
+            )
             last_radius.append(route.fittings[-1].radius)
         self.passages = tuple(passages)
         self.first = np.array(first)
@@ -104,7 +112,8 @@ class Guide:
             self._ends[way, :count] = self.end[begin : begin + count]
 
     def locate(self, position: Array, rotation: Array) -> Place:
-        """Places of the robots at ``position`` (n, 3) m with ``rotation`` (n, 3, 3), world frame."""
+        """Places of the robots at ``position`` (n, 3) m with ``rotation`` (n, 3, 3), world
+        frame."""
         distance = self.centreline.locate(position, self._distance, self._way)
         self._distance = distance
         point, tangent, normal, _ = self.at(distance)
@@ -123,7 +132,8 @@ class Guide:
         )
 
     def at(self, distance: Array) -> tuple[Array, Array, Array, Array]:
-        """Of each robot's centreline at arc length (n,) or (n, k) m: see ``Centreline.at``, arrays (n, ...)."""
+        """Of each robot's centreline at arc length (n,) or (n, k) m: see ``Centreline.at``, arrays
+        (n, ...)."""
         if distance.ndim == 1:
             return self.centreline.at(distance, self._way)
         way = None if self._way is None else np.repeat(self._way, distance.shape[1])
@@ -143,14 +153,17 @@ class Guide:
         return self.routes[self.way_of[passage]].network.parts[found.index].name
 
     def turning_direction(self, distance: Array) -> Array:
-        """Unit vectors (n, 3), world frame: where the fitting passed or next at arc length (n,) m turns to."""
+        """Unit vectors (n, 3), world frame: where the fitting passed or next at arc length (n,) m
+        turns to."""
         return self._turning_direction(distance, self._passage(distance), self.at(distance)[2])
 
     def _passage(self, distance: Array) -> NDArray[np.intp]:
         passed = (self._ends[self.way] <= distance[:, None]).sum(axis=1)
         return self.first[self.way] + np.minimum(passed, self.count[self.way] - 1)
 
-    def _turning_direction(self, distance: Array, passage: NDArray[np.intp], normal: Array) -> Array:
+    def _turning_direction(
+        self, distance: Array, passage: NDArray[np.intp], normal: Array
+    ) -> Array:
         bending = self.is_turn[passage] & (distance > self.start[passage])
         return np.where(bending[:, None], normal, self.directions[passage])
 
@@ -161,5 +174,8 @@ def angle_between(a: Array, b: Array) -> Array:
 
 
 def angle_about(axis: Array, start: Array, end: Array) -> Array:
-    """Angle (n,) rad about ``axis`` (n, 3) from ``start`` to ``end`` (n, 3), both projected across the axis."""
-    return np.arctan2(dot(cross(axis, start), end), dot(start, end) - dot(axis, start) * dot(axis, end))
+    """Angle (n,) rad about ``axis`` (n, 3) from ``start`` to ``end`` (n, 3), both projected across
+    the axis."""
+    return np.arctan2(
+        dot(cross(axis, start), end), dot(start, end) - dot(axis, start) * dot(axis, end)
+    )

@@ -66,7 +66,8 @@ class Command:
 
 @dataclass(frozen=True)
 class Settings:
-    """Control parameters of n trials; each field is (n,). See the scenario's ``[control]`` for the meaning."""
+    """Control parameters of n trials; each field is (n,). See the scenario's ``[control]`` for the
+    meaning."""
 
     cruise_speed: Array  # m/s
     align: NDArray  # bool
@@ -91,8 +92,11 @@ class Controller(Protocol):
     resting: NDArray  # (n,) bool, robots that stand still or drive backward on purpose
     events: list[list[str]]  # for each robot, what it decided and when, in words
 
-    def __init__(self, guide: Guide, robot: Robot, settings: Settings, roll: Array, period: float) -> None:
-        """``roll`` (n, 3) rad is the start roll of the modules, ``period`` s the time between two steps."""
+    def __init__(
+        self, guide: Guide, robot: Robot, settings: Settings, roll: Array, period: float
+    ) -> None:
+        """``roll`` (n, 3) rad is the start roll of the modules, ``period`` s the time between two
+        steps."""
         ...
 
     def step(self, observation: Observation) -> Command:
@@ -100,5 +104,6 @@ class Controller(Protocol):
         ...
 
     def begin_leg(self, robot: int, turned: bool) -> None:
-        """A robot has been sent onto another way; ``turned``: it drives in the other gear from now on."""
+        """A robot has been sent onto another way; ``turned``: it drives in the other gear from now
+        on."""
         ...

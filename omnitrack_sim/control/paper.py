@@ -1,4 +1,5 @@
-"""The paper's controller: speeds set beforehand, begun and ended at marks, open loop (Sections V and VI)."""
+"""The paper's controller: speeds set beforehand, begun and ended at marks, open loop (Sections V
+and VI)."""
 
 from __future__ import annotations
 
@@ -17,19 +18,23 @@ from omnitrack_sim.theory.kinematics import elbow_speeds
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT = range(5)
 _PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT, None: CRUISE}
 COMPLETE = np.radians(2.0)
-"""A turn is complete when the robot's axis, in the plane of the bend, is this near to the way out or past it."""
+"""A turn is complete when the robot's axis, in the plane of the bend, is this near to the way out
+or past it."""
 
 
 class PaperController:
-    """Speeds by Eq. 20 in elbows; in tees modules on the inner side backward, the others forward, at cruise speed.
+    """Speeds by Eq. 20 in elbows; in tees modules on the inner side backward, the others forward,
+    at cruise speed.
 
-    theta5 is read when a turn begins and the speeds are kept until it is complete. Alignment before fittings is that of
-    the default controller; the paper does it by hand.
+    theta5 is read when a turn begins and the speeds are kept until it is complete. Alignment before
+    fittings is that of the default controller; the paper does it by hand.
     """
 
     phases: ClassVar[tuple[str, ...]] = ("cruise", "align", "elbow", "tee_turn", "tee_straight")
 
-    def __init__(self, guide: Guide, robot: Robot, settings: Settings, roll: Array, period: float) -> None:
+    def __init__(
+        self, guide: Guide, robot: Robot, settings: Settings, roll: Array, period: float
+    ) -> None:
         self.guide, self.robot, self.settings = guide, robot, settings
         n = len(settings.cruise_speed)
         self.aligner = Aligner(guide, robot, settings, roll, period)
@@ -43,15 +48,24 @@ class PaperController:
     def _learn(self) -> None:
         guide, passages = self.guide, self.guide.passages
         self.kind = np.array([_PHASES[m] for m in manoeuvres(guide)])  # (Q,)
-        self.bend_radius = np.array([np.nan if p is None else p.bend_radius for p in passages])  # (Q,) m
+        self.bend_radius = np.array(
+            [np.nan if p is None else p.bend_radius for p in passages]
+        )  # (Q,) m
         # (Q,) m, an opening's near edge or a bend's start
         self.mark = np.array(
-            [np.inf if p is None else p.opening[0] if p.kind == "tee" else p.s_bend_start for p in passages]
+            [
+                np.inf if p is None else p.opening[0] if p.kind == "tee" else p.s_bend_start
+                for p in passages
+            ]
         )
         way = guide.way_of
         longest = guide.lengths[way]
-        self.way_in = guide.centreline.at(np.clip(guide.start, 0, longest), way)[1]  # (Q, 3) tangents before the turns
-        self.way_out = guide.centreline.at(np.clip(guide.end, 0, longest), way)[1]  # (Q, 3) and behind them
+        self.way_in = guide.centreline.at(np.clip(guide.start, 0, longest), way)[
+            1
+        ]  # (Q, 3) tangents before the turns
+        self.way_out = guide.centreline.at(np.clip(guide.end, 0, longest), way)[
+            1
+        ]  # (Q, 3) and behind them
 
     def begin_leg(self, robot: int, turned: bool) -> None:
         """See ``Controller``."""
@@ -67,10 +81,18 @@ class PaperController:
         turning = self.turning >= 0
         cruise = self.settings.cruise_speed[:, None]
         wall_speed = np.where(turning[:, None], self.turn_speeds, cruise)
-        wall_speed = np.clip(wall_speed, -self.settings.speed_limit[:, None], self.settings.speed_limit[:, None])
-        belt_speed = np.where(self.resting[:, None], 0.0, wall_speed * self.aligner.belt_sign(observation.roll))
-        straight_over = (self.kind[place.passage] == TEE_STRAIGHT) & (self.aligner.nose_room(place) < 0)
-        phase = np.where(turning, self.kind[self.turning], np.where(straight_over, TEE_STRAIGHT, CRUISE))
+        wall_speed = np.clip(
+            wall_speed, -self.settings.speed_limit[:, None], self.settings.speed_limit[:, None]
+        )
+        belt_speed = np.where(
+            self.resting[:, None], 0.0, wall_speed * self.aligner.belt_sign(observation.roll)
+        )
+        straight_over = (self.kind[place.passage] == TEE_STRAIGHT) & (
+            self.aligner.nose_room(place) < 0
+        )
+        phase = np.where(
+            turning, self.kind[self.turning], np.where(straight_over, TEE_STRAIGHT, CRUISE)
+        )
         return Command(belt_speed, self.aligner.roll.copy(), np.where(self.resting, ALIGN, phase))
 
     def _mark(self, place: Place, axis: Array) -> None:
@@ -85,7 +107,9 @@ class PaperController:
             self.turn_speeds = np.where(begins[:, None], self._speeds(place), self.turn_speeds)
         way_in, way_out = self.way_in[self.turning], self.way_out[self.turning]
         about = unit(cross(way_in, way_out))  # the bend's axis
-        left = angle_between(way_in, way_out) - np.arctan2(dot(cross(way_in, axis), about), dot(way_in, axis))
+        left = angle_between(way_in, way_out) - np.arctan2(
+            dot(cross(way_in, axis), about), dot(way_in, axis)
+        )
         complete = (self.turning >= 0) & ((left < COMPLETE) | (place.passage > self.turning))
         self.turned = np.where(complete, self.turning, self.turned)
         self.turning = np.where(complete, -1, self.turning)
@@ -101,7 +125,8 @@ class PaperController:
 
 
 class EqualController(PaperController):
-    """All modules at cruise speed everywhere: what a robot without speed modulation does, the baseline of Eq. 20."""
+    """All modules at cruise speed everywhere: what a robot without speed modulation does, the
+    baseline of Eq. 20."""
 
     def _speeds(self, place: Place) -> Array:
         return np.repeat(self.settings.cruise_speed[:, None], 3, axis=1)

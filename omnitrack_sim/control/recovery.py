@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.control.aligner import STOP_BEFORE, Aligner
+from omnitrack_sim.control.aligner import Aligner
 from omnitrack_sim.control.guide import Guide
 from omnitrack_sim.control.interface import Observation, Settings
 from omnitrack_sim.robot import Robot
@@ -16,13 +16,15 @@ RETRIES = 2
 PROGRESS = 0.002
 """Advance beyond the farthest point so far that counts as headway, m."""
 PATIENCE_DISTANCE = 0.15
-"""Distance at cruise speed without headway after which a turn has failed, m; half of what ends the run."""
+"""Distance at cruise speed without headway after which a turn has failed, m; half of what ends the
+run."""
 MERGE_PATIENCE_DISTANCE = 0.27
 """Likewise out of a branch, where most robots that hang for a while get through."""
 FALLEN = 0.04
 """Fall behind the farthest point after which a turn has failed, m."""
 BESIDE = 0.6
-"""Offset from the centreline, in pipe radii, beyond which a robot has gone past the branch; at 1 the run ends."""
+"""Offset from the centreline, in pipe radii, beyond which a robot has gone past the branch; at 1
+the run ends."""
 BACKS_OFF = "backs off and tries again"
 """How an event tells that a robot does so."""
 BACK_OFF_DISTANCE = 0.6
@@ -48,9 +50,14 @@ class Recovery:
         self.backing[robot], self.retries[robot], self.passage[robot] = False, 0, -1
 
     def step(
-        self, observation: Observation, standing: NDArray[np.bool_], aligner: Aligner, events: list[list[str]]
+        self,
+        observation: Observation,
+        standing: NDArray[np.bool_],
+        aligner: Aligner,
+        events: list[list[str]],
     ) -> NDArray[np.bool_]:
-        """The robots (n,) that drive backward now. ``standing`` (n,) roll on the spot and are not waited for."""
+        """The robots (n,) that drive backward now. ``standing`` (n,) roll on the spot and are not
+        waited for."""
         place = observation.place
         self.retries = np.where((place.passage != self.passage) & ~self.backing, 0, self.retries)
         self.passage = np.where(self.backing, self.passage, place.passage)
@@ -65,16 +72,27 @@ class Recovery:
     def _begin(self, observation: Observation, aligner: Aligner, events: list[list[str]]) -> None:
         place, speed = observation.place, self.settings.cruise_speed
         turning = self.guide.is_turn[place.passage] & (aligner.nose_room(place) < 0)
-        patience = np.where(self.guide.out_of_branch[place.passage], MERGE_PATIENCE_DISTANCE, PATIENCE_DISTANCE)
+        patience = np.where(
+            self.guide.out_of_branch[place.passage], MERGE_PATIENCE_DISTANCE, PATIENCE_DISTANCE
+        )
         hanging = self.waiting > patience / speed
         fallen = place.distance < self.farthest - FALLEN
         # Out of a branch there is nothing to go past: the far wall stands across the way.
-        beside = self.guide.into_branch[place.passage] & (place.offset > BESIDE * self.guide.radius[place.passage])
-        failed = turning & (hanging | fallen | beside) & ~self.backing & (self.retries < RETRIES) & self.settings.retry
+        beside = self.guide.into_branch[place.passage] & (
+            place.offset > BESIDE * self.guide.radius[place.passage]
+        )
+        failed = (
+            turning
+            & (hanging | fallen | beside)
+            & ~self.backing
+            & (self.retries < RETRIES)
+            & self.settings.retry
+        )
         for robot in np.flatnonzero(failed):
             name = self.guide.name_of(int(place.passage[robot]))
             events[robot].append(
-                f"{observation.time[robot]:.2f} s, in {name}: no headway at {place.distance[robot]:.3f} m, tilt "
+                f"{observation.time[robot]:.2f} s, in {name}: no headway at "
+                f"{place.distance[robot]:.3f} m, tilt "
                 f"{np.degrees(place.tilt[robot]):.1f} deg: {BACKS_OFF}"
             )
         self.backing = self.backing | failed
@@ -83,7 +101,9 @@ class Recovery:
 
     def _end(self, distance: Array, aligner: Aligner) -> None:
         given_up = self.waiting > BACK_OFF_DISTANCE / self.settings.cruise_speed
-        before = self.guide.start[self.passage] - self.robot.length / 2 - STOP_BEFORE  # m, where a retry begins
+        before = (
+            self.guide.start[self.passage] - self.robot.length / 2 - self.robot.standing_room
+        )  # m, where a retry begins
         done = self.backing & ((distance <= before) | given_up)
         self.backing = self.backing & ~done
         self.farthest = np.where(done, distance, self.farthest)

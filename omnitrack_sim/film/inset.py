@@ -1,4 +1,5 @@
-"""A small map of all pipes in the corner of a film: the way driven so far, the robot and its goals. Pillow only."""
+"""A small map of all pipes in the corner of a film: the way driven so far, the robot and its goals.
+Pillow only."""
 
 from __future__ import annotations
 
@@ -21,7 +22,11 @@ NOSE_FIRST, TAIL_FIRST = (255, 205, 70), (240, 120, 170)
 _PANEL, _EDGE, _PIPE, _ROBOT = (14, 18, 24, 190), (14, 18, 24), (120, 131, 144), (255, 255, 255)
 _PLATE = (226, 74, 60)
 _FINER = 3  # the map is drawn this much larger and then made smaller, for smooth lines
-_VIEWS = [(0, 0), (90, 0), *((side * turn, up) for up in (22, 35) for turn in (25, 40, 60) for side in (1, -1))]
+_VIEWS = [
+    (0, 0),
+    (90, 0),
+    *((side * turn, up) for up in (22, 35) for turn in (25, 40, 60) for side in (1, -1)),
+]
 # degrees: elevations from two sides, and oblique views from above
 _MOST = 500  # points that overlap is looked for with
 
@@ -55,7 +60,9 @@ class Inset:
         network = routes[0].network
         self.trajectory = trajectory
         self.view = projection(network)
-        self.unit = _FINER * min(height / 720, width / 1280)  # pixels of the large map for one of a 720-line film
+        self.unit = _FINER * min(
+            height / 720, width / 1280
+        )  # pixels of the large map for one of a 720-line film
         axes = [self._flat(line) for part in network.parts for line in _lines(part)]
         radius = max(part.fitting.radius for part in network.parts)
         low = np.min([axis.min(axis=0) for axis in axes], axis=0) - radius
@@ -66,12 +73,17 @@ class Inset:
         self.offset = np.array([pad - self.scale * low[0], pad + self.scale * high[1]])
         size = np.ceil((self.scale * (high - low) + 2 * pad) / _FINER).astype(int)
         self.size = (int(size[0]) * _FINER, int(size[1]) * _FINER)
-        self.place = (width - round(18 * self.unit / _FINER) - int(size[0]), round(18 * self.unit / _FINER))
+        self.place = (
+            width - round(18 * self.unit / _FINER) - int(size[0]),
+            round(18 * self.unit / _FINER),
+        )
         self._background = self._pipes(network, goals, plates)
         step = np.abs(np.diff(trajectory["distance"], prepend=trajectory["distance"][0]))
         marks = np.floor(np.cumsum(np.where(np.isfinite(step), step, 0.0)) / 0.01)
         known = np.isfinite(trajectory["position"]).all(axis=1)
-        self._rows = np.flatnonzero(known & ((np.diff(marks, prepend=-1) > 0) | _changed(trajectory["leg"])))
+        self._rows = np.flatnonzero(
+            known & ((np.diff(marks, prepend=-1) > 0) | _changed(trajectory["leg"]))
+        )
         self._points = self._pixels(trajectory["position"])  # (T, 2)
 
     def write(self, frame: NDArray[np.uint8], row: int) -> NDArray[np.uint8]:
@@ -97,18 +109,29 @@ class Inset:
         """Panel, pipes from the farthest to the nearest, plates, goals."""
         image = Image.new("RGBA", self.size, (0, 0, 0, 0))
         draw = ImageDraw.Draw(image)
-        draw.rounded_rectangle((0, 0, self.size[0] - 1, self.size[1] - 1), round(10 * self.unit), fill=_PANEL)
+        draw.rounded_rectangle(
+            (0, 0, self.size[0] - 1, self.size[1] - 1), round(10 * self.unit), fill=_PANEL
+        )
         lines = [(part, line) for part in network.parts for line in _lines(part)]
-        pieces = [(part.fitting.radius, line[i : i + 2]) for part, line in lines for i in range(len(line) - 1)]
-        order = np.argsort([float((piece @ self.view[:, 2]).mean()) for _, piece in pieces], kind="stable")
+        pieces = [
+            (part.fitting.radius, line[i : i + 2])
+            for part, line in lines
+            for i in range(len(line) - 1)
+        ]
+        order = np.argsort(
+            [float((piece @ self.view[:, 2]).mean()) for _, piece in pieces], kind="stable"
+        )
         for radius, piece in (pieces[i] for i in order):
             ends = [tuple(end) for end in self._pixels(piece).tolist()]
             thick = max(5 * self.unit, 2 * self.scale * radius)
-            # The dark edge ends square, so that it shows at crossings only and not where pieces meet.
+            # The dark edge ends square, so that it shows at crossings only and not where pieces
+            # meet.
             draw.line(ends, fill=_EDGE, width=round(thick + 3 * self.unit))
             draw.line(ends, fill=_PIPE, width=round(thick))
             for x, y in ends:
-                draw.ellipse((x - thick / 2, y - thick / 2, x + thick / 2, y + thick / 2), fill=_PIPE)
+                draw.ellipse(
+                    (x - thick / 2, y - thick / 2, x + thick / 2, y + thick / 2), fill=_PIPE
+                )
         for rim in plates:
             corners = [tuple(corner) for corner in self._pixels(rim).tolist()]
             draw.polygon(corners, fill=_PLATE)
@@ -121,7 +144,9 @@ class Inset:
         angle = np.pi * np.arange(10) / 5
         reach = np.where(np.arange(10) % 2 == 0, 9.0, 4.0) * self.unit
         corners = centre + reach[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
-        draw.polygon([tuple(corner) for corner in corners.tolist()], fill=(255, 230, 120), outline=_EDGE)
+        draw.polygon(
+            [tuple(corner) for corner in corners.tolist()], fill=(255, 230, 120), outline=_EDGE
+        )
 
     def _way(self, draw: ImageDraw.ImageDraw, row: int) -> None:
         """The way driven up to ``row``, in the colour of the gear."""
@@ -135,7 +160,8 @@ class Inset:
                 draw.line(path, fill=colour, width=max(1, round(3.2 * self.unit)), joint="curve")
 
     def _robot(self, draw: ImageDraw.ImageDraw, row: int) -> None:
-        """A dot, and an arrow from it to where the nose points; short where that is towards the viewer or away."""
+        """A dot, and an arrow from it to where the nose points; short where that is towards the
+        viewer or away."""
         centre = self._points[row]
         if not np.isfinite(centre).all():
             return
@@ -144,7 +170,9 @@ class Inset:
         aside = np.array([-ahead[1], ahead[0]]) / max(float(np.hypot(*ahead)), 1e-9)
         tip, base = centre + 19 * self.unit * ahead, centre + 5 * self.unit * ahead
         corners = [tip, base + 6.5 * self.unit * aside, base - 6.5 * self.unit * aside]
-        draw.polygon([tuple(corner) for corner in np.array(corners).tolist()], fill=_ROBOT, outline=_EDGE)
+        draw.polygon(
+            [tuple(corner) for corner in np.array(corners).tolist()], fill=_ROBOT, outline=_EDGE
+        )
         for reach, colour in ((7.0, _EDGE), (5.5, _ROBOT)):
             low, high = centre - reach * self.unit, centre + reach * self.unit
             draw.ellipse((*low.tolist(), *high.tolist()), fill=colour)
@@ -153,7 +181,8 @@ class Inset:
 def projection(network: PipeNetwork) -> Array:
     """Axes of the picture as columns (3, 3): right, up, towards the viewer. World z is up.
 
-    Of elevations and oblique views from above the one in which the fewest pipes lie over others or are seen end on.
+    Of elevations and oblique views from above the one in which the fewest pipes lie over others or
+    are seen end on.
     """
     lines = [line for part in network.parts for line in _lines(part)]
     points = np.concatenate(lines)
@@ -176,8 +205,15 @@ def projection(network: PipeNetwork) -> Array:
 
 
 def _axes(azimuth: float, elevation: float) -> Array:
-    """Picture axes (3, 3) of a viewer in front (-y), turned by ``azimuth`` rad to his right and raised."""
-    back = np.array([np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
+    """Picture axes (3, 3) of a viewer in front (-y), turned by ``azimuth`` rad to his right and
+    raised."""
+    back = np.array(
+        [
+            np.sin(azimuth) * np.cos(elevation),
+            -np.cos(azimuth) * np.cos(elevation),
+            np.sin(elevation),
+        ]
+    )
     right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     return np.stack([right, np.cross(back, right), back], axis=-1)
 

@@ -1,4 +1,5 @@
-"""Text written into the frames of a film: phase, fitting, time, distance and what each belt does. Pillow only."""
+"""Text written into the frames of a film: phase, fitting, time, distance and what each belt does.
+Pillow only."""
 
 from __future__ import annotations
 
@@ -12,7 +13,8 @@ from PIL import Image, ImageDraw, ImageFont
 from omnitrack_sim.record.trajectory import Trajectory
 
 MODULE_COLOURS = ((243, 146, 28), (66, 146, 222), (30, 176, 122))
-"""Module 1, 2, 3 in text and bars, 8-bit RGB; brighter than on the robot, to be read on the dark panel."""
+"""Module 1, 2, 3 in text and bars, 8-bit RGB; brighter than on the robot, to be read on the dark
+panel."""
 FULL_BAR = 0.2
 """Belt speed that fills half of a bar, m/s."""
 _PANEL, _TEXT, _FAINT = (14, 18, 24, 190), (240, 243, 246), (160, 168, 178)
@@ -28,7 +30,9 @@ class Overlay:
     def _px(self, size: float) -> int:
         return max(1, round(size * self.scale))
 
-    def write(self, frame: NDArray[np.uint8], trajectory: Trajectory, row: int, fitting: str = "") -> NDArray[np.uint8]:
+    def write(
+        self, frame: NDArray[np.uint8], trajectory: Trajectory, row: int, fitting: str = ""
+    ) -> NDArray[np.uint8]:
         """A copy of ``frame`` (h, w, 3) with the values of sample ``row`` in its lower left corner.
 
         ``fitting`` is the name of the one that the robot's centre is in.
@@ -37,7 +41,9 @@ class Overlay:
         draw = ImageDraw.Draw(image, "RGBA")
         px = self._px
         left, top = px(18), image.height - px(242)
-        draw.rounded_rectangle((left, top, left + px(336), image.height - px(18)), px(10), fill=_PANEL)
+        draw.rounded_rectangle(
+            (left, top, left + px(336), image.height - px(18)), px(10), fill=_PANEL
+        )
         phase = trajectory.phases[int(trajectory["phase"][row])].replace("_", " ")
         draw.text((left + px(16), top + px(10)), phase, font=self._large, fill=_TEXT)
         place = f"{trajectory.time[row]:5.2f} s     {1000 * trajectory['distance'][row]:5.0f} mm"
@@ -45,7 +51,9 @@ class Overlay:
         where = f"in {fitting}" if fitting else ""
         if trajectory["gear"][row] < 0:
             where += ", tail first" if where else "tail first"
-        draw.text((left + px(16), top + px(46)), self._cut(where, px(304)), font=self._small, fill=_TEXT)
+        draw.text(
+            (left + px(16), top + px(46)), self._cut(where, px(304)), font=self._small, fill=_TEXT
+        )
         draw.text((left + px(16), top + px(72)), place, font=self._small, fill=_TEXT)
         draw.text((left + px(16), top + px(100)), "belt speed, mm/s", font=self._small, fill=_FAINT)
         for module, speed in enumerate(trajectory["belt_speed"][row]):
@@ -60,11 +68,15 @@ class Overlay:
             text = text[:-1]
         return text + "\N{HORIZONTAL ELLIPSIS}"
 
-    def _bar(self, draw: ImageDraw.ImageDraw, left: int, top: int, module: int, speed: float) -> None:
+    def _bar(
+        self, draw: ImageDraw.ImageDraw, left: int, top: int, module: int, speed: float
+    ) -> None:
         """Module number, bar from the middle (forward to the right) and figure."""
         px, colour = self._px, MODULE_COLOURS[module]
         draw.text((left, top), str(module + 1), font=self._small, fill=colour)
-        draw.rectangle((left + px(28), top + px(4), left + px(228), top + px(18)), fill=(255, 255, 255, 28))
+        draw.rectangle(
+            (left + px(28), top + px(4), left + px(228), top + px(18)), fill=(255, 255, 255, 28)
+        )
         middle = left + px(128)
         end = middle + round(px(100) * max(-1.0, min(1.0, speed / FULL_BAR)))
         draw.rectangle((min(middle, end), top + px(4), max(middle, end), top + px(18)), fill=colour)
@@ -75,9 +87,18 @@ class Overlay:
 
 @cache
 def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """DejaVu Sans from matplotlib's data, which every installation has; Pillow's own letters otherwise."""
+    """DejaVu Sans from matplotlib's data, which every installation has; Pillow's own letters
+    otherwise."""
     from importlib.util import find_spec
 
     spec = find_spec("matplotlib")
-    path = Path(spec.origin).parent / "mpl-data/fonts/ttf/DejaVuSans.ttf" if spec and spec.origin else None
-    return ImageFont.truetype(str(path), size) if path and path.exists() else ImageFont.load_default(size)
+    path = (
+        Path(spec.origin).parent / "mpl-data/fonts/ttf/DejaVuSans.ttf"
+        if spec and spec.origin
+        else None
+    )
+    return (
+        ImageFont.truetype(str(path), size)
+        if path and path.exists()
+        else ImageFont.load_default(size)
+    )

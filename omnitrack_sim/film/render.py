@@ -1,4 +1,5 @@
-"""Pictures and films of a recorded run. Everything is drawn from the saved trajectory, never while simulating."""
+"""Pictures and films of a recorded run. Everything is drawn from the saved trajectory, never while
+simulating."""
 
 from __future__ import annotations
 
@@ -25,9 +26,11 @@ if TYPE_CHECKING:
     from omnitrack_sim.sim.result import Result
 
 CAMERAS = ("side", "follow", "onboard")
-"""``side`` shows all pipes, ``follow`` keeps with the robot, ``onboard`` looks ahead from its nose."""
+"""``side`` shows all pipes, ``follow`` keeps with the robot, ``onboard`` looks ahead from its
+nose."""
 FOLLOW_SUN = [0.26, 0.25, 0.23]
-"""Red, green, blue of the sun for the camera ``follow``: it throws no shadows there, and would be too bright."""
+"""Red, green, blue of the sun for the camera ``follow``: it throws no shadows there, and would be
+too bright."""
 APT_LINE = "sudo apt-get install -y libegl1 libgl1-mesa-dri libopengl0"
 """What headless rendering needs on Debian and Ubuntu."""
 Progress = Callable[[float, str], None]
@@ -44,7 +47,8 @@ def render_video(
     progress: Progress | None = None,
     inset: bool = True,
 ) -> Path:
-    """Film a run in real time: H.264, yuv420p, playable while it loads. Odd sizes grow by one pixel.
+    """Film a run in real time: H.264, yuv420p, playable while it loads. Odd sizes grow by one
+    pixel.
 
     Args:
         result: a ``Result``, or the folder of a saved one.
@@ -54,8 +58,8 @@ def render_video(
         height: pixels.
         fps: frames a second.
         progress: called with the fraction done (0 to 1) and a text.
-        inset: draw a map of the pipes into the pictures of ``follow`` and ``onboard``, where the route has more than
-            three fittings.
+        inset: draw a map of the pipes into the pictures of ``follow`` and ``onboard``, where the
+            route has more than three fittings.
 
     Raises:
         InputError: unknown camera, or a size or frame rate that is not positive.
@@ -92,7 +96,8 @@ def render_frame(
     height: int = 720,
     inset: bool = True,
 ) -> Image:
-    """One picture (height, width, 3) of a run at ``time`` s, uint8; times outside the run show its nearest end.
+    """One picture (height, width, 3) of a run at ``time`` s, uint8; times outside the run show its
+    nearest end.
 
     Raises:
         InputError: unknown camera, or a size that is not positive.
@@ -111,7 +116,8 @@ def render_frames(
     height: int = 720,
     inset: bool = True,
 ) -> list[Image]:
-    """Pictures of one run at ``times`` s, as ``render_frame`` makes one; faster than one after the other."""
+    """Pictures of one run at ``times`` s, as ``render_frame`` makes one; faster than one after the
+    other."""
     _check(camera, width, height)
     with _Stage(_loaded(result), width, height, camera, inset) as stage:
         return [stage.picture(time) for time in times]
@@ -125,7 +131,12 @@ class _Stage:
         from omnitrack_sim.film.overlay import Overlay
 
         self._context, self._mujoco = _open_context(width, height)
-        from omnitrack_sim.model.looks import FIELD_OF_VIEW, add_pipe_insides, follow_direction, look_pitch
+        from omnitrack_sim.model.looks import (
+            FIELD_OF_VIEW,
+            add_pipe_insides,
+            follow_direction,
+            look_pitch,
+        )
         from omnitrack_sim.sim.setup import scene_of
 
         mj = self._mujoco
@@ -137,7 +148,12 @@ class _Stage:
             spec.visual.global_.fovy = FIELD_OF_VIEW
             spec.light("sun").diffuse = FOLLOW_SUN
         quality, buffer = spec.visual.quality, spec.visual.global_
-        quality.shadowsize, quality.offsamples, quality.numslices, quality.numstacks = 2048, 4, 12, 8
+        quality.shadowsize, quality.offsamples, quality.numslices, quality.numstacks = (
+            2048,
+            4,
+            12,
+            8,
+        )
         buffer.offwidth, buffer.offheight = width, height
         self.model = spec.compile()
         self.data = mj.MjData(self.model)
@@ -156,9 +172,15 @@ class _Stage:
             self._inset = Inset(result.trajectory, routes, *places, width, height)
         if camera == "follow":
             self._parts = network.parts
-            self._viewer = view_directions(result.trajectory, routes, follow_direction(network))  # (T, 3)
-            self._inside = [self.model.geom(f"look_inside_{part.name}").id for part in network.parts]
-            self._scene.flags[int(mj.mjtRndFlag.mjRND_SHADOW)] = 0  # the nearer walls are not seen, but throw shadows
+            self._viewer = view_directions(
+                result.trajectory, routes, follow_direction(network)
+            )  # (T, 3)
+            self._inside = [
+                self.model.geom(f"look_inside_{part.name}").id for part in network.parts
+            ]
+            self._scene.flags[int(mj.mjtRndFlag.mjRND_SHADOW)] = (
+                0  # the nearer walls are not seen, but throw shadows
+            )
 
     def __enter__(self) -> _Stage:
         return self
@@ -179,14 +201,17 @@ class _Stage:
             eye.type = mj.mjtCamera.mjCAMERA_FIXED
             eye.fixedcamid = model.camera(self.camera).id
         options = _options(mj, self.camera)
-        mj.mjv_updateScene(model, data, options, mj.MjvPerturb(), eye, int(mj.mjtCatBit.mjCAT_ALL), self._scene)
+        mj.mjv_updateScene(
+            model, data, options, mj.MjvPerturb(), eye, int(mj.mjtCatBit.mjCAT_ALL), self._scene
+        )
         mj.mjr_render(self._area, self._scene, self._gpu)
         mj.mjr_readPixels(self._pixels, None, self._area, self._gpu)
         frame = self._overlay.write(self._pixels[::-1], self.trajectory, row, self._fittings[row])
         return frame if self._inset is None else self._inset.write(frame, row)
 
     def _following(self, row: int) -> Any:
-        """The camera that keeps with the robot. Light comes over its shoulder; pipes in its way become nearly clear."""
+        """The camera that keeps with the robot. Light comes over its shoulder; pipes in its way
+        become nearly clear."""
         mj, model = self._mujoco, self.model
         centre, back = np.array(self.data.qpos[:3]), self._viewer[row]
         nose = self.data.body("chassis").xmat.reshape(3, 3)[:, 2]
@@ -196,7 +221,9 @@ class _Stage:
         for geom, share in zip(self._inside, clear, strict=True):
             model.geom_rgba[geom] = (red, green, blue, 1 - 0.88 * share)
         right = unit(np.cross([0.0, 0.0, 1.0], back))
-        self.data.light_xdir[model.light("sun").id] = -unit(back + 0.55 * np.cross(back, right) - 0.40 * right)
+        self.data.light_xdir[model.light("sun").id] = -unit(
+            back + 0.55 * np.cross(back, right) - 0.40 * right
+        )
         eye = mj.MjvCamera()
         eye.type = mj.mjtCamera.mjCAMERA_FREE
         eye.lookat[:] = centre
@@ -208,9 +235,14 @@ class _Stage:
 
 def _fitting_names(trajectory: Trajectory, routes: Sequence[Route]) -> list[str]:
     """Name of the fitting that the robot's centre is in, a sample each."""
-    names = [[route.network.parts[passage.index].name for passage in route.fittings] for route in routes]
+    names = [
+        [route.network.parts[passage.index].name for passage in route.fittings] for route in routes
+    ]
     legs = trajectory["leg"].astype(int).tolist()
-    return [names[leg][place] for leg, place in zip(legs, passage_indices(trajectory, routes).tolist(), strict=True)]
+    return [
+        names[leg][place]
+        for leg, place in zip(legs, passage_indices(trajectory, routes).tolist(), strict=True)
+    ]
 
 
 def _options(mj: Any, camera: str) -> mujoco.MjvOption:
@@ -225,16 +257,22 @@ def _options(mj: Any, camera: str) -> mujoco.MjvOption:
     return options
 
 
-def _smooth_belts(model: mujoco.MjModel, trajectory: Trajectory, pitch: float) -> NDArray[np.float64]:
-    """Joint positions (T, nq) with each belt where it has really run to, within +- half a visible pitch.
+def _smooth_belts(
+    model: mujoco.MjModel, trajectory: Trajectory, pitch: float
+) -> NDArray[np.float64]:
+    """Joint positions (T, nq) with each belt where it has really run to, within +- half a visible
+    pitch.
 
-    The physics moves its closely spaced lugs back after every pitch; seen 25 times a second they would seem to stand
-    still or to run backward. The belt travel is the integral of the recorded belt speed.
+    The physics moves its closely spaced lugs back after every pitch; seen 25 times a second they
+    would seem to stand still or to run backward. The belt travel is the integral of the recorded
+    belt speed.
     """
     qpos = np.array(trajectory.qpos, float)
     speed = trajectory["belt_speed"]
     step = np.diff(trajectory.time)[:, None]
-    travel = np.concatenate([np.zeros((1, 3)), np.cumsum(step * (speed[1:] + speed[:-1]) / 2, axis=0)])
+    travel = np.concatenate(
+        [np.zeros((1, 3)), np.cumsum(step * (speed[1:] + speed[:-1]) / 2, axis=0)]
+    )
     shown = (travel + pitch / 2) % pitch - pitch / 2
     for module in range(3):
         for track in ("upper", "lower"):
@@ -243,7 +281,8 @@ def _smooth_belts(model: mujoco.MjModel, trajectory: Trajectory, pitch: float) -
 
 
 def _open_context(width: int, height: int) -> tuple[Any, Any]:
-    """A current offscreen OpenGL context and the mujoco module: MUJOCO_GL if set, else EGL, else OSMesa."""
+    """A current offscreen OpenGL context and the mujoco module: MUJOCO_GL if set, else EGL, else
+    OSMesa."""
     wanted = os.environ.get("MUJOCO_GL", "").lower()
     if not wanted and not os.environ.get("DISPLAY"):
         os.environ["MUJOCO_GL"] = "egl"  # read when mujoco is first imported
@@ -255,9 +294,12 @@ def _open_context(width: int, height: int) -> tuple[Any, Any]:
             context = import_module(f"mujoco.{backend}").GLContext(width, height)
             context.make_current()
             return context, mujoco
-        except Exception as error:  # OpenGL loaders raise anything: ImportError, AttributeError, RuntimeError, GLError
+        # OpenGL loaders raise anything: ImportError, AttributeError, RuntimeError, GLError
+        except Exception as error:
             reasons.append(f"{backend}: {error}")
-    raise RenderError(f"no offscreen OpenGL ({'; '.join(reasons)}). On Debian or Ubuntu: {APT_LINE}")
+    raise RenderError(
+        f"no offscreen OpenGL ({'; '.join(reasons)}). On Debian or Ubuntu: {APT_LINE}"
+    )
 
 
 @contextlib.contextmanager
@@ -271,10 +313,16 @@ def _writer(path: Path, fps: int) -> Iterator[Callable[[Image], None]]:
         def append(image: Image) -> None:
             nonlocal stream
             if stream is None:
-                stream = container.add_stream("libx264", rate=fps, options={"crf": "20", "preset": "veryfast"})
+                stream = container.add_stream(
+                    "libx264", rate=fps, options={"crf": "20", "preset": "veryfast"}
+                )
                 stream.height, stream.width = image.shape[:2]
                 stream.pix_fmt = "yuv420p"
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")))
+            container.mux(
+                stream.encode(
+                    av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
+                )
+            )
 
         yield append
         if stream is not None:
@@ -290,8 +338,12 @@ def _loaded(result: Result | str | os.PathLike[str]) -> Result:
 
 
 def _check(camera: str, width: int, height: int, fps: int = 1) -> None:
-    faults = [] if camera in CAMERAS else [Fault("camera", f"there is no camera {camera!r}", CAMERAS)]
+    faults = (
+        [] if camera in CAMERAS else [Fault("camera", f"there is no camera {camera!r}", CAMERAS)]
+    )
     sizes = {"width": width, "height": height, "fps": fps}
-    faults += [Fault(name, f"must be positive, is {value}") for name, value in sizes.items() if value <= 0]
+    faults += [
+        Fault(name, f"must be positive, is {value}") for name, value in sizes.items() if value <= 0
+    ]
     if faults:
         raise InputError(faults)

@@ -19,16 +19,20 @@ WALL = 0.004
 """How far into its wall a pipe still hides what is behind it, m."""
 _ELEVATIONS, _AZIMUTHS = np.radians([-15, 0, 15, 30, 45, 60]), np.radians(np.arange(0, 360, 22.5))
 _NEAR = 0.08  # m before and behind a bend or tee where the viewer looks across its plane already
-_SIGHT = np.linspace(0.16, 1.0, 8)  # parts of the sight line, from the robot to the viewer, that have to be free
+_SIGHT = np.linspace(
+    0.16, 1.0, 8
+)  # parts of the sight line, from the robot to the viewer, that have to be free
 _ALONG, _BEND, _LIKING, _HIDDEN, _TURN = 6.0, 1.0, 0.3, 4.0, 1.5  # weights
 _FREE = 0.25  # cosine to the pipe's axis below which one looks across it well enough
 
 
 def view_directions(trajectory: Trajectory, routes: Sequence[Route], liking: ArrayLike) -> Array:
-    """Unit vectors (T, 3), world frame, from the robot to the viewer, that change slowly with the way driven.
+    """Unit vectors (T, 3), world frame, from the robot to the viewer, that change slowly with the
+    way driven.
 
-    Of a set of directions up to 60 degrees above the horizon the cheapest sequence is taken: across the pipe's axis,
-    across the plane of a bend or tee, not through other pipes, near to ``liking``, and with little turning.
+    Of a set of directions up to 60 degrees above the horizon the cheapest sequence is taken: across
+    the pipe's axis, across the plane of a bend or tee, not through other pipes, near to ``liking``,
+    and with little turning.
 
     Args:
         trajectory: the record.
@@ -52,7 +56,8 @@ def view_directions(trajectory: Trajectory, routes: Sequence[Route], liking: Arr
 
 
 def in_the_way(parts: Sequence[Placed], eye: Array, targets: Array) -> Array:
-    """How far each part (P,) stands between ``eye`` (3,) m and ``targets`` (k, 3) m: 0 not at all, 1 in full.
+    """How far each part (P,) stands between ``eye`` (3,) m and ``targets`` (k, 3) m: 0 not at all,
+    1 in full.
 
     A part with a target in its bore is not in the way.
     """
@@ -77,17 +82,23 @@ def _sphere() -> Array:
 
 
 def _nodes(trajectory: Trajectory) -> tuple[NDArray[np.intp], Array]:
-    """Rows (N,) about ``SPACING`` of travel apart, and the travel (T,) m, which never stands still altogether."""
+    """Rows (N,) about ``SPACING`` of travel apart, and the travel (T,) m, which never stands still
+    altogether."""
     step = np.abs(np.diff(trajectory["distance"]))
     step = np.where((np.diff(trajectory["leg"]) == 0) & np.isfinite(step), step, 0.0)
     travel = np.append(0.0, np.cumsum(step + 1e-9))
     grid = np.arange(0.0, travel[-1] + SPACING, SPACING)
-    rows = np.unique(np.append(np.searchsorted(travel, grid).clip(0, len(travel) - 1), len(travel) - 1))
+    rows = np.unique(
+        np.append(np.searchsorted(travel, grid).clip(0, len(travel) - 1), len(travel) - 1)
+    )
     return rows[np.isfinite(trajectory["position"][rows]).all(axis=1)], travel
 
 
-def _geometry(trajectory: Trajectory, routes: Sequence[Route], rows: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Tangents (N, 3) of the centreline, and normals (N, 3) of the plane of the bend or tee at hand; 0 elsewhere."""
+def _geometry(
+    trajectory: Trajectory, routes: Sequence[Route], rows: NDArray[np.intp]
+) -> tuple[Array, Array]:
+    """Tangents (N, 3) of the centreline, and normals (N, 3) of the plane of the bend or tee at
+    hand; 0 elsewhere."""
     tangent, plane = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
     for index, route in enumerate(routes):
         on = np.flatnonzero(trajectory["leg"][rows] == index)
@@ -107,7 +118,8 @@ def _normal(route: Route, passage: Passage) -> Array:
 
 
 def _hidden(parts: Sequence[Placed], centres: Array, choices: Array) -> Array:
-    """Part (N, C) of the sight line from ``centres`` (N, 3) m in direction ``choices`` (C, 3) within other parts."""
+    """Part (N, C) of the sight line from ``centres`` (N, 3) m in direction ``choices`` (C, 3)
+    within other parts."""
     hidden = np.zeros((len(centres), len(choices)))
     for part in parts:
         samples = part.bore_samples()
@@ -116,13 +128,16 @@ def _hidden(parts: Sequence[Placed], centres: Array, choices: Array) -> Array:
         near = np.flatnonzero(np.linalg.norm(centres - middle, axis=1) < reach)
         near = near[_depth(part, centres[near]) <= WALL]
         if len(near):
-            points = centres[near][:, None, None] + DISTANCE * _SIGHT[:, None] * choices[:, None]  # (n, C, k, 3)
+            points = (
+                centres[near][:, None, None] + DISTANCE * _SIGHT[:, None] * choices[:, None]
+            )  # (n, C, k, 3)
             hidden[near] += (_depth(part, points) > 0).mean(axis=-1)
     return np.minimum(hidden, 1.0)
 
 
 def _cheapest(cost: Array, turn: Array) -> NDArray[np.intp]:
-    """Choice (N,) at each place with the least sum of ``cost`` (N, C) and ``turn`` (C, C) from each to the next."""
+    """Choice (N,) at each place with the least sum of ``cost`` (N, C) and ``turn`` (C, C) from each
+    to the next."""
     total, came = cost[0], np.zeros(cost.shape, np.intp)
     for i in range(1, len(cost)):
         step = total[:, None] + turn

@@ -16,7 +16,17 @@ from omnitrack_sim.model.robot import add_robot
 from omnitrack_sim.model.scene import build_scene
 from omnitrack_sim.model.spec import new_spec
 from omnitrack_sim.model.walls import add_walls
-from omnitrack_sim.pipes import Elbow, Fitting, PipeNetwork, Placed, Route, Step, Straight, Tee, route
+from omnitrack_sim.pipes import (
+    Elbow,
+    Fitting,
+    PipeNetwork,
+    Placed,
+    Route,
+    Step,
+    Straight,
+    Tee,
+    route,
+)
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Pose, quaternion_from_matrix
 
@@ -36,7 +46,8 @@ START_DISTANCE = 0.10
 def write_models(models_dir: Path, assets_dir: Path) -> list[Path]:
     """Write every published file; returns their paths. The folders are made when missing.
 
-    XML keeps six digits, so simulations build their models in memory and these files are for viewing and for others.
+    XML keeps six digits, so simulations build their models in memory and these files are for
+    viewing and for others.
     """
     written = []
     for path, content in _files(Path(models_dir), Path(assets_dir)).items():
@@ -47,9 +58,14 @@ def write_models(models_dir: Path, assets_dir: Path) -> list[Path]:
 
 
 def check_models(models_dir: Path, assets_dir: Path) -> list[str]:
-    """Names of files that are missing, differ from what ``write_models`` would write, or are no longer generated."""
+    """Names of files that are missing, differ from what ``write_models`` would write, or are no
+    longer generated."""
     files = _files(Path(models_dir), Path(assets_dir))
-    wrong = [path.name for path, content in files.items() if not path.is_file() or path.read_bytes() != content]
+    wrong = [
+        path.name
+        for path, content in files.items()
+        if not path.is_file() or path.read_bytes() != content
+    ]
     strays = {
         p
         for folder, ends in ((models_dir, ("xml",)), (assets_dir, ("obj", "stl")))
@@ -70,7 +86,8 @@ def network_xml(network: PipeNetwork, name: str) -> str:
 def network_stl(network: PipeNetwork) -> bytes:
     """The walls of a whole network as one solid, binary STL, m, world frame.
 
-    Single precision folds slivers at the rims of tees, so the file, unlike ``network_mesh``, is not quite watertight.
+    Single precision folds slivers at the rims of tees, so the file, unlike ``network_mesh``, is not
+    quite watertight.
     """
     return trimesh.exchange.stl.export_stl(network_mesh(network))
 
@@ -93,7 +110,9 @@ def _files(models_dir: Path, assets_dir: Path) -> dict[Path, bytes]:
 def _specs() -> dict[str, mujoco.MjSpec]:
     specs = {"robot": _robot_spec()}
     specs |= {f"pipe_{name}": _pipe_spec(name, fitting) for name, fitting in FITTINGS.items()}
-    specs |= {f"scene_{name}": _scene_spec(name, FITTINGS[fitting]) for name, fitting in SCENES.items()}
+    specs |= {
+        f"scene_{name}": _scene_spec(name, FITTINGS[fitting]) for name, fitting in SCENES.items()
+    }
     return specs
 
 
@@ -107,10 +126,16 @@ def _robot_spec() -> mujoco.MjSpec:
     light = spec.worldbody.add_light(name="sun", pos=[0.5, -1, 1], dir=[-0.5, 1, -1])
     light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
     chassis.add_camera(
-        name="front", pos=[0, 0, 0.5], xyaxes=[0, -1, 0, 1, 0, 0], mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK
+        name="front",
+        pos=[0, 0, 0.5],
+        xyaxes=[0, -1, 0, 1, 0, 0],
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
     )
     chassis.add_camera(
-        name="side", pos=[0, -0.5, 0], xyaxes=[1, 0, 0, 0, 0, 1], mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK
+        name="side",
+        pos=[0, -0.5, 0],
+        xyaxes=[1, 0, 0, 0, 0, 1],
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
     )
     return spec
 
@@ -130,9 +155,15 @@ def _scene_route(fitting: Fitting) -> Route:
     if isinstance(fitting, Straight):
         steps.append(Step("straight", fitting, "start", "end"))
     elif isinstance(fitting, Elbow):
-        steps += [Step("elbow", fitting, "start", "end"), Step("exit", Straight(0.4), "start", "end")]
+        steps += [
+            Step("elbow", fitting, "start", "end"),
+            Step("exit", Straight(0.4), "start", "end"),
+        ]
     else:
-        steps += [Step("tee", fitting, "run_start", "branch"), Step("exit", Straight(0.4), "start", "end")]
+        steps += [
+            Step("tee", fitting, "run_start", "branch"),
+            Step("exit", Straight(0.4), "start", "end"),
+        ]
     return route(steps)
 
 
@@ -152,10 +183,13 @@ def _scene_spec(name: str, fitting: Fitting) -> mujoco.MjSpec:
     return spec
 
 
-def _published(spec: mujoco.MjSpec, model: str, known: Mapping[bytes, str]) -> tuple[bytes, dict[str, bytes]]:
+def _published(
+    spec: mujoco.MjSpec, model: str, known: Mapping[bytes, str]
+) -> tuple[bytes, dict[str, bytes]]:
     """XML that reads its meshes from ``../assets``, and those meshes by file name.
 
-    A mesh that an earlier model wrote already (``known``: content to file name) is read from that file.
+    A mesh that an earlier model wrote already (``known``: content to file name) is read from that
+    file.
     """
     for body in spec.bodies:
         if body.explicitinertial:
@@ -171,7 +205,9 @@ def _published(spec: mujoco.MjSpec, model: str, known: Mapping[bytes, str]) -> t
     for element in root.findall("asset/mesh"):
         mesh = by_name[element.attrib["name"]]
         content = _obj(np.reshape(mesh.uservert, (-1, 3)), np.reshape(mesh.userface, (-1, 3)))
-        file = known.get(content, f"{model}_{mesh.name}.obj" if mesh.name not in model else f"{mesh.name}.obj")
+        file = known.get(
+            content, f"{model}_{mesh.name}.obj" if mesh.name not in model else f"{mesh.name}.obj"
+        )
         meshes[file] = content
         for attribute in ("vertex", "face", "normal", "texcoord"):
             element.attrib.pop(attribute, None)

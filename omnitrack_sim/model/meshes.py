@@ -1,7 +1,9 @@
 """Solid pipe fittings as triangle meshes, for pictures and export. Collision never uses them.
 
-Each fitting is (outer solids together) - (bores together): uniting finished pipe *shells* instead would leave the wall
-of the run across the mouth of the branch. The genus tells the two apart: openings - 1 when every bore is open.
+Each fitting is (outer solids together) - (bores together): uniting finished pipe *shells* instead
+would leave the wall
+of the run across the mouth of the branch. The genus tells the two apart: openings - 1 when every
+bore is open.
 """
 
 from __future__ import annotations
@@ -30,18 +32,25 @@ JOINT_DISC = 1e-3
 """Half the depth of the discs that unite neighbouring parts, m: as much as a loop may miss."""
 
 
-def fitting_mesh(fitting: Fitting, thickness: float = THICKNESS, sections: int = SECTIONS) -> trimesh.Trimesh:
+def fitting_mesh(
+    fitting: Fitting, thickness: float = THICKNESS, sections: int = SECTIONS
+) -> trimesh.Trimesh:
     """The wall of a fitting as a watertight solid of genus openings - 1, m, fitting frame.
 
-    The bore is inscribed: corners lie on the exact surface, faces up to R (1 - cos(pi / sections)) inside it.
+    The bore is inscribed: corners lie on the exact surface, faces up to R (1 - cos(pi / sections))
+    inside it.
     """
     return manifold_to_trimesh(_wall(fitting, thickness, sections))
 
 
-def network_mesh(network: PipeNetwork, thickness: float = THICKNESS, sections: int = SECTIONS) -> trimesh.Trimesh:
-    """The walls of a whole network as one watertight solid, m, world frame: open at its open ends and nowhere else.
+def network_mesh(
+    network: PipeNetwork, thickness: float = THICKNESS, sections: int = SECTIONS
+) -> trimesh.Trimesh:
+    """The walls of a whole network as one watertight solid, m, world frame: open at its open ends
+    and nowhere else.
 
-    Parts touch in a plane only, which rounding may leave as a gap: a disc across each joint unites them.
+    Parts touch in a plane only, which rounding may leave as a gap: a disc across each joint unites
+    them.
     """
     outer, bores = [], []
     for part in network.parts:
@@ -60,18 +69,25 @@ def network_mesh(network: PipeNetwork, thickness: float = THICKNESS, sections: i
         matrix = np.column_stack([place.rotation, place.position])
         disc = Manifold.cylinder(2 * OVERCUT, radius, circular_segments=sections, center=True)
         bores.append(disc.transform(matrix))
-    return manifold_to_trimesh(Manifold.batch_boolean(outer, OpType.Add) - Manifold.batch_boolean(bores, OpType.Add))
+    return manifold_to_trimesh(
+        Manifold.batch_boolean(outer, OpType.Add) - Manifold.batch_boolean(bores, OpType.Add)
+    )
 
 
 def cutaway_mesh(
-    fitting: Fitting, towards: ArrayLike, thickness: float = THICKNESS, sections: int = SECTIONS, keep: bool = True
+    fitting: Fitting,
+    towards: ArrayLike,
+    thickness: float = THICKNESS,
+    sections: int = SECTIONS,
+    keep: bool = True,
 ) -> trimesh.Trimesh:
-    """Half of a fitting: the half facing ``towards`` is taken away, so that one looks into the bore.
+    """Half of a fitting: the half facing ``towards`` is taken away, so that one looks into the
+    bore.
 
     Args:
         fitting: what to cut.
-        towards: (3,) direction of the viewer in the fitting frame. Elbows and tees are cut along their own plane, on
-            the viewer's side; a straight pipe or reducer along its axis.
+        towards: (3,) direction of the viewer in the fitting frame. Elbows and tees are cut along
+            their own plane, on the viewer's side; a straight pipe or reducer along its axis.
         thickness: of the wall, m.
         sections: corners of the cross-section.
         keep: True for the half that stays, False for the one taken away.
@@ -90,7 +106,8 @@ def inside_mesh(fitting: Fitting, sections: int = SECTIONS) -> trimesh.Trimesh:
 
 
 def cut_normal(fitting: Fitting, towards: ArrayLike) -> Array:
-    """Unit normal (3,) of the cut through the fitting's axis, fitting frame, on the side of ``towards`` (3,)."""
+    """Unit normal (3,) of the cut through the fitting's axis, fitting frame, on the side of
+    ``towards`` (3,)."""
     x, y, _ = np.asarray(towards, float)
     if not isinstance(fitting, Straight | Reducer):
         return np.array([0.0, math.copysign(1.0, y), 0.0])
@@ -100,7 +117,9 @@ def cut_normal(fitting: Fitting, towards: ArrayLike) -> Array:
 
 
 def _wall(fitting: Fitting, thickness: float, sections: int) -> Manifold:
-    bore = _bore(fitting, sections)  # made first: the order of making solids orders the triangles of the result
+    bore = _bore(
+        fitting, sections
+    )  # made first: the order of making solids orders the triangles of the result
     return _fill(fitting, thickness, sections) - bore
 
 
@@ -112,19 +131,27 @@ def _bore(fitting: Fitting, sections: int) -> Manifold:
     return bore
 
 
-def _joint_disc(a: tuple[Placed, str], b: tuple[Placed, str], more: float, sections: int) -> Manifold:
-    """Solid about the joint of two ports, in the frame of the first, that fills both bores and ``more`` m around them.
+def _joint_disc(
+    a: tuple[Placed, str], b: tuple[Placed, str], more: float, sections: int
+) -> Manifold:
+    """Solid about the joint of two ports, in the frame of the first, that fills both bores and
+    ``more`` m around them.
 
-    Within JOINT_DISC of the port plane it is as wide as the parts are there; at a small step, as the narrower one.
+    Within JOINT_DISC of the port plane it is as wide as the parts are there; at a small step, as
+    the narrower one.
     """
     radii = [part.fitting.port_radius(port) for part, port in (a, b)]
     radius = min(radii) if more == 0 else max(radii)
     behind, ahead = (radius + _growth(part.fitting, port) for part, port in (a, b))
     if behind == ahead == radius:
-        return Manifold.cylinder(2 * JOINT_DISC, radius + more, circular_segments=sections, center=True)
+        return Manifold.cylinder(
+            2 * JOINT_DISC, radius + more, circular_segments=sections, center=True
+        )
     across = [0.0, behind + more, radius + more, ahead + more, 0.0]
     along = JOINT_DISC * np.array([-1.0, -1.0, 0.0, 1.0, 1.0])
-    return Manifold.revolve(CrossSection([np.column_stack([across, along])]), circular_segments=sections)
+    return Manifold.revolve(
+        CrossSection([np.column_stack([across, along])]), circular_segments=sections
+    )
 
 
 def _growth(fitting: Fitting, port: str) -> float:
@@ -145,7 +172,9 @@ def _fill(fitting: Fitting, more: float, sections: int) -> Manifold:
     if isinstance(fitting, Elbow):
         return _torus_sector(fitting, radius, sections)
     run = Manifold.cylinder(fitting.run_length, radius, circular_segments=sections, center=True)
-    branch = Manifold.cylinder(fitting.branch_length, radius, circular_segments=sections).rotate((0.0, 90.0, 0.0))
+    branch = Manifold.cylinder(fitting.branch_length, radius, circular_segments=sections).rotate(
+        (0.0, 90.0, 0.0)
+    )
     return run + branch
 
 
@@ -156,14 +185,18 @@ def _torus_sector(fitting: Elbow, radius: float, sections: int) -> Manifold:
     steps = max(3, math.ceil(degrees / DEGREES_PER_RING))
     sector = Manifold.revolve(disc, circular_segments=steps, revolve_degrees=degrees)
     # revolve() sweeps from +x towards +y about z; the elbow sweeps from -x towards +z about y
-    return sector.transform(np.array([[-1, 0, 0, fitting.mean_radius], [0, 0, 1, 0], [0, 1, 0, 0]], float))
+    return sector.transform(
+        np.array([[-1, 0, 0, fitting.mean_radius], [0, 0, 1, 0], [0, 1, 0, 0]], float)
+    )
 
 
 def _fillet(tee: Tee, side: float, sections: int) -> Manifold:
-    """What a ball of the fillet radius rounds off the rim on one side of the branch (``side`` = sign of z).
+    """What a ball of the fillet radius rounds off the rim on one side of the branch (``side`` =
+    sign of z).
 
-    The ball's centre runs on the saddle where two cylinders of radius R + f meet. Each cross-section is bounded by the
-    ball's arc between its two points of tangency and closed within the bores.
+    The ball's centre runs on the saddle where two cylinders of radius R + f meet. Each
+    cross-section is bounded by the ball's arc between its two points of tangency and closed within
+    the bores.
     """
     steps = sections // 2
     angles = (np.arange(1, steps) - steps / 2) * 2 * math.pi / sections
@@ -175,7 +208,9 @@ def _fillet(tee: Tee, side: float, sections: int) -> Manifold:
     centre = (radius + fillet) * diagonal
     weight = np.linspace(0.0, 1.0, FILLET_POINTS)[:, None, None]
     arc = (1 - weight) * to_run + weight * to_branch
-    arc = centre - fillet * arc / np.linalg.norm(arc, axis=-1, keepdims=True)  # (FILLET_POINTS, m, 3)
+    arc = centre - fillet * arc / np.linalg.norm(
+        arc, axis=-1, keepdims=True
+    )  # (FILLET_POINTS, m, 3)
     rings = np.concatenate(
         [
             arc,
@@ -187,7 +222,9 @@ def _fillet(tee: Tee, side: float, sections: int) -> Manifold:
     solid = trimesh.Trimesh(*_loft(rings.transpose(1, 0, 2)), process=False)
     if solid.volume < 0:
         solid.invert()
-    return Manifold(Mesh(np.asarray(solid.vertices, np.float32), np.asarray(solid.faces, np.uint32)))
+    return Manifold(
+        Mesh(np.asarray(solid.vertices, np.float32), np.asarray(solid.faces, np.uint32))
+    )
 
 
 def _loft(rings: Array) -> tuple[Array, np.ndarray]:
@@ -197,7 +234,10 @@ def _loft(rings: Array) -> tuple[Array, np.ndarray]:
     a, b = index[:-1], index[1:]
     a_next, b_next = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
     sides = np.concatenate(
-        [np.stack([a, a_next, b], -1).reshape(-1, 3), np.stack([a_next, b_next, b], -1).reshape(-1, 3)]
+        [
+            np.stack([a, a_next, b], -1).reshape(-1, 3),
+            np.stack([a_next, b_next, b], -1).reshape(-1, 3),
+        ]
     )
     hub = corners - 2  # the corner inside the bores sees every other one
     fan = [(hub, (hub + i) % corners, (hub + i + 1) % corners) for i in range(1, corners - 1)]
@@ -208,4 +248,6 @@ def _loft(rings: Array) -> tuple[Array, np.ndarray]:
 def manifold_to_trimesh(solid: Manifold) -> trimesh.Trimesh:
     """The same solid, vertices (n, 3) and faces (m, 3) in the order of the boolean kernel."""
     mesh = solid.to_mesh()
-    return trimesh.Trimesh(np.asarray(mesh.vert_properties[:, :3], float), np.asarray(mesh.tri_verts), process=False)
+    return trimesh.Trimesh(
+        np.asarray(mesh.vert_properties[:, :3], float), np.asarray(mesh.tri_verts), process=False
+    )

@@ -12,7 +12,6 @@ import numpy as np
 
 from omnitrack_sim.errors import OutputError
 from omnitrack_sim.model.export import network_stl, network_xml
-from omnitrack_sim.network.spec import Network
 from omnitrack_sim.pipes import PipeNetwork
 
 SPACING = 0.01
@@ -28,31 +27,37 @@ COLUMNS = (
 )
 
 
-def export_network(network: Network, folder: str | Path) -> list[Path]:
+def export_network(name: str, pipes: PipeNetwork, folder: str | Path) -> list[Path]:
     """Write ``NAME.xml`` (MJCF), ``NAME.stl`` and ``NAME_centrelines.csv``; returns their paths.
 
     The folder is made when missing; files of these names are overwritten.
 
+    Args:
+        name: of the files and of the model in them.
+        pipes: placed in the world.
+        folder: where the files go.
+
     Raises:
         OutputError: the folder cannot be written.
     """
-    folder, pipes = Path(folder), network.pipes
+    folder = Path(folder)
     files = {
-        f"{network.name}.xml": network_xml(pipes, network.name).encode(),
-        f"{network.name}.stl": network_stl(pipes),
-        f"{network.name}_centrelines.csv": centreline_table(pipes).encode(),
+        f"{name}.xml": network_xml(pipes, name).encode(),
+        f"{name}.stl": network_stl(pipes),
+        f"{name}_centrelines.csv": centreline_table(pipes).encode(),
     }
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, content in files.items():
-            (folder / name).write_bytes(content)
+        for file, content in files.items():
+            (folder / file).write_bytes(content)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
-    return [folder / name for name in files]
+    return [folder / file for file in files]
 
 
 def centreline_table(pipes: PipeNetwork) -> str:
-    """CSV of the axis curves of every fitting, ``COLUMNS`` wide; a tee has one curve for each pair of its ports.
+    """CSV of the axis curves of every fitting, ``COLUMNS`` wide; a tee has one curve for each pair
+    of its ports.
 
     ``s_m`` is the arc length from the port ``from``; points and unit tangents in the world frame.
     """

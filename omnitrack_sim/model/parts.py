@@ -46,13 +46,19 @@ def lug_row(radius: float, depth: float, pitch: float, count: int) -> trimesh.Tr
         (radius - bevel, half),
         (radius - depth, half),
     ]
-    lug = Manifold.revolve(CrossSection([np.array(profile)]), circular_segments=36, revolve_degrees=LUG_ARC_DEG)
+    lug = Manifold.revolve(
+        CrossSection([np.array(profile)]), circular_segments=36, revolve_degrees=LUG_ARC_DEG
+    )
     lug = lug.rotate((0.0, 0.0, -LUG_ARC_DEG / 2))
     places = (np.arange(count) - (count - 1) / 2) * pitch
-    return manifold_to_trimesh(Manifold.compose([lug.translate((0.0, 0.0, float(z))) for z in places]))
+    return manifold_to_trimesh(
+        Manifold.compose([lug.translate((0.0, 0.0, float(z))) for z in places])
+    )
 
 
-def coil(radius: float, wire: float, length: float, turns: float, steps: int = 14, sides: int = 6) -> trimesh.Trimesh:
+def coil(
+    radius: float, wire: float, length: float, turns: float, steps: int = 14, sides: int = 6
+) -> trimesh.Trimesh:
     """A helical spring along x from the origin, m.
 
     Args:
@@ -65,15 +71,22 @@ def coil(radius: float, wire: float, length: float, turns: float, steps: int = 1
     """
     angle = np.linspace(0.0, 2 * math.pi * turns, round(turns * steps) + 1)
     outward = np.stack([np.zeros_like(angle), np.cos(angle), np.sin(angle)], axis=-1)
-    centre = radius * outward + np.stack([length * angle / angle[-1], 0 * angle, 0 * angle], axis=-1)
+    centre = radius * outward + np.stack(
+        [length * angle / angle[-1], 0 * angle, 0 * angle], axis=-1
+    )
     around = np.arange(sides) * 2 * math.pi / sides
-    ring = np.cos(around)[None, :, None] * outward[:, None] + np.sin(around)[None, :, None] * np.array([1.0, 0, 0])
+    ring = np.cos(around)[None, :, None] * outward[:, None] + np.sin(around)[
+        None, :, None
+    ] * np.array([1.0, 0, 0])
     vertices = (centre[:, None] + wire * ring).reshape(-1, 3)
     index = np.arange(len(vertices)).reshape(len(angle), sides)
     a, b = index[:-1], index[1:]
     a_next, b_next = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
     faces = np.concatenate(
-        [np.stack([a, a_next, b], -1).reshape(-1, 3), np.stack([a_next, b_next, b], -1).reshape(-1, 3)]
+        [
+            np.stack([a, a_next, b], -1).reshape(-1, 3),
+            np.stack([a_next, b_next, b], -1).reshape(-1, 3),
+        ]
     )
     fan = np.array([(0, i, i + 1) for i in range(1, sides - 1)])
     faces = np.concatenate([faces, index[0][fan][:, ::-1], index[-1][fan]])

@@ -1,10 +1,12 @@
-"""The robot as MJCF: chassis, three sprung arms, rolling modules, two travelling tracks of lugs each.
+"""The robot as MJCF: chassis, three sprung arms, rolling modules, two travelling tracks of lugs
+each.
 
-A track is a row of sphere lugs on a slide joint along the module. The lugs of a running belt stand still on the wall
-while the robot passes over them, as on the real chain; after each lug pitch the plant moves the row back by one pitch,
-so it never runs out. The motor's reflected rotor inertia is the armature of that joint, so belt, friction and robot are
-solved together in one implicit step. A belt speed set from outside would need steps of microseconds against stiff
-friction, because three belts in one pipe are coupled rigidly.
+A track is a row of sphere lugs on a slide joint along the module. The lugs of a running belt stand
+still on the wall while the robot passes over them, as on the real chain; after each lug pitch the
+plant moves the row back by one pitch, so it never runs out. The motor's reflected rotor inertia is
+the armature of that joint, so belt, friction and robot are solved together in one implicit step. A
+belt speed set from outside would need steps of microseconds against stiff friction, because three
+belts in one pipe are coupled rigidly.
 """
 
 from __future__ import annotations
@@ -23,13 +25,15 @@ COLLISION_GROUP = 3
 LUG_CONTYPE, LUG_CONAFFINITY = 1, 2
 """Lugs touch walls (2, 1) and nothing else."""
 LUG_SOLREF = (0.01, 1.0)
-"""Contact time constant, s, and damping ratio. Stiffer lugs (4 ms) bounce on a tee's rim; see docs/design-study.md."""
+"""Contact time constant, s, and damping ratio. Stiffer lugs (4 ms) bounce on a tee's rim; see
+docs/design-study.md."""
 LUG_SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
 LINE_SOLIMP = (0.993, 0.9987, 0.0005, 0.5, 2.0)
-"""Of a row of lugs seen as one line. It rests on two points instead of 15 lugs, which together should be as stiff: (1 -
-d) / d is 2/15 of the lugs'."""
+"""Of a row of lugs seen as one line. It rests on two points instead of 15 lugs, which together
+should be as stiff: (1 - d) / d is 2/15 of the lugs'."""
 ROTOR_INERTIA_REFLECTED = 0.0088
-"""Rotor inertia of a gearmotor at its output, kg m²: 9e-9 kg m² (2 g, 3 mm) times 986.41²; assumed."""
+"""Rotor inertia of a gearmotor at its output, kg m²: 9e-9 kg m² (2 g, 3 mm) times 986.41²;
+assumed."""
 TRACK_MASS = 1e-3
 """Mass of a run of lugs, kg: small, because the module's mass counts the chain already."""
 BELT_SERVO_TIME = 0.02
@@ -37,7 +41,8 @@ BELT_SERVO_TIME = 0.02
 CHAIN_SOLREF = (0.004, 1.0)
 """The two runs of a chain move as one."""
 ROLL_STIFFNESS = 20.0
-"""Position gain of the rotary motor's servo, N m/rad; assumed. Its damping is critical for the reflected inertia."""
+"""Position gain of the rotary motor's servo, N m/rad; assumed. Its damping is critical for the
+reflected inertia."""
 FREE_SPRING_LENGTH = 10.0
 """Upper end of the springs' dead band, m: springs push only."""
 
@@ -45,13 +50,16 @@ FREE_SPRING_LENGTH = 10.0
 def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -> mujoco.MjsBody:
     """Add the robot to the world at the origin, robot frame = world frame; returns the chassis.
 
-    With ``line_tracks`` each row of lugs is one capsule from its first lug to its last, for the compiled collider.
+    With ``line_tracks`` each row of lugs is one capsule from its first lug to its last, for the
+    compiled collider.
 
-    Bodies ``chassis``, ``arm_i``, ``module_i``, ``track_upper_i``, ``track_lower_i`` for i = 1, 2, 3. Joints ``robot``
-    (free), ``slide_i``, ``pitch_i``, ``roll_i``, ``belt_upper_i``, ``belt_lower_i`` (tied: the two runs of one chain).
-    Tendons ``spring_front_i``, ``spring_rear_i``. Actuators ``roll_i`` (position, rad) and ``belt_i`` (velocity servo,
-    m/s; forces in N at the belt). Sensors ``contact_upper_i``, ``contact_lower_i`` (net force of a track),
-    ``velocity_i`` and ``spin_i`` of the modules.
+    Bodies ``chassis``, ``arm_i``, ``module_i``, ``track_upper_i``, ``track_lower_i`` for i = 1, 2,
+    3. Joints ``robot``
+    (free), ``slide_i``, ``pitch_i``, ``roll_i``, ``belt_upper_i``, ``belt_lower_i`` (tied: the two
+    runs of one chain). Tendons ``spring_front_i``, ``spring_rear_i``. Actuators ``roll_i``
+    (position, rad) and ``belt_i`` (velocity servo, m/s; forces in N at the belt). Sensors
+    ``contact_upper_i``, ``contact_lower_i`` (net force of a track), ``velocity_i`` and ``spin_i``
+    of the modules.
     """
     chassis = spec.worldbody.add_body(name="chassis")
     chassis.add_freejoint(name="robot")
@@ -68,7 +76,10 @@ def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -
         for kind in (mujoco.mjtSensor.mjSENS_FRAMELINVEL, mujoco.mjtSensor.mjSENS_FRAMEANGVEL):
             name = "velocity" if kind == mujoco.mjtSensor.mjSENS_FRAMELINVEL else "spin"
             spec.add_sensor(
-                name=f"{name}_{number}", type=kind, objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=f"module_{number}"
+                name=f"{name}_{number}",
+                type=kind,
+                objtype=mujoco.mjtObj.mjOBJ_XBODY,
+                objname=f"module_{number}",
             )
     return chassis
 
@@ -84,7 +95,9 @@ def _set_cylinder_inertia(body: mujoco.MjsBody, mass: float, radius: float, leng
 def _add_arm(chassis: mujoco.MjsBody, robot: Robot, number: int, angle: float) -> mujoco.MjsBody:
     turn = rotation_about([0, 0, 1], angle)
     arm = chassis.add_body(
-        name=f"arm_{number}", pos=turn @ [robot.module_distance, 0, 0], quat=quaternion_from_matrix(turn)
+        name=f"arm_{number}",
+        pos=turn @ [robot.module_distance, 0, 0],
+        quat=quaternion_from_matrix(turn),
     )
     _set_cylinder_inertia(arm, robot.arm_mass, 0.01, robot.shaft_spacing)
     arm.add_joint(
@@ -110,22 +123,33 @@ def _add_module(arm: mujoco.MjsBody, robot: Robot, number: int) -> mujoco.MjsBod
     module = arm.add_body(name=f"module_{number}")
     _set_cylinder_inertia(module, robot.module_mass, robot.lug_radius, robot.length)
     module.add_joint(
-        name=f"roll_{number}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1], armature=ROTOR_INERTIA_REFLECTED
+        name=f"roll_{number}",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=[0, 0, 1],
+        armature=ROTOR_INERTIA_REFLECTED,
     )
     return module
 
 
 def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, line: bool) -> None:
-    """One run of the chain: a row of sphere lugs along z, ``side`` = 1 above the module axis, -1 below it.
+    """One run of the chain: a row of sphere lugs along z, ``side`` = 1 above the module axis, -1
+    below it.
 
-    A positive belt speed moves the upper run backward, which drives forward where it is at the wall, and the lower run
-    forward.
+    A positive belt speed moves the upper run backward, which drives forward where it is at the
+    wall, and the lower run forward.
     """
     track = module.add_body(name=f"track_{name}")
     track.ipos = [0, 0, 0]
-    track.mass, track.inertia, track.explicitinertial = TRACK_MASS, [TRACK_MASS * robot.lug_radius**2] * 3, True
+    track.mass, track.inertia, track.explicitinertial = (
+        TRACK_MASS,
+        [TRACK_MASS * robot.lug_radius**2] * 3,
+        True,
+    )
     track.add_joint(
-        name=f"belt_{name}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, -side], armature=belt_inertia(robot) / 2
+        name=f"belt_{name}",
+        type=mujoco.mjtJoint.mjJNT_SLIDE,
+        axis=[0, 0, -side],
+        armature=belt_inertia(robot) / 2,
     )
     places, radius = lug_places(robot), robot.lug_radius - robot.track_offset
     row = {
@@ -157,7 +181,8 @@ def lug_pitch(robot: Robot) -> float:
 
 
 def lug_places(robot: Robot) -> np.ndarray:
-    """z of the lugs on the module (K,), m: K lugs at one pitch, centred, so that the row covers the contact length."""
+    """z of the lugs on the module (K,), m: K lugs at one pitch, centred, so that the row covers the
+    contact length."""
     return (np.arange(robot.lugs_per_track) - (robot.lugs_per_track - 1) / 2) * lug_pitch(robot)
 
 
@@ -167,7 +192,8 @@ def belt_inertia(robot: Robot) -> float:
 
 
 def _add_springs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
-    """Front and rear springs of an arm (Fig. 2): each pushes on the arm at its own shafts, and only pushes.
+    """Front and rear springs of an arm (Fig. 2): each pushes on the arm at its own shafts, and only
+    pushes.
 
     Together they give the radial stiffness k and the pitch stiffness k (spacing / 2)^2.
     """
@@ -180,7 +206,8 @@ def _add_springs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
 
 
 def spring_free_length(robot: Robot, preload: float) -> float:
-    """Arm travel at which the springs are free, m: preload over the stiffness of the module's springs."""
+    """Arm travel at which the springs are free, m: preload over the stiffness of the module's
+    springs."""
     return preload / robot.module_stiffness
 
 
@@ -192,7 +219,9 @@ def _add_roll_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
         forcelimited=True,
         forcerange=[-robot.roll_torque, robot.roll_torque],
     )
-    motor.set_to_position(kp=ROLL_STIFFNESS, kv=2 * math.sqrt(ROLL_STIFFNESS * ROTOR_INERTIA_REFLECTED))
+    motor.set_to_position(
+        kp=ROLL_STIFFNESS, kv=2 * math.sqrt(ROLL_STIFFNESS * ROTOR_INERTIA_REFLECTED)
+    )
 
 
 def _add_belt_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
@@ -217,9 +246,12 @@ def _add_belt_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
 
 
 def _add_contact_sensor(spec: mujoco.MjSpec, name: str) -> None:
-    """Net contact of a track: (found, force (3,), position (3,)), world axes; the force is that on the wall."""
+    """Net contact of a track: (found, force (3,), position (3,)), world axes; the force is that on
+    the wall."""
     fields = mujoco.mjtConDataField
-    wanted = sum(1 << int(f) for f in (fields.mjCONDATA_FOUND, fields.mjCONDATA_FORCE, fields.mjCONDATA_POS))
+    wanted = sum(
+        1 << int(f) for f in (fields.mjCONDATA_FOUND, fields.mjCONDATA_FORCE, fields.mjCONDATA_POS)
+    )
     net_force, slots = 3, 1
     spec.add_sensor(
         name=f"contact_{name}",

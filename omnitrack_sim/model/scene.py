@@ -14,7 +14,8 @@ from omnitrack_sim.robot import Robot
 
 
 def let_walls_sleep(spec: mujoco.MjSpec) -> None:
-    """Have MuJoCo pass over what never moves: a step no longer costs 9 ns for each wall piece. States do not change.
+    """Have MuJoCo pass over what never moves: a step no longer costs 9 ns for each wall piece.
+    States do not change.
 
     The robot itself is kept awake.
     """
@@ -42,8 +43,8 @@ def build_scene(
         timestep: s.
         wall_tolerance: m, largest distance of the walls from the exact surface on all but tees.
         staves: number of wall pieces around a bore, instead of what the tolerance asks for.
-        exact: one geom a fitting and a line without gaps a track, for the compiled collider; ``wall_tolerance``,
-            ``staves`` and the robot's ``lugs_per_track`` then mean nothing.
+        exact: one geom a fitting and a line without gaps a track, for the compiled collider;
+            ``wall_tolerance``, ``staves`` and the robot's ``lugs_per_track`` then mean nothing.
         looks: add visual geoms, cameras and lights; they change neither mass nor contact.
     """
     spec = new_spec("omnitrack_scene")

@@ -24,7 +24,8 @@ End = tuple[int, str]
 
 @dataclass(frozen=True)
 class Joined:
-    """Two ports in one place; the fitting that is placed later is turned by ``turn`` rad about the joint's axis."""
+    """Two ports in one place; the fitting that is placed later is turned by ``turn`` rad about the
+    joint's axis."""
 
     ends: tuple[End, End]
     turn: float = 0.0
@@ -38,8 +39,8 @@ def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Po
         first: frame of the first port of the first fitting, z into the pipe, world frame.
 
     Raises:
-        NetworkError: parts that hang on nothing, loops that do not close, bores that differ, parts that run into each
-            other. Every fault is told.
+        NetworkError: parts that hang on nothing, loops that do not close, bores that differ, parts
+            that run into each other. Every fault is told.
     """
     names, kinds = list(fittings), list(fittings.values())
     poses, used = _placed(kinds, joints, first)
@@ -52,9 +53,14 @@ def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Po
     for k, joint in enumerate(joints):
         if k not in used and joint.ends[0][0] in parts:
             faults += _misses(k, joint, parts)
-    # Parts that hang on nothing have no place; the others are checked against each other all the same.
+    # Parts that hang on nothing have no place; the others are checked against each other all the
+    # same.
     order = {i: place for place, i in enumerate(parts)}
-    kept = [((order[i], p), (order[j], q)) for (i, p), (j, q) in (joint.ends for joint in joints) if i in order]
+    kept = [
+        ((order[i], p), (order[j], q))
+        for (i, p), (j, q) in (joint.ends for joint in joints)
+        if i in order
+    ]
     try:
         network = PipeNetwork(tuple(parts.values()), tuple(kept))
     except GeometryError as error:
@@ -64,8 +70,11 @@ def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Po
     return network
 
 
-def _placed(kinds: Sequence[Fitting], joints: Sequence[Joined], first: Pose) -> tuple[dict[int, Pose], set[int]]:
-    """Poses by part, and the joints that placed a part; the others close loops or lie apart from the first part."""
+def _placed(
+    kinds: Sequence[Fitting], joints: Sequence[Joined], first: Pose
+) -> tuple[dict[int, Pose], set[int]]:
+    """Poses by part, and the joints that placed a part; the others close loops or lie apart from
+    the first part."""
     poses = {0: attached(first, kinds[0], kinds[0].choices[0], 0.0)}
     used: set[int] = set()
     queue = deque([0])
@@ -74,7 +83,9 @@ def _placed(kinds: Sequence[Fitting], joints: Sequence[Joined], first: Pose) -> 
         for k, joint in enumerate(joints):
             for (here, port), (there, other) in (joint.ends, joint.ends[::-1]):
                 if here == part and there not in poses:
-                    poses[there] = attached(poses[here] @ kinds[here].ports[port], kinds[there], other, joint.turn)
+                    poses[there] = attached(
+                        poses[here] @ kinds[here].ports[port], kinds[there], other, joint.turn
+                    )
                     used.add(k)
                     queue.append(there)
     return poses, used
@@ -91,12 +102,16 @@ def _misses(k: int, joint: Joined, parts: Mapping[int, Placed]) -> list[Fault]:
     if gap <= CLOSES and angle <= CLOSES_ANGLE:
         return []
     ends = f"{parts[i].name}.{port_i} and {parts[j].name}.{port_j}"
-    problem = f"does not close the loop: {ends} miss by {1e3 * gap:.3f} mm and {math.degrees(angle):.3f} degrees"
+    problem = (
+        f"does not close the loop: {ends} miss by {1e3 * gap:.3f} mm and "
+        f"{math.degrees(angle):.3f} degrees"
+    )
     return [Fault(f"joints.{k}", problem)]
 
 
 def _in_file(faults: Iterable[Fault], order: Sequence[int]) -> list[Fault]:
-    """Faults of ``PipeNetwork`` with the paths of a network file; ``order``: place in the file of each part."""
+    """Faults of ``PipeNetwork`` with the paths of a network file; ``order``: place in the file of
+    each part."""
 
     def renamed(text: str) -> str:
         return re.sub(r"\bpipes\.(\d+)", lambda match: f"fittings.{order[int(match[1])]}", text)

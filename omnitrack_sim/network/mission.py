@@ -1,9 +1,11 @@
-"""From start and goals to legs: which way, in which gear, from where to where. Pure; nothing here moves a robot.
+"""From start and goals to legs: which way, in which gear, from where to where. Pure; nothing here
+moves a robot.
 
-A robot drives nose first from an open end to a goal. Where it has to turn back, at a goal with another one to follow
-or where its way is blocked, it backs out the way it came, tail first, until it stands before the tee where the new way
-leaves the old one, and goes on nose first. So every way nose first begins at the mission's start, and arc lengths on
-the part that two of them share are equal. To a goal that is the mission's start it backs out all the way.
+A robot drives nose first from an open end to a goal. Where it has to turn back, at a goal with
+another one to follow or where its way is blocked, it backs out the way it came, tail first, until
+it stands before the tee where the new way leaves the old one, and goes on nose first. So every way
+nose first begins at the mission's start, and arc lengths on the part that two of them share are
+equal. To a goal that is the mission's start it backs out all the way.
 """
 
 from __future__ import annotations
@@ -14,12 +16,12 @@ from typing import Annotated
 
 from pydantic import Field
 
-from omnitrack_sim.control.aligner import STOP_BEFORE
 from omnitrack_sim.errors import Fault, NetworkError
 from omnitrack_sim.network.layout import End
 from omnitrack_sim.network.planning import Way, port_graph, route_of, shortest_way, unreachable
 from omnitrack_sim.network.spec import Network
 from omnitrack_sim.pipes import TEE_ARCS, Route, TeeArcs
+from omnitrack_sim.robot import Robot
 from omnitrack_sim.schema.tables import Table
 
 NOSE_ROOM = 0.005
@@ -44,8 +46,10 @@ class Leg:
     Attributes:
         way: (part index, port entered, port left) of the fittings in order.
         gear: 1 nose first, -1 tail first.
-        begin, end: m, arc length of the robot's centre along the way where the leg begins and where it is over.
-        goal: number of the goal that is reached at its end, or -1 where the robot only backs out of the way.
+        begin, end: m, arc length of the robot's centre along the way where the leg begins and where
+            it is over.
+        goal: number of the goal that is reached at its end, or -1 where the robot only backs out of
+            the way.
         note: what is done, in words.
     """
 
@@ -63,7 +67,7 @@ class Planner:
     Args:
         network: where.
         mission: start and goals.
-        length: of the robot, m.
+        robot: its length and the room it wants before a fitting decide where legs begin and end.
         distance: m along the way from the start port to the robot's centre as it begins.
         arcs: of the centreline in tees.
 
@@ -71,14 +75,19 @@ class Planner:
         ends: ports (part index, port) of start and goals. plates: those closed by a plate.
 
     Raises:
-        NetworkError: no such port or fitting, no open end, or a goal that cannot be reached; ``start``, ``goals.0``,
-            ``avoid.0`` or ``blocked.0`` say which.
+        NetworkError: no such port or fitting, no open end, or a goal that cannot be reached;
+            ``start``, ``goals.0``, ``avoid.0`` or ``blocked.0`` say which.
     """
 
     def __init__(
-        self, network: Network, mission: Mission, length: float, distance: float, arcs: TeeArcs = TEE_ARCS
+        self,
+        network: Network,
+        mission: Mission,
+        robot: Robot,
+        distance: float,
+        arcs: TeeArcs = TEE_ARCS,
     ) -> None:
-        self.network, self.mission, self.length, self.arcs = network, mission, length, arcs
+        self.network, self.mission, self.robot, self.arcs = network, mission, robot, arcs
         self.ends, self.plates = _checked(network, mission)
         self._graph = port_graph(network, arcs, mission.avoid)
         way = shortest_way(self._graph, self.ends[0], self.ends[1])
@@ -106,19 +115,23 @@ class Planner:
 
     def obstacle(self, leg: Leg, distance: float) -> End:
         """The port (part index, port) that a robot at arc length ``distance`` m cannot get to."""
-        nose = distance + self.length / 2 - AT_THE_NOSE
+        nose = distance + self.robot.length / 2 - AT_THE_NOSE
         fittings = self.route(leg).fittings
         index = next((i for i, p in enumerate(fittings) if nose < p.s_leave), len(fittings) - 1)
         part, _, leave = leg.way[index]
         return part, leave
 
-    def onward(self, leg: Leg, distance: float, goal: int, closed: Iterable[End]) -> list[Leg] | None:
-        """Legs to a goal for a robot at arc length ``distance`` m of a leg; None where no way is left.
+    def onward(
+        self, leg: Leg, distance: float, goal: int, closed: Iterable[End]
+    ) -> list[Leg] | None:
+        """Legs to a goal for a robot at arc length ``distance`` m of a leg; None where no way is
+        left.
 
         The robot comes back to the mission's start tail first. From there it sets out anew.
 
         Args:
-            leg: the robot is on it, nose first; or tail first at its end, which is the mission's start.
+            leg: the robot is on it, nose first; or tail first at its end, which is the mission's
+                start.
             distance: m.
             goal: number of the goal.
             closed: ports (part index, port) found to be closed.
@@ -127,13 +140,16 @@ class Planner:
 
         closed = tuple(closed)
         graph = networkx.restricted_view(self._graph, closed, [])
+        at_the_start = self.robot.length / 2 + NOSE_ROOM
         if leg.gear < 0:
             way = shortest_way(graph, self.ends[0], self.ends[goal + 1])
-            return None if way is None else [self._forward(way, self.length / 2 + NOSE_ROOM, goal)]
+            return None if way is None else [self._forward(way, at_the_start, goal)]
         old = self.route(leg)
-        here = next((i for i, p in enumerate(old.fittings) if distance < p.s_leave), len(leg.way) - 1)
+        here = next(
+            (i for i, p in enumerate(old.fittings) if distance < p.s_leave), len(leg.way) - 1
+        )
         if self.ends[goal + 1] == self.ends[0]:
-            return [self._backing(old, leg.way, here, distance, self.length / 2 + NOSE_ROOM, goal)]
+            return [self._backing(old, leg.way, here, distance, at_the_start, goal)]
         best: tuple[float, Way, float] | None = None
         for c in range(here, -1, -1):
             part, enter, _ = leg.way[c]
@@ -154,30 +170,46 @@ class Planner:
             return None
         _, way, stand = best
         forward = self._forward(way, stand, goal)
-        return [forward] if stand >= distance else [self._backing(old, leg.way, here, distance, stand), forward]
+        return (
+            [forward]
+            if stand >= distance
+            else [self._backing(old, leg.way, here, distance, stand), forward]
+        )
 
     def _forward(self, way: Way, begin: float, goal: int) -> Leg:
         length = route_of(self.network, way, self.arcs).centreline.length
-        return Leg(way, 1, begin, length - self.length / 2 - NOSE_ROOM, goal, f"to {self.mission.goals[goal]}")
+        return Leg(
+            way,
+            1,
+            begin,
+            length - self.robot.length / 2 - NOSE_ROOM,
+            goal,
+            f"to {self.mission.goals[goal]}",
+        )
 
-    def _backing(self, old: Route, way: Way, here: int, distance: float, stand: float, goal: int = -1) -> Leg:
-        """Back out from ``distance`` in fitting ``here`` of a way to ``stand`` m on it, where a goal may be."""
+    def _backing(
+        self, old: Route, way: Way, here: int, distance: float, stand: float, goal: int = -1
+    ) -> Leg:
+        """Back out from ``distance`` in fitting ``here`` of a way to ``stand`` m on it, where a
+        goal may be."""
         reverse: Way = tuple((part, leave, enter) for part, enter, leave in way[here::-1])
         route = route_of(self.network, reverse, self.arcs)
         at = next(i for i, p in enumerate(old.fittings) if stand < p.s_leave)
         begin = old.fittings[here].s_leave - distance
-        # An arc out of a branch is not as long as the one into it: count from the port that both ways share.
+        # An arc out of a branch is not as long as the one into it: count from the port that both
+        # ways share.
         end = route.fittings[here - at].s_leave - (stand - old.fittings[at].s_enter)
         name = self.network.fittings[way[here][0]].name
         to = "" if goal < 0 else f", to {self.mission.goals[goal]}"
         return Leg(reverse, -1, begin, end, goal, f"backs out of {name}{to}")
 
     def _stand(self, route: Route, index: int) -> float:
-        """Arc length, m, where a robot stands to pass fitting ``index`` of a route in another way than before."""
-        first = index
-        while first > 0 and _start(route, first) - _end(route, first - 1) < self.length + STOP_BEFORE:
+        """Arc length, m, where a robot stands to pass fitting ``index`` of a route in another way
+        than before."""
+        first, length, room = index, self.robot.length, self.robot.standing_room
+        while first > 0 and _start(route, first) - _end(route, first - 1) < length + room:
             first -= 1
-        return max(_start(route, first) - self.length / 2 - STOP_BEFORE, self.length / 2)
+        return max(_start(route, first) - length / 2 - room, length / 2)
 
 
 def _start(route: Route, index: int) -> float:
@@ -199,7 +231,10 @@ def _unreachable(goal: int, mission: Mission) -> Fault:
 def _checked(network: Network, mission: Mission) -> tuple[list[End], tuple[End, ...]]:
     """Start and goals as nodes, and the blocked ports."""
     ends, plates, faults = [], [], []
-    asked = [("start", mission.start), *((f"goals.{i}", goal) for i, goal in enumerate(mission.goals))]
+    asked = [
+        ("start", mission.start),
+        *((f"goals.{i}", goal) for i, goal in enumerate(mission.goals)),
+    ]
     for where, port in asked:
         try:
             ends.append(network.end(where, port))

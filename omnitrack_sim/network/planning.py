@@ -18,8 +18,11 @@ Way = tuple[tuple[int, str, str], ...]
 """Fittings in order: part index, port entered, port left."""
 
 
-def port_graph(network: Network, arcs: TeeArcs = TEE_ARCS, avoid: Collection[str] = ()) -> networkx.DiGraph[Any]:
-    """Ports (part index, port name) as nodes; ``length`` m of the axis between the ports of a fitting, 0 at joints.
+def port_graph(
+    network: Network, arcs: TeeArcs = TEE_ARCS, avoid: Collection[str] = ()
+) -> networkx.DiGraph[Any]:
+    """Ports (part index, port name) as nodes; ``length`` m of the axis between the ports of a
+    fitting, 0 at joints.
 
     Fittings to ``avoid`` are left out.
     """
@@ -29,7 +32,9 @@ def port_graph(network: Network, arcs: TeeArcs = TEE_ARCS, avoid: Collection[str
     for i, part in enumerate(network.pipes.parts):
         for enter, leave in permutations(part.fitting.choices, 2):
             path = part.fitting.path(enter, leave, arcs)
-            graph.add_edge((i, enter), (i, leave), length=sum(length for length, _ in path.segments))
+            graph.add_edge(
+                (i, enter), (i, leave), length=sum(length for length, _ in path.segments)
+            )
     for a, b in network.pipes.joints:
         graph.add_edge(a, b, length=0.0)
         graph.add_edge(b, a, length=0.0)
@@ -53,7 +58,8 @@ def shortest_route(
         arcs: of the centreline in tees.
 
     Raises:
-        NetworkError: no such port, no open end, start and goal the same, unknown fittings to avoid, or no way.
+        NetworkError: no such port, no open end, start and goal the same, unknown fittings to avoid,
+            or no way.
     """
     ends, faults = [], []
     for where, port in (("start", start), ("goal", goal)):
@@ -66,7 +72,9 @@ def shortest_route(
     names = [part.name for part in network.fittings]
     avoided = set(avoid)
     faults += [
-        Fault("avoid", f"there is no fitting {name!r}", tuple(names)) for name in sorted(avoided) if name not in names
+        Fault("avoid", f"there is no fitting {name!r}", tuple(names))
+        for name in sorted(avoided)
+        if name not in names
     ]
     if faults:
         raise NetworkError(faults)
@@ -80,12 +88,16 @@ def shortest_way(graph: networkx.DiGraph[Any], start: End, goal: End) -> Way | N
     """The shortest way between two ports of a graph of ``port_graph``; None where there is none."""
     import networkx
 
-    # Between two ports of one fitting the direct edge is the shortest, so no fitting is passed twice in a row.
+    # Between two ports of one fitting the direct edge is the shortest, so no fitting is passed
+    # twice in a row.
     try:
         nodes = networkx.shortest_path(graph, start, goal, weight="length")
     except (networkx.NetworkXNoPath, networkx.NodeNotFound):
         return None
-    return tuple((part, enter, leave) for (part, enter), (_, leave) in zip(nodes[::2], nodes[1::2], strict=True))
+    return tuple(
+        (part, enter, leave)
+        for (part, enter), (_, leave) in zip(nodes[::2], nodes[1::2], strict=True)
+    )
 
 
 def unreachable(where: str, start: str, goal: str, avoid: Collection[str]) -> Fault:

@@ -1,4 +1,5 @@
-"""Random networks that are always valid: grown from open ends, with a straight between any two other fittings."""
+"""Random networks that are always valid: grown from open ends, with a straight between any two
+other fittings."""
 
 from __future__ import annotations
 
@@ -33,24 +34,29 @@ def random_network(
     diameters: tuple[float, ...] | None = None,
     reducer_share: float = 0.25,
 ) -> Network:
-    """A valid network, every open end a straight that a robot can stand in; the same arguments give the same one.
+    """A valid network, every open end a straight that a robot can stand in; the same arguments give
+    the same one.
 
     Args:
         seed: of NumPy's default generator.
         fittings: how many, or the least and greatest number.
         lengths: m, least and greatest length of a straight; multiples of 10 mm are drawn.
         mean_radii: m, of the elbows to draw from.
-        tee_share: part of the fittings between straights that are tees; the first one is, where there is room for it.
+        tee_share: part of the fittings between straights that are tees; the first one is, where
+            there is room for it.
         inner_diameter: m, of every bore; with ``diameters`` of the first one.
         diameters: m, bores that reducers lead to; without them all bores are the same.
-        reducer_share: with ``diameters``, part of the fittings between straights that are reducers; the first never is.
+        reducer_share: with ``diameters``, part of the fittings between straights that are reducers;
+            the first never is.
 
     Raises:
         NetworkError: the arguments make no sense, or no network of that size was found.
     """
     low, high = (fittings, fittings) if isinstance(fittings, int) else fittings
     if not 1 <= low <= high:
-        raise NetworkError(Fault("fittings", f"is {fittings}; at least 1, and the least number first"))
+        raise NetworkError(
+            Fault("fittings", f"is {fittings}; at least 1, and the least number first")
+        )
     if seed < 0:
         raise NetworkError(Fault("seed", f"is {seed}; at least 0"))
     _check_bores(diameters or (), mean_radii)
@@ -58,11 +64,20 @@ def random_network(
     count = int(rng.integers(low, high, endpoint=True))
     for _ in range(_STARTS):
         rows, joints = _grown(
-            rng, count, lengths, mean_radii, tee_share, inner_diameter, diameters or (), reducer_share
+            rng,
+            count,
+            lengths,
+            mean_radii,
+            tee_share,
+            inner_diameter,
+            diameters or (),
+            reducer_share,
         )
         if len(rows) == count:
             return validate({"name": f"random_{seed}", "fittings": rows, "joints": joints})
-    raise NetworkError(Fault("fittings", f"no network of {count} fittings was found; ask for fewer"))
+    raise NetworkError(
+        Fault("fittings", f"no network of {count} fittings was found; ask for fewer")
+    )
 
 
 def _check_bores(diameters: tuple[float, ...], mean_radii: tuple[float, ...]) -> None:
@@ -73,7 +88,9 @@ def _check_bores(diameters: tuple[float, ...], mean_radii: tuple[float, ...]) ->
             Tee(inner_diameter=diameter)
             Elbow(max(mean_radii, default=math.inf), inner_diameter=diameter)
         except GeometryError as error:
-            faults += [Fault("diameters", f"{diameter} m does not go: {fault}") for fault in error.faults]
+            faults += [
+                Fault("diameters", f"{diameter} m does not go: {fault}") for fault in error.faults
+            ]
     if faults:
         raise NetworkError(faults)
 
@@ -90,8 +107,8 @@ def _grown(
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Tables of fittings and joints; fewer than ``count`` fittings where there was no room.
 
-    Tees, elbows and reducers are added together with the straights at their other ports, so every open end is a
-    straight.
+    Tees, elbows and reducers are added together with the straights at their other ports, so every
+    open end is a straight.
     """
     first = Placed("straight_1", Straight(_draw_length(rng, lengths), inner_diameter), Pose())
     parts, samples = [first], [first.bore_samples()]
@@ -119,12 +136,19 @@ def _grown(
         turn_deg = 0.0 if isinstance(fitting, Straight | Reducer) else float(rng.choice(TURNS_DEG))
         new = [_joined_to(parts[index], port, fitting, enter, turn_deg, len(parts))]
         ends = [(len(parts), end) for end in fitting.choices if end != enter]
-        added = [{"ports": [f"{parts[index].name}.{port}", f"{new[0].name}.{enter}"], "turn_deg": turn_deg}]
+        added = [
+            {
+                "ports": [f"{parts[index].name}.{port}", f"{new[0].name}.{enter}"],
+                "turn_deg": turn_deg,
+            }
+        ]
         if not isinstance(fitting, Straight):
             for _, end in ends:
                 straight = Straight(_draw_length(rng, lengths), 2 * fitting.port_radius(end))
                 new.append(_joined_to(new[0], end, straight, "start", 0.0, len(parts) + len(new)))
-                added.append({"ports": [f"{new[0].name}.{end}", f"{new[-1].name}.start"], "turn_deg": 0.0})
+                added.append(
+                    {"ports": [f"{new[0].name}.{end}", f"{new[-1].name}.start"], "turn_deg": 0.0}
+                )
             ends = [(len(parts) + 1 + i, "end") for i in range(len(ends))]
         new_samples = [part.bore_samples() for part in new]
         if all(
@@ -140,7 +164,9 @@ def _grown(
     return [_row(part.name, part.fitting) for part in parts], joints
 
 
-def _joined_to(part: Placed, port: str, fitting: Fitting, enter: str, turn_deg: float, index: int) -> Placed:
+def _joined_to(
+    part: Placed, port: str, fitting: Fitting, enter: str, turn_deg: float, index: int
+) -> Placed:
     """A fitting placed at a port of another one, with a name that says which part it is."""
     pose = attached(part.port(port), fitting, enter, np.radians(turn_deg))
     return Placed(f"{fitting.kind}_{index + 1}", fitting, pose)
@@ -159,8 +185,11 @@ def _draw_length(rng: np.random.Generator, lengths: tuple[float, float]) -> floa
     return round(float(rng.uniform(*lengths)), 2)
 
 
-def _has_room(parts: list[Placed], samples_of: list[Array], joined: int | None, new: Placed, samples: Array) -> bool:
-    """Whether a new part, with points of its bore, keeps clear of all ``parts`` but the one that it is joined to."""
+def _has_room(
+    parts: list[Placed], samples_of: list[Array], joined: int | None, new: Placed, samples: Array
+) -> bool:
+    """Whether a new part, with points of its bore, keeps clear of all ``parts`` but the one that it
+    is joined to."""
     centre = (samples.max(axis=0) + samples.min(axis=0)) / 2
     reach = float(np.linalg.norm(samples - centre, axis=1).max()) + 2 * CLEARANCE
     for index, part in enumerate(parts):

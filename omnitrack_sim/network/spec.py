@@ -17,7 +17,13 @@ from omnitrack_sim.errors import Fault, GeometryError, NetworkError
 from omnitrack_sim.network.layout import End, Joined, lay_out
 from omnitrack_sim.pipes import Elbow, Fitting, PipeNetwork, Reducer, Straight, Tee
 from omnitrack_sim.rotations import Pose, frame_along
-from omnitrack_sim.schema.reading import NAME_PATTERN, checked, fault_of, read_toml, shipped_networks
+from omnitrack_sim.schema.reading import (
+    NAME_PATTERN,
+    checked,
+    fault_of,
+    read_toml,
+    shipped_networks,
+)
 from omnitrack_sim.schema.tables import Direction, ElbowPipe, Size, Table
 
 PartName = Annotated[str, Field(pattern=r"^[^\s./\\\x00-\x1f]+$")]
@@ -90,7 +96,8 @@ _PARTS: dict[str, type[BaseModel]] = {
 
 
 class Place(Table):
-    """Where the first port of the first fitting is, and how the pipe runs from there, world frame."""
+    """Where the first port of the first fitting is, and how the pipe runs from there, world
+    frame."""
 
     axis: Direction = (0.0, 0.0, 1.0)  # direction into the pipe
     turn_deg: float = 0.0  # rotation of the whole network about that axis
@@ -105,7 +112,8 @@ class Joint(Table):
 
 
 class Network(Table):
-    """A pipe network as data: fittings by name and what is joined to what. Keys and units: see docs/networks.md.
+    """A pipe network as data: fittings by name and what is joined to what. Keys and units: see
+    docs/networks.md.
 
     Raises:
         NetworkError: every fault, with its dotted path.
@@ -142,14 +150,18 @@ class Network(Table):
     def pipes(self) -> PipeNetwork:
         """The fittings, placed in the world."""
         ends = self._ends
-        joints = [Joined((ends[j.ports[0]], ends[j.ports[1]]), math.radians(j.turn_deg)) for j in self.joints]
+        joints = [
+            Joined((ends[j.ports[0]], ends[j.ports[1]]), math.radians(j.turn_deg))
+            for j in self.joints
+        ]
         rotation = frame_along(self.place.axis, math.radians(self.place.turn_deg))
         first = Pose(rotation, np.array(self.place.position))
         return lay_out({part.name: part.fitting() for part in self.fittings}, joints, first)
 
     @property
     def open_ends(self) -> tuple[str, ...]:
-        """Ports that nothing is joined to, such as ``"riser.start"``: where a route may start and end."""
+        """Ports that nothing is joined to, such as ``"riser.start"``: where a route may start and
+        end."""
         taken = {port for joint in self.joints for port in joint.ports}
         return tuple(port for port in self._ends if port not in taken)
 
@@ -172,7 +184,8 @@ class Network(Table):
         )
 
     def end(self, where: str, port: str) -> End:
-        """Part index and port name of an open end, given as ``part.port`` or by its name in ``ports``.
+        """Part index and port name of an open end, given as ``part.port`` or by its name in
+        ``ports``.
 
         Raises:
             NetworkError: no such port, or none that is open; ``where`` names what asked for it.
@@ -182,11 +195,16 @@ class Network(Table):
         if name not in self._ends:
             raise NetworkError(Fault(where, f"there is no port {port!r}", known))
         if name in self.joined_to:
-            raise NetworkError(Fault(where, f"{port!r} is no open end: it is joined to {self.joined_to[name]}", known))
+            raise NetworkError(
+                Fault(
+                    where, f"{port!r} is no open end: it is joined to {self.joined_to[name]}", known
+                )
+            )
         return self._ends[name]
 
     def port(self, port: str, where: str = "port") -> End:
-        """Part index and port name of any port ``part.port``, or of an open end by its name in ``ports``.
+        """Part index and port name of any port ``part.port``, or of an open end by its name in
+        ``ports``.
 
         Raises:
             NetworkError: no such port; ``where`` names what asked for it.
@@ -206,7 +224,11 @@ class Network(Table):
         lines = [f"name = {_toml(self.name)}"]
         for table in ("place", "ports"):
             if data.get(table):
-                lines += ["", f"[{table}]", *(f"{_key(k)} = {_toml(v)}" for k, v in data[table].items())]
+                lines += [
+                    "",
+                    f"[{table}]",
+                    *(f"{_key(k)} = {_toml(v)}" for k, v in data[table].items()),
+                ]
         for table in ("fittings", "joints"):
             for row in data.get(table, ()):
                 lines += ["", f"[[{table}]]", *(f"{k} = {_toml(v)}" for k, v in row.items())]
@@ -223,18 +245,22 @@ class Network(Table):
         }
 
     def _naming_faults(self) -> list[Fault]:
-        """Impossible sizes, names taken twice, joints of ports that do not exist or are joined already."""
+        """Impossible sizes, names taken twice, joints of ports that do not exist or are joined
+        already."""
         faults: list[Fault] = []
         names: list[str] = []
         for i, part in enumerate(self.fittings):
             if part.name in names:
-                faults.append(Fault(f"fittings.{i}.name", f"{part.name!r} is taken by an earlier fitting"))
+                faults.append(
+                    Fault(f"fittings.{i}.name", f"{part.name!r} is taken by an earlier fitting")
+                )
             names.append(part.name)
             try:
                 part.fitting()
             except GeometryError as error:
                 faults += [
-                    Fault(f"fittings.{i}.{f.where.rpartition('.')[2]}", f.problem, f.choices) for f in error.faults
+                    Fault(f"fittings.{i}.{f.where.rpartition('.')[2]}", f.problem, f.choices)
+                    for f in error.faults
                 ]
         taken: dict[str, int] = {}
         for k, joint in enumerate(self.joints):
@@ -255,10 +281,15 @@ class Network(Table):
         return faults
 
     def _unknown_port(self, where: str, port: str) -> Fault:
-        """The fault of a port that does not exist, with those of the same fitting, or else the fittings."""
+        """The fault of a port that does not exist, with those of the same fitting, or else the
+        fittings."""
         name = port.partition(".")[0]
         of_part = tuple(end for end in self._ends if end.startswith(f"{name}."))
-        problem = f"there is no port {port!r}" if of_part else f"there is no fitting {name!r} (given: {port!r})"
+        problem = (
+            f"there is no port {port!r}"
+            if of_part
+            else f"there is no fitting {name!r} (given: {port!r})"
+        )
         return Fault(where, problem, of_part or tuple(part.name for part in self.fittings))
 
 
@@ -266,7 +297,8 @@ def load_network(source: str | Path) -> Network:
     """Read a network file, or a shipped network by name.
 
     Raises:
-        NetworkError: no such file, bad TOML, or any fault in it; every fault is listed with its path in the file.
+        NetworkError: no such file, bad TOML, or any fault in it; every fault is listed with its
+            path in the file.
     """
     _, data = read_toml(source, "network", shipped_networks(), NetworkError)
     return validate(data)
@@ -284,7 +316,10 @@ def validate(data: Mapping[str, Any]) -> Network:
 def _fault(item: Any) -> Fault:
     if item["type"] == "string_pattern_mismatch" and item["loc"][0] == "fittings":
         where = f"fittings.{item['loc'][1]}.name"
-        return Fault(where, f"is {item['input']!r}; a part's name has no dot, space or separator and is not empty")
+        return Fault(
+            where,
+            f"is {item['input']!r}; a part's name has no dot, space or separator and is not empty",
+        )
     return fault_of(item, "fittings", tuple(_PARTS), _choices_at)
 
 

@@ -52,21 +52,28 @@ class Placed:
     def bore_samples(self) -> Array:
         """Points (k, 3) m on the fitting's axis curves and near its inner surface, world frame."""
         is_tee = isinstance(self.fitting, Tee)
-        pairs = [("run_start", "run_end"), ("branch", "run_end")] if is_tee else [tuple(self.fitting.ports)]
+        pairs = (
+            [("run_start", "run_end"), ("branch", "run_end")]
+            if is_tee
+            else [tuple(self.fitting.ports)]
+        )
         samples = []
         for enter, leave in pairs:
             line = self.axis(enter, leave, TeeArcs(self.fitting.radius, self.fitting.radius))
             s = np.linspace(0, line.length, max(2, int(np.ceil(line.length / SAMPLE_SPACING)) + 1))
             point, frame = line.at(s)[0], line.frame(s)
             around = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-            radius = np.linspace(self.fitting.port_radius(enter), self.fitting.port_radius(leave), len(s))
+            radius = np.linspace(
+                self.fitting.port_radius(enter), self.fitting.port_radius(leave), len(s)
+            )
             ring = np.stack([np.cos(around), np.sin(around), 0 * around], axis=-1)
             rings = 0.95 * radius[:, None, None] * np.einsum("sij,kj->ski", frame, ring)
             samples += [point, (point[:, None] + rings).reshape(-1, 3)]
         return np.concatenate(samples)
 
     def holds(self, points: Array, margin: float) -> bool:
-        """Whether any of ``points`` (n, 3) m, world frame, lies in this bore by more than ``margin`` m."""
+        """Whether any of ``points`` (n, 3) m, world frame, lies in this bore by more than
+        ``margin`` m."""
         inside = self.signed_distance(points)[0] > margin
         return bool((inside & (self.extent(points) > margin)).any())
 
@@ -76,8 +83,8 @@ class PipeNetwork:
     """Placed fittings and which ports are joined: ((part, port), (part, port)) by index and name.
 
     Raises:
-        GeometryError: joined bores whose diameters differ by more than ``BORE_TOLERANCE``, or parts that run into each
-            other.
+        GeometryError: joined bores whose diameters differ by more than ``BORE_TOLERANCE``, or parts
+            that run into each other.
     """
 
     parts: tuple[Placed, ...]
@@ -92,15 +99,22 @@ class PipeNetwork:
     def open_ends(self) -> tuple[tuple[int, str], ...]:
         """Ports that nothing is joined to, (part index, port name)."""
         taken = {end for joint in self.joints for end in joint}
-        return tuple((i, p) for i, part in enumerate(self.parts) for p in part.fitting.ports if (i, p) not in taken)
+        return tuple(
+            (i, p)
+            for i, part in enumerate(self.parts)
+            for p in part.fitting.ports
+            if (i, p) not in taken
+        )
 
     def signed_distance(self, points: Array) -> tuple[Array, Array]:
-        """Distance (...,) m from ``points`` (..., 3) m to the inner surface; unit gradient (..., 3).
+        """Distance (...,) m from ``points`` (..., 3) m to the inner surface; unit gradient (...,
+        3).
 
         World frame, positive in a bore.
-        Each part counts between its port planes; beyond all of them the distance is negative, towards the
-        nearest port plane. In the part that a reducer's wide end is joined to, points near the axis within a few
-        millimetres of the joint can be nearer to the cone than to their own part's wall; this is not seen here.
+        Each part counts between its port planes; beyond all of them the distance is negative,
+        towards the nearest port plane. In the part that a reducer's wide end is joined to, points
+        near the axis within a few millimetres of the joint can be nearer to the cone than to their
+        own part's wall; this is not seen here.
         """
         points = np.asarray(points, float)
         best = np.full(points.shape[:-1], -np.inf)
@@ -110,7 +124,10 @@ class PipeNetwork:
             extent = part.extent(points)
             value = np.where(extent >= -JOINED, distance, np.minimum(distance, extent))
             better = value > best
-            best, gradient = np.where(better, value, best), np.where(better[..., None], direction, gradient)
+            best, gradient = (
+                np.where(better, value, best),
+                np.where(better[..., None], direction, gradient),
+            )
         return best, gradient
 
     def _mismatches(self) -> list[Fault]:
@@ -119,9 +136,14 @@ class PipeNetwork:
             a, b = self.parts[i], self.parts[j]
             bore_a, bore_b = 2 * a.fitting.port_radius(port_i), 2 * b.fitting.port_radius(port_j)
             if abs(bore_a - bore_b) > BORE_TOLERANCE + JOINED:
-                key = "end_diameter" if isinstance(b.fitting, Reducer) and port_j == "end" else "inner_diameter"
+                key = (
+                    "end_diameter"
+                    if isinstance(b.fitting, Reducer) and port_j == "end"
+                    else "inner_diameter"
+                )
                 problem = (
-                    f"joins {a.name!r} ({port_i}) of {bore_a:.6g} m to {b.name!r} ({port_j}) of {bore_b:.6g} m; "
+                    f"joins {a.name!r} ({port_i}) of {bore_a:.6g} m to {b.name!r} ({port_j}) of "
+                    f"{bore_b:.6g} m; "
                     "a reducer joins bores of two sizes"
                 )
                 faults.append(Fault(f"pipes.{j}.{key}", problem))
@@ -131,7 +153,9 @@ class PipeNetwork:
         joined = {frozenset((i, j)) for (i, _), (j, _) in self.joints}
         samples = [part.bore_samples() for part in self.parts]
         centres = np.array([(s.max(axis=0) + s.min(axis=0)) / 2 for s in samples])  # (P, 3) m
-        extents = np.array([np.linalg.norm(s - c, axis=1).max() for s, c in zip(samples, centres, strict=True)])
+        extents = np.array(
+            [np.linalg.norm(s - c, axis=1).max() for s, c in zip(samples, centres, strict=True)]
+        )
         faults = []
         for i in range(len(self.parts)):
             apart = np.linalg.norm(centres - centres[i], axis=1)
@@ -153,9 +177,13 @@ class PipeNetwork:
         faults = []
         for (i, port_i), (j, port_j) in combinations(self.open_ends, 2):
             a, b = self.parts[i], self.parts[j]
-            if i != j and np.linalg.norm(a.port(port_i).position - b.port(port_j).position) < JOINED:
+            if (
+                i != j
+                and np.linalg.norm(a.port(port_i).position - b.port(port_j).position) < JOINED
+            ):
                 problem = (
-                    f"{b.name!r} ({port_j}) ends where {a.name!r} ({port_i}, pipes.{i}) does, and is not joined to it"
+                    f"{b.name!r} ({port_j}) ends where {a.name!r} ({port_i}, pipes.{i}) does, and "
+                    "is not joined to it"
                 )
                 faults.append(Fault(f"pipes.{j}", problem))
         return faults
@@ -163,7 +191,8 @@ class PipeNetwork:
 
 @dataclass(frozen=True)
 class Step:
-    """One fitting of a route: entered at port ``enter``, left at ``leave``, turned by ``turn`` rad at the joint."""
+    """One fitting of a route: entered at port ``enter``, left at ``leave``, turned by ``turn`` rad
+    at the joint."""
 
     name: str
     fitting: Fitting
@@ -177,12 +206,15 @@ class Passage:
     """One fitting as it is passed, in arc length along the route.
 
     Attributes:
-        index: of the part. kind, enter, leave: of the fitting and its ports. radius: bore radius at the entry, m.
+        index: of the part. kind, enter, leave: of the fitting and its ports. radius: bore radius at
+            the entry, m.
         s_enter, s_leave: port planes, m.
         is_turn: the route bends here.
-        s_bend_start, s_bend_end, bend_radius: of the centreline's arc, m; nan where it does not bend.
+        s_bend_start, s_bend_end, bend_radius: of the centreline's arc, m; nan where it does not
+            bend.
         opening: first and last arc length beside a tee's opening, m; nan elsewhere.
-        turn_direction: (3,) unit vector at the entry, world frame: where the route bends to, or where the branch opens.
+        turn_direction: (3,) unit vector at the entry, world frame: where the route bends to, or
+            where the branch opens.
     """
 
     index: int
@@ -206,7 +238,8 @@ class Passage:
 
     @property
     def span(self) -> tuple[float, float]:
-        """Arc lengths, m, where the bend or, straight over a tee, the opening begins and ends; nan elsewhere."""
+        """Arc lengths, m, where the bend or, straight over a tee, the opening begins and ends; nan
+        elsewhere."""
         return (self.s_bend_start, self.s_bend_end) if self.is_turn else self.opening
 
 
@@ -219,7 +252,8 @@ class Route:
     fittings: tuple[Passage, ...]
 
     def bore_radius(self, s: Array) -> Array:
-        """Bore radius (n,) m at arc lengths (n,) m along the centreline; beyond its ends that at the ends.
+        """Bore radius (n,) m at arc lengths (n,) m along the centreline; beyond its ends that at
+        the ends.
 
         Linear between the ports of each fitting; at a joint of two bores either of them.
         """
@@ -228,7 +262,9 @@ class Route:
     @cached_property
     def _bore(self) -> tuple[Array, Array]:
         """Arc lengths (k,) m of all ports passed, and the bore radii there, m."""
-        ends = [end for p in self.fittings for end in ((p, p.enter, p.s_enter), (p, p.leave, p.s_leave))]
+        ends = [
+            end for p in self.fittings for end in ((p, p.enter, p.s_enter), (p, p.leave, p.s_leave))
+        ]
         radii = [self.network.parts[p.index].fitting.port_radius(port) for p, port, _ in ends]
         return np.array([s for _, _, s in ends]), np.array(radii)
 
@@ -236,8 +272,8 @@ class Route:
 def route(steps: Sequence[Step], start: Pose | None = None, arcs: TeeArcs = TEE_ARCS) -> Route:
     """Join fittings one after the other and lay the centreline through them.
 
-    The x axes of joined ports coincide, then the new fitting is turned by ``Step.turn`` about the joint's axis: a chain
-    of elbows without turns stays in one plane.
+    The x axes of joined ports coincide, then the new fitting is turned by ``Step.turn`` about the
+    joint's axis: a chain of elbows without turns stays in one plane.
 
     Args:
         steps: at least one.
@@ -245,13 +281,16 @@ def route(steps: Sequence[Step], start: Pose | None = None, arcs: TeeArcs = TEE_
         arcs: of the centreline in tees.
 
     Raises:
-        GeometryError: unknown ports, a fitting left where it is entered, bores that do not fit, parts that overlap.
+        GeometryError: unknown ports, a fitting left where it is entered, bores that do not fit,
+            parts that overlap.
     """
     _check_ports(steps)
     frame = start or Pose()
     parts = []
     for step in steps:
-        parts.append(Placed(step.name, step.fitting, attached(frame, step.fitting, step.enter, step.turn)))
+        parts.append(
+            Placed(step.name, step.fitting, attached(frame, step.fitting, step.enter, step.turn))
+        )
         frame = parts[-1].port(step.leave)
     joints = tuple(((i, a.leave), (i + 1, b.enter)) for i, (a, b) in enumerate(pairwise(steps)))
     side = (start or Pose()).rotation @ rotation_about([0, 0, 1], steps[0].turn)[:, 0]
@@ -260,9 +299,11 @@ def route(steps: Sequence[Step], start: Pose | None = None, arcs: TeeArcs = TEE_
 
 
 def attached(port: Pose, fitting: Fitting, enter: str, turn: float) -> Pose:
-    """Pose of a fitting whose port ``enter`` is joined to a placed ``port`` (z outward), same frame.
+    """Pose of a fitting whose port ``enter`` is joined to a placed ``port`` (z outward), same
+    frame.
 
-    The x axes of the two ports coincide, then the fitting is turned by ``turn`` rad about the axis of ``port``. Seen
+    The x axes of the two ports coincide, then the fitting is turned by ``turn`` rad about the axis
+    of ``port``. Seen
     from the other side the turn is the same: either of two ports may be the placed one.
     """
     rotation = port.rotation @ rotation_about([0, 0, 1], turn)
@@ -270,8 +311,11 @@ def attached(port: Pose, fitting: Fitting, enter: str, turn: float) -> Pose:
     return entry @ fitting.ports[enter].inverse()
 
 
-def route_through(network: PipeNetwork, way: Sequence[tuple[int, str, str]], arcs: TeeArcs = TEE_ARCS) -> Route:
-    """The route that passes through parts of a network in order; side branches stay part of ``Route.network``.
+def route_through(
+    network: PipeNetwork, way: Sequence[tuple[int, str, str]], arcs: TeeArcs = TEE_ARCS
+) -> Route:
+    """The route that passes through parts of a network in order; side branches stay part of
+    ``Route.network``.
 
     Args:
         network: placed fittings.
@@ -282,7 +326,9 @@ def route_through(network: PipeNetwork, way: Sequence[tuple[int, str, str]], arc
     return _through(network, way, network.parts[index].port(enter).rotation[:, 0], arcs)
 
 
-def _through(network: PipeNetwork, way: Sequence[tuple[int, str, str]], side: Array, arcs: TeeArcs) -> Route:
+def _through(
+    network: PipeNetwork, way: Sequence[tuple[int, str, str]], side: Array, arcs: TeeArcs
+) -> Route:
     """Centreline and passages; ``side`` (3,) is the x axis of the frame at the start."""
     distance, segments, passages = 0.0, [], []
     for index, enter, leave in way:
@@ -300,11 +346,19 @@ def _check_ports(steps: Sequence[Step]) -> None:
         for end in ("enter", "leave"):
             if getattr(step, end) not in choices:
                 faults.append(
-                    Fault(f"pipes.{i}.{end}", f"{step.fitting.kind} has no port {getattr(step, end)!r}", choices)
+                    Fault(
+                        f"pipes.{i}.{end}",
+                        f"{step.fitting.kind} has no port {getattr(step, end)!r}",
+                        choices,
+                    )
                 )
         if step.enter == step.leave:
             faults.append(
-                Fault(f"pipes.{i}.leave", f"is {step.leave!r}, where the {step.fitting.kind} is entered", choices)
+                Fault(
+                    f"pipes.{i}.leave",
+                    f"is {step.leave!r}, where the {step.fitting.kind} is entered",
+                    choices,
+                )
             )
     if faults:
         raise GeometryError(faults)
@@ -327,7 +381,9 @@ def _segments(part: Placed, enter: str, leave: str, arcs: TeeArcs) -> tuple[list
     return segments, side
 
 
-def _passage(index: int, fitting: Fitting, enter: str, leave: str, segments: list[Segment], distance: float) -> Passage:
+def _passage(
+    index: int, fitting: Fitting, enter: str, leave: str, segments: list[Segment], distance: float
+) -> Passage:
     starts = distance + np.cumsum([0.0, *(s.length for s in segments)])
     bend = next((i for i, s in enumerate(segments) if s.curvature > 0), None)
     is_turn = bend is not None

@@ -1,7 +1,8 @@
 """Straight, reducer, elbow and tee: sizes, ports, axis curves and the exact inner surface.
 
-Frames: a straight or reducer runs along +z from the origin; an elbow enters along +z at the origin and bends towards
-+x; a tee has its run along z, centred at the origin, and its branch along +x. Port frames have z out of the fitting.
+Frames: a straight or reducer runs along +z from the origin; an elbow enters along +z at the origin
+and bends towards +x; a tee has its run along z, centred at the origin, and its branch along +x.
+Port frames have z out of the fitting.
 """
 
 from __future__ import annotations
@@ -22,10 +23,12 @@ Bend = tuple[float, float]
 
 
 class TeeArcs(NamedTuple):
-    """Radii, m, of the arcs that the centreline takes between run and branch; a short tee gets as much as fits it.
+    """Radii, m, of the arcs that the centreline takes between run and branch; a short tee gets as
+    much as fits it.
 
-    Out of a branch the far wall of the run turns the robot while its tail is still in the branch: a wide arc, which
-    begins to turn early and turns slowly, passes more often there; into a branch a tight one (docs/tee-turn.md).
+    Out of a branch the far wall of the run turns the robot while its tail is still in the branch: a
+    wide arc, which begins to turn early and turns slowly, passes more often there; into a branch a
+    tight one (docs/tee-turn.md).
     """
 
     turn: float = 0.09
@@ -37,7 +40,8 @@ TEE_ARCS = TeeArcs()
 
 @dataclass(frozen=True)
 class Path:
-    """The axis curve from one port to another, fitting frame: start point, direction, bending side, segments."""
+    """The axis curve from one port to another, fitting frame: start point, direction, bending side,
+    segments."""
 
     point: Array
     tangent: Array
@@ -60,7 +64,8 @@ _X, _Y, _Z = np.eye(3)
 
 @dataclass(frozen=True)
 class Fitting:
-    """What all fittings share: a bore of ``inner_diameter`` m, the same at all ports but for the reducer's."""
+    """What all fittings share: a bore of ``inner_diameter`` m, the same at all ports but for the
+    reducer's."""
 
     kind: ClassVar[str]
     choices: ClassVar[tuple[str, ...]]
@@ -85,7 +90,8 @@ class Fitting:
         raise NotImplementedError
 
     def signed_distance(self, points: Array) -> tuple[Array, Array]:
-        """Distance (...,) m from ``points`` (..., 3) m to the inner surface; its unit gradient (..., 3).
+        """Distance (...,) m from ``points`` (..., 3) m to the inner surface; its unit gradient
+        (..., 3).
 
         Fitting frame, positive in the bore.
         Exact inside the bore and in the wall near it; the fitting is taken as open at its ports.
@@ -93,7 +99,8 @@ class Fitting:
         raise NotImplementedError
 
     def extent(self, points: Array) -> Array:
-        """How far (...,) m ``points`` (..., 3) m lie inside the port planes, fitting frame; negative beyond one."""
+        """How far (...,) m ``points`` (..., 3) m lie inside the port planes, fitting frame;
+        negative beyond one."""
         raise NotImplementedError
 
     def path(self, enter: str, leave: str, arcs: TeeArcs) -> Path:
@@ -135,7 +142,10 @@ class Straight(_Axial):
         _check(
             self.kind,
             length=(self.length > 0, f"is {self.length} m; must be positive"),
-            inner_diameter=(self.inner_diameter > 0, f"is {self.inner_diameter} m; must be positive"),
+            inner_diameter=(
+                self.inner_diameter > 0,
+                f"is {self.inner_diameter} m; must be positive",
+            ),
         )
 
     def signed_distance(self, points: Array) -> tuple[Array, Array]:
@@ -151,7 +161,8 @@ STEEPEST_CONE = math.radians(20)
 
 @dataclass(frozen=True)
 class Reducer(_Axial):
-    """A concentric cone of ``length`` m from ``inner_diameter`` m at ``start`` to ``end_diameter`` m at ``end``."""
+    """A concentric cone of ``length`` m from ``inner_diameter`` m at ``start`` to ``end_diameter``
+    m at ``end``."""
 
     end_diameter: float
     inner_diameter: float = 0.16
@@ -159,7 +170,10 @@ class Reducer(_Axial):
 
     def __post_init__(self) -> None:
         sizes = {name: getattr(self, name) for name in ("length", "inner_diameter", "end_diameter")}
-        _check(self.kind, **{name: (size > 0, f"is {size} m; must be positive") for name, size in sizes.items()})
+        _check(
+            self.kind,
+            **{name: (size > 0, f"is {size} m; must be positive") for name, size in sizes.items()},
+        )
         least = abs(self.end_diameter - self.inner_diameter) / 2 / math.tan(STEEPEST_CONE)
         angle = math.degrees(math.atan(abs(self.slope)))
         steepest = math.degrees(STEEPEST_CONE)
@@ -171,14 +185,16 @@ class Reducer(_Axial):
             ),
             length=(
                 self.length >= least,
-                f"is {self.length} m, a half cone angle of {angle:.3g} degrees; at most {steepest:g} degrees are "
+                f"is {self.length} m, a half cone angle of {angle:.3g} degrees; at most "
+                f"{steepest:g} degrees are "
                 f"possible, so at least {math.ceil(1e5 * least) / 1e5:.5f} m",
             ),
         )
 
     @property
     def slope(self) -> float:
-        """Growth of the bore radius along +z, m/m: the tangent of the half cone angle, negative where it narrows."""
+        """Growth of the bore radius along +z, m/m: the tangent of the half cone angle, negative
+        where it narrows."""
         return (self.end_diameter - self.inner_diameter) / 2 / self.length
 
     def port_radius(self, port: str) -> float:
@@ -186,7 +202,8 @@ class Reducer(_Axial):
         return self.end_diameter / 2 if port == "end" else self.radius
 
     def signed_distance(self, points: Array) -> tuple[Array, Array]:
-        """See ``Fitting``: to the cone between the port planes, so to its edge where that is nearer than the rest."""
+        """See ``Fitting``: to the cone between the port planes, so to its edge where that is nearer
+        than the rest."""
         points = np.asarray(points, float)
         x, y, z = np.moveaxis(points, -1, 0)
         from_axis, slope = np.hypot(x, y), self.slope
@@ -208,7 +225,8 @@ class Reducer(_Axial):
 
 @dataclass(frozen=True)
 class Elbow(Fitting):
-    """A bend of ``angle`` rad with the axis on a circle of ``mean_radius`` m; at least R, at most 180 degrees."""
+    """A bend of ``angle`` rad with the axis on a circle of ``mean_radius`` m; at least R, at most
+    180 degrees."""
 
     mean_radius: float
     angle: float = math.pi / 2
@@ -220,7 +238,10 @@ class Elbow(Fitting):
         radius = self.inner_diameter / 2
         _check(
             self.kind,
-            inner_diameter=(self.inner_diameter > 0, f"is {self.inner_diameter} m; must be positive"),
+            inner_diameter=(
+                self.inner_diameter > 0,
+                f"is {self.inner_diameter} m; must be positive",
+            ),
             mean_radius=(
                 self.mean_radius >= radius,
                 f"is {self.mean_radius} m; must be at least the pipe radius of {radius} m",
@@ -239,12 +260,17 @@ class Elbow(Fitting):
 
     @property
     def ports(self) -> Mapping[str, Pose]:
-        """``start`` at the origin, ``end`` where the bend ends; x towards the centre of the bend."""
+        """``start`` at the origin, ``end`` where the bend ends; x towards the centre of the
+        bend."""
         tangent, normal = self._end_axes
-        return {"start": _port(-_Z, _X, np.zeros(3)), "end": _port(tangent, normal, self.mean_radius * (_X - normal))}
+        return {
+            "start": _port(-_Z, _X, np.zeros(3)),
+            "end": _port(tangent, normal, self.mean_radius * (_X - normal)),
+        }
 
     def _torus(self, points: Array) -> tuple[Array, Array]:
-        """Vector (..., 3) from the axis circle to each point, and the angle (...,) along the bend."""
+        """Vector (..., 3) from the axis circle to each point, and the angle (...,) along the
+        bend."""
         p = np.asarray(points, float) - self.mean_radius * _X
         flat = p * [1, 0, 1]
         distance = np.linalg.norm(flat, axis=-1, keepdims=True)
@@ -274,9 +300,11 @@ class Elbow(Fitting):
 
 @dataclass(frozen=True)
 class Tee(Fitting):
-    """An equal tee: run of ``run_length`` m, branch that ends ``branch_length`` m from the run's axis, rim rounded.
+    """An equal tee: run of ``run_length`` m, branch that ends ``branch_length`` m from the run's
+    axis, rim rounded.
 
-    The rim's ``fillet_radius`` m is that of a ball that rolls inside the wall: the solid wall is opened by it.
+    The rim's ``fillet_radius`` m is that of a ball that rolls inside the wall: the solid wall is
+    opened by it.
     """
 
     run_length: float = 0.32
@@ -290,18 +318,28 @@ class Tee(Fitting):
         least = self.inner_diameter / 2 + max(self.fillet_radius, 0.0)
         _check(
             self.kind,
-            inner_diameter=(self.inner_diameter > 0, f"is {self.inner_diameter} m; must be positive"),
+            inner_diameter=(
+                self.inner_diameter > 0,
+                f"is {self.inner_diameter} m; must be positive",
+            ),
             fillet_radius=(
                 0 < self.fillet_radius <= self.inner_diameter / 4,
                 f"is {self.fillet_radius} m; must be over 0 and at most a quarter of the diameter",
             ),
-            run_length=(self.run_length / 2 >= least, f"is {self.run_length} m; must be at least {2 * least} m"),
-            branch_length=(self.branch_length >= least, f"is {self.branch_length} m; must be at least {least} m"),
+            run_length=(
+                self.run_length / 2 >= least,
+                f"is {self.run_length} m; must be at least {2 * least} m",
+            ),
+            branch_length=(
+                self.branch_length >= least,
+                f"is {self.branch_length} m; must be at least {least} m",
+            ),
         )
 
     @property
     def ports(self) -> Mapping[str, Pose]:
-        """``run_start`` at z < 0, ``run_end`` at z > 0, ``branch``; x towards the branch, or along the run."""
+        """``run_start`` at z < 0, ``run_end`` at z > 0, ``branch``; x towards the branch, or along
+        the run."""
         half = self.run_length / 2
         return {
             "run_start": _port(-_Z, _X, -half * _Z),
@@ -325,12 +363,16 @@ class Tee(Fitting):
         if "branch" not in (enter, leave):
             return Path(start.position, tangent, _X, ((self.run_length, 0.0),))
         wanted, first, last = (
-            (arcs.turn, half, self.branch_length) if leave == "branch" else (arcs.merge, self.branch_length, half)
+            (arcs.turn, half, self.branch_length)
+            if leave == "branch"
+            else (arcs.merge, self.branch_length, half)
         )
         radius = min(wanted, half, self.branch_length)
         normal = self.ports[leave].rotation[:, 2]
         lines = ((first - radius, 0.0), (radius * math.pi / 2, 1 / radius), (last - radius, 0.0))
-        return Path(start.position, tangent, normal, tuple(segment for segment in lines if segment[0] > 0))
+        return Path(
+            start.position, tangent, normal, tuple(segment for segment in lines if segment[0] > 0)
+        )
 
 
 def _bore_distance(from_axis: Array, radius: float) -> tuple[Array, Array]:

@@ -1,9 +1,12 @@
 """The exact inner surface of an equal tee with a rounded rim.
 
-The bore is the union of a run along z and a branch along +x, both of radius R. The wall is its complement, opened by
-a ball of radius f: shrunk by f to E = {points rho = R + f or more from the run's axis and, for x > 0, the branch's},
-then grown by f. The distance to the wall is therefore the distance to E less f. E has two faces, the cylinders of
-radius rho, and an edge where they meet: the half ellipses x = |z|, with semi-axes sqrt(2) rho and rho.
+The bore is the union of a run along z and a branch along +x, both of radius R. The wall is its
+complement, opened by
+a ball of radius f: shrunk by f to E = {points rho = R + f or more from the run's axis and, for x >
+0, the branch's}, then grown by f. The distance to the wall is therefore the distance to E less f. E
+has two faces, the cylinders of
+radius rho, and an edge where they meet: the half ellipses x = |z|, with semi-axes sqrt(2) rho and
+rho.
 """
 
 from __future__ import annotations
@@ -16,7 +19,8 @@ _BISECTIONS = 50
 
 
 def tee_signed_distance(points: Array, radius: float, fillet: float) -> tuple[Array, Array]:
-    """Distance (...,) m of ``points`` (..., 3) m to the wall, positive in the bore, and its unit gradient (..., 3).
+    """Distance (...,) m of ``points`` (..., 3) m to the wall, positive in the bore, and its unit
+    gradient (..., 3).
 
     Args:
         points: tee frame, run along z, branch along +x.
@@ -50,7 +54,8 @@ def tee_signed_distance(points: Array, radius: float, fillet: float) -> tuple[Ar
 
 
 def _onto_cylinder(points: Array, mask: list[int], distance: Array, rho: float) -> Array:
-    """Radial projection of points (..., 3) onto the cylinder of radius rho; ``mask`` keeps what is across."""
+    """Radial projection of points (..., 3) onto the cylinder of radius rho; ``mask`` keeps what is
+    across."""
     across = points * mask
     scale = rho / np.where(distance > 0, distance, 1.0)
     on_axis = np.array([0.0, rho, 0.0])
@@ -60,8 +65,8 @@ def _onto_cylinder(points: Array, mask: list[int], distance: Array, rho: float) 
 def _onto_edge(points: Array, rho: float) -> Array:
     """Nearest points (..., 3) of the edge (rho cos t, rho sin t, +-rho cos t), |t| <= 90 degrees.
 
-    In the ellipse's plane, along its axes, the point is (u, v); the foot is the one root in the quadrant of
-    g(t) = a u sin t - b v cos t - (a^2 - b^2) sin t cos t, found by bisection.
+    In the ellipse's plane, along its axes, the point is (u, v); the foot is the one root in the
+    quadrant of g(t) = a u sin t - b v cos t - (a^2 - b^2) sin t cos t, found by bisection.
     """
     x, y, z = np.moveaxis(points, -1, 0)
     u, v = np.maximum(x + np.abs(z), 0.0) / np.sqrt(2), np.abs(y)
@@ -74,4 +79,6 @@ def _onto_edge(points: Array, rho: float) -> Array:
         low, high = np.where(below, t, low), np.where(below, high, t)
     t = (low + high) / 2
     side = np.where(z < 0, -1.0, 1.0)
-    return rho * np.stack([np.cos(t), np.where(y < 0, -1.0, 1.0) * np.sin(t), side * np.cos(t)], axis=-1)
+    return rho * np.stack(
+        [np.cos(t), np.where(y < 0, -1.0, 1.0) * np.sin(t), side * np.cos(t)], axis=-1
+    )

@@ -27,16 +27,27 @@ if TYPE_CHECKING:
     from omnitrack_sim.record.trajectory import Trajectory
     from omnitrack_sim.sim.result import Result
 
-PHASE_COLOURS = {"align": "#fbe9a6", "tee_turn": "#d3ebcb", "elbow": "#dbe6f3", "tee_straight": "#eadfeb"}
+PHASE_COLOURS = {
+    "align": "#fbe9a6",
+    "tee_turn": "#d3ebcb",
+    "elbow": "#dbe6f3",
+    "tee_straight": "#eadfeb",
+}
 """Background of the phases; a phase that is not here stays white."""
-PHASE_NAMES = {"align": "holonomic motion", "tee_turn": "turn", "elbow": "elbow", "tee_straight": "tee, straight on"}
+PHASE_NAMES = {
+    "align": "holonomic motion",
+    "tee_turn": "turn",
+    "elbow": "elbow",
+    "tee_straight": "tee, straight on",
+}
 """Names of the shaded phases in legends."""
 PASSED_COLOUR, FAILED_COLOUR, SINGULAR_COLOUR = "#2f6db3", "#e8882e", "#f6e3a3"
 SERIES_COLOURS = ("#2f6db3", "#d1591f", "#1c9a72", "#a8478f", "#22262b", "#b8901c")
 NO_CONTACT_FORCE = 0.5
 """Normal force below which a module counts as off the wall, N."""
 _LINES: tuple[dict[str, Any], ...] = ({"lw": 1.2}, {"lw": 2.8, "alpha": 0.5}, {"lw": 1.2})
-"""Module 2 is drawn broad and pale below module 3: in a symmetric turn they coincide, and both shall be seen."""
+"""Module 2 is drawn broad and pale below module 3: in a symmetric turn they coincide, and both
+shall be seen."""
 _DASHES: Any = (0, (4, 2))
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 _MM = 1e3
@@ -60,10 +71,26 @@ def angular_velocity_figure(result: Result, lug_radius: float | None = None) -> 
     def draw() -> Figure:
         figure = Figure(figsize=(7.2, 4.8), layout="constrained")
         axes = figure.subplots(2, 1, sharex=True, height_ratios=(1.7, 1))
-        _pairs(axes[0], trajectory, trajectory["belt_speed"] / radius, trajectory["belt_speed_command"] / radius)
-        _pairs(axes[1], trajectory, np.degrees(trajectory["roll"]), np.degrees(trajectory["roll_command"]))
+        _pairs(
+            axes[0],
+            trajectory,
+            trajectory["belt_speed"] / radius,
+            trajectory["belt_speed_command"] / radius,
+        )
+        _pairs(
+            axes[1],
+            trajectory,
+            np.degrees(trajectory["roll"]),
+            np.degrees(trajectory["roll_command"]),
+        )
         _at_least(axes[1], 10.0)
-        _finish(axes, trajectory, trajectory.time, "time [s]", ("angular velocity [rad/s]", "module roll [deg]"))
+        _finish(
+            axes,
+            trajectory,
+            trajectory.time,
+            "time [s]",
+            ("angular velocity [rad/s]", "module roll [deg]"),
+        )
         _head(figure, trajectory, commanded=True)
         return figure
 
@@ -74,8 +101,8 @@ def along_figure(result: Result) -> Figure:
     """Forces and slip of the modules along the pipe.
 
     Returns:
-        Three panels over the arc length of the robot's centre [m]: traction [N], normal force [N], slip velocity
-        [mm/s].
+        Three panels over the arc length of the robot's centre [m]: traction [N], normal force [N],
+        slip velocity [mm/s].
     """
     from matplotlib.figure import Figure
 
@@ -88,7 +115,9 @@ def along_figure(result: Result) -> Figure:
         for axis, (name, scale) in zip(axes, channels, strict=True):
             _module_lines(axis, trajectory, trajectory["distance"], trajectory[name] * scale)
         labels = ("traction [N]", "normal force [N]", "slip velocity [mm/s]")
-        _finish(axes, trajectory, trajectory["distance"], "arc length of the robot's centre [m]", labels)
+        _finish(
+            axes, trajectory, trajectory["distance"], "arc length of the robot's centre [m]", labels
+        )
         _head(figure, trajectory)
         return figure
 
@@ -103,7 +132,8 @@ def contact_map_figure(result: Result, route: Route | None = None) -> Figure:
         route: its fittings are marked and named where given.
 
     Returns:
-        One panel: arc length [m] across, angle of the module from the turning direction [deg] up, normal force [N] as
+        One panel: arc length [m] across, angle of the module from the turning direction [deg] up,
+            normal force [N] as
         colour; grey rings where a module is off the wall (below ``NO_CONTACT_FORCE``).
     """
     from matplotlib.figure import Figure
@@ -129,20 +159,25 @@ def success_figure(
     """Which start orientations pass a fitting, beside the singular range of the formula.
 
     Args:
-        theta5_deg: (M,) deg, orientations; those outside half a period are wrapped. A cell that several runs share has
-            the colour of their success rate.
-        passed: (M,) bool for each row of the figure; or 0, 1, and not a number for what the row does not have.
+        theta5_deg: (M,) deg, orientations; those outside half a period are wrapped. A cell that
+            several runs share has the colour of their success rate.
+        passed: (M,) bool for each row of the figure; or 0, 1, and not a number for what the row
+            does not have.
         sector_deg: deg, singular sector on the pipe's circumference.
         period_deg: deg, after which orientations repeat.
         real_margin_deg: deg, half-width of the safe range in the real geometry.
 
     Returns:
-        Left over theta5 [deg] with each row's success rate [%]; right the same as rings, repeated around the circle.
+        Left over theta5 [deg] with each row's success rate [%]; right the same as rings, repeated
+        around the circle.
     """
     from matplotlib.figure import Figure
 
     theta5 = _wrapped(np.asarray(theta5_deg, float), period_deg)
-    rows = {name: _cells(theta5, np.asarray(values, float), period_deg) for name, values in passed.items()}
+    rows = {
+        name: _cells(theta5, np.asarray(values, float), period_deg)
+        for name, values in passed.items()
+    }
     rates = [float(np.nanmean(np.asarray(values, float))) for values in passed.values()]
     margin = (period_deg - sector_deg) / 2
 
@@ -167,7 +202,8 @@ def elbow_figure(results: Mapping[str, Sequence[Result]]) -> Figure:
         results: the runs of each line.
 
     Returns:
-        Four panels over theta5 at the start [deg]: tilt at the exit and largest tilt [deg], slip distance, mean over
+        Four panels over theta5 at the start [deg]: tilt at the exit and largest tilt [deg], slip
+            distance, mean over
         the modules [mm], duration [s]. Runs that failed have hollow marks.
     """
     from matplotlib.figure import Figure
@@ -191,7 +227,9 @@ def elbow_figure(results: Mapping[str, Sequence[Result]]) -> Figure:
 
 
 def rates_figure(
-    groups: Sequence[tuple[str, int, int]], reference: float | None = None, label: str = "success rate"
+    groups: Sequence[tuple[str, int, int]],
+    reference: float | None = None,
+    label: str = "success rate",
 ) -> Figure:
     """Rates of several groups of runs with their 95 % intervals (``statistics.wilson_interval``).
 
@@ -215,7 +253,8 @@ def rates_figure(
 
 
 def inner_module(trajectory: Trajectory) -> int | None:
-    """Index of the module that points into the turn when the first tee turn begins; None without such a phase."""
+    """Index of the module that points into the turn when the first tee turn begins; None without
+    such a phase."""
     start = next((a for name, a, _ in _spans(trajectory) if name == "tee_turn"), None)
     if start is None:
         return None
@@ -225,7 +264,11 @@ def inner_module(trajectory: Trajectory) -> int | None:
 def _module_names(trajectory: Trajectory) -> list[str]:
     inner = inner_module(trajectory)
     names = [f"module {i + 1}" for i in range(MODULES)]
-    return names if inner is None else [f"{name}, {'inner' if i == inner else 'outer'}" for i, name in enumerate(names)]
+    return (
+        names
+        if inner is None
+        else [f"{name}, {'inner' if i == inner else 'outer'}" for i, name in enumerate(names)]
+    )
 
 
 def _spans(trajectory: Trajectory) -> Iterator[tuple[str, int, int]]:
@@ -245,45 +288,72 @@ def _pairs(axis: Axes, trajectory: Trajectory, measured: NDArray, commanded: NDA
     """Measured solid and commanded dashed, both (T, 3), over time."""
     for i in range(MODULES):
         label = f"module {i + 1}, commanded"
-        axis.plot(trajectory.time, commanded[:, i], color=MODULE_COLOURS[i], ls=_DASHES, lw=0.8, alpha=0.7, label=label)
+        axis.plot(
+            trajectory.time,
+            commanded[:, i],
+            color=MODULE_COLOURS[i],
+            ls=_DASHES,
+            lw=0.8,
+            alpha=0.7,
+            label=label,
+        )
     _module_lines(axis, trajectory, trajectory.time, measured)
 
 
-def _finish(axes: NDArray, trajectory: Trajectory, x: NDArray, xlabel: str, ylabels: Sequence[str]) -> None:
+def _finish(
+    axes: NDArray, trajectory: Trajectory, x: NDArray, xlabel: str, ylabels: Sequence[str]
+) -> None:
     """Shades, labels and limits of panels that share ``x`` (T,)."""
     for axis, ylabel in zip(axes, ylabels, strict=True):
         _shade(axis, trajectory, x)
         axis.set_ylabel(ylabel)
-        axis.locator_params(axis="y", nbins=7)  # ticks that follow the panel's size would push labels out of the page
+        axis.locator_params(
+            axis="y", nbins=7
+        )  # ticks that follow the panel's size would push labels out of the page
         if np.ptp(x) > 0:
             axis.set_xlim(x.min(), x.max())
     axes[-1].set_xlabel(xlabel)
     axes[0].figure.align_ylabels()
 
 
-def _shade(axis: Axes, trajectory: Trajectory, x: NDArray, phases: Sequence[str] = tuple(PHASE_COLOURS)) -> None:
-    """Shade the named phases over ``x`` (T,); one in which the robot stands still is a narrow strip."""
+def _shade(
+    axis: Axes, trajectory: Trajectory, x: NDArray, phases: Sequence[str] = tuple(PHASE_COLOURS)
+) -> None:
+    """Shade the named phases over ``x`` (T,); one in which the robot stands still is a narrow
+    strip."""
     narrowest = 0.004 * float(np.ptp(x))
     for name, a, b in _spans(trajectory):
         if name in phases:
             low, high = float(x[a : b + 1].min()), float(x[a : b + 1].max())
             grow = max(0.0, narrowest - (high - low)) / 2
-            axis.axvspan(low - grow, high + grow, color=PHASE_COLOURS[name], lw=0, zorder=0, label=PHASE_NAMES[name])
+            axis.axvspan(
+                low - grow,
+                high + grow,
+                color=PHASE_COLOURS[name],
+                lw=0,
+                zorder=0,
+                label=PHASE_NAMES[name],
+            )
 
 
 def _head(figure: Figure, trajectory: Trajectory, commanded: bool = False) -> None:
-    """The legend above the panels: modules in the first row; line style and phases in the second."""
+    """The legend above the panels: modules in the first row; line style and phases in the
+    second."""
     from matplotlib.lines import Line2D
 
     names = _module_names(trajectory)
-    lines = [Line2D([], [], color=MODULE_COLOURS[i], label=names[i], **_LINES[i]) for i in range(MODULES)]
+    lines = [
+        Line2D([], [], color=MODULE_COLOURS[i], label=names[i], **_LINES[i]) for i in range(MODULES)
+    ]
     if commanded:
         lines.append(Line2D([], [], color=GREY, lw=0.9, ls=_DASHES, label="commanded"))
     rows = [row for row in (lines, _phase_patches(trajectory)) if row]
     height = figure.get_figheight()
     for k, row in enumerate(rows):
         place = (0.0, 1 - (0.02 + 0.22 * k) / height)
-        figure.legend(handles=row, loc="upper left", bbox_to_anchor=place, ncols=len(row), borderaxespad=0.2)
+        figure.legend(
+            handles=row, loc="upper left", bbox_to_anchor=place, ncols=len(row), borderaxespad=0.2
+        )
     room = 1 - (0.12 + 0.22 * len(rows)) / height
     figure.get_layout_engine().set(rect=(0.0, 0.0, 1.0, room))  # type: ignore[union-attr]
 
@@ -293,11 +363,14 @@ def _phase_patches(trajectory: Trajectory) -> list[Any]:
 
     present = {name for name, _, _ in _spans(trajectory)}
     shown = [name for name in PHASE_COLOURS if name in present]
-    return [Patch(fc=PHASE_COLOURS[name], ec=GREY, lw=0.4, label=PHASE_NAMES[name]) for name in shown]
+    return [
+        Patch(fc=PHASE_COLOURS[name], ec=GREY, lw=0.4, label=PHASE_NAMES[name]) for name in shown
+    ]
 
 
 def _at_least(axis: Axes, height: float) -> None:
-    """Widen the y range to ``height``: a quantity that only holds shall not look like a movement."""
+    """Widen the y range to ``height``: a quantity that only holds shall not look like a
+    movement."""
     low, high = axis.get_ylim()
     if high - low < height:
         axis.set_ylim((low + high - height) / 2, (low + high + height) / 2)
@@ -311,14 +384,33 @@ def _from_zero(axis: Axes) -> None:
 def _contacts(axis: Axes, trajectory: Trajectory) -> None:
     """The marks of the contact map, its colour bar and its shades."""
     distance = np.repeat(trajectory["distance"], MODULES)
-    angle = np.degrees(wrap_angle(trajectory["theta5"][:, None] + np.array(MODULE_ANGLES)))  # (T, 3)
+    angle = np.degrees(
+        wrap_angle(trajectory["theta5"][:, None] + np.array(MODULE_ANGLES))
+    )  # (T, 3)
     force = trajectory["normal_force"].ravel()
     on, off = force >= NO_CONTACT_FORCE, ~(force >= NO_CONTACT_FORCE)
     _shade(axis, trajectory, trajectory["distance"], ("elbow", "tee_turn", "tee_straight"))
-    axis.scatter(distance[off], angle.ravel()[off], s=20, fc="white", ec=GREY, lw=0.9, label="no contact", zorder=4)
+    axis.scatter(
+        distance[off],
+        angle.ravel()[off],
+        s=20,
+        fc="white",
+        ec=GREY,
+        lw=0.9,
+        label="no contact",
+        zorder=4,
+    )
     top = max(1.0, float(force[on].max(initial=0.0)))
     points = axis.scatter(
-        distance[on], angle.ravel()[on], c=force[on], s=16, lw=0, cmap="viridis_r", vmin=0, vmax=top, label="contact"
+        distance[on],
+        angle.ravel()[on],
+        c=force[on],
+        s=16,
+        lw=0,
+        cmap="viridis_r",
+        vmin=0,
+        vmax=top,
+        label="contact",
     )
     bar = axis.figure.colorbar(points, ax=axis, pad=0.02)
     bar.set_label("normal force [N]")
@@ -326,7 +418,13 @@ def _contacts(axis: Axes, trajectory: Trajectory) -> None:
     for i in range(MODULES):
         at = (trajectory["distance"][0], angle[0, i])
         axis.annotate(
-            f"module {i + 1}", at, (2, 6), textcoords="offset points", color=MODULE_COLOURS[i], weight="bold", size=8
+            f"module {i + 1}",
+            at,
+            (2, 6),
+            textcoords="offset points",
+            color=MODULE_COLOURS[i],
+            weight="bold",
+            size=8,
         )
     _unrolled(axis, trajectory)
 
@@ -340,14 +438,24 @@ def _unrolled(axis: Axes, trajectory: Trajectory) -> None:
     axis.set_xlabel("arc length of the robot's centre [m]")
     axis.set_ylabel("angle around the pipe\nfrom the turning direction [deg]")
     ring = Line2D(
-        [], [], ls="none", marker="o", mfc="white", mec=GREY, ms=4.5, label=f"no contact, below {NO_CONTACT_FORCE} N"
+        [],
+        [],
+        ls="none",
+        marker="o",
+        mfc="white",
+        mec=GREY,
+        ms=4.5,
+        label=f"no contact, below {NO_CONTACT_FORCE} N",
     )
-    shades = [patch for patch in _phase_patches(trajectory) if patch.get_label() != PHASE_NAMES["align"]]
+    shades = [
+        patch for patch in _phase_patches(trajectory) if patch.get_label() != PHASE_NAMES["align"]
+    ]
     axis.figure.legend(handles=[ring, *shades], loc="outside upper left", ncols=4)  # type: ignore[union-attr]
 
 
 def _fittings(axis: Axes, route: Route) -> None:
-    """Dotted lines where each bend or tee opening begins and ends, with the fitting's name between them."""
+    """Dotted lines where each bend or tee opening begins and ends, with the fitting's name between
+    them."""
     for fitting in route.fittings:
         start, end = fitting.span
         if math.isfinite(start) and math.isfinite(end):
@@ -364,9 +472,13 @@ def _wrapped(theta5: NDArray, period: float) -> NDArray:
 
 
 def _cells(theta5: NDArray, passed: NDArray, period: float) -> tuple[NDArray, NDArray]:
-    """Edges (K + 1,) deg and success rates (K,) of the different orientations; edges may lie beyond half a period."""
+    """Edges (K + 1,) deg and success rates (K,) of the different orientations; edges may lie beyond
+    half a period."""
     if theta5.shape != passed.shape or theta5.ndim != 1 or not len(theta5):
-        raise ValueError(f"orientations {theta5.shape} and outcomes {passed.shape} are not two rows of one length")
+        raise ValueError(
+            f"orientations {theta5.shape} and outcomes {passed.shape} are not two rows of one "
+            "length"
+        )
     known = np.isfinite(passed)
     theta5, passed = theta5[known], passed[known]
     centres, cell = np.unique(np.round(theta5, 6), return_inverse=True)
@@ -387,7 +499,15 @@ def success_colours() -> Any:
 
 
 def _mesh(axis: Axes, edges: NDArray, middle: float, rate: NDArray) -> None:
-    axis.pcolormesh(edges, [middle - 0.32, middle + 0.32], rate[None], cmap=success_colours(), vmin=0, vmax=1, zorder=2)
+    axis.pcolormesh(
+        edges,
+        [middle - 0.32, middle + 0.32],
+        rate[None],
+        cmap=success_colours(),
+        vmin=0,
+        vmax=1,
+        zorder=2,
+    )
 
 
 def _success_rows(
@@ -398,9 +518,17 @@ def _success_rows(
         for shift in (-period, 0.0, period):
             _mesh(axis, edges + shift, k, rate)
         axis.text(
-            1.015, k, f"{100 * mean:.1f} %", transform=axis.get_yaxis_transform(), va="center", color=INK, weight="bold"
+            1.015,
+            k,
+            f"{100 * mean:.1f} %",
+            transform=axis.get_yaxis_transform(),
+            va="center",
+            color=INK,
+            weight="bold",
         )
-    axis.text(1.015, -0.78, "passed", transform=axis.get_yaxis_transform(), va="center", color=INK, size=8)
+    axis.text(
+        1.015, -0.78, "passed", transform=axis.get_yaxis_transform(), va="center", color=INK, size=8
+    )
     axis.set_yticks(range(len(rows)), list(rows))
     axis.set_ylim(len(rows) - 0.45, -0.95)
     axis.set_xlim(-period / 2, period / 2)
@@ -411,16 +539,20 @@ def _success_rows(
 
 
 def _singular_bands(margin: float, half: float) -> list[tuple[float, float]]:
-    """Ranges of theta5, deg, that the formula calls singular: beyond ``margin`` on both sides up to ``half``."""
+    """Ranges of theta5, deg, that the formula calls singular: beyond ``margin`` on both sides up to
+    ``half``."""
     if margin >= half:
         return []
     return [(-half, -margin), (margin, half)] if margin > 0 else [(-half, half)]
 
 
 def _margins(axis: Axes, margin: float, half: float, real_margin: float | None) -> None:
-    """The singular range behind the rows, its borders and those of the real geometry before them."""
+    """The singular range behind the rows, its borders and those of the real geometry before
+    them."""
     for low, high in _singular_bands(margin, half):
-        axis.axvspan(low, high, color=SINGULAR_COLOUR, lw=0, zorder=0, label="singular by the formula")
+        axis.axvspan(
+            low, high, color=SINGULAR_COLOUR, lw=0, zorder=0, label="singular by the formula"
+        )
     if 0 < margin < half:
         for side in (-margin, margin):
             axis.axvline(side, color=INK, lw=0.9, zorder=3)
@@ -447,7 +579,9 @@ def _success_rings(
         for k, (edges, rate) in enumerate(rows):
             _mesh(axis, turn + np.radians(edges), outside - 0.6 - k, rate)
         for side in () if real_margin is None else (-real_margin, real_margin):
-            axis.plot([turn + np.radians(side)] * 2, [inside, outside], color=INK, lw=1.1, ls=_DASHES)
+            axis.plot(
+                [turn + np.radians(side)] * 2, [inside, outside], color=INK, lw=1.1, ls=_DASHES
+            )
     axis.set_ylim(0, outside)
     axis.set_yticks([])
     axis.grid(False)
@@ -456,19 +590,32 @@ def _success_rings(
 
 
 def _success_legend(
-    figure: Figure, rows: Mapping[str, tuple[NDArray, NDArray]], margin: float, half: float, real_margin: float | None
+    figure: Figure,
+    rows: Mapping[str, tuple[NDArray, NDArray]],
+    margin: float,
+    half: float,
+    real_margin: float | None,
 ) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    handles: list[Any] = [Patch(fc=PASSED_COLOUR, label="passed"), Patch(fc=FAILED_COLOUR, label="failed")]
+    handles: list[Any] = [
+        Patch(fc=PASSED_COLOUR, label="passed"),
+        Patch(fc=FAILED_COLOUR, label="failed"),
+    ]
     if any(((rate > 0) & (rate < 1)).any() for _, rate in rows.values()):
         handles.insert(1, Patch(fc=success_colours()(0.5), label="some passed"))
     if margin < half:
         beyond = f", beyond ±{margin:.2f}°" if margin > 0 else ""
-        handles.append(Patch(fc=SINGULAR_COLOUR, ec=INK, lw=0.5, label=f"singular by the formula{beyond}"))
+        handles.append(
+            Patch(fc=SINGULAR_COLOUR, ec=INK, lw=0.5, label=f"singular by the formula{beyond}")
+        )
     if real_margin is not None:
-        handles.append(Line2D([], [], color=INK, lw=1.1, ls=_DASHES, label=f"real geometry, ±{real_margin:.2f}°"))
+        handles.append(
+            Line2D(
+                [], [], color=INK, lw=1.1, ls=_DASHES, label=f"real geometry, ±{real_margin:.2f}°"
+            )
+        )
     figure.legend(handles=handles, loc="outside upper left", ncols=len(handles))
 
 
@@ -487,7 +634,13 @@ def _series_legend(figure: Figure, names: Sequence[str]) -> None:
     from matplotlib.lines import Line2D
 
     handles = [
-        Line2D([], [], color=SERIES_COLOURS[k % len(SERIES_COLOURS)], marker=_MARKERS[k % len(_MARKERS)], label=name)
+        Line2D(
+            [],
+            [],
+            color=SERIES_COLOURS[k % len(SERIES_COLOURS)],
+            marker=_MARKERS[k % len(_MARKERS)],
+            label=name,
+        )
         for k, name in enumerate(names)
     ]
     for face, label in ((GREY, "passed"), ("white", "failed")):
@@ -496,7 +649,8 @@ def _series_legend(figure: Figure, names: Sequence[str]) -> None:
 
 
 def _number(result: Result, name: str) -> float:
-    """A metric, the mean over the modules of one that has three; not a number where a diverged run left none."""
+    """A metric, the mean over the modules of one that has three; not a number where a diverged run
+    left none."""
     value: Any = result.metrics[name]
     return math.nan if value is None else float(np.mean(value))
 
@@ -504,7 +658,10 @@ def _number(result: Result, name: str) -> float:
 _ELBOW_PANELS: tuple[tuple[str, Callable[[Result], float]], ...] = (
     ("tilt at the exit [deg]", lambda result: _number(result, "tilt_exit_deg")),
     ("largest tilt [deg]", lambda result: _number(result, "tilt_max_deg")),
-    ("slip distance,\nmean of the modules [mm]", lambda result: _MM * _number(result, "slip_distance_m")),
+    (
+        "slip distance,\nmean of the modules [mm]",
+        lambda result: _MM * _number(result, "slip_distance_m"),
+    ),
     ("duration [s]", lambda result: result.duration_s),
 )
 
@@ -516,7 +673,16 @@ def _bars(axis: Axes, groups: Sequence[tuple[str, int, int]]) -> None:
         low, high = wilson_interval(passed, total)
         axis.barh(k, 100 * rate, height=0.56, color=PASSED_COLOUR, alpha=0.55, lw=0)
         if total:
-            axis.plot([100 * low, 100 * high], [k, k], color=INK, lw=1.1, marker="|", ms=7, mew=1.1, clip_on=False)
+            axis.plot(
+                [100 * low, 100 * high],
+                [k, k],
+                color=INK,
+                lw=1.1,
+                marker="|",
+                ms=7,
+                mew=1.1,
+                clip_on=False,
+            )
         text = f"{100 * rate:.1f} %  ({passed} of {total})" if total else "none tried"
         axis.text(1.03, k, text, transform=axis.get_yaxis_transform(), va="center", color=INK)
     axis.set_yticks(range(len(groups)), [name for name, _, _ in groups])
@@ -529,4 +695,6 @@ def _bars(axis: Axes, groups: Sequence[tuple[str, int, int]]) -> None:
 def _reference(axis: Axes, percent: float) -> None:
     axis.axvline(percent, color=ALARM, lw=1.1, ls=_DASHES, label="reference")
     text = f"reference {percent:.2f} %"
-    axis.text(percent, 1.02, text, transform=axis.get_xaxis_transform(), ha="center", color=ALARM, size=8)
+    axis.text(
+        percent, 1.02, text, transform=axis.get_xaxis_transform(), ha="center", color=ALARM, size=8
+    )

@@ -1,4 +1,5 @@
-"""A run drawn into its pipes: slip and normal force along the way driven, and what happened when."""
+"""A run drawn into its pipes: slip and normal force along the way driven, and what happened
+when."""
 
 from __future__ import annotations
 
@@ -34,17 +35,36 @@ BIN = 0.01
 """Travel that shares one colour, m."""
 BESIDE = 0.5
 """How far beside the axis tail-first travel is drawn, in bore radii."""
-_WIDTH, _LEFT, _RIGHT, _BETWEEN = 12.0, 0.82, 0.25, 0.85  # inches: of the figure, beside it, between its columns
-_COLUMN, _TALLEST = (_WIDTH - _LEFT - _RIGHT - _BETWEEN) / 2, 5.6  # inches: room for the views of one quantity
+_WIDTH, _LEFT, _RIGHT, _BETWEEN = (
+    12.0,
+    0.82,
+    0.25,
+    0.85,
+)  # inches: of the figure, beside it, between its columns
+_COLUMN, _TALLEST = (
+    (_WIDTH - _LEFT - _RIGHT - _BETWEEN) / 2,
+    5.6,
+)  # inches: room for the views of one quantity
 _HEAD, _STACKED, _ASIDE = 0.66, 0.30, 0.72  # inches: title, gaps between two views
 _AXES = "xyz"
-_PLATE: dict[str, Any] = {"facecolor": f"{ALARM}40", "edgecolor": ALARM, "linewidth": 2.5, "joinstyle": "bevel"}
-_GOAL: dict[str, Any] = START | {"marker": "*", "markersize": 13, "markerfacecolor": "#ffd23f", "markeredgewidth": 0.9}
+_PLATE: dict[str, Any] = {
+    "facecolor": f"{ALARM}40",
+    "edgecolor": ALARM,
+    "linewidth": 2.5,
+    "joinstyle": "bevel",
+}
+_GOAL: dict[str, Any] = START | {
+    "marker": "*",
+    "markersize": 13,
+    "markerfacecolor": "#ffd23f",
+    "markeredgewidth": 0.9,
+}
 
 
 @dataclass(frozen=True)
 class _Stretch:
-    """Travel on one leg in pieces of ``BIN``: rows (n + 1,) that bound them, and the values (n,) of each."""
+    """Travel on one leg in pieces of ``BIN``: rows (n + 1,) that bound them, and the values (n,) of
+    each."""
 
     leg: int
     tail_first: bool
@@ -65,10 +85,11 @@ def plot_mission(result: Result, path: str | Path, format: str | None = None) ->
 def mission_figure(result: Result) -> Figure:
     """Map and time chart of a run.
 
-    The map shows the pipes in elevation and plan, with the way of the robot's centre in them. On the left its colour is
-    the slip ratio, the mean of the modules' magnitudes over 10 mm of travel; on the right the least normal force of a
-    module there, of a mean over 0.1 s. Travel tail first is drawn beside the axis, on the right-hand side of its
-    direction, with a dashed core. The chart below has the fittings as bands, tilt and speed over time.
+    The map shows the pipes in elevation and plan, with the way of the robot's centre in them. On
+    the left its colour is the slip ratio, the mean of the modules' magnitudes over 10 mm of travel;
+    on the right the least normal force of a module there, of a mean over 0.1 s. Travel tail first
+    is drawn beside the axis, on the right-hand side of its direction, with a dashed core. The chart
+    below has the fittings as bands, tilt and speed over time.
     """
     return styled(lambda: _draw(result))
 
@@ -88,7 +109,11 @@ def _draw(result: Result) -> Figure:
     renderer = canvas.get_renderer()
     _title(figure, result, routes, layout)
     quantities = (
-        ("slip ratio, mean magnitude of the modules over 10 mm", "viridis", [s.slip for s in stretches]),
+        (
+            "slip ratio, mean magnitude of the modules over 10 mm",
+            "viridis",
+            [s.slip for s in stretches],
+        ),
         ("least normal force of a module, N", "plasma", [s.force for s in stretches]),
     )
     start, goals, plates = trajectory["position"][:1], result.goal_points(), result.plate_rims()
@@ -102,15 +127,24 @@ def _draw(result: Result) -> Figure:
             _draw_places(axis, view.pair, start, goals, plates)
             _draw_marks(axis, view.pair, trajectory, marks)
             axes.append(axis)
-        _names(axes, layout, renderer, pipes, np.concatenate([trajectory["position"][s.rows] for s in stretches]))
+        _names(
+            axes,
+            layout,
+            renderer,
+            pipes,
+            np.concatenate([trajectory["position"][s.rows] for s in stretches]),
+        )
     _legend(figure, layout, marks, any(s.tail_first for s in stretches), len(plates) > 0)
-    draw_time_chart(layout.chart(figure), (layout.legs, layout.strip), renderer, trajectory, routes, marks)
+    draw_time_chart(
+        layout.chart(figure), (layout.legs, layout.strip), renderer, trajectory, routes, marks
+    )
     return figure
 
 
 @dataclass(frozen=True)
 class _View:
-    """One view of the pipes: world axes to the right and up, their limits in m, and its place in its column, inches."""
+    """One view of the pipes: world axes to the right and up, their limits in m, and its place in
+    its column, inches."""
 
     pair: tuple[int, int]
     title: str
@@ -128,7 +162,8 @@ class _View:
 
 
 class _Layout:
-    """Where everything stands, inches from the lower left corner: views are as large as their column holds."""
+    """Where everything stands, inches from the lower left corner: views are as large as their
+    column holds."""
 
     def __init__(self, quads: Array, several_legs: bool) -> None:
         low, high = quads.reshape(-1, 3).min(axis=0), quads.reshape(-1, 3).max(axis=0)
@@ -177,7 +212,9 @@ class _Layout:
         self.height = self.bar + 0.14 + _HEAD
         self.left_of = [_LEFT, _LEFT + _COLUMN + _BETWEEN]
 
-    def box(self, left: float, bottom: float, width: float, height: float) -> tuple[float, float, float, float]:
+    def box(
+        self, left: float, bottom: float, width: float, height: float
+    ) -> tuple[float, float, float, float]:
         """The same rectangle in parts of the figure."""
         return left / _WIDTH, bottom / self.height, width / _WIDTH, height / self.height
 
@@ -185,8 +222,12 @@ class _Layout:
         """The axes of one view, at scale."""
         left, bottom = self.left_of[column] + view.left, self.map_bottom + view.bottom
         axis: Axes = figure.add_axes(self.box(left, bottom, view.width, view.height))
-        for name, index, limits in zip("xy", view.pair, zip(view.low, view.high, strict=True), strict=True):
-            getattr(axis, f"set_{name}lim")(*(limits[::-1] if view.flipped and name == "y" else limits))
+        for name, index, limits in zip(
+            "xy", view.pair, zip(view.low, view.high, strict=True), strict=True
+        ):
+            getattr(axis, f"set_{name}lim")(
+                *(limits[::-1] if view.flipped and name == "y" else limits)
+            )
             getattr(axis, f"set_{name}label")(f"{_AXES[index]}, m")
             getattr(axis, f"{name}axis").set_major_locator(_ticks(limits[1] - limits[0]))
         axis.set_title(view.title, loc="left", fontsize=8.5, color=INK, pad=4)
@@ -204,7 +245,9 @@ class _Layout:
             (tilt, self.panel),
             (self.chart_bottom, self.panel),
         )
-        strip, above, below = (figure.add_axes(self.box(_LEFT, bottom, width, height)) for bottom, height in rows)
+        strip, above, below = (
+            figure.add_axes(self.box(_LEFT, bottom, width, height)) for bottom, height in rows
+        )
         for axis in (above, below):
             axis.yaxis.set_label_coords(-0.045, 0.5)
         return strip, above, below
@@ -220,7 +263,9 @@ def _ticks(length: float) -> Any:
 
 def _title(figure: Figure, result: Result, routes: tuple[Route, ...], layout: _Layout) -> None:
     top = 1 - 0.16 / layout.height
-    figure.text(_LEFT / _WIDTH, top, result.scenario.name, size=14, weight="bold", color=INK, va="top")
+    figure.text(
+        _LEFT / _WIDTH, top, result.scenario.name, size=14, weight="bold", color=INK, va="top"
+    )
     outcome = result.outcome.value.replace("_", " ")
     travel = sum(float(np.abs(np.diff(rows)).sum()) for rows in _distances(result.trajectory))
     text = f"{outcome} after {result.duration_s:.2f} s, {travel:.2f} m driven"
@@ -240,8 +285,18 @@ def _distances(trajectory: Trajectory) -> list[Array]:
 def _marks(result: Result) -> list[Mark]:
     trajectory = result.trajectory
     marks = [
-        Mark("modules rolled", "\N{ANTICLOCKWISE OPEN CIRCLE ARROW}", INK, begun(trajectory, ROLL_PHASE)),
-        Mark("backs off to retry", "\N{LEFTWARDS ARROW WITH HOOK}", ALARM, begun(trajectory, RETRY_PHASE)),
+        Mark(
+            "modules rolled",
+            "\N{ANTICLOCKWISE OPEN CIRCLE ARROW}",
+            INK,
+            begun(trajectory, ROLL_PHASE),
+        ),
+        Mark(
+            "backs off to retry",
+            "\N{LEFTWARDS ARROW WITH HOOK}",
+            ALARM,
+            begun(trajectory, RETRY_PHASE),
+        ),
     ]
     known = np.flatnonzero(np.isfinite(trajectory["position"]).all(axis=1))
     if not result.success:
@@ -270,8 +325,11 @@ def _stretches(trajectory: Trajectory) -> Iterator[_Stretch]:
         )
 
 
-def _colour_bar(figure: Figure, layout: _Layout, column: int, text: str, colours: str, values: list[Array]) -> Any:
-    """The colour scale of one column, drawn above it; from 0 to what 98 of 100 pieces stay below."""
+def _colour_bar(
+    figure: Figure, layout: _Layout, column: int, text: str, colours: str, values: list[Array]
+) -> Any:
+    """The colour scale of one column, drawn above it; from 0 to what 98 of 100 pieces stay
+    below."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.ticker import MaxNLocator
@@ -285,7 +343,10 @@ def _colour_bar(figure: Figure, layout: _Layout, column: int, text: str, colours
     left = layout.left_of[column] + (_COLUMN - width) / 2
     axis = figure.add_axes(layout.box(left, layout.bar, width, 0.11))
     bar = figure.colorbar(
-        scale, cax=axis, orientation="horizontal", extend="max" if largest > 1.001 * top else "neither"
+        scale,
+        cax=axis,
+        orientation="horizontal",
+        extend="max" if largest > 1.001 * top else "neither",
     )
     bar.locator = MaxNLocator(6)
     bar.update_ticks()
@@ -300,7 +361,12 @@ def _round_up(value: float) -> float:
     if not value > 0:
         return 1.0
     power = 10.0 ** np.floor(np.log10(value))
-    return float(power * next((m for m in (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10) if m * power >= value * (1 - 1e-9)), 10))
+    return float(
+        power
+        * next(
+            (m for m in (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10) if m * power >= value * (1 - 1e-9)), 10
+        )
+    )
 
 
 def _draw_way(
@@ -323,7 +389,9 @@ def _draw_way(
         flat = points[:, columns]
         pieces = np.stack([flat[:-1], flat[1:]], axis=1)
         axis.plot(*flat.T, color=INK, linewidth=4.2, solid_capstyle="round", zorder=3)
-        lines = LineCollection(list(pieces), array=value, cmap=scale.cmap, norm=scale.norm, zorder=3.1)
+        lines = LineCollection(
+            list(pieces), array=value, cmap=scale.cmap, norm=scale.norm, zorder=3.1
+        )
         lines.set(linewidth=3.2, capstyle="projecting")
         axis.add_collection(lines, autolim=False)
         if stretch.tail_first:
@@ -341,7 +409,9 @@ def _beside(trajectory: Trajectory, route: Route, stretch: _Stretch, view: _View
     return BESIDE * route.fittings[0].radius * shift
 
 
-def _draw_places(axis: Axes, pair: tuple[int, int], start: Array, goals: Array, plates: Array) -> None:
+def _draw_places(
+    axis: Axes, pair: tuple[int, int], start: Array, goals: Array, plates: Array
+) -> None:
     """Start (1, 3) m, goals (G, 3) m and plates by their rims (P, k, 3) m."""
     columns = list(pair)
     for rim in plates:
@@ -350,15 +420,20 @@ def _draw_places(axis: Axes, pair: tuple[int, int], start: Array, goals: Array, 
     axis.plot(*goals[:, columns].T, **_GOAL, zorder=5)
 
 
-def _draw_marks(axis: Axes, pair: tuple[int, int], trajectory: Trajectory, marks: list[Mark]) -> None:
+def _draw_marks(
+    axis: Axes, pair: tuple[int, int], trajectory: Trajectory, marks: list[Mark]
+) -> None:
     for mark in marks:
         points = trajectory["position"][mark.rows][:, list(pair)].T
         for style in signs(mark):
             axis.plot(*points, **style, zorder=5.5)
 
 
-def _names(axes: list[Axes], layout: _Layout, renderer: Any, pipes: PipeNetwork, way: Array) -> None:
-    """Names of the parts, each in the view that shows most of it, off the pipes and off the way (n, 3) m."""
+def _names(
+    axes: list[Axes], layout: _Layout, renderer: Any, pipes: PipeNetwork, way: Array
+) -> None:
+    """Names of the parts, each in the view that shows most of it, off the pipes and off the way (n,
+    3) m."""
     pairs = [view.pair for view in layout.views]
     bores = np.concatenate([part.bore_samples() for part in pipes.parts])
     for part in pipes.parts:
@@ -369,8 +444,15 @@ def _names(axes: list[Axes], layout: _Layout, renderer: Any, pipes: PipeNetwork,
         text.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.6, "pad": 0.4})
         half = np.array(text.get_window_extent(renderer).size) / 2
         reach = _pixels(axis, part.fitting.radius)
-        boxes = [np.array(other.get_window_extent(renderer).get_points()) for other in axis.texts if other is not text]
-        covered = [(axis.transData.transform(points[:, columns]), worth) for points, worth in ((way, 20), (bores, 1))]
+        boxes = [
+            np.array(other.get_window_extent(renderer).get_points())
+            for other in axis.texts
+            if other is not text
+        ]
+        covered = [
+            (axis.transData.transform(points[:, columns]), worth)
+            for points, worth in ((way, 20), (bores, 1))
+        ]
         spots = place + _around(reach, half)
         costs = [_cost(spot, half, boxes, covered, axis) for spot in spots]
         x, y = axis.transData.inverted().transform(spots[int(np.argmin(costs))]).tolist()
@@ -383,14 +465,20 @@ def _pixels(axis: Axes, length: float) -> float:
 
 
 def _around(reach: float, half: Array) -> Array:
-    """Shifts (n, 2) that put a box of half the size ``half`` (2,) on or beside a disc of radius ``reach``, pixels."""
+    """Shifts (n, 2) that put a box of half the size ``half`` (2,) on or beside a disc of radius
+    ``reach``, pixels."""
     angle = np.radians([90, 270, 0, 180, 45, 135, 225, 315, 67, 113, 247, 293])
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return np.concatenate([[[0.0, 0.0]], *(direction * (reach + half + gap) for gap in (4, 14, 26, 40))])
+    return np.concatenate(
+        [[[0.0, 0.0]], *(direction * (reach + half + gap) for gap in (4, 14, 26, 40))]
+    )
 
 
-def _cost(spot: Array, half: Array, boxes: list[Array], covered: list[tuple[Array, int]], axis: Axes) -> float:
-    """How bad a name stands with its middle at ``spot`` (2,), pixels: over names, over the way, over pipes, outside."""
+def _cost(
+    spot: Array, half: Array, boxes: list[Array], covered: list[tuple[Array, int]], axis: Axes
+) -> float:
+    """How bad a name stands with its middle at ``spot`` (2,), pixels: over names, over the way,
+    over pipes, outside."""
     low, high = spot - half - (6, 2), spot + half + (6, 2)
     names = sum(bool((low < other[1]).all() and (high > other[0]).all()) for other in boxes)
     points = sum(worth * float(((p > low) & (p < high)).all(axis=1).sum()) for p, worth in covered)
@@ -399,7 +487,9 @@ def _cost(spot: Array, half: Array, boxes: list[Array], covered: list[tuple[Arra
     return 1e6 * names + 1e5 * outside + points
 
 
-def _legend(figure: Figure, layout: _Layout, marks: list[Mark], tail_first: bool, plates: bool) -> None:
+def _legend(
+    figure: Figure, layout: _Layout, marks: list[Mark], tail_first: bool, plates: bool
+) -> None:
     """What the signs of the map mean, in one row below it."""
     from matplotlib.lines import Line2D
 

@@ -28,7 +28,10 @@ _AXES = "xyz"
 
 
 def plot_network(
-    network: Network, path: str | Path | BinaryIO, route: Route | None = None, format: str | None = None
+    network: Network,
+    path: str | Path | BinaryIO,
+    route: Route | None = None,
+    format: str | None = None,
 ) -> None:
     """Write the figure of ``network_figure``.
 
@@ -39,7 +42,8 @@ def plot_network(
 
 
 def network_figure(network: Network, route: Route | None = None) -> Figure:
-    """Three views: in space, the elevation that shows more, and the plan; names at the parts, marks at the open ends.
+    """Three views: in space, the elevation that shows more, and the plan; names at the parts, marks
+    at the open ends.
 
     Args:
         network: what to draw.
@@ -70,20 +74,27 @@ def _draw(network: Network, route: Route | None) -> Figure:
     for part in parts:
         view = widest_view(part, [pair for pair, _ in views])
         label(axes[view], renderer, part.name, middle(part)[list(views[view][0])])
-    title = f"{network.name}: {len(parts)} parts, {network.length:.2f} m, {len(network.open_ends)} open ends"
+    title = (
+        f"{network.name}: {len(parts)} parts, {network.length:.2f} m, {len(network.open_ends)} "
+        "open ends"
+    )
     if route is not None:
         title += f"; route of {route.centreline.length:.2f} m through {len(route.fittings)} parts"
     figure.suptitle(title, fontsize=10.5, color=INK)
     return figure
 
 
-def _draw_space(space: Any, network: Network, quads: Array, low: Array, high: Array, route: Route | None) -> None:
+def _draw_space(
+    space: Any, network: Network, quads: Array, low: Array, high: Array, route: Route | None
+) -> None:
     from matplotlib.ticker import MaxNLocator
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     space.set_proj_type("ortho")
     alpha = 0.16 if route is not None else 0.24
-    space.add_collection3d(Poly3DCollection(quads, facecolors="#7f93a8", alpha=alpha, edgecolors="none"))
+    space.add_collection3d(
+        Poly3DCollection(quads, facecolors="#7f93a8", alpha=alpha, edgecolors="none")
+    )
     for part in network.pipes.parts:
         for line in _lines(part):
             space.plot(*line.T, color=GREY, linewidth=0.7)
@@ -95,13 +106,20 @@ def _draw_space(space: Any, network: Network, quads: Array, low: Array, high: Ar
     for axis, a, b in zip(_AXES, low, high, strict=True):
         getattr(space, f"set_{axis}lim")(a, b)
         getattr(space, f"set_{axis}label")(f"{axis}, m", labelpad=8)
-        getattr(space, f"{axis}axis").set_major_locator(MaxNLocator(max(1, round(5 * (b - a) / (high - low).max()))))
+        getattr(space, f"{axis}axis").set_major_locator(
+            MaxNLocator(max(1, round(5 * (b - a) / (high - low).max())))
+        )
     space.set_box_aspect(high - low, zoom=0.9)
     space.view_init(elev=24, azim=-58)
 
 
 def _draw_view(
-    axis: Axes, network: Network, quads: Array, pair: tuple[int, int], title: str, route: Route | None
+    axis: Axes,
+    network: Network,
+    quads: Array,
+    pair: tuple[int, int],
+    title: str,
+    route: Route | None,
 ) -> None:
     columns = list(pair)
     draw_pipes(axis, network.pipes, pair, quads)
@@ -117,13 +135,16 @@ def _draw_view(
 
 
 def draw_pipes(axis: Axes, pipes: PipeNetwork, pair: tuple[int, int], quads: Array) -> None:
-    """Bores and axes of all parts in one view; ``pair``: world axes to the right and up; ``quads``: of ``faces``."""
+    """Bores and axes of all parts in one view; ``pair``: world axes to the right and up; ``quads``:
+    of ``faces``."""
     from matplotlib.collections import PolyCollection
 
     columns = list(pair)
     caps = [cap[:, columns] for part in pipes.parts for cap in _caps(part)]
     axis.add_collection(
-        PolyCollection([*quads[:, :, columns], *caps], facecolors=PIPE, edgecolors=PIPE, linewidths=0.4)
+        PolyCollection(
+            [*quads[:, :, columns], *caps], facecolors=PIPE, edgecolors=PIPE, linewidths=0.4
+        )
     )
     for part in pipes.parts:
         for line in _lines(part):
@@ -139,7 +160,12 @@ def widest_view(part: Placed, pairs: Sequence[tuple[int, int]]) -> int:
     """Index of the view, of ``pairs`` of world axes, that shows most of a part."""
     points = np.concatenate(_lines(part))
     return int(
-        np.argmax([np.prod(np.ptp(points[:, list(pair)], axis=0) + part.fitting.largest_radius) for pair in pairs])
+        np.argmax(
+            [
+                np.prod(np.ptp(points[:, list(pair)], axis=0) + part.fitting.largest_radius)
+                for pair in pairs
+            ]
+        )
     )
 
 
@@ -168,7 +194,8 @@ def label(axis: Axes, renderer: Any, text: str, point: Array) -> None:
 
 
 def _open_ends(network: Network, route: Route | None) -> list[tuple[str, Array]]:
-    """Name and place (3,) m of each open end, by the user's name where there is one; the route's ends say so."""
+    """Name and place (3,) m of each open end, by the user's name where there is one; the route's
+    ends say so."""
     named = {port: name for name, port in network.ports.items()}
     ends = {}
     if route is not None:
@@ -204,7 +231,11 @@ def _lines(part: Placed) -> list[Array]:
         start, end, branch = (part.port(port).position for port in part.fitting.choices)
         return [np.stack([start, end]), np.stack([part.pose.position, branch])]
     line = _axis(part)
-    count = 2 if isinstance(part.fitting, Straight | Reducer) else max(2, round(line.length / BEND_SPACING) + 1)
+    count = (
+        2
+        if isinstance(part.fitting, Straight | Reducer)
+        else max(2, round(line.length / BEND_SPACING) + 1)
+    )
     return [line.at(np.linspace(0, line.length, count))[0]]
 
 
@@ -215,10 +246,14 @@ def middle(part: Placed) -> Array:
 
 
 def _caps(part: Placed) -> list[Array]:
-    """Discs that close a part's ports, corners (AROUND, 3) m: seen along its axis a pipe is one of them."""
+    """Discs that close a part's ports, corners (AROUND, 3) m: seen along its axis a pipe is one of
+    them."""
     angle = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
     disc = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
-    return [part.port(port).apply(part.fitting.port_radius(port) * disc) for port in part.fitting.choices]
+    return [
+        part.port(port).apply(part.fitting.port_radius(port) * disc)
+        for port in part.fitting.choices
+    ]
 
 
 def _quads(part: Placed) -> Array:

@@ -1,7 +1,8 @@
-"""Figures of the motion singularity region: the paper's Figs. 7, 8 and 9, the definitions, and the contact map.
+"""Figures of the motion singularity region: the paper's Figs. 7, 8 and 9, the definitions, and the
+contact map.
 
-In sections the turning direction points right and the outer direction left; in the cut through the tee the robot comes
-up the run and leaves to the right.
+In sections the turning direction points right and the outer direction left; in the cut through the
+tee the robot comes up the run and leaves to the right.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ _CIRCLE = np.linspace(0, 2 * np.pi, 361)
 _MM = 1e3
 
 
-def plot_singularity(case: TurnCase, path: str | Path, figure: str = "all", format: str | None = None) -> None:
+def plot_singularity(
+    case: TurnCase, path: str | Path, figure: str = "all", format: str | None = None
+) -> None:
     """Write a figure of a robot at a tee.
 
     Args:
@@ -82,7 +85,8 @@ def _page(case: TurnCase) -> Figure:
 
 
 def _sections(figure: Figure | SubFigure, case: TurnCase) -> None:
-    """Fig. 7: planes that cut the pipe while the robot turns about the crotch, and the ellipses that they cut."""
+    """Fig. 7: planes that cut the pipe while the robot turns about the crotch, and the ellipses
+    that they cut."""
     import matplotlib
 
     cut, shapes = figure.subplots(1, 2, width_ratios=(1, 1.15))
@@ -101,10 +105,23 @@ def _sections(figure: Figure | SubFigure, case: TurnCase) -> None:
     cut.annotate("crotch", crotch, (6, -11), textcoords="offset points", color=INK)
     reach = case.reach * _MM
     shapes.plot(
-        reach * np.cos(_CIRCLE), reach * np.sin(_CIRCLE), color=ALARM, ls=(0, (4, 2)), label=f"reach {reach:.1f} mm"
+        reach * np.cos(_CIRCLE),
+        reach * np.sin(_CIRCLE),
+        color=ALARM,
+        ls=(0, (4, 2)),
+        label=f"reach {reach:.1f} mm",
     )
-    shapes.legend(title="tilt, eccentricity", loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, fontsize=8)
-    for axis, title in ((cut, "(a) Cuts through the turn [mm]"), (shapes, "(b) Sections of the cut pipe [mm]")):
+    shapes.legend(
+        title="tilt, eccentricity",
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.1),
+        ncols=2,
+        fontsize=8,
+    )
+    for axis, title in (
+        (cut, "(a) Cuts through the turn [mm]"),
+        (shapes, "(b) Sections of the cut pipe [mm]"),
+    ):
         _square(axis, title)
 
 
@@ -120,9 +137,11 @@ def _draw_tee(axis: Axes, radius: float, turn_angle: float) -> None:
 
 
 def _orientations(figure: Figure | SubFigure, case: TurnCase) -> None:
-    """Fig. 8: section of the tee square to the robot, half way through the part of the turn without outer wall.
+    """Fig. 8: section of the tee square to the robot, half way through the part of the turn without
+    outer wall.
 
-    Modules are drawn where their line first meets the wall, which may be before or behind the section.
+    Modules are drawn where their line first meets the wall, which may be before or behind the
+    section.
     """
     best, worst = case.best, float(worst_theta5(case.modules))
     path = turn_path(case.path_radius, case.turn_angle, poses=181)
@@ -130,11 +149,18 @@ def _orientations(figure: Figure | SubFigure, case: TurnCase) -> None:
     lost = np.flatnonzero(outer > case.reach)
     pose = int(np.median(lost)) if len(lost) else len(outer) // 2
     there = TeePath(path.centre[[pose]], path.axis[[pose]], path.turn_angle)
-    section = np.minimum(wall_distance(there, _CIRCLE, case.pipe_radius, 0.0)[0], 2.6 * case.pipe_radius) * _MM
+    section = (
+        np.minimum(wall_distance(there, _CIRCLE, case.pipe_radius, 0.0)[0], 2.6 * case.pipe_radius)
+        * _MM
+    )
     reach, turned = case.reach * _MM, np.degrees(path.turned[pose])
-    for axis, theta5, name in zip(figure.subplots(1, 2), (worst, best), ("(a) Worst", "(b) Best"), strict=True):
+    for axis, theta5, name in zip(
+        figure.subplots(1, 2), (worst, best), ("(a) Worst", "(b) Best"), strict=True
+    ):
         axis.fill(section * np.cos(_CIRCLE), section * np.sin(_CIRCLE), fc="white", ec=GREY, lw=2)
-        axis.plot(reach * np.cos(_CIRCLE), reach * np.sin(_CIRCLE), color=ALARM, lw=0.9, ls=(0, (4, 2)))
+        axis.plot(
+            reach * np.cos(_CIRCLE), reach * np.sin(_CIRCLE), color=ALARM, lw=0.9, ls=(0, (4, 2))
+        )
         angles = theta5 + 2 * np.pi * np.arange(case.modules) / case.modules
         walls = wall_distance(there, angles, case.pipe_radius, case.contact_length)[0] * _MM
         for k, (angle, wall) in enumerate(zip(angles, walls, strict=True)):
@@ -142,7 +168,11 @@ def _orientations(figure: Figure | SubFigure, case: TurnCase) -> None:
         _turning_arrow(axis, reach)
         axis.set_xlim(-1.06 * section.max(), 1.62 * reach)
         missing = walls.max() - reach
-        state = f"a module is {missing:.0f} mm short of the wall" if missing > 0 else "all modules touch"
+        state = (
+            f"a module is {missing:.0f} mm short of the wall"
+            if missing > 0
+            else "all modules touch"
+        )
         axis.set_xlabel(f"theta5 = {np.degrees(theta5):.0f}°: {state}")
         _square(axis, f"{name} orientation, turned {turned:.0f}° [mm]")
 
@@ -153,7 +183,12 @@ def _draw_module(axis: Axes, angle: float, wall: float, reach: float, colour: An
     tip, size = min(wall, reach), 0.25 * reach
     axis.plot(*np.outer(outward, [0, tip - size]), color=GREY, lw=3, solid_capstyle="round")
     middle = outward * (tip - size)
-    axis.fill(*(middle[:, None] + size * np.array([np.cos(_CIRCLE), np.sin(_CIRCLE)])), fc=colour, ec="none", alpha=0.9)
+    axis.fill(
+        *(middle[:, None] + size * np.array([np.cos(_CIRCLE), np.sin(_CIRCLE)])),
+        fc=colour,
+        ec="none",
+        alpha=0.9,
+    )
     if wall > reach:
         axis.plot(*np.outer(outward, [reach, min(wall, 2.6 * reach)]), color=ALARM, lw=3)
 
@@ -163,22 +198,34 @@ def _module_colour(k: int) -> Any:
 
 
 def _sector(figure: Figure | SubFigure, case: TurnCase) -> None:
-    """Fig. 9: the region projected onto the circle at the end of the turn, the modules at the best orientation."""
+    """Fig. 9: the region projected onto the circle at the end of the turn, the modules at the best
+    orientation."""
     axis = figure.subplots()
     radius, half, margin = case.pipe_radius * _MM, case.sector / 2, case.margin
     if half > 0:
         arc = np.pi + np.linspace(-half, half, 181)
         rim = np.concatenate([[[0, 0]], radius * np.stack([np.cos(arc), np.sin(arc)], axis=-1)])
         axis.fill(*rim.T, fc=SECTOR_COLOUR, ec="none", alpha=0.85)
-        axis.text(-0.52 * radius, 0, f"{np.degrees(case.sector):.2f}°", ha="center", va="center", color=INK)
+        axis.text(
+            -0.52 * radius,
+            0,
+            f"{np.degrees(case.sector):.2f}°",
+            ha="center",
+            va="center",
+            color=INK,
+        )
     axis.plot(radius * np.cos(_CIRCLE), radius * np.sin(_CIRCLE), color=GREY, lw=2)
     for k in range(case.modules):
         angle = case.best + 2 * np.pi * k / case.modules
         for side in (-margin, margin):
             line = np.outer([np.cos(angle + side), np.sin(angle + side)], [0, radius])
             axis.plot(*line, color=_module_colour(k), lw=0.8, ls=(0, (3, 2)))
-        axis.plot(*np.outer([np.cos(angle), np.sin(angle)], [0, radius]), color=_module_colour(k), lw=2)
-        axis.plot(*(radius * np.array([np.cos(angle), np.sin(angle)])), "o", color=_module_colour(k), ms=9)
+        axis.plot(
+            *np.outer([np.cos(angle), np.sin(angle)], [0, radius]), color=_module_colour(k), lw=2
+        )
+        axis.plot(
+            *(radius * np.array([np.cos(angle), np.sin(angle)])), "o", color=_module_colour(k), ms=9
+        )
     _turning_arrow(axis, radius)
     failure = 100 * float(failure_rate(case.sector, case.modules))
     text = f"±{np.degrees(margin):.2f}° of theta5 safe, failure rate {failure:.2f} %"
@@ -195,7 +242,12 @@ def _definitions(figure: Figure | SubFigure, case: TurnCase) -> None:
     for length, colour in ((0.0, "#8fb6dc"), (case.contact_length, MODULE_COLOURS[1])):
         real = outer_sector(path, rho, radius, length)
         axis.plot(
-            rho * _MM, np.degrees(real), color=colour, lw=2.2, alpha=0.9, label=f"real, L = {length * _MM:.0f} mm"
+            rho * _MM,
+            np.degrees(real),
+            color=colour,
+            lw=2.2,
+            alpha=0.9,
+            label=f"real, L = {length * _MM:.0f} mm",
         )
     for name, style in zip(DEFINITIONS, ("-", (0, (5, 2)), (0, (1, 1.5))), strict=True):
         sector = sector_angle(radius, rho, case.turn_angle, name)
@@ -222,12 +274,15 @@ def _definitions(figure: Figure | SubFigure, case: TurnCase) -> None:
 
 
 def _map(figure: Figure | SubFigure, case: TurnCase) -> None:
-    """How far the wall is beyond the reach of the worst module, over theta5 and the turn, in the real geometry."""
+    """How far the wall is beyond the reach of the worst module, over theta5 and the turn, in the
+    real geometry."""
     axis = figure.subplots()
     state = case.real_map()
     beyond = np.clip((state.distance.max(axis=-1) - state.reach) * _MM, -20, 20)  # (T, M)
     theta5, turned = np.degrees(state.theta5), np.degrees(state.path.turned)
-    mesh = axis.pcolormesh(theta5, turned, beyond, cmap="RdBu_r", vmin=-20, vmax=20, shading="nearest", rasterized=True)
+    mesh = axis.pcolormesh(
+        theta5, turned, beyond, cmap="RdBu_r", vmin=-20, vmax=20, shading="nearest", rasterized=True
+    )
     if beyond.min() < 0 < beyond.max():
         axis.contour(theta5, turned, beyond, levels=[0], colors=INK, linewidths=1.2)
     for side in (-case.margin, case.margin):
@@ -237,14 +292,17 @@ def _map(figure: Figure | SubFigure, case: TurnCase) -> None:
     bar.outline.set_visible(False)  # type: ignore[operator]
     axis.grid(False)
     axis.set_title(
-        f"Real geometry, L = {case.contact_length * _MM:.0f} mm; dashed: safe by {case.definition}", loc="left"
+        f"Real geometry, L = {case.contact_length * _MM:.0f} mm; dashed: safe by {case.definition}",
+        loc="left",
     )
     axis.set_xlabel("theta5 [deg]")
     axis.set_ylabel("turned [deg]")
 
 
 def _turning_arrow(axis: Axes, length: float) -> None:
-    axis.annotate("", (1.32 * length, 0), (1.06 * length, 0), arrowprops={"arrowstyle": "-|>", "color": INK})
+    axis.annotate(
+        "", (1.32 * length, 0), (1.06 * length, 0), arrowprops={"arrowstyle": "-|>", "color": INK}
+    )
     axis.text(1.36 * length, 0, "turn", va="center", color=INK)
     axis.set_xlim(-1.12 * length, 1.62 * length)
 

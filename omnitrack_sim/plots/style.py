@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MODULE_COLOURS = ((0.95, 0.55, 0.05), (0.10, 0.45, 0.80), (0.05, 0.62, 0.42))
-"""Red, green, blue of modules 1, 2, 3: orange, blue and green as on the model (``mjcf.looks``)."""
+"""Red, green, blue of modules 1, 2, 3: orange, blue and green as on the model (``model.looks``)."""
 GREY, INK, ALARM = "#7a7f87", "#22262b", "#c8322b"
 FORMATS = ("png", "svg", "pdf")
 STYLE: dict[Any, Any] = {
@@ -60,7 +60,8 @@ def save_figure(figure: Figure, path: str | Path | BinaryIO, format: str | None 
 
     Args:
         figure: of ``styled``.
-        path: file to write, at 140 dots per inch as a bitmap; or an open binary file, with ``format``.
+        path: file to write, at 140 dots per inch as a bitmap; or an open binary file, with
+            ``format``.
         format: of ``FORMATS``; none: from the ending of ``path``.
 
     Raises:
@@ -70,6 +71,10 @@ def save_figure(figure: Figure, path: str | Path | BinaryIO, format: str | None 
     import matplotlib
 
     chosen = figure_format(path, format)
-    stampless = {"png": {"Software": None}, "pdf": {"CreationDate": None, "Producer": None}, "svg": {"Date": None}}
+    stampless = {
+        "png": {"Software": None},
+        "pdf": {"CreationDate": None, "Producer": None},
+        "svg": {"Date": None},
+    }
     with matplotlib.rc_context(STYLE):
         figure.savefig(path, format=chosen, dpi=140, metadata=stampless[chosen])

@@ -21,8 +21,18 @@ if TYPE_CHECKING:
     from omnitrack_sim.sim.result import Result
 
 _LINES: tuple[dict[str, Any], ...] = ({"lw": 1.1}, {"lw": 2.8, "alpha": 0.5}, {"lw": 1.1})
-"""Module 2 is drawn broad and pale below module 3: in a symmetric turn they coincide, and both shall be seen."""
-PHASE_SHADES = ("#ffffff", "#e3e6ec", "#f3ead9", "#dcebe4", "#eadfeb", "#e8e8d6", "#dde8f2", "#f2dfdc")
+"""Module 2 is drawn broad and pale below module 3: in a symmetric turn they coincide, and both
+shall be seen."""
+PHASE_SHADES = (
+    "#ffffff",
+    "#e3e6ec",
+    "#f3ead9",
+    "#dcebe4",
+    "#eadfeb",
+    "#e8e8d6",
+    "#dde8f2",
+    "#f2dfdc",
+)
 """Background of the phases, in the order of the trajectory's phase names."""
 
 
@@ -78,14 +88,30 @@ def _head(figure: Figure, result: Result) -> None:
     figure.text(0.012, 0.985, result.scenario.name, size=14, weight="bold", color=INK, va="top")
     text = f"{outcome} after {result.duration_s:.2f} s"
     figure.text(0.988, 0.985, text, size=11, color=INK, va="top", ha="right")
-    lines = [Line2D([], [], color=MODULE_COLOURS[i], label=f"module {i + 1}", **_LINES[i]) for i in range(MODULES)]
+    lines = [
+        Line2D([], [], color=MODULE_COLOURS[i], label=f"module {i + 1}", **_LINES[i])
+        for i in range(MODULES)
+    ]
     lines.append(Line2D([], [], color=GREY, lw=1.1, ls=(0, (4, 2)), label="commanded"))
     codes = sorted(set(result.trajectory["phase"].astype(int).tolist()))
     names = result.trajectory.phases
-    shades = [Patch(fc=_phase_shade(code), ec=GREY, lw=0.5, label=names[code].replace("_", " ")) for code in codes]
-    figure.legend(handles=lines, loc="upper left", bbox_to_anchor=(0.006, 0.955), ncols=len(lines), columnspacing=1.4)
+    shades = [
+        Patch(fc=_phase_shade(code), ec=GREY, lw=0.5, label=names[code].replace("_", " "))
+        for code in codes
+    ]
     figure.legend(
-        handles=shades, loc="upper right", bbox_to_anchor=(0.994, 0.955), ncols=len(shades), columnspacing=1.4
+        handles=lines,
+        loc="upper left",
+        bbox_to_anchor=(0.006, 0.955),
+        ncols=len(lines),
+        columnspacing=1.4,
+    )
+    figure.legend(
+        handles=shades,
+        loc="upper right",
+        bbox_to_anchor=(0.994, 0.955),
+        ncols=len(shades),
+        columnspacing=1.4,
     )
 
 
@@ -110,20 +136,35 @@ def _title(axis: Axes, name: str, unit: str) -> None:
 def _modules(axis: Axes, trajectory: Trajectory, values: NDArray) -> None:
     """One line a module of ``values`` (T, 3)."""
     for i in range(MODULES):
-        axis.plot(trajectory.time, values[:, i], color=MODULE_COLOURS[i], label=f"module {i + 1}", **_LINES[i])
+        axis.plot(
+            trajectory.time,
+            values[:, i],
+            color=MODULE_COLOURS[i],
+            label=f"module {i + 1}",
+            **_LINES[i],
+        )
 
 
 def _commands(axis: Axes, trajectory: Trajectory, values: NDArray) -> None:
     """As ``_modules``, dashed and pale: what was asked."""
     for i in range(MODULES):
-        axis.plot(trajectory.time, values[:, i], color=MODULE_COLOURS[i], ls=(0, (4, 2)), lw=0.9, alpha=0.75)
+        axis.plot(
+            trajectory.time,
+            values[:, i],
+            color=MODULE_COLOURS[i],
+            ls=(0, (4, 2)),
+            lw=0.9,
+            alpha=0.75,
+        )
 
 
 def _single(axis: Axes, trajectory: Trajectory, values: NDArray) -> None:
     axis.plot(trajectory.time, values, color=INK)
 
 
-def _per_module(name: str, channel: str, unit: str, scale: float = 1.0) -> Callable[[Axes, Trajectory], None]:
+def _per_module(
+    name: str, channel: str, unit: str, scale: float = 1.0
+) -> Callable[[Axes, Trajectory], None]:
     """A panel with one channel of the modules, times ``scale``."""
 
     def panel(axis: Axes, trajectory: Trajectory) -> None:

@@ -54,8 +54,10 @@ class Spread:
 def sweep_figure(axes: Sequence[Spread], passed: Array, case: TurnCase | None = None) -> Figure:
     """Success over what was varied.
 
-    Over ``start.theta5_deg`` alone, or by at most four words: a map of the orientations, with the singular range of
-    ``case`` behind it. Over two numbers: a map. Else one panel an axis with its main effect, the largest first.
+    Over ``start.theta5_deg`` alone, or by at most four words: a map of the orientations, with the
+    singular range of
+    ``case`` behind it. Over two numbers: a map. Else one panel an axis with its main effect, the
+    largest first.
 
     Args:
         axes: what was varied.
@@ -74,7 +76,9 @@ def sweep_figure(axes: Sequence[Spread], passed: Array, case: TurnCase | None = 
     return styled(lambda: _main_effects(axes, passed))
 
 
-def _orientations(theta5: Spread, rows: Spread | None, passed: Array, case: TurnCase | None) -> Figure:
+def _orientations(
+    theta5: Spread, rows: Spread | None, passed: Array, case: TurnCase | None
+) -> Figure:
     degrees = np.asarray(theta5.values, float)
     if len(np.unique(degrees)) > MOST_ORIENTATIONS:
         degrees = np.round(degrees)
@@ -87,7 +91,9 @@ def _orientations(theta5: Spread, rows: Spread | None, passed: Array, case: Turn
     if case is None:
         return success_figure(degrees, by_row, 0.0)
     real = float(np.degrees((2 * np.pi / case.modules - case.real_sector) / 2))
-    return success_figure(degrees, by_row, float(np.degrees(case.sector)), real_margin_deg=real if real > 0 else None)
+    return success_figure(
+        degrees, by_row, float(np.degrees(case.sector)), real_margin_deg=real if real > 0 else None
+    )
 
 
 def _map(x: Spread, y: Spread, passed: Array) -> Figure:
@@ -105,12 +111,26 @@ def _map(x: Spread, y: Spread, passed: Array) -> Figure:
     axis = figure.subplots()
     axis.set_facecolor("#dfe2e6")  # no trial with an outcome
     mesh = axis.pcolormesh(
-        x_edges, y_edges, np.ma.masked_invalid(100 * rate), cmap=success_colours(), vmin=0, vmax=100, lw=0
+        x_edges,
+        y_edges,
+        np.ma.masked_invalid(100 * rate),
+        cmap=success_colours(),
+        vmin=0,
+        vmax=100,
+        lw=0,
     )
     if total.max(initial=0) > 1:
         for i, j in zip(*np.nonzero(total < FEW), strict=True):
             x_middle, y_middle = x_edges[j : j + 2].mean(), y_edges[i : i + 2].mean()
-            axis.text(float(x_middle), float(y_middle), str(total[i, j]), ha="center", va="center", size=7, color=INK)
+            axis.text(
+                float(x_middle),
+                float(y_middle),
+                str(total[i, j]),
+                ha="center",
+                va="center",
+                size=7,
+                color=INK,
+            )
     bar = figure.colorbar(mesh, ax=axis, pad=0.02)
     bar.set_label("success rate [%]")
     bar.outline.set_visible(False)  # type: ignore[operator]
@@ -138,7 +158,9 @@ def _main_effects(axes: Sequence[Spread], passed: Array) -> Figure:
     """One panel an axis."""
     from matplotlib.figure import Figure
 
-    effects = sorted(((_effect(axis, passed), axis) for axis in axes), key=lambda pair: -_spread_of(pair[0]))
+    effects = sorted(
+        ((_effect(axis, passed), axis) for axis in axes), key=lambda pair: -_spread_of(pair[0])
+    )
     columns = min(len(effects), 3)
     rows = -(-len(effects) // columns)
     figure = Figure(figsize=(3.4 * columns + 0.4, 2.9 * rows + 0.3), layout="constrained")
@@ -151,7 +173,9 @@ def _main_effects(axes: Sequence[Spread], passed: Array) -> Figure:
         panel.set_ylabel("success rate [%]")
     known = np.isfinite(passed)
     figure.suptitle(
-        f"{int(passed[known].sum())} of {int(known.sum())} passed; bars: Wilson 95 % intervals", size=9.5, color=INK
+        f"{int(passed[known].sum())} of {int(known.sum())} passed; bars: Wilson 95 % intervals",
+        size=9.5,
+        color=INK,
     )
     return figure
 
@@ -160,7 +184,8 @@ _Effect = list[tuple[float, int, int]]
 
 
 def _effect(axis: Spread, passed: Array) -> _Effect:
-    """(place, passed, counted) of each value or bin of an axis, those without a counted trial left out."""
+    """(place, passed, counted) of each value or bin of an axis, those without a counted trial left
+    out."""
     known = np.isfinite(passed)
     if axis.order:
         words = np.array(axis.values)
@@ -174,7 +199,10 @@ def _effect(axis: Spread, passed: Array) -> _Effect:
             edges = np.quantile(values, np.linspace(0, 1, QUANTILES + 1))
             bin_of = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, QUANTILES - 1)
             groups = [(float(values[bin_of == k].mean()), bin_of == k) for k in np.unique(bin_of)]
-    counted = [(place, int(passed[mask & known].sum()), int((mask & known).sum())) for place, mask in groups]
+    counted = [
+        (place, int(passed[mask & known].sum()), int((mask & known).sum()))
+        for place, mask in groups
+    ]
     return [entry for entry in counted if entry[2]]
 
 
@@ -187,12 +215,22 @@ def _spread_of(effect: _Effect) -> float:
 def _panel(panel: Axes, effect: _Effect, axis: Spread) -> None:
     place = np.array([entry[0] for entry in effect])
     rate = np.array([100 * good / total for _, good, total in effect])
-    ends = 100 * np.array([wilson_interval(good, total) for _, good, total in effect]).reshape(-1, 2)
-    style: dict[str, Any] = {"color": PASSED_COLOUR, "ecolor": GREY, "elinewidth": 1.0, "capsize": 2.5, "marker": "o"}
+    ends = 100 * np.array([wilson_interval(good, total) for _, good, total in effect]).reshape(
+        -1, 2
+    )
+    style: dict[str, Any] = {
+        "color": PASSED_COLOUR,
+        "ecolor": GREY,
+        "elinewidth": 1.0,
+        "capsize": 2.5,
+        "marker": "o",
+    }
     errors = np.maximum(0.0, [rate - ends[:, 0], ends[:, 1] - rate])
     panel.errorbar(place, rate, errors, ms=4, ls="none" if axis.order else "-", **style)
     if axis.order:
-        panel.set_xticks(range(len(axis.order)), [word.replace(" ", "\n", 1) for word in axis.order])
+        panel.set_xticks(
+            range(len(axis.order)), [word.replace(" ", "\n", 1) for word in axis.order]
+        )
         panel.set_xlim(-0.5, len(axis.order) - 0.5)
     else:
         panel.locator_params(axis="x", nbins=6)

@@ -57,7 +57,12 @@ def signs(mark: Mark) -> list[dict[str, Any]]:
     if mark.marker.isascii():
         return [START | {"marker": mark.marker, "markersize": 10, "markerfacecolor": mark.colour}]
     disc = START | {"markersize": 11, "markeredgecolor": mark.colour, "markeredgewidth": 0.9}
-    glyph = {"marker": _glyph(mark.marker), "markersize": 6, "color": mark.colour, "linestyle": "none"}
+    glyph = {
+        "marker": _glyph(mark.marker),
+        "markersize": 6,
+        "color": mark.colour,
+        "linestyle": "none",
+    }
     return [disc, glyph | {"markeredgewidth": 0.3}]
 
 
@@ -68,7 +73,9 @@ def _glyph(letter: str) -> Any:
     from matplotlib.textpath import TextPath
 
     outline = TextPath((0, 0), letter)
-    return Outline(outline.vertices - outline.get_extents().get_points().mean(axis=0), outline.codes)
+    return Outline(
+        outline.vertices - outline.get_extents().get_points().mean(axis=0), outline.codes
+    )
 
 
 def draw_time_chart(
@@ -106,7 +113,13 @@ def draw_time_chart(
     high = tilt.get_ylim()[1]
     for mark in marks:
         for style in signs(mark):
-            tilt.plot(time[mark.rows], np.full(len(mark.rows), 0.87 * high), **style, zorder=5, clip_on=False)
+            tilt.plot(
+                time[mark.rows],
+                np.full(len(mark.rows), 0.87 * high),
+                **style,
+                zorder=5,
+                clip_on=False,
+            )
 
 
 def _largest(values: Array) -> float:
@@ -115,12 +128,15 @@ def _largest(values: Array) -> float:
 
 
 def _speed(trajectory: Trajectory) -> Array:
-    """Speed (T,) m/s along the centreline, positive with the nose ahead: means over ``SPEED_WINDOW``."""
+    """Speed (T,) m/s along the centreline, positive with the nose ahead: means over
+    ``SPEED_WINDOW``."""
     time, gear = trajectory.time, np.where(trajectory["gear"] < 0, -1.0, 1.0)
     if len(time) < 2:
         return np.zeros(len(time))
     speed = gear[1:] * np.diff(trajectory["distance"]) / np.diff(time)
-    speed = np.where(np.diff(trajectory["leg"]) == 0, speed, 0.0)  # each leg counts its distance anew
+    speed = np.where(
+        np.diff(trajectory["leg"]) == 0, speed, 0.0
+    )  # each leg counts its distance anew
     return running_mean(np.append(speed[:1], speed)[:, None], time, SPEED_WINDOW)[:, 0]
 
 
@@ -132,7 +148,8 @@ def _bands(
     trajectory: Trajectory,
     routes: tuple[Route, ...],
 ) -> None:
-    """The fittings that the robot's centre was in: named in the strip, and shaded behind the panels."""
+    """The fittings that the robot's centre was in: named in the strip, and shaded behind the
+    panels."""
     from matplotlib.patches import Patch
 
     legs, names = heights
@@ -155,12 +172,20 @@ def _bands(
     if legs:
         for first, last in spans(leg):
             start, end = float(time[first]), float(time[last])
-            strip.plot([start, end], [0.5 * legs] * 2, color=GREY, linewidth=0.8, marker="|", markersize=6)
-            text = f"leg {leg[first] + 1}" + (", tail first" if trajectory["gear"][first] < 0 else "")
-            found = strip.text((start + end) / 2, 0.5 * legs, f" {text} ", ha="center", va="center", fontsize=7.5)
+            strip.plot(
+                [start, end], [0.5 * legs] * 2, color=GREY, linewidth=0.8, marker="|", markersize=6
+            )
+            text = f"leg {leg[first] + 1}" + (
+                ", tail first" if trajectory["gear"][first] < 0 else ""
+            )
+            found = strip.text(
+                (start + end) / 2, 0.5 * legs, f" {text} ", ha="center", va="center", fontsize=7.5
+            )
             found.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
     order = [what for what in dict.fromkeys([*SHADES, *shown]) if what in shown]
-    handles = [Patch(facecolor=shown[what], edgecolor=GREY, linewidth=0.4, label=what) for what in order]
+    handles = [
+        Patch(facecolor=shown[what], edgecolor=GREY, linewidth=0.4, label=what) for what in order
+    ]
     strip.legend(
         handles=handles,
         loc="lower right",
@@ -173,14 +198,19 @@ def _bands(
     )
 
 
-def _band_name(strip: Axes, renderer: Any, name: str, start: float, end: float, low: float, height: float) -> None:
-    """A name within its band, level or upright, small enough to fit; none where there is no room."""
+def _band_name(
+    strip: Axes, renderer: Any, name: str, start: float, end: float, low: float, height: float
+) -> None:
+    """A name within its band, level or upright, small enough to fit; none where there is no
+    room."""
     left, right = (strip.transData.transform((x, 0.0))[0] for x in (start, end))
     room = float(right - left)
     bottom, top = (strip.transData.transform((0.0, y))[1] for y in (low, low + height))
     for size in (8.0, 7.0, 6.0, 5.0):
         for angle in (0, 90):
-            text = strip.text((start + end) / 2, low + height / 2, name, ha="center", va="center", color=INK)
+            text = strip.text(
+                (start + end) / 2, low + height / 2, name, ha="center", va="center", color=INK
+            )
             text.set(fontsize=size, rotation=angle)
             box = text.get_window_extent(renderer)
             if box.width <= room - 2 and box.height <= top - bottom - 2:

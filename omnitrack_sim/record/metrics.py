@@ -12,7 +12,9 @@ STALL_SPEED = 0.005
 Metrics = dict[str, float | list[float] | dict[str, float]]
 
 
-def summarise(trajectory: Trajectory, *, no_load_slip: float, lug_radius: float, torque_limit: float) -> Metrics:
+def summarise(
+    trajectory: Trajectory, *, no_load_slip: float, lug_radius: float, torque_limit: float
+) -> Metrics:
     """Summary of a run; lists have one entry a module.
 
     Means are over time, by the trapezoidal rule. Slip counts only where a module touches the wall.
@@ -24,10 +26,11 @@ def summarise(trajectory: Trajectory, *, no_load_slip: float, lug_radius: float,
         torque_limit: N m, of a crawler motor.
 
     Returns:
-        ``slip_ratio_mean`` (of the magnitude), ``slip_distance_m``, ``traction_rms_n``, ``normal_force_mean_n``,
-        ``contact_fraction`` (of the time), ``spring_travel_max_m``, ``stall_time_s``, ``pitch_max_deg``,
-        ``motor_torque_max_n_m`` (lists of three); ``tilt_max_deg``, ``tilt_exit_deg``, ``mean_speed_m_s``,
-        ``distance_m`` (headway along the way, the legs added up), ``energy_j`` (mechanical, braking not recovered),
+        ``slip_ratio_mean`` (of the magnitude), ``slip_distance_m``, ``traction_rms_n``,
+        ``normal_force_mean_n``, ``contact_fraction`` (of the time), ``spring_travel_max_m``,
+        ``stall_time_s``, ``pitch_max_deg``, ``motor_torque_max_n_m`` (lists of three);
+        ``tilt_max_deg``, ``tilt_exit_deg``, ``mean_speed_m_s``, ``distance_m`` (headway along the
+        way, the legs added up), ``energy_j`` (mechanical, braking not recovered),
         ``no_load_slip_m_s``, ``phase_time_s``.
     """
     time = trajectory.time

@@ -27,26 +27,33 @@ class Outcome(StrEnum):
 _ADVICE = {
     Outcome.REACHED_GOAL: "The robot reached the goal.",
     Outcome.MOTION_SINGULARITY: (
-        "A module lost the wall in a tee and the turn stopped: align before the tee (control.align = true) or start "
+        "A module lost the wall in a tee and the turn stopped: align before the tee (control.align "
+        "= true) or start "
         "with theta5 inside the safe margin."
     ),
     Outcome.STALLED: (
-        "A crawler motor stood still at its torque limit: raise robot.torque_limit, lower robot.preload or take "
+        "A crawler motor stood still at its torque limit: raise robot.torque_limit, lower "
+        "robot.preload or take "
         "another robot.motor."
     ),
     Outcome.STUCK: (
-        "The robot stopped without a stall or slip: look at tilt and contact in the summary plot, and try another "
+        "The robot stopped without a stall or slip: look at tilt and contact in the summary plot, "
+        "and try another "
         "theta5 or contact length."
     ),
-    Outcome.SLIPPING: "The belts ran but the robot did not follow: raise contact.friction or robot.preload.",
+    Outcome.SLIPPING: "The belts ran but the robot did not follow: raise contact.friction or "
+    "robot.preload.",
     Outcome.NO_MOTION_LINE: (
-        "The modules lie on the no-motion line (roll near 90 degrees), where both tracks touch and oppose each other: "
+        "The modules lie on the no-motion line (roll near 90 degrees), where both tracks touch and "
+        "oppose each other: "
         "start with another start.roll_deg."
     ),
     Outcome.LEFT_PIPE: (
-        "The robot's centre left its way, out of a pipe or past a tee into another one: check start.distance, and "
+        "The robot's centre left its way, out of a pipe or past a tee into another one: check "
+        "start.distance, and "
         "gravity against the friction."
     ),
     Outcome.TIMED_OUT: "Time ran out while the robot still moved: raise physics.time_limit.",
-    Outcome.DIVERGED: "The physics diverged: lower physics.timestep or look for extreme parameters.",
+    Outcome.DIVERGED: "The physics diverged: lower physics.timestep or look for extreme "
+    "parameters.",
 }

@@ -13,30 +13,39 @@ from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.rotations import Array
 
 ROLL_PHASE, RETRY_PHASE = "align", "back_off"
-"""Names of the phases in which a robot rolls its modules on the spot, and backs off to try again."""
+"""Names of the phases in which a robot rolls its modules on the spot, and backs off to try
+again."""
 FORCE_WINDOW = 0.1
-"""Length of the running mean that the least normal force is taken of, s: single lugs leave the wall all the time."""
+"""Length of the running mean that the least normal force is taken of, s: single lugs leave the wall
+all the time."""
 
 
 @dataclass(frozen=True)
 class Visit:
     """One fitting that the robot's centre was in, on one leg.
 
-    A robot that backs out of a fitting and comes again has one visit of it, from the first entry to the last exit.
-    Means are over the time in the fitting. Slip and forces are of the three modules.
+    A robot that backs out of a fitting and comes again has one visit of it, from the first entry to
+    the last exit. Means are over the time in the fitting. Slip and forces are of the three modules.
 
     Attributes:
         leg: index of the leg. gear: 1 nose first, -1 tail first.
-        name, kind: of the fitting. manoeuvre: see ``manoeuvre``. enter, leave: ports, as the leg's route has them.
-        time_enter_s: first sample in it. time_leave_s: first sample after it; None where the run ended in it.
-        duration_s: time in it, without the time backed out of it; all durations add up to the run's.
-        theta5_enter_deg: module 1 from the turning direction of this fitting or, in a straight, the next one.
+        name, kind: of the fitting. manoeuvre: see ``manoeuvre``. enter, leave: ports, as the leg's
+            route has them.
+        time_enter_s: first sample in it. time_leave_s: first sample after it; None where the run
+            ended in it.
+        duration_s: time in it, without the time backed out of it; all durations add up to the
+            run's.
+        theta5_enter_deg: module 1 from the turning direction of this fitting or, in a straight, the
+            next one.
         tilt_max_deg, tilt_leave_deg: robot axis against the centreline; at the last sample in it.
         slip_ratio_mean: of the magnitude, while in contact; None where no module touched the wall.
         slip_distance_m: belt travel that moved nothing, mean of the modules.
-        normal_force_mean_n: of the modules. normal_force_min_n: least of the modules' means over ``FORCE_WINDOW``.
-        energy_j: mechanical, of all motors, braking not recovered; adds up to that of ``metrics.summarise``.
-        rolls, retries: how often the robot began to roll its modules or to back off for this fitting.
+        normal_force_mean_n: of the modules. normal_force_min_n: least of the modules' means over
+            ``FORCE_WINDOW``.
+        energy_j: mechanical, of all motors, braking not recovered; adds up to that of
+            ``metrics.summarise``.
+        rolls, retries: how often the robot began to roll its modules or to back off for this
+            fitting.
     """
 
     leg: int
@@ -62,7 +71,8 @@ class Visit:
 
 
 def manoeuvre(passage: Passage) -> str:
-    """What the robot does in a fitting: its kind, or in a tee run to branch, branch to run, over the run."""
+    """What the robot does in a fitting: its kind, or in a tee run to branch, branch to run, over
+    the run."""
     if passage.kind != "tee":
         return passage.kind
     if "branch" not in (passage.enter, passage.leave):
@@ -73,10 +83,11 @@ def manoeuvre(passage: Passage) -> str:
 def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float) -> list[Visit]:
     """One visit for each fitting the robot's centre was in, in order of the first entry.
 
-    A roll before a fitting, or a retry, begins while the centre may still be in the fitting before. It counts for the
-    fitting ahead that it is for: the first elbow or tee of the leg whose bend or opening the centre has not left. Where
-    there is none, or the centre never came into it on that leg, it counts where the robot stood. Controllers without
-    these phases have none.
+    A roll before a fitting, or a retry, begins while the centre may still be in the fitting before.
+    It counts for the
+    fitting ahead that it is for: the first elbow or tee of the leg whose bend or opening the centre
+    has not left. Where there is none, or the centre never came into it on that leg, it counts where
+    the robot stood. Controllers without these phases have none.
 
     Args:
         trajectory: the record.
@@ -88,7 +99,9 @@ def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float)
     order = np.argsort(group, kind="stable")
     rows_of = np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
     rows_of.sort(key=lambda rows: rows[0])
-    rolls, retries = (_counts(trajectory, routes, group, name) for name in (ROLL_PHASE, RETRY_PHASE))
+    rolls, retries = (
+        _counts(trajectory, routes, group, name) for name in (ROLL_PHASE, RETRY_PHASE)
+    )
     samples = _Samples(trajectory, lug_radius)
     visits = []
     for rows in rows_of:
@@ -116,8 +129,8 @@ def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float)
 def passage_indices(trajectory: Trajectory, routes: Sequence[Route]) -> NDArray[np.intp]:
     """Index (T,) into the fittings of its leg's route of the fitting that the robot's centre is in.
 
-    Before the first port plane and beyond the last one it is the first and the last fitting. A sample whose distance is
-    not a number is where the sample before it was.
+    Before the first port plane and beyond the last one it is the first and the last fitting. A
+    sample whose distance is not a number is where the sample before it was.
     """
     distance = trajectory["distance"]
     known = np.maximum.accumulate(np.where(np.isfinite(distance), np.arange(len(distance)), 0))
@@ -139,26 +152,35 @@ def begun(trajectory: Trajectory, phase: str) -> NDArray[np.intp]:
 
 
 def running_mean(values: NDArray, time: Array, window: float) -> Array:
-    """Centred mean (T, k) over ``window`` s of samples (T, k) at ``time`` (T,) s; shorter at both ends."""
+    """Centred mean (T, k) over ``window`` s of samples (T, k) at ``time`` (T,) s; shorter at both
+    ends."""
     values = np.asarray(values, float)
     if len(time) < 2:
         return values
     step = np.diff(time)[:, None]
-    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(step * (values[1:] + values[:-1]) / 2, axis=0)])
+    total = np.concatenate(
+        [np.zeros((1, values.shape[1])), np.cumsum(step * (values[1:] + values[:-1]) / 2, axis=0)]
+    )
     low, high = np.maximum(time - window / 2, time[0]), np.minimum(time + window / 2, time[-1])
     rise = [np.interp(high, time, column) - np.interp(low, time, column) for column in total.T]
     return np.stack(rise, axis=1) / (high - low)[:, None]
 
 
 class _Samples:
-    """What the figures of a visit are made of, each per interval from one sample to the next (trapezoidal rule)."""
+    """What the figures of a visit are made of, each per interval from one sample to the next
+    (trapezoidal rule)."""
 
     def __init__(self, trajectory: Trajectory, lug_radius: float) -> None:
         touching = (trajectory["contact_count"].sum(axis=-1) > 0).astype(float)  # (T, 3)
-        power = np.maximum(trajectory["motor_torque"] * trajectory["belt_speed"] / lug_radius, 0.0)  # (T, 3) W
+        power = np.maximum(
+            trajectory["motor_torque"] * trajectory["belt_speed"] / lug_radius, 0.0
+        )  # (T, 3) W
         force = trajectory["normal_force"]
         time = trajectory.time
-        self.time, self.step = time, np.append(np.diff(time), 0.0)  # (T,) s, of the interval that begins here
+        self.time, self.step = (
+            time,
+            np.append(np.diff(time), 0.0),
+        )  # (T,) s, of the interval that begins here
         self.touching = _between(touching.sum(axis=1))
         self.slip = _between((np.abs(trajectory["slip_ratio"]) * touching).sum(axis=1))
         self.slip_speed = _between(np.abs(trajectory["slip_velocity"]).mean(axis=1))
@@ -171,7 +193,8 @@ class _Samples:
         """The measured fields of the visit that holds the samples ``rows``, in order of time."""
         first, last = int(rows[0]), int(rows[-1])
         step = self.step[rows]
-        # A run that ends at its first sample in a fitting has spent no time there: its values are that sample's.
+        # A run that ends at its first sample in a fitting has spent no time there: its values are
+        # that sample's.
         weight = step if step.sum() > 0 else np.ones(len(rows))
         touching = float(weight @ self.touching[rows])
         return {
@@ -195,12 +218,16 @@ def _between(values: Array) -> Array:
 
 
 def _offsets(routes: Sequence[Route]) -> NDArray[np.intp]:
-    """Where the fittings of each leg begin when those of all legs are counted through; and how many there are."""
+    """Where the fittings of each leg begin when those of all legs are counted through; and how many
+    there are."""
     return np.cumsum([0, *(len(route.fittings) for route in routes)])
 
 
-def _counts(trajectory: Trajectory, routes: Sequence[Route], group: NDArray[np.intp], phase: str) -> NDArray[np.intp]:
-    """How often a phase began, for each fitting of each leg; ``group`` (T,) is the one that each sample is in."""
+def _counts(
+    trajectory: Trajectory, routes: Sequence[Route], group: NDArray[np.intp], phase: str
+) -> NDArray[np.intp]:
+    """How often a phase began, for each fitting of each leg; ``group`` (T,) is the one that each
+    sample is in."""
     offsets, visited = _offsets(routes), set(group.tolist())
     counts = np.zeros(offsets[-1], np.intp)
     for row in begun(trajectory, phase).tolist():
@@ -212,7 +239,8 @@ def _counts(trajectory: Trajectory, routes: Sequence[Route], group: NDArray[np.i
 
 
 def _ahead(route: Route, distance: float) -> int | None:
-    """The first elbow or tee whose bend or opening ends beyond ``distance`` m; None after the last one."""
+    """The first elbow or tee whose bend or opening ends beyond ``distance`` m; None after the last
+    one."""
     for index, passage in enumerate(route.fittings):
         if passage.span[1] > distance:
             return index

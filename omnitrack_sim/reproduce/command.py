@@ -67,7 +67,10 @@ STRIPS = {
         "tee_turn_misaligned",
         "Tee turn from the worst orientation: roll, drive, turn, drive",
     ),
-    "paper/straight_over_tee_aligned": ("straight_over_aligned", "Straight over a tee, modules on either side"),
+    "paper/straight_over_tee_aligned": (
+        "straight_over_aligned",
+        "Straight over a tee, modules on either side",
+    ),
     "elbow_short": ("elbow_90_jacobian", "Elbow of 90 mm"),
 }
 FRAMES = 6
@@ -106,7 +109,10 @@ def reproduce(
         (folder / "figures").mkdir()
         for name, (_, figure) in drawn.items():
             save_figure(figure, folder / "figures" / f"{name}.{format}")
-        pictures = [Picture(name, caption, _file(figure), "svg") for name, (caption, figure) in drawn.items()]
+        pictures = [
+            Picture(name, caption, _file(figure), "svg")
+            for name, (caption, figure) in drawn.items()
+        ]
         strips, remarks = _strips(runs)
         text = page(claims, pictures, strips, provenance, [*_lead(quick), *remarks])
         (folder / "report.html").write_text(text, encoding="utf-8")
@@ -127,7 +133,9 @@ def figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
     case = TurnCase()
     misaligned, written = runs["tee_turn_misaligned"][0], runs["tee_turn_as_written"][0]
     theta5 = np.array([r.scenario.start.theta5_deg for r in runs["map_jacobian"]])
-    passed = {kind: np.array([r.success for r in runs[f"map_{kind}"]]) for kind in ("jacobian", "paper")}
+    passed = {
+        kind: np.array([r.success for r in runs[f"map_{kind}"]]) for kind in ("jacobian", "paper")
+    }
     names = (
         ("aligned", "aligned, friction 0.8 to 1.0"),
         ("slippery", "aligned, friction 0.6 to 0.8"),
@@ -142,11 +150,18 @@ def figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
     return {
         "fig9_sector": ("Fig. 9: the singular sector.", singularity_figure(case, "sector")),
         "contact_map_geometry": (
-            "Contact over orientation and turn in the exact geometry of two pipes; red: a module has no wall.",
+            (
+                "Contact over orientation and turn in the exact geometry of two pipes; red: a "
+                "module "
+                "has no wall."
+            ),
             singularity_figure(case, "map"),
         ),
         "success_map": (
-            "Tee turns without alignment over the start orientation, and the singular range of the formula.",
+            (
+                "Tee turns without alignment over the start orientation, and the singular range of "
+                "the formula."
+            ),
             success_figure(theta5, passed, float(np.degrees(case.sector)), real_margin_deg=margin),
         ),
         "success_rates": (
@@ -157,24 +172,40 @@ def figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
             "Fig. 13: shaft speeds with the paper's open-loop speeds.",
             angular_velocity_figure(written),
         ),
-        "fig13_feedback": ("The same turn with feedback along the centreline.", angular_velocity_figure(misaligned)),
+        "fig13_feedback": (
+            "The same turn with feedback along the centreline.",
+            angular_velocity_figure(misaligned),
+        ),
         "unrolled_contacts": (
-            "The unrolled pipe: where the modules touch and how hard, tee turn from the worst orientation.",
+            (
+                "The unrolled pipe: where the modules touch and how hard, tee turn from the worst "
+                "orientation."
+            ),
             contact_map_figure(misaligned, misaligned.scenario.route()),
         ),
-        "forces_along_the_way": ("Traction, normal force and slip over arc length.", along_figure(misaligned)),
+        "forces_along_the_way": (
+            "Traction, normal force and slip over arc length.",
+            along_figure(misaligned),
+        ),
         "fig10_speeds": (
-            "Fig. 10(b): shaft speeds through the 90 mm elbow by Eq. 20, open loop, preferred orientation.",
+            (
+                "Fig. 10(b): shaft speeds through the 90 mm elbow by Eq. 20, open loop, preferred "
+                "orientation."
+            ),
             angular_velocity_figure(_at(runs["elbow_90_paper"], 0.0)),
         ),
-        "elbow_240": ("Fig. 10: elbow of 240 mm by controller.", elbow_figure(_elbows(runs, "240"))),
+        "elbow_240": (
+            "Fig. 10: elbow of 240 mm by controller.",
+            elbow_figure(_elbows(runs, "240")),
+        ),
         "elbow_90": ("Fig. 15: elbow of 90 mm by controller.", elbow_figure(_elbows(runs, "90"))),
         "success_by_friction": (
             "Success of aligned tee turns by friction, with Wilson 95 % intervals.",
             rates_figure(_by_friction([*runs["slippery"], *runs["aligned"]])),
         ),
         "slippery_turn": (
-            f"Downward at friction {slippery.scenario.contact.friction:.2f}, without retry: {slippery.outcome.value}, "
+            f"Downward at friction {slippery.scenario.contact.friction:.2f}, without retry: "
+            f"{slippery.outcome.value}, "
             f"{slippery.reason}.",
             along_figure(slippery),
         ),
@@ -190,7 +221,9 @@ def _by_friction(results: Sequence[Result], step: float = 0.05) -> list[tuple[st
     """Label, passed and total by range of friction."""
     bins: dict[int, list[bool]] = {}
     for result in results:
-        bins.setdefault(int(result.scenario.contact.friction / step + 1e-9), []).append(result.success)
+        bins.setdefault(int(result.scenario.contact.friction / step + 1e-9), []).append(
+            result.success
+        )
     return [
         (f"friction {step * k:.2f} to {step * (k + 1):.2f}", sum(found), len(found))
         for k, found in sorted(bins.items())
@@ -219,7 +252,13 @@ def _strips(runs: Runs) -> tuple[list[Strip], list[str]]:
         for name, title in STRIPS.values():
             result = runs[name][len(runs[name]) // 2]
             times = np.linspace(0.0, result.duration_s, FRAMES)
-            strips.append(Strip(title, render_frames(result, times.tolist(), width=640, height=360), times.tolist()))
+            strips.append(
+                Strip(
+                    title,
+                    render_frames(result, times.tolist(), width=640, height=360),
+                    times.tolist(),
+                )
+            )
     except RenderError as error:
         return [], [f"No frames: {error}"]
     return strips, []
@@ -227,16 +266,23 @@ def _strips(runs: Runs) -> tuple[list[Strip], list[str]]:
 
 def _lead(quick: bool) -> list[str]:
     text = (
-        "Each statement of the paper is turned into something that can be measured in simulation, with a tolerance. "
+        "Each statement of the paper is turned into something that can be measured in simulation, "
+        "with a tolerance. "
         "A claim that does not come out is shown as failed, with the reason as far as it is known."
     )
-    short = "Quick form: fewer orientations and trials than the full reproduction; intervals are wide."
+    short = (
+        "Quick form: fewer orientations and trials than the full reproduction; intervals are wide."
+    )
     return [text, short] if quick else [text]
 
 
 def _provenance(runs: Runs, quick: bool) -> dict[str, Any]:
     first = next(iter(runs.values()))[0]
-    made = {k: v for k, v in provenance_of(first.scenario).items() if k not in ("scenario_sha256", "seed")}
+    made = {
+        k: v
+        for k, v in provenance_of(first.scenario).items()
+        if k not in ("scenario_sha256", "seed")
+    }
     return {
         **made,
         "form": "quick" if quick else "full",

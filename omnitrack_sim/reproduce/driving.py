@@ -24,9 +24,13 @@ def climb(runs: Runs) -> Claim:
         source="Section V",
         paper="100 mm/s in each module in straight sections; climbs vertically",
         statement="100 mm/s within 1 % straight up, traction equal to the weight within 1 %",
-        measured=f"{1e3 * speed:.2f} mm/s, traction {load:.2f} N for {9.81 * result.scenario.robot.mass:.2f} N",
+        measured=(
+            f"{1e3 * speed:.2f} mm/s, traction {load:.2f} N for "
+            f"{9.81 * result.scenario.robot.mass:.2f} N"
+        ),
         uncertainty="fit after 1 s",
-        holds=abs(speed - 0.1) < 0.001 and abs(load / (9.81 * result.scenario.robot.mass) - 1) < 0.01,
+        holds=abs(speed - 0.1) < 0.001
+        and abs(load / (9.81 * result.scenario.robot.mass) - 1) < 0.01,
         how="vertical_climb",
     )
 
@@ -40,7 +44,10 @@ def past_180(runs: Runs) -> Claim:
     return Claim(
         id="opposite_motion_past_180",
         source="Sections V and VI, Fig. 18(a)",
-        paper="the robot crawls in the opposite direction when modules have rolled by more than 180 degrees",
+        paper=(
+            "the robot crawls in the opposite direction when modules have rolled by more than 180 "
+            "degrees"
+        ),
         statement="at 180 degrees of roll a belt of -100 mm/s drives at +100 mm/s, within 1 %",
         measured=f"belt {1e3 * belt:.1f} mm/s, robot {1e3 * speed:.1f} mm/s",
         uncertainty="mean after 1 s",
@@ -61,7 +68,10 @@ def no_motion_line(runs: Runs) -> Claim:
         id="no_motion_line",
         source="Section VI, Fig. 18(b)",
         paper="on the no-motion line the robot just wobbles in the spot without moving forward",
-        statement="under 5 mm of travel in 3 s; both tracks of every module touch for over 90 % of the time",
+        statement=(
+            "under 5 mm of travel in 3 s; both tracks of every module touch for over 90 % of the "
+            "time"
+        ),
         measured=f"{1e3 * moved:.2f} mm, both tracks touch {100 * both:.0f} % of the time, "
         f"tilt up to {wobble:.2f} degrees",
         uncertainty="one run",
@@ -82,7 +92,8 @@ def holonomic(runs: Runs) -> Claim:
         source="Section V, Figs. 11 and 12(a)",
         paper="holonomic motion orients a module in the turning direction",
         statement=f"from every start orientation theta5 ends within {margin} degrees of the best",
-        measured=f"{within} of {len(results)}; largest error {np.degrees(errors.max()):.1f} degrees",
+        measured=f"{within} of {len(results)}; largest error {np.degrees(errors.max()):.1f} "
+        "degrees",
         uncertainty=f"{len(results)} start orientations over 120 degrees",
         holds=within == len(results),
         how="paper/holonomic_alignment from -60 to 60 degrees",
@@ -95,7 +106,9 @@ def sign_change(runs: Runs) -> Claim:
     trajectory = result.trajectory
     spans = trajectory.phase_spans()
     start, end = next((a, b) for name, a, b in spans if name == "align")
-    before = float(trajectory["belt_speed"][(trajectory.time > 0.5) & (trajectory.time < start)].mean())
+    before = float(
+        trajectory["belt_speed"][(trajectory.time > 0.5) & (trajectory.time < start)].mean()
+    )
     after_end = (trajectory.time > end + 0.15) & (trajectory.time < end + 0.4)
     after = float(trajectory["belt_speed"][after_end].mean())
     roll = float(np.degrees(trajectory["roll"][after_end].mean()))
@@ -103,7 +116,8 @@ def sign_change(runs: Runs) -> Claim:
         id="sign_change_after_alignment",
         source="Section V, Fig. 13",
         paper="the input velocity changes sign after the holonomic motion",
-        statement="mean belt speed changes sign from before to after a roll past the no-motion line",
+        statement="mean belt speed changes sign from before to after a roll past the no-motion "
+        "line",
         measured=f"{1e3 * before:.1f} to {1e3 * after:.1f} mm/s after a roll of {roll:.0f} degrees",
         uncertainty="one run",
         holds=before * after < 0 and np.cos(np.radians(roll)) < 0,
@@ -113,16 +127,22 @@ def sign_change(runs: Runs) -> Claim:
 
 def preload(runs: Runs) -> Claim:
     """The least preload that climbs."""
-    climbed = np.array([_climbs(r) for r in runs["preload"]]).reshape(len(FRICTIONS), len(PRELOAD_FACTORS))
+    climbed = np.array([_climbs(r) for r in runs["preload"]]).reshape(
+        len(FRICTIONS), len(PRELOAD_FACTORS)
+    )
     needed = np.array([f > 1 for f in PRELOAD_FACTORS])
     robot = runs["preload"][0].scenario.robot
     least = ", ".join(f"{least_preload(robot, mu):.1f} N at {mu}" for mu in FRICTIONS)
-    found = [f"{PRELOAD_FACTORS[int(np.argmax(row))]:.2f}" if row.any() else "none" for row in climbed]
+    found = [
+        f"{PRELOAD_FACTORS[int(np.argmax(row))]:.2f}" if row.any() else "none" for row in climbed
+    ]
     return Claim(
         id="least_preload",
         source="Section VI (traction of the latex lugs is large enough to climb)",
         paper="sufficiently large traction to climb vertically",
-        statement="climbs if and only if the preload is over m g / (3 mu), within 5 %, at three frictions",
+        statement=(
+            "climbs if and only if the preload is over m g / (3 mu), within 5 %, at three frictions"
+        ),
         measured=f"least factor that climbs: {', '.join(found)}; law: {least}",
         uncertainty=f"preloads of {', '.join(str(f) for f in PRELOAD_FACTORS)} times the law's",
         holds=bool((climbed == needed).all()),
@@ -146,16 +166,28 @@ def motors(runs: Runs) -> Claim:
         limit = motor_of(result.scenario.robot).torque_limit
         steady = np.quantile(np.abs(result.trajectory["motor_torque"]), 0.9, axis=0).max()
         stall = max(result.metrics["stall_time_s"])  # type: ignore[arg-type]
-        told.append(f"{result.scenario.name} {steady / limit:.2f} ({stall:.1f} s stalled, {result.outcome.value})")
+        told.append(
+            f"{result.scenario.name} {steady / limit:.2f} ({stall:.1f} s stalled, "
+            f"{result.outcome.value})"
+        )
         stalled.append(stall)
     return Claim(
         id="motor_stall",
         source="Section VI",
-        paper="the inner module sometimes slips or stalls due to excessive torque as the robot takes the turn",
-        statement="with the published motor no module stalls in the climb, and one does in at least one elbow or tee",
+        paper=(
+            "the inner module sometimes slips or stalls due to excessive torque as the robot "
+            "takes the turn"
+        ),
+        statement=(
+            "with the published motor no module stalls in the climb, and one does in at least one "
+            "elbow or tee"
+        ),
         measured="torque (90 % quantile of the largest module) over the limit: " + "; ".join(told),
         uncertainty="one run each",
         holds=stalled[0] == 0 and max(stalled[1:]) > 0,
-        how="vertical_climb, elbow, elbow_short, tee_turn, tee_straight with robot.motor = pololu_1000_hpcb",
+        how=(
+            "vertical_climb, elbow, elbow_short, tee_turn, tee_straight with robot.motor = "
+            "pololu_1000_hpcb"
+        ),
         note="The limit is the maker's recommended 0.245 N m, a fifth of the stall torque.",
     )

@@ -34,28 +34,38 @@ class Strip:
 
 
 _CSS = """
-:root { color-scheme: light dark; --ink: #22262b; --soft: #6a7079; --line: #dde1e6; --page: #ffffff; --card: #f6f7f9;
+:root { color-scheme: light dark; --ink: #22262b; --soft: #6a7079; --line: #dde1e6;
+  --page: #ffffff; --card: #f6f7f9;
   --holds: #1b7a4d; --fails: #b5382f; }
-@media (prefers-color-scheme: dark) { :root { --ink: #e6e8eb; --soft: #9aa1ab; --line: #363b43; --page: #16181c;
+@media (prefers-color-scheme: dark) { :root { --ink: #e6e8eb; --soft: #9aa1ab; --line: #363b43;
+  --page: #16181c;
   --card: #1f2228; --holds: #58c48f; --fails: #ec8077; } }
-body { margin: 0 auto; max-width: 68rem; padding: 2.5rem 1.5rem 5rem; background: var(--page); color: var(--ink);
+body { margin: 0 auto; max-width: 68rem; padding: 2.5rem 1.5rem 5rem; background: var(--page);
+  color: var(--ink);
   font: 16px/1.55 system-ui, sans-serif; }
 h1 { font-size: 1.9rem; margin: 0 0 .3rem; } h2 { margin: 3rem 0 .8rem; font-size: 1.3rem; }
 p.lead { color: var(--soft); margin: 0 0 1.5rem; max-width: 48rem; }
-.tally { display: flex; gap: 1rem; flex-wrap: wrap; } .tally div { background: var(--card); padding: .7rem 1.2rem;
+.tally { display: flex; gap: 1rem; flex-wrap: wrap; } .tally div { background: var(--card);
+  padding: .7rem 1.2rem;
   border-radius: .5rem; } .tally b { font-size: 1.5rem; display: block; line-height: 1.2; }
-table { border-collapse: collapse; width: 100%; font-size: .92rem; } td, th { text-align: left; vertical-align: top;
-  padding: .45rem .7rem .45rem 0; border-bottom: 1px solid var(--line); } th { color: var(--soft); font-weight: 500; }
+table { border-collapse: collapse; width: 100%; font-size: .92rem; } td, th { text-align: left;
+  vertical-align: top;
+  padding: .45rem .7rem .45rem 0; border-bottom: 1px solid var(--line); } th { color: var(--soft);
+  font-weight: 500; }
 .scroll { overflow-x: auto; }
-article { border-top: 1px solid var(--line); padding: 1rem 0; } article h3 { margin: 0 0 .4rem; font-size: 1.02rem; }
-dl { display: grid; grid-template-columns: 7.5rem 1fr; gap: .15rem 1rem; margin: 0; font-size: .94rem; }
+article { border-top: 1px solid var(--line); padding: 1rem 0; } article h3 { margin: 0 0 .4rem;
+  font-size: 1.02rem; }
+dl { display: grid; grid-template-columns: 7.5rem 1fr; gap: .15rem 1rem; margin: 0;
+  font-size: .94rem; }
 dt { color: var(--soft); } dd { margin: 0; overflow-wrap: anywhere; }
-.chip { font-size: .8rem; font-weight: 600; padding: .1rem .55rem; border-radius: 1rem; border: 1px solid currentColor;
+.chip { font-size: .8rem; font-weight: 600; padding: .1rem .55rem; border-radius: 1rem;
+  border: 1px solid currentColor;
   margin-right: .6rem; } .holds { color: var(--holds); } .fails { color: var(--fails); }
 figure { margin: 1.5rem 0; } figure img { max-width: 100%; height: auto; background: #fff;
   border-radius: .4rem; } figcaption { color: var(--soft); font-size: .9rem; margin-top: .4rem; }
 .strip { display: grid; grid-template-columns: repeat(auto-fill, minmax(15rem, 1fr)); gap: .6rem; }
-.strip figure { margin: 0; } .strip img { width: 100%; } code { font-size: .9em; } a { color: inherit; }
+.strip figure { margin: 0; } .strip img { width: 100%; } code { font-size: .9em; }
+  a { color: inherit; }
 """
 
 
@@ -124,7 +134,8 @@ def _table(claims: Sequence[Claim]) -> str:
         f"<small>{_text(c.source)}</small></td><td>{_text(c.measured)}</td></tr>"
         for c in claims
     )
-    return f'<div class="scroll"><table><tr><th></th><th>paper</th><th>measured</th></tr>{rows}</table></div>'
+    head = "<tr><th></th><th>paper</th><th>measured</th></tr>"
+    return f'<div class="scroll"><table>{head}{rows}</table></div>'
 
 
 def _article(claim: Claim) -> str:
@@ -138,19 +149,23 @@ def _article(claim: Claim) -> str:
         ("why", claim.note),
     )
     entries = "".join(f"<dt>{name}</dt><dd>{_text(value)}</dd>" for name, value in rows if value)
-    return f'<article id="{_text(claim.id)}"><h3>{_chip(claim)}{_text(claim.id)}</h3><dl>{entries}</dl></article>'
+    name = _text(claim.id)
+    return f'<article id="{name}"><h3>{_chip(claim)}{name}</h3><dl>{entries}</dl></article>'
 
 
 def _figure(picture: Picture) -> str:
     kind = "svg+xml" if picture.format == "svg" else picture.format
     source = f"data:image/{kind};base64,{base64.b64encode(picture.data).decode()}"
     caption = _text(picture.caption)
-    return f'<figure><img src="{source}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
+    return (
+        f'<figure><img src="{source}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
+    )
 
 
 def _strip(strip: Strip) -> str:
     frames = "".join(
-        f'<figure><img src="data:image/jpeg;base64,{_jpeg(frame)}" alt="{_text(strip.title)} at {time:.1f} s">'
+        f'<figure><img src="data:image/jpeg;base64,{_jpeg(frame)}" '
+        f'alt="{_text(strip.title)} at {time:.1f} s">'
         f"<figcaption>{time:.1f} s</figcaption></figure>"
         for frame, time in zip(strip.frames, strip.times, strict=True)
     )

@@ -52,7 +52,9 @@ def scenarios(quick: bool) -> dict[str, list[Scenario]]:
         lists[f"map_{kind}"] = _orientations(tee, turn, {**free, "control.kind": kind})
     for radius, name in (("240", "elbow"), ("90", "elbow_short")):
         for kind in ("jacobian", "paper", "equal"):
-            lists[f"elbow_{radius}_{kind}"] = _orientations(load_scenario(name), bend, {**free, "control.kind": kind})
+            lists[f"elbow_{radius}_{kind}"] = _orientations(
+                load_scenario(name), bend, {**free, "control.kind": kind}
+            )
     late = {**free, "control.kind": "paper", "control.elbow_delay": Robot().length / 2}
     lists["elbow_240_paper_late"] = _orientations(load_scenario("elbow"), bend, late)
     lists["aligned"] = random_tee_turns(trials, (0.8, 1.0))
@@ -61,7 +63,9 @@ def scenarios(quick: bool) -> dict[str, list[Scenario]]:
     lists["few_lugs_slippery"] = random_tee_turns(trials, (0.6, 0.8), {"robot.lugs_per_track": 5})
     for state in ("aligned", "unaligned"):
         base = load_scenario(f"paper/straight_over_tee_{state}")
-        lists[f"straight_over_{state}"] = [override(base, {"world.gravity": list(g)}) for g in GRAVITIES.values()]
+        lists[f"straight_over_{state}"] = [
+            override(base, {"world.gravity": list(g)}) for g in GRAVITIES.values()
+        ]
     holonomic = load_scenario("paper/holonomic_alignment")
     lists["holonomic"] = _orientations(holonomic, np.arange(-60, 60, 20 if quick else 5), {})
     lists["rolling_upright"] = [holonomic]
@@ -77,7 +81,9 @@ def scenarios(quick: bool) -> dict[str, list[Scenario]]:
     return lists
 
 
-def run_all(lists: Mapping[str, Sequence[Scenario]], progress: Callable[[float, str], None] | None = None) -> Runs:
+def run_all(
+    lists: Mapping[str, Sequence[Scenario]], progress: Callable[[float, str], None] | None = None
+) -> Runs:
     """Run every list; trials of all lists that share a model share a batch. Uses all cores."""
     flat = [scenario for group in lists.values() for scenario in group]
     done = iter(run_batch(flat, threads=0, progress=progress))
@@ -87,9 +93,13 @@ def run_all(lists: Mapping[str, Sequence[Scenario]], progress: Callable[[float, 
 def random_tee_turns(
     count: int, friction: tuple[float, float], changes: Mapping[str, Any] | None = None
 ) -> list[Scenario]:
-    """Tee turns with alignment: any start orientation, uniform friction, gravity one of ``GRAVITIES``."""
+    """Tee turns with alignment: any start orientation, uniform friction, gravity one of
+    ``GRAVITIES``."""
     rng = np.random.default_rng(SEED)
-    base, gravities = override(load_scenario("tee_turn"), dict(changes or {})), list(GRAVITIES.values())
+    base, gravities = (
+        override(load_scenario("tee_turn"), dict(changes or {})),
+        list(GRAVITIES.values()),
+    )
     return [
         override(
             base,
@@ -103,12 +113,15 @@ def random_tee_turns(
     ]
 
 
-def _orientations(base: Scenario, theta5_deg: np.ndarray, changes: Mapping[str, Any]) -> list[Scenario]:
+def _orientations(
+    base: Scenario, theta5_deg: np.ndarray, changes: Mapping[str, Any]
+) -> list[Scenario]:
     return [override(base, {"start.theta5_deg": float(angle), **changes}) for angle in theta5_deg]
 
 
 def least_preload(robot: Robot, friction: float) -> float:
-    """Preload of a module, N, below which Coulomb friction cannot hold the robot's weight: m g / (3 mu)."""
+    """Preload of a module, N, below which Coulomb friction cannot hold the robot's weight: m g / (3
+    mu)."""
     return robot.mass * 9.81 / (3 * friction)
 
 

@@ -25,13 +25,17 @@ def mean_speed(runs: Runs) -> Claim:
     steady = trajectory.time > 1.0
     mean = float(trajectory["wall_speed"][steady].mean())
     climbed = float(np.polyfit(trajectory.time[steady], trajectory["distance"][steady], 1)[0])
-    across = float(np.abs(mean_velocity([0.1, 0.12, 0.08], 0.6, np.full(3, Robot().module_distance))[:2]).max())
+    across = float(
+        np.abs(mean_velocity([0.1, 0.12, 0.08], 0.6, np.full(3, Robot().module_distance))[:2]).max()
+    )
     return Claim(
         id="eq9_mean_speed",
         source="Section III, Eq. 9",
         paper="V_cz is the mean of the module speeds; no Coriolis effect with equal arms",
-        statement="climbing speed within 1 % of the mean wall speed; cross velocity of equal arms below 1e-12 m/s",
-        measured=f"{1e3 * climbed:.2f} against {1e3 * mean:.2f} mm/s; cross velocity {across:.0e} m/s",
+        statement="climbing speed within 1 % of the mean wall speed; cross velocity of equal "
+        "arms below 1e-12 m/s",
+        measured=f"{1e3 * climbed:.2f} against {1e3 * mean:.2f} mm/s; cross velocity "
+        f"{across:.0e} m/s",
         uncertainty="fit over the climb after 1 s",
         holds=abs(climbed / mean - 1) < 0.01 and across < 1e-12,
         how="vertical_climb; kinematics.mean_velocity",
@@ -50,14 +54,19 @@ def unequal_arms(runs: Runs) -> Claim:
     robot = runs["rolling_flat"][0].scenario.robot
     lengths = robot.module_distance + arms["rolling_flat"]
     rate = robot.roll_rate * robot.lug_radius / robot.nominal_pipe_radius
-    scrub = float(np.linalg.norm(cross_velocity(np.full(len(lengths), rate), lengths), axis=-1).mean())
+    scrub = float(
+        np.linalg.norm(cross_velocity(np.full(len(lengths), rate), lengths), axis=-1).mean()
+    )
     return Claim(
         id="eq8_unequal_arms",
         source="Section III, after Eq. 9",
-        paper="holonomic motion during horizontal traversal gives non-planar velocities and additional stresses",
-        statement="while rolling, normal forces of the modules differ by over 2 N more in a flat than in an "
+        paper="holonomic motion during horizontal traversal gives non-planar velocities and "
+        "additional stresses",
+        statement="while rolling, normal forces of the modules differ by over 2 N more in a flat "
+        "than in an "
         "upright pipe",
-        measured=f"spread {spreads['rolling_flat']:.1f} N flat, {spreads['rolling_upright']:.1f} N upright; "
+        measured=f"spread {spreads['rolling_flat']:.1f} N flat, {spreads['rolling_upright']:.1f} "
+        "N upright; "
         f"Eq. 8 leaves {1e3 * scrub:.2f} mm/s across the axis",
         uncertainty="mean over one roll of 165 degrees, one run each",
         holds=spreads["rolling_flat"] > spreads["rolling_upright"] + 2.0,
@@ -66,7 +75,8 @@ def unequal_arms(runs: Runs) -> Claim:
 
 
 def lever_of(results: list[Result]) -> tuple[float, float]:
-    """Lever, m, at which the module speeds belong to the robot's rotation in bends: from wall speeds, and less slip."""
+    """Lever, m, at which the module speeds belong to the robot's rotation in bends: from wall
+    speeds, and less slip."""
     found = []
     for slipping in (True, False):
         asked, turned = zip(*(_rotations(r, slipping) for r in results), strict=True)
@@ -76,12 +86,17 @@ def lever_of(results: list[Result]) -> tuple[float, float]:
 
 
 def _rotations(result: Result, slipping: bool) -> tuple[Array, Array]:
-    """Rotation by J at lever 1 and as it was, (k, 2) rad/s in the robot frame, over the samples that turn."""
+    """Rotation by J at lever 1 and as it was, (k, 2) rad/s in the robot frame, over the samples
+    that turn."""
     trajectory = result.trajectory
     rotation, k = matrix_from_quaternion(trajectory["quaternion"]), _WINDOW
     relative = np.einsum("tji,tjk->tik", rotation[:-k], rotation[k:])
     span = (trajectory.time[k:] - trajectory.time[:-k])[:, None]
-    omega = np.stack([relative[:, 2, 1] - relative[:, 1, 2], relative[:, 0, 2] - relative[:, 2, 0]], -1) / 2 / span
+    omega = (
+        np.stack([relative[:, 2, 1] - relative[:, 1, 2], relative[:, 0, 2] - relative[:, 2, 0]], -1)
+        / 2
+        / span
+    )
     speeds = trajectory["wall_speed"] - (0.0 if slipping else trajectory["slip_velocity"])
     total = np.cumsum(speeds, axis=0)
     mean = (total[k:] - total[:-k]) / k
@@ -99,14 +114,18 @@ def jacobian(runs: Runs) -> Claim:
     return Claim(
         id="eq18_jacobian",
         source="Section III, Eq. 18",
-        paper=f"module speeds and rotation belong together by l, the module centre ({1e3 * centre:.1f} mm)",
-        statement="the lever that fits module speeds less slip to the rotation in elbows is nearer to l than to D/2",
-        measured=f"{1e3 * less_slip:.1f} mm less slip, {1e3 * lever:.1f} mm with slip; l {1e3 * centre:.1f}, "
+        paper="module speeds and rotation belong together by l, the module centre "
+        f"({1e3 * centre:.1f} mm)",
+        statement="the lever that fits module speeds less slip to the rotation in elbows is "
+        "nearer to l than to D/2",
+        measured=f"{1e3 * less_slip:.1f} mm less slip, {1e3 * lever:.1f} mm with slip; l "
+        f"{1e3 * centre:.1f}, "
         f"D/2 {1e3 * wall:.1f} mm",
         uncertainty=f"least squares over {len(results)} elbows",
         holds=abs(less_slip - centre) < abs(less_slip - wall),
         how="elbows of 240 and 90 mm, all orientations, default controller",
-        note="Tracks touch at the wall, so D/2 is the lever, less what the arms give way. Eq. 20 takes D/2 as well.",
+        note="Tracks touch at the wall, so D/2 is the lever, less what the arms give way. Eq. 20 "
+        "takes D/2 as well.",
     )
 
 
@@ -114,7 +133,16 @@ def region(runs: Runs) -> list[Claim]:
     """The numbers of Section IV and VI."""
     case = TurnCase()
     rows = [
-        ("sector", "Section IV", "96.54 degrees", np.degrees(case.sector), 96.54, 0.02, "degrees", ""),
+        (
+            "sector",
+            "Section IV",
+            "96.54 degrees",
+            np.degrees(case.sector),
+            96.54,
+            0.02,
+            "degrees",
+            "",
+        ),
         (
             "margin",
             "Section IV, Fig. 9",
@@ -135,7 +163,16 @@ def region(runs: Runs) -> list[Claim]:
             "%",
             "",
         ),
-        ("success_rate", "Section VI", "19.55 %", 100 - 100 * case.sector / np.radians(120), 19.55, 0.02, "%", ""),
+        (
+            "success_rate",
+            "Section VI",
+            "19.55 %",
+            100 - 100 * case.sector / np.radians(120),
+            19.55,
+            0.02,
+            "%",
+            "",
+        ),
     ]
     real = np.degrees(case.real_sector)
     return [

@@ -25,7 +25,10 @@ def rate(results: Sequence[Result]) -> tuple[int, int, str]:
     return (
         passed,
         total,
-        f"{passed} of {total} ({100 * passed / total:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f})",
+        (
+            f"{passed} of {total} ({100 * passed / total:.1f} %, 95 % interval {100 * low:.1f} to "
+            f"{100 * high:.1f})"
+        ),
     )
 
 
@@ -48,10 +51,14 @@ def eq20(runs: Runs) -> Claim:
     }
     results = {kind: runs[f"elbow_240_{kind}"] for kind in names}
     total = len(results["paper"])
-    straight = {k: sum(r.success and _number(r, "tilt_exit_deg") < STRAIGHT for r in rs) for k, rs in results.items()}
+    straight = {
+        k: sum(r.success and _number(r, "tilt_exit_deg") < STRAIGHT for r in rs)
+        for k, rs in results.items()
+    }
     slip = {k: float(np.median([_slip(r) for r in rs])) for k, rs in results.items()}
     text = "; ".join(
-        f"{name}: {sum(r.success for r in results[k])} of {total} reach the goal, {straight[k]} of them straight, "
+        f"{name}: {sum(r.success for r in results[k])} of {total} reach the goal, {straight[k]} of "
+        "them straight, "
         f"slip {1e3 * slip[k]:.0f} mm"
         for k, name in names.items()
     )
@@ -59,15 +66,18 @@ def eq20(runs: Runs) -> Claim:
         id="eq20_against_equal_speeds",
         source="Section V, Eq. 20",
         paper="speeds in the ratio of the module radii take the robot through an elbow",
-        statement=f"Eq. 20, open loop, takes the robot through the 1.5 D elbow from every orientation, tilted by under "
+        statement="Eq. 20, open loop, takes the robot through the 1.5 D elbow from every "
+        "orientation, tilted by under "
         f"{STRAIGHT:.0f} degrees at the end, with less slip than equal speeds",
         measured=text,
         uncertainty=f"{total} orientations, median slip of all modules",
         holds=straight["paper"] == total and slip["paper"] < slip["equal"],
         how="elbow, controllers paper, equal and jacobian",
-        note="The turn begins with the head at the bend, 73 mm or 17 degrees before the centre, so the "
+        note="The turn begins with the head at the bend, 73 mm or 17 degrees before the centre, "
+        "so the "
         "heading runs ahead. "
-        "Nothing corrects it, and beyond about 12 degrees a robot with a 90 mm contact line does not right itself in a "
+        "Nothing corrects it, and beyond about 12 degrees a robot with a 90 mm contact line does "
+        "not right itself in a "
         "straight pipe but turns over. Begun 73 mm later the same speeds go through.",
     )
 
@@ -113,14 +123,18 @@ def preferred(runs: Runs) -> Claim:
     return Claim(
         id="preferred_orientation",
         source="Section VI, Fig. 15",
-        paper="smoother when one module takes the smallest radius; slips and stalls get worse when two do",
-        statement="as written, 90 mm elbow: less slip and less tilt at theta5 = 0 than at 60 degrees",
+        paper="smoother when one module takes the smallest radius; slips and stalls get worse "
+        "when two do",
+        statement="as written, 90 mm elbow: less slip and less tilt at theta5 = 0 than at 60 "
+        "degrees",
         measured=f"slip {1e3 * _slip(best):.0f} against {1e3 * _slip(worst):.0f} mm, largest tilt "
         f"{_number(best, 'tilt_max_deg'):.1f} against {_number(worst, 'tilt_max_deg'):.1f} degrees",
         uncertainty="one run each",
-        holds=_slip(best) < _slip(worst) and _number(best, "tilt_max_deg") < _number(worst, "tilt_max_deg"),
+        holds=_slip(best) < _slip(worst)
+        and _number(best, "tilt_max_deg") < _number(worst, "tilt_max_deg"),
         how="elbow_short with controller paper, theta5 0 and 60 degrees",
-        note="Tilt is smaller at the preferred orientation, slip is not. Open loop, 10 to 20 degrees beside "
+        note="Tilt is smaller at the preferred orientation, slip is not. Open loop, 10 to 20 "
+        "degrees beside "
         "the preferred "
         "orientation is worse than two modules on the shorter way (figure elbow_90).",
     )
@@ -135,11 +149,13 @@ def compression(runs: Runs) -> Claim:
         id="asymmetrical_compression",
         source="Section II.A, Fig. 2(b)",
         paper="springs compress asymmetrically in elbows and T-junctions",
-        statement="front and rear springs of a module differ by over 1 mm in the tee turn, under 0.5 mm in a straight",
+        statement="front and rear springs of a module differ by over 1 mm in the tee turn, under "
+        "0.5 mm in a straight",
         measured=f"{1e3 * spacing * np.sin(np.radians(turn)):.1f} mm in the turn, "
         f"{1e3 * spacing * np.sin(np.radians(straight)):.2f} mm in the climb",
         uncertainty="largest of the run",
-        holds=spacing * np.sin(np.radians(turn)) > 1e-3 and spacing * np.sin(np.radians(straight)) < 5e-4,
+        holds=spacing * np.sin(np.radians(turn)) > 1e-3
+        and spacing * np.sin(np.radians(straight)) < 5e-4,
         how="paper/tee_turn_misaligned, vertical_climb",
     )
 
@@ -158,12 +174,14 @@ def inner_slip(runs: Runs) -> Claim:
         id="inner_module_slips",
         source="Section V",
         paper="slippage in the inner module is observed while turning",
-        statement="mean slip ratio of the inner module is larger than that of the outer ones in the tee turn",
+        statement="mean slip ratio of the inner module is larger than that of the outer ones in "
+        "the tee turn",
         measured=f"inner over outer: {ratios[0]:.2f} with feedback, {ratios[1]:.2f} as written",
         uncertainty="one run each",
         holds=min(ratios) > 1,
         how="paper/tee_turn_misaligned, paper/tee_turn_as_written",
-        note="As written the inner motor stalls at its torque limit (see fig13_shaft_speeds), so its belt "
+        note="As written the inner motor stalls at its torque limit (see fig13_shaft_speeds), so "
+        "its belt "
         "slips less than it is "
         "asked to.",
     )
@@ -177,15 +195,19 @@ def unaligned(runs: Runs) -> Claim:
     return Claim(
         id="tee_without_alignment",
         source="Section VI",
-        paper="19.55 % without the holonomic motion, by the region; experiments suggest that it is higher",
-        statement="success over all start orientations is between 19.55 % and 100 %, not at either end",
+        paper="19.55 % without the holonomic motion, by the region; experiments suggest that it "
+        "is higher",
+        statement="success over all start orientations is between 19.55 % and 100 %, not at "
+        "either end",
         measured=f"feedback {text}; as written {written}",
         uncertainty="even steps over 120 degrees, one run each",
         holds=bool(passed / total > 0.1955 and passed < total),
         how="tee_turn, align = false, controllers jacobian and paper",
-        note=f"Interval {100 * low:.0f} to {100 * high:.0f} %. At the reach of 96.1 mm the definitions say: "
+        note=f"Interval {100 * low:.0f} to {100 * high:.0f} %. At the reach of 96.1 mm the "
+        "definitions say: "
         f"ellipse 19.55 %, "
-        "strip 6 %, crotch 0, real geometry 21 %. Springs tilt the modules, and a robot without three "
+        "strip 6 %, crotch 0, real geometry 21 %. Springs tilt the modules, and a robot without "
+        "three "
         "contacts may still be "
         "carried through; open loop it is not.",
     )
@@ -201,7 +223,8 @@ def towards_worst(runs: Runs) -> Claim:
         id="tee_worse_towards_60",
         source="Section VI",
         paper="the chances decrease as the orientation gets closer to the worst",
-        statement="success rate within 30 degrees of the best theta5 is higher than beyond, and the worst itself fails",
+        statement="success rate within 30 degrees of the best theta5 is higher than beyond, and "
+        "the worst itself fails",
         measured=f"{100 * near:.0f} % within 30 degrees, {100 * far:.0f} % beyond; at 60 degrees "
         f"{'passes' if passed[off == 60].any() else 'fails'}",
         uncertainty=f"{len(results)} orientations",
@@ -220,8 +243,10 @@ def falls_into_place(runs: Runs) -> Claim:
     return Claim(
         id="falls_into_place",
         source="Section VI",
-        paper="sometimes the robot falls to place to make a three-point contact though a module starts in the region",
-        statement="some robots with a module in the region pass, and end with three modules on the wall",
+        paper="sometimes the robot falls to place to make a three-point contact though a module "
+        "starts in the region",
+        statement="some robots with a module in the region pass, and end with three modules on "
+        "the wall",
         measured=f"{text} of those in the region; {back} of the {passed} end on three modules",
         uncertainty="even steps of orientation",
         holds=0 < passed < total and back == passed,
@@ -239,8 +264,10 @@ def aligned(runs: Runs) -> Claim:
     return Claim(
         id="tee_with_alignment",
         source="Section VI",
-        paper="with holonomic motion the T-junction was negotiated every single time in a clean dry plastic pipe",
-        statement="every random trial reaches the goal: any orientation, friction 0.8 to 1.0, gravity in six ways",
+        paper="with holonomic motion the T-junction was negotiated every single time in a clean "
+        "dry plastic pipe",
+        statement="every random trial reaches the goal: any orientation, friction 0.8 to 1.0, "
+        "gravity in six ways",
         measured=text,
         uncertainty="Wilson interval",
         holds=passed == total,
@@ -260,15 +287,19 @@ def slippery(runs: Runs) -> Claim:
         source="not in the paper",
         paper="(no statement below a clean dry pipe)",
         statement="at least 80 % of the same trials pass at friction 0.6 to 0.8",
-        measured=f"{text}; {down} of {len(failed)} failures drive downward, highest friction of a failure {lowest:.2f}",
+        measured=f"{text}; {down} of {len(failed)} failures drive downward, highest friction of "
+        f"a failure {lowest:.2f}",
         uncertainty="Wilson interval",
         holds=passed >= 0.8 * total,
         how="tee_turn with alignment; seed 7",
-        note="The inner module is the pivot of the turn: it brakes with up to 43 N at a normal force of 52 "
+        note="The inner module is the pivot of the turn: it brakes with up to 43 N at a normal "
+        "force of 52 "
         "N, which asks for "
-        "a friction of 0.83 at that moment. Below it, it slips, and driving downward the weight then "
+        "a friction of 0.83 at that moment. Below it, it slips, and driving downward the weight "
+        "then "
         "carries the robot past "
-        "the branch. Retries get back up but meet the same place. More preload helps: of 18 such trials "
+        "the branch. Retries get back up but meet the same place. More preload helps: of 18 such "
+        "trials "
         "10 pass at 25 N, "
         "15 at 32 N.",
     )
@@ -287,7 +318,8 @@ def few_lugs(runs: Runs) -> Claim:
         uncertainty="Wilson interval",
         holds=passed == total,
         how="tee_turn, robot.lugs_per_track = 5; seed 7",
-        note="Few lugs hook on the rim of the tee, which helps on a slippery wall; a fine chain glides.",
+        note="Few lugs hook on the rim of the tee, which helps on a slippery wall; a fine chain "
+        "glides.",
     )
 
 
@@ -317,9 +349,12 @@ def straight_over(runs: Runs) -> Claim:
     return Claim(
         id="straight_over_tee",
         source="Section VI, Fig. 17",
-        paper="with modules on either side of the opening the robot goes more smoothly over the T-junction",
-        statement="worst tilt under 1 degree when aligned, at least 5 times smaller than with a module at the opening",
-        measured=f"{a:.2f} against {u:.1f} degrees, {u / a:.0f} times (the latter with gravity {where})",
+        paper="with modules on either side of the opening the robot goes more smoothly over the "
+        "T-junction",
+        statement="worst tilt under 1 degree when aligned, at least 5 times smaller than with a "
+        "module at the opening",
+        measured=f"{a:.2f} against {u:.1f} degrees, {u / a:.0f} times (the latter with gravity "
+        f"{where})",
         uncertainty="worst of six directions of gravity",
         holds=a < 1 and u > 5 * a and all(r.success for r in runs["straight_over_aligned"]),
         how="paper/straight_over_tee_aligned and _unaligned, six gravities",
@@ -344,9 +379,12 @@ def as_written(runs: Runs) -> Claim:
     return Claim(
         id="fig13_shaft_speeds",
         source="Section V, Figs. 12 and 13",
-        paper="in the T-junction the inner module runs backward and the outer ones forward; the robot takes the turn",
-        statement="as written, the turn reaches the goal with the inner shaft negative and the outer ones positive",
-        measured=f"{result.outcome.value} in {result.duration_s:.1f} s; inner {shaft[inner]:+.2f}, outer "
+        paper="in the T-junction the inner module runs backward and the outer ones forward; the "
+        "robot takes the turn",
+        statement="as written, the turn reaches the goal with the inner shaft negative and the "
+        "outer ones positive",
+        measured=f"{result.outcome.value} in {result.duration_s:.1f} s; inner "
+        f"{shaft[inner]:+.2f}, outer "
         f"{outer[0]:+.2f} "
         f"and {outer[1]:+.2f} rad/s (mean, as seen at the wall)",
         uncertainty="one run",

@@ -25,10 +25,12 @@ class Motor:
 
 
 MOTORS = {
-    # The paper's simulation prescribes the speeds. Torque limit: the Pololu motor's extrapolated stall torque. Assumed.
+    # The paper's simulation prescribes the speeds. Torque limit: the Pololu motor's extrapolated
+    # stall torque. Assumed.
     "simulation": Motor(no_load_speed=20.0, stall_torque=12.0, torque_limit=1.18),
-    # Pololu 1000:1 HPCB 12 V (986.41:1): 34.6 rpm without load, 12 kg cm extrapolated stall torque, 2.5 kg cm
-    # recommended limit. Scaled from the maker's figures for the other ratios of the family.
+    # Pololu 1000:1 HPCB 12 V (986.41:1): 34.6 rpm without load, 12 kg cm extrapolated stall torque,
+    # 2.5 kg cm recommended limit. Scaled from the maker's figures for the other ratios of the
+    # family.
     "pololu_1000_hpcb": Motor(no_load_speed=3.62, stall_torque=1.18, torque_limit=0.245),
 }
 """Crawler motors by name."""
@@ -38,10 +40,11 @@ INTEGRAL_TIME = 0.1
 
 
 class Drive:
-    """The electrical side of n robots' crawler motors: what the speed servo is asked and how much force it may give.
+    """The electrical side of n robots' crawler motors: what the speed servo is asked and how much
+    force it may give.
 
-    The belt itself, with the reflected rotor inertia and the proportional speed loop, is part of the physics. Here are
-    the integral part, the torque-speed line and the torque limit.
+    The belt itself, with the reflected rotor inertia and the proportional speed loop, is part of
+    the physics. Here are the integral part, the torque-speed line and the torque limit.
 
     Args:
         motor: the crawler motor.
@@ -56,7 +59,9 @@ class Drive:
         self.saturated = np.zeros((n, 3), bool)
         self._correction = np.zeros((n, 3))  # m/s, integral part
 
-    def advance(self, command: Array, belt_speed: Array, torque: Array, dt: float) -> tuple[Array, Array, Array]:
+    def advance(
+        self, command: Array, belt_speed: Array, torque: Array, dt: float
+    ) -> tuple[Array, Array, Array]:
         """One control step.
 
         Args:
@@ -66,17 +71,21 @@ class Drive:
             dt: s since the last call.
 
         Returns:
-            Set points of the speed servo (n, 3) m/s, and the least and largest belt force (n, 3) N it may give.
+            Set points of the speed servo (n, 3) m/s, and the least and largest belt force (n, 3) N
+            it may give.
         """
         lowest, highest = self._torque_range(belt_speed / self.lug_radius)
         self.saturated = (torque <= 0.999 * lowest) | (torque >= 0.999 * highest)
         # The integral grows only where the motor can follow (no wind-up in a stall).
         error = command - belt_speed
-        self._correction = np.where(self.saturated, self._correction, self._correction + error * dt / INTEGRAL_TIME)
+        self._correction = np.where(
+            self.saturated, self._correction, self._correction + error * dt / INTEGRAL_TIME
+        )
         return command + self._correction, lowest / self.lug_radius, highest / self.lug_radius
 
     def _torque_range(self, speed: Array) -> tuple[Array, Array]:
-        """Least and largest torque (n, 3) N m at ``speed`` rad/s: torque-speed line on the driving side, and limit."""
+        """Least and largest torque (n, 3) N m at ``speed`` rad/s: torque-speed line on the driving
+        side, and limit."""
         line = self.motor.stall_torque / self.motor.no_load_speed
         highest = np.clip(self.motor.stall_torque - line * speed, 0.0, self.torque_limit)
         lowest = -np.clip(self.motor.stall_torque + line * speed, 0.0, self.torque_limit)

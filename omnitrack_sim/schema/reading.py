@@ -1,4 +1,5 @@
-"""Files that a user writes: found by path or name, read as TOML, checked as a whole, faults told with their place."""
+"""Files that a user writes: found by path or name, read as TOML, checked as a whole, faults told
+with their place."""
 
 from __future__ import annotations
 
@@ -21,10 +22,12 @@ _Model = TypeVar("_Model", bound=BaseModel)
 def read_toml(
     source: str | Path, what: str, shipped: Mapping[str, Path], error: type[InputError]
 ) -> tuple[Path, dict[str, Any]]:
-    """Path and contents of a file, or of a shipped one by name; ``name`` is the file's where it gives none.
+    """Path and contents of a file, or of a shipped one by name; ``name`` is the file's where it
+    gives none.
 
     Args:
-        source: the file or name. what: is read, in a word. shipped: paths by name. error: is raised.
+        source: the file or name. what: is read, in a word. shipped: paths by name. error: is
+            raised.
 
     Raises:
         InputError: of type ``error``: no such file, not to be read, or bad TOML.
@@ -64,26 +67,35 @@ def checked(
         InputError: of type ``error``, with every fault.
     """
     try:
-        # Through JSON: pydantic's strict mode takes lists for tuples and names for enums there, but no "0.5" for 0.5.
+        # Through JSON: pydantic's strict mode takes lists for tuples and names for enums there, but
+        # no "0.5" for 0.5.
         return model.model_validate_json(json.dumps(data, default=plain_value), strict=True)
     except ValidationError as reason:
         items = reason.errors()
-        # A table with a fault does not count as an item, and pydantic then calls the list too short as well.
+        # A table with a fault does not count as an item, and pydantic then calls the list too short
+        # as well.
         inside = any(item["loc"][:1] == (union,) and len(item["loc"]) > 1 for item in items)
-        raise error([fault(item) for item in items if not (inside and item["type"] == "too_short")]) from None
+        raise error(
+            [fault(item) for item in items if not (inside and item["type"] == "too_short")]
+        ) from None
 
 
 def plain_value(value: Any) -> Any:
-    """What JSON does not know: models as tables, NumPy values as numbers and lists, dates and the rest as text."""
+    """What JSON does not know: models as tables, NumPy values as numbers and lists, dates and the
+    rest as text."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json")
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
 
 
 def fault_of(
-    item: Mapping[str, Any], union: str, kinds: tuple[str, ...], choices_at: Callable[[list[str]], tuple[str, ...]]
+    item: Mapping[str, Any],
+    union: str,
+    kinds: tuple[str, ...],
+    choices_at: Callable[[list[str]], tuple[str, ...]],
 ) -> Fault:
-    """One pydantic error as a fault with a path like the file's and the valid choices where they are known.
+    """One pydantic error as a fault with a path like the file's and the valid choices where they
+    are known.
 
     Args:
         item: of ``ValidationError.errors()``.
@@ -92,7 +104,9 @@ def fault_of(
     """
     places = [str(p) for p in item["loc"]]
     # pydantic puts the table's kind into the path; the file has no such level.
-    where = ".".join(p for i, p in enumerate(places) if not (i == 2 and places[0] == union and p in kinds))
+    where = ".".join(
+        p for i, p in enumerate(places) if not (i == 2 and places[0] == union and p in kinds)
+    )
     kind, context = item["type"], item.get("ctx", {})
     if kind == "extra_forbidden":
         return Fault(where, "unknown key", choices_at(places[:-1]))
@@ -101,10 +115,15 @@ def fault_of(
     if kind == "union_tag_not_found":
         return Fault(f"{where}.kind", "is missing", tuple(sorted(kinds)))
     if kind in ("literal_error", "enum"):
-        choices = tuple(part.strip(" '") for part in str(context["expected"]).replace(" or ", ",").split(","))
+        choices = tuple(
+            part.strip(" '") for part in str(context["expected"]).replace(" or ", ",").split(",")
+        )
         return Fault(where, f"is {item['input']!r}", choices)
     if kind == "string_pattern_mismatch":
-        return Fault(where, f"is {item['input']!r}; it names a folder: not empty, no leading dot, no separators")
+        return Fault(
+            where,
+            f"is {item['input']!r}; it names a folder: not empty, no leading dot, no separators",
+        )
     message = item["msg"].removeprefix("Value error, ")
     for pydantics, ours in (
         ("valid tuple", "list"),
@@ -113,7 +132,11 @@ def fault_of(
         ("Tuple", "List"),
     ):
         message = message.replace(pydantics, ours)
-    given = "" if isinstance(item["input"], dict) or kind == "missing" else f" (given: {item['input']!r})"
+    given = (
+        ""
+        if isinstance(item["input"], dict) or kind == "missing"
+        else f" (given: {item['input']!r})"
+    )
     return Fault(where, message[0].lower() + message[1:] + given)
 
 
@@ -125,7 +148,8 @@ def _scenario_folder() -> Path:
 
 
 def shipped_scenarios() -> dict[str, Path]:
-    """Scenarios that come with the package, by name: the file's path below ``scenarios/`` without its ending."""
+    """Scenarios that come with the package, by name: the file's path below ``scenarios/`` without
+    its ending."""
     folder = _scenario_folder()
     groups = ("*.toml", "paper/*.toml", "missions/*.toml")
     files = [path for group in groups for path in sorted(folder.glob(group))]

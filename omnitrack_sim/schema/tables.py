@@ -7,13 +7,11 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-from omnitrack_sim.control import CONTROLLERS
 from omnitrack_sim.pipes import TEE_ARCS, Elbow, Reducer, Step, Straight, Tee, TeeArcs
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.robot import Robot
 
 ControllerName = Literal["jacobian", "paper", "equal"]
-assert set(get_args(ControllerName)) == set(CONTROLLERS)
 
 
 class Table(BaseModel):
@@ -24,7 +22,8 @@ class Table(BaseModel):
 
 Positive = Annotated[float, Field(gt=0)]
 Size = Annotated[float, Field(gt=0, le=1000)]
-"""A length of a pipe, m. The upper limit catches millimetres and keeps the samples of a route in memory."""
+"""A length of a pipe, m. The upper limit catches millimetres and keeps the samples of a route in
+memory."""
 
 
 def _has_a_direction(axis: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -66,7 +65,8 @@ UNITS: dict[str, str] = {
     "pipes.branch_length": "m",
     "pipes.fillet_radius": "m",
 }
-"""Units of the numbers by path without the pipe's place; those in degrees end in ``_deg``, the robot has its own."""
+"""Units of the numbers by path without the pipe's place; those in degrees end in ``_deg``, the
+robot has its own."""
 
 
 def unit_of(path: str) -> str | None:
@@ -75,7 +75,9 @@ def unit_of(path: str) -> str | None:
     if path.endswith("_deg"):
         return "deg"
     if table == "robot":
-        return next((row.unit or None for row in Robot().parameters() if row.name == keys[-1]), None)
+        return next(
+            (row.unit or None for row in Robot().parameters() if row.name == keys[-1]), None
+        )
     named = [key for key in keys if not key.isdigit() and key != "*"]
     return UNITS.get(".".join([table, *named]))
 
@@ -92,7 +94,9 @@ class StraightPipe(Table):
     def step(self, index: int) -> Step:
         """As a step of a route."""
         pipe = Straight(self.length, self.inner_diameter)
-        return Step(self.name or f"{self.kind}_{index}", pipe, "start", "end", math.radians(self.turn_deg))
+        return Step(
+            self.name or f"{self.kind}_{index}", pipe, "start", "end", math.radians(self.turn_deg)
+        )
 
 
 class ReducerPipe(Table):
@@ -110,7 +114,13 @@ class ReducerPipe(Table):
         """As a step of a route."""
         pipe = Reducer(self.length, self.end_diameter, self.inner_diameter)
         leave = "end" if self.enter == "start" else "start"
-        return Step(self.name or f"{self.kind}_{index}", pipe, self.enter, leave, math.radians(self.turn_deg))
+        return Step(
+            self.name or f"{self.kind}_{index}",
+            pipe,
+            self.enter,
+            leave,
+            math.radians(self.turn_deg),
+        )
 
 
 class ElbowPipe(Table):
@@ -126,7 +136,9 @@ class ElbowPipe(Table):
     def step(self, index: int) -> Step:
         """As a step of a route."""
         pipe = Elbow(self.mean_radius, math.radians(self.angle_deg), self.inner_diameter)
-        return Step(self.name or f"{self.kind}_{index}", pipe, "start", "end", math.radians(self.turn_deg))
+        return Step(
+            self.name or f"{self.kind}_{index}", pipe, "start", "end", math.radians(self.turn_deg)
+        )
 
 
 TeePort = Literal["run_start", "run_end", "branch"]
@@ -149,13 +161,22 @@ class TeePipe(Table):
     @classmethod
     def _is_another_port(cls, leave: TeePort, info: ValidationInfo) -> TeePort:
         if leave == info.data.get("enter"):
-            raise ValueError(f"is where the tee is entered; take one of the others of {', '.join(get_args(TeePort))}")
+            raise ValueError(
+                "is where the tee is entered; take one of the others of "
+                f"{', '.join(get_args(TeePort))}"
+            )
         return leave
 
     def step(self, index: int) -> Step:
         """As a step of a route."""
         pipe = Tee(self.run_length, self.branch_length, self.fillet_radius, self.inner_diameter)
-        return Step(self.name or f"{self.kind}_{index}", pipe, self.enter, self.leave, math.radians(self.turn_deg))
+        return Step(
+            self.name or f"{self.kind}_{index}",
+            pipe,
+            self.enter,
+            self.leave,
+            math.radians(self.turn_deg),
+        )
 
 
 Pipe = Annotated[StraightPipe | ReducerPipe | ElbowPipe | TeePipe, Field(discriminator="kind")]
@@ -180,7 +201,9 @@ class World(Table):
 class Contact(Table):
     """Lugs on the wall."""
 
-    friction: Annotated[float, Field(ge=0, le=5)] = 0.9  # Coulomb coefficient; latex on dry plastic, assumed
+    friction: Annotated[float, Field(ge=0, le=5)] = (
+        0.9  # Coulomb coefficient; latex on dry plastic, assumed
+    )
 
 
 class Control(Table):
@@ -194,11 +217,19 @@ class Control(Table):
     lookahead: Annotated[float, Field(ge=0)] = 0.03  # m
     rotation_limit: Positive = 15.0  # rad/m
     speed_limit: Positive = 0.2  # m/s, of a belt
-    tee_turn_radius: Positive = TEE_ARCS.turn  # m, centreline's arc from run to branch, as far as it fits the tee
+    tee_turn_radius: Positive = (
+        TEE_ARCS.turn
+    )  # m, centreline's arc from run to branch, as far as it fits the tee
     tee_merge_radius: Positive = TEE_ARCS.merge  # m, likewise from branch to run
-    elbow_delay: Annotated[float, Field(ge=0, le=1)] = 0.0  # m, head past the bend's start when "paper" begins an elbow
-    tee_trigger: Annotated[float, Field(ge=-1, le=1)] | None = None  # m, likewise past a tee's opening; none: R/2
-    safe_margin_deg: Annotated[float, Field(gt=0, le=60)] | None = None  # of theta5; none: by the robot's reach
+    elbow_delay: Annotated[float, Field(ge=0, le=1)] = (
+        0.0  # m, head past the bend's start when "paper" begins an elbow
+    )
+    tee_trigger: Annotated[float, Field(ge=-1, le=1)] | None = (
+        None  # m, likewise past a tee's opening; none: R/2
+    )
+    safe_margin_deg: Annotated[float, Field(gt=0, le=60)] | None = (
+        None  # of theta5; none: by the robot's reach
+    )
 
     @property
     def arcs(self) -> TeeArcs:
@@ -216,9 +247,15 @@ class Physics(Table):
     control_period: Annotated[float, Field(gt=0, le=0.05)] = 0.01  # s
     record_period: Annotated[float, Field(gt=0, le=1)] = 0.02  # s
     time_limit: Positive | None = None  # s; none: four times the route at cruise speed, and 20 s
-    collider: ColliderName = "primitives"  # walls of boxes and lugs, or "exact" surfaces and whole tracks (extra fast)
-    wall_tolerance: Annotated[float, Field(ge=1e-6, le=2e-3)] = 1e-4  # m, walls against the exact surface
-    staves: Annotated[int, Field(ge=8, le=720)] | None = None  # wall pieces around a bore; none: by tolerance
+    collider: ColliderName = (
+        "primitives"  # walls of boxes and lugs, or "exact" surfaces and whole tracks (extra fast)
+    )
+    wall_tolerance: Annotated[float, Field(ge=1e-6, le=2e-3)] = (
+        1e-4  # m, walls against the exact surface
+    )
+    staves: Annotated[int, Field(ge=8, le=720)] | None = (
+        None  # wall pieces around a bore; none: by tolerance
+    )
 
     @field_validator("control_period", "record_period")
     @classmethod
@@ -226,7 +263,9 @@ class Physics(Table):
         """A period is a whole multiple of the one below it."""
         below = "timestep" if info.field_name == "control_period" else "control_period"
         step = info.data.get(below)  # missing when it is at fault itself
-        if step is not None and (round(period / step) < 1 or abs(period / step - round(period / step)) > 1e-6):
+        if step is not None and (
+            round(period / step) < 1 or abs(period / step - round(period / step)) > 1e-6
+        ):
             raise ValueError(f"is {period} s, not a whole multiple of physics.{below} ({step} s)")
         return period
 
@@ -234,7 +273,9 @@ class Physics(Table):
 class Goal(Table):
     """Where the run is over."""
 
-    distance: Positive | None = None  # m along the centreline; none: the robot's nose at the end of the route
+    distance: Positive | None = (
+        None  # m along the centreline; none: the robot's nose at the end of the route
+    )
 
 
 class Expect(Table):

@@ -1,4 +1,5 @@
-"""The legs that n robots drive: the one at hand, those to come, and new ones where the way is blocked."""
+"""The legs that n robots drive: the one at hand, those to come, and new ones where the way is
+blocked."""
 
 from __future__ import annotations
 
@@ -41,7 +42,8 @@ class Legs:
         self.end = np.array([s.goal_distance for s in scenarios])
 
     def next_of(self, robot: int, distance: float, arrived: bool) -> tuple[Leg | None, list[str]]:
-        """The leg that follows for a robot at arc length ``distance`` m, and what there is to tell about it.
+        """The leg that follows for a robot at arc length ``distance`` m, and what there is to tell
+        about it.
 
         Args:
             robot: index.
@@ -64,7 +66,10 @@ class Legs:
         else:
             port = planner.obstacle(leg, distance)
             self._closed[robot].append(port)
-            told.append(f"no headway at {distance:.3f} m: takes {planner.network.port_name(port)} for closed")
+            told.append(
+                f"no headway at {distance:.3f} m: takes {planner.network.port_name(port)} for "
+                "closed"
+            )
             legs = planner.onward(leg, distance, leg.goal, self._closed[robot])
         if not legs:
             return None, [*told, "no other way: gives up"]
@@ -83,7 +88,8 @@ class Legs:
         return self._way_numbers[leg.way]
 
     def missed(self, robot: int) -> tuple[str, ...]:
-        """The goals of a robot's mission that its legs so far do not lead to; none in plain pipes."""
+        """The goals of a robot's mission that its legs so far do not lead to; none in plain
+        pipes."""
         planner = self._planners[robot]
         reached = [leg.goal for leg in self._driven[robot] if leg.goal >= 0]
         return () if planner is None else planner.mission.goals[reached[-1] + 1 :]

@@ -25,7 +25,8 @@ SLIDE_BACK = 0.10
 MEMORY = 0.5
 """Time constant of the averages that the cause is read from, s."""
 TEE_ROOM = 1.5
-"""Offset from the centreline, in pipe radii, beyond which a robot has gone astray in a tee turn; 1 elsewhere."""
+"""Offset from the centreline, in pipe radii, beyond which a robot has gone astray in a tee turn; 1
+elsewhere."""
 LOST_CONTACT = 1.0
 """Mean normal force below which a module counts as having lost the wall, N."""
 NO_MOTION_COSINE = 0.2
@@ -35,7 +36,8 @@ STALLED_SPEED = 0.2
 
 
 SendsOn = Callable[[int, Place, float, bool], float | None]
-"""Given a robot, the places of all, the time in s and whether it has arrived: seconds for its next leg, or None."""
+"""Given a robot, the places of all, the time in s and whether it has arrived: seconds for its next
+leg, or None."""
 
 
 @dataclass
@@ -69,7 +71,8 @@ class Monitor:
         period: float,
         sends_on: SendsOn,
     ):
-        """``goal`` (n,) m is read anew at every step. ``sends_on`` is asked before a trial ends that could go on."""
+        """``goal`` (n,) m is read anew at every step. ``sends_on`` is asked before a trial ends
+        that could go on."""
         n = len(goal)
         self._sends_on = sends_on
         self.guide, self.goal, self.period = guide, goal, period
@@ -122,7 +125,8 @@ class Monitor:
         # Headway is counted anew from where a robot rests or has backed off to.
         self.farthest = np.where(progress | resting, place.distance, self.farthest)
         self.waiting = np.where(progress | resting, 0.0, self.waiting + self.period)
-        # In the middle of a tee the arc of a turn is up to a bore's radius from where the robot may well be.
+        # In the middle of a tee the arc of a turn is up to a bore's radius from where the robot may
+        # well be.
         in_turn = self.guide.is_tee[place.passage] & self.guide.is_turn[place.passage]
         room = self.guide.radius[place.passage] * np.where(in_turn, TEE_ROOM, 1.0)
         outside = (place.offset > room) | (place.distance < -self.exit)
@@ -143,7 +147,11 @@ class Monitor:
                 if i in sent:
                     continue
                 goes_on = outcome in (None, Outcome.REACHED_GOAL)
-                allowed = self._sends_on(i, place, float(readings.time[i]), outcome is not None) if goes_on else None
+                allowed = (
+                    self._sends_on(i, place, float(readings.time[i]), outcome is not None)
+                    if goes_on
+                    else None
+                )
                 if allowed is None:
                     self._end(i, outcome or self._cause(i, place), readings, place)
                 else:
@@ -154,7 +162,9 @@ class Monitor:
     def _cause(self, i: int, place: Place) -> Outcome:
         """Why trial ``i`` makes no headway."""
         mean, passage = self._mean, int(place.passage[i])
-        stalled = (mean.saturated[i] > 0.5) & (mean.belt_speed[i] < STALLED_SPEED * mean.belt_command[i])
+        stalled = (mean.saturated[i] > 0.5) & (
+            mean.belt_speed[i] < STALLED_SPEED * mean.belt_command[i]
+        )
         if (mean.roll_cosine[i] < NO_MOTION_COSINE).all():
             return Outcome.NO_MOTION_LINE
         turning = self.guide.is_tee[passage] and self.guide.is_turn[passage]
@@ -174,11 +184,13 @@ class Monitor:
         self.outcome[i], self.end_time[i] = outcome, readings.time[i]
         mean = self._mean
         where = (
-            f"at {place.distance[i]:.3f} m of {self.guide.lengths[place.way[i]]:.3f} m after {readings.time[i]:.2f} s"
+            f"at {place.distance[i]:.3f} m of {self.guide.lengths[place.way[i]]:.3f} m after "
+            f"{readings.time[i]:.2f} s"
         )
         forces = ", ".join(f"{f:.1f}" for f in mean.normal_force[i])
         slips = ", ".join(f"{s:.2f}" for s in mean.slip_ratio[i])
         self.reason[i] = (
-            f"{where}; tilt {np.degrees(place.tilt[i]):.1f} deg, normal force {forces} N, slip ratio {slips} "
+            f"{where}; tilt {np.degrees(place.tilt[i]):.1f} deg, normal force {forces} N, slip "
+            f"ratio {slips} "
             f"(means of the last {MEMORY} s)"
         )

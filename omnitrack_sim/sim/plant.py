@@ -17,7 +17,8 @@ from omnitrack_sim.theory.kinematics import belt_sign
 
 NUMBERS = (1, 2, 3)
 BOTH_TRACKS_COSINE = 0.5
-"""Size of cos(roll) below which both tracks of a module can touch; beyond, the track away from the wall is left out."""
+"""Size of cos(roll) below which both tracks of a module can touch; beyond, the track away from the
+wall is left out."""
 AT_REST = 1e-3
 """Speed below which no slip ratio is formed, m/s."""
 
@@ -81,7 +82,8 @@ def _touching_geoms(model: mujoco.MjModel, body: int) -> list[int]:
 
 
 class Plant:
-    """n copies of a model, each with its own start, friction, gravity and springs, stepped on ``threads`` threads."""
+    """n copies of a model, each with its own start, friction, gravity and springs, stepped on
+    ``threads`` threads."""
 
     def __init__(self, model: mujoco.MjModel, robot: Robot, trials: Trials, threads: int = 1):
         self.model, self.robot = model, robot
@@ -99,19 +101,38 @@ class Plant:
     def _resolve_names(self) -> None:
         """Names to addresses, once."""
         model = self.model
-        joint = {k: [model.joint(f"{k}_{i}").qposadr[0] for i in NUMBERS] for k in ("slide", "pitch", "roll")}
-        self._slide, self._pitch, self._roll = (np.array(joint[k]) for k in ("slide", "pitch", "roll"))
+        joint = {
+            k: [model.joint(f"{k}_{i}").qposadr[0] for i in NUMBERS]
+            for k in ("slide", "pitch", "roll")
+        }
+        self._slide, self._pitch, self._roll = (
+            np.array(joint[k]) for k in ("slide", "pitch", "roll")
+        )
         self._arms = np.array([model.body(f"arm_{i}").id for i in NUMBERS])
         self._modules = np.array([model.body(f"module_{i}").id for i in NUMBERS])
         contact = [[model.sensor(f"contact_{t}_{i}").adr[0] for t in TRACKS] for i in NUMBERS]
         self._contact = np.array(contact)[:, :, None] + np.arange(7)  # (3, 2, 7)
-        self._velocity = np.array([model.sensor(f"velocity_{i}").adr[0] for i in NUMBERS])[:, None] + np.arange(3)
-        self._spin = np.array([model.sensor(f"spin_{i}").adr[0] for i in NUMBERS])[:, None] + np.arange(3)
-        self._tracks = np.array([[model.body(f"track_{t}_{i}").id for t in TRACKS] for i in NUMBERS])  # (3, 2)
-        self._lugs = np.array([[_touching_geoms(model, body) for body in pair] for pair in self._tracks])  # (3, 2, K)
-        self._springs = np.array([model.tendon(f"spring_{e}_{i}").id for e in ("front", "rear") for i in NUMBERS])
-        self._belts = np.array([[model.joint(f"belt_{t}_{i}").qposadr[0] for t in TRACKS] for i in NUMBERS])  # (3, 2)
-        self._belt_dofs = np.array([[model.joint(f"belt_{t}_{i}").dofadr[0] for t in TRACKS] for i in NUMBERS])
+        self._velocity = np.array([model.sensor(f"velocity_{i}").adr[0] for i in NUMBERS])[
+            :, None
+        ] + np.arange(3)
+        self._spin = np.array([model.sensor(f"spin_{i}").adr[0] for i in NUMBERS])[
+            :, None
+        ] + np.arange(3)
+        self._tracks = np.array(
+            [[model.body(f"track_{t}_{i}").id for t in TRACKS] for i in NUMBERS]
+        )  # (3, 2)
+        self._lugs = np.array(
+            [[_touching_geoms(model, body) for body in pair] for pair in self._tracks]
+        )  # (3, 2, K)
+        self._springs = np.array(
+            [model.tendon(f"spring_{e}_{i}").id for e in ("front", "rear") for i in NUMBERS]
+        )
+        self._belts = np.array(
+            [[model.joint(f"belt_{t}_{i}").qposadr[0] for t in TRACKS] for i in NUMBERS]
+        )  # (3, 2)
+        self._belt_dofs = np.array(
+            [[model.joint(f"belt_{t}_{i}").dofadr[0] for t in TRACKS] for i in NUMBERS]
+        )
         self._belt_motors = np.array([model.actuator(f"belt_{i}").id for i in NUMBERS])
         self._roll_motors = np.array([model.actuator(f"roll_{i}").id for i in NUMBERS])
 
@@ -122,7 +143,10 @@ class Plant:
         self._qvel, self._actuator_force = b.bind("qvel"), b.bind("actuator_force")
         self._force_range = b.expand("actuator_forcerange")
         self._geom_contype, self._body_contype = b.expand("geom_contype"), b.expand("body_contype")
-        self._body_conaffinity, self._geom_conaffinity = b.expand("body_conaffinity"), b.expand("geom_conaffinity")
+        self._body_conaffinity, self._geom_conaffinity = (
+            b.expand("body_conaffinity"),
+            b.expand("geom_conaffinity"),
+        )
         self._at_wall = np.ones((self.n, 3, 2), bool)
 
     def _set_trials(self, trials: Trials) -> None:
@@ -171,28 +195,40 @@ class Plant:
             module_speed=module_speed,
             wall_speed=wall_speed,
             slip_velocity=slip,
-            slip_ratio=np.where(scale > AT_REST, np.clip(slip / np.maximum(scale, AT_REST), -1, 1), 0.0),
+            slip_ratio=np.where(
+                scale > AT_REST, np.clip(slip / np.maximum(scale, AT_REST), -1, 1), 0.0
+            ),
             contact_count=contact[..., 0],
             contact_position=position,
         )
 
     def _contact_centre(self, contact: Array, force: Array) -> Array:
-        """Force-weighted centre of each module's contacts (n, 3, 3) m; where there is none, the last one."""
+        """Force-weighted centre of each module's contacts (n, 3, 3) m; where there is none, the
+        last one."""
         weight = np.sqrt(dot(force, force))  # (n, 3, 2)
         total = weight[..., 0] + weight[..., 1]
         centre = weight[..., :1] * contact[:, :, 0, 4:7] + weight[..., 1:] * contact[:, :, 1, 4:7]
         known = total > 0
         self._contact_position = np.where(
-            known[..., None], centre / np.where(known, total, 1.0)[..., None], self._contact_position
+            known[..., None],
+            centre / np.where(known, total, 1.0)[..., None],
+            self._contact_position,
         )
         return self._contact_position
 
-    def step(self, active: NDArray[np.intp], drive: tuple[Array, Array, Array], roll: Array, substeps: int) -> None:
+    def step(
+        self,
+        active: NDArray[np.intp],
+        drive: tuple[Array, Array, Array],
+        roll: Array,
+        substeps: int,
+    ) -> None:
         """Advance the ``active`` robots (m,) by ``substeps`` physics steps.
 
         Args:
             active: indices (m,).
-            drive: belt speed set points (n, 3) m/s, least and largest belt force (n, 3) N, see ``Drive.advance``.
+            drive: belt speed set points (n, 3) m/s, least and largest belt force (n, 3) N, see
+                ``Drive.advance``.
             roll: (n, 3) rad asked of the rotary motors.
             substeps: physics steps.
         """
@@ -200,9 +236,12 @@ class Plant:
         self._ctrl[:, self._belt_motors], self._ctrl[:, self._roll_motors] = set_point, roll
         self._force_range[:, self._belt_motors, 0] = lowest
         self._force_range[:, self._belt_motors, 1] = highest
-        # Chains are endless: a row of lugs that has moved on by a pitch is the same row, moved back.
+        # Chains are endless: a row of lugs that has moved on by a pitch is the same row, moved
+        # back.
         travel = self.qpos[:, self._belts]
-        self.qpos[:, self._belts] = travel - self._pitch_of_lugs * np.round(travel / self._pitch_of_lugs)
+        self.qpos[:, self._belts] = travel - self._pitch_of_lugs * np.round(
+            travel / self._pitch_of_lugs
+        )
         self._leave_out_far_tracks()
         try:
             self._batch.step(active, nstep=substeps)
@@ -212,9 +251,12 @@ class Plant:
         self.diverged |= (warnings > self._warnings) | ~np.isfinite(self.qpos).all(axis=-1)
 
     def _leave_out_far_tracks(self) -> None:
-        """Switch off the contacts of tracks that face away from the wall: half of the collision work."""
+        """Switch off the contacts of tracks that face away from the wall: half of the collision
+        work."""
         cosine = np.cos(self.qpos[:, self._roll])
-        at_wall = np.stack([cosine > -BOTH_TRACKS_COSINE, cosine < BOTH_TRACKS_COSINE], axis=-1)  # (n, 3, 2)
+        at_wall = np.stack(
+            [cosine > -BOTH_TRACKS_COSINE, cosine < BOTH_TRACKS_COSINE], axis=-1
+        )  # (n, 3, 2)
         if np.array_equal(at_wall, self._at_wall):
             return
         self._at_wall = at_wall

@@ -70,17 +70,23 @@ class Result:
 
     @property
     def as_expected(self) -> bool | None:
-        """Whether the outcome is the scenario's ``expect.outcome``; None where it expects nothing."""
+        """Whether the outcome is the scenario's ``expect.outcome``; None where it expects
+        nothing."""
         expected = self.scenario.expect.outcome
         return None if expected is None else self.outcome is expected
 
     def routes(self) -> tuple[Route, ...]:
         """The route of each leg, in the order of the trajectory's ``leg``."""
         planner = self.scenario.planner
-        return (self.scenario.route(),) if planner is None else tuple(planner.route(leg) for leg in self.legs)
+        return (
+            (self.scenario.route(),)
+            if planner is None
+            else tuple(planner.route(leg) for leg in self.legs)
+        )
 
     def goal_points(self) -> Array:
-        """Where the robot's centre has to get to, (G, 3) m, world frame; of a mission the goals' ports, in order."""
+        """Where the robot's centre has to get to, (G, 3) m, world frame; of a mission the goals'
+        ports, in order."""
         planner = self.scenario.planner
         if planner is not None:
             parts = planner.network.pipes.parts
@@ -92,7 +98,10 @@ class Result:
         """Rims (P, 25, 3) m, world frame, of the plates that close ports."""
         parts, angle = self.routes()[0].network.parts, np.linspace(0.0, 2 * np.pi, 25)
         circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(25)], axis=-1)
-        found = [(parts[i].port(port), parts[i].fitting.port_radius(port)) for i, port in self.scenario.plates]
+        found = [
+            (parts[i].port(port), parts[i].fitting.port_radius(port))
+            for i, port in self.scenario.plates
+        ]
         return np.array([pose.apply(radius * circle) for pose, radius in found]).reshape(-1, 25, 3)
 
     def timeline(self) -> list[Visit]:
@@ -116,8 +125,11 @@ class Result:
         }
 
     def write(self, folder: Path) -> None:
-        """Write scenario, result, timeline, trajectory and replay, a file each, into an existing folder."""
-        (folder / "scenario.json").write_text(self.scenario.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        """Write scenario, result, timeline, trajectory and replay, a file each, into an existing
+        folder."""
+        (folder / "scenario.json").write_text(
+            self.scenario.model_dump_json(indent=2) + "\n", encoding="utf-8"
+        )
         summary = json.dumps(_finite(self.summary()), indent=2, allow_nan=False)
         (folder / RESULT_FILE).write_text(summary + "\n", encoding="utf-8")
         _write_timeline(self.timeline(), folder / "timeline.csv")
@@ -146,12 +158,14 @@ def _finite(value: Any) -> Any:
 
 @contextmanager
 def run_folder(directory: str | Path, mark: str = RESULT_FILE) -> Iterator[Path]:
-    """A temporary folder beside ``directory`` that takes its place when the block ends without an error.
+    """A temporary folder beside ``directory`` that takes its place when the block ends without an
+    error.
 
     ``mark`` is the file by which a folder that may be replaced is known.
 
     Raises:
-        OutputError: ``directory`` holds something that is no run, or the disk is full or closed to us.
+        OutputError: ``directory`` holds something that is no run, or the disk is full or closed to
+            us.
     """
     target = Path(directory).resolve()
     temporary: Path | None = None
@@ -178,7 +192,9 @@ def check_output(directory: str | Path, mark: str = RESULT_FILE) -> None:
     target = Path(directory)
     if target.is_dir():
         if any(target.iterdir()) and not (target / mark).is_file():
-            raise OutputError(f"{target}: holds files but no {mark}, so it is no run; choose another folder")
+            raise OutputError(
+                f"{target}: holds files but no {mark}, so it is no run; choose another folder"
+            )
     elif target.exists():
         raise OutputError(f"{target}: is a file; choose a folder")
 
@@ -248,7 +264,8 @@ def column_names(channel: str) -> list[str]:
 
 
 def _write_timeline(visits: list[Visit], path: Path) -> None:
-    """One row a visit. Numbers are written so that reading gives them back exactly; what there is not, is empty."""
+    """One row a visit. Numbers are written so that reading gives them back exactly; what there is
+    not, is empty."""
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(field.name for field in dataclasses.fields(Visit))
@@ -256,7 +273,8 @@ def _write_timeline(visits: list[Visit], path: Path) -> None:
 
 
 def _write_parquet(trajectory: Trajectory, path: Path) -> None:
-    """One row a sample; unit and meaning stand in each column's metadata, phase names in the table's."""
+    """One row a sample; unit and meaning stand in each column's metadata, phase names in the
+    table's."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -266,7 +284,9 @@ def _write_parquet(trajectory: Trajectory, path: Path) -> None:
         flat = np.asarray(trajectory[name]).reshape(len(trajectory), -1)
         kind = pa.int32() if channel.unit == "code" or name == "contact_count" else pa.float64()
         for column, values in zip(column_names(name), flat.T, strict=True):
-            fields.append(pa.field(column, kind, metadata={"unit": channel.unit, "meaning": channel.meaning}))
+            fields.append(
+                pa.field(column, kind, metadata={"unit": channel.unit, "meaning": channel.meaning})
+            )
             columns.append(pa.array(np.ascontiguousarray(values).astype(kind.to_pandas_dtype())))
     schema = pa.schema(fields, metadata={"phases": json.dumps(trajectory.phases)})
     pq.write_table(pa.Table.from_arrays(columns, schema=schema), path, compression="zstd")
@@ -291,7 +311,8 @@ def _read_trajectory(folder: Path) -> Trajectory:
 
 
 def _write_npz(path: Path, **arrays: np.ndarray) -> None:
-    """As ``numpy.savez_compressed``, but without the time of day, so that equal runs give equal bytes."""
+    """As ``numpy.savez_compressed``, but without the time of day, so that equal runs give equal
+    bytes."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, array in arrays.items():
             buffer = io.BytesIO()
@@ -325,12 +346,24 @@ def _version(package: str) -> str | None:
 
 
 def _git_commit() -> str | None:
-    """Commit of the checkout that the package runs from, with ``+changes`` where files differ; None outside one."""
+    """Commit of the checkout that the package runs from, with ``+changes`` where files differ; None
+    outside one."""
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return None
     try:
-        command = ["git", "-C", str(root), "describe", "--always", "--abbrev=40", "--dirty=+changes", "--exclude=*"]
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
+        command = [
+            "git",
+            "-C",
+            str(root),
+            "describe",
+            "--always",
+            "--abbrev=40",
+            "--dirty=+changes",
+            "--exclude=*",
+        ]
+        return subprocess.run(
+            command, capture_output=True, text=True, check=True, timeout=10
+        ).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return None

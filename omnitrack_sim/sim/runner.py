@@ -31,7 +31,8 @@ from omnitrack_sim.sim.setup import motor_of, scene_of, settings_of, trials_of, 
 Progress = Callable[[float, str], None]
 """Called with the part done, 0 to 1, and a word about the run."""
 MakePlant = Callable[[Scenario, Trials, int], Plant]
-"""Makes a plant from the first scenario of a batch, the start values of all, and the number of threads."""
+"""Makes a plant from the first scenario of a batch, the start values of all, and the number of
+threads."""
 
 
 def run(scenario: Scenario, *, threads: int = 1, progress: Progress | None = None) -> Result:
@@ -40,7 +41,11 @@ def run(scenario: Scenario, *, threads: int = 1, progress: Progress | None = Non
 
 
 def run_batch(
-    scenarios: Sequence[Scenario], *, threads: int = 0, progress: Progress | None = None, no_load: bool = True
+    scenarios: Sequence[Scenario],
+    *,
+    threads: int = 0,
+    progress: Progress | None = None,
+    no_load: bool = True,
 ) -> list[Result]:
     """Run scenarios, those that share a model in one batch; results in the order of ``scenarios``.
 
@@ -48,8 +53,8 @@ def run_batch(
         scenarios: any number.
         threads: native threads for the physics; 0 uses all cores. The results do not depend on it.
         progress: see ``Progress``.
-        no_load: also measure the slip without load, by a short run for each robot, friction and speed; without it
-            ``no_load_slip_m_s`` is not a number.
+        no_load: also measure the slip without load, by a short run for each robot, friction and
+            speed; without it ``no_load_slip_m_s`` is not a number.
     """
     groups: dict[str, list[int]] = defaultdict(list)
     for index, scenario in enumerate(scenarios):
@@ -58,7 +63,11 @@ def run_batch(
     for indices in groups.values():
         done = len(results) / len(scenarios)
         share = len(indices) / len(scenarios)
-        report = None if progress is None else (lambda part, text, d=done, s=share: progress(d + s * part, text))
+        report = (
+            None
+            if progress is None
+            else (lambda part, text, d=done, s=share: progress(d + s * part, text))
+        )
         batch = BatchRun([scenarios[i] for i in indices], threads)
         batch.advance(report)
         results.update(zip(indices, batch.results(no_load), strict=True))
@@ -66,7 +75,8 @@ def run_batch(
 
 
 def batch_key(data: Mapping[str, Any]) -> str:
-    """What trials must share to run in one batch: the model, the route, the controller, the clock and the motor.
+    """What trials must share to run in one batch: the model, the route, the controller, the clock
+    and the motor.
 
     Args:
         data: a scenario as plain data with every key. It need not be valid, and no route is built.
@@ -91,7 +101,8 @@ def _own_plant(scenario: Scenario, trials: Trials, threads: int) -> Plant:
 
 @dataclass
 class Shares:
-    """Wall seconds of a batch by what took them; filled when ``BatchRun.advance`` is given a clock."""
+    """Wall seconds of a batch by what took them; filled when ``BatchRun.advance`` is given a
+    clock."""
 
     physics: float = 0.0
     control: float = 0.0
@@ -101,8 +112,11 @@ class Shares:
 class BatchRun:
     """n trials of one model in closed loop."""
 
-    def __init__(self, scenarios: Sequence[Scenario], threads: int = 1, make_plant: MakePlant | None = None):
-        """``make_plant`` puts another plant in the place of the scenarios' own: other walls, another engine."""
+    def __init__(
+        self, scenarios: Sequence[Scenario], threads: int = 1, make_plant: MakePlant | None = None
+    ):
+        """``make_plant`` puts another plant in the place of the scenarios' own: other walls,
+        another engine."""
         first = scenarios[0]
         self.scenarios = scenarios
         self.period = first.physics.control_period
@@ -140,7 +154,9 @@ class BatchRun:
         self.phase = np.zeros(len(scenarios), int)
         self.shares = Shares()
 
-    def advance(self, progress: Progress | None = None, clock: Callable[[], float] = lambda: 0.0) -> None:
+    def advance(
+        self, progress: Progress | None = None, clock: Callable[[], float] = lambda: 0.0
+    ) -> None:
         """Run all trials to their ends. ``clock`` (s) measures ``shares``."""
         tick = 0
         while True:
@@ -175,12 +191,18 @@ class BatchRun:
         """Whether a robot was sent onto another leg."""
         before = self.legs.number.copy()
         self.monitor.update(
-            readings, place, self.belt_command, self.drive.saturated, self.controller.resting, self.plant.diverged
+            readings,
+            place,
+            self.belt_command,
+            self.drive.saturated,
+            self.controller.resting,
+            self.plant.diverged,
         )
         return bool((self.legs.number != before).any())
 
     def _sends_on(self, robot: int, place: Place, time: float, arrived: bool) -> float | None:
-        """Send a robot that has arrived at the end of its leg, or hangs, onto its next one, if it has one.
+        """Send a robot that has arrived at the end of its leg, or hangs, onto its next one, if it
+        has one.
 
         Returns:
             Simulated seconds that the leg may take; None where there is none.
@@ -195,14 +217,18 @@ class BatchRun:
         self.controller.begin_leg(robot, bool(leg.gear != gear))
         return self.scenarios[robot].time_for(float(self.guide.lengths[way]))
 
-    def _command(self, readings: Readings, place: Place, active: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+    def _command(
+        self, readings: Readings, place: Place, active: NDArray[np.intp]
+    ) -> tuple[Array, Array, Array]:
         """Ask the controller, drive the motors. Trials that have ended keep their last command."""
         seen_so = seen(self._observation(readings, place), self.legs.gear)
         command = carried_out(self.controller.step(seen_so), self.legs.gear)
         self.belt_command[active] = command.belt_speed[active]
         self.roll_command[active] = command.roll[active]
         self.phase[active] = command.phase[active]
-        return self.drive.advance(self.belt_command, readings.belt_speed, readings.motor_torque, self.period)
+        return self.drive.advance(
+            self.belt_command, readings.belt_speed, readings.motor_torque, self.period
+        )
 
     def _observation(self, readings: Readings, place: Place) -> Observation:
         return Observation(
@@ -299,17 +325,20 @@ BASELINE_TIME, BASELINE_SETTLED = 0.8, 0.5
 
 
 def no_load_slips(scenarios: Sequence[Scenario]) -> list[float]:
-    """Mean slip speed, m/s, of the same robots at the same speed in a straight pipe without gravity.
+    """Mean slip speed, m/s, of the same robots at the same speed in a straight pipe without
+    gravity.
 
-    Regularised friction creeps: this is what slip reads when nothing pulls. Measured by a short run, one for each
-    robot, physics, friction and speed.
+    Regularised friction creeps: this is what slip reads when nothing pulls. Measured by a short
+    run, one for each robot, physics, friction and speed.
     """
     bare = [_unloaded(s) for s in scenarios]
     distinct = list(dict.fromkeys(bare))
     batch = BatchRun([Scenario.model_validate_json(text) for text in distinct])
     batch.advance()
     slips = {}
-    for text, trajectory in zip(distinct, batch.recorder.trajectories(batch.monitor.end_time), strict=True):
+    for text, trajectory in zip(
+        distinct, batch.recorder.trajectories(batch.monitor.end_time), strict=True
+    ):
         settled = trajectory.time >= BASELINE_SETTLED
         slips[text] = float(np.abs(trajectory["slip_velocity"][settled]).mean())
     return [slips[text] for text in bare]

@@ -21,11 +21,13 @@ from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.plant import Trials
 
 SLEEP_FROM = 1000
-"""Number of geoms from which it pays to have MuJoCo pass over the walls, which needs an MjData a trial."""
+"""Number of geoms from which it pays to have MuJoCo pass over the walls, which needs an MjData a
+trial."""
 
 
 def uses_exact_collider(scenario: Scenario) -> bool:
-    """Whether a run of the scenario has exact walls: it asks for them and the compiled collider loads here."""
+    """Whether a run of the scenario has exact walls: it asks for them and the compiled collider
+    loads here."""
     return scenario.physics.collider == "exact" and why_not() is None
 
 
@@ -49,7 +51,8 @@ def scene_of(scenario: Scenario, *, looks: bool = False) -> mujoco.MjSpec:
 
 
 def start_poses(guide: Guide, distance: Array, theta5: Array) -> tuple[Array, Array]:
-    """Positions (n, 3) m and rotations (n, 3, 3) of robots on the centreline, along its tangent, turned to ``theta5``.
+    """Positions (n, 3) m and rotations (n, 3, 3) of robots on the centreline, along its tangent,
+    turned to ``theta5``.
 
     Args:
         guide: of the route.
@@ -73,7 +76,9 @@ def trials_of(scenarios: Sequence[Scenario], guide: Guide) -> Trials:
     return Trials(
         position=position,
         quaternion=quaternion_from_matrix(rotation),
-        slide=np.repeat((pipe_radius - [r.nominal_pipe_radius for r in robots])[:, None], 3, axis=1),
+        slide=np.repeat(
+            (pipe_radius - [r.nominal_pipe_radius for r in robots])[:, None], 3, axis=1
+        ),
         roll=np.repeat(np.radians([[s.start.roll_deg] for s in scenarios]), 3, axis=1),
         friction=np.array([s.contact.friction for s in scenarios]),
         gravity=np.array([s.world.gravity for s in scenarios], float),
@@ -85,21 +90,27 @@ def trials_of(scenarios: Sequence[Scenario], guide: Guide) -> Trials:
 def motor_of(robot: Robot) -> Motor:
     """The robot's crawler motor with its torque limit."""
     motor = MOTORS[robot.motor]
-    return motor if robot.torque_limit is None else dataclasses.replace(motor, torque_limit=robot.torque_limit)
+    return (
+        motor
+        if robot.torque_limit is None
+        else dataclasses.replace(motor, torque_limit=robot.torque_limit)
+    )
 
 
 def feasible_belt_speed(robot: Robot) -> float:
-    """Belt speed that the motor holds against a third of the robot's weight, m/s: the worst steady climb."""
+    """Belt speed that the motor holds against a third of the robot's weight, m/s: the worst steady
+    climb."""
     motor = motor_of(robot)
     load = robot.mass * 9.81 / 3 * robot.lug_radius
     return motor.no_load_speed * max(0.0, 1 - load / motor.stall_torque) * robot.lug_radius
 
 
 def settings_of(scenarios: Sequence[Scenario], guide: Guide) -> tuple[Settings, list[str | None]]:
-    """Control settings of each trial, and a note for each whose cruise speed had to be scaled to its motor.
+    """Control settings of each trial, and a note for each whose cruise speed had to be scaled to
+    its motor.
 
-    The outer module of a bend of radius rho runs at (1 + R / rho) times the robot's speed, so the motor's speed limits
-    the cruise speed. Belts are capped at what the motor holds.
+    The outer module of a bend of radius rho runs at (1 + R / rho) times the robot's speed, so the
+    motor's speed limits the cruise speed. Belts are capped at what the motor holds.
     """
     cruise, limit, notes = [], [], []
     radii = []
@@ -111,7 +122,8 @@ def settings_of(scenarios: Sequence[Scenario], guide: Guide) -> tuple[Settings, 
         speed = min(s.control.cruise_speed, highest / factor)
         scaled = speed < s.control.cruise_speed
         notes.append(
-            f"cruise speed scaled from {s.control.cruise_speed:.4f} to {speed:.4f} m/s: motor {s.robot.motor} holds "
+            f"cruise speed scaled from {s.control.cruise_speed:.4f} to {speed:.4f} m/s: motor "
+            f"{s.robot.motor} holds "
             f"{highest:.4f} m/s and the outer module needs {factor:.2f} times the robot's speed"
             if scaled
             else None
@@ -127,18 +139,24 @@ def settings_of(scenarios: Sequence[Scenario], guide: Guide) -> tuple[Settings, 
         lookahead=np.array([c.lookahead for c in control]),
         rotation_limit=np.array([c.rotation_limit for c in control]),
         speed_limit=np.array(limit),
-        safe_margin=np.radians([np.nan if c.safe_margin_deg is None else c.safe_margin_deg for c in control]),
+        safe_margin=np.radians(
+            [np.nan if c.safe_margin_deg is None else c.safe_margin_deg for c in control]
+        ),
         reach=np.array([s.robot.reach for s in scenarios]),
         elbow_delay=np.array([c.elbow_delay for c in control]),
         tee_trigger=np.array(
-            [r / 2 if c.tee_trigger is None else c.tee_trigger for c, r in zip(control, radii, strict=True)]
+            [
+                r / 2 if c.tee_trigger is None else c.tee_trigger
+                for c, r in zip(control, radii, strict=True)
+            ]
         ),
     )
     return settings, notes
 
 
 def _sharpest_bend(scenario: Scenario, route: Route) -> float:
-    """Largest pipe radius over bend radius that a robot may meet: on its route, or in the network of a mission."""
+    """Largest pipe radius over bend radius that a robot may meet: on its route, or in the network
+    of a mission."""
     if scenario.mission is None:
         return max((p.radius / p.bend_radius for p in route.fittings if p.is_turn), default=0.0)
     fittings = [part.fitting for part in route.network.parts]

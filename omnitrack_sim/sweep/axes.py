@@ -20,7 +20,8 @@ class AxisTable(Table):
     """What all axes have."""
 
     dimensions: ClassVar[int] = 0
-    """How many coordinates of a sampling point an axis takes; 0: its values are crossed with the others'."""
+    """How many coordinates of a sampling point an axis takes; 0: its values are crossed with the
+    others'."""
     path: Path | Annotated[tuple[Path, ...], Field(min_length=1)]
 
     @property
@@ -61,7 +62,9 @@ class ListAxis(AxisTable):
 
     @field_validator("labels")
     @classmethod
-    def _one_a_value(cls, labels: tuple[str, ...] | None, info: ValidationInfo) -> tuple[str, ...] | None:
+    def _one_a_value(
+        cls, labels: tuple[str, ...] | None, info: ValidationInfo
+    ) -> tuple[str, ...] | None:
         count = len(info.data.get("values", ()))
         if labels is not None and count and (len(labels) != count or len(set(labels)) != count):
             raise ValueError(f"needs {count} different labels, one for each value")
@@ -129,7 +132,9 @@ def _above(high: float, info: ValidationInfo) -> float:
     return high
 
 
-Axis = Annotated[GridAxis | ListAxis | UniformAxis | NormalAxis | DirectionAxis, Field(discriminator="kind")]
+Axis = Annotated[
+    GridAxis | ListAxis | UniformAxis | NormalAxis | DirectionAxis, Field(discriminator="kind")
+]
 AXES: dict[str, type[AxisTable]] = {
     "grid": GridAxis,
     "list": ListAxis,

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    wait,
+)
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,13 +31,15 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 DEATHS = 3
-"""How often a batch may lose its worker before it is run trial by trial, and a trial before it counts as the cause."""
+"""How often a batch may lose its worker before it is run trial by trial, and a trial before it
+counts as the cause."""
 _TOLD_REASONS = 3
 
 
 @dataclass(frozen=True)
 class Status:
-    """How far a sweep is: trials done of ``total``, those found done at the start, successes, workers lost."""
+    """How far a sweep is: trials done of ``total``, those found done at the start, successes,
+    workers lost."""
 
     total: int
     found: int = 0
@@ -55,14 +64,17 @@ def run_sweep(
 
     Args:
         sweep: what to run.
-        directory: where parts and table go, and where parts of earlier runs are found; none: nothing is written.
-        executor: runs the batches; none: this process. A callable makes one, and makes it anew when workers die. An
-            executor given as such is left open.
-        shard: (i, n), i from 1: only every n-th batch. The files of the whole are written by the one that finishes.
+        directory: where parts and table go, and where parts of earlier runs are found; none:
+            nothing is written.
+        executor: runs the batches; none: this process. A callable makes one, and makes it anew when
+            workers die. An executor given as such is left open.
+        shard: (i, n), i from 1: only every n-th batch. The files of the whole are written by the
+            one that finishes.
         progress: see ``Status``.
 
     Returns:
-        One row a trial, in order: the whole sweep if all parts are there, else the trials of this shard.
+        One row a trial, in order: the whole sweep if all parts are there, else the trials of this
+            shard.
 
     Raises:
         SweepError: all trials are invalid. InputError: no such shard.
@@ -85,7 +97,10 @@ def run_sweep(
 def _checked(shard: tuple[int, int]) -> tuple[int, int]:
     if not 1 <= shard[0] <= shard[1]:
         raise InputError(
-            Fault("shard", f"is {shard[0]}/{shard[1]}; it must be from 1/{shard[1]} to {shard[1]}/{shard[1]}")
+            Fault(
+                "shard",
+                f"is {shard[0]}/{shard[1]}; it must be from 1/{shard[1]} to {shard[1]}/{shard[1]}",
+            )
         )
     return shard
 
@@ -107,7 +122,9 @@ def _run_missing(
         else:
             n = len(part.trials)
             successes = status.successes + _successes(table)
-            status = replace(status, found=status.found + n, done=status.done + n, successes=successes)
+            status = replace(
+                status, found=status.found + n, done=status.done + n, successes=successes
+            )
 
     def keep(part: Part, rows: Sequence[Row], made_by: Mapping[str, Any], lost: int) -> None:
         nonlocal status
@@ -129,14 +146,22 @@ def _run_missing(
 
 
 def _finish(
-    sweep: Sweep, parts: Sequence[Part], mine: Sequence[Part], store: Folder | Memory, layout: Layout
+    sweep: Sweep,
+    parts: Sequence[Part],
+    mine: Sequence[Part],
+    store: Folder | Memory,
+    layout: Layout,
 ) -> pa.Table:
     """Merge, and write the files of the whole when every part is there."""
     tables = [store.read(part) for part in parts]
     present = [table for table in tables if table is not None]
     if len(present) < len(parts):
         numbers = {part.number for part in mine}
-        own = [table for part, table in zip(parts, tables, strict=True) if table is not None and part.number in numbers]
+        own = [
+            table
+            for part, table in zip(parts, tables, strict=True)
+            if table is not None and part.number in numbers
+        ]
         return layout.merged(own)
     table = layout.merged(present)
     _refuse_all_invalid(table)
@@ -191,15 +216,16 @@ class _Pool:
 
     @property
     def room(self) -> int | None:
-        """How many batches run at a time, where the executor tells: no more are handed out, so that when it breaks
-        only batches that ran come under suspicion."""
+        """How many batches run at a time, where the executor tells: no more are handed out, so that
+        when it breaks only batches that ran come under suspicion."""
         return getattr(self._now, "_max_workers", None)
 
     def renew(self) -> None:
         """Replace an executor that has lost its workers."""
         if self._make is None:
             raise WorkersLost(
-                "the workers of the given executor are gone; the finished parts are kept. Give a callable that makes "
+                "the workers of the given executor are gone; the finished parts are kept. Give a "
+                "callable that makes "
                 "an executor, which is then made anew"
             )
         for _ in range(DEATHS):
@@ -232,15 +258,17 @@ class _Task:
 
     def singles(self) -> list[_Task]:
         """A task for each trial."""
-        return [_Task(replace(self.part, trials=(trial,)), self.whole) for trial in self.part.trials]
+        return [
+            _Task(replace(self.part, trials=(trial,)), self.whole) for trial in self.part.trials
+        ]
 
 
 class _Dispatch:
     """Hands out parts and takes rows back.
 
-    A task whose worker dies is handed out again. After ``DEATHS`` it is a suspect: suspects run last, each alone in the
-    pool and split into single trials, so that no other can be to blame; a trial that still loses its worker as often
-    becomes a row ``error``.
+    A task whose worker dies is handed out again. After ``DEATHS`` it is a suspect: suspects run
+    last, each alone in the pool and split into single trials, so that no other can be to blame; a
+    trial that still loses its worker as often becomes a row ``error``.
     """
 
     def __init__(

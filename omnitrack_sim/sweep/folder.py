@@ -1,4 +1,5 @@
-"""A sweep's folder: parts while it runs, the table when all are there. Several processes may work in one."""
+"""A sweep's folder: parts while it runs, the table when all are there. Several processes may work
+in one."""
 
 from __future__ import annotations
 
@@ -36,7 +37,8 @@ _MOST_TOLD = 5
 
 
 class Folder:
-    """The folder of one sweep. ``renamed``: its name, groups or labels have changed since it was begun.
+    """The folder of one sweep. ``renamed``: its name, groups or labels have changed since it was
+    begun.
 
     Raises:
         OutputError: it holds another sweep or other files, or cannot be written.
@@ -54,7 +56,8 @@ class Folder:
         there = self._there() if self.path.is_dir() else None
         if there is not None and there["sha256"] != ours["sha256"]:
             raise OutputError(
-                f"{self.path}: holds a different sweep: {_told_differences(there['sweep'], ours['sweep'])}; choose "
+                f"{self.path}: holds a different sweep: "
+                f"{_told_differences(there['sweep'], ours['sweep'])}; choose "
                 "another folder with --out, or remove this one to begin anew"
             )
         (self.path / PARTS).mkdir(parents=True, exist_ok=True)
@@ -67,19 +70,26 @@ class Folder:
 
     def _there(self) -> dict[str, Any] | None:
         """What ``sweep.json`` says; None in a folder that holds nothing yet, or parts only."""
-        strange = [p.name for p in self.path.iterdir() if p.name not in _OURS and not _TEMPORARY.fullmatch(p.name)]
+        strange = [
+            p.name
+            for p in self.path.iterdir()
+            if p.name not in _OURS and not _TEMPORARY.fullmatch(p.name)
+        ]
         file = self.path / SWEEP_FILE
         if not file.is_file():
             if strange:
                 raise OutputError(
-                    f"{self.path}: holds {strange[0]!r} but no {SWEEP_FILE}, so it is no sweep; choose another folder"
+                    f"{self.path}: holds {strange[0]!r} but no {SWEEP_FILE}, so it is no sweep; "
+                    "choose another folder"
                 )
             return None
         try:
             data = json.loads(file.read_text(encoding="utf-8"))
             return {"sha256": data["sha256"], "sweep": data["sweep"]}
         except (ValueError, KeyError, TypeError) as error:
-            raise OutputError(f"{file}: is no description of a sweep ({error}); choose another folder") from error
+            raise OutputError(
+                f"{file}: is no description of a sweep ({error}); choose another folder"
+            ) from error
 
     def read(self, part: Part) -> pa.Table | None:
         """The rows of a part; None where there is no file yet, or a damaged one."""
@@ -90,8 +100,14 @@ class Folder:
         except (OSError, pa.ArrowException):
             return None
         whole = (table.schema.metadata or {}).get(b"part") == part.hash.encode()
-        whole = whole and table.schema.remove_metadata().equals(self.layout.schema.remove_metadata())
-        return table if whole and table["trial"].to_pylist() == [trial.index for trial in part.trials] else None
+        whole = whole and table.schema.remove_metadata().equals(
+            self.layout.schema.remove_metadata()
+        )
+        return (
+            table
+            if whole and table["trial"].to_pylist() == [trial.index for trial in part.trials]
+            else None
+        )
 
     def write(self, part: Part, table: pa.Table) -> None:
         """Keep the rows of a part."""
@@ -108,7 +124,10 @@ class Folder:
             table = from_parquet((self.path / TABLE_FILE).read_bytes())
         except (OSError, pa.ArrowException):
             return None
-        ours = table.schema.equals(self.layout.schema, check_metadata=True) and table.num_rows == self.layout.total
+        ours = (
+            table.schema.equals(self.layout.schema, check_metadata=True)
+            and table.num_rows == self.layout.total
+        )
         return table if ours else None
 
     def makers(self) -> set[str]:
@@ -117,9 +136,13 @@ class Folder:
             summary = json.loads((self.path / SUMMARY_FILE).read_text(encoding="utf-8"))
             return {json.dumps(maker, sort_keys=True) for maker in summary["provenance"]["made_by"]}
         except (ValueError, KeyError, TypeError) as error:
-            raise OutputError(f"{self.path / SUMMARY_FILE}: is damaged ({error}); remove it to have it anew") from error
+            raise OutputError(
+                f"{self.path / SUMMARY_FILE}: is damaged ({error}); remove it to have it anew"
+            ) from error
 
-    def finish(self, table: pa.Table, summary: Mapping[str, Any], draw: Callable[[], bytes]) -> None:
+    def finish(
+        self, table: pa.Table, summary: Mapping[str, Any], draw: Callable[[], bytes]
+    ) -> None:
         """Write the files of a finished sweep, the table last."""
         with told(self.path):
             write_whole(self.path / CSV_FILE, to_csv(table))
@@ -160,7 +183,8 @@ def told(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise OutputError(
-            f"{path}: cannot be written: {error.strerror or error}; the finished parts are kept, and the same command "
+            f"{path}: cannot be written: {error.strerror or error}; the finished parts are kept, "
+            "and the same command "
             "goes on from there"
         ) from error
 
@@ -191,7 +215,8 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def _temporary(path: Path) -> tuple[int, str]:
-    """A new file beside ``path``, open and locked: the lock tells other processes that its writer lives."""
+    """A new file beside ``path``, open and locked: the lock tells other processes that its writer
+    lives."""
     while True:
         descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
         fcntl.flock(descriptor, fcntl.LOCK_EX)
@@ -221,7 +246,9 @@ def _differences(there: Any, ours: Any, path: str) -> Iterator[str]:
     if isinstance(there, dict) and isinstance(ours, dict):
         for key in [*there, *(key for key in ours if key not in there)]:
             if path or key not in FOR_THE_RECORD:
-                yield from _differences(there.get(key, _Nothing), ours.get(key, _Nothing), f"{path}.{key}".lstrip("."))
+                yield from _differences(
+                    there.get(key, _Nothing), ours.get(key, _Nothing), f"{path}.{key}".lstrip(".")
+                )
     elif isinstance(there, list) and isinstance(ours, list):
         for i in range(max(len(there), len(ours))):
             pair = [items[i] if i < len(items) else _Nothing for items in (there, ours)]

@@ -14,18 +14,21 @@ from omnitrack_sim.sim.runner import run_batch
 from omnitrack_sim.sweep.trials import Part, changed
 
 INVALID, ERROR = "invalid", "error"
-"""Outcomes of trials that have no outcome: values that do not fit, and a fault of the program or its worker."""
+"""Outcomes of trials that have no outcome: values that do not fit, and a fault of the program or
+its worker."""
 LEFT_OUT = {"no_load_slip_m_s", "phase_time_s"}
-"""Metrics that the table does not have: one needs a run of its own for each friction, one has keys of its own."""
+"""Metrics that the table does not have: one needs a run of its own for each friction, one has keys
+of its own."""
 Row = dict[str, Any]
 """Result columns of a trial by name, and ``trial``; what is missing is null."""
 
 
 def run_part(part: Part) -> tuple[list[Row], dict[str, Any]]:
-    """Run the trials of a part on one thread; rows in their order, and what made them (versions, commit).
+    """Run the trials of a part on one thread; rows in their order, and what made them (versions,
+    commit).
 
-    A trial whose values do not fit becomes a row ``invalid``. After an exception the trials are run again, each alone,
-    which gives the same numbers; one that fails alone becomes a row ``error``.
+    A trial whose values do not fit becomes a row ``invalid``. After an exception the trials are run
+    again, each alone, which gives the same numbers; one that fails alone becomes a row ``error``.
     """
     rows: dict[int, Row] = {}
     scenarios: dict[int, Scenario] = {}
@@ -47,7 +50,9 @@ def failed_row(index: int, outcome: str, reason: str) -> Row:
 def _together(scenarios: dict[int, Scenario]) -> dict[int, Row]:
     try:
         results = run_batch(list(scenarios.values()), threads=1, no_load=False)
-        return {index: _row(index, result) for index, result in zip(scenarios, results, strict=True)}
+        return {
+            index: _row(index, result) for index, result in zip(scenarios, results, strict=True)
+        }
     except Exception as error:
         if len(scenarios) == 1:
             (index,) = scenarios

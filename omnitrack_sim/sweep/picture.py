@@ -20,14 +20,17 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 ALONG = 1 / 3
-"""Component along the run axis, of a unit vector, that parts the angle classes: each has a third of the sphere."""
+"""Component along the run axis, of a unit vector, that parts the angle classes: each has a third of
+the sphere."""
 CLASSES = ("against the run axis", "across", "along")
 
 
 def draw_map(sweep: Sweep, table: pa.Table) -> bytes:
     """``success_map.png``."""
     ends = zip(table["outcome"].to_pylist(), table["success"].to_pylist(), strict=True)
-    passed = np.array([np.nan if outcome in (INVALID, ERROR) else float(success) for outcome, success in ends])
+    passed = np.array(
+        [np.nan if outcome in (INVALID, ERROR) else float(success) for outcome, success in ends]
+    )
     buffer = io.BytesIO()
     save_figure(sweep_figure(spreads(sweep), passed, turn_case(sweep)), buffer, "png")
     return buffer.getvalue()
@@ -41,7 +44,10 @@ def spreads(sweep: Sweep) -> list[Spread]:
         axis = axis_of.get(name)
         if isinstance(axis, DirectionAxis):
             found.append(Spread(name, "", _classes(sweep, values), CLASSES))
-        elif all(type(value) in (int, float) for value in values) and getattr(axis, "labels", None) is None:
+        elif (
+            all(type(value) in (int, float) for value in values)
+            and getattr(axis, "labels", None) is None
+        ):
             found.append(Spread(name, unit_of(name) or "1", np.array(values, float)))
         else:
             order = tuple(sweep.label(name, value) for value in sweep.crossed[name])

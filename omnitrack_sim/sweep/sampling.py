@@ -10,12 +10,13 @@ from omnitrack_sim.rotations import Array
 
 Sampling = Literal["random", "latin_hypercube", "sobol"]
 Draws = Literal["common", "independent"]
-"""Whether all combinations of the crossed axes get the same draws, which compares them best, or each its own, which
-spreads over the random axes best."""
+"""Whether all combinations of the crossed axes get the same draws, which compares them best, or
+each its own, which spreads over the random axes best."""
 
 
 def unit_points(count: int, dimensions: int, sampling: Sampling, seed: int) -> Array:
-    """``count`` points (count, dimensions) of the open unit cube; the same for the same arguments."""
+    """``count`` points (count, dimensions) of the open unit cube; the same for the same
+    arguments."""
     if dimensions == 0:
         return np.empty((count, 0))
     if sampling == "random":
@@ -38,7 +39,8 @@ def uniform(u: Array, low: float, high: float) -> Array:
 
 
 def normal(u: Array, mean: float, std: float, low: float | None, high: float | None) -> Array:
-    """Normal values (n,) of points ``u`` (n,), truncated to ``low`` and ``high`` where these are given."""
+    """Normal values (n,) of points ``u`` (n,), truncated to ``low`` and ``high`` where these are
+    given."""
     from scipy.special import ndtr, ndtri
 
     a = -np.inf if low is None else (low - mean) / std
@@ -52,7 +54,8 @@ def normal(u: Array, mean: float, std: float, low: float | None, high: float | N
 
 
 def direction(u: Array, v: Array, magnitude: float) -> Array:
-    """Vectors (n, 3) of one length, uniform on the sphere, of two points (n,) each of the unit interval."""
+    """Vectors (n, 3) of one length, uniform on the sphere, of two points (n,) each of the unit
+    interval."""
     z, angle = 2 * u - 1, 2 * np.pi * v
     across = np.sqrt(1 - z**2)
     return magnitude * np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=-1)

@@ -59,7 +59,8 @@ class Sweep(_Plan):
     set: dict[str, Any]
 
     def trials(self) -> dict[str, list[Any]]:
-        """The axis values, one a trial, by the axis' first path; ``base`` first where there are several."""
+        """The axis values, one a trial, by the axis' first path; ``base`` first where there are
+        several."""
         return {name: list(values) for name, values in self._columns.items()}
 
     def scenario(self, index: int) -> Scenario:
@@ -88,7 +89,9 @@ class Sweep(_Plan):
         """SHA-256 of what the table depends on: all but the name, the groups and the labels."""
         left_out = dict.fromkeys(FOR_THE_RECORD, True) | {"axes": {"__all__": {"labels"}}}
         told = self.model_dump(mode="json", exclude=left_out)
-        return hashlib.sha256(json.dumps([trials.FORMAT, told], sort_keys=True).encode()).hexdigest()
+        return hashlib.sha256(
+            json.dumps([trials.FORMAT, told], sort_keys=True).encode()
+        ).hexdigest()
 
     @property
     def crossed(self) -> dict[str, list[Any]]:
@@ -101,7 +104,11 @@ class Sweep(_Plan):
         if self.group_by is not None:
             return self.group_by
         most = {axis.name: MOST_GRID for axis in self.axes if isinstance(axis, GridAxis)}
-        return tuple(name for name, values in self.crossed.items() if len(values) <= most.get(name, MOST_LISTED))
+        return tuple(
+            name
+            for name, values in self.crossed.items()
+            if len(values) <= most.get(name, MOST_LISTED)
+        )
 
     def label(self, name: str, value: Any) -> str:
         """A value of a crossed axis in words: its label, the text itself, nine digits, or JSON."""
@@ -118,7 +125,9 @@ class Sweep(_Plan):
 
     @cached_property
     def _columns(self) -> trials.Columns:
-        return trials.expand(self._plain, self.axes, self.samples, self.sampling, self.draws, self.seed)
+        return trials.expand(
+            self._plain, self.axes, self.samples, self.sampling, self.draws, self.seed
+        )
 
 
 def load_sweep(source: str | Path, changes: Mapping[str, Any] | None = None) -> Sweep:
@@ -126,16 +135,20 @@ def load_sweep(source: str | Path, changes: Mapping[str, Any] | None = None) -> 
 
     Args:
         source: the file or name.
-        changes: of the base scenarios by dotted path; they come after those of the file's ``[set]``.
+        changes: of the base scenarios by dotted path; they come after those of the file's
+            ``[set]``.
 
     Raises:
-        SweepError: no such file, bad TOML, or any fault in it; every fault is listed with its path in the file.
+        SweepError: no such file, bad TOML, or any fault in it; every fault is listed with its path
+            in the file.
     """
     path, data = read_toml(source, "sweep", shipped_sweeps(), SweepError)
     return resolve(data, path.parent, changes)
 
 
-def resolve(data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str, Any] | None = None) -> Sweep:
+def resolve(
+    data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str, Any] | None = None
+) -> Sweep:
     """A sweep from plain data as read from TOML.
 
     Args:
@@ -152,7 +165,9 @@ def resolve(data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str
         raise SweepError(_faults_of(error)) from None
     bases, faults = _bases(file, folder, changes or {})
     if bases:
-        faults += [fault for i in range(len(file.axes)) for fault in _axis_faults(i, file.axes, bases)]
+        faults += [
+            fault for i in range(len(file.axes)) for fault in _axis_faults(i, file.axes, bases)
+        ]
         faults += _clashes(file, bases, changes or {})
     if faults:
         raise SweepError(faults)
@@ -161,18 +176,28 @@ def resolve(data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str
 
 
 def _faults_of(error: ValidationError) -> Iterator[Fault]:
-    """pydantic's errors as faults. A key that takes two kinds of value has an error for each, which is told once."""
+    """pydantic's errors as faults. A key that takes two kinds of value has an error for each, which
+    is told once."""
     told: set[str] = set()
     for item in error.errors():
         places, context = item["loc"], item.get("ctx", {})
         if item["type"] == "union_tag_invalid" and context["tag"] in _SAMPLINGS:
             where = ".".join(map(str, (*places, "kind")))
-            said = f'is {context["tag"]!r}, which is no kind of axis: write sampling = "{context["tag"]}" at the top'
+            tag = context["tag"]
+            said = f'is {tag!r}, which is no kind of axis: write sampling = "{tag}" at the top'
             yield Fault(where, f"{said} and a distribution here", tuple(sorted(AXES)))
         elif set(places) & {"path", "base"}:
-            where = places[: 1 + max(places.index(key) for key in ("path", "base") if key in places)]
-            plain = ".".join(str(place) for i, place in enumerate(where) if not (i == 2 and place in AXES))
-            problem = "is missing" if item["type"] == "missing" else "is neither a text nor a list of texts"
+            where = places[
+                : 1 + max(places.index(key) for key in ("path", "base") if key in places)
+            ]
+            plain = ".".join(
+                str(place) for i, place in enumerate(where) if not (i == 2 and place in AXES)
+            )
+            problem = (
+                "is missing"
+                if item["type"] == "missing"
+                else "is neither a text nor a list of texts"
+            )
             if plain not in told:
                 yield Fault(plain, problem)
             told.add(plain)
@@ -182,11 +207,15 @@ def _faults_of(error: ValidationError) -> Iterator[Fault]:
 
 def _choices_at(places: list[str]) -> tuple[str, ...]:
     """Valid keys of the table at a pydantic path."""
-    table: type[BaseModel] = AXES[places[2]] if places[:1] == ["axes"] and len(places) > 2 else SweepFile
+    table: type[BaseModel] = (
+        AXES[places[2]] if places[:1] == ["axes"] and len(places) > 2 else SweepFile
+    )
     return tuple(table.model_fields)
 
 
-def _bases(file: SweepFile, folder: Path, changes: Mapping[str, Any]) -> tuple[dict[str, Scenario], list[Fault]]:
+def _bases(
+    file: SweepFile, folder: Path, changes: Mapping[str, Any]
+) -> tuple[dict[str, Scenario], list[Fault]]:
     """The base scenarios with all changes, by name, and what is wrong with them."""
     bases: dict[str, Scenario] = {}
     faults: list[Fault] = []
@@ -196,7 +225,10 @@ def _bases(file: SweepFile, folder: Path, changes: Mapping[str, Any]) -> tuple[d
         try:
             scenario = load_scenario(folder / source if (folder / source).is_file() else source)
         except ScenarioError as error:
-            faults += [Fault(f"{where}: {fault.where}", fault.problem, fault.choices) for fault in error.faults]
+            faults += [
+                Fault(f"{where}: {fault.where}", fault.problem, fault.choices)
+                for fault in error.faults
+            ]
             continue
         if scenario.name in bases:
             faults.append(Fault(where, f"{scenario.name!r} is the name of an earlier base"))
@@ -210,17 +242,26 @@ def _bases(file: SweepFile, folder: Path, changes: Mapping[str, Any]) -> tuple[d
 
 
 def _spread(scenario: Scenario, changes: Mapping[str, Any], origin: str) -> dict[str, Any]:
-    """Changes with ``*`` written out; faults of single ones and of all together are named by ``origin``."""
+    """Changes with ``*`` written out; faults of single ones and of all together are named by
+    ``origin``."""
     data = scenario.model_dump(mode="json")
-    spread = {place: value for path, value in changes.items() for place in trials.matches(data, path) or [path]}
+    spread = {
+        place: value
+        for path, value in changes.items()
+        for place in trials.matches(data, path) or [path]
+    }
     try:
         override(scenario, spread)
     except ScenarioError as error:
-        raise ScenarioError([Fault(origin + f.where, f.problem, f.choices) for f in error.faults]) from None
+        raise ScenarioError(
+            [Fault(origin + f.where, f.problem, f.choices) for f in error.faults]
+        ) from None
     return spread
 
 
-def _axis_faults(number: int, axes: Sequence[AxisTable], bases: Mapping[str, Scenario]) -> Iterator[Fault]:
+def _axis_faults(
+    number: int, axes: Sequence[AxisTable], bases: Mapping[str, Scenario]
+) -> Iterator[Fault]:
     """What is wrong with one of the axes in the light of the base scenarios."""
     where, axis = f"axes.{number}", axes[number]
     others = [other for other in axes if other is not axis and isinstance(other, ListAxis)]
@@ -233,7 +274,9 @@ def _axis_faults(number: int, axes: Sequence[AxisTable], bases: Mapping[str, Sce
                 yield _missing(at, path, data, name if len(bases) > 1 else None)
                 break
             value = trials.value_at(data, found[0])
-            inner = value if isinstance(value, dict) else value[0] if isinstance(value, list) else None
+            inner = (
+                value if isinstance(value, dict) else value[0] if isinstance(value, list) else None
+            )
             if isinstance(inner, dict):
                 keys = value if isinstance(value, dict) else [*map(str, range(len(value))), "*"]
                 yield Fault(at, f"{path!r} is a table; name one value in it", tuple(keys))
@@ -276,7 +319,8 @@ def _misfit(axis: AxisTable, present: Any) -> str | None:
 def _misspelt(
     where: str, axis: ListAxis, scenario: Scenario, places: list[str], others: Sequence[ListAxis]
 ) -> Iterator[Fault]:
-    """Words and truth values that the scenario does not know, whatever value one of the ``others`` has.
+    """Words and truth values that the scenario does not know, whatever value one of the ``others``
+    has.
 
     Numbers out of range, and values that do not go together, make invalid trials instead.
     """
@@ -290,10 +334,14 @@ def _misspelt(
         except ScenarioError as error:
             found = [fault for fault in error.faults if fault.where in places]
             if found and not _goes_with_another(scenario, dict.fromkeys(places, value), others):
-                yield from (Fault(f"{where}.values.{i}", fault.problem, fault.choices) for fault in found)
+                yield from (
+                    Fault(f"{where}.values.{i}", fault.problem, fault.choices) for fault in found
+                )
 
 
-def _goes_with_another(scenario: Scenario, changes: Mapping[str, Any], others: Sequence[ListAxis]) -> bool:
+def _goes_with_another(
+    scenario: Scenario, changes: Mapping[str, Any], others: Sequence[ListAxis]
+) -> bool:
     """Whether changes are valid together with some value of one of the axes ``others``."""
     data = scenario.model_dump(mode="json")
     for other in others:
@@ -307,7 +355,9 @@ def _goes_with_another(scenario: Scenario, changes: Mapping[str, Any], others: S
     return False
 
 
-def _clashes(file: SweepFile, bases: Mapping[str, Scenario], changes: Mapping[str, Any]) -> Iterator[Fault]:
+def _clashes(
+    file: SweepFile, bases: Mapping[str, Scenario], changes: Mapping[str, Any]
+) -> Iterator[Fault]:
     """Two that set the same value, groups that are no crossed axes, and too many trials."""
     data = next(iter(bases.values())).model_dump(mode="json")
     taken: dict[str, str] = {}
@@ -319,12 +369,17 @@ def _clashes(file: SweepFile, bases: Mapping[str, Scenario], changes: Mapping[st
                 taken.setdefault(place, f"axes.{i}")
     for origin, given in (("set.", file.set), ("--set ", changes)):
         for path in given:
-            clash = next((taken[place] for place in trials.matches(data, path) if place in taken), None)
+            clash = next(
+                (taken[place] for place in trials.matches(data, path) if place in taken), None
+            )
             if clash:
                 yield Fault(origin + path, f"is set by {clash} too")
     if not file.axes and len(bases) < 2:
         yield Fault("axes", "is missing: a sweep has at least one axis, or several bases")
-    groups = (*([BASE] if len(bases) > 1 else []), *(axis.name for axis in file.axes if axis.crossed))
+    groups = (
+        *([BASE] if len(bases) > 1 else []),
+        *(axis.name for axis in file.axes if axis.crossed),
+    )
     for i, name in enumerate(file.group_by or ()):
         if name not in groups:
             yield Fault(f"group_by.{i}", f"{name!r} is no grid or list axis of this sweep", groups)

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 def summarise_sweep(sweep: Sweep, table: pa.Table, makers: Collection[str]) -> dict[str, Any]:
     """The contents of ``summary.json``.
 
-    Rates are over the trials that ran to an outcome: ``invalid`` and ``error`` are left out, and counted.
+    Rates are over the trials that ran to an outcome: ``invalid`` and ``error`` are left out, and
+    counted.
 
     Args:
         sweep: that ran.
@@ -30,7 +31,9 @@ def summarise_sweep(sweep: Sweep, table: pa.Table, makers: Collection[str]) -> d
     columns = sweep.trials()
     groups = {}
     for name in sweep.groups:
-        members: dict[str, list[str]] = {sweep.label(name, value): [] for value in sweep.crossed[name]}
+        members: dict[str, list[str]] = {
+            sweep.label(name, value): [] for value in sweep.crossed[name]
+        }
         for value, outcome in zip(columns[name], outcomes, strict=True):
             members[sweep.label(name, value)].append(outcome)
         groups[name] = [{"value": label, **_rate(found)} for label, found in members.items()]
@@ -50,7 +53,8 @@ def summarise_sweep(sweep: Sweep, table: pa.Table, makers: Collection[str]) -> d
 
 
 def _rate(outcomes: Collection[str]) -> dict[str, Any]:
-    """Trials, those that count, successes, and the success rate with its Wilson 95 % interval; None of no trial."""
+    """Trials, those that count, successes, and the success rate with its Wilson 95 % interval; None
+    of no trial."""
     counts = Counter(outcomes)
     counted = len(outcomes) - counts[INVALID] - counts[ERROR]
     passed = counts[Outcome.REACHED_GOAL]

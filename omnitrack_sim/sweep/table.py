@@ -74,8 +74,14 @@ class Layout:
             _field("reason", pa.string()),
         ]
         for name, (unit, modules) in METRICS.items():
-            fields += [_field(column, pa.float64(), unit) for column in metric_columns(name, modules)]
-        fields += [_field("attempts", pa.int64(), "1"), _field("collider", pa.string()), _field("events", pa.string())]
+            fields += [
+                _field(column, pa.float64(), unit) for column in metric_columns(name, modules)
+            ]
+        fields += [
+            _field("attempts", pa.int64(), "1"),
+            _field("collider", pa.string()),
+            _field("events", pa.string()),
+        ]
         self.schema = pa.schema(fields, metadata={"sweep_sha256": sweep.hash})
 
     def table(self, part: Part, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
@@ -87,7 +93,9 @@ class Layout:
             if field.name in self._values:
                 values = [self._values[field.name][row["trial"]] for row in rows]
             else:
-                values = [part.model if field.name == "model" else row.get(field.name) for row in rows]
+                values = [
+                    part.model if field.name == "model" else row.get(field.name) for row in rows
+                ]
             columns.append(pa.array(values, field.type))
         metadata = {"part": part.hash, "made_by": json.dumps(made_by, sort_keys=True)}
         return pa.Table.from_arrays(columns, schema=self.schema.with_metadata(metadata))
@@ -146,9 +154,13 @@ def axis_columns(sweep: Sweep, name: str) -> list[str]:
 
 
 def _columns_of(name: str, values: Sequence[Any]) -> dict[str, Sequence[Any]]:
-    """An axis' values as plain columns: vectors as x, y, z; what is neither number, text nor truth value as JSON."""
+    """An axis' values as plain columns: vectors as x, y, z; what is neither number, text nor truth
+    value as JSON."""
     if _are_vectors(values):
-        return {f"{name}_{letter}": [float(value[i]) for value in values] for i, letter in enumerate(XYZ)}
+        return {
+            f"{name}_{letter}": [float(value[i]) for value in values]
+            for i, letter in enumerate(XYZ)
+        }
     kinds = {type(value) for value in values}
     if kinds <= {int, float} or kinds == {bool} or kinds == {str}:
         return {name: [float(value) for value in values] if kinds == {int, float} else values}
@@ -157,7 +169,11 @@ def _columns_of(name: str, values: Sequence[Any]) -> dict[str, Sequence[Any]]:
 
 def _are_vectors(values: Sequence[Any]) -> bool:
     def is_vector(value: Any) -> bool:
-        return isinstance(value, list) and len(value) == len(XYZ) and all(type(item) in (int, float) for item in value)
+        return (
+            isinstance(value, list)
+            and len(value) == len(XYZ)
+            and all(type(item) in (int, float) for item in value)
+        )
 
     return all(is_vector(value) for value in values)
 
@@ -165,7 +181,9 @@ def _are_vectors(values: Sequence[Any]) -> bool:
 def _type(values: Sequence[Any]) -> pa.DataType:
     import pyarrow as pa
 
-    return {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}[type(values[0])]
+    return {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}[
+        type(values[0])
+    ]
 
 
 def _field(name: str, kind: pa.DataType, unit: str | None = None) -> pa.Field:

@@ -1,4 +1,5 @@
-"""From axes to trials, and from trials to batches. Only plain values: nothing is validated, no route is built."""
+"""From axes to trials, and from trials to batches. Only plain values: nothing is validated, no
+route is built."""
 
 from __future__ import annotations
 
@@ -55,13 +56,18 @@ class Part:
 
 
 def matches(data: Mapping[str, Any], path: str) -> list[str]:
-    """The paths in a plain scenario that ``path`` means: itself, or with ``*`` one for each item that has the key."""
+    """The paths in a plain scenario that ``path`` means: itself, or with ``*`` one for each item
+    that has the key."""
     found = [""]
     for key in path.split("."):
         longer = []
         for place in found:
             inside = value_at(data, place)
-            keys = [str(i) for i in range(len(inside))] if key == "*" and isinstance(inside, list) else [key]
+            keys = (
+                [str(i) for i in range(len(inside))]
+                if key == "*" and isinstance(inside, list)
+                else [key]
+            )
             longer += [f"{place}.{k}".lstrip(".") for k in keys if has(inside, k)]
         found = longer
     return found
@@ -69,7 +75,11 @@ def matches(data: Mapping[str, Any], path: str) -> list[str]:
 
 def has(place: Any, key: str) -> bool:
     """Whether there is a ``key`` in a table or list."""
-    return key in place if isinstance(place, dict) else isinstance(place, list) and key in map(str, range(len(place)))
+    return (
+        key in place
+        if isinstance(place, dict)
+        else isinstance(place, list) and key in map(str, range(len(place)))
+    )
 
 
 def value_at(data: Any, path: str) -> Any:
@@ -80,7 +90,8 @@ def value_at(data: Any, path: str) -> Any:
 
 
 def fitted(value: Any, present: Any) -> Any:
-    """``value`` as the kind of number that stands in its place now, so that 1 and 1.0 are one trial."""
+    """``value`` as the kind of number that stands in its place now, so that 1 and 1.0 are one
+    trial."""
     if type(value) is int and isinstance(present, float):
         return float(value)
     if isinstance(value, float) and value.is_integer() and type(present) is int:
@@ -98,7 +109,8 @@ def expand(
     draws: Draws,
     seed: int,
 ) -> Columns:
-    """The values of all axes, one a trial: crossed axes with the first slowest, ``samples`` draws for each combination.
+    """The values of all axes, one a trial: crossed axes with the first slowest, ``samples`` draws
+    for each combination.
 
     Args:
         bases: plain base scenarios by name; several make the first axis, ``BASE``.
@@ -115,7 +127,9 @@ def expand(
     for axis in random:
         drawn[axis.name] = axis.draw(points[:, used : used + axis.dimensions])
         used += axis.dimensions
-    columns: Columns = {name: [] for name in (*([BASE] if len(bases) > 1 else []), *(axis.name for axis in axes))}
+    columns: Columns = {
+        name: [] for name in (*([BASE] if len(bases) > 1 else []), *(axis.name for axis in axes))
+    }
     for place, combination in enumerate(combinations):
         for name, value in zip(crossed, combination, strict=True):
             columns[name] += [value] * each
@@ -142,15 +156,24 @@ def count(bases: int, axes: Sequence[AxisTable], samples: int) -> int:
     return combinations * (samples if any(not axis.crossed for axis in axes) else 1)
 
 
-def places_of(bases: Mapping[str, Mapping[str, Any]], axes: Sequence[AxisTable]) -> dict[str, list[tuple[str, str]]]:
+def places_of(
+    bases: Mapping[str, Mapping[str, Any]], axes: Sequence[AxisTable]
+) -> dict[str, list[tuple[str, str]]]:
     """For each base, (axis name, single path) of all that the axes set there."""
     return {
-        base: [(axis.name, place) for axis in axes for path in axis.paths for place in matches(data, path)]
+        base: [
+            (axis.name, place)
+            for axis in axes
+            for path in axis.paths
+            for place in matches(data, path)
+        ]
         for base, data in bases.items()
     }
 
 
-def trial_of(places: Mapping[str, Sequence[tuple[str, str]]], columns: Columns, index: int) -> Trial:
+def trial_of(
+    places: Mapping[str, Sequence[tuple[str, str]]], columns: Columns, index: int
+) -> Trial:
     """Trial ``index`` with its changes by single paths; ``places`` of ``places_of``."""
     base = columns[BASE][index] if BASE in columns else next(iter(places))
     return Trial(index, base, {place: columns[name][index] for name, place in places[base]})

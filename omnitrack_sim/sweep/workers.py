@@ -23,12 +23,16 @@ class WorkersLost(OmnitrackError):
 
 
 class LocalPool(ProcessPoolExecutor):
-    """Worker processes that die with this one, and at once when the pool is shut down without waiting."""
+    """Worker processes that die with this one, and at once when the pool is shut down without
+    waiting."""
 
     def __init__(self, workers: int):
         self._others = set(multiprocessing.active_children())
         super().__init__(
-            workers, multiprocessing.get_context("spawn"), initializer=begin_worker, initargs=(os.getpid(),)
+            workers,
+            multiprocessing.get_context("spawn"),
+            initializer=begin_worker,
+            initargs=(os.getpid(),),
         )
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -60,7 +64,9 @@ class DaskPool(Executor):
         try:
             self._client = Client(address, timeout=DASK_PATIENCE, set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:
-            problem = f"no scheduler answers at {address!r} ({error}); start one with `dask scheduler`"
+            problem = (
+                f"no scheduler answers at {address!r} ({error}); start one with `dask scheduler`"
+            )
             raise InputError(Fault("--dask", problem)) from None
         self._executor = self._client.get_executor(pure=False)
 

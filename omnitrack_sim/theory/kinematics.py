@@ -1,13 +1,15 @@
 """Section III of the paper, Eqs. 1-20: how module speeds and robot motion belong together.
 
-Robot frame: z forward, x towards module 1, modules at 0, +120 and -120 degrees about z. SI units, rad. All functions
-take arrays of any leading shape (...) and broadcast. The symbols are those of the paper's Table 1; docs/kinematics.md
-lists them, derives what the paper leaves out and shows where it contradicts itself:
+Robot frame: z forward, x towards module 1, modules at 0, +120 and -120 degrees about z. SI units,
+rad. All functions take arrays of any leading shape (...) and broadcast. The symbols are those of
+the paper's Table 1; docs/kinematics.md lists them, derives what the paper leaves out and shows
+where it contradicts itself:
 
-* Eqs. 6-7 have module 2 at +120 degrees. Eqs. 11-12, 14 and 18 have it at -120, and so has Eq. 20 if theta5 counts in
-  the same sense as the module angles. Here it is at +120 throughout: exchange modules 2 and 3 to get the printed ones.
-* ``lever`` is the distance from the robot axis at which the speeds act. Eqs. 10-18 take the module's centre,
-  l = D/2 - r; Eq. 20 takes the wall, D/2. A track touches at the wall.
+* Eqs. 6-7 have module 2 at +120 degrees. Eqs. 11-12, 14 and 18 have it at -120, and so has Eq. 20
+  if theta5 counts in the same sense as the module angles. Here it is at +120 throughout: exchange
+  modules 2 and 3 to get the printed ones.
+* ``lever`` is the distance from the robot axis at which the speeds act. Eqs. 10-18 take the
+  module's centre, l = D/2 - r; Eq. 20 takes the wall, D/2. A track touches at the wall.
 """
 
 from __future__ import annotations
@@ -23,13 +25,16 @@ from omnitrack_sim.rotations import Array, cross, length
 
 _COS, _SIN = np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES)  # (3,)
 _ROOT3 = np.sqrt(3.0)
-_OUTWARD = np.stack([_COS, _SIN, np.zeros(3)], axis=-1)  # (3, 3) unit vectors from the robot axis to the modules
+_OUTWARD = np.stack(
+    [_COS, _SIN, np.zeros(3)], axis=-1
+)  # (3, 3) unit vectors from the robot axis to the modules
 _TANGENT = np.stack([-_SIN, _COS, np.zeros(3)], axis=-1)  # (3, 3) k x outward
 
 Module = Literal["two_track", "ball_lug"]
 MODULE_KINDS: tuple[Module, ...] = ("two_track", "ball_lug")
-"""``two_track``: two crawler chains; either the upper or the lower one is at the wall and moves it fully. ``ball_lug``:
-balls that turn about the module's cross axis, as in a lumped model: the wall gets the component cos(roll)."""
+"""``two_track``: two crawler chains; either the upper or the lower one is at the wall and moves it
+fully. ``ball_lug``: balls that turn about the module's cross axis, as in a lumped model: the wall
+gets the component cos(roll)."""
 _ON_THE_LINE = 1e-9
 """Size of cos(roll) on the no-motion line: the rounding of 90 degrees, not a tolerance."""
 
@@ -45,7 +50,8 @@ def wall_speed(shaft_speed: ArrayLike, lug_radius: ArrayLike) -> Array:
 
 
 def inertial_rate(rate: ArrayLike, omega: ArrayLike, vector: ArrayLike) -> Array:
-    """Eq. 4, Coriolis's theorem: df/dt in the inertial frame = df/dt in the rotating frame + omega x f.
+    """Eq. 4, Coriolis's theorem: df/dt in the inertial frame = df/dt in the rotating frame + omega
+    x f.
 
     Args:
         rate: df/dt (..., 3) as seen in the rotating frame.
@@ -56,7 +62,8 @@ def inertial_rate(rate: ArrayLike, omega: ArrayLike, vector: ArrayLike) -> Array
 
 
 def module_velocities(speeds: ArrayLike, theta4_dot: ArrayLike, arms: ArrayLike) -> Array:
-    """Eqs. 5-7: velocities (..., 3, 3) m/s of the module centres in the inertial frame, module by component.
+    """Eqs. 5-7: velocities (..., 3, 3) m/s of the module centres in the inertial frame, module by
+    component.
 
     V_i k + theta4_dot k x l_i e_i, with e_i from the robot axis to module i.
 
@@ -67,24 +74,30 @@ def module_velocities(speeds: ArrayLike, theta4_dot: ArrayLike, arms: ArrayLike)
     """
     speeds, arms = np.asarray(speeds, float), np.asarray(arms, float)
     spin = np.asarray(theta4_dot, float)[..., None, None] * np.array([0.0, 0.0, 1.0])
-    return inertial_rate(speeds[..., None] * np.array([0.0, 0.0, 1.0]), spin, arms[..., None] * _OUTWARD)
+    return inertial_rate(
+        speeds[..., None] * np.array([0.0, 0.0, 1.0]), spin, arms[..., None] * _OUTWARD
+    )
 
 
 def mean_velocity(speeds: ArrayLike, theta4_dot: ArrayLike, arms: ArrayLike) -> Array:
-    """Eq. 8: velocity (..., 3) m/s of the robot, the mean of ``module_velocities``, for arms of any lengths."""
+    """Eq. 8: velocity (..., 3) m/s of the robot, the mean of ``module_velocities``, for arms of any
+    lengths."""
     return module_velocities(speeds, theta4_dot, arms).mean(axis=-2)
 
 
 def forward_speed(speeds: ArrayLike) -> Array:
-    """Eq. 9: V_cz (...,) m/s, the mean of the module speeds (..., 3). With equal arms it is all of Eq. 8."""
+    """Eq. 9: V_cz (...,) m/s, the mean of the module speeds (..., 3). With equal arms it is all of
+    Eq. 8."""
     return np.asarray(speeds, float).mean(axis=-1)
 
 
 def cross_velocity(theta4_dot: ArrayLike, arms: ArrayLike) -> Array:
-    """What Eq. 8 has beyond Eq. 9: velocity (..., 2) m/s across the robot axis while it rolls with unequal arms.
+    """What Eq. 8 has beyond Eq. 9: velocity (..., 2) m/s across the robot axis while it rolls with
+    unequal arms.
 
-    theta4_dot / 3 times the sum of l_i k x e_i; zero for equal arms. The walls do not let the robot go there, so this
-    is the speed at which lugs scrub sideways when a robot that sags in a horizontal pipe rolls.
+    theta4_dot / 3 times the sum of l_i k x e_i; zero for equal arms. The walls do not let the robot
+    go there, so this is the speed at which lugs scrub sideways when a robot that sags in a
+    horizontal pipe rolls.
 
     Args:
         theta4_dot: (...,) rad/s.
@@ -95,10 +108,11 @@ def cross_velocity(theta4_dot: ArrayLike, arms: ArrayLike) -> Array:
 
 
 def rotation_by_module(speeds: ArrayLike, lever: ArrayLike) -> Array:
-    """Eqs. 10-12: angular velocity (..., 3, 3) rad/s that each module alone gives, module by component.
+    """Eqs. 10-12: angular velocity (..., 3, 3) rad/s that each module alone gives, module by
+    component.
 
-    The robot turns about the line through the other two modules, at a = l/2 beyond the centre, so the rate is
-    V_i / (a + l) = 2 V_i / (3 l).
+    The robot turns about the line through the other two modules, at a = l/2 beyond the centre, so
+    the rate is V_i / (a + l) = 2 V_i / (3 l).
 
     Args:
         speeds: V_i (..., 3), m/s.
@@ -109,7 +123,8 @@ def rotation_by_module(speeds: ArrayLike, lever: ArrayLike) -> Array:
 
 
 def angular_velocity(speeds: ArrayLike, theta4_dot: ArrayLike, lever: ArrayLike) -> Array:
-    """Eqs. 13-16: angular velocity (..., 3) rad/s of the robot, robot frame: Eqs. 10-12 added, and theta4_dot about z.
+    """Eqs. 13-16: angular velocity (..., 3) rad/s of the robot, robot frame: Eqs. 10-12 added, and
+    theta4_dot about z.
 
     Args:
         speeds: V_i (..., 3), m/s.
@@ -122,7 +137,8 @@ def angular_velocity(speeds: ArrayLike, theta4_dot: ArrayLike, lever: ArrayLike)
 
 
 def jacobian(lug_radius: ArrayLike, lever: ArrayLike) -> Array:
-    """J (..., 4, 4) of Eqs. 17-18: (omega_x, omega_y, omega_z, V_cz) = J (theta_dot_1, ..._2, ..._3, theta_dot_4).
+    """J (..., 4, 4) of Eqs. 17-18: (omega_x, omega_y, omega_z, V_cz) = J (theta_dot_1, ..._2,
+    ..._3, theta_dot_4).
 
     Args:
         lug_radius: r, m.
@@ -151,8 +167,11 @@ def inverse_jacobian(lug_radius: ArrayLike, lever: ArrayLike) -> Array:
     return inverse
 
 
-def module_speeds(forward_speed: ArrayLike, omega_x: ArrayLike, omega_y: ArrayLike, lever: ArrayLike) -> Array:
-    """Wall speeds (..., 3) m/s for a wanted motion: the first three rows of ``inverse_jacobian`` times r.
+def module_speeds(
+    forward_speed: ArrayLike, omega_x: ArrayLike, omega_y: ArrayLike, lever: ArrayLike
+) -> Array:
+    """Wall speeds (..., 3) m/s for a wanted motion: the first three rows of ``inverse_jacobian``
+    times r.
 
     Args:
         forward_speed: V_cz (...,), m/s.
@@ -160,16 +179,19 @@ def module_speeds(forward_speed: ArrayLike, omega_x: ArrayLike, omega_y: ArrayLi
         omega_y: rotation about the robot's y axis (...,), rad/s.
         lever: m.
     """
-    v, wx, wy, arm = (np.asarray(q, float)[..., None] for q in (forward_speed, omega_x, omega_y, lever))
+    v, wx, wy, arm = (
+        np.asarray(q, float)[..., None] for q in (forward_speed, omega_x, omega_y, lever)
+    )
     return v - arm * (wy * _COS - wx * _SIN)
 
 
 def radius_of_curvature(speeds: ArrayLike, omega: ArrayLike) -> Array:
     """Eq. 19 as printed: (|V_1| + |V_2| + |V_3|) / (3 |omega|), (...,) m.
 
-    Limits: infinite on a straight line, NaN at rest. The sizes of the speeds are added, so it is the radius of the
-    centre's path only while no module runs backward and the robot does not roll; a robot that turns on the spot gets
-    0.577 l to 0.667 l instead of 0. ``path_radius`` is right in these cases too.
+    Limits: infinite on a straight line, NaN at rest. The sizes of the speeds are added, so it is
+    the radius of the centre's path only while no module runs backward and the robot does not roll;
+    a robot that turns on the spot gets 0.577 l to 0.667 l instead of 0. ``path_radius`` is right in
+    these cases too.
 
     Args:
         speeds: V_i (..., 3), m/s.
@@ -181,8 +203,8 @@ def radius_of_curvature(speeds: ArrayLike, omega: ArrayLike) -> Array:
 def path_radius(speeds: ArrayLike, omega: ArrayLike) -> Array:
     """Radius (...,) m of the path of the robot's centre: |V_cz| / sqrt(omega_x^2 + omega_y^2).
 
-    0 when it turns on the spot, infinite on a straight line, NaN at rest. Rolling (omega_z) does not bend the path.
-    Arguments as for ``radius_of_curvature``.
+    0 when it turns on the spot, infinite on a straight line, NaN at rest. Rolling (omega_z) does
+    not bend the path. Arguments as for ``radius_of_curvature``.
     """
     omega = np.asarray(omega, float)
     return _ratio(np.abs(forward_speed(speeds)), np.hypot(omega[..., 0], omega[..., 1]))
@@ -196,8 +218,8 @@ def _ratio(speed: Array, rate: Array) -> Array:
 def elbow_radii(theta5: ArrayLike, mean_radius: ArrayLike, module_distance: ArrayLike) -> Array:
     """Eq. 20: radius (..., 3) m of each module's path through an elbow: R_e - d cos(theta5 + a_i).
 
-    The printed case is R_e = 1.5 D and d = 0.5 D. V_1 : V_2 : V_3 are as these radii, their mean is R_e. A negative
-    one (d > R_e) is a module that runs backward.
+    The printed case is R_e = 1.5 D and d = 0.5 D. V_1 : V_2 : V_3 are as these radii, their mean is
+    R_e. A negative one (d > R_e) is a module that runs backward.
 
     Args:
         theta5: (...,) rad, module 1 from the turning direction.
@@ -205,27 +227,41 @@ def elbow_radii(theta5: ArrayLike, mean_radius: ArrayLike, module_distance: Arra
         module_distance: d (...,), m, from the robot axis to where the modules touch.
     """
     angle = np.asarray(theta5, float)[..., None] + np.array(MODULE_ANGLES)
-    return np.asarray(mean_radius, float)[..., None] - np.asarray(module_distance, float)[..., None] * np.cos(angle)
+    return np.asarray(mean_radius, float)[..., None] - np.asarray(module_distance, float)[
+        ..., None
+    ] * np.cos(angle)
 
 
 def elbow_speeds(
     forward_speed: ArrayLike, theta5: ArrayLike, mean_radius: ArrayLike, module_distance: ArrayLike
 ) -> Array:
-    """Wall speeds (..., 3) m/s that take the centre through an elbow at ``forward_speed``: Eq. 20, scaled to its mean.
+    """Wall speeds (..., 3) m/s that take the centre through an elbow at ``forward_speed``: Eq. 20,
+    scaled to its mean.
 
-    They equal ``module_speeds`` with lever d and a rotation of forward_speed / R_e towards the turning direction.
+    They equal ``module_speeds`` with lever d and a rotation of forward_speed / R_e towards the
+    turning direction.
     """
     radii = elbow_radii(theta5, mean_radius, module_distance)
-    return np.asarray(forward_speed, float)[..., None] * radii / np.asarray(mean_radius, float)[..., None]
+    return (
+        np.asarray(forward_speed, float)[..., None]
+        * radii
+        / np.asarray(mean_radius, float)[..., None]
+    )
 
 
-def elbow_paths(elbow_angle: ArrayLike, theta5: ArrayLike, mean_radius: ArrayLike, module_distance: ArrayLike) -> Array:
-    """Length (..., 3) m of each module's path through an elbow of ``elbow_angle`` rad: angle times ``elbow_radii``."""
-    return np.asarray(elbow_angle, float)[..., None] * elbow_radii(theta5, mean_radius, module_distance)
+def elbow_paths(
+    elbow_angle: ArrayLike, theta5: ArrayLike, mean_radius: ArrayLike, module_distance: ArrayLike
+) -> Array:
+    """Length (..., 3) m of each module's path through an elbow of ``elbow_angle`` rad: angle times
+    ``elbow_radii``."""
+    return np.asarray(elbow_angle, float)[..., None] * elbow_radii(
+        theta5, mean_radius, module_distance
+    )
 
 
 def turn_from_roll(roll: ArrayLike, lug_radius: ArrayLike, pipe_radius: ArrayLike) -> Array:
-    """Turn (...,) rad of the robot about its z axis when all modules roll by ``roll`` rad without slip: -roll r / R.
+    """Turn (...,) rad of the robot about its z axis when all modules roll by ``roll`` rad without
+    slip: -roll r / R.
 
     The modules roll on the inside of the pipe. In rates: theta4_dot = -omega_z r / R.
     """
@@ -233,17 +269,19 @@ def turn_from_roll(roll: ArrayLike, lug_radius: ArrayLike, pipe_radius: ArrayLik
 
 
 def belt_sign(roll: ArrayLike) -> Array:
-    """Direction (...,) in which a positive belt speed drives a module rolled by ``roll`` rad: the sign of cos(roll).
+    """Direction (...,) in which a positive belt speed drives a module rolled by ``roll`` rad: the
+    sign of cos(roll).
 
-    The upper track is at the wall for |roll| < 90 degrees, the lower one, running backward, beyond. Zero at the
-    no-motion line (Fig. 18).
+    The upper track is at the wall for |roll| < 90 degrees, the lower one, running backward, beyond.
+    Zero at the no-motion line (Fig. 18).
     """
     cosine = np.cos(roll)
     return np.where(np.abs(cosine) < _ON_THE_LINE, 0.0, np.sign(cosine))
 
 
 def wall_per_belt(roll: ArrayLike, module: Module = "two_track") -> Array:
-    """Wall speed per belt speed (...,): ``belt_sign`` for ``two_track``, cos(roll) for ``ball_lug``; see MODULE_KINDS.
+    """Wall speed per belt speed (...,): ``belt_sign`` for ``two_track``, cos(roll) for
+    ``ball_lug``; see MODULE_KINDS.
 
     Raises:
         InputError: there is no such kind of module.
@@ -255,7 +293,8 @@ def wall_per_belt(roll: ArrayLike, module: Module = "two_track") -> Array:
 
 
 def belt_speed(wall_speed: ArrayLike, roll: ArrayLike, module: Module = "two_track") -> Array:
-    """Belt speed (...,) m/s that gives a module the wall speed (...,) m/s at ``roll`` rad; 0 on the no-motion line.
+    """Belt speed (...,) m/s that gives a module the wall speed (...,) m/s at ``roll`` rad; 0 on the
+    no-motion line.
 
     No belt speed moves the robot there: see ``belt_sign``. The inverse of ``wall_per_belt``.
     """

@@ -1,4 +1,5 @@
-"""How far must the modules reach? Sector, safe margin and success rate over reach, by formula and in the real geometry.
+"""How far must the modules reach? Sector, safe margin and success rate over reach, by formula and
+in the real geometry.
 
 Run: python scenarios/scripts/reach_against_success.py
 """
@@ -15,7 +16,8 @@ def main() -> None:
         real = figures["real_geometry"]
         print(
             f"{1e3 * reach:9.1f}  {figures['sector_deg']:11.1f}  {figures['margin_deg']:11.2f}  "
-            f"{figures['success_rate']:12.3f}  {real['sector_deg']:16.1f}  {real['keeps_contact_rate']:17.3f}"
+            f"{figures['success_rate']:12.3f}  {real['sector_deg']:16.1f}  "
+            f"{real['keeps_contact_rate']:17.3f}"
         )
 
 

@@ -1,7 +1,9 @@
-"""Exact contact of whole tracks with straights, reducers, elbows and tees, compiled into MuJoCo's collision table.
+"""Exact contact of whole tracks with straights, reducers, elbows and tees, compiled into MuJoCo's
+collision table.
 
-A track is one capsule, a fitting one geom; their user data says what they are. ``record`` makes that data, ``line``
-finds the contacts, ``install`` puts them into MuJoCo. Needs numba (extra ``fast``).
+A track is one capsule, a fitting one geom; their user data says what they are. ``record`` makes
+that data, ``line`` finds the contacts, ``install`` puts them into MuJoCo. Needs numba (extra
+``fast``).
 """
 
 from omnitrack_sim.model.collider.install import install, why_not

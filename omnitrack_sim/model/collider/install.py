@@ -1,7 +1,7 @@
 """Puts the compiled collider into MuJoCo's collision table, at the pair height field and capsule.
 
-Of all pairs MuJoCo gives those with a height field the most room for contacts (50). Height fields without a record are
-handed to the function that was there before. The compiled function holds no
+Of all pairs MuJoCo gives those with a height field the most room for contacts (50). Height fields
+without a record are handed to the function that was there before. The compiled function holds no
 interpreter lock, so batches scale over threads.
 """
 
@@ -20,24 +20,29 @@ _FIELD, _CAPSULE = int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_
 _KINDS = int(mujoco.mjtGeom.mjNGEOMTYPES)
 _WORD = ctypes.sizeof(ctypes.c_void_p)
 _MOST_WORDS = 60_000
-"""Where the search for a field of MuJoCo's structures gives up; the fields are found long before."""
+"""Where the search for a field of MuJoCo's structures gives up; the fields are found long
+before."""
 
 
 @cache
 def why_not() -> str | None:
-    """Why the exact collider cannot be used here, in a sentence; None where it can, and then it is installed."""
+    """Why the exact collider cannot be used here, in a sentence; None where it can, and then it is
+    installed."""
     try:
         install()
     except ImportError:
         return "numba is missing; pip install 'omnitrack_sim[fast]' brings it"
-    except Exception as error:  # whatever keeps compiled code from loading here: walls of primitives always work
+    except (
+        Exception
+    ) as error:  # whatever keeps compiled code from loading here: walls of primitives always work
         return f"it does not load here ({type(error).__name__}: {error})"
     return None
 
 
 @cache
 def install() -> None:
-    """Compile the collider and enter it in MuJoCo's table; once a process. Takes a few seconds the first time.
+    """Compile the collider and enter it in MuJoCo's table; once a process. Takes a few seconds the
+    first time.
 
     Raises:
         ImportError: numba is missing.
@@ -64,7 +69,8 @@ def _library() -> ctypes.CDLL:
 def _places() -> dict[str, int]:
     """Which words of MuJoCo's mjModel and mjData hold what the collider reads.
 
-    Found by their values in two models, so that the layout of the installed version is used and not one assumed.
+    Found by their values in two models, so that the layout of the installed version is used and not
+    one assumed.
     """
     first, second = _places_in(101), _places_in(157)
     sizes = first.pop("user_size") & second.pop("user_size")
@@ -110,7 +116,8 @@ def _word(structure: int, index: int) -> int:
 
 
 def _compile(original: int, places: dict[str, int]) -> Any:
-    """The C function (numba's ``CFunc``) for one pair of geoms; ``original`` is the address of MuJoCo's own."""
+    """The C function (numba's ``CFunc``) for one pair of geoms; ``original`` is the address of
+    MuJoCo's own."""
     from numba import cfunc, types
     from numba.core.extending import intrinsic
 
@@ -128,9 +135,18 @@ def _compile(original: int, places: dict[str, int]) -> Any:
 
         return cast
 
-    doubles_at, pointers_at, words_at = map(cast_to, (doubles, types.CPointer(doubles), types.CPointer(types.int64)))
+    doubles_at, pointers_at, words_at = map(
+        cast_to, (doubles, types.CPointer(doubles), types.CPointer(types.int64))
+    )
     signature = types.int32(pointer, pointer, pointer, types.int32, types.int32, types.float64)
-    arguments = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, ctypes.c_int, ctypes.c_double)
+    arguments = (
+        ctypes.c_void_p,
+        ctypes.c_void_p,
+        ctypes.c_void_p,
+        ctypes.c_int,
+        ctypes.c_int,
+        ctypes.c_double,
+    )
     others = ctypes.CFUNCTYPE(ctypes.c_int, *arguments)(original)
     size, user, user_size = places["size"], places["user"], places["user_size"]
     position_of, matrix_of = places["position"], places["matrix"]
@@ -144,10 +160,24 @@ def _compile(original: int, places: dict[str, int]) -> Any:
         track = RECORD_SIZE * line
         if records[track] != MARK:
             return others(model, data, contacts, wall, line, margin)
-        radius, half, pitch = of_model[size][3 * line], of_model[size][3 * line + 1], records[track + 1]
+        radius, half, pitch = (
+            of_model[size][3 * line],
+            of_model[size][3 * line + 1],
+            records[track + 1],
+        )
         con, position, matrix = doubles_at(contacts), of_data[position_of], of_data[matrix_of]
         return line_contacts(
-            con, records, RECORD_SIZE * wall, position, matrix, line, wall, radius, half, pitch, margin
+            con,
+            records,
+            RECORD_SIZE * wall,
+            position,
+            matrix,
+            line,
+            wall,
+            radius,
+            half,
+            pitch,
+            margin,
         )
 
     return collide

@@ -1,13 +1,15 @@
 """Contacts of a whole track with one fitting, compiled.
 
-A track is a line of spheres. Along the line the distance to a concave wall (a straight's, a tee's cylinders) has its
-minima at the ends of what lies beside that wall; along a convex one (an elbow's inner side, a tee's rim) within. So
-contacts are wanted at the ends of the line, at the minima along it, and where a straight wall that carries the line
+A track is a line of spheres. Along the line the distance to a concave wall (a straight's, a tee's
+cylinders) has its minima at the ends of what lies beside that wall; along a convex one (an elbow's
+inner side, a tee's rim) within. So contacts are wanted at the ends of the line, at the minima along
+it, and where a straight wall that carries the line
 ends: at a port before an elbow, at an open end, at the rim, at the ends of a reducer's cone.
 
-A minimum is a patch, not a point: lugs straddle a rim and push against its flanks, which carries force along the track
-beyond friction. So there are contacts half a lug pitch to either side of it too. Without them a robot on a slippery
-wall fails more often than one with 15 or 43 lugs a track (docs/design-study.md).
+A minimum is a patch, not a point: lugs straddle a rim and push against its flanks, which carries
+force along the track beyond friction. So there are contacts half a lug pitch to either side of it
+too. Without them a robot on a slippery wall fails more often than one with 15 or 43 lugs a track
+(docs/design-study.md).
 """
 
 from __future__ import annotations
@@ -23,11 +25,13 @@ _compiled = njit(cache=True, error_model="numpy")
 _KIND, _RADIUS, _SIZES, _BOX, _ENDS = 1, 2, 3, 6, 9  # places in a record
 assert _ENDS + 3 == RECORD_SIZE
 CONTACT_SIZE = 10
-"""Numbers of a contact (MuJoCo's mjPreContact): distance, position (3), normal (3), first tangent (3)."""
+"""Numbers of a contact (MuJoCo's mjPreContact): distance, position (3), normal (3), first tangent
+(3)."""
 MOST_CONTACTS = 24
 """On one line and one fitting; MuJoCo has room for 50."""
 SPACING = 0.008
-"""Largest spacing of the samples between which a minimum is looked for, m: a third of a lug's radius."""
+"""Largest spacing of the samples between which a minimum is looked for, m: a third of a lug's
+radius."""
 PLATEAU = 0.02
 """Slope along the line up to which a wall that ends at the rim counts as carrying it."""
 LEAST_APART = 0.003
@@ -54,7 +58,8 @@ def _wall(wall, w, x, y, z):
 
 @_compiled
 def _clip(low, high, low_ends, high_ends, value, slope, ends):
-    """The part of [low, high] where value + slope s <= 0, and whether contact ends at each of its ends."""
+    """The part of [low, high] where value + slope s <= 0, and whether contact ends at each of its
+    ends."""
     if abs(slope) < 1e-14:
         if value > 0.0:
             high = low - 1.0
@@ -71,31 +76,42 @@ def _clip(low, high, low_ends, high_ends, value, slope, ends):
 
 @_compiled
 def _before_wide_end(z, from_axis, radius, length, end_radius):
-    """How far a point's foot lies on the cone from its wide end, m times a positive factor; negative beyond the end."""
+    """How far a point's foot lies on the cone from its wide end, m times a positive factor;
+    negative beyond the end."""
     slope = (end_radius - radius) / length
-    return z + slope * (from_axis - radius) if slope < 0.0 else length - z - slope * (from_axis - end_radius)
+    return (
+        z + slope * (from_axis - radius)
+        if slope < 0.0
+        else length - z - slope * (from_axis - end_radius)
+    )
 
 
 @_compiled
 def _wide_end(wall, w, px, py, pz, ax, ay, az, low, high, low_ends, high_ends, ends):
     """The part of [low, high] that the cone itself is nearest to on the side of its wide end.
 
-    That part ends at the normals of the wide edge, not at the port plane: a lug touches the cone before its centre is
-    past the port. A line along a pipe passes those normals once.
+    That part ends at the normals of the wide edge, not at the port plane: a lug touches the cone
+    before its centre is past the port. A line along a pipe passes those normals once.
     """
     if high < low:
         return low, high, low_ends, high_ends
     radius, length, end_radius = wall[w + _RADIUS], wall[w + _SIZES], wall[w + _SIZES + 1]
     a, b = low, high
-    at_a = _before_wide_end(pz + a * az, math.hypot(px + a * ax, py + a * ay), radius, length, end_radius)
-    at_b = _before_wide_end(pz + b * az, math.hypot(px + b * ax, py + b * ay), radius, length, end_radius)
+    at_a = _before_wide_end(
+        pz + a * az, math.hypot(px + a * ax, py + a * ay), radius, length, end_radius
+    )
+    at_b = _before_wide_end(
+        pz + b * az, math.hypot(px + b * ax, py + b * ay), radius, length, end_radius
+    )
     if at_a >= 0.0 and at_b >= 0.0:
         return low, high, low_ends, high_ends
     if at_a < 0.0 and at_b < 0.0:
         return low, low - 1.0, low_ends, high_ends
     while b - a > _POSITION:
         s = 0.5 * (a + b)
-        at_s = _before_wide_end(pz + s * az, math.hypot(px + s * ax, py + s * ay), radius, length, end_radius)
+        at_s = _before_wide_end(
+            pz + s * az, math.hypot(px + s * ax, py + s * ay), radius, length, end_radius
+        )
         if (at_s < 0.0) == (at_a < 0.0):
             a = s
         else:
@@ -107,7 +123,8 @@ def _wide_end(wall, w, px, py, pz, ax, ay, az, low, high, low_ends, high_ends, e
 
 @_compiled
 def _between_ports(wall, w, px, py, pz, ax, ay, az, half):
-    """The part of the line p + s a, |s| <= half, between the port planes; of a reducer, that its cone is nearest to."""
+    """The part of the line p + s a, |s| <= half, between the port planes; of a reducer, that its
+    cone is nearest to."""
     kind, a, b, c = wall[w + _KIND], wall[w + _SIZES], wall[w + _SIZES + 1], wall[w + _SIZES + 2]
     first, second, third = wall[w + _ENDS] > 0, wall[w + _ENDS + 1] > 0, wall[w + _ENDS + 2] > 0
     low, high, low_ends, high_ends = -half, half, True, True
@@ -130,7 +147,8 @@ def _between_ports(wall, w, px, py, pz, ax, ay, az, half):
 
 @_compiled
 def _add(con, n, wall, w, px, py, pz, ax, ay, az, s, radius, margin):
-    """Add the contact at s if the wall is that near; returns the number of contacts. Still in the fitting's frame."""
+    """Add the contact at s if the wall is that near; returns the number of contacts. Still in the
+    fitting's frame."""
     x, y, z = px + s * ax, py + s * ay, pz + s * az
     d, gx, gy, gz, _ = _wall(wall, w, x, y, z)
     # A line whose axis lies within the wall belongs to another pipe.
@@ -153,7 +171,8 @@ def _slope(wall, w, px, py, pz, ax, ay, az, s):
 
 @_compiled
 def _minimum(wall, w, px, py, pz, ax, ay, az, a, slope_a, b, slope_b):
-    """Where the slope turns from negative at ``a`` to positive at ``b``: regula falsi (Illinois)."""
+    """Where the slope turns from negative at ``a`` to positive at ``b``: regula falsi
+    (Illinois)."""
     side = 0
     s = b
     for _ in range(60):
@@ -188,8 +207,11 @@ def _rim_begins(wall, w, px, py, pz, ax, ay, az, a, face_a, b):
 
 
 @_compiled
-def _add_within(con, n, wall, w, px, py, pz, ax, ay, az, low, high, low_ends, high_ends, radius, pitch, margin):
-    """Add the contacts between the ends: minima with their flanks, and where a rim begins at a straight wall."""
+def _add_within(
+    con, n, wall, w, px, py, pz, ax, ay, az, low, high, low_ends, high_ends, radius, pitch, margin
+):
+    """Add the contacts between the ends: minima with their flanks, and where a rim begins at a
+    straight wall."""
     pieces = math.ceil((high - low) / SPACING)
     reach = radius + margin
     first = low + (LEAST_APART if low_ends else 0.0)
@@ -222,16 +244,22 @@ def line_contacts(con, wall, w, position, matrix, g_line, g_wall, radius, half, 
     """Contacts of a capsule's axis with one fitting, written to ``con``; returns their number.
 
     Args:
-        con: room for MOST_CONTACTS contacts of CONTACT_SIZE numbers; normals point from the wall to the line.
+        con: room for MOST_CONTACTS contacts of CONTACT_SIZE numbers; normals point from the wall to
+            the line.
         wall: user data of all geoms, m; ``w`` is where this fitting's record begins.
-        position, matrix: (3 per geom) m and (9 per geom, row major), frames of all geoms in the world.
+        position, matrix: (3 per geom) m and (9 per geom, row major), frames of all geoms in the
+            world.
         g_line, g_wall: geom numbers of the line and of the wall.
         radius, half: of the capsule, m. pitch: distance of its lugs, m.
         margin: distance up to which contacts count, m.
     """
     l, o = 3 * g_line, 3 * g_wall
     m = 9 * g_wall
-    dx, dy, dz = position[l] - position[o], position[l + 1] - position[o + 1], position[l + 2] - position[o + 2]
+    dx, dy, dz = (
+        position[l] - position[o],
+        position[l + 1] - position[o + 1],
+        position[l + 2] - position[o + 2],
+    )
     ux, uy, uz = matrix[9 * g_line + 2], matrix[9 * g_line + 5], matrix[9 * g_line + 8]
     # Into the fitting's frame; the box that bounds it has its centre elsewhere.
     px = matrix[m] * dx + matrix[m + 3] * dy + matrix[m + 6] * dz + wall[w + _BOX]
@@ -250,7 +278,25 @@ def line_contacts(con, wall, w, position, matrix, g_line, g_wall, radius, half, 
     if high_ends:
         n = _add(con, n, wall, w, px, py, pz, ax, ay, az, high, radius, margin)
     if wall[w + _KIND] != STRAIGHT and high > low:
-        n = _add_within(con, n, wall, w, px, py, pz, ax, ay, az, low, high, low_ends, high_ends, radius, pitch, margin)
+        n = _add_within(
+            con,
+            n,
+            wall,
+            w,
+            px,
+            py,
+            pz,
+            ax,
+            ay,
+            az,
+            low,
+            high,
+            low_ends,
+            high_ends,
+            radius,
+            pitch,
+            margin,
+        )
     for i in range(n):
         k = i * CONTACT_SIZE
         _to_world(con, k + 1, matrix, m)
@@ -276,7 +322,11 @@ def _turned(matrix, m, vector, v, row):
 @_compiled
 def _to_world(con, k, matrix, m):
     """Rotate three numbers in place from the fitting's frame to the world's."""
-    x, y, z = _turned(matrix, m, con, k, 0), _turned(matrix, m, con, k, 1), _turned(matrix, m, con, k, 2)
+    x, y, z = (
+        _turned(matrix, m, con, k, 0),
+        _turned(matrix, m, con, k, 1),
+        _turned(matrix, m, con, k, 2),
+    )
     con[k], con[k + 1], con[k + 2] = x, y, z
 
 

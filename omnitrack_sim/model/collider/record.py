@@ -1,4 +1,5 @@
-"""What the user data of the geoms says: which fitting a wall is, its sizes, where it stops carrying a track."""
+"""What the user data of the geoms says: which fitting a wall is, its sizes, where it stops carrying
+a track."""
 
 from __future__ import annotations
 
@@ -14,19 +15,21 @@ MARK = 20260.5
 """First number of a record: geoms without it are none of ours."""
 STRAIGHT, ELBOW, TEE, REDUCER = 0.0, 1.0, 2.0, 3.0
 RECORD_SIZE = 12
-"""Numbers in a record. Wall: mark, kind, radius, three sizes, centre of its bounding box (3), ends at its ports (3)."""
+"""Numbers in a record. Wall: mark, kind, radius, three sizes, centre of its bounding box (3), ends
+at its ports (3)."""
 _ROOM = 0.002  # m, of the bounding box around the bore: deeper than any lug presses
 
 
 def wall_record(fitting: Fitting, ends: tuple[bool, ...]) -> Array:
     """The record (RECORD_SIZE,) of one fitting.
 
-    Sizes: length of a straight; length and end radius of a reducer; mean radius, sine and cosine of the angle of an
-    elbow; half run, branch length and fillet radius of a tee, m.
+    Sizes: length of a straight; length and end radius of a reducer; mean radius, sine and cosine of
+    the angle of an elbow; half run, branch length and fillet radius of a tee, m.
 
     Args:
         fitting: straight, reducer, elbow or tee.
-        ends: for each port, whether a contact line stops being supported there (open end, or the wall bends or steps).
+        ends: for each port, whether a contact line stops being supported there (open end, or the
+            wall bends or steps).
     """
     if isinstance(fitting, Straight):
         kind, sizes = STRAIGHT, (fitting.length, 0.0, 0.0)
@@ -55,14 +58,18 @@ def bounding_box(fitting: Fitting) -> tuple[Array, Array]:
         low, high = [-r, -r, 0.0], [r, r, fitting.length]
     elif isinstance(fitting, Elbow):
         outer = fitting.mean_radius + r
-        # The bore between two end planes: corners of both end discs, and the outermost circle between them.
+        # The bore between two end planes: corners of both end discs, and the outermost circle
+        # between them.
         angles = np.append(np.linspace(0, fitting.angle, 181), fitting.angle)
         rims = np.array([outer, max(fitting.mean_radius - r, 0.0)])
         x = fitting.mean_radius - rims[:, None] * np.cos(angles)
         z = rims[:, None] * np.sin(angles)
         low, high = [x.min(), -r, z.min()], [x.max(), r, z.max()]
     elif isinstance(fitting, Tee):
-        low, high = [-r, -r, -fitting.run_length / 2], [fitting.branch_length, r, fitting.run_length / 2]
+        low, high = (
+            [-r, -r, -fitting.run_length / 2],
+            [fitting.branch_length, r, fitting.run_length / 2],
+        )
     else:
         raise TypeError(f"no exact wall for a {type(fitting).__name__}")
     low, high = np.array(low), np.array(high)

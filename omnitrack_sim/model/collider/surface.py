@@ -1,6 +1,8 @@
-"""Distance to the walls of a reducer, an elbow and a tee at one point, compiled: the same surfaces as in ``pipes``.
+"""Distance to the walls of a reducer, an elbow and a tee at one point, compiled: the same surfaces
+as in ``pipes``.
 
-Scalars in, scalars out: distance (m, positive in the bore), its gradient, and the face that is nearest.
+Scalars in, scalars out: distance (m, positive in the bore), its gradient, and the face that is
+nearest.
 """
 
 from __future__ import annotations
@@ -10,13 +12,15 @@ import math
 from numba import njit
 
 FACE, EDGE = 0, 1
-"""Nearest part of a wall: a cylinder, cone or torus; or the rounded rim of a tee, the edge of a cone."""
+"""Nearest part of a wall: a cylinder, cone or torus; or the rounded rim of a tee, the edge of a
+cone."""
 _compiled = njit(cache=True, error_model="numpy")
 
 
 @_compiled
 def cone(x, y, z, radius, length, end_radius):
-    """Wall of a reducer between its ports: (d, gx, gy, gz, face) at a point of the fitting frame, m."""
+    """Wall of a reducer between its ports: (d, gx, gy, gz, face) at a point of the fitting frame,
+    m."""
     slope = (end_radius - radius) / length
     cosine = 1.0 / math.sqrt(1.0 + slope * slope)
     from_axis = math.sqrt(x * x + y * y)
@@ -48,14 +52,18 @@ def torus(x, y, z, mean_radius, radius):
 
 @_compiled
 def tee(x, y, z, radius, fillet):
-    """Wall of a tee with its rounded rim: (d, gx, gy, gz, face). See ``pipes.saddle`` for the surface.
+    """Wall of a tee with its rounded rim: (d, gx, gy, gz, face). See ``pipes.saddle`` for the
+    surface.
 
-    A cylinder's foot, where it is on the wall, is never farther than the edge, which lies on both cylinders.
+    A cylinder's foot, where it is on the wall, is never farther than the edge, which lies on both
+    cylinders.
     """
     rho = radius + fillet
     from_run, from_branch = math.sqrt(x * x + y * y), math.sqrt(y * y + z * z)
     beside = x < 0.0
-    if from_run >= rho and (beside or from_branch >= rho):  # within the wall, deeper than the fillet
+    if from_run >= rho and (
+        beside or from_branch >= rho
+    ):  # within the wall, deeper than the fillet
         if beside or from_run <= from_branch:
             return rho - from_run - fillet, -x / from_run, -y / from_run, 0.0, FACE
         return rho - from_branch - fillet, 0.0, -y / from_branch, -z / from_branch, FACE
@@ -65,7 +73,12 @@ def tee(x, y, z, radius, fillet):
         best = rho - from_run
         if from_run > 1e-12:
             gx, gy = -x / from_run, -y / from_run
-    if from_branch <= rho and not beside and x * from_branch >= rho * abs(z) and rho - from_branch < best:
+    if (
+        from_branch <= rho
+        and not beside
+        and x * from_branch >= rho * abs(z)
+        and rho - from_branch < best
+    ):
         best = rho - from_branch
         gx = gy = gz = 0.0
         if from_branch > 1e-12:
@@ -82,8 +95,8 @@ def tee(x, y, z, radius, fillet):
 def _onto_edge(x, y, z, rho):
     """Nearest point of the edge (rho cos t, rho sin t, +-rho cos t), |t| <= 90 degrees.
 
-    The root of g(t) = a u sin t - b v cos t - (a^2 - b^2) sin t cos t in the first quadrant, by Newton's method kept
-    in a bracket; (u, v) is the point along the ellipse's axes.
+    The root of g(t) = a u sin t - b v cos t - (a^2 - b^2) sin t cos t in the first quadrant, by
+    Newton's method kept in a bracket; (u, v) is the point along the ellipse's axes.
     """
     root2 = math.sqrt(2.0)
     u, v = max(x + abs(z), 0.0) / root2, abs(y)

@@ -1,7 +1,7 @@
 """Section IV of the paper: where a module loses the wall while the robot turns in a tee.
 
-``region`` has the motion singularity region in closed form, ``contact`` the contact of modules of finite length in the
-exact geometry of two pipes, ``case`` both together for one robot at one tee.
+``region`` has the motion singularity region in closed form, ``contact`` the contact of modules of
+finite length in the exact geometry of two pipes, ``case`` both together for one robot at one tee.
 """
 
 from omnitrack_sim.theory.singularity.case import TurnCase

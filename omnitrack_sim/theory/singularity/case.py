@@ -9,7 +9,13 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.robot import MODULES, Robot
-from omnitrack_sim.theory.singularity.contact import ContactMap, TeePath, contact_map, outer_sector, turn_path
+from omnitrack_sim.theory.singularity.contact import (
+    ContactMap,
+    TeePath,
+    contact_map,
+    outer_sector,
+    turn_path,
+)
 from omnitrack_sim.theory.singularity.region import (
     DEFINITIONS,
     Definition,
@@ -34,7 +40,8 @@ class TurnCase:
         modules: number of equal modules.
         definition: of the region, see ``DEFINITIONS``.
         contact_length: L of a module, for the real geometry.
-        bend_radius: of the arc that the robot's centre follows, for the real geometry; none: R, about the crotch.
+        bend_radius: of the arc that the robot's centre follows, for the real geometry; none: R,
+            about the crotch.
 
     Raises:
         InputError: a value is out of range.
@@ -69,14 +76,18 @@ class TurnCase:
     @cached_property
     def real_sector(self) -> float:
         """Outer sector in the exact two-cylinder geometry, rad."""
-        return float(outer_sector(self._path(721), self.reach, self.pipe_radius, self.contact_length))
+        return float(
+            outer_sector(self._path(721), self.reach, self.pipe_radius, self.contact_length)
+        )
 
     def real_map(self, orientations: int = 241, poses: int = 181) -> ContactMap:
         """Contact along the turn over one period of theta5, ``best`` in the middle."""
         half = np.pi / self.modules
         theta5 = self.best + np.linspace(-half, half, orientations)
         path = self._path(poses)
-        return contact_map(path, theta5, self.reach, self.pipe_radius, self.contact_length, self.modules)
+        return contact_map(
+            path, theta5, self.reach, self.pipe_radius, self.contact_length, self.modules
+        )
 
     @property
     def path_radius(self) -> float:
@@ -99,7 +110,9 @@ class TurnCase:
             "best_theta5_deg": float(np.degrees(self.best)),
             **self._rates(self.sector),
             "definitions": {
-                name: self._rates(float(sector_angle(self.pipe_radius, self.reach, self.turn_angle, name)))
+                name: self._rates(
+                    float(sector_angle(self.pipe_radius, self.reach, self.turn_angle, name))
+                )
                 for name in DEFINITIONS
             },
             "real_geometry": {

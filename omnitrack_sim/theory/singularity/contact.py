@@ -1,12 +1,13 @@
 """Which modules touch the wall while a robot turns in a tee, in the exact two-cylinder geometry.
 
-Two bores of radius R, a run along z and a branch that leaves it at the turn angle delta in the plane of x and z; the
-edge where they meet is sharp. The robot is an axis and, around it, modules that are lines of length L parallel to it.
-A module pushes straight outward until the first point of its line meets the wall; it touches if that is within the
-reach rho. The robot comes up the run; its axis follows a given path.
+Two bores of radius R, a run along z and a branch that leaves it at the turn angle delta in the
+plane of x and z; the edge where they meet is sharp. The robot is an axis and, around it, modules
+that are lines of length L parallel to it. A module pushes straight outward until the first point of
+its line meets the wall; it touches if that is within the reach rho. The robot comes up the run; its
+axis follows a given path.
 
-Tee frame: y across the plane of the turn, origin where the axes meet. A module's angle is measured about the robot axis
-from the turning direction, theta5 for module 1.
+Tee frame: y across the plane of the turn, origin where the axes meet. A module's angle is measured
+about the robot axis from the turning direction, theta5 for module 1.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.rotations import Array
 
 _Y = np.array([0.0, 1.0, 0.0])
-_OFFSETS = np.radians(np.concatenate([np.arange(0, 100, 0.25), np.arange(100, 181, 2)]))  # from the outer direction
+_OFFSETS = np.radians(
+    np.concatenate([np.arange(0, 100, 0.25), np.arange(100, 181, 2)])
+)  # from the outer direction
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,10 @@ class TeePath:
     def __post_init__(self) -> None:
         if not 0 < self.turn_angle < np.pi:
             raise InputError(
-                Fault("turn_angle", f"is {np.degrees(self.turn_angle):g} degrees; it must lie between 0 and 180")
+                Fault(
+                    "turn_angle",
+                    f"is {np.degrees(self.turn_angle):g} degrees; it must lie between 0 and 180",
+                )
             )
 
     @property
@@ -55,13 +61,15 @@ class TeePath:
 
 
 def turn_path(bend_radius: float, turn_angle: float = np.pi / 2, poses: int = 721) -> TeePath:
-    """The arc of radius ``bend_radius`` m from the run's axis to the branch's, in ``poses`` equal steps of angle.
+    """The arc of radius ``bend_radius`` m from the run's axis to the branch's, in ``poses`` equal
+    steps of angle.
 
-    With bend_radius = R the centre of the arc is the inner vertex of the tee's edge: the robot pivots about the crotch
-    at the distance R. Larger radii cut the corner.
+    With bend_radius = R the centre of the arc is the inner vertex of the tee's edge: the robot
+    pivots about the crotch at the distance R. Larger radii cut the corner.
 
     Raises:
-        InputError: bend_radius is not positive, turn_angle not between 0 and pi rad, or poses below 2.
+        InputError: bend_radius is not positive, turn_angle not between 0 and pi rad, or poses below
+            2.
     """
     _require_positive("bend_radius", bend_radius)
     turned = np.linspace(0.0, turn_angle, _count("poses", poses))
@@ -73,7 +81,8 @@ def turn_path(bend_radius: float, turn_angle: float = np.pi / 2, poses: int = 72
 
 
 def straight_path(pipe_radius: float, turn_angle: float = np.pi / 2, poses: int = 721) -> TeePath:
-    """Straight over the tee along the run's axis, from 2 R before the branch's axis to 2 R behind it.
+    """Straight over the tee along the run's axis, from 2 R before the branch's axis to 2 R behind
+    it.
 
     Raises:
         InputError: pipe_radius is not positive, or poses below 2.
@@ -112,12 +121,18 @@ class ContactMap:
 
     @property
     def contact_rate(self) -> float:
-        """Share of the orientations that keep contact; a success rate if theta5 covers a period evenly."""
+        """Share of the orientations that keep contact; a success rate if theta5 covers a period
+        evenly."""
         return float(self.keeps_contact.mean())
 
 
 def contact_map(
-    path: TeePath, theta5: ArrayLike, reach: float, pipe_radius: float, contact_length: float, modules: int = 3
+    path: TeePath,
+    theta5: ArrayLike,
+    reach: float,
+    pipe_radius: float,
+    contact_length: float,
+    modules: int = 3,
 ) -> ContactMap:
     """Contact state of every module along a path, for each theta5 (M,) rad.
 
@@ -138,13 +153,18 @@ def contact_map(
     return ContactMap(path, theta5, wall_distance(path, angles, pipe_radius, contact_length), reach)
 
 
-def outer_sector(path: TeePath, reach: ArrayLike, pipe_radius: float, contact_length: float) -> Array:
-    """Angle (...,) rad of the sector about the outer direction in which a module loses the wall somewhere on the path.
+def outer_sector(
+    path: TeePath, reach: ArrayLike, pipe_radius: float, contact_length: float
+) -> Array:
+    """Angle (...,) rad of the sector about the outer direction in which a module loses the wall
+    somewhere on the path.
 
-    The counterpart of ``region.sector_angle``. Between directions a quarter of a degree apart the needed reach is
-    interpolated. It has a sharp peak along the turn: with 721 poses of a right angle the sector is within 0.05 degrees
-    of its limit, with 181 within 0.5. There may be further directions without contact, apart from this sector: see
-    ``contact_map``.
+    The counterpart of ``region.sector_angle``. Between directions a quarter of a degree apart the
+    needed reach is
+    interpolated. It has a sharp peak along the turn: with 721 poses of a right angle the sector is
+    within 0.05 degrees
+    of its limit, with 181 within 0.5. There may be further directions without contact, apart from
+    this sector: see ``contact_map``.
 
     Args:
         path: T poses.
@@ -175,17 +195,22 @@ def _count(name: str, value: int, least: int = 2) -> int:
     return value
 
 
-def wall_distance(path: TeePath, module_angle: ArrayLike, pipe_radius: float, contact_length: float) -> Array:
-    """Distance (T, *A) m from the robot axis at which a module first meets the wall; infinite through an open end.
+def wall_distance(
+    path: TeePath, module_angle: ArrayLike, pipe_radius: float, contact_length: float
+) -> Array:
+    """Distance (T, *A) m from the robot axis at which a module first meets the wall; infinite
+    through an open end.
 
-    Along the module the distance to the wall is concave except where it crosses the edge, so its least value is at an
-    end of the line or on the edge. These few points are tried; nothing is sampled.
+    Along the module the distance to the wall is concave except where it crosses the edge, so its
+    least value is at an end of the line or on the edge. These few points are tried; nothing is
+    sampled.
 
     Args:
         path: T poses.
         module_angle: (*A,) rad from the turning direction.
         pipe_radius: R, m.
-        contact_length: L, m; 0 is a point contact. A line whose end on the robot axis lies outside the bores gives 0.
+        contact_length: L, m; 0 is a point contact. A line whose end on the robot axis lies outside
+            the bores gives 0.
 
     Raises:
         InputError: a length is out of range.
@@ -195,7 +220,9 @@ def wall_distance(path: TeePath, module_angle: ArrayLike, pipe_radius: float, co
         raise InputError(Fault("contact_length", f"is {contact_length} m; it must not be negative"))
     angle = np.asarray(module_angle, float)
     shape = (len(path.axis), *(1,) * angle.ndim)
-    centre, axis, inward = (v.reshape(*shape, 3) for v in (path.centre, path.axis, path.turning_direction))
+    centre, axis, inward = (
+        v.reshape(*shape, 3) for v in (path.centre, path.axis, path.turning_direction)
+    )
     centre = centre / pipe_radius  # from here on lengths are in pipe radii
     outward = np.cos(angle)[..., None] * inward + np.sin(angle)[..., None] * _Y  # (T, *A, 3)
     half = contact_length / pipe_radius / 2
@@ -204,7 +231,9 @@ def wall_distance(path: TeePath, module_angle: ArrayLike, pipe_radius: float, co
     for along, reach in bores.edge_crossings(centre, axis, outward):
         within = (np.abs(along) <= half) & (reach > 0)
         foot = centre + np.where(within, along, 0.0)[..., None] * axis
-        distance = np.where(within, np.minimum(distance, np.minimum(bores.exit(foot, outward), reach)), distance)
+        distance = np.where(
+            within, np.minimum(distance, np.minimum(bores.exit(foot, outward), reach)), distance
+        )
     return distance * pipe_radius
 
 
@@ -212,12 +241,15 @@ class _Bores:
     """Union of the run's and the branch's bore, radius 1."""
 
     def __init__(self, turn_angle: float):
-        self.across_run = np.array([1.0, 0.0, 0.0])  # unit vector across the run's axis, in the plane of the turn
+        self.across_run = np.array(
+            [1.0, 0.0, 0.0]
+        )  # unit vector across the run's axis, in the plane of the turn
         self.across_branch = np.array([np.cos(turn_angle), 0.0, -np.sin(turn_angle)])
         self.branch = np.array([np.sin(turn_angle), 0.0, np.cos(turn_angle)])
 
     def exit(self, start: Array, direction: Array) -> Array:
-        """Length (...,) of rays from ``start`` (..., 3) to where they first leave the union; 0 outside it."""
+        """Length (...,) of rays from ``start`` (..., 3) to where they first leave the union; 0
+        outside it."""
         run_in, run_out = _through_cylinder(start, direction, self.across_run)
         branch_in, branch_out = self._through_branch(start, direction)
         in_run, in_branch = (run_in <= 0) & (run_out >= 0), (branch_in <= 0) & (branch_out >= 0)
@@ -228,7 +260,8 @@ class _Bores:
         return np.where(on_in_branch, branch_out, np.where(on_in_run, run_out, first))
 
     def _through_branch(self, start: Array, direction: Array) -> tuple[Array, Array]:
-        """Where rays enter and leave the half of the branch's cylinder on its side of the run's axis."""
+        """Where rays enter and leave the half of the branch's cylinder on its side of the run's
+        axis."""
         enter, leave = _through_cylinder(start, direction, self.across_branch)
         height, slope = start @ self.branch, direction @ self.branch
         safe = np.where(slope == 0, 1.0, slope)
@@ -238,15 +271,20 @@ class _Bores:
             rising, leave, np.minimum(leave, crossing)
         )
 
-    def edge_crossings(self, centre: Array, axis: Array, outward: Array) -> list[tuple[Array, Array]]:
-        """Where the plane of axis and module meets the edge: pairs (along the axis, outward), infinite where not.
+    def edge_crossings(
+        self, centre: Array, axis: Array, outward: Array
+    ) -> list[tuple[Array, Array]]:
+        """Where the plane of axis and module meets the edge: pairs (along the axis, outward),
+        infinite where not.
 
-        On the edge the point is as far across the run as across the branch: it lies in one of the two planes that
-        bisect them, which the plane (centre + s axis + q outward) meets in a line, and on the run's cylinder.
+        On the edge the point is as far across the run as across the branch: it lies in one of the
+        two planes that bisect them, which the plane (centre + s axis + q outward) meets in a line,
+        and on the run's cylinder.
         """
         crossings = []
         for normal in (self.across_run - self.across_branch, self.across_run + self.across_branch):
-            # normal . (centre + s axis + q outward) = 0: a point of the line and its direction in (s, q).
+            # normal . (centre + s axis + q outward) = 0: a point of the line and its direction in
+            # (s, q).
             a, b, c = axis @ normal, outward @ normal, centre @ normal
             size = a * a + b * b
             ok = size > 1e-24
@@ -259,12 +297,15 @@ class _Bores:
                 t = np.where(met, t, 0.0)
                 at = start + t[..., None] * direction
                 met &= at @ self.branch >= 0
-                crossings.append((np.where(met, s0 + t * ds, np.inf), np.where(met, q0 + t * dq, np.inf)))
+                crossings.append(
+                    (np.where(met, s0 + t * ds, np.inf), np.where(met, q0 + t * dq, np.inf))
+                )
         return crossings
 
 
 def _through_cylinder(start: Array, direction: Array, across: Array) -> tuple[Array, Array]:
-    """Where lines start + t direction enter and leave the cylinder of radius 1 with ``across`` and y across its axis.
+    """Where lines start + t direction enter and leave the cylinder of radius 1 with ``across`` and
+    y across its axis.
 
     A line that misses it gives (inf, -inf), one along the axis inside it (-inf, inf).
     """
