@@ -233,7 +233,7 @@ def drive(task: tuple[str, int, str, str, float]) -> Run:
         gravity_x=x,
         gravity_y=y,
         gravity_z=z,
-        fittings=len(scenario.route().fittings),
+        fittings=len(scenario.route.fittings),
         outcome=result.outcome.value,
         arrived=result.success,
         in_order=in_order(result),
@@ -243,7 +243,7 @@ def drive(task: tuple[str, int, str, str, float]) -> Run:
         wall_s=wall,
         collider=str(result.provenance["collider"]),
         reason=result.reason,
-        events="\n".join(result.events),
+        events="\n".join(map(str, result.events)),
     )
 
 

@@ -21,7 +21,6 @@ from itertools import permutations
 from omnitrack_sim import Scenario, load_scenario, random_network, shortest_route
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim import setup
-from omnitrack_sim.sim.runner import BatchRun
 
 PIECES = (500, 5_000, 20_000)
 SEGMENT = 0.5

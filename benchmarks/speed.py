@@ -20,8 +20,7 @@ import numpy as np
 from tee_turns import random_tee_turns
 
 from omnitrack_sim import Outcome, load_scenario, override
-from omnitrack_sim.sim.runner import BatchRun
-from omnitrack_sim.sim.setup import scene_of, start_qpos
+from omnitrack_sim.sim.builder import scene_of, start_qpos
 
 
 def timed_batch(trials: int, threads: int, collider: str) -> tuple[BatchRun, float, float]:
@@ -62,7 +61,7 @@ def check_walls(rays: int = 4000) -> float:
     """Largest distance, m, of ray hits from the exact surface on the straight parts of the tee
     turn."""
     scenario = load_scenario("tee_turn")
-    network = scenario.route().network
+    network = scenario.route.network
     model = scene_of(scenario).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

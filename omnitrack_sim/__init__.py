@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from omnitrack_sim.control.interface import Command, Controller, ControlSetup, Observation
     from omnitrack_sim.errors import (
         GeometryError,
         InputError,
@@ -23,14 +24,19 @@ if TYPE_CHECKING:
     from omnitrack_sim.network import Network, load_network, random_network, shortest_route
     from omnitrack_sim.pipes import Elbow, PipeNetwork, Reducer, Step, Straight, Tee, route
     from omnitrack_sim.plots import plot_mission, plot_singularity, plot_summary
+    from omnitrack_sim.record.channels import Channel
+    from omnitrack_sim.record.events import Event, Remark
+    from omnitrack_sim.record.metrics import Metric
     from omnitrack_sim.record.outcome import Outcome
     from omnitrack_sim.record.timeline import Visit
     from omnitrack_sim.record.trajectory import Trajectory
     from omnitrack_sim.robot import Robot
     from omnitrack_sim.scenario import Scenario, load_scenario, override
     from omnitrack_sim.schema.reading import shipped_networks, shipped_scenarios, shipped_sweeps
+    from omnitrack_sim.sensing import Sensor
     from omnitrack_sim.sim.result import Result, load_result
-    from omnitrack_sim.sim.runner import run, run_batch
+    from omnitrack_sim.sim.run import run, run_batch
+    from omnitrack_sim.sim.simulation import Simulation
     from omnitrack_sim.sweep import Sweep, load_sweep, run_sweep
     from omnitrack_sim.theory.singularity import TurnCase
 
@@ -56,7 +62,13 @@ _HOME = {
     "robot": ("Robot",),
     "scenario": ("Scenario", "load_scenario", "override"),
     "sim.result": ("Result", "load_result"),
-    "sim.runner": ("run", "run_batch"),
+    "sim.run": ("run", "run_batch"),
+    "sim.simulation": ("Simulation",),
+    "control.interface": ("Command", "ControlSetup", "Controller", "Observation"),
+    "record.channels": ("Channel",),
+    "record.events": ("Event", "Remark"),
+    "record.metrics": ("Metric",),
+    "sensing": ("Sensor",),
     "theory.singularity": ("TurnCase",),
     "sweep": ("Sweep", "load_sweep", "run_sweep"),
     "record.timeline": ("Visit",),
@@ -65,21 +77,31 @@ _HOME = {
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
+    "Channel",
+    "Command",
+    "ControlSetup",
+    "Controller",
     "Elbow",
+    "Event",
     "GeometryError",
     "InputError",
+    "Metric",
     "Network",
     "NetworkError",
+    "Observation",
     "OmnitrackError",
     "Outcome",
     "OutputError",
     "PipeNetwork",
     "Reducer",
+    "Remark",
     "RenderError",
     "Result",
     "Robot",
     "Scenario",
     "ScenarioError",
+    "Sensor",
+    "Simulation",
     "Step",
     "Straight",
     "Sweep",

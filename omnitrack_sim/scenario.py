@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from collections.abc import Mapping
 from functools import cached_property
@@ -13,7 +12,10 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from omnitrack_sim.errors import Fault, GeometryError, NetworkError, ScenarioError
+from omnitrack_sim.control.catalogue import controller_of, parameters_model
+from omnitrack_sim.control.interface import Controller
+from omnitrack_sim.errors import Fault, GeometryError, InputError, NetworkError, ScenarioError
+from omnitrack_sim.naming import name_of
 from omnitrack_sim.network import Mission, Network, Planner, load_network
 from omnitrack_sim.network import validate as validate_network
 from omnitrack_sim.network.mission import NOSE_ROOM
@@ -24,6 +26,7 @@ from omnitrack_sim.schema.reading import (
     NAME_PATTERN,
     checked,
     fault_of,
+    fields_at,
     read_toml,
     shipped_networks,
     shipped_scenarios,
@@ -34,6 +37,7 @@ from omnitrack_sim.schema.tables import (
     ElbowPipe,
     Expect,
     Goal,
+    MonitorTable,
     Physics,
     Pipe,
     ReducerPipe,
@@ -44,9 +48,8 @@ from omnitrack_sim.schema.tables import (
     World,
 )
 
-PER_TRIAL_ROBOT_FIELDS = {"preload", "torque_limit", "roll_torque"}
-"""Robot fields that may differ between the trials of one batch: they are floats of the compiled
-model."""
+OPEN_TABLE = "control.parameters."
+"""Below this path the controller decides which keys there are."""
 _PIPES: dict[str, type[BaseModel]] = {
     "straight": StraightPipe,
     "reducer": ReducerPipe,
@@ -70,6 +73,7 @@ class Scenario(Table):
     control: Control = Control()
     physics: Physics = Physics()
     goal: Goal = Goal()
+    monitor: MonitorTable = MonitorTable()
     expect: Expect = Expect()
     seed: Annotated[int, Field(ge=0)] = 0
 
@@ -89,6 +93,7 @@ class Scenario(Table):
             self.network, self.mission, self.robot, self.start.distance, self.control.arcs
         )
 
+    @cached_property
     def route(self) -> Route:
         """The pipes joined, and the centreline through them; of a mission the way to its first
         goal."""
@@ -99,13 +104,33 @@ class Scenario(Table):
         return route([p.step(i) for i, p in enumerate(self.pipes)], pose, self.control.arcs)
 
     @property
+    def controller_class(self) -> type[Controller]:
+        """The class that ``control.kind`` names.
+
+        Raises:
+            InputError: there is no such class.
+        """
+        return controller_of(self.control.kind)
+
+    @property
+    def control_parameters(self) -> Any:
+        """``[control.parameters]`` as the controller's own model, or an empty table."""
+        return parameters_model(self.controller_class)(**self.control.parameters)
+
+    def driven_by(self, controller: type[Controller]) -> Scenario:
+        """The same run under a controller class of a user's own, with its default parameters."""
+        defaults = parameters_model(controller)().model_dump(mode="json")
+        changes = {"kind": name_of(controller), "parameters": defaults}
+        return self.model_copy(update={"control": self.control.model_copy(update=changes)})
+
+    @property
     def goal_distance(self) -> float:
         """Arc length of the robot's centre at the goal, m."""
         if self.goal.distance is not None:
             return self.goal.distance
         if self.planner is not None:
             return self.planner.first.end
-        return self.route().centreline.length - self.robot.length / 2 - NOSE_ROOM
+        return self.route.centreline.length - self.robot.length / 2 - NOSE_ROOM
 
     @property
     def plates(self) -> tuple[tuple[int, str], ...]:
@@ -119,7 +144,7 @@ class Scenario(Table):
         one has its own."""
         if self.physics.time_limit is not None:
             return self.physics.time_limit
-        return self.time_for(self.route().centreline.length)
+        return self.time_for(self.route.centreline.length)
 
     def time_for(self, length: float) -> float:
         """Simulated seconds that a way of ``length`` m may take: four times what cruising takes,
@@ -180,7 +205,7 @@ class Scenario(Table):
         if faults:
             return faults
         try:
-            line = self.route()
+            line = self.route
             planner = self.planner
             routes = [line] if planner is None else [planner.route(leg) for leg in planner.plan()]
         except GeometryError as error:
@@ -241,19 +266,6 @@ class Scenario(Table):
         return faults
 
 
-def model_key(data: Mapping[str, Any]) -> str:
-    """What the compiled model depends on, of a scenario as plain data with every key."""
-    physics = [data["physics"][key] for key in ("timestep", "collider", "wall_tolerance", "staves")]
-    plates = data["mission"] and data["mission"]["blocked"]
-    start = [data["start"][key] for key in ("axis", "turn_deg")]
-    robot = {
-        key: value for key, value in data["robot"].items() if key not in PER_TRIAL_ROBOT_FIELDS
-    }
-    return json.dumps(
-        [data["pipes"], data["network"], plates, start, robot, physics], sort_keys=True
-    )
-
-
 def load_scenario(source: str | Path) -> Scenario:
     """Read a scenario file, or a shipped scenario by name.
 
@@ -279,6 +291,52 @@ def validate(data: Mapping[str, Any], folder: Path = Path()) -> Scenario:
     network = data.get("network")
     if isinstance(network, str | Mapping):
         data = {**data, "network": _network(network, folder)}
+    data, faults = _with_parameters(data)
+    try:
+        scenario = checked(
+            Scenario,
+            data,
+            "pipes",
+            lambda item: fault_of(item, "pipes", tuple(_PIPES), _choices_at),
+            ScenarioError,
+        )
+    except ScenarioError as error:
+        raise ScenarioError([*error.faults, *faults]) from None
+    if faults:
+        raise ScenarioError(faults)
+    return scenario
+
+
+def _with_parameters(data: Mapping[str, Any]) -> tuple[Mapping[str, Any], list[Fault]]:
+    """A scenario's data with all keys of ``[control.parameters]``, and the faults found there."""
+    control = data.get("control", {})
+    kind = control.get("kind", Control().kind) if isinstance(control, Mapping) else None
+    if not isinstance(kind, str):
+        return data, []  # a fault that is told elsewhere
+    try:
+        model = parameters_model(controller_of(kind))
+    except InputError as error:
+        return {**data, "control": {**control, "kind": Control().kind}}, list(error.faults)
+    given, where = control.get("parameters", {}), "control.parameters"
+    if not isinstance(given, Mapping):
+        return data, []
+    try:
+        parameters = checked(
+            model, given, "", lambda item: _fault_below(where, model, item), ScenarioError
+        )
+    except ScenarioError as error:
+        return {**data, "control": {**control, "parameters": {}}}, list(error.faults)
+    return {**data, "control": {**control, "parameters": parameters.model_dump(mode="json")}}, []
+
+
+def _fault_below(where: str, model: type[BaseModel], item: Any) -> Fault:
+    """One of pydantic's errors in a table that stands at the path ``where``."""
+    fault = fault_of(item, "", (), lambda places: fields_at(model, places))
+    return Fault(f"{where}.{fault.where}", fault.problem, fault.choices)
+
+
+def read_back(data: Mapping[str, Any]) -> Scenario:
+    """The scenario of a saved run: as ``validate``, but its controller is not looked for."""
     return checked(
         Scenario,
         data,
@@ -321,12 +379,18 @@ def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
 def set_value(data: Any, path: str, value: Any) -> Fault | None:
     """Set one dotted path in nested tables and lists; the fault where there is no such place."""
     keys = path.split(".")
+    if path == "control.kind" and isinstance(data, dict) and data["control"]["kind"] != value:
+        # Another controller has other parameters.
+        data["control"] = {**data["control"], "parameters": {}}
     place = data
     for depth, key in enumerate(keys, start=1):
         if isinstance(place, list):
             entries: dict[str, Any] = {str(i): i for i in range(len(place))}
         else:
             entries = {name: name for name in place} if isinstance(place, dict) else {}
+        if key not in entries and path.startswith(OPEN_TABLE) and isinstance(place, dict):
+            place[key] = value if depth == len(keys) else {}  # what may stand here is checked later
+            entries[key] = key
         if key not in entries:
             problem = f"there is no {key!r} here" if entries else f"{key!r} is below a plain value"
             return Fault(path, problem, tuple(entries))

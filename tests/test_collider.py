@@ -10,7 +10,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.model.collider import RECORD_SIZE, bounding_box, install, wall_record
 from omnitrack_sim.pipes import Elbow, Reducer, Step, Straight, Tee, route
 from omnitrack_sim.rotations import unit
-from omnitrack_sim.sim.setup import scene_of, start_qpos
+from omnitrack_sim.sim.builder import scene_of, start_qpos
 
 line = pytest.importorskip("omnitrack_sim.model.collider.line")
 
@@ -304,7 +304,7 @@ def test_walls_stay_exact_under_a_turned_route():
     the exact surface."""
     changes = {"physics.collider": "exact", "start.axis": [0.3, -0.5, 0.8], "start.turn_deg": 33.0}
     scenario = ot.override(ot.load_scenario("elbow_short"), changes)
-    network = scenario.route().network
+    network = scenario.route.network
     model = scene_of(scenario).compile()
     data = mujoco.MjData(model)
     data.qpos[:] = start_qpos(scenario, model)

@@ -10,7 +10,6 @@ import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.model.walls import add_walls
-from omnitrack_sim.sim.runner import BatchRun
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks" / "compare"))
 
@@ -51,7 +50,7 @@ def test_wall_error_of_a_known_offset(offset):
         return 0.0
 
     entry = entries.Entry("flex", {}, {}, walls)
-    largest, most = entries.probe_walls(entry, scenario, scenario.route().network.parts[0], 100)
+    largest, most = entries.probe_walls(entry, scenario, scenario.route.network.parts[0], 100)
     assert largest == pytest.approx(1000 * abs(offset), abs=0.02)
     assert most <= largest
 
@@ -60,7 +59,7 @@ def test_missing_walls_count_as_the_reach():
     """Where nothing is touched the error is the reach of the probe."""
     scenario = ot.load_scenario("straight")
     entry = entries.Entry("flex", {}, {}, lambda spec, network: 0.0)
-    part = scenario.route().network.parts[0]
+    part = scenario.route.network.parts[0]
     assert entries.probe_walls(entry, scenario, part, 5)[0] == pytest.approx(
         1000 * entries.PROBE_REACH
     )
@@ -72,7 +71,7 @@ def test_wall_error_of_the_primitives():
     entry = entries.Entry(
         "primitives", {}, {}, lambda spec, network: 0.0 * add_walls(spec, network, tolerance=1e-4)
     )
-    largest, _ = entries.probe_walls(entry, scenario, scenario.route().network.parts[0], 300)
+    largest, _ = entries.probe_walls(entry, scenario, scenario.route.network.parts[0], 300)
     assert 0 < largest <= 0.1
 
 

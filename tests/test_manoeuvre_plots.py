@@ -247,7 +247,7 @@ def test_contact_map_shades_fittings_only():
 def test_contact_map_names_the_route_fittings():
     """With a route the ends of its elbow are marked, with the elbow's name."""
     (run,) = _elbow_runs((0,))
-    route = run.scenario.route()
+    route = run.scenario.route
     axis = contact_map_figure(run, route).axes[0]
     elbow = route.fittings[1]
     lines = [line.get_xdata()[0] for line in axis.lines]

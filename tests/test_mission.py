@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from omnitrack_sim.control.guide import Place
 from typer.testing import CliRunner
 
 from omnitrack_sim import (
@@ -23,17 +24,15 @@ from omnitrack_sim import (
 from omnitrack_sim.cli import app
 from omnitrack_sim.control.alignment import Wish, agreed
 from omnitrack_sim.control.gear import SWAPPED, carried_out, heading, seen
-from omnitrack_sim.control.guide import Place
 from omnitrack_sim.control.interface import Command, Observation
 from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.network import Leg, Mission, Planner
 from omnitrack_sim.network.mission import NOSE_ROOM
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.scenario import Scenario, validate
+from omnitrack_sim.sim.builder import scene_of
 from omnitrack_sim.sim.plant import Plant, Trials
 from omnitrack_sim.sim.result import Result
-from omnitrack_sim.sim.runner import BatchRun
-from omnitrack_sim.sim.setup import scene_of
 
 LENGTH = Robot().length
 needs_exact = pytest.mark.skipif(why_not() is not None, reason="the exact collider does not load")

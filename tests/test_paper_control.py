@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from omnitrack_sim.control.guide import Guide
 
 from omnitrack_sim import load_scenario, override, run_batch
 from omnitrack_sim.control import Settings
-from omnitrack_sim.control.guide import Guide
 from omnitrack_sim.control.paper import PaperController
 from omnitrack_sim.robot import MODULE_ANGLES
-from omnitrack_sim.sim.setup import settings_of
+from omnitrack_sim.sim.builder import settings_of
 from omnitrack_sim.theory.kinematics import elbow_speeds
 
 
@@ -51,7 +51,7 @@ def test_turn_ends_when_the_axis_has_turned():
     last = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("tee_turn"))[-1]
     w, x, y, z = trajectory["quaternion"][last]
     axis = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
-    branch = result.scenario.route().fittings[1].turn_direction
+    branch = result.scenario.route.fittings[1].turn_direction
     assert axis @ branch > np.sin(np.radians(86))
 
 
@@ -66,7 +66,7 @@ def test_equal_speeds_are_equal():
 def test_two_modules_are_inner_in_the_worst_orientation():
     """At theta5 = 60 degrees the modules at 60 and -60 from the turn go backward."""
     scenario = override(load_scenario("tee_turn"), {"control.kind": "paper"})
-    guide = Guide.along(scenario.route(), np.array([0.1]))
+    guide = Guide.along(scenario.route, np.array([0.1]))
     settings, _ = settings_of([scenario], guide)
     assert isinstance(settings, Settings)
     controller = PaperController(guide, scenario.robot, settings, np.zeros((1, 3)), 0.01)
@@ -98,7 +98,7 @@ def test_an_elbow_can_begin_later():
     trajectory = result.trajectory
     begin = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("elbow"))[0]
     head = trajectory["distance"][begin] + result.scenario.robot.length / 2
-    assert head == pytest.approx(result.scenario.route().fittings[1].s_bend_start + 0.05, abs=0.005)
+    assert head == pytest.approx(result.scenario.route.fittings[1].s_bend_start + 0.05, abs=0.005)
 
 
 def test_a_tee_turn_begins_at_its_trigger():
@@ -112,5 +112,5 @@ def test_a_tee_turn_begins_at_its_trigger():
         begin = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("tee_turn"))[0]
         head = trajectory["distance"][begin] + result.scenario.robot.length / 2
         assert head == pytest.approx(
-            result.scenario.route().fittings[1].opening[0] + expected, abs=0.005
+            result.scenario.route.fittings[1].opening[0] + expected, abs=0.005
         )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from omnitrack_sim import Outcome, Result, Scenario, load_scenario, override, run, run_batch
-from omnitrack_sim.sim.setup import scene_of
+from omnitrack_sim.sim.builder import scene_of
 from omnitrack_sim.theory.kinematics import turn_from_roll
 
 G = 9.81

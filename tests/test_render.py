@@ -30,7 +30,7 @@ PIPES = [
 def result():
     """A robot drawn along a centreline for one second, without physics."""
     scenario = Scenario.model_validate({"name": "film", "pipes": PIPES})
-    line = scenario.route().centreline
+    line = scenario.route.centreline
     time = np.linspace(0.0, 1.0, 51, dtype=np.float64)
     distance = 0.1 + 0.5 * time
     channels = {name: np.zeros((len(time), *channel.shape)) for name, channel in CHANNELS.items()}
@@ -45,7 +45,7 @@ def result():
     channels["gear"] = np.ones(len(time))
     trajectory = Trajectory(time, channels, ("straight",), qpos)
     return SimpleNamespace(
-        scenario=scenario, trajectory=trajectory, routes=lambda: (scenario.route(),)
+        scenario=scenario, trajectory=trajectory, routes=lambda: (scenario.route,)
     )
 
 
@@ -122,7 +122,7 @@ def chain_result() -> SimpleNamespace:
     scenario = Scenario.model_validate(
         {"name": "chain", "pipes": [*pipes, {"kind": "straight", "length": 0.4}]}
     )
-    way = scenario.route()
+    way = scenario.route
     distance = np.arange(0.1, way.centreline.length - 0.1, 0.01)
     channels = drive(way, distance)
     qpos = np.concatenate(

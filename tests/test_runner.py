@@ -5,7 +5,6 @@ import pytest
 
 from omnitrack_sim import Outcome, Result, load_scenario, override, run, run_batch
 from omnitrack_sim.record.trajectory import CHANNELS
-from omnitrack_sim.sim.runner import BatchRun
 
 
 def _short_tee(**changes):

@@ -26,7 +26,7 @@ from sweep_samples import (
 
 from omnitrack_sim import OutputError, SweepError, load_sweep, run, run_sweep
 from omnitrack_sim.record.metrics import summarise
-from omnitrack_sim.sim.runner import run_batch
+from omnitrack_sim.sim.run import run_batch
 from omnitrack_sim.sweep import engine, folder, part, workers
 from omnitrack_sim.sweep.summary import summarise_sweep
 from omnitrack_sim.sweep.table import METRICS

@@ -20,7 +20,7 @@ from omnitrack_sim import (
 )
 from omnitrack_sim.scenario import model_key
 from omnitrack_sim.schema.tables import UNITS, unit_of
-from omnitrack_sim.sim.runner import batch_key
+from omnitrack_sim.sim.builder import batch_key
 from omnitrack_sim.sweep.spec import resolve
 
 GRID = {"path": "contact.friction", "kind": "grid", "start": 0.2, "stop": 0.8, "count": 3}

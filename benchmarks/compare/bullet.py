@@ -47,11 +47,11 @@ from omnitrack_sim.model.robot import (
 )
 from omnitrack_sim.pipes import Elbow, PipeNetwork, Straight
 from omnitrack_sim.pipes.fittings import Fitting
-from omnitrack_sim.record.trajectory import TRACKS
+from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.rotations import Array, cross, dot, matrix_from_quaternion
 from omnitrack_sim.sim.plant import AT_REST, BOTH_TRACKS_COSINE, NUMBERS, Plant, Readings, Trials
-from omnitrack_sim.sim.runner import BatchRun, MakePlant
+from omnitrack_sim.sim.simulation import MakePlant
 from omnitrack_sim.theory.kinematics import belt_sign
 
 JOBS = ("straight", "elbow_short", "tee_turn")
@@ -276,7 +276,7 @@ def robot_urdf(robot: Robot) -> str:
 
 
 class BulletPlant:
-    """One robot in Bullet with what ``BatchRun`` uses of ``Plant``."""
+    """One robot in Bullet with what ``Simulation`` uses of ``Plant``."""
 
     def __init__(self, scenario: Scenario, trials: Trials, settings: BulletSettings):
         if len(trials.friction) != 1:
@@ -286,7 +286,7 @@ class BulletPlant:
         self.client = bullet.connect(bullet.DIRECT)
         self._prepare(trials.gravity[0])
         start = time.perf_counter()
-        self.wall = add_wall(self.client, scenario.route().network, settings)
+        self.wall = add_wall(self.client, scenario.route.network, settings)
         self.body = self._add_robot(trials)
         self.build_seconds = time.perf_counter() - start
         self.spring_free, self.roll_torque = (
@@ -588,7 +588,7 @@ def _push(length: float, free: float) -> float:
 
 
 def make_bullet_plant(settings: BulletSettings) -> MakePlant:
-    """A plant maker for ``BatchRun``: Bullet in the place of MuJoCo."""
+    """A plant maker for ``Simulation``: Bullet in the place of MuJoCo."""
 
     def make(scenario: Scenario, trials: Trials, threads: int) -> Plant:
         return BulletPlant(scenario, trials, settings)  # type: ignore[return-value]
@@ -621,7 +621,7 @@ def bullet_wall_error(
     A sphere as large as a lug is held ``PROBE_GAP`` off the exact surface, and the engine is asked
     for the gap. On the fittings that bend or branch; in a straight route on all of it.
     """
-    network = scenario.route().network
+    network = scenario.route.network
     radius = scenario.robot.lug_radius - scenario.robot.track_offset
     parts = [p for p in network.parts if not isinstance(p.fitting, Straight)] or list(network.parts)
     centres = probe_centres(network, parts, radius, probes, seed)

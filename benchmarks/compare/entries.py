@@ -22,9 +22,9 @@ from omnitrack_sim.model.walls import add_exact_walls, add_walls
 from omnitrack_sim.pipes import PipeNetwork, Placed
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.sim.builder import scene_of
 from omnitrack_sim.sim.plant import Plant
-from omnitrack_sim.sim.runner import MakePlant
-from omnitrack_sim.sim.setup import scene_of
+from omnitrack_sim.sim.simulation import MakePlant
 
 OWN = ("primitives", "exact")
 TITLES = {
@@ -98,7 +98,7 @@ class Entry:
         else:
             spec = new_spec("omnitrack_peer")
             spec.option.timestep = scenario.physics.timestep
-            outside = self.walls(spec, scenario.route().network)
+            outside = self.walls(spec, scenario.route.network)
             add_robot(spec, scenario.robot)
         model = spec.compile()
         build_s = time.process_time() - start + outside
@@ -116,7 +116,7 @@ class Built:
     """An entry's plant for one job.
 
     Attributes:
-        make_plant: for ``BatchRun``.
+        make_plant: for ``Simulation``.
         wall_error: errors (k,) m of the collision surface at k probes in a part; see
             ``probe_walls``.
         build_s: CPU seconds to make walls and model.
@@ -159,7 +159,7 @@ def probe_walls(entry: Entry, scenario: Scenario, part: Placed, count: int) -> t
     assert entry.walls is not None
     spec = new_spec("probe")
     radius = scenario.robot.lug_radius - scenario.robot.track_offset
-    entry.walls(spec, scenario.route().network)
+    entry.walls(spec, scenario.route.network)
     probe = spec.worldbody.add_body(
         name="probe", mass=1.0, inertia=[1.0, 1.0, 1.0], explicitinertial=True
     )

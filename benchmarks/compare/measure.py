@@ -12,7 +12,6 @@ from entries import Built, Entry
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.robot import MODULES
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.sim.runner import BatchRun
 
 PARTS = {"straight": 0, "elbow_short": 1, "tee_turn": 1}
 """Index of the fitting, in the pipes of each job, whose wall is probed."""

@@ -54,7 +54,7 @@ def run(
     from omnitrack_sim.film.inset import needs_map
     from omnitrack_sim.plots import plot_mission, plot_summary
     from omnitrack_sim.sim.result import check_output, run_folder
-    from omnitrack_sim.sim.runner import run as run_scenario
+    from omnitrack_sim.sim.run import run as run_scenario
 
     loaded = load(scenario, [*(assignments or []), *([FAST] if fast else [])])
     camera = camera or ("side" if loaded.mission is None else "follow")
@@ -102,7 +102,7 @@ def _print_result(result: Result, target: Path) -> None:
     )
     out.print(f"  {plain(result.reason)}", soft_wrap=True)
     for event in result.events:
-        out.print(f"  {plain(event)}", soft_wrap=True)
+        out.print(f"  {plain(str(event))}", soft_wrap=True)
     if result.as_expected is False:
         out.print(f"  [yellow]expected {result.scenario.expect.outcome}[/]")
     if _is_mission(result):
@@ -225,7 +225,7 @@ def view(scenario: ScenarioArgument, assignments: SetOption = None) -> None:
         raise RenderError("the viewer needs a screen; `omnitrack run` renders a video without one")
     import mujoco.viewer
 
-    from omnitrack_sim.sim.setup import scene_of, start_qpos
+    from omnitrack_sim.sim.builder import scene_of, start_qpos
 
     model = scene_of(loaded, looks=True).compile()
     data = mujoco.MjData(model)

@@ -3,11 +3,15 @@ all controllers."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from omnitrack_sim.control.alignment import (
-    NO_MOTION_MARGIN,
     ROUNDING,
     Manoeuvre,
     Obstacle,
@@ -20,242 +24,272 @@ from omnitrack_sim.control.alignment import (
     preferred_theta5,
 )
 from omnitrack_sim.control.gear import SWAPPED
-from omnitrack_sim.control.guide import Guide, Place
-from omnitrack_sim.control.interface import Observation, Settings
-from omnitrack_sim.robot import Robot
+from omnitrack_sim.control.interface import ControlSetup, Observation
+from omnitrack_sim.control.route_map import Place, RouteMap
+from omnitrack_sim.record.events import Event, NotAligned, Rolled
 from omnitrack_sim.rotations import Array
+from omnitrack_sim.schema.tables import Positive, Table
 from omnitrack_sim.theory.kinematics import belt_sign
 from omnitrack_sim.theory.singularity import safe_margin, sector_angle
 
-ROLL_SETTLED = 0.02
-"""Roll error at which a roll counts as done, rad."""
-ALIGN_ATTEMPTS = 3
-"""Rolls in a row before one fitting; slip while rolling makes the first one fall short."""
-CLEARANCES = {
-    np.radians(60.0): 0.0,
-    np.radians(45.0): np.radians(90.0),
-    NO_MOTION_MARGIN: np.radians(360.0),
-}
-"""Distances of the roll from the no-motion line, and the further roll, rad, that a robot puts up
-with to have so much. Out of a branch 60 of 60 robots pass with 90 and 60 degrees, 58 with 40 and 11
-with 30, where the track away from the wall touches and brakes; straight over a tee such a robot
-falls into a branch that opens downward."""
-WIDTH_DETOUR = np.radians(90.0)
-"""Further roll, rad, that a robot puts up with to come into the next narrower range of ``AIMS``."""
-CLEAR_ENOUGH = np.radians(45.0)
-"""Distance of the roll from the no-motion line with which a robot that is oriented drives on,
-rad."""
-ROLL_PATIENCE = 1.0
-"""Time beyond what a roll should take after which it is looked at as it is, s: the belts' grip may
-hold a module off its target for good."""
-NO_MOTION_BAND = 0.1
-"""Size of cos(roll) below which the belts keep their direction: at the no-motion line its sign is
-noise."""
-AIMS: dict[Manoeuvre, tuple[float, ...]] = {
-    "elbow": (0.5, 0.5, 1.0),
-    "tee_turn": (0.5, 0.85, 1.0),
-    "tee_straight": (0.25, 0.5, 1.0),
-}
-"""Parts of the safe margin that a roll aims at; the next one where the first has no roll clear of
-the no-motion line.
-Straight over a tee nearer is steadier: tilt up to 1.1 degrees from 6 degrees beside the best
-orientation, 0.9 from the
-best. In a tee turn it is not: dead on, both outer modules lose the wall at the same time
-(docs/design-study.md)."""
-WIDTHS = len(AIMS["elbow"])
+Three = tuple[float, float, float]
+_FIRST_COMES: tuple[Manoeuvre, ...] = ("tee_turn", "tee_straight", "elbow")
 
 
-def manoeuvres(guide: Guide) -> tuple[Manoeuvre | None, ...]:
+class AlignmentTable(Table):
+    """When a robot rolls its modules before a fitting, and how far."""
+
+    roll_settled: Positive = 0.02  # rad, error at which a roll counts as done
+    # Rolls in a row before one fitting; slip while rolling makes the first one fall short.
+    attempts: Annotated[int, Field(ge=1)] = 3
+    # s at D = 160 mm, with the square root of D at others: time beyond what a roll should take
+    # after which it is looked at as it is. The belts' grip may hold a module off its target.
+    patience: Positive = 1.0
+    # Distances of the roll from the no-motion line, the best first, and the further roll that a
+    # robot puts up with to have so much. Out of a branch 60 of 60 robots pass with 90 and 60
+    # degrees, 58 with 40 and 11 with 30, where the track away from the wall touches and brakes;
+    # straight over a tee such a robot falls into a branch that opens downward.
+    clearances_deg: Three = (60.0, 45.0, 30.0)
+    clearance_detours_deg: Three = (0.0, 90.0, 360.0)
+    # Further roll that a robot puts up with to come into the next narrower range of the aims.
+    aim_detour_deg: Annotated[float, Field(ge=0)] = 90.0
+    # Distance of the roll from the no-motion line with which an oriented robot drives on.
+    clear_enough_deg: Annotated[float, Field(ge=0, le=90)] = 45.0
+    # Size of cos(roll) below which the belts keep their direction: at the no-motion line its sign
+    # is noise.
+    no_motion_band: Annotated[float, Field(ge=0, le=1)] = 0.1
+    # Fractions of the safe margin to aim for, tried in order. If every roll that reaches the first
+    # ends near the no-motion line, the planner falls back to the next, wider one. Straight over a
+    # tee nearer is steadier: tilt up to 1.1 degrees from 6 degrees beside the best orientation, 0.9
+    # from the best. In a tee turn it is not: dead on, both outer modules lose the wall at the same
+    # time (docs/design-study.md).
+    aim_elbow: Three = (0.5, 0.5, 1.0)
+    aim_tee_turn: Three = (0.5, 0.85, 1.0)
+    aim_tee_straight: Three = (0.25, 0.5, 1.0)
+
+
+AIMS = 3
+"""Number of fractions that are tried."""
+
+
+def manoeuvres(routes: RouteMap) -> tuple[Manoeuvre | None, ...]:
     """What each passage of the routes asks for; None after the last one of a route."""
     kinds: dict[bool, Manoeuvre] = {True: "tee_turn", False: "tee_straight"}
     return tuple(
         None if p is None else "elbow" if p.kind == "elbow" else kinds[p.is_turn]
-        for p in guide.passages
+        for p in routes.passages
     )
 
 
+class Standing(NamedTuple):
+    """Which robots (n,) stand still to roll, and what was decided."""
+
+    robots: NDArray[np.bool_]
+    events: Sequence[Event]
+
+
 class Aligner:
-    """Roll commands of n robots. ``roll`` (n, 3) rad is what the rotary motors are asked.
+    """Roll commands of n robots.
 
     Fittings that follow each other with less room between than the robot needs to stand in are
-    prepared for together,
-    before the first of them: a tee turn comes first, then a tee to be passed straight, then elbows.
-    What cannot be met beforehand is made up for on the way.
+    prepared for together, before the first of them: a tee turn comes first, then a tee to be passed
+    straight, then elbows. What cannot be met beforehand is made up for on the way.
+
+    Args:
+        setup: of the controller. path: of the ``AlignmentTable`` in its parameters.
+
+    Attributes:
+        roll: (n, 3) rad, what the rotary motors are asked. roll_target: (n, 3) rad, where it goes.
+        aligned: (n,) passages dealt with so far. attempts: (n,) rolls before the one at hand.
+        deadline: (n,) s, when a roll is looked at as it is.
     """
 
-    def __init__(
-        self, guide: Guide, robot: Robot, settings: Settings, roll: Array, period: float
-    ) -> None:
-        self.guide, self.robot, self.settings, self.period = guide, robot, settings, period
-        n = len(settings.cruise_speed)
-        self.roll = np.array(roll, float)  # (n, 3) rad
+    def __init__(self, setup: ControlSetup, path: str) -> None:
+        self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
+        each = {name: setup.each(f"{path}.{name}") for name in AlignmentTable.model_fields}
+        self._settled, self._most_attempts = each["roll_settled"], each["attempts"]
+        self._patience = each["patience"] * math.sqrt(setup.robot.nominal_pipe_radius / 0.08)
+        self._clearances = np.radians(each["clearances_deg"])  # (n, K) rad
+        self._clearance_detours = np.radians(each["clearance_detours_deg"])
+        self._aim_detour = np.radians(each["aim_detour_deg"])
+        self._clear_enough = np.radians(each["clear_enough_deg"]) - self._settled
+        self._band = each["no_motion_band"][:, None]
+        self._aims = {m: each[f"aim_{m}"] for m in _FIRST_COMES}  # (n, AIMS) of each manoeuvre
+        n = setup.n
+        self.roll = np.array(setup.roll, float)
         self.roll_target = self.roll.copy()
         self.attempts = np.zeros(n, int)
-        self.deadline = np.full(n, np.inf)  # s, when a roll is looked at as it is
-        self.events: list[list[str]] = [[] for _ in range(n)]
+        self.deadline = np.full(n, np.inf)
+        self._step = self.robot.roll_rate * setup.period  # rad
         self._belt_sign = belt_sign(self.roll)  # (n, 3)
-        self._learn()
+        self._rows = np.arange(n)
+        self.learn()
         everything = np.iinfo(np.intp).max
-        self.aligned = np.where(
-            settings.align, guide.first[guide.way], everything
-        )  # (n,) passages dealt with so far
+        self.aligned = np.where(self.settings.align, self.routes.first[setup.place.way], everything)
 
-    def _learn(self) -> None:
+    def learn(self) -> None:
         """What each passage wants of theta5, together with those that follow it closely."""
-        guide, asked = self.guide, manoeuvres(self.guide)
+        routes, asked = self.routes, manoeuvres(self.routes)
         given, reach = self.settings.safe_margin, self.settings.reach
-        derived = safe_margin(sector_angle(guide.radius, reach[:, None]))  # (n, Q) rad
+        derived = safe_margin(sector_angle(routes.radius, reach[:, None]))  # (n, Q) rad
         margin = np.where(np.isnan(given)[:, None], derived, given[:, None])
-        self.best = np.zeros((WIDTHS, *margin.shape))  # (widths, n, Q) rad
-        self.aim = np.zeros(self.best.shape)  # (widths, n, Q) rad, half-width of the range about it
-        self.makes_do = np.array(
-            [m in ("elbow", "tee_straight") for m in asked]
-        )  # (Q,) goes with any orientation
+        self.best = np.zeros((AIMS, *margin.shape))  # (AIMS, n, Q) rad
+        self.aim = np.zeros(self.best.shape)  # (AIMS, n, Q) rad, half-width of the range about it
+        # (Q,) goes with any orientation
+        self.makes_do = np.array([m in ("elbow", "tee_straight") for m in asked])
         for q, manoeuvre in enumerate(asked):
             if manoeuvre is None:
                 continue
-            together: list[tuple[int, Manoeuvre]] = [(q, manoeuvre)]
-            for p in range(q + 1, len(asked)):
-                following = asked[p]
-                if (
-                    following is None
-                    or self._room_between(p - 1) >= self.robot.length + self.robot.standing_room
-                ):
-                    break
-                together.append((p, following))
-            together.sort(key=lambda passage: _FIRST_COMES.index(passage[1]))
+            together = self._together(q, manoeuvre, asked)
             centres = [
                 preferred_theta5(wanted) - self._turned_between(q, p) for p, wanted in together
             ]
-            for i in range(WIDTHS):
-                widths = [AIMS[wanted][i] * margin[:, p] for p, wanted in together]
-                self.best[i, :, q], self.aim[i, :, q] = agreed(list(map(Wish, centres, widths)))
+            for i in range(AIMS):
+                widths = [self._aims[wanted][:, i] * margin[:, p] for p, wanted in together]
+                wishes = list(map(Wish, centres, widths))
+                self.best[i, :, q], self.aim[i, :, q] = agreed(wishes)
+
+    def _together(
+        self, q: int, manoeuvre: Manoeuvre, asked: Sequence[Manoeuvre | None]
+    ) -> list[tuple[int, Manoeuvre]]:
+        """Passage ``q`` and those that follow it closely, the one that matters most first."""
+        together: list[tuple[int, Manoeuvre]] = [(q, manoeuvre)]
+        for p in range(q + 1, len(asked)):
+            following = asked[p]
+            room = self.robot.length + self.robot.standing_room
+            if following is None or self._room_between(p - 1) >= room:
+                break
+            together.append((p, following))
+        together.sort(key=lambda passage: _FIRST_COMES.index(passage[1]))
+        return together
 
     def _room_between(self, passage: int) -> float:
         """Length, m, of the way from the end of a passage to the start of the next one."""
-        return float(self.guide.start[passage + 1] - self.guide.end[passage])
+        return float(self.routes.start[passage + 1] - self.routes.end[passage])
 
     def _turned_between(self, first: int, later: int) -> float:
         """How much larger, rad, theta5 is at a ``later`` passage than at the ``first`` without
         twist."""
-        angles = []
+        routes, angles = self.routes, []
         for q in (first, later):
-            found = self.guide.passages[q]
+            found = routes.passages[q]
             assert found is not None
-            frame = self.guide.centreline.frame(np.array([found.s_enter]), self.guide.way_of[[q]])[
-                0
-            ]
-            x, y, _ = self.guide.directions[q] @ frame
+            entry = np.array([found.s_enter])
+            frame = routes.centreline.frame(entry, routes.way_of[[q]])[0]
+            x, y, _ = routes.directions[q] @ frame
             angles.append(np.arctan2(y, x))
         return float(angles[0] - angles[1])
 
     def nose_room(self, place: Place) -> Array:
         """Room (n,) m from the robot's nose to the next fitting's bend or opening; infinite after
         the last one."""
-        return self.guide.start[place.passage] - place.distance - self.robot.length / 2
+        return self.routes.start[place.passage] - place.distance - self.robot.length / 2
 
     def belt_sign(self, roll: Array) -> Array:
         """Direction (n, 3) in which the belts drive forward at the measured ``roll`` (n, 3) rad."""
-        clear = np.abs(np.cos(roll)) > NO_MOTION_BAND
-        self._belt_sign = np.where(clear, belt_sign(roll), self._belt_sign)
+        cosine = np.cos(roll)
+        clear = np.abs(cosine) > self._band
+        self._belt_sign = np.where(clear, np.sign(cosine), self._belt_sign)
         return self._belt_sign
 
-    def begin_leg(self, robot: int, turned: bool) -> None:
-        """See ``Controller``."""
-        self._learn()
+    def begin_leg(self, robot: int, turned: bool, way: int) -> None:
+        """A robot drives another way from now on; ``turned``: in the other gear."""
         if turned:
             self.roll[robot] = -self.roll[robot, SWAPPED]
             self.roll_target[robot] = -self.roll_target[robot, SWAPPED]
             self._belt_sign[robot] = self._belt_sign[robot, SWAPPED]
         self.attempts[robot], self.deadline[robot] = 0, np.inf
         if self.settings.align[robot]:
-            self.aligned[robot] = self.guide.first[self.guide.way[robot]]
+            self.aligned[robot] = self.routes.first[way]
 
     def align_again(self, robots: NDArray[np.bool_], passage: NDArray[np.intp]) -> None:
         """Forget that ``robots`` (n,) have been aligned for their ``passage`` (n,)."""
         again = robots & self.settings.align
         self.aligned = np.where(again, np.minimum(self.aligned, passage), self.aligned)
 
-    def step(self, observation: Observation) -> NDArray[np.bool_]:
-        """Which robots (n,) stand still to roll; plans a roll where one is due, and moves ``roll``
-        on."""
-        standing = self._stand(observation)
-        step = self.robot.roll_rate * self.period
-        self.roll += np.clip(self.roll_target - self.roll, -step, step)
+    def step(self, observation: Observation, room: Array) -> Standing:
+        """Find out who has to stand, plan a roll where one is due, and move ``roll`` on.
+
+        Args:
+            observation: of this moment. room: (n,) m, ``nose_room`` at this moment.
+        """
+        standing = self._stand(observation, room)
+        missing = self.roll_target - self.roll
+        if np.count_nonzero(missing):
+            self.roll += np.minimum(np.maximum(missing, -self._step), self._step)
         return standing
 
-    def _stand(self, observation: Observation) -> NDArray[np.bool_]:
-        place = observation.place
-        room = self.nose_room(place)
+    def _stand(self, observation: Observation, room: Array) -> Standing:
+        place, events = observation.place, []
         due = (self.aligned <= place.passage) & (room <= self.robot.standing_room)
-        if not due.any():
-            return due
-        rows = np.arange(len(due))
+        if not np.count_nonzero(due):
+            return Standing(due, ())
         new = due & np.isinf(self.deadline)
-        self.deadline = np.where(new, observation.time + ROLL_PATIENCE, self.deadline)
-        settled = np.abs(observation.roll - self.roll_target).max(axis=-1) < ROLL_SETTLED
+        self.deadline = np.where(new, observation.time + self._patience, self.deadline)
+        settled = np.abs(observation.roll - self.roll_target).max(axis=-1) < self._settled
         # The last range is the widest.
-        best, width = self.best[-1, rows, place.passage], self.aim[-1, rows, place.passage]
+        best = self.best[-1, self._rows, place.passage]
+        width = self.aim[-1, self._rows, place.passage]
         oriented = np.abs(orientation_error(place.theta5, best)) <= width + ROUNDING
-        off_the_line = (
-            no_motion_distance(observation.roll).min(axis=-1) >= CLEAR_ENOUGH - ROLL_SETTLED
-        )
+        off_the_line = no_motion_distance(observation.roll).min(axis=-1) >= self._clear_enough
         # With the nose inside, a fitting that goes with any orientation is not worth a stop.
         inside = (room < 0) & self.makes_do[place.passage]
         decide = due & (settled | (observation.time > self.deadline))
-        finished = decide & (
-            ((oriented | inside) & off_the_line) | (self.attempts >= ALIGN_ATTEMPTS)
-        )
+        good = (oriented | inside) & off_the_line
+        finished = decide & (good | (self.attempts >= self._most_attempts))
         self.aligned = np.where(finished, place.passage + 1, self.aligned)
         self.attempts = np.where(finished, 0, self.attempts)
         self.deadline = np.where(finished, np.inf, self.deadline)
         again = decide & ~finished
         if again.any():
-            self._plan(np.flatnonzero(again), observation)
-        return due & ~finished
+            events = self._plan(np.flatnonzero(again), observation)
+        return Standing(due & ~finished, events)
 
-    def _plan(self, robots: NDArray[np.intp], observation: Observation) -> None:
-        """Plan a roll for each of ``robots`` (m,) and note it; those without a plan drive on as
-        they are."""
-        place, roll = observation.place, self.roll_target[robots, 0]
-        theta5, passage = place.theta5[robots], place.passage[robots]
-        ratio = self.robot.lug_radius / self.guide.radius[passage]
-        best, aims = self.best[:, robots, passage], self.aim[:, robots, passage]  # (widths, m) rad
+    def _plan(self, robots: NDArray[np.intp], observation: Observation) -> list[Event]:
+        """Plan a roll for each of ``robots`` (m,); those without a plan drive on as they are."""
+        place = observation.place
+        theta5 = place.theta5[robots]
+        plan = self._cheapest(robots, theta5, place.passage[robots])
+        self.roll_target[robots] += plan.change[:, None]
+        rolls = np.abs(plan.change) > self._settled[robots]
+        most = self._most_attempts[robots]
+        self.attempts[robots] = np.where(rolls, self.attempts[robots] + 1, most)
+        rolling = np.abs(plan.change) / self.robot.roll_rate
+        self.deadline[robots] = observation.time[robots] + rolling + self._patience[robots]
+        return [
+            self._told(int(robot), plan, i, observation)
+            for i, robot in enumerate(robots)
+            if rolls[i] or not plan.exists[i]
+        ]
+
+    def _cheapest(
+        self, robots: NDArray[np.intp], theta5: Array, passage: NDArray[np.intp]
+    ) -> RollPlan:
+        """Of the rolls to all aims with all clearances, the one that costs least, for ``robots``
+        (m,)."""
+        roll = self.roll_target[robots, 0]
+        ratio = self.robot.lug_radius / self.routes.radius[passage]
+        best, aims = self.best[:, robots, passage], self.aim[:, robots, passage]  # (AIMS, m) rad
         plan, least = None, np.full(len(robots), np.inf)
-        for clearance, detour in CLEARANCES.items():
+        for clearance, detour in zip(
+            self._clearances[robots].T, self._clearance_detours[robots].T, strict=True
+        ):
             for width, (centre, aim) in enumerate(zip(best, aims, strict=True)):
                 other = plan_roll(theta5, roll, centre, aim, ratio, no_motion_margin=clearance)
-                cost = np.abs(other.change) + detour + width * WIDTH_DETOUR
+                cost = np.abs(other.change) + detour + width * self._aim_detour[robots]
                 cost = np.where(other.exists, cost, np.inf)
                 plan = other if plan is None else other.where(cost < least, plan)
                 least = np.minimum(cost, least)
         assert plan is not None
-        self.roll_target[robots] += plan.change[:, None]
-        rolls = np.abs(plan.change) > ROLL_SETTLED
-        self.attempts[robots] = np.where(rolls, self.attempts[robots] + 1, ALIGN_ATTEMPTS)
-        rolling = np.abs(plan.change) / self.robot.roll_rate
-        self.deadline[robots] = observation.time[robots] + rolling + ROLL_PATIENCE
-        for i, robot in enumerate(robots):
-            if plan.exists[i] and not rolls[i]:
-                continue
-            fitting = self.guide.name_of(int(place.passage[robot]))
-            self.events[robot].append(
-                f"{observation.time[robot]:.2f} s, before {fitting}: {_told(plan, i, theta5[i])}"
-            )
+        return plan
 
-
-_FIRST_COMES: tuple[Manoeuvre, ...] = ("tee_turn", "tee_straight", "elbow")
-
-
-def _told(plan: RollPlan, i: int, theta5: float) -> str:
-    """One plan in words."""
-    if not plan.exists[i]:
-        return (
-            f"theta5 {np.degrees(theta5):.1f} deg, not aligned: "
-            f"{Obstacle(int(plan.obstacle[i])).text}"
-        )
-    return (
-        f"rolls the modules by {np.degrees(plan.change[i]):.1f} deg, theta5 from "
-        f"{np.degrees(theta5):.1f} to "
-        f"{np.degrees(plan.theta5[i]):.1f} deg"
-    )
+    def _told(self, robot: int, plan: RollPlan, i: int, observation: Observation) -> Event:
+        """One plan, or why there is none, as an event."""
+        place, time = observation.place, float(observation.time[robot])
+        fitting = self.routes.name_of(int(place.passage[robot]))
+        theta5_deg = float(np.degrees(place.theta5[robot]))
+        if not plan.exists[i]:
+            cause = Obstacle(int(plan.obstacle[i])).text
+            return NotAligned(robot, time, fitting, theta5_deg, cause)
+        change, after = float(np.degrees(plan.change[i])), float(np.degrees(plan.theta5[i]))
+        return Rolled(robot, time, fitting, change, theta5_deg, after)

@@ -1,73 +1,74 @@
 """Driving tail first: the same robot seen from behind.
 
 Nose and tail are alike, so a robot that drives backward is one that drives forward with its frame
-turned by 180 degrees
-about its x axis: z points the other way, module 1 stays, modules 2 and 3 change places. Everything
-the controllers know about orientation, turning and recovery then holds backward too.
+turned by 180 degrees about its x axis: z points the other way, module 1 stays, modules 2 and 3
+change places. Everything the controllers know about orientation, turning and recovery then holds
+backward too. How each channel changes is declared in its schema (``Channel.tail_first``).
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.control.interface import Command, Observation
+from omnitrack_sim.control.interface import Command
+from omnitrack_sim.record.channels import CHANNELS, Channel
 from omnitrack_sim.rotations import Array
 
 TURNED = np.array([1.0, -1.0, -1.0])
 """Diagonal of the rotation by 180 degrees about x."""
 SWAPPED = [0, 2, 1]
 """Modules in the turned robot's order."""
-_SIGNED = (
-    "pitch",
-    "roll",
-    "belt_speed",
-    "motor_torque",
-    "traction",
-    "slip_velocity",
-    "module_speed",
-)
-_UNSIGNED = ("slide", "normal_force", "contact_count", "contact_position")
 
 
 def heading(rotation: Array, gear: NDArray[np.int_]) -> Array:
     """Frames (n, 3, 3) that drive nose first, of robots with frames ``rotation`` in gear (n,) 1 or
     -1."""
-    return np.where((gear < 0)[:, None, None], rotation * TURNED, rotation)
-
-
-def seen(observation: Observation, gear: NDArray[np.int_]) -> Observation:
-    """What robots in gear (n,) would measure if they drove nose first; ``place`` is for that
-    already."""
     back = gear < 0
-    if not back.any():
-        return observation
-    changes = {name: _of_modules(getattr(observation, name), back, -1.0) for name in _SIGNED}
-    changes |= {name: _of_modules(getattr(observation, name), back, 1.0) for name in _UNSIGNED}
-    turning = observation.angular_velocity
-    return dataclasses.replace(
-        observation,
-        rotation=heading(observation.rotation, gear),
-        angular_velocity=np.where(back[:, None], turning * TURNED, turning),
-        **changes,
-    )
+    if not np.count_nonzero(back):
+        return rotation
+    return np.where(back[:, None, None], rotation * TURNED, rotation)
+
+
+def seen(
+    readings: Mapping[str, Array],
+    gear: NDArray[np.int_],
+    channels: Iterable[Channel] = tuple(CHANNELS.values()),
+) -> Mapping[str, Array]:
+    """What robots in gear (n,) would measure if they drove nose first.
+
+    Args:
+        readings: of the sensors, by the names of their channels.
+        gear: 1 nose first, -1 tail first.
+        channels: schema of the readings.
+    """
+    back = gear < 0
+    if not np.count_nonzero(back):
+        return readings
+    mirrored = {}
+    for channel in channels:
+        if channel.name in readings and channel.tail_first != "same":
+            mirrored[channel.name] = _mirrored(readings[channel.name], back, channel.tail_first)
+    return {**readings, **mirrored}
 
 
 def carried_out(command: Command, gear: NDArray[np.int_]) -> Command:
     """A command to robots that drive nose first, as robots in gear (n,) have to be told it."""
     back = gear < 0
-    if not back.any():
+    if not np.count_nonzero(back):
         return command
-    belt_speed, roll = (
-        _of_modules(values, back, -1.0) for values in (command.belt_speed, command.roll)
-    )
-    return Command(belt_speed, roll, command.phase)
+    roll = None if command.roll is None else _mirrored(command.roll, back, "negated")
+    speed = _mirrored(command.belt_speed, back, "negated")
+    return dataclasses.replace(command, belt_speed=speed, roll=roll)
 
 
-def _of_modules(values: Array, back: NDArray[np.bool_], sign: float) -> Array:
-    """Values (n, 3, ...) of the modules with those of robots ``back`` (n,) in the turned robot's
-    order and sign."""
-    chosen = back.reshape(-1, *[1] * (values.ndim - 1))
-    return np.where(chosen, sign * values[:, SWAPPED], values)
+def _mirrored(values: Array, back: NDArray[np.bool_], how: str) -> Array:
+    """Values (n, ...) with those of robots ``back`` (n,) as the turned robot has them."""
+    if how in ("turned", "facing"):
+        turned = values * TURNED
+    else:
+        turned = values[:, SWAPPED] * (-1.0 if how == "negated" else 1.0)
+    return np.where(back.reshape(-1, *[1] * (values.ndim - 1)), turned, values)

@@ -1,109 +1,136 @@
-"""What a controller sees and what it answers. All arrays have a leading axis of n trials."""
+"""What a controller is given, what it sees and what it answers. Arrays have a leading axis of n
+robots."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.control.guide import Guide, Place
+from omnitrack_sim.control.route_map import Place, RouteMap
+from omnitrack_sim.record.channels import CHANNELS
+from omnitrack_sim.record.events import Event
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Array
 
 
-@dataclass(frozen=True)
 class Observation:
-    """The sensors of n robots at one moment.
+    """What n robots measure at one moment.
+
+    Every observed channel of the schema (docs/channels.md) is an attribute: ``observation.roll`` is
+    an array (n, 3) in rad. Robots that drive tail first see everything as if they drove nose first.
 
     Attributes:
-        time: (n,) s.
-        position: (n, 3) m, robot centre, world frame.
-        rotation: (n, 3, 3) robot frame in the world.
-        angular_velocity: (n, 3) rad/s, robot frame.
-        slide: (n, 3) m. pitch, roll: (n, 3) rad, see ``trajectory.CHANNELS``.
-        belt_speed: (n, 3) m/s, positive drives forward when the upper track is at the wall.
-        motor_torque: (n, 3) N m.
-        traction, normal_force: (n, 3) N.
-        slip_velocity, module_speed: (n, 3) m/s; the latter is forward, at the contact.
-        contact_count: (n, 3, 2) lugs in contact, (upper, lower) track.
-        contact_position: (n, 3, 3) m, world frame.
-        place: where the robots are along the route.
+        place: where the robots are along their routes.
+        leg: (n,) number of the leg that each robot drives. It changes when a robot is sent on.
+        gear: (n,) 1 nose first, -1 tail first.
     """
 
-    time: Array
-    position: Array
-    rotation: Array
-    angular_velocity: Array
-    slide: Array
-    pitch: Array
-    roll: Array
-    belt_speed: Array
-    motor_torque: Array
-    traction: Array
-    normal_force: Array
-    slip_velocity: Array
-    module_speed: Array
-    contact_count: Array
-    contact_position: Array
     place: Place
+    leg: NDArray[np.int_]
+    gear: NDArray[np.int_]
+
+    def __init__(
+        self,
+        readings: Mapping[str, Array],
+        place: Place,
+        leg: NDArray[np.int_],
+        gear: NDArray[np.int_],
+    ) -> None:
+        self.__dict__.update(readings)
+        self.place, self.leg, self.gear = place, leg, gear
+
+    def __getattr__(self, name: str) -> Array:
+        known = [c.name for c in CHANNELS.values() if c.source == "plant"]
+        raise AttributeError(f"no channel {name!r} is observed (choose from: {', '.join(known)})")
 
 
 @dataclass(frozen=True)
 class Command:
-    """What n robots shall do until the next control step.
+    """What n robots shall do until the next control step. What is left out stays as it is.
 
     Attributes:
         belt_speed: (n, 3) m/s asked of the crawler motors.
         roll: (n, 3) rad asked of the rotary motors.
         phase: (n,) index into the controller's ``phases``.
+        resting: (n,) bool, robots that stand still or drive backward on purpose and are not to be
+            taken for stuck; none when left out.
+        events: what the controller decided, to be told in the result.
     """
 
     belt_speed: Array
-    roll: Array
-    phase: NDArray
+    roll: Array | None = None
+    phase: NDArray | None = None
+    resting: NDArray[np.bool_] | None = None
+    events: Sequence[Event] = ()
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Control parameters of n trials; each field is (n,). See the scenario's ``[control]`` for the
-    meaning."""
+    """What all controllers are asked for; each field is (n,). See ``[control]`` in
+    docs/scenarios.md."""
 
     cruise_speed: Array  # m/s
-    align: NDArray  # bool
-    retry: NDArray  # bool
-    gain: Array  # 1/m
-    lookahead: Array  # m
-    rotation_limit: Array  # rad/m
+    align: NDArray[np.bool_]
+    retry: NDArray[np.bool_]
     speed_limit: Array  # m/s
     safe_margin: Array  # rad; nan: by the reach
     reach: Array  # m
-    elbow_delay: Array  # m
-    tee_trigger: Array  # m
+
+
+@dataclass(frozen=True)
+class ControlSetup:
+    """All that a controller is given when it is made.
+
+    Attributes:
+        routes: the routes of all robots. It grows when robots are sent onto new ways: what is
+            looked up in it has to be looked up again when ``routes.version`` has changed.
+        robot: shared by all robots of the batch.
+        settings: what every controller is asked for.
+        parameters: for each robot, ``[control.parameters]`` as the controller's own model; empty
+            tables where it has none.
+        place: where the robots begin.
+        roll: (n, 3) rad, roll of the modules at the start.
+        period: s between two steps.
+    """
+
+    routes: RouteMap
+    robot: Robot
+    settings: Settings
+    parameters: Sequence[Any]
+    place: Place
+    roll: Array
+    period: float
+
+    @property
+    def n(self) -> int:
+        """Number of robots."""
+        return len(self.roll)
+
+    def each(self, path: str) -> NDArray:
+        """A parameter of all robots, (n,), by its dotted path, such as ``"recovery.retries"``."""
+        values = list(self.parameters)
+        for name in path.split("."):
+            values = [getattr(value, name) for value in values]
+        return np.array(values)
 
 
 class Controller(Protocol):
-    """Turns observations into commands for n robots, each on its way. State is held per trial.
+    """Turns observations into commands for n robots, each on its way. State is held per robot.
 
-    Robots that drive tail first are seen as if they drove nose first (``gear``).
+    A class of a user's own needs no more than these two methods and inherits from nothing. It may
+    also have
+
+    * ``phases``: names of what it does, which ``Command.phase`` indexes; ``("drive",)`` when it has
+      none;
+    * ``Parameters``: a pydantic model of its own ``[control.parameters]``.
     """
 
-    phases: ClassVar[tuple[str, ...]]
-    resting: NDArray  # (n,) bool, robots that stand still or drive backward on purpose
-    events: list[list[str]]  # for each robot, what it decided and when, in words
-
-    def __init__(
-        self, guide: Guide, robot: Robot, settings: Settings, roll: Array, period: float
-    ) -> None:
-        """``roll`` (n, 3) rad is the start roll of the modules, ``period`` s the time between two
-        steps."""
-        ...
+    def __init__(self, setup: ControlSetup) -> None: ...
 
     def step(self, observation: Observation) -> Command:
         """The command for the next control period."""
-        ...
-
-    def begin_leg(self, robot: int, turned: bool) -> None:
-        """A robot has been sent onto another way; ``turned``: it drives in the other gear from now
-        on."""
         ...

@@ -3,37 +3,50 @@ retry."""
 
 from __future__ import annotations
 
-from typing import ClassVar
+import math
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import Field
 
-from omnitrack_sim.control.aligner import Aligner, manoeuvres
-from omnitrack_sim.control.alignment import Manoeuvre
+from omnitrack_sim.control.aligner import Aligner, AlignmentTable, manoeuvres
 from omnitrack_sim.control.gear import TURNED
-from omnitrack_sim.control.guide import Guide
-from omnitrack_sim.control.interface import Command, Observation, Settings
-from omnitrack_sim.control.recovery import Recovery
-from omnitrack_sim.control.tracking import tracking_speeds, wanted_rotation
-from omnitrack_sim.robot import Robot
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.control.interface import Command, ControlSetup, Observation
+from omnitrack_sim.control.leg_watch import LegWatch
+from omnitrack_sim.control.recovery import Recovery, RecoveryTable
+from omnitrack_sim.control.tracking import Tracking, TrackingTable, wall_speeds
+from omnitrack_sim.schema.tables import Table
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT, BACK_OFF = range(6)
 _PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT, None: CRUISE}
-RATE_GAIN: dict[Manoeuvre, float] = {"elbow": 2.5, "tee_turn": 5.0, "tee_straight": 2.5}
-"""Rotation asked in addition, per rad/s that the rotation is too slow or too fast, in each
-manoeuvre. In a tee, where the inner module has lost the wall, the springs can turn the robot over
-in 0.2 s; in an elbow it keeps it centred."""
-MERGE_RATE_GAIN = 2.5
-"""The same out of a branch: 298 of 300 robots pass, 294 with 5, 273 with 8, 296 with 1.5 (friction
-0.7 to 1.0, no
-retry). Also while backing off into the branch again, where the tail has to find the way in: 7 of 10
-robots pass in the end, and none without it. Backing off from elsewhere goes better without."""
-CENTRING = 7.0
-"""Slope back to the centreline per metre beside it, on straights, 1/m. Friction holds a robot that
-leaves a bend beside
-the centreline there: 10 mm take all load off a module, and over an opening the robot falls."""
-RATE_FILTER = 0.005
-"""Time constant of the measured rotation rate, s: single lugs shake the robot."""
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+class DampingTable(Table):
+    """Rotation asked in addition, per rad/s that the rotation is too slow or too fast."""
+
+    elbow: NotNegative = 2.5  # it keeps the robot centred
+    # In a tee, where the inner module has lost the wall, the springs can turn the robot over in
+    # 0.2 s.
+    tee_turn: NotNegative = 5.0
+    tee_straight: NotNegative = 2.5
+    # Out of a branch 298 of 300 robots pass, 294 with 5, 273 with 8, 296 with 1.5 (friction 0.7 to
+    # 1.0, no retry). Also while backing off into the branch again, where the tail has to find the
+    # way in: 7 of 10 robots pass in the end, and none without it. Backing off from elsewhere goes
+    # better without.
+    merge: NotNegative = 2.5
+    # s at D = 160 mm, with the square root of D at others: time constant of the measured rotation
+    # rate. Single lugs shake the robot.
+    rate_filter: NotNegative = 0.005
+
+
+class FeedbackTable(Table):
+    """``[control.parameters]`` of the controller ``jacobian``."""
+
+    tracking: TrackingTable = TrackingTable()
+    damping: DampingTable = DampingTable()
+    alignment: AlignmentTable = AlignmentTable()
+    recovery: RecoveryTable = RecoveryTable()
 
 
 class JacobianController:
@@ -52,70 +65,76 @@ class JacobianController:
         "tee_straight",
         "back_off",
     )
+    Parameters: ClassVar[type[Table]] = FeedbackTable
 
-    def __init__(
-        self, guide: Guide, robot: Robot, settings: Settings, roll: Array, period: float
-    ) -> None:
-        self.guide, self.settings, self.period = guide, settings, period
-        self.aligner = Aligner(guide, robot, settings, roll, period)
-        self.recovery = Recovery(guide, robot, settings, period)
-        self.events = self.aligner.events
-        self.resting = np.zeros(len(settings.cruise_speed), bool)
-        self.angular_velocity = np.zeros(
-            (len(settings.cruise_speed), 3)
-        )  # rad/s, robot frame, smoothed
+    def __init__(self, setup: ControlSetup) -> None:
+        self.routes, self.settings = setup.routes, setup.settings
+        self.tracking = Tracking(setup, "tracking")
+        self.aligner = Aligner(setup, "alignment")
+        self.recovery = Recovery(setup, "recovery")
+        self._legs = LegWatch(setup.routes)
+        self._damping = {name: setup.each(f"damping.{name}") for name in DampingTable.model_fields}
+        time = self._damping["rate_filter"] * math.sqrt(setup.robot.nominal_pipe_radius / 0.08)
+        self._smoothing = (setup.period / (time + setup.period))[:, None]
+        self._rows = np.arange(setup.n)
+        self.resting = np.zeros(setup.n, bool)
+        self.angular_velocity = np.zeros((setup.n, 3))  # rad/s, robot frame, smoothed
         self._learn()
 
     def _learn(self) -> None:
-        asked = manoeuvres(self.guide)
+        """What each passage of the routes asks for."""
+        asked, none = manoeuvres(self.routes), np.zeros(len(self._rows))
         self.kind = np.array([_PHASES[m] for m in asked])  # (Q,) phase in each passage
-        gains = np.array([0.0 if m is None else RATE_GAIN[m] for m in asked])
-        self.rate_gain = np.where(self.guide.out_of_branch, MERGE_RATE_GAIN, gains)  # (Q,)
+        gains = [none if m is None else self._damping[m] for m in asked]  # Q times (n,)
+        merge = self._damping["merge"]
+        merging = zip(gains, self.routes.out_of_branch, strict=True)
+        self.rate_gain = np.array([merge if out else gain for gain, out in merging])  # (Q, n)
 
-    def begin_leg(self, robot: int, turned: bool) -> None:
-        """See ``Controller``."""
-        self._learn()
-        self.aligner.begin_leg(robot, turned)
-        self.recovery.begin_leg(robot)
-        if turned:
-            self.angular_velocity[robot] *= TURNED
+    def _follow_legs(self, observation: Observation) -> None:
+        """Prepare robots that have been sent onto another way."""
+        changes = self._legs.changes(observation)
+        if self._legs.grown:
+            self._learn()
+            self.aligner.learn()
+        for robot, turned in changes:
+            self.aligner.begin_leg(robot, turned, int(observation.place.way[robot]))
+            self.recovery.begin_leg(robot)
+            if turned:
+                self.angular_velocity[robot] *= TURNED
 
     def step(self, observation: Observation) -> Command:
         """The command for the next control period."""
+        self._follow_legs(observation)
         place, s = observation.place, self.settings
-        backing = self.recovery.step(observation, self.resting, self.aligner, self.events)
-        aligning = self.aligner.step(observation) & ~backing
+        room = self.aligner.nose_room(place)
+        backing, retried = self.recovery.step(observation, self.resting, room, self.aligner)
+        standing, rolled = self.aligner.step(observation, room)
+        aligning = standing & ~backing
         self.resting = aligning | backing
-        smoothing = self.period / (RATE_FILTER + self.period)
-        self.angular_velocity = self.angular_velocity + smoothing * (
-            observation.angular_velocity - self.angular_velocity
-        )
-        inside = self.aligner.nose_room(place) < 0
-        damped = np.where(backing, self.guide.out_of_branch[place.passage], inside & ~aligning)
+        rate = self.angular_velocity
+        self.angular_velocity = rate + self._smoothing * (observation.angular_velocity - rate)
+        inside = room < 0
         phase = np.where(inside, self.kind[place.passage], CRUISE)
-        phase = np.where(backing, BACK_OFF, np.where(aligning, ALIGN, phase))
-        direction = np.where(backing, -1.0, 1.0)
-        centring = np.where((phase == CRUISE) | (phase == TEE_STRAIGHT), CENTRING, 0.0)
-        wanted = wanted_rotation(
-            self.guide,
-            place,
-            observation.rotation,
-            s.gain,
-            s.lookahead,
-            s.rotation_limit,
-            direction,
-            centring,
-        )
-        wall_speed = tracking_speeds(
+        damped, direction = inside, 1.0
+        if np.count_nonzero(self.resting):
+            phase = np.where(backing, BACK_OFF, np.where(aligning, ALIGN, phase))
+            out = self.routes.out_of_branch[place.passage]
+            damped = np.where(backing, out, inside & ~aligning)
+            direction = np.where(backing, -1.0, 1.0)
+        direction = np.broadcast_to(direction, phase.shape)
+        centring = self.tracking.centring * ((phase == CRUISE) | (phase == TEE_STRAIGHT))
+        wanted = self.tracking.wanted_rotation(place, observation.rotation, direction, centring)
+        wall_speed = wall_speeds(
             observation.rotation,
             self.angular_velocity,
-            np.where(damped, self.rate_gain[place.passage], 0.0),
+            self.rate_gain[place.passage, self._rows] * damped,
             wanted,
             direction * s.cruise_speed,
-            self.guide.radius[place.passage],
+            self.routes.radius[place.passage],
             s.speed_limit,
         )
-        belt_speed = np.where(
-            aligning[:, None], 0.0, wall_speed * self.aligner.belt_sign(observation.roll)
-        )
-        return Command(belt_speed=belt_speed, roll=self.aligner.roll.copy(), phase=phase)
+        belt_speed = wall_speed * self.aligner.belt_sign(observation.roll)
+        if np.count_nonzero(aligning):
+            belt_speed = np.where(aligning[:, None], 0.0, belt_speed)
+        roll = self.aligner.roll.copy()
+        return Command(belt_speed, roll, phase, self.resting, [*retried, *rolled])

@@ -2,44 +2,68 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from omnitrack_sim.control.aligner import Aligner
-from omnitrack_sim.control.guide import Guide
-from omnitrack_sim.control.interface import Observation, Settings
-from omnitrack_sim.robot import Robot
+from omnitrack_sim.control.interface import ControlSetup, Observation
+from omnitrack_sim.record.events import BackedOff, Event
 from omnitrack_sim.rotations import Array
+from omnitrack_sim.schema.tables import Positive, Table
 
-RETRIES = 2
-"""How often a robot backs off at one fitting before it is left to hang."""
-PROGRESS = 0.002
-"""Advance beyond the farthest point so far that counts as headway, m."""
-PATIENCE_DISTANCE = 0.15
-"""Distance at cruise speed without headway after which a turn has failed, m; half of what ends the
-run."""
-MERGE_PATIENCE_DISTANCE = 0.27
-"""Likewise out of a branch, where most robots that hang for a while get through."""
-FALLEN = 0.04
-"""Fall behind the farthest point after which a turn has failed, m."""
-BESIDE = 0.6
-"""Offset from the centreline, in pipe radii, beyond which a robot has gone past the branch; at 1
-the run ends."""
-BACKS_OFF = "backs off and tries again"
-"""How an event tells that a robot does so."""
-BACK_OFF_DISTANCE = 0.6
-"""Distance at cruise speed after which backing off is given up, m."""
+
+class RecoveryTable(Table):
+    """When a turn has failed and is tried again. D is the bore that the robot is made for."""
+
+    # How often a robot backs off at one fitting before it is left to hang.
+    retries: Annotated[int, Field(ge=0)] = 2
+    progress: Positive = 0.0125  # D, advance beyond the farthest point so far that is headway
+    # D that cruising would have taken the robot without headway after which a turn has failed; half
+    # of what ends the run. Out of a branch most robots that hang for a while get through.
+    patience: Positive = 0.9375
+    merge_patience: Positive = 1.6875
+    fallen: Positive = 0.25  # D, fall behind the farthest point after which a turn has failed
+    # Offset from the centreline, in pipe radii, beyond which a robot has gone past the branch; at 1
+    # the run ends.
+    beside: Positive = 0.6
+    back_off: Positive = 3.75  # D that cruising would take after which backing off is given up
+
+
+class Backing(NamedTuple):
+    """Which robots (n,) drive backward now, and what was decided."""
+
+    robots: NDArray[np.bool_]
+    events: Sequence[Event]
 
 
 class Recovery:
-    """Which of n robots back off. ``retries`` (n,) counts them at the fitting at hand."""
+    """Which of n robots back off.
 
-    def __init__(self, guide: Guide, robot: Robot, settings: Settings, period: float) -> None:
-        self.guide, self.settings, self.period = guide, settings, period
-        n = len(settings.cruise_speed)
-        self.robot = robot
+    Args:
+        setup: of the controller. path: of the ``RecoveryTable`` in its parameters.
+
+    Attributes:
+        farthest: (n,) m, farthest point so far. waiting: (n,) s without headway, or backing off.
+        backing: (n,) bool. retries: (n,) at the fitting at hand, ``passage`` (n,).
+    """
+
+    def __init__(self, setup: ControlSetup, path: str) -> None:
+        self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
+        self.period = setup.period
+        bore, n = 2 * setup.robot.nominal_pipe_radius, setup.n
+        each = {name: setup.each(f"{path}.{name}") for name in RecoveryTable.model_fields}
+        speed = setup.settings.cruise_speed
+        self._most_retries, self._beside = each["retries"], each["beside"]
+        self._progress, self._fallen = each["progress"] * bore, each["fallen"] * bore  # (n,) m
+        self._patience = each["patience"] * bore / speed  # (n,) s
+        self._merge_patience = each["merge_patience"] * bore / speed
+        self._back_off = each["back_off"] * bore / speed
         self.farthest = np.full(n, -np.inf)
-        self.waiting = np.zeros(n)  # s without headway, or backing off
+        self.waiting = np.zeros(n)
         self.backing = np.zeros(n, bool)
         self.retries = np.zeros(n, int)
         self.passage = np.zeros(n, np.intp)
@@ -50,61 +74,62 @@ class Recovery:
         self.backing[robot], self.retries[robot], self.passage[robot] = False, 0, -1
 
     def step(
-        self,
-        observation: Observation,
-        standing: NDArray[np.bool_],
-        aligner: Aligner,
-        events: list[list[str]],
-    ) -> NDArray[np.bool_]:
-        """The robots (n,) that drive backward now. ``standing`` (n,) roll on the spot and are not
-        waited for."""
+        self, observation: Observation, standing: NDArray[np.bool_], room: Array, aligner: Aligner
+    ) -> Backing:
+        """Find out who backs off.
+
+        Args:
+            observation: of this moment.
+            standing: (n,) robots that roll on the spot and are not waited for.
+            room: (n,) m, from the nose to the next fitting.
+            aligner: told to align robots again that have backed off.
+        """
         place = observation.place
-        self.retries = np.where((place.passage != self.passage) & ~self.backing, 0, self.retries)
-        self.passage = np.where(self.backing, self.passage, place.passage)
-        headway = place.distance > self.farthest + PROGRESS
+        moved_on = place.passage != self.passage
+        if np.count_nonzero(moved_on):
+            self.retries = np.where(moved_on & ~self.backing, 0, self.retries)
+            self.passage = np.where(self.backing, self.passage, place.passage)
+        headway = place.distance > self.farthest + self._progress
         self.farthest = np.where(headway, place.distance, self.farthest)
         still = self.backing | ~(headway | standing)
-        self.waiting = np.where(still, self.waiting + self.period, 0.0)
-        self._begin(observation, aligner, events)
-        self._end(place.distance, aligner)
-        return self.backing
+        self.waiting = (self.waiting + self.period) * still
+        events = self._begin(observation, room)
+        if np.count_nonzero(self.backing):
+            self._end(place.distance, aligner)
+        return Backing(self.backing, events)
 
-    def _begin(self, observation: Observation, aligner: Aligner, events: list[list[str]]) -> None:
-        place, speed = observation.place, self.settings.cruise_speed
-        turning = self.guide.is_turn[place.passage] & (aligner.nose_room(place) < 0)
-        patience = np.where(
-            self.guide.out_of_branch[place.passage], MERGE_PATIENCE_DISTANCE, PATIENCE_DISTANCE
-        )
-        hanging = self.waiting > patience / speed
-        fallen = place.distance < self.farthest - FALLEN
+    def _begin(self, observation: Observation, room: Array) -> list[Event]:
+        place, routes = observation.place, self.routes
+        turning = routes.is_turn[place.passage] & (room < 0) & ~self.backing
+        if not np.count_nonzero(turning):
+            return []
+        merging = routes.out_of_branch[place.passage]
+        hanging = self.waiting > np.where(merging, self._merge_patience, self._patience)
+        fallen = place.distance < self.farthest - self._fallen
         # Out of a branch there is nothing to go past: the far wall stands across the way.
-        beside = self.guide.into_branch[place.passage] & (
-            place.offset > BESIDE * self.guide.radius[place.passage]
-        )
-        failed = (
-            turning
-            & (hanging | fallen | beside)
-            & ~self.backing
-            & (self.retries < RETRIES)
-            & self.settings.retry
-        )
-        for robot in np.flatnonzero(failed):
-            name = self.guide.name_of(int(place.passage[robot]))
-            events[robot].append(
-                f"{observation.time[robot]:.2f} s, in {name}: no headway at "
-                f"{place.distance[robot]:.3f} m, tilt "
-                f"{np.degrees(place.tilt[robot]):.1f} deg: {BACKS_OFF}"
-            )
-        self.backing = self.backing | failed
-        self.retries = self.retries + failed
-        self.waiting = np.where(failed, 0.0, self.waiting)
+        room_beside = self._beside * routes.radius[place.passage]
+        beside = routes.into_branch[place.passage] & (place.offset > room_beside)
+        may = turning & (self.retries < self._most_retries) & self.settings.retry
+        failed = may & (hanging | fallen | beside)
+        events: list[Event] = []
+        for robot in np.flatnonzero(failed).tolist():
+            name = routes.name_of(int(place.passage[robot]))
+            time, distance = float(observation.time[robot]), float(place.distance[robot])
+            tilt = float(np.degrees(place.tilt[robot]))
+            events.append(BackedOff(robot, time, name, distance, tilt))
+        if events:
+            self.backing = self.backing | failed
+            self.retries = self.retries + failed
+            self.waiting = np.where(failed, 0.0, self.waiting)
+        return events
 
     def _end(self, distance: Array, aligner: Aligner) -> None:
-        given_up = self.waiting > BACK_OFF_DISTANCE / self.settings.cruise_speed
-        before = (
-            self.guide.start[self.passage] - self.robot.length / 2 - self.robot.standing_room
-        )  # m, where a retry begins
+        given_up = self.waiting > self._back_off
+        start = self.routes.start[self.passage]
+        before = start - self.robot.length / 2 - self.robot.standing_room  # m, a retry begins here
         done = self.backing & ((distance <= before) | given_up)
+        if not done.any():
+            return
         self.backing = self.backing & ~done
         self.farthest = np.where(done, distance, self.farthest)
         self.waiting = np.where(done, 0.0, self.waiting)

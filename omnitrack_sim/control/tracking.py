@@ -9,65 +9,99 @@ points anywhere into that stretch is right.
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Annotated
 
-from omnitrack_sim.control.guide import Guide, Place, angle_between
+import numpy as np
+from pydantic import Field
+
+from omnitrack_sim.control.interface import ControlSetup
+from omnitrack_sim.control.route_map import Place, angle_between
 from omnitrack_sim.rotations import Array, cross, dot, length, unit
+from omnitrack_sim.schema.tables import Positive, Table
 from omnitrack_sim.theory.kinematics import module_speeds
 
-HEADING_LEAD = 0.09
-"""How far the heading may be ahead of the lookahead point, m. In the open middle of a tee the robot
-turns faster than the arc; turning it back would push it out of the branch again."""
-MOST_SLOPE = 0.1
-"""Steepest way back to the centreline, rad."""
-_LEADS = np.linspace(0.0, HEADING_LEAD, 7)
+LEADS = 7
+"""Points of the stretch that the heading is compared with."""
 
 
-def wanted_rotation(
-    guide: Guide,
-    place: Place,
-    rotation: Array,
-    gain: Array,
-    lookahead: Array,
-    limit: Array,
-    direction: Array,
-    centring: Array,
-) -> Array:
-    """Rotation per metre of travel (n, 3) rad/m, world frame: the bend's curvature plus gain x
-    heading error.
+class TrackingTable(Table):
+    """How the centreline is followed. D is the bore that the robot is made for."""
+
+    gain: Annotated[float, Field(ge=0)] = 6.4  # rad per D of travel, for 1 rad of heading error
+    lookahead: Annotated[float, Field(ge=0)] = 0.1875  # D
+    rotation_limit: Positive = 2.4  # rad per D of travel
+    # D, how far the heading may be ahead of the lookahead point. In the open middle of a tee the
+    # robot turns faster than the arc; turning it back would push it out of the branch again.
+    heading_lead: Annotated[float, Field(ge=0)] = 0.5625
+    # 1/m at D = 160 mm, as 1/D at others: slope back to the centreline for each metre beside it, on
+    # straights. Friction holds a robot that leaves a bend beside the centreline there: 10 mm take
+    # all load off a module, and over an opening the robot falls.
+    centring: Annotated[float, Field(ge=0)] = 7.0
+    steepest_return: Positive = 0.1  # rad, of that slope
+
+
+class Tracking:
+    """The tracking law of n robots.
 
     Args:
-        guide: of the routes.
-        place: where the robots are.
-        rotation: (n, 3, 3) robot frame in the world.
-        gain: (n,) 1/m. lookahead: (n,) m.
-        limit: (n,) rad/m, cap on the length of the result.
-        direction: (n,) 1 forward, -1 backward: the heading is then compared with the centreline
-            behind.
-        centring: (n,) 1/m, slope towards the centreline that is wanted per metre beside it, up to
-            ``MOST_SLOPE``.
+        setup: of the controller. path: of the ``TrackingTable`` in its parameters.
+
+    Attributes:
+        centring: (n,) 1/m, slope towards the centreline that is wanted per metre beside it.
     """
-    axis = rotation[:, :, 2]
-    _, tangent, normal, curvature = guide.at(place.distance)
-    ahead = place.distance[:, None] + direction[:, None] * (
-        lookahead[:, None] + _LEADS
-    )  # (n, leads) m
-    tangents = guide.at(ahead)[1]
-    angles = angle_between(axis[:, None], tangents)
-    nearest = np.argmin(angles, axis=1)
-    rows = np.arange(len(nearest))
-    target, angle = tangents[rows, nearest], angles[rows, nearest]
-    slope = centring[:, None] * place.aside
-    slope = slope * np.minimum(1.0, MOST_SLOPE / np.maximum(length(slope), 1e-12))[:, None]
-    target = np.where((centring > 0)[:, None], unit(target - direction[:, None] * slope), target)
-    angle = np.where(centring > 0, angle_between(axis, target), angle)
-    # A robot that has turned ahead of the bend goes straight until the bend has caught up.
-    bend = cross(tangent, normal) * (curvature * (nearest == 0))[:, None]
-    wanted = bend + unit(cross(axis, target)) * (direction * gain * angle)[:, None]
-    return wanted * np.minimum(1.0, limit / np.maximum(length(wanted), 1e-12))[:, None]
+
+    def __init__(self, setup: ControlSetup, path: str) -> None:
+        self.routes = setup.routes
+        bore = 2 * setup.robot.nominal_pipe_radius
+        each = {name: setup.each(f"{path}.{name}") for name in TrackingTable.model_fields}
+        self.gain = each["gain"] / bore  # (n,) 1/m
+        self.limit = each["rotation_limit"] / bore  # (n,) rad/m
+        self.centring = each["centring"] / (bore / REFERENCE_BORE)
+        self.steepest = each["steepest_return"]
+        lead = each["heading_lead"] * bore
+        lookahead = each["lookahead"] * bore
+        stretches = np.array([np.linspace(0.0, reach, LEADS) for reach in lead])
+        self.leads = lookahead[:, None] + stretches  # (n, LEADS) m
+        self._rows = np.arange(setup.n)
+
+    def wanted_rotation(
+        self, place: Place, rotation: Array, direction: Array, centring: Array
+    ) -> Array:
+        """Rotation per metre of travel (n, 3) rad/m, world frame: the bend's curvature plus gain x
+        heading error.
+
+        Args:
+            place: where the robots are.
+            rotation: (n, 3, 3) robot frame in the world.
+            direction: (n,) 1 forward, -1 backward: the heading is then compared with the centreline
+                behind.
+            centring: (n,) 1/m, ``self.centring`` where it is wanted and 0 elsewhere.
+        """
+        axis = rotation[:, :, 2]
+        ahead = place.distance[:, None] + direction[:, None] * self.leads  # (n, leads) m
+        tangents = self.routes.tangents(ahead, place.way)
+        angles = angle_between(axis[:, None], tangents)
+        nearest = angles.argmin(axis=1)
+        target, angle = tangents[self._rows, nearest], angles[self._rows, nearest]
+        if np.count_nonzero(centring):
+            slope = centring[:, None] * place.aside
+            steepness = np.maximum(length(slope), 1e-12)
+            slope = slope * np.minimum(1.0, self.steepest / steepness)[:, None]
+            back = unit(target - direction[:, None] * slope)
+            target = np.where((centring > 0)[:, None], back, target)
+            angle = np.where(centring > 0, angle_between(axis, target), angle)
+        # A robot that has turned ahead of the bend goes straight until the bend has caught up.
+        curvature = place.curvature * (nearest == 0)
+        bend = cross(place.tangent, place.normal) * curvature[:, None]
+        wanted = bend + unit(cross(axis, target)) * (direction * self.gain * angle)[:, None]
+        return wanted * np.minimum(1.0, self.limit / np.maximum(length(wanted), 1e-12))[:, None]
 
 
-def tracking_speeds(
+REFERENCE_BORE = 0.16
+"""Bore, m, for which numbers that carry a unit are given in tables of control parameters."""
+
+
+def wall_speeds(
     rotation: Array,
     angular_velocity: Array,
     rate_gain: Array,
@@ -88,10 +122,9 @@ def tracking_speeds(
         lever: (n,) m, distance of the walls from the robot's axis.
         speed_limit: (n,) m/s, cap on each speed.
     """
-    omega = (
-        np.stack([dot(wanted, rotation[:, :, 0]), dot(wanted, rotation[:, :, 1])], axis=-1)
-        * speed[:, None]
-    )
+    across = dot(wanted[:, None], rotation.transpose(0, 2, 1)[:, :2])  # (n, 2) rad/m about x and y
+    omega = across * speed[:, None]
     omega = omega + rate_gain[:, None] * (omega - angular_velocity[:, :2])
     speeds = module_speeds(speed, omega[:, 0], omega[:, 1], lever)
-    return np.clip(speeds, -speed_limit[:, None], speed_limit[:, None])
+    limit = speed_limit[:, None]
+    return np.minimum(np.maximum(speeds, -limit), limit)

@@ -137,7 +137,7 @@ class _Stage:
             follow_direction,
             look_pitch,
         )
-        from omnitrack_sim.sim.setup import scene_of
+        from omnitrack_sim.sim.builder import scene_of
 
         mj = self._mujoco
         self.camera, routes = camera, result.routes()

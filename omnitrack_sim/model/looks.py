@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from omnitrack_sim.model.meshes import THICKNESS, cutaway_mesh, inside_mesh
 from omnitrack_sim.model.parts import coil, lug_row, triangular_prism
 from omnitrack_sim.pipes import PipeNetwork, Reducer, Straight
-from omnitrack_sim.record.trajectory import TRACKS
+from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.rotations import Array, quaternion_from_matrix, unit
 

@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.model.collider import line_record
-from omnitrack_sim.record.trajectory import TRACKS
+from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.rotations import quaternion_from_matrix, rotation_about
 

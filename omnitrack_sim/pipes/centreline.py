@@ -42,58 +42,56 @@ class Centreline:
 
     def __init__(self, segments: Sequence[Segment], side: Array):
         """``side`` (3,) is the x axis of the frame at the start, across the first tangent."""
-        self._start = np.cumsum([0.0, *(s.length for s in segments[:-1])])  # (S,) m
-        self._length = np.array([s.length for s in segments])
-        self._curvature = np.array([s.curvature for s in segments])
-        self._point, self._tangent, self._normal = (
-            np.array([getattr(s, name) for s in segments])
-            for name in ("point", "tangent", "normal")
-        )  # (S, 3)
-        self._side = np.empty_like(
-            self._point
-        )  # x axis of the rotation-minimising frame at each segment's start
-        for i, segment in enumerate(segments):
-            self._side[i] = side
-            angle = np.array([segment.length * segment.curvature])
+        start = np.cumsum([0.0, *(s.length for s in segments[:-1])])  # (S,) m
+        rows = np.empty((len(segments), _COLUMNS))
+        for i, (segment, begin) in enumerate(zip(segments, start, strict=True)):
+            k = segment.curvature
+            rows[i, _START], rows[i, _LENGTH], rows[i, _CURVATURE] = begin, segment.length, k
+            rows[i, _SAFE_CURVATURE] = 1.0 if k == 0 else k
+            rows[i, _POINT], rows[i, _TANGENT] = segment.point, segment.tangent
+            rows[i, _NORMAL], rows[i, _SIDE] = segment.normal, side
+            angle = np.array([segment.length * k])
             side = _carried(side[None], segment.tangent[None], segment.normal[None], angle)[0]
-        straight = self._curvature == 0
-        self._lowest = np.where(np.arange(len(segments)) == 0, -np.inf, 0.0)
-        self._highest = np.where(
-            np.arange(len(segments)) == len(segments) - 1, np.inf, self._length
-        )
-        # Arcs at the ends are not continued round: the pipe is.
-        self._lowest[0] = self._lowest[0] if straight[0] else 0.0
-        self._highest[-1] = self._highest[-1] if straight[-1] else self._length[-1]
-        self._index([len(segments)])
+        # Lines at the ends go on; arcs there are not continued round: the pipe is.
+        rows[:, _LOWEST], rows[:, _HIGHEST] = 0.0, rows[:, _LENGTH]
+        if segments[0].curvature == 0:
+            rows[0, _LOWEST] = -np.inf
+        if segments[-1].curvature == 0:
+            rows[-1, _HIGHEST] = np.inf
+        self._index(rows, [len(segments)])
 
     @classmethod
     def together(cls, lines: Sequence[Centreline]) -> Centreline:
         """Lines kept together; ``way`` k is the k-th of them."""
         bundle = cls.__new__(cls)
-        for name in _PER_SEGMENT:
-            setattr(bundle, name, np.concatenate([getattr(line, name) for line in lines]))
-        bundle._index([int(count) for line in lines for count in line._count])
+        counts = [int(count) for line in lines for count in line._count]
+        bundle._index(np.concatenate([line._rows for line in lines]), counts)
         return bundle
 
-    def _index(self, counts: Sequence[int]) -> None:
-        """What is looked up in segments that belong to lines of ``counts`` segments each."""
+    def _index(self, rows: Array, counts: Sequence[int]) -> None:
+        """What is looked up in segments that belong to lines of ``counts`` segments each.
+
+        Args:
+            rows: (S, columns) of the segments of all lines, one after the other.
+            counts: segments of each line.
+        """
+        self._rows = rows
         self._count = np.array(counts)
         self._first = np.cumsum(self._count) - self._count  # (W,) first segment of each line
-        self._straight = self._curvature == 0
-        self._safe_curvature = np.where(self._straight, 1.0, self._curvature)
+        self._last = self._first + self._count - 1
         self._begins = np.full((len(counts), max(counts)), np.inf)  # (W, most segments) m
         self.lengths = np.empty(len(counts))  # (W,) m
         self._within_search = 1
         for way, (first, count) in enumerate(zip(self._first, counts, strict=True)):
-            start = self._start[first : first + count]
+            start = rows[first : first + count, _START]
             self._begins[way, :count] = start
-            self.lengths[way] = sum(self._length[first : first + count].tolist())
+            self.lengths[way] = sum(rows[first : first + count, _LENGTH].tolist())
             # Most segments that a stretch of twice SEARCH touches: the last of them begins at its
             # end.
             lowest = np.searchsorted(start, start - 2 * SEARCH, side="right").clip(1) - 1
-            self._within_search = max(
-                self._within_search, int((np.arange(count) - lowest).max()) + 1
-            )
+            touched = int((np.arange(count) - lowest).max()) + 1
+            self._within_search = max(self._within_search, touched)
+        self._offsets = np.arange(self._within_search)
 
     @property
     def length(self) -> float:
@@ -110,31 +108,44 @@ class Centreline:
         the first.
         """
         s = np.asarray(s, float)
-        i = self._segment(s, way)
-        u, k, straight = (
-            s - self._start[i],
-            self._safe_curvature[i][:, None],
-            self._straight[i][:, None],
-        )
-        inside = np.clip(u, 0.0, self._length[i])
-        angle = (inside * self._curvature[i])[:, None]
-        t, n = self._tangent[i], self._normal[i]
-        sin, cos = np.sin(angle), np.cos(angle)
-        tangent, normal = t * cos + n * sin, n * cos - t * sin
-        point = self._point[i] + np.where(
-            straight, inside[:, None] * t, (t * sin + n * (1 - cos)) / k
-        )
-        point = point + (u - inside)[:, None] * tangent
-        normal = np.where(straight, self._side[i], normal)
-        return point, tangent, normal, np.where(u == inside, self._curvature[i], 0.0)
+        rows = self._rows.take(self._segment(s, way), axis=0)
+        u = s - rows[:, _START]
+        inside = np.minimum(np.maximum(u, 0.0), rows[:, _LENGTH])
+        t, n, curvature = rows[:, _TANGENT], rows[:, _NORMAL], rows[:, _CURVATURE]
+        along = inside[:, None]
+        if not np.count_nonzero(curvature):
+            # As below with an angle of zero, to the bit.
+            tangent, normal = t + n * 0.0, rows[:, _SIDE]
+            way_in = along * t
+        else:
+            straight = (curvature == 0)[:, None]
+            angle = (inside * curvature)[:, None]
+            sin, cos = np.sin(angle), np.cos(angle)
+            tangent = t * cos + n * sin
+            normal = np.where(straight, rows[:, _SIDE], n * cos - t * sin)
+            arc = (t * sin + n * (1 - cos)) / rows[:, _SAFE_CURVATURE, None]
+            way_in = np.where(straight, along * t, arc)
+        point = rows[:, _POINT] + way_in + (u - inside)[:, None] * tangent
+        return point, tangent, normal, np.where(u == inside, curvature, 0.0)
+
+    def tangents(self, s: Array, way: NDArray[np.intp] | None = None) -> Array:
+        """Tangents (n, 3) at arc length (n,) m, as ``at`` gives them."""
+        rows = self._rows.take(self._segment(s, way), axis=0)
+        t, n, curvature = rows[:, _TANGENT], rows[:, _NORMAL], rows[:, _CURVATURE]
+        if not np.count_nonzero(curvature):
+            return t + n * 0.0
+        u = s - rows[:, _START]
+        inside = np.minimum(np.maximum(u, 0.0), rows[:, _LENGTH])
+        angle = (inside * curvature)[:, None]
+        return t * np.cos(angle) + n * np.sin(angle)
 
     def frame(self, s: Array, way: NDArray[np.intp] | None = None) -> Array:
         """Rotations (n, 3, 3) of the route's frame at arc length (n,) m: z the tangent, x carried
         without twist."""
         s = np.asarray(s, float)
-        i = self._segment(s, way)
-        angle = np.clip(s - self._start[i], 0.0, self._length[i]) * self._curvature[i]
-        x = _carried(self._side[i], self._tangent[i], self._normal[i], angle)
+        rows = self._rows[self._segment(s, way)]
+        angle = np.clip(s - rows[:, _START], 0.0, rows[:, _LENGTH]) * rows[:, _CURVATURE]
+        x = _carried(rows[:, _SIDE], rows[:, _TANGENT], rows[:, _NORMAL], angle)
         _, z, _, _ = self.at(s, way)
         return np.stack([x, cross(z, x), z], axis=-1)
 
@@ -146,56 +157,57 @@ class Centreline:
         With ``near`` (n,) m only arc lengths within ``SEARCH`` of it are looked at. ``way`` (n,):
         see ``at``.
         """
+        rows = self._rows.take(self._candidates(len(points), near, way), axis=0)
+        tangent, normal = rows[..., _TANGENT], rows[..., _NORMAL]  # (n, S, 3)
+        low, high, k = rows[..., _LOWEST], rows[..., _HIGHEST], rows[..., _SAFE_CURVATURE]
+        offset = points[:, None] - rows[..., _POINT]
+        along = dot(offset, tangent)
+        if not np.count_nonzero(rows[..., _CURVATURE]):
+            u = np.minimum(np.maximum(along, low), high)
+            miss = offset - u[..., None] * tangent
+        else:
+            straight, across = rows[..., _CURVATURE] == 0, dot(offset, normal)
+            u = np.where(straight, along, np.arctan2(along * k, 1 - across * k) / k)
+            u = np.minimum(np.maximum(u, low), high)
+            angle = u * k
+            reach = np.where(straight, u, np.sin(angle) / k)
+            bend = np.where(straight, 0.0, (1 - np.cos(angle)) / k)
+            miss = offset - reach[..., None] * tangent - bend[..., None] * normal
+        s = u + rows[..., _START]
+        if s.shape[1] == 1:
+            return s[:, 0]
+        squared = dot(miss, miss)
+        if near is not None:
+            squared = squared + 1e6 * (np.abs(s - near[:, None]) > SEARCH)
+        return s[np.arange(len(s)), squared.argmin(axis=1)]
+
+    def _candidates(
+        self, count: int, near: Array | None, way: NDArray[np.intp] | None
+    ) -> NDArray[np.intp]:
+        """Segments (n, S) on which the nearest point may lie, the last one repeated where there are
+        fewer."""
         # Only the segments within reach are looked at, so that a long route costs no more than a
         # short one.
         if near is None:
-            way = np.zeros(len(points), np.intp) if way is None else way
-            last = (self._first + self._count - 1)[way][:, None]
-            i = np.minimum(self._first[way][:, None] + np.arange(self._count.max()), last)
-        else:
-            i = self._segment(near - SEARCH, way)[:, None] + np.arange(self._within_search)
-            last = (
-                len(self._start) - 1
-                if way is None
-                else (self._first + self._count - 1)[way][:, None]
-            )
-            i = np.minimum(i, last)
-        tangent, normal = self._tangent[i], self._normal[i]  # (n, S, 3)
-        offset = points[:, None] - self._point[i]
-        along, across = dot(offset, tangent), dot(offset, normal)
-        k, straight = self._safe_curvature[i], self._straight[i]
-        u = np.where(straight, along, np.arctan2(along * k, 1 - across * k) / k)
-        u = np.clip(u, self._lowest[i], self._highest[i])
-        angle = u * k
-        reach = np.where(straight, u, np.sin(angle) / k)
-        bend = np.where(straight, 0.0, (1 - np.cos(angle)) / k)
-        miss = offset - reach[..., None] * tangent - bend[..., None] * normal
-        squared, s = dot(miss, miss), u + self._start[i]
-        if near is not None:
-            squared = squared + 1e6 * (np.abs(s - near[:, None]) > SEARCH)
-        return s[np.arange(len(s)), np.argmin(squared, axis=1)]
+            way = np.zeros(count, np.intp) if way is None else way
+            every = self._first[way][:, None] + np.arange(self._count.max())
+            return np.minimum(every, self._last[way][:, None])
+        last = len(self._rows) - 1 if way is None else self._last[way][:, None]
+        return np.minimum(self._segment(near - SEARCH, way)[:, None] + self._offsets, last)
 
     def _segment(self, s: Array, way: NDArray[np.intp] | None) -> NDArray[np.intp]:
         """Segment (n,) that arc length (n,) m lies on."""
         if way is None:
-            return np.clip(
-                np.searchsorted(self._begins[0], s, side="right") - 1, 0, int(self._count[0]) - 1
-            )
-        place = (self._begins[way] <= np.asarray(s)[:, None]).sum(axis=1) - 1
-        return self._first[way] + np.clip(place, 0, self._count[way] - 1)
+            begins = self._begins[0, : self._count[0]]
+            return np.maximum(begins.searchsorted(s, side="right") - 1, 0)
+        passed = np.add.reduce(self._begins[way] <= s[:, None], axis=1, dtype=np.intp)
+        return self._first[way] + np.maximum(passed - 1, 0)
 
 
-_PER_SEGMENT = (
-    "_start",
-    "_length",
-    "_curvature",
-    "_point",
-    "_tangent",
-    "_normal",
-    "_side",
-    "_lowest",
-    "_highest",
-)
+# Columns of the table of segments.
+_START, _LENGTH, _CURVATURE, _SAFE_CURVATURE, _LOWEST, _HIGHEST = range(6)
+_POINT, _TANGENT, _NORMAL, _SIDE = (slice(i, i + 3) for i in range(6, 18, 3))
+_COLUMNS = 18
 
 
 def _carried(side: Array, tangent: Array, normal: Array, angle: Array) -> Array:

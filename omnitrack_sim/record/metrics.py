@@ -1,6 +1,10 @@
-"""Figures of one run, computed from its trajectory alone."""
+"""Figures of one run, computed from its trajectory alone. Each is a value: ``Metric``."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,80 +13,213 @@ from omnitrack_sim.record.trajectory import Trajectory
 
 STALL_SPEED = 0.005
 """Belt speed below which a motor at its limit counts as stalled, m/s."""
-Metrics = dict[str, float | list[float] | dict[str, float]]
+Figure = float | list[float] | dict[str, float]
+Metrics = dict[str, Figure]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a metric is computed from.
+
+    Attributes:
+        trajectory: the record.
+        no_load_slip: m/s, what slip reads in a straight pipe without load.
+        lug_radius: m, belt speed over shaft speed.
+        torque_limit: N m, of a crawler motor.
+    """
+
+    trajectory: Trajectory
+    no_load_slip: float
+    lug_radius: float
+    torque_limit: float
+
+    @property
+    def duration(self) -> float:
+        """Simulated seconds."""
+        return float(self.trajectory.time[-1] - self.trajectory.time[0])
+
+    def integral(self, values: NDArray) -> NDArray[np.float64]:
+        """Integral over time (...,) of samples (T, ...), by the trapezoidal rule."""
+        return np.trapezoid(values, self.trajectory.time, axis=0)
+
+    def mean(self, values: NDArray) -> NDArray[np.float64]:
+        """Mean over time (...,) of samples (T, ...); the sample itself where there is only one."""
+        return (
+            self.integral(values) / self.duration
+            if self.duration > 0
+            else np.asarray(values[0], float)
+        )
+
+    @cached_property
+    def travelled(self) -> float:
+        """Headway along the way from beginning to end of each leg, added up, m."""
+        distance, leg = self.trajectory["distance"], self.trajectory["leg"]
+        ends = np.append(np.flatnonzero(np.diff(leg)), len(leg) - 1)
+        starts = np.append(0, ends[:-1] + 1)
+        return float((distance[ends] - distance[starts]).sum())
+
+    @property
+    def power(self) -> NDArray[np.float64]:
+        """Mechanical power of each motor (T, 3), W."""
+        torque, speed = self.trajectory["motor_torque"], self.trajectory["belt_speed"]
+        return torque * speed / self.lug_radius
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One figure of a run.
+
+    Attributes:
+        name: key in ``result.metrics``; it ends in its unit.
+        unit: SI; "1" for numbers without one.
+        meaning: one line for the docs.
+        compute: from a ``Run`` to a number, or a list of one number a module.
+        per_module: it is a list.
+        in_tables: it is a column of the tables of sweeps.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    compute: Callable[[Run], Figure]
+    per_module: bool = False
+    in_tables: bool = True
+
+
+def _touching(run: Run) -> NDArray[np.float64]:
+    return (run.trajectory["contact_count"].sum(axis=-1) > 0).astype(float)
+
+
+def _stalled(run: Run) -> NDArray[np.float64]:
+    at_limit = np.abs(run.trajectory["motor_torque"]) >= 0.99 * run.torque_limit
+    return (at_limit & (np.abs(run.trajectory["belt_speed"]) < STALL_SPEED)).astype(float)
+
+
+def _largest(values: NDArray) -> list[float]:
+    return np.abs(values).max(axis=0).tolist()
+
+
+def _phase_times(run: Run) -> dict[str, float]:
+    times: dict[str, float] = {}
+    for name, start, end in run.trajectory.phase_spans():
+        times[name] = times.get(name, 0.0) + end - start
+    return times
+
+
+METRICS: tuple[Metric, ...] = (
+    Metric("distance_m", "m", "headway along the way, the legs added up", lambda r: r.travelled),
+    Metric(
+        "mean_speed_m_s",
+        "m/s",
+        "headway over the time it took",
+        lambda r: r.travelled / r.duration if r.duration > 0 else 0.0,
+    ),
+    Metric(
+        "tilt_max_deg",
+        "deg",
+        "largest angle between robot axis and centreline",
+        lambda r: float(np.degrees(r.trajectory["tilt"].max())),
+    ),
+    Metric(
+        "tilt_exit_deg",
+        "deg",
+        "the same angle at the end",
+        lambda r: float(np.degrees(r.trajectory["tilt"][-1])),
+    ),
+    Metric(
+        "energy_j",
+        "J",
+        "mechanical, of all crawler motors, braking not recovered",
+        lambda r: float(r.integral(np.maximum(r.power, 0.0)).sum()),
+    ),
+    Metric(
+        "no_load_slip_m_s",
+        "m/s",
+        "what slip reads in a straight pipe without load",
+        lambda r: r.no_load_slip,
+        in_tables=False,
+    ),
+    Metric(
+        "slip_ratio_mean",
+        "1",
+        "mean of the magnitude of the slip ratio",
+        lambda r: r.mean(np.abs(r.trajectory["slip_ratio"])).tolist(),
+        per_module=True,
+    ),
+    Metric(
+        "slip_distance_m",
+        "m",
+        "belt travel that moved nothing",
+        lambda r: r.integral(np.abs(r.trajectory["slip_velocity"])).tolist(),
+        per_module=True,
+    ),
+    Metric(
+        "traction_rms_n",
+        "N",
+        "root mean square of the traction",
+        lambda r: np.sqrt(r.mean(r.trajectory["traction"] ** 2)).tolist(),
+        per_module=True,
+    ),
+    Metric(
+        "normal_force_mean_n",
+        "N",
+        "mean normal force",
+        lambda r: r.mean(r.trajectory["normal_force"]).tolist(),
+        per_module=True,
+    ),
+    Metric(
+        "contact_fraction",
+        "1",
+        "part of the time in contact",
+        lambda r: r.mean(_touching(r)).tolist(),
+        per_module=True,
+    ),
+    Metric(
+        "spring_travel_max_m",
+        "m",
+        "largest travel of the arm from where it started",
+        lambda r: _largest(r.trajectory["slide"] - r.trajectory["slide"][0]),
+        per_module=True,
+    ),
+    Metric(
+        "pitch_max_deg",
+        "deg",
+        "largest pitch of the arm",
+        lambda r: np.degrees(np.abs(r.trajectory["pitch"]).max(axis=0)).tolist(),
+        per_module=True,
+    ),
+    Metric(
+        "motor_torque_max_n_m",
+        "N m",
+        "largest torque of the crawler motor",
+        lambda r: _largest(r.trajectory["motor_torque"]),
+        per_module=True,
+    ),
+    Metric(
+        "stall_time_s",
+        "s",
+        "time at the torque limit with the belt standing still",
+        lambda r: r.integral(_stalled(r)).tolist(),
+        per_module=True,
+    ),
+    Metric(
+        "phase_time_s", "s", "time in each phase of the controller", _phase_times, in_tables=False
+    ),
+)
+"""Every shipped metric, in the order of ``result.json``."""
 
 
 def summarise(
-    trajectory: Trajectory, *, no_load_slip: float, lug_radius: float, torque_limit: float
+    trajectory: Trajectory,
+    *,
+    no_load_slip: float,
+    lug_radius: float,
+    torque_limit: float,
+    metrics: Iterable[Metric] = METRICS,
 ) -> Metrics:
-    """Summary of a run; lists have one entry a module.
+    """The figures of a run by the names of ``metrics``; arguments as in ``Run``.
 
     Means are over time, by the trapezoidal rule. Slip counts only where a module touches the wall.
-
-    Args:
-        trajectory: the record.
-        no_load_slip: m/s, what slip reads in a straight pipe without load; reported beside it.
-        lug_radius: m, belt speed over shaft speed.
-        torque_limit: N m, of a crawler motor.
-
-    Returns:
-        ``slip_ratio_mean`` (of the magnitude), ``slip_distance_m``, ``traction_rms_n``,
-        ``normal_force_mean_n``, ``contact_fraction`` (of the time), ``spring_travel_max_m``,
-        ``stall_time_s``, ``pitch_max_deg``, ``motor_torque_max_n_m`` (lists of three);
-        ``tilt_max_deg``, ``tilt_exit_deg``, ``mean_speed_m_s``, ``distance_m`` (headway along the
-        way, the legs added up), ``energy_j`` (mechanical, braking not recovered),
-        ``no_load_slip_m_s``, ``phase_time_s``.
     """
-    time = trajectory.time
-    travelled = _travelled(trajectory)
-    duration = float(time[-1] - time[0])
-    power = trajectory["motor_torque"] * trajectory["belt_speed"] / lug_radius  # (T, 3) W
-    at_limit = np.abs(trajectory["motor_torque"]) >= 0.99 * torque_limit
-    stalled = at_limit & (np.abs(trajectory["belt_speed"]) < STALL_SPEED)
-    touching = trajectory["contact_count"].sum(axis=-1) > 0
-    slide, pitch = trajectory["slide"], trajectory["pitch"]
-    return {
-        "distance_m": travelled,
-        "mean_speed_m_s": travelled / duration if duration > 0 else 0.0,
-        "tilt_max_deg": float(np.degrees(trajectory["tilt"].max())),
-        "tilt_exit_deg": float(np.degrees(trajectory["tilt"][-1])),
-        "energy_j": float(_integral(np.maximum(power, 0.0), time).sum()),
-        "no_load_slip_m_s": no_load_slip,
-        "slip_ratio_mean": _mean(np.abs(trajectory["slip_ratio"]), time).tolist(),
-        "slip_distance_m": _integral(np.abs(trajectory["slip_velocity"]), time).tolist(),
-        "traction_rms_n": np.sqrt(_mean(trajectory["traction"] ** 2, time)).tolist(),
-        "normal_force_mean_n": _mean(trajectory["normal_force"], time).tolist(),
-        "contact_fraction": _mean(touching.astype(float), time).tolist(),
-        "spring_travel_max_m": np.abs(slide - slide[0]).max(axis=0).tolist(),
-        "pitch_max_deg": np.degrees(np.abs(pitch).max(axis=0)).tolist(),
-        "motor_torque_max_n_m": np.abs(trajectory["motor_torque"]).max(axis=0).tolist(),
-        "stall_time_s": _integral(stalled.astype(float), time).tolist(),
-        "phase_time_s": _phase_times(trajectory),
-    }
-
-
-def _travelled(trajectory: Trajectory) -> float:
-    """Headway along the way from beginning to end of each leg, added up, m."""
-    distance, leg = trajectory["distance"], trajectory["leg"]
-    ends = np.append(np.flatnonzero(np.diff(leg)), len(leg) - 1)
-    starts = np.append(0, ends[:-1] + 1)
-    return float((distance[ends] - distance[starts]).sum())
-
-
-def _integral(values: NDArray, time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Integral over time (...,) of samples (T, ...)."""
-    return np.trapezoid(values, time, axis=0)
-
-
-def _mean(values: NDArray, time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean over time (...,) of samples (T, ...); the sample itself where there is only one."""
-    duration = time[-1] - time[0]
-    return _integral(values, time) / duration if duration > 0 else np.asarray(values[0], float)
-
-
-def _phase_times(trajectory: Trajectory) -> dict[str, float]:
-    """Seconds spent in each phase that occurred."""
-    times: dict[str, float] = {}
-    for name, start, end in trajectory.phase_spans():
-        times[name] = times.get(name, 0.0) + end - start
-    return times
+    run = Run(trajectory, no_load_slip, lug_radius, torque_limit)
+    return {metric.name: metric.compute(run) for metric in metrics}

@@ -181,7 +181,7 @@ def figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
                 "The unrolled pipe: where the modules touch and how hard, tee turn from the worst "
                 "orientation."
             ),
-            contact_map_figure(misaligned, misaligned.scenario.route()),
+            contact_map_figure(misaligned, misaligned.scenario.route),
         ),
         "forces_along_the_way": (
             "Traction, normal force and slip over arc length.",

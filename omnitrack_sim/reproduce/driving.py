@@ -8,8 +8,8 @@ from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.reproduce.claim import Claim
 from omnitrack_sim.reproduce.runs import FRICTIONS, PRELOAD_FACTORS, Runs, least_preload
 from omnitrack_sim.rotations import wrap_angle
+from omnitrack_sim.sim.builder import motor_of
 from omnitrack_sim.sim.result import Result
-from omnitrack_sim.sim.setup import motor_of
 
 
 def climb(runs: Runs) -> Claim:

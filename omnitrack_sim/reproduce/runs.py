@@ -10,7 +10,7 @@ import numpy as np
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.scenario import Scenario, load_scenario, override
 from omnitrack_sim.sim.result import Result
-from omnitrack_sim.sim.runner import run_batch
+from omnitrack_sim.sim.run import run_batch
 
 Runs = Mapping[str, Sequence[Result]]
 """Results by the name of their list in ``scenarios``."""
@@ -55,7 +55,8 @@ def scenarios(quick: bool) -> dict[str, list[Scenario]]:
             lists[f"elbow_{radius}_{kind}"] = _orientations(
                 load_scenario(name), bend, {**free, "control.kind": kind}
             )
-    late = {**free, "control.kind": "paper", "control.elbow_delay": Robot().length / 2}
+    half = Robot().length / 2 / (2 * Robot().nominal_pipe_radius)  # D, from the head to the centre
+    late = {**free, "control.kind": "paper", "control.parameters.elbow_delay": half}
     lists["elbow_240_paper_late"] = _orientations(load_scenario("elbow"), bend, late)
     lists["aligned"] = random_tee_turns(trials, (0.8, 1.0))
     lists["slippery"] = random_tee_turns(trials, (0.6, 0.8))

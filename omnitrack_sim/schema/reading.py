@@ -80,6 +80,17 @@ def checked(
         ) from None
 
 
+def fields_at(model: type[BaseModel], places: list[str]) -> tuple[str, ...]:
+    """Names of the fields of the table at a path below a model; none where there is no table."""
+    for place in places:
+        info = model.model_fields.get(place)
+        inner = None if info is None else info.annotation
+        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
+            return ()
+        model = inner
+    return tuple(model.model_fields)
+
+
 def plain_value(value: Any) -> Any:
     """What JSON does not know: models as tables, NumPy values as numbers and lists, dates and the
     rest as text."""

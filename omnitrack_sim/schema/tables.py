@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from omnitrack_sim.pipes import TEE_ARCS, Elbow, Reducer, Step, Straight, Tee, TeeArcs
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.robot import Robot
-
-ControllerName = Literal["jacobian", "paper", "equal"]
 
 
 class Table(BaseModel):
@@ -42,14 +40,9 @@ UNITS: dict[str, str] = {
     "world.gravity": "m/s²",
     "contact.friction": "1",
     "control.cruise_speed": "m/s",
-    "control.gain": "1/m",
-    "control.lookahead": "m",
-    "control.rotation_limit": "rad/m",
     "control.speed_limit": "m/s",
     "control.tee_turn_radius": "m",
     "control.tee_merge_radius": "m",
-    "control.elbow_delay": "m",
-    "control.tee_trigger": "m",
     "physics.timestep": "s",
     "physics.control_period": "s",
     "physics.record_period": "s",
@@ -207,34 +200,49 @@ class Contact(Table):
 
 
 class Control(Table):
-    """The controller and its parameters."""
+    """The controller, and what every controller is asked for."""
 
-    kind: ControllerName = "jacobian"
+    kind: str = "jacobian"  # a shipped controller, or module:Class
     cruise_speed: Annotated[float, Field(gt=0, le=1)] = 0.1  # m/s
     align: bool = True  # roll to a safe orientation before a fitting
     retry: bool = True  # back off and try again where a turn makes no headway
-    gain: Annotated[float, Field(ge=0)] = 40.0  # 1/m, rotation per metre for a heading error
-    lookahead: Annotated[float, Field(ge=0)] = 0.03  # m
-    rotation_limit: Positive = 15.0  # rad/m
     speed_limit: Positive = 0.2  # m/s, of a belt
-    tee_turn_radius: Positive = (
-        TEE_ARCS.turn
-    )  # m, centreline's arc from run to branch, as far as it fits the tee
+    # m, centreline's arc from run to branch, as far as it fits the tee
+    tee_turn_radius: Positive = TEE_ARCS.turn
     tee_merge_radius: Positive = TEE_ARCS.merge  # m, likewise from branch to run
-    elbow_delay: Annotated[float, Field(ge=0, le=1)] = (
-        0.0  # m, head past the bend's start when "paper" begins an elbow
-    )
-    tee_trigger: Annotated[float, Field(ge=-1, le=1)] | None = (
-        None  # m, likewise past a tee's opening; none: R/2
-    )
-    safe_margin_deg: Annotated[float, Field(gt=0, le=60)] | None = (
-        None  # of theta5; none: by the robot's reach
-    )
+    # of theta5; none: by the robot's reach
+    safe_margin_deg: Annotated[float, Field(gt=0, le=60)] | None = None
+    # The controller's own table, see docs/scenarios.md; all its keys stand here once it is checked.
+    parameters: dict[str, Any] = Field(default_factory=dict)
 
     @property
     def arcs(self) -> TeeArcs:
         """Of the centreline in tees."""
         return TeeArcs(self.tee_turn_radius, self.tee_merge_radius)
+
+
+class MonitorTable(Table):
+    """When a run is over. D is the bore that the robot is made for."""
+
+    progress: Positive = 0.0125  # D, advance beyond the farthest point so far that is progress
+    # Without progress for both of these a run is over: s at D = 160 mm (with the square root of D
+    # at others), and D that cruising would have taken the robot.
+    patience_time: Positive = 3.0
+    patience: Positive = 1.875
+    slide_back: Positive = 0.625  # D, fall behind the farthest point that ends a run
+    # s at D = 160 mm, with the square root of D at others: time constant of the averages that the
+    # cause of a failure is read from.
+    memory: Positive = 0.5
+    # Offset from the centreline, in pipe radii, beyond which a robot has gone astray in a tee turn;
+    # 1 elsewhere.
+    tee_room: Positive = 1.5
+    # Mean normal force, in weights of the robot, below which a module counts as having lost the
+    # wall.
+    lost_contact: Positive = 0.102
+    no_motion_cosine: Positive = 0.2  # size of cos(roll) below which modules are on the line
+    slipping_ratio: Positive = 0.5  # mean slip ratio of two modules above which a robot slips
+    # Part of the commanded belt speed below which a motor at its limit counts as stalled.
+    stalled_speed: Positive = 0.2
 
 
 ColliderName = Literal["primitives", "exact"]

@@ -1,26 +1,40 @@
 """The legs that n robots drive: the one at hand, those to come, and new ones where the way is
-blocked."""
+blocked. The only place that puts robots onto legs."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from omnitrack_sim.control.guide import Guide
+from omnitrack_sim.control.route_map import RouteMap
 from omnitrack_sim.network import Leg
 from omnitrack_sim.network.layout import End
-from omnitrack_sim.pipes import Route
+from omnitrack_sim.record.events import Event, GaveUp, GoalReached, LegBegan, TakenForClosed
+from omnitrack_sim.rotations import Array
 from omnitrack_sim.scenario import Scenario
+
+
+class Onward(NamedTuple):
+    """What a robot does next: its leg, or None where there is none, and what there is to tell."""
+
+    leg: Leg | None
+    events: Sequence[Event]
 
 
 class Legs:
     """Legs of n robots. A robot in plain pipes has one leg, its route.
 
+    The arrays are replaced when they change, never written into: who keeps one keeps what was.
+
     Attributes:
-        routes: of the first legs, each once. way: (n,) which of them each robot begins on.
+        routes: of all legs so far.
+        way: (n,) number in ``routes`` of each robot's way.
         number: (n,) legs done so far. gear: (n,) 1 nose first, -1 tail first.
         end: (n,) m, arc length along the way where the leg at hand is over.
+        near: (n,) m, arc length where each robot was seen last, or where its leg begins.
     """
 
     def __init__(self, scenarios: Sequence[Scenario]) -> None:
@@ -29,62 +43,73 @@ class Legs:
         self._to_come: list[list[Leg]] = [[] for _ in scenarios]
         self._closed: list[list[End]] = [[] for _ in scenarios]
         self._way_numbers: dict[object, int] = {}
-        self.routes: list[Route] = []
-        self.way = np.zeros(len(scenarios), np.intp)
-        for i, scenario in enumerate(scenarios):
-            key = self._driven[i][0].way if self._driven[i] else None
+        routes, ways = [], []
+        for scenario, driven in zip(scenarios, self._driven, strict=True):
+            key = driven[0].way if driven else None
             if key not in self._way_numbers:
-                self._way_numbers[key] = len(self.routes)
-                self.routes.append(scenario.route())
-            self.way[i] = self._way_numbers[key]
-        self.number = np.zeros(len(scenarios), int)
-        self.gear = np.ones(len(scenarios), int)
-        self.end = np.array([s.goal_distance for s in scenarios])
+                self._way_numbers[key] = len(routes)
+                routes.append(scenario.route)
+            ways.append(self._way_numbers[key])
+        n = len(scenarios)
+        self.routes = RouteMap(routes)
+        self.way: NDArray[np.intp] = np.array(ways, np.intp)
+        self.number = np.zeros(n, int)
+        self.gear = np.ones(n, int)
+        self.end: Array = np.array([s.goal_distance for s in scenarios])
+        self.near: Array = np.array([s.start.distance for s in scenarios])
 
-    def next_of(self, robot: int, distance: float, arrived: bool) -> tuple[Leg | None, list[str]]:
-        """The leg that follows for a robot at arc length ``distance`` m, and what there is to tell
-        about it.
+    def seen_at(self, distance: Array) -> None:
+        """Robots were seen at arc lengths ``distance`` (n,) m."""
+        self.near = distance
+
+    def send_on(self, robot: int, time: float, distance: float, arrived: bool) -> Onward:
+        """Put a robot onto the leg that follows, where there is one.
 
         Args:
-            robot: index.
-            distance: m, along its way.
+            robot: index. time: s. distance: m, along its way.
             arrived: at the end of its leg; otherwise it makes no headway.
         """
+        leg, events = self._next(robot, time, distance, arrived)
+        if leg is not None:
+            self._driven[robot].append(leg)
+            self.number = _with(self.number, robot, self.number[robot] + 1)
+            self.gear = _with(self.gear, robot, leg.gear)
+            self.end = _with(self.end, robot, leg.end)
+            self.way = _with(self.way, robot, self._way_of(robot, leg))
+            self.near = _with(self.near, robot, leg.begin)
+        return Onward(leg, events)
+
+    def _next(self, robot: int, time: float, distance: float, arrived: bool) -> Onward:
+        """The leg that follows, and what there is to tell about it."""
         planner = self._planners[robot]
         if planner is None:
-            return None, []
-        leg, told = self._driven[robot][-1], []
+            return Onward(None, ())
+        leg, told = self._driven[robot][-1], list[Event]()
         if arrived and self._to_come[robot]:
             legs: list[Leg] | None = self._to_come[robot]
         elif arrived:
             if leg.goal + 1 == len(planner.mission.goals):
-                return None, []
-            told.append(f"reached {planner.mission.goals[leg.goal]}")
+                return Onward(None, ())
+            told.append(GoalReached(robot, time, planner.mission.goals[leg.goal]))
             legs = planner.onward(leg, distance, leg.goal + 1, self._closed[robot])
         elif leg.gear < 0:
-            return None, ["no headway while backing out: gives up"]
+            return Onward(None, [GaveUp(robot, time, "no headway while backing out")])
         else:
             port = planner.obstacle(leg, distance)
             self._closed[robot].append(port)
-            told.append(
-                f"no headway at {distance:.3f} m: takes {planner.network.port_name(port)} for "
-                "closed"
-            )
+            told.append(TakenForClosed(robot, time, planner.network.port_name(port), distance))
             legs = planner.onward(leg, distance, leg.goal, self._closed[robot])
         if not legs:
-            return None, [*told, "no other way: gives up"]
+            return Onward(None, [*told, GaveUp(robot, time, "no other way")])
         following, *self._to_come[robot] = legs
-        self._driven[robot].append(following)
-        self.number[robot] += 1
-        self.gear[robot], self.end[robot] = following.gear, following.end
-        return following, [*told, following.note]
+        return Onward(following, [*told, LegBegan(robot, time, following.note)])
 
-    def way_of(self, robot: int, guide: Guide) -> int:
-        """The number that the guide gives the way of a robot's leg, added where it is a new one."""
-        leg, planner = self._driven[robot][-1], self._planners[robot]
+    def _way_of(self, robot: int, leg: Leg) -> int:
+        """The number of a leg's way, added to the routes where it is a new one."""
+        planner = self._planners[robot]
         assert planner is not None
         if leg.way not in self._way_numbers:
-            self._way_numbers[leg.way] = guide.add(planner.route(leg))
+            self._way_numbers[leg.way] = self.routes.add(planner.route(leg))
         return self._way_numbers[leg.way]
 
     def missed(self, robot: int) -> tuple[str, ...]:
@@ -97,3 +122,10 @@ class Legs:
     def driven(self, robot: int) -> tuple[Leg, ...]:
         """The legs that a robot has begun."""
         return tuple(self._driven[robot])
+
+
+def _with(values: NDArray, robot: int, value: float) -> NDArray:
+    """A copy with one robot's value changed."""
+    changed = values.copy()
+    changed[robot] = value
+    return changed

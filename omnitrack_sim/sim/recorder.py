@@ -1,40 +1,58 @@
-"""Keeps what a run measures and turns it into one trajectory a trial."""
+"""Keeps what a run measures and turns it into one trajectory a robot."""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Mapping
 
-from omnitrack_sim.record.trajectory import CHANNELS, Trajectory
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.record.channels import Channel
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.rotations import Array
 
 
 class Recorder:
-    """Samples of n trials. Every sample is an array (n, ...) a channel; a trial's record ends where
-    it ended."""
+    """Samples of n robots. Every sample is an array (n, ...) a channel; a robot's record ends where
+    its run ended.
 
-    def __init__(self, phases: tuple[str, ...]):
-        self.phases = phases
-        self._samples: dict[str, list[np.ndarray]] = {
-            name: [] for name in ("time", "qpos", *CHANNELS)
-        }
+    Args:
+        phases: names that the codes of the channel ``phase`` index.
+        schema: the channels to keep, by name.
+    """
 
-    def sample(self, **values: np.ndarray) -> None:
-        """Add one sample: ``time`` (n,), ``qpos`` (n, nq) and every channel (n, ...)."""
-        for name, samples in self._samples.items():
-            samples.append(np.array(values[name]))
+    def __init__(self, phases: tuple[str, ...], schema: Mapping[str, Channel]):
+        self.phases, self.schema = phases, schema
+        self._samples: dict[str, list[NDArray]] = {n: [] for n in ("time", "qpos", *schema)}
+
+    @property
+    def count(self) -> int:
+        """Number of samples so far."""
+        return len(self._samples["time"])
+
+    def sample(self, qpos: Array, values: Mapping[str, NDArray]) -> None:
+        """Add one sample.
+
+        Args:
+            qpos: (n, nq), copied.
+            values: ``time`` (n,) and every channel (n, ...), which must not be changed afterwards.
+        """
+        samples = self._samples
+        samples["qpos"].append(np.array(qpos))
+        for name in ("time", *self.schema):
+            samples[name].append(values[name])
 
     def trajectories(self, end_time: Array) -> list[Trajectory]:
-        """One trajectory a trial, up to ``end_time`` (n,) s."""
-        stacked = {
-            name: np.array(samples) for name, samples in self._samples.items()
-        }  # (T, n, ...)
-        time = stacked.pop("time")
-        qpos = stacked.pop("qpos")
+        """One trajectory a robot, up to ``end_time`` (n,) s."""
+        stacked = {name: np.array(samples) for name, samples in self._samples.items()}
+        time, qpos = stacked.pop("time"), stacked.pop("qpos")  # (T, n), (T, n, nq)
         trajectories = []
         for i, end in enumerate(end_time):
-            # A trial that has ended stands still in time: keep the samples up to its first one at
-            # the end.
+            # A robot whose run has ended stands still in time: keep the samples up to the first
+            # one at the end.
             count = int(np.searchsorted(time[:, i], end - 1e-9)) + 1
             channels = {name: values[:count, i] for name, values in stacked.items()}
-            trajectories.append(Trajectory(time[:count, i], channels, self.phases, qpos[:count, i]))
+            trajectories.append(
+                Trajectory(time[:count, i], channels, self.phases, qpos[:count, i], self.schema)
+            )
         return trajectories

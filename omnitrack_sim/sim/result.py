@@ -26,16 +26,16 @@ import numpy as np
 from omnitrack_sim.errors import OutputError
 from omnitrack_sim.network import Leg
 from omnitrack_sim.pipes import Route
+from omnitrack_sim.record.channels import CHANNELS, Channel, Vector
+from omnitrack_sim.record.events import Event, event_of
 from omnitrack_sim.record.metrics import Metrics
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.record.timeline import Visit, timeline
-from omnitrack_sim.record.trajectory import CHANNELS, TRACKS, Trajectory
-from omnitrack_sim.robot import MODULES
+from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.rotations import Array
-from omnitrack_sim.scenario import Scenario, validate
+from omnitrack_sim.scenario import Scenario, read_back
 
 RESULT_FILE = "result.json"
-_AXES = {3: "xyz", 4: "wxyz"}
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Result:
     metrics: Metrics
     trajectory: Trajectory
     provenance: dict[str, Any]
-    events: list[str] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
     legs: tuple[Leg, ...] = ()
 
     @property
@@ -79,7 +79,7 @@ class Result:
         """The route of each leg, in the order of the trajectory's ``leg``."""
         planner = self.scenario.planner
         return (
-            (self.scenario.route(),)
+            (self.scenario.route,)
             if planner is None
             else tuple(planner.route(leg) for leg in self.legs)
         )
@@ -119,7 +119,7 @@ class Result:
             "as_expected": self.as_expected,
             "duration_s": self.duration_s,
             "metrics": self.metrics,
-            "events": self.events,
+            "events": [event.to_table() for event in self.events],
             "legs": [dataclasses.asdict(leg) for leg in self.legs],
             "provenance": self.provenance,
         }
@@ -224,7 +224,7 @@ def load_result(directory: str | Path) -> Result:
     folder = Path(directory)
     try:
         summary = json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
-        scenario = validate(json.loads((folder / "scenario.json").read_text(encoding="utf-8")))
+        scenario = read_back(json.loads((folder / "scenario.json").read_text(encoding="utf-8")))
         trajectory = _read_trajectory(folder)
         return Result(
             scenario=scenario,
@@ -234,7 +234,7 @@ def load_result(directory: str | Path) -> Result:
             metrics=summary["metrics"],
             trajectory=trajectory,
             provenance=summary["provenance"],
-            events=summary["events"],
+            events=[event_of(event) for event in summary["events"]],
             legs=tuple(_leg(leg) for leg in summary["legs"]),
         )
     except FileNotFoundError as error:
@@ -247,20 +247,6 @@ def _leg(data: dict[str, Any]) -> Leg:
     way = tuple((int(part), str(enter), str(leave)) for part, enter, leave in data["way"])
     rest = {key: value for key, value in data.items() if key != "way"}
     return Leg(way, **rest)
-
-
-def column_names(channel: str) -> list[str]:
-    """Column names of a channel in the table, in the order of its flattened samples."""
-    shape = CHANNELS[channel].shape
-    if shape == ():
-        return [channel]
-    if channel in ("position", "quaternion"):
-        return [f"{channel}_{axis}" for axis in _AXES[shape[0]]]
-    modules = range(1, MODULES + 1)
-    if shape == (MODULES,):
-        return [f"{channel}_{i}" for i in modules]
-    ends = TRACKS if shape[1] == len(TRACKS) else tuple("xyz")
-    return [f"{channel}_{i}_{end}" for i in modules for end in ends]
 
 
 def _write_timeline(visits: list[Visit], path: Path) -> None:
@@ -280,15 +266,20 @@ def _write_parquet(trajectory: Trajectory, path: Path) -> None:
 
     fields = [pa.field("time", pa.float64(), metadata={"unit": "s", "meaning": "simulated time"})]
     columns = [pa.array(trajectory.time)]
-    for name, channel in CHANNELS.items():
+    for name, channel in trajectory.schema.items():
         flat = np.asarray(trajectory[name]).reshape(len(trajectory), -1)
-        kind = pa.int32() if channel.unit == "code" or name == "contact_count" else pa.float64()
-        for column, values in zip(column_names(name), flat.T, strict=True):
-            fields.append(
-                pa.field(column, kind, metadata={"unit": channel.unit, "meaning": channel.meaning})
-            )
+        kind = pa.int32() if channel.whole else pa.float64()
+        about = {"unit": channel.unit, "meaning": channel.meaning, "frame": channel.frame}
+        for column, values in zip(channel.columns, flat.T, strict=True):
+            fields.append(pa.field(column, kind, metadata=about))
             columns.append(pa.array(np.ascontiguousarray(values).astype(kind.to_pandas_dtype())))
-    schema = pa.schema(fields, metadata={"phases": json.dumps(trajectory.phases)})
+    own = [
+        {**dataclasses.asdict(channel), "vector": isinstance(channel, Vector)}
+        for name, channel in trajectory.schema.items()
+        if name not in CHANNELS
+    ]
+    about_all = {"phases": json.dumps(trajectory.phases), "own_channels": json.dumps(own)}
+    schema = pa.schema(fields, metadata=about_all)
     pq.write_table(pa.Table.from_arrays(columns, schema=schema), path, compression="zstd")
 
 
@@ -301,13 +292,17 @@ def _read_trajectory(folder: Path) -> Trajectory:
             table = pq.read_table(file)
     except pa.ArrowException as error:
         raise ValueError(f"trajectory.parquet: {error}") from error
+    schema = {**RECORDED}
+    for own in json.loads(table.schema.metadata[b"own_channels"]):
+        kind = Vector if own.pop("vector") else Channel
+        schema[own["name"]] = kind(**{**own, "shape": tuple(own["shape"])})
     channels = {}
-    for name, channel in CHANNELS.items():
-        values = np.stack([table[column].to_numpy() for column in column_names(name)], axis=-1)
+    for name, channel in schema.items():
+        values = np.stack([table[column].to_numpy() for column in channel.columns], axis=-1)
         channels[name] = values.reshape(table.num_rows, *channel.shape)
     phases = tuple(json.loads(table.schema.metadata[b"phases"]))
     with np.load(folder / "replay.npz") as replay:
-        return Trajectory(replay["time"], channels, phases, replay["qpos"])
+        return Trajectory(replay["time"], channels, phases, replay["qpos"], schema)
 
 
 def _write_npz(path: Path, **arrays: np.ndarray) -> None:

@@ -6,19 +6,17 @@ import json
 import math
 from typing import Any
 
-from omnitrack_sim.control.recovery import BACKS_OFF
 from omnitrack_sim.errors import ScenarioError
+from omnitrack_sim.record.events import BackedOff
+from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.result import Result, environment
-from omnitrack_sim.sim.runner import run_batch
+from omnitrack_sim.sim.run import run_batch
 from omnitrack_sim.sweep.trials import Part, changed
 
 INVALID, ERROR = "invalid", "error"
 """Outcomes of trials that have no outcome: values that do not fit, and a fault of the program or
 its worker."""
-LEFT_OUT = {"no_load_slip_m_s", "phase_time_s"}
-"""Metrics that the table does not have: one needs a run of its own for each friction, one has keys
-of its own."""
 Row = dict[str, Any]
 """Result columns of a trial by name, and ``trial``; what is missing is null."""
 
@@ -71,16 +69,17 @@ def _row(index: int, result: Result) -> Row:
         "success": result.success,
         "duration_s": _finite(result.duration_s),
         "reason": result.reason,
-        "attempts": 1 + sum(BACKS_OFF in event for event in result.events),
+        "attempts": 1 + sum(isinstance(event, BackedOff) for event in result.events),
         "collider": result.provenance["collider"],
-        "events": " | ".join(result.events),
+        "events": " | ".join(map(str, result.events)),
     }
-    for name, value in result.metrics.items():
+    for metric in METRICS:
+        value = result.metrics[metric.name]
         if isinstance(value, list):
-            row |= {f"{name}_{i}": _finite(item) for i, item in enumerate(value, start=1)}
-        elif name not in LEFT_OUT:
+            row |= {f"{metric.name}_{i}": _finite(item) for i, item in enumerate(value, start=1)}
+        elif metric.in_tables:
             assert not isinstance(value, dict)
-            row[name] = _finite(value)
+            row[metric.name] = _finite(value)
     return row
 
 

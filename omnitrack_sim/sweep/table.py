@@ -7,6 +7,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from omnitrack_sim.record.metrics import METRICS, Metric
 from omnitrack_sim.robot import MODULES
 from omnitrack_sim.schema.tables import unit_of
 from omnitrack_sim.sweep.axes import BASE, DirectionAxis
@@ -18,24 +19,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 XYZ = "xyz"
-_THREE = tuple(range(1, MODULES + 1))
-METRICS: dict[str, tuple[str, tuple[int, ...]]] = {
-    "distance_m": ("m", ()),
-    "mean_speed_m_s": ("m/s", ()),
-    "tilt_max_deg": ("deg", ()),
-    "tilt_exit_deg": ("deg", ()),
-    "energy_j": ("J", ()),
-    "slip_ratio_mean": ("1", _THREE),
-    "slip_distance_m": ("m", _THREE),
-    "traction_rms_n": ("N", _THREE),
-    "normal_force_mean_n": ("N", _THREE),
-    "contact_fraction": ("1", _THREE),
-    "spring_travel_max_m": ("m", _THREE),
-    "pitch_max_deg": ("deg", _THREE),
-    "motor_torque_max_n_m": ("N m", _THREE),
-    "stall_time_s": ("s", _THREE),
-}
-"""Unit of each metric, and the numbers of the modules where there is one value for each."""
 PARQUET: dict[str, Any] = {
     "compression": "zstd",
     "compression_level": 3,
@@ -73,10 +56,10 @@ class Layout:
             _field("duration_s", pa.float64(), "s"),
             _field("reason", pa.string()),
         ]
-        for name, (unit, modules) in METRICS.items():
-            fields += [
-                _field(column, pa.float64(), unit) for column in metric_columns(name, modules)
-            ]
+        for metric in METRICS:
+            if metric.in_tables:
+                columns = metric_columns(metric)
+                fields += [_field(column, pa.float64(), metric.unit) for column in columns]
         fields += [
             _field("attempts", pa.int64(), "1"),
             _field("collider", pa.string()),
@@ -110,9 +93,11 @@ class Layout:
         return pa.concat_tables(plain).sort_by("trial").combine_chunks()
 
 
-def metric_columns(name: str, modules: Sequence[int]) -> list[str]:
-    """The columns of a metric."""
-    return [f"{name}_{i}" for i in modules] or [name]
+def metric_columns(metric: Metric) -> list[str]:
+    """The columns of a metric: one, or one a module."""
+    if not metric.per_module:
+        return [metric.name]
+    return [f"{metric.name}_{i}" for i in range(1, MODULES + 1)]
 
 
 def to_parquet(table: pa.Table) -> bytes:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from omnitrack_sim.scenario import set_value
-from omnitrack_sim.sim.runner import batch_key
+from omnitrack_sim.sim.builder import batch_key
 from omnitrack_sim.sweep.axes import BASE, AxisTable
 from omnitrack_sim.sweep.sampling import Draws, Sampling, unit_points
 

@@ -1,5 +1,4 @@
-"""Where the robots are along their routes: arc length, tilt, offset, and theta5 to the fitting
-ahead."""
+"""Where robots are on their routes: arc length, tilt, offset, and theta5 to the fitting ahead."""
 
 from __future__ import annotations
 
@@ -18,36 +17,40 @@ class Place:
     """Places of n robots on their routes.
 
     Attributes:
-        way: (n,) index into ``Guide.routes`` of each robot's route.
+        way: (n,) index into ``RouteMap.routes`` of each robot's route.
         distance: (n,) m, arc length of the centreline point nearest to the robot's centre.
         aside: (n, 3) m, from that point to the robot's centre, world frame. offset: (n,) m, its
             length.
+        tangent, normal: (n, 3) of the centreline at that point, world frame. curvature: (n,) 1/m.
         tilt: (n,) rad, robot axis against the tangent there.
         theta5: (n,) rad, module 1 from the turning direction of the fitting being passed or next,
             in [-pi, pi).
-        passage: (n,) index into ``Guide.passages`` of that fitting, or of the end of the way after
-            its last one.
+        passage: (n,) index into ``RouteMap.passages`` of that fitting, or of the end of the way
+            after its last one.
     """
 
     way: NDArray[np.intp]
     distance: Array
     aside: Array
     offset: Array
+    tangent: Array
+    normal: Array
+    curvature: Array
     tilt: Array
     theta5: Array
     passage: NDArray[np.intp]
 
 
-class Guide:
-    """Follows n robots, each along a route of its own.
+class RouteMap:
+    """The routes of a batch, with all that is looked up along them. Locating robots changes nothing
+    here; only ``add`` does.
 
     ``passages`` are the fittings that need an orientation, elbows and tees, of one route after the
     other. Each route has one entry more, None, for what comes after its last one; theta5 is then
     measured from the x axis of the route's frame at its end.
 
     Attributes:
-        routes: what ``way`` counts.
-        way: (n,) route of each robot.
+        routes: what ``way`` counts. version: how many times routes have been added.
         first, count: (W,) first passage of each route, and number with the end; arrays below have
             an entry a passage.
         start, end: (Q,) m, arc length where the fitting begins to matter and where it has been
@@ -58,26 +61,17 @@ class Guide:
         directions: (Q, 3) turning directions at the fitting's entry, world frame.
     """
 
-    def __init__(self, routes: Sequence[Route], way: NDArray[np.intp], distance: Array):
+    def __init__(self, routes: Sequence[Route]):
         self.routes = list(routes)
-        self.way = np.array(way)
-        self._distance = np.array(distance, float)
+        self.version = 0
         self._learn()
-
-    @classmethod
-    def along(cls, route: Route, distance: Array) -> Guide:
-        """For n robots on one route, at arc length (n,) m."""
-        return cls([route], np.zeros(len(distance), np.intp), distance)
 
     def add(self, route: Route) -> int:
         """A further route; returns its number. Passages of the earlier ones keep theirs."""
         self.routes.append(route)
+        self.version += 1
         self._learn()
         return len(self.routes) - 1
-
-    def send(self, robot: int, way: int, distance: float) -> None:
-        """Put a robot onto a way, near arc length ``distance`` m."""
-        self.way[robot], self._distance[robot] = way, distance
 
     def _learn(self) -> None:
         """What is looked up of all routes."""
@@ -96,6 +90,7 @@ class Guide:
         self.passages = tuple(passages)
         self.first = np.array(first)
         self.count = np.diff([*first, len(passages)])
+        self.last = self.first + self.count - 1
         self.way_of = np.repeat(np.arange(len(self.routes)), self.count)
         spans = [(np.inf, np.inf) if p is None else p.span for p in passages]
         self.start, self.end = np.array(spans).T
@@ -111,40 +106,45 @@ class Guide:
         for way, (begin, count) in enumerate(zip(self.first, self.count, strict=True)):
             self._ends[way, :count] = self.end[begin : begin + count]
 
-    def locate(self, position: Array, rotation: Array) -> Place:
-        """Places of the robots at ``position`` (n, 3) m with ``rotation`` (n, 3, 3), world
-        frame."""
-        distance = self.centreline.locate(position, self._distance, self._way)
-        self._distance = distance
-        point, tangent, normal, _ = self.at(distance)
+    def locate(self, position: Array, rotation: Array, way: NDArray[np.intp], near: Array) -> Place:
+        """Places of n robots.
+
+        Args:
+            position: (n, 3) m, world frame.
+            rotation: (n, 3, 3) frames that drive nose first, in the world.
+            way: (n,) number of each robot's route.
+            near: (n,) m, arc length where each robot was a moment ago: routes may come close to
+                themselves.
+        """
+        which = self._way(way)
+        distance = self.centreline.locate(position, near, which)
+        point, tangent, normal, curvature = self.centreline.at(distance, which)
         aside = position - point
         axis = rotation[:, :, 2]
-        passage = self._passage(distance)
+        passage = self._passage(distance, way)
         reference = self._turning_direction(distance, passage, normal)
         return Place(
-            way=self.way.copy(),
+            way=way.copy(),
             distance=distance,
             aside=aside,
             offset=length(aside),
+            tangent=tangent,
+            normal=normal,
+            curvature=curvature,
             tilt=angle_between(axis, tangent),
             theta5=angle_about(axis, reference, rotation[:, :, 0]),
             passage=passage,
         )
 
-    def at(self, distance: Array) -> tuple[Array, Array, Array, Array]:
-        """Of each robot's centreline at arc length (n,) or (n, k) m: see ``Centreline.at``, arrays
-        (n, ...)."""
-        if distance.ndim == 1:
-            return self.centreline.at(distance, self._way)
-        way = None if self._way is None else np.repeat(self._way, distance.shape[1])
-        point, tangent, normal, curvature = self.centreline.at(distance.ravel(), way)
-        shape = distance.shape
-        return (*(a.reshape(*shape, 3) for a in (point, tangent, normal)), curvature.reshape(shape))  # type: ignore[return-value]
+    def tangents(self, distance: Array, way: NDArray[np.intp]) -> Array:
+        """Unit vectors (n, k, 3) along each robot's centreline at arc lengths (n, k) m."""
+        which = self._way(way)
+        repeated = None if which is None else np.repeat(which, distance.shape[1])
+        return self.centreline.tangents(distance.ravel(), repeated).reshape(*distance.shape, 3)
 
-    @property
-    def _way(self) -> NDArray[np.intp] | None:
+    def _way(self, way: NDArray[np.intp]) -> NDArray[np.intp] | None:
         """As ``Centreline`` takes it: none where there is one route only."""
-        return self.way if len(self.routes) > 1 else None
+        return way if len(self.routes) > 1 else None
 
     def name_of(self, passage: int) -> str:
         """The name of a passage's fitting in the network."""
@@ -152,14 +152,20 @@ class Guide:
         assert found is not None
         return self.routes[self.way_of[passage]].network.parts[found.index].name
 
-    def turning_direction(self, distance: Array) -> Array:
-        """Unit vectors (n, 3), world frame: where the fitting passed or next at arc length (n,) m
-        turns to."""
-        return self._turning_direction(distance, self._passage(distance), self.at(distance)[2])
+    def start_poses(
+        self, way: NDArray[np.intp], distance: Array, theta5: Array
+    ) -> tuple[Array, Array]:
+        """Positions (n, 3) m and rotations (n, 3, 3) of robots on the centreline, along its
+        tangent, turned to ``theta5`` (n,) rad, at arc length ``distance`` (n,) m."""
+        position, tangent, normal, _ = self.centreline.at(distance, self._way(way))
+        turning = self._turning_direction(distance, self._passage(distance, way), normal)
+        side = cross(tangent, turning)
+        x = np.cos(theta5)[:, None] * turning + np.sin(theta5)[:, None] * side
+        return position, np.stack([x, cross(tangent, x), tangent], axis=-1)
 
-    def _passage(self, distance: Array) -> NDArray[np.intp]:
-        passed = (self._ends[self.way] <= distance[:, None]).sum(axis=1)
-        return self.first[self.way] + np.minimum(passed, self.count[self.way] - 1)
+    def _passage(self, distance: Array, way: NDArray[np.intp]) -> NDArray[np.intp]:
+        passed = np.add.reduce(self._ends[way] <= distance[:, None], axis=1, dtype=np.intp)
+        return np.minimum(self.first[way] + passed, self.last[way])
 
     def _turning_direction(
         self, distance: Array, passage: NDArray[np.intp], normal: Array

@@ -1,0 +1,37 @@
+"""Notices that robots have been sent onto another leg."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.control.interface import Observation
+from omnitrack_sim.control.route_map import RouteMap
+
+
+class LegWatch:
+    """Compares the legs of one observation with those of the one before.
+
+    Attributes:
+        grown: routes have been added since the observation before: what was looked up in them has
+            to be looked up again.
+    """
+
+    def __init__(self, routes: RouteMap) -> None:
+        self._routes, self._version = routes, routes.version
+        self._leg: NDArray[np.int_] | None = None
+        self._gear: NDArray[np.int_] | None = None
+        self.grown = False
+
+    def changes(self, observation: Observation) -> list[tuple[int, bool]]:
+        """Robots on another leg than before, and whether each drives in the other gear now."""
+        leg, gear = self._leg, self._gear
+        self.grown = self._routes.version != self._version
+        self._version = self._routes.version
+        if leg is observation.leg:
+            return []
+        self._leg, self._gear = observation.leg, observation.gear
+        if leg is None or gear is None:
+            return []
+        robots = np.flatnonzero(leg != observation.leg).tolist()
+        return [(robot, bool(gear[robot] != observation.gear[robot])) for robot in robots]

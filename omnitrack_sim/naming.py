@@ -1,0 +1,58 @@
+"""Objects of a user's own, by the name ``module:Object``."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from omnitrack_sim.errors import Fault, InputError
+
+_HANDED_OVER: dict[str, Any] = {}
+
+
+def name_of(thing: Any) -> str:
+    """``module:Object`` of a class or function; from now on the name leads back to it in this
+    process, even where its module cannot be imported (a notebook, a function's inside)."""
+    name = f"{thing.__module__}:{thing.__qualname__}"
+    _HANDED_OVER[name] = thing
+    return name
+
+
+def named(name: str, where: str, shipped: Mapping[str, Any]) -> Any:
+    """The shipped object of that name, or the user's own of the name ``module:Object``.
+
+    Modules are looked for where Python looks for them, and in the working folder.
+
+    Args:
+        name: as it stands in a file.
+        where: the dotted path where it stands, for the fault.
+        shipped: objects by their short names.
+
+    Raises:
+        InputError: there is no such object; the fault says what was looked for and the choices.
+    """
+    if name in shipped:
+        return shipped[name]
+    if name in _HANDED_OVER:
+        return _HANDED_OVER[name]
+    choices = (*shipped, "module:Object")
+    module_name, colon, path = name.partition(":")
+    if not (colon and module_name and path):
+        raise InputError(Fault(where, f"is {name!r}", choices))
+    folder = os.getcwd()
+    if folder not in sys.path and "" not in sys.path:
+        sys.path.append(folder)
+    try:
+        found: Any = importlib.import_module(module_name)
+    except Exception as error:  # whatever a user's module does while it is imported
+        problem = f"is {name!r}: module {module_name!r} cannot be imported ({error})"
+        raise InputError(Fault(where, problem, choices)) from error
+    for part in path.split("."):
+        if not hasattr(found, part):
+            problem = f"is {name!r}: there is no {part!r} in module {module_name!r}"
+            raise InputError(Fault(where, problem))
+        found = getattr(found, part)
+    return found

@@ -1,0 +1,302 @@
+"""The one schema of measured quantities. Plant, observation, mirror, recorder, files and the table
+in docs/channels.md all come from ``CHANNELS``.
+
+A new quantity of the shipped sensors is one entry here and one function in ``sensing.truth``. A
+user's own sensor brings its ``Channel`` with it and needs no edit (docs/extending.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+TRACKS = ("upper", "lower")
+"""Order of the two tracks of a module in channels of shape (3, 2)."""
+MODULE_COUNT = 3
+Frame = Literal["", "world", "robot", "route"]
+TailFirst = Literal["same", "swapped", "negated", "turned", "facing"]
+Source = Literal["plant", "route", "command", "leg"]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One measured quantity.
+
+    Attributes:
+        name: of the array, in Python and in files.
+        shape: of one sample of one robot; modules come first.
+        unit: SI; "1" for numbers without one, "code" for an index.
+        meaning: one line for the docs and for the file's metadata.
+        frame: that vectors are expressed in; empty where the quantity has none.
+        source: "plant" is read by a sensor, "route" follows from the pose and the route, "command"
+            is what the controller asked for, "leg" is where the robot is in its mission.
+        tail_first: how a robot that drives tail first sees the quantity, so that it may take itself
+            for one that drives nose first. Its frame is then turned by 180 degrees about x:
+            "swapped" exchanges modules 2 and 3, "negated" exchanges them and changes the sign,
+            "turned" changes the sign of a vector's y and z, "facing" those columns of a rotation
+            matrix, "same" leaves all as it is.
+        observed: controllers see it.
+        recorded: it stands in the trajectory and its file.
+        whole: values are whole numbers.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    unit: str
+    meaning: str
+    frame: Frame = ""
+    source: Source = "plant"
+    tail_first: TailFirst = "same"
+    observed: bool = True
+    recorded: bool = True
+    whole: bool = False
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of the table, in the order of the flattened sample."""
+        if self.shape == ():
+            return (self.name,)
+        labels: list[str] = [""]
+        for axis, size in enumerate(self.shape):
+            inner = _labels(size, axis, self.shape)
+            labels = [f"{label}_{item}" for label in labels for item in inner]
+        return tuple(self.name + label for label in labels)
+
+
+def _labels(size: int, axis: int, shape: tuple[int, ...]) -> tuple[str, ...]:
+    """Labels along one axis: modules count from 1, vectors have letters, tracks their names."""
+    if len(shape) > 1 and axis == len(shape) - 1:
+        named: Mapping[int, tuple[str, ...]] = {2: TRACKS, 3: ("x", "y", "z"), 4: tuple("wxyz")}
+        return named.get(size, tuple(str(i + 1) for i in range(size)))
+    return tuple(str(i + 1) for i in range(size))
+
+
+@dataclass(frozen=True)
+class Vector(Channel):
+    """A channel whose three or four numbers are the components of one vector or quaternion."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """One column a component: x, y, z, or w, x, y, z."""
+        return tuple(f"{self.name}_{axis}" for axis in ("xyz" if self.shape == (3,) else "wxyz"))
+
+
+_FORWARD = "positive drives forward when the upper track is at the wall"
+CHANNELS: Mapping[str, Channel] = {
+    channel.name: channel
+    for channel in (
+        Channel("time", (), "s", "simulated time", recorded=False),
+        Vector("position", (3,), "m", "robot centre", "world"),
+        Vector(
+            "quaternion",
+            (4,),
+            "1",
+            "robot frame in the world, (w, x, y, z); z forward, x towards module 1",
+            "world",
+            observed=False,
+        ),
+        Channel(
+            "rotation",
+            (3, 3),
+            "1",
+            "the same as a matrix, robot axes as columns",
+            "world",
+            tail_first="facing",
+            recorded=False,
+        ),
+        Vector(
+            "angular_velocity",
+            (3,),
+            "rad/s",
+            "rotation rate of the chassis",
+            "robot",
+            tail_first="turned",
+            recorded=False,
+        ),
+        Channel(
+            "leg",
+            (),
+            "code",
+            "index of the leg at hand: a way through the pipes, driven in one gear",
+            source="leg",
+            whole=True,
+        ),
+        Channel("gear", (), "1", "1: nose first; -1: tail first", source="leg"),
+        Channel(
+            "distance",
+            (),
+            "m",
+            "arc length of the robot's centre along the centreline of the leg's route",
+            "route",
+            source="route",
+        ),
+        Channel(
+            "offset",
+            (),
+            "m",
+            "distance of the robot's centre from the centreline",
+            "route",
+            source="route",
+        ),
+        Channel(
+            "tilt",
+            (),
+            "rad",
+            "angle between the robot axis and the centreline's tangent at the robot's centre",
+            "route",
+            source="route",
+        ),
+        Channel(
+            "theta5",
+            (),
+            "rad",
+            "module 1 from the turning direction of the fitting being passed or next",
+            "route",
+            source="route",
+        ),
+        Channel(
+            "phase",
+            (),
+            "code",
+            "index into the trajectory's phase names",
+            source="command",
+            whole=True,
+        ),
+        Channel(
+            "belt_speed_command",
+            (3,),
+            "m/s",
+            f"belt speed asked of each motor; {_FORWARD}",
+            source="command",
+            tail_first="negated",
+        ),
+        Channel(
+            "belt_speed",
+            (3,),
+            "m/s",
+            f"belt speed of each module; {_FORWARD}",
+            tail_first="negated",
+        ),
+        Channel(
+            "wall_speed",
+            (3,),
+            "m/s",
+            "forward speed of each module that its belt asks for at the wall: belt_speed x belt "
+            "sign",
+            tail_first="negated",
+        ),
+        Channel(
+            "motor_torque",
+            (3,),
+            "N m",
+            "torque of each crawler motor at its output shaft, positive drives +belt_speed",
+            tail_first="negated",
+        ),
+        Channel(
+            "traction",
+            (3,),
+            "N",
+            "wall force on each module along its axis, forward positive",
+            tail_first="negated",
+        ),
+        Channel(
+            "normal_force",
+            (3,),
+            "N",
+            "wall force on each module towards the robot axis",
+            tail_first="swapped",
+        ),
+        Channel(
+            "slip_velocity",
+            (3,),
+            "m/s",
+            "belt surface relative to the wall at the contact; positive: the belt runs ahead",
+            tail_first="negated",
+        ),
+        Channel(
+            "slip_ratio",
+            (3,),
+            "1",
+            "slip_velocity over the larger of belt and module speed, -1 to 1; 0 at rest",
+            tail_first="negated",
+        ),
+        Channel(
+            "contact_count",
+            (3, 2),
+            "1",
+            "contact points, per module and track (upper, lower); a lug may touch two wall pieces",
+            tail_first="swapped",
+            whole=True,
+        ),
+        Channel(
+            "contact_position",
+            (3, 3),
+            "m",
+            "force-weighted centre of each module's contacts; its last place when there is none",
+            "world",
+            tail_first="swapped",
+        ),
+        Channel(
+            "module_speed",
+            (3,),
+            "m/s",
+            "speed of each module over the wall at its contact, along its axis",
+            tail_first="negated",
+            recorded=False,
+        ),
+        Channel(
+            "slide",
+            (3,),
+            "m",
+            "arm travel from the nominal pipe, outward positive",
+            tail_first="swapped",
+        ),
+        Channel(
+            "pitch",
+            (3,),
+            "rad",
+            "arm pitch; positive: the module's nose points away from the robot axis",
+            tail_first="negated",
+        ),
+        Channel(
+            "roll",
+            (3,),
+            "rad",
+            "module roll phi about its own axis; 0: upper track at the wall",
+            tail_first="negated",
+        ),
+        Channel(
+            "roll_command",
+            (3,),
+            "rad",
+            "roll asked of each rotary motor",
+            source="command",
+            tail_first="negated",
+        ),
+    )
+}
+"""Every shipped channel, in the order of the file."""
+
+
+def recorded(channels: Iterable[Channel]) -> dict[str, Channel]:
+    """The channels of a trajectory, by name."""
+    return {channel.name: channel for channel in channels if channel.recorded}
+
+
+def table(channels: Iterable[Channel] = tuple(CHANNELS.values())) -> str:
+    """Markdown table of channels, as docs/channels.md shows it."""
+    rows = ["| channel | unit | shape | frame | tail first | seen | recorded | meaning |"]
+    rows.append("|---" * 8 + "|")
+    for channel in channels:
+        shape = " x ".join(map(str, channel.shape)) or "-"
+        seen = "yes" if channel.observed and channel.source == "plant" else "-"
+        kept = "yes" if channel.recorded else "-"
+        cells = (f"`{channel.name}`", channel.unit, shape, channel.frame or "-")
+        cells = (*cells, channel.tail_first, seen, kept, channel.meaning)
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join(rows) + "\n"
+
+
+if __name__ == "__main__":
+    print(table(), end="")

@@ -1,0 +1,175 @@
+"""What happened during a run, as typed values with a time. Sentences are made where people read
+them: ``str(event)``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that one robot did or met.
+
+    A new kind of event is a frozen dataclass that inherits from this one and has a ``text``; it is
+    written to ``result.json`` with its fields, and read back by the name of its class.
+
+    Attributes:
+        robot: index of the trial in its batch; not written to files.
+        time: s of simulated time.
+    """
+
+    robot: int
+    time: float
+    kinds: ClassVar[dict[str, type[Event]]] = {}
+
+    def __init_subclass__(cls) -> None:
+        Event.kinds[cls.__name__] = cls
+
+    @property
+    def text(self) -> str:
+        """What happened, in words."""
+        return type(self).__name__
+
+    def __str__(self) -> str:
+        return f"{self.time:.2f} s, {self.text}"
+
+    def to_table(self) -> dict[str, Any]:
+        """Plain data: ``kind``, ``text`` and the fields."""
+        fields = {k: v for k, v in dataclasses.asdict(self).items() if k != "robot"}
+        return {"kind": type(self).__name__, **fields, "text": str(self)}
+
+
+@dataclass(frozen=True)
+class Remark(Event):
+    """Anything that has no kind of its own, such as what a user's controller wants to tell."""
+
+    words: str
+
+    @property
+    def text(self) -> str:
+        """The words themselves."""
+        return self.words
+
+
+@dataclass(frozen=True)
+class Note(Remark):
+    """A remark about the set-up of a run, before it began."""
+
+    def __str__(self) -> str:
+        return self.words
+
+
+@dataclass(frozen=True)
+class Rolled(Event):
+    """A robot plans to roll its modules before a fitting. Angles in degrees."""
+
+    fitting: str
+    roll_deg: float
+    theta5_from_deg: float
+    theta5_to_deg: float
+
+    @property
+    def text(self) -> str:
+        """The roll and what it does to theta5."""
+        return (
+            f"before {self.fitting}: rolls the modules by {self.roll_deg:.1f} deg, theta5 from "
+            f"{self.theta5_from_deg:.1f} to {self.theta5_to_deg:.1f} deg"
+        )
+
+
+@dataclass(frozen=True)
+class NotAligned(Event):
+    """No roll helps a robot before a fitting, and it drives on as it is."""
+
+    fitting: str
+    theta5_deg: float
+    cause: str
+
+    @property
+    def text(self) -> str:
+        """The orientation and the cause."""
+        return f"before {self.fitting}: theta5 {self.theta5_deg:.1f} deg, not aligned: {self.cause}"
+
+
+@dataclass(frozen=True)
+class BackedOff(Event):
+    """A turn makes no headway: the robot backs off to before the fitting and tries again."""
+
+    fitting: str
+    distance: float
+    tilt_deg: float
+
+    @property
+    def text(self) -> str:
+        """Where, and how the robot stood."""
+        return (
+            f"in {self.fitting}: no headway at {self.distance:.3f} m, tilt {self.tilt_deg:.1f} "
+            "deg: backs off and tries again"
+        )
+
+
+@dataclass(frozen=True)
+class GoalReached(Event):
+    """A goal of a mission is reached, and there is another one to follow."""
+
+    goal: str
+
+    @property
+    def text(self) -> str:
+        """Which goal."""
+        return f"reached {self.goal}"
+
+
+@dataclass(frozen=True)
+class TakenForClosed(Event):
+    """A robot hangs before a port and plans on as if it were closed."""
+
+    port: str
+    distance: float
+
+    @property
+    def text(self) -> str:
+        """Where the robot hangs, and what it takes for closed."""
+        return f"no headway at {self.distance:.3f} m: takes {self.port} for closed"
+
+
+@dataclass(frozen=True)
+class LegBegan(Event):
+    """A robot sets out on its next leg."""
+
+    what: str
+
+    @property
+    def text(self) -> str:
+        """What the leg is for."""
+        return self.what
+
+
+@dataclass(frozen=True)
+class GaveUp(Event):
+    """A robot that hangs has no other way left."""
+
+    cause: str
+
+    @property
+    def text(self) -> str:
+        """Why."""
+        return f"{self.cause}: gives up"
+
+
+def event_of(table: Mapping[str, Any]) -> Event:
+    """An event from the plain data of ``Event.to_table``.
+
+    A kind that is not known here, because the module that defines it has not been imported, is read
+    as a ``Remark`` with its text.
+    """
+    fields = {k: v for k, v in table.items() if k not in ("kind", "text")}
+    kind = Event.kinds.get(table["kind"])
+    if kind is not None:
+        return kind(robot=0, **fields)
+    words = str(table["text"]).partition(" s, ")[2] or str(table["text"])
+    return Remark(0, float(table["time"]), words)

@@ -1,0 +1,211 @@
+"""From scenarios to what a batch needs: model, start values, control settings."""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.control import Settings
+from omnitrack_sim.control.route_map import RouteMap
+from omnitrack_sim.model.collider import why_not
+from omnitrack_sim.model.robot import spring_free_length
+from omnitrack_sim.model.scene import build_scene, let_walls_sleep
+from omnitrack_sim.pipes import Elbow, Route, Tee
+from omnitrack_sim.robot import MODULES, Robot
+from omnitrack_sim.robot.drive import MOTORS, Motor
+from omnitrack_sim.rotations import quaternion_from_matrix
+from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.sim.plant import Start
+
+SLEEP_FROM = 1000
+"""Number of geoms from which it pays to have MuJoCo pass over the walls, which needs an MjData for
+each robot."""
+EACH: Mapping[str, str] = {
+    "distance": "start.distance",
+    "theta5_deg": "start.theta5_deg",
+    "roll_deg": "start.roll_deg",
+    "gravity": "world.gravity",
+    "friction": "contact.friction",
+    "preload": "robot.preload",
+    "torque_limit": "robot.torque_limit",
+    "roll_torque": "robot.roll_torque",
+    "cruise_speed": "control.cruise_speed",
+    "align": "control.align",
+    "retry": "control.retry",
+    "speed_limit": "control.speed_limit",
+    "safe_margin_deg": "control.safe_margin_deg",
+    "parameters": "control.parameters",
+    "time_limit": "physics.time_limit",
+}
+"""What the builder takes of every scenario of a batch on its own, by name and dotted path."""
+CARRIED = (
+    "name",
+    "seed",
+    "expect",
+    "goal",
+    "mission.start",
+    "mission.goals",
+    "mission.avoid",
+)
+"""What a scenario brings to its own legs and result without the batch knowing."""
+
+
+def batch_key(data: Mapping[str, Any]) -> str:
+    """What scenarios must share to run in one batch: all that is not taken from each on its own.
+
+    Args:
+        data: a scenario as plain data with every key. It need not be valid, and no route is built.
+    """
+    own: dict[str, Any] = {}
+    for path in (*EACH.values(), *CARRIED):
+        place = own
+        *tables, key = path.split(".")
+        for table in tables:
+            place = place.setdefault(table, {})
+        place[key] = None
+    return json.dumps(_without(data, own), sort_keys=True)
+
+
+def _without(data: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    """``data`` less the keys of ``own``, table by table."""
+    shared = {}
+    for key, value in data.items():
+        inner = own.get(key, ())
+        if inner is None:
+            continue
+        shared[key] = _without(value, inner) if inner and isinstance(value, Mapping) else value
+    return shared
+
+
+def each(scenarios: Sequence[Scenario], name: str) -> NDArray:
+    """One value of ``EACH`` of all scenarios, (n, ...); None is not a number."""
+    path = EACH[name].split(".")
+    values = [functools.reduce(getattr, path, scenario) for scenario in scenarios]
+    return np.array([np.nan if value is None else value for value in values])
+
+
+def collider_of(scenario: Scenario) -> str:
+    """The collider that a run of the scenario has: the exact one only where it can be loaded."""
+    exact = scenario.physics.collider == "exact" and why_not() is None
+    return "exact" if exact else "primitives"
+
+
+def scene_of(scenario: Scenario, *, looks: bool = False) -> mujoco.MjSpec:
+    """The scenario's pipes and robot as one MjSpec; ``looks`` adds what pictures need."""
+    physics = scenario.physics
+    spec = build_scene(
+        scenario.route.network,
+        scenario.robot,
+        plates=scenario.plates,
+        timestep=physics.timestep,
+        wall_tolerance=physics.wall_tolerance,
+        staves=physics.staves,
+        exact=collider_of(scenario) == "exact" and not looks,
+        looks=looks,
+    )
+    if len(spec.geoms) >= SLEEP_FROM:
+        let_walls_sleep(spec)
+    return spec
+
+
+def start_of(scenarios: Sequence[Scenario], routes: RouteMap, way: NDArray[np.intp]) -> Start:
+    """Start values and physical constants of each robot; ``way`` (n,): its route."""
+    robots = [s.robot for s in scenarios]
+    theta5 = np.radians(each(scenarios, "theta5_deg"))
+    position, rotation = routes.start_poses(way, each(scenarios, "distance"), theta5)
+    pipe_radius = np.array([routes.routes[w].fittings[0].radius for w in way])
+    nominal = np.array([r.nominal_pipe_radius for r in robots])
+    preload = each(scenarios, "preload")
+    return Start(
+        position=position,
+        quaternion=quaternion_from_matrix(rotation),
+        slide=np.repeat((pipe_radius - nominal)[:, None], MODULES, axis=1),
+        roll=np.repeat(np.radians(each(scenarios, "roll_deg"))[:, None], MODULES, axis=1),
+        friction=each(scenarios, "friction"),
+        gravity=each(scenarios, "gravity").astype(float),
+        spring_free=np.array(
+            [spring_free_length(r, p) for r, p in zip(robots, preload, strict=True)]
+        ),
+        roll_torque=each(scenarios, "roll_torque"),
+    )
+
+
+def motor_of(robot: Robot) -> Motor:
+    """The robot's crawler motor."""
+    return MOTORS[robot.motor]
+
+
+def torque_limits(scenarios: Sequence[Scenario]) -> NDArray:
+    """Torque limit (n,) N m of each robot's crawler motors: its own, or the motor's."""
+    given = each(scenarios, "torque_limit").astype(float)
+    return np.where(np.isnan(given), motor_of(scenarios[0].robot).torque_limit, given)
+
+
+def feasible_belt_speed(robot: Robot) -> float:
+    """Belt speed that the motor holds against a third of the robot's weight, m/s: the worst steady
+    climb."""
+    motor = motor_of(robot)
+    load = robot.mass * 9.81 / 3 * robot.lug_radius
+    return motor.no_load_speed * max(0.0, 1 - load / motor.stall_torque) * robot.lug_radius
+
+
+def settings_of(
+    scenarios: Sequence[Scenario], routes: RouteMap, way: NDArray[np.intp]
+) -> tuple[Settings, list[str | None]]:
+    """Control settings of each robot, and a note for each whose cruise speed had to be scaled to
+    its motor.
+
+    The outer module of a bend of radius rho runs at (1 + R / rho) times the robot's speed, so the
+    motor's speed limits the cruise speed. Belts are capped at what the motor holds.
+    """
+    cruise, notes = [], []
+    highest = np.array([feasible_belt_speed(s.robot) for s in scenarios])
+    for scenario, w, most in zip(scenarios, way, highest.tolist(), strict=True):
+        factor = 1 + _sharpest_bend(scenario, routes.routes[w])
+        wanted = scenario.control.cruise_speed
+        speed = min(wanted, most / factor)
+        cruise.append(speed)
+        notes.append(
+            None
+            if speed == wanted
+            else f"cruise speed scaled from {wanted:.4f} to {speed:.4f} m/s: motor "
+            f"{scenario.robot.motor} holds {most:.4f} m/s and the outer module needs {factor:.2f} "
+            "times the robot's speed"
+        )
+    settings = Settings(
+        cruise_speed=np.array(cruise),
+        align=each(scenarios, "align"),
+        retry=each(scenarios, "retry"),
+        speed_limit=np.minimum(each(scenarios, "speed_limit"), highest),
+        safe_margin=np.radians(each(scenarios, "safe_margin_deg").astype(float)),
+        reach=np.array([s.robot.reach for s in scenarios]),
+    )
+    return settings, notes
+
+
+def _sharpest_bend(scenario: Scenario, route: Route) -> float:
+    """Largest pipe radius over bend radius that a robot may meet: on its route, or in the network
+    of a mission."""
+    if scenario.mission is None:
+        return max((p.radius / p.bend_radius for p in route.fittings if p.is_turn), default=0.0)
+    fittings = [part.fitting for part in route.network.parts]
+    turn = scenario.control.tee_turn_radius
+    bends = [f.radius / f.mean_radius for f in fittings if isinstance(f, Elbow)]
+    return max([*bends, *(f.radius / turn for f in fittings if isinstance(f, Tee))], default=0.0)
+
+
+def start_qpos(scenario: Scenario, model: mujoco.MjModel) -> NDArray:
+    """Joint positions (nq,) of a scenario's start."""
+    start = start_of([scenario], RouteMap([scenario.route]), np.zeros(1, np.intp))
+    data = mujoco.MjData(model)
+    data.joint("robot").qpos = np.concatenate([start.position[0], start.quaternion[0]])
+    for i in range(MODULES):
+        data.joint(f"slide_{i + 1}").qpos = start.slide[0, i]
+        data.joint(f"roll_{i + 1}").qpos = start.roll[0, i]
+    return data.qpos.copy()

@@ -1,0 +1,131 @@
+"""Runs scenarios to their ends. One run is a batch of one; those that share a model share a
+batch."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+
+from omnitrack_sim.control import Controller
+from omnitrack_sim.record.metrics import Metric
+from omnitrack_sim.scenario import Scenario, validate
+from omnitrack_sim.sensing import Sensor
+from omnitrack_sim.sim.builder import batch_key
+from omnitrack_sim.sim.result import Result
+from omnitrack_sim.sim.simulation import Progress, Simulation
+
+BASELINE_TIME, BASELINE_SETTLED = 0.8, 0.5
+"""Length of the run that measures the no-load slip, and from when on it counts, s."""
+
+
+def run(
+    scenario: Scenario,
+    *,
+    controller: type[Controller] | None = None,
+    sensors: Sequence[Sensor] = (),
+    metrics: Sequence[Metric] = (),
+    threads: int = 1,
+    progress: Progress | None = None,
+) -> Result:
+    """Run one scenario to its end. A robot that fails is a result, not an error.
+
+    Args:
+        scenario: what to run.
+        controller, sensors, metrics: of a user's own, see docs/extending.md.
+        threads: native threads for the physics; 0 uses all cores.
+        progress: see ``Progress``.
+    """
+    return run_batch(
+        [scenario],
+        controller=controller,
+        sensors=sensors,
+        metrics=metrics,
+        threads=threads,
+        progress=progress,
+    )[0]
+
+
+def run_batch(
+    scenarios: Sequence[Scenario],
+    *,
+    controller: type[Controller] | None = None,
+    sensors: Sequence[Sensor] = (),
+    metrics: Sequence[Metric] = (),
+    threads: int = 0,
+    progress: Progress | None = None,
+    no_load: bool = True,
+) -> list[Result]:
+    """Run scenarios, those that share a model in one batch; results in the order of ``scenarios``.
+
+    Args:
+        scenarios: any number.
+        controller, sensors, metrics: of a user's own, see docs/extending.md.
+        threads: native threads for the physics; 0 uses all cores. The results do not depend on it.
+        progress: see ``Progress``.
+        no_load: also measure the slip without load, by a short run for each robot, friction and
+            speed; without it ``no_load_slip_m_s`` is not a number.
+    """
+    if controller is not None:
+        scenarios = [scenario.driven_by(controller) for scenario in scenarios]
+    slips = no_load_slips(scenarios) if no_load else None
+    groups: dict[str, list[int]] = defaultdict(list)
+    for index, scenario in enumerate(scenarios):
+        groups[batch_key(scenario.model_dump(mode="json"))].append(index)
+    results: dict[int, Result] = {}
+    for indices in groups.values():
+        done = len(results) / len(scenarios)
+        share = len(indices) / len(scenarios)
+        report = (
+            None
+            if progress is None
+            else (lambda part, text, d=done, s=share: progress(d + s * part, text))
+        )
+        batch = [scenarios[i] for i in indices]
+        simulation = Simulation(batch, sensors=sensors, threads=threads)
+        simulation.advance(report)
+        baseline = None if slips is None else [slips[i] for i in indices]
+        results.update(zip(indices, simulation.results(baseline, metrics), strict=True))
+    return [results[i] for i in range(len(scenarios))]
+
+
+def no_load_slips(scenarios: Sequence[Scenario]) -> list[float]:
+    """Mean slip speed, m/s, of the same robots at the same speed in a straight pipe without
+    gravity.
+
+    Regularised friction creeps: this is what slip reads when nothing pulls. Measured by a short
+    run, one for each robot, physics, friction and speed.
+    """
+    bare = [_unloaded(scenario) for scenario in scenarios]
+    distinct = {scenario.model_dump_json(): scenario for scenario in bare}
+    groups: dict[str, list[str]] = defaultdict(list)
+    for text, scenario in distinct.items():
+        groups[batch_key(scenario.model_dump(mode="json"))].append(text)
+    slips: dict[str, float] = {}
+    for texts in groups.values():
+        simulation = Simulation([distinct[text] for text in texts])
+        simulation.advance()
+        trajectories = simulation.recorder.trajectories(simulation.end_time)
+        for text, trajectory in zip(texts, trajectories, strict=True):
+            settled = trajectory.time >= BASELINE_SETTLED
+            slips[text] = float(np.abs(trajectory["slip_velocity"][settled]).mean())
+    return [slips[scenario.model_dump_json()] for scenario in bare]
+
+
+def _unloaded(scenario: Scenario) -> Scenario:
+    """The scenario's robot in a straight pipe without gravity."""
+    first = scenario.route.fittings[0]
+    return validate(
+        {
+            "name": "no_load",
+            "robot": scenario.robot.model_dump(),
+            "physics": scenario.physics.model_dump() | {"time_limit": BASELINE_TIME},
+            "contact": scenario.contact.model_dump(),
+            "control": scenario.control.model_dump(),
+            "monitor": scenario.monitor.model_dump(),
+            "world": {"gravity": [0.0, 0.0, 0.0]},
+            "pipes": [{"kind": "straight", "length": 1.0, "inner_diameter": 2 * first.radius}],
+            "start": {"distance": 0.15},
+        }
+    )

@@ -1,0 +1,357 @@
+"""The loop, opened: n robots of one model, every one a control step on at each call of ``step``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.control import Command, Controller, ControlSetup, Observation, Settings
+from omnitrack_sim.control.gear import carried_out, heading, seen
+from omnitrack_sim.control.route_map import Place
+from omnitrack_sim.model.collider import why_not
+from omnitrack_sim.record.channels import CHANNELS, Channel
+from omnitrack_sim.record.events import Event, Note
+from omnitrack_sim.record.metrics import METRICS, Metric, summarise
+from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.robot.drive import Drive
+from omnitrack_sim.rotations import Array
+from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.sensing import SENSORS, Sensor
+from omnitrack_sim.sim.builder import (
+    collider_of,
+    motor_of,
+    scene_of,
+    settings_of,
+    start_of,
+    torque_limits,
+)
+from omnitrack_sim.sim.legs import Legs
+from omnitrack_sim.sim.monitor import Monitor, Verdict
+from omnitrack_sim.sim.plant import Plant, Start
+from omnitrack_sim.sim.recorder import Recorder
+from omnitrack_sim.sim.result import Result, provenance_of
+
+Progress = Callable[[float, str], None]
+"""Called with the part done, 0 to 1, and a word about the run."""
+MakePlant = Callable[[Scenario, Start, int], Plant]
+"""Makes a plant from the first scenario of a batch, the start values of all, and the number of
+threads."""
+REPORT_EVERY = 50
+"""Control steps between two reports of progress."""
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How one robot's run ended."""
+
+    outcome: Outcome
+    reason: str
+
+
+class Simulation:
+    """n robots of one model in closed loop.
+
+    ::
+
+        sim = ot.Simulation([scenario] * 64)
+        while sim.active.any():
+            command = ...  # made from sim.observation
+            sim.step(command)
+        results = sim.results()
+
+    Args:
+        scenarios: they share pipes, robot and clock, see ``builder.batch_key``.
+        controller: a class in the place of the scenarios' own; see ``ot.Controller``.
+        sensors: further ones; their channels are observed and recorded as the shipped ones are.
+        threads: native threads for the physics; 0 uses all cores. The results do not depend on it.
+        make_plant: puts another plant in the place of the scenarios' own: other walls, another
+            engine.
+
+    Attributes:
+        scenarios: as given. n: their number. period: s between two control steps.
+        controller: made for these robots.
+        active: (n,) bool, robots whose run is not over.
+        observation: what the robots measure now.
+        endings: how each robot's run ended; None while it runs. end_time: (n,) s.
+        legs: what they drive. plant, drive, monitor, recorder: the parts of the loop.
+    """
+
+    def __init__(
+        self,
+        scenarios: Sequence[Scenario],
+        *,
+        controller: type[Controller] | None = None,
+        sensors: Sequence[Sensor] = (),
+        threads: int = 1,
+        make_plant: MakePlant | None = None,
+    ):
+        self.scenarios = [s if controller is None else s.driven_by(controller) for s in scenarios]
+        first, self.n = self.scenarios[0], len(self.scenarios)
+        self.period = first.physics.control_period
+        self._substeps = max(1, round(self.period / first.physics.timestep))
+        self._record_every = max(1, round(first.physics.record_period / self.period))
+        self.legs = Legs(self.scenarios)
+        start = start_of(self.scenarios, self.legs.routes, self.legs.way)
+        settings, notes = settings_of(self.scenarios, self.legs.routes, self.legs.way)
+        self.collider = collider_of(first)
+        every = (*SENSORS, *sensors)
+        self.channels: tuple[Channel, ...] = (
+            *CHANNELS.values(),
+            *(sensor.channel for sensor in sensors),
+        )
+        self._observed = [s.channel.name for s in every if s.channel.observed]
+        self.plant = (
+            Plant(scene_of(first).compile(), first.robot, start, threads, every)
+            if make_plant is None
+            else make_plant(first, start, threads)
+        )
+        limits = torque_limits(self.scenarios)
+        self.drive = Drive(motor_of(first.robot), limits, first.robot.lug_radius, self.n)
+        self._begin(settings, start)
+        self.endings: list[Ending | None] = [None] * self.n
+        self._events: list[list[Event]] = [self._noted(i, note) for i, note in enumerate(notes)]
+        self.active = np.ones(self.n, bool)
+        self.end_time: Array = np.full(self.n, np.nan)
+        self._tick = 0
+        self._settle()
+
+    def _begin(self, settings: Settings, start: Start) -> None:
+        """Make the parts that need the first place: controller, monitor, recorder."""
+        first, robot = self.scenarios[0], self.scenarios[0].robot
+        readings = self.plant.read()
+        place = self._locate(readings)
+        self.controller: Controller = first.controller_class(
+            ControlSetup(
+                routes=self.legs.routes,
+                robot=robot,
+                settings=settings,
+                parameters=[s.control_parameters for s in self.scenarios],
+                place=place,
+                roll=start.roll,
+                period=self.period,
+            )
+        )
+        self.phases: tuple[str, ...] = getattr(self.controller, "phases", ("drive",))
+        limits = np.array([s.time_limit_s for s in self.scenarios])
+        self.monitor = Monitor(
+            self.legs.routes,
+            robot,
+            first.monitor,
+            np.array([s.start.distance for s in self.scenarios]),
+            settings.cruise_speed,
+            limits,
+            self.period,
+        )
+        self.recorder = Recorder(self.phases, {c.name: c for c in self.channels if c.recorded})
+        self._belt_command, self._roll_command = np.zeros((self.n, 3)), start.roll.copy()
+        self._phase, self._resting = np.zeros(self.n, int), np.zeros(self.n, bool)
+        self._readings, self._place = readings, place
+
+    def _noted(self, robot: int, note: str | None) -> list[Event]:
+        """The remarks with which a robot's run begins."""
+        texts = [] if note is None else [note]
+        if self.collider != self.scenarios[0].physics.collider:
+            texts.append(f"exact collider not used: {why_not()}; walls and tracks are primitives")
+        return [Note(robot, 0.0, "; ".join(texts))] if texts else []
+
+    @property
+    def observation(self) -> Observation:
+        """What the robots measure now, as their controllers see it."""
+        gear = self.legs.gear
+        readings = {name: self._readings[name] for name in self._observed}
+        mirrored = seen(readings, gear, self.channels)
+        return Observation(mirrored, self._place, self.legs.number, gear)
+
+    @property
+    def time(self) -> Array:
+        """Simulated time (n,) s."""
+        return self._readings["time"]
+
+    def step(self, command: Command | None = None) -> None:
+        """Carry out a command for one control period; robots whose run is over stay as they are.
+
+        Args:
+            command: for all n robots; the controller's own when not given.
+
+        Raises:
+            ValueError: an array of the command has the wrong shape.
+        """
+        if command is None:
+            command = self.controller.step(self.observation)
+        self._take(carried_out(_checked(command, self.n), self.legs.gear))
+        readings = self._readings
+        drive = self.drive.advance(
+            self._belt_command, readings["belt_speed"], readings["motor_torque"], self.period
+        )
+        active = np.flatnonzero(self.active)
+        self.plant.step(active, drive, self._roll_command, self._substeps)
+        self._tick += 1
+        self._readings = self.plant.read()
+        self._place = self._locate(self._readings)
+        self._settle()
+
+    def advance(self, progress: Progress | None = None) -> None:
+        """Run all robots to their ends under their controller."""
+        while self.active.any():
+            self.step()
+            if progress is not None and self._tick % REPORT_EVERY == 0:
+                self._report(progress)
+
+    def _take(self, command: Command) -> None:
+        """Keep what is asked of the robots that still run."""
+        keep = ~self.active if np.count_nonzero(self.active) < self.n else None
+
+        def of_active(new: NDArray | None, old: NDArray) -> NDArray:
+            if new is None:
+                return old
+            if keep is None:
+                return new
+            return np.where(keep.reshape(-1, *[1] * (new.ndim - 1)), old, new)
+
+        self._belt_command = of_active(command.belt_speed, self._belt_command)
+        self._roll_command = of_active(command.roll, self._roll_command)
+        self._phase = of_active(command.phase, self._phase)
+        self._resting = np.zeros(self.n, bool) if command.resting is None else command.resting
+        for event in command.events:
+            self._events[event.robot].append(event)
+
+    def _locate(self, readings: Mapping[str, Array]) -> Place:
+        legs = self.legs
+        frames = heading(readings["rotation"], legs.gear)
+        place = legs.routes.locate(readings["position"], frames, legs.way, legs.near)
+        legs.seen_at(place.distance)
+        return place
+
+    def _settle(self) -> None:
+        """Judge where the robots are now, send on who is due, record."""
+        verdicts = self.monitor.look(
+            self._readings,
+            self._place,
+            self.legs.end,
+            self._belt_command,
+            self.drive.saturated,
+            self._resting,
+            self.plant.diverged,
+        )
+        if verdicts:
+            self._dispatch(verdicts)
+        if self._tick % self._record_every == 0 or not self.active.any():
+            self._record()
+
+    def _dispatch(self, verdicts: Sequence[Verdict]) -> None:
+        """Send robots that have arrived, or hang, onto their next legs; end the runs of others."""
+        place, sent = self._place, set[int]()
+        for robot, outcome in verdicts:
+            if robot in sent or not self.active[robot]:
+                continue
+            time, distance = float(self.time[robot]), float(place.distance[robot])
+            if outcome in (None, Outcome.REACHED_GOAL):
+                leg, events = self.legs.send_on(robot, time, distance, outcome is not None)
+                self._events[robot] += events
+                if leg is not None:
+                    sent.add(robot)
+                    length = float(self.legs.routes.lengths[self.legs.way[robot]])
+                    self.monitor.sent_on(robot, self.scenarios[robot].time_for(length))
+                    continue
+            self._end(robot, outcome or self.monitor.cause(robot, place), time)
+        if sent:
+            self._place = self._locate(self._readings)
+
+    def _end(self, robot: int, outcome: Outcome, time: float) -> None:
+        reason = self.monitor.reason(robot, self._place, time)
+        missed = self.legs.missed(robot)
+        if outcome is Outcome.REACHED_GOAL and missed:
+            outcome, reason = Outcome.STUCK, f"no way to {', '.join(missed)} is left; {reason}"
+        self.endings[robot] = Ending(outcome, reason)
+        self.active = self.active.copy()
+        self.active[robot], self.end_time[robot] = False, time
+
+    def _record(self) -> None:
+        place, legs = self._place, self.legs
+        self.recorder.sample(
+            self.plant.qpos,
+            {
+                **self._readings,
+                "leg": legs.number,
+                "gear": legs.gear,
+                "distance": place.distance,
+                "offset": place.offset,
+                "tilt": place.tilt,
+                "theta5": place.theta5,
+                "phase": self._phase,
+                "belt_speed_command": self._belt_command,
+                "roll_command": self._roll_command,
+            },
+        )
+
+    def _report(self, progress: Progress) -> None:
+        part = np.clip(self._place.distance / self.legs.end, 0, 1)
+        part = np.where(self.active, part, 1.0)
+        running = np.flatnonzero(self.active)
+        if len(running) == 0:
+            return
+        phase = self.phases[self._phase[running[0]]]
+        text = phase if self.n == 1 else f"{len(running)} of {self.n} running"
+        progress(float(part.mean()), text)
+
+    def results(
+        self, no_load_slip: Sequence[float] | None = None, metrics: Sequence[Metric] = ()
+    ) -> list[Result]:
+        """One result a robot, after all runs are over.
+
+        Args:
+            no_load_slip: (n,) m/s, what slip reads without load; see ``run.no_load_slips``. Without
+                it ``no_load_slip_m_s`` is not a number.
+            metrics: further ones beside the shipped.
+
+        Raises:
+            RuntimeError: a robot still runs.
+        """
+        if self.active.any():
+            raise RuntimeError(f"{int(self.active.sum())} of {self.n} robots still run")
+        slips = [math.nan] * self.n if no_load_slip is None else no_load_slip
+        trajectories = self.recorder.trajectories(self.end_time)
+        results = []
+        for i, (scenario, trajectory) in enumerate(zip(self.scenarios, trajectories, strict=True)):
+            ending = self.endings[i]
+            assert ending is not None
+            figures = summarise(
+                trajectory,
+                no_load_slip=slips[i],
+                lug_radius=scenario.robot.lug_radius,
+                torque_limit=float(self.drive.torque_limit[i, 0]),
+                metrics=(*METRICS, *metrics),
+            )
+            results.append(
+                Result(
+                    scenario=scenario,
+                    outcome=ending.outcome,
+                    reason=ending.reason,
+                    duration_s=float(self.end_time[i]),
+                    metrics=figures,
+                    trajectory=trajectory,
+                    provenance=provenance_of(scenario) | {"collider": self.collider},
+                    events=self._events[i],
+                    legs=self.legs.driven(i),
+                )
+            )
+        return results
+
+
+def _checked(command: Command, n: int) -> Command:
+    """A command with arrays of the shapes that it has to have."""
+    wanted = {"belt_speed": (n, 3), "roll": (n, 3), "phase": (n,), "resting": (n,)}
+    changes = {}
+    for name, shape in wanted.items():
+        value = getattr(command, name)
+        if value is None or (isinstance(value, np.ndarray) and value.shape == shape):
+            continue
+        array = np.asarray(value)
+        if array.shape != shape:
+            raise ValueError(f"command.{name} has shape {array.shape}, expected {shape}")
+        changes[name] = array
+    return replace(command, **changes) if changes else command
