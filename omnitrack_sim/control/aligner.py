@@ -195,7 +195,7 @@ class Aligner:
     def begin_leg(self, robot: int, turned: bool, way: int) -> None:
         """A robot drives another way from now on; ``turned``: in the other gear."""
         if turned:
-            self.roll[robot] = -self.roll[robot, SWAPPED]
+            self.roll[robot] = 0.0 - self.roll[robot, SWAPPED]
             self.roll_target[robot] = -self.roll_target[robot, SWAPPED]
             self._belt_sign[robot] = self._belt_sign[robot, SWAPPED]
         self.attempts[robot], self.deadline[robot] = 0, np.inf
