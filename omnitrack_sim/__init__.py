@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.record.outcome import Outcome
     from omnitrack_sim.record.timeline import Visit
     from omnitrack_sim.record.trajectory import Trajectory
-    from omnitrack_sim.robot import Robot
+    from omnitrack_sim.robot import MOTORS, Motor, Robot
     from omnitrack_sim.scenario import Scenario, load_scenario, override
     from omnitrack_sim.schema.reading import shipped_networks, shipped_scenarios, shipped_sweeps
     from omnitrack_sim.sim.result import Result, load_result
@@ -53,7 +53,7 @@ _HOME = {
     "pipes": ("Elbow", "PipeNetwork", "Reducer", "Step", "Straight", "Tee", "route"),
     "plots": ("plot_mission", "plot_singularity", "plot_summary"),
     "film.render": ("render_frame", "render_video"),
-    "robot": ("Robot",),
+    "robot": ("MOTORS", "Motor", "Robot"),
     "scenario": ("Scenario", "load_scenario", "override"),
     "sim.result": ("Result", "load_result"),
     "sim.runner": ("run", "run_batch"),
@@ -65,9 +65,11 @@ _HOME = {
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
+    "MOTORS",
     "Elbow",
     "GeometryError",
     "InputError",
+    "Motor",
     "Network",
     "NetworkError",
     "OmnitrackError",

@@ -26,7 +26,7 @@ from omnitrack_sim.sim.monitor import Monitor
 from omnitrack_sim.sim.plant import Plant, Readings, Trials
 from omnitrack_sim.sim.recorder import Recorder
 from omnitrack_sim.sim.result import Result, provenance_of
-from omnitrack_sim.sim.setup import motor_of, scene_of, settings_of, trials_of, uses_exact_collider
+from omnitrack_sim.sim.setup import scene_of, settings_of, trials_of, uses_exact_collider
 
 Progress = Callable[[float, str], None]
 """Called with the part done, 0 to 1, and a word about the run."""
@@ -75,8 +75,8 @@ def run_batch(
 
 
 def batch_key(data: Mapping[str, Any]) -> str:
-    """What trials must share to run in one batch: the model, the route, the controller, the clock
-    and the motor.
+    """What trials must share to run in one batch: the model, the route, the controller and the
+    clock.
 
     Args:
         data: a scenario as plain data with every key. It need not be valid, and no route is built.
@@ -90,7 +90,6 @@ def batch_key(data: Mapping[str, Any]) -> str:
             control["tee_turn_radius"],
             control["tee_merge_radius"],
             clock,
-            data["robot"]["motor"],
         ]
     )
 
@@ -132,9 +131,8 @@ class BatchRun:
             text = f"exact collider not used: {why_not()}; walls and tracks are primitives"
             self.notes = [text if note is None else f"{note}; {text}" for note in self.notes]
         self.plant = (make_plant or _own_plant)(first, trials, threads)
-        motor = motor_of(first.robot)
-        limits = [motor_of(s.robot).torque_limit for s in scenarios]
-        self.drive = Drive(motor, limits, first.robot.lug_radius, len(scenarios))
+        limits = [s.robot.crawler_motor.torque_limit for s in scenarios]
+        self.drive = Drive(first.robot.motor, limits, first.robot.lug_radius, len(scenarios))
         self.controller = CONTROLLERS[first.control.kind](
             self.guide, first.robot, self.settings, trials.roll, self.period
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 import mujoco
@@ -14,8 +13,7 @@ from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.model.robot import spring_free_length
 from omnitrack_sim.model.scene import build_scene, let_walls_sleep
 from omnitrack_sim.pipes import Elbow, Route, Tee
-from omnitrack_sim.robot import MODULES, Robot
-from omnitrack_sim.robot.drive import MOTORS, Motor
+from omnitrack_sim.robot import MODULES
 from omnitrack_sim.rotations import Array, cross, quaternion_from_matrix
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.plant import Trials
@@ -87,24 +85,6 @@ def trials_of(scenarios: Sequence[Scenario], guide: Guide) -> Trials:
     )
 
 
-def motor_of(robot: Robot) -> Motor:
-    """The robot's crawler motor with its torque limit."""
-    motor = MOTORS[robot.motor]
-    return (
-        motor
-        if robot.torque_limit is None
-        else dataclasses.replace(motor, torque_limit=robot.torque_limit)
-    )
-
-
-def feasible_belt_speed(robot: Robot) -> float:
-    """Belt speed that the motor holds against a third of the robot's weight, m/s: the worst steady
-    climb."""
-    motor = motor_of(robot)
-    load = robot.mass * 9.81 / 3 * robot.lug_radius
-    return motor.no_load_speed * max(0.0, 1 - load / motor.stall_torque) * robot.lug_radius
-
-
 def settings_of(scenarios: Sequence[Scenario], guide: Guide) -> tuple[Settings, list[str | None]]:
     """Control settings of each trial, and a note for each whose cruise speed had to be scaled to
     its motor.
@@ -118,12 +98,12 @@ def settings_of(scenarios: Sequence[Scenario], guide: Guide) -> tuple[Settings, 
         route = guide.routes[way]
         factor = 1 + _sharpest_bend(s, route)
         radii.append(route.fittings[0].radius)
-        highest = feasible_belt_speed(s.robot)
+        highest = s.robot.feasible_belt_speed
         speed = min(s.control.cruise_speed, highest / factor)
         scaled = speed < s.control.cruise_speed
         notes.append(
             f"cruise speed scaled from {s.control.cruise_speed:.4f} to {speed:.4f} m/s: motor "
-            f"{s.robot.motor} holds "
+            f"{s.robot.motor.name} holds "
             f"{highest:.4f} m/s and the outer module needs {factor:.2f} times the robot's speed"
             if scaled
             else None
