@@ -211,7 +211,7 @@ class Scenario(Table):
                         f"{where}.{i}.{key}",
                         (
                             f"is {2 * radius:.4g} m; the arms reach bores from {reach[0]:.4g} to "
-                            f"{reach[1]:.4g} m"
+                            f"{reach[1]:.4g} m (robot.scale makes the robot for other bores)"
                         ),
                     )
                 )

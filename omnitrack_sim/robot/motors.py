@@ -124,23 +124,21 @@ def _motor_of(given: Any) -> Any:
     """
     if isinstance(given, str):
         if given not in MOTORS:
-            raise _unknown()
+            raise PydanticKnownError("literal_error", {"expected": _CHOICES})
         return MOTORS[given]
     if isinstance(given, Mapping) and "like" in given:
         like = given["like"]
         if not isinstance(like, str) or like not in MOTORS:
-            fault = InitErrorDetails(type=_unknown().type, loc=("like",), input=like)
-            raise ValidationError.from_exception_data(
-                "Motor", [fault | {"ctx": _unknown().context}]
+            fault = InitErrorDetails(
+                type="literal_error", loc=("like",), input=like, ctx={"expected": _CHOICES}
             )
+            raise ValidationError.from_exception_data("Motor", [fault])
         start = MOTORS[like].model_dump(exclude={"name", "source"})
         return start | {key: value for key, value in given.items() if key != "like"}
     return given
 
 
-def _unknown() -> PydanticKnownError:
-    return PydanticKnownError("literal_error", {"expected": " or ".join(map(repr, MOTORS))})
-
+_CHOICES = " or ".join(map(repr, MOTORS))
 
 NamedMotor = Annotated[Motor, BeforeValidator(_motor_of)]
 """A motor, the name of a shipped one, or a motor's table; ``like = NAME`` in a table takes what it

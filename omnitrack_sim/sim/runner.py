@@ -344,7 +344,7 @@ def no_load_slips(scenarios: Sequence[Scenario]) -> list[float]:
 
 def _unloaded(scenario: Scenario) -> str:
     """JSON of the scenario in a straight pipe without gravity."""
-    first = scenario.route().fittings[0]
+    first, size = scenario.route().fittings[0], scenario.robot.scale
     bare = {
         "name": "no_load",
         "robot": scenario.robot.model_dump(),
@@ -352,7 +352,7 @@ def _unloaded(scenario: Scenario) -> str:
         "contact": scenario.contact.model_dump(),
         "control": scenario.control.model_dump(),
         "world": {"gravity": [0.0, 0.0, 0.0]},
-        "pipes": [{"kind": "straight", "length": 1.0, "inner_diameter": 2 * first.radius}],
-        "start": {"distance": 0.15},
+        "pipes": [{"kind": "straight", "length": size, "inner_diameter": 2 * first.radius}],
+        "start": {"distance": 0.15 * size},
     }
     return Scenario.model_validate(bare).model_dump_json()
