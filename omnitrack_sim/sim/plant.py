@@ -154,7 +154,7 @@ class Plant:
         # Chains are endless: a row of lugs that has moved on by a pitch is the same row, moved
         # back.
         travel = self.qpos.take(self._belts, axis=1)
-        pitches = np.rint(travel / self._pitch_of_lugs)
+        pitches = np.rint(travel / self._pitch_of_lugs) * active[:, None, None]
         if np.count_nonzero(pitches):
             self.qpos[:, self._belts] = travel - self._pitch_of_lugs * pitches
         self._leave_out_far_tracks()
