@@ -84,6 +84,12 @@ class Scenario(Table):
             raise ScenarioError(faults)
         return self
 
+    def __eq__(self, other: object) -> bool:
+        """By the keys alone, not by what has been derived from them so far."""
+        if not isinstance(other, Scenario):
+            return NotImplemented
+        return all(getattr(self, key) == getattr(other, key) for key in Scenario.model_fields)
+
     @cached_property
     def planner(self) -> Planner | None:
         """Plans the legs of the mission; None without one."""
