@@ -68,8 +68,8 @@ def matrix_from_quaternion(quaternion: ArrayLike) -> Array:
     q = np.asarray(quaternion, float)
     products = (q[..., :, None] * q[..., None, :]).reshape(*q.shape[:-1], 16)
     # Off the diagonal 2 (x y - w z) and the like; on it 1 - 2 (y² + z²).
-    first, second = products.take(_FIRST, axis=-1), products.take(_SECOND, axis=-1)
-    matrix = _FACTORS * (first + _SIGNS * second)
+    terms = products.take(_TERM_PLACES, axis=-1) * _TERM_FACTORS
+    matrix = terms[..., :9] + terms[..., 9:]
     matrix[..., ::4] += 1.0
     return matrix.reshape(*q.shape[:-1], 3, 3)
 
@@ -80,10 +80,10 @@ def _product(a: str, b: str) -> int:
 
 
 _TERMS = ("yy+zz", "xy-wz", "xz+wy", "xy+wz", "xx+zz", "yz-wx", "xz-wy", "yz+wx", "xx+yy")
-_FIRST = np.array([_product(*term[:2]) for term in _TERMS])
-_SECOND = np.array([_product(*term[3:]) for term in _TERMS])
-_SIGNS = np.array([-1.0 if term[2] == "-" else 1.0 for term in _TERMS])
+_TERM_PLACES = np.array([_product(*t[:2]) for t in _TERMS] + [_product(*t[3:]) for t in _TERMS])
 _FACTORS = np.array([-2.0, 2, 2, 2, -2, 2, 2, 2, -2])
+_SIGNS = np.array([-1.0 if term[2] == "-" else 1.0 for term in _TERMS])
+_TERM_FACTORS = np.concatenate([_FACTORS, _FACTORS * _SIGNS])
 
 
 def quaternion_from_matrix(matrix: ArrayLike) -> Array:

@@ -183,7 +183,7 @@ class Aligner:
     def nose_room(self, place: Place) -> Array:
         """Room (n,) m from the robot's nose to the next fitting's bend or opening; infinite after
         the last one."""
-        return self.routes.start[place.passage] - place.distance - self.robot.length / 2
+        return self.routes.start.take(place.passage) - place.distance - self.robot.length / 2
 
     def belt_sign(self, roll: Array) -> Array:
         """Direction (n, 3) in which the belts drive forward at the measured ``roll`` (n, 3) rad."""
@@ -195,7 +195,7 @@ class Aligner:
     def begin_leg(self, robot: int, turned: bool, way: int) -> None:
         """A robot drives another way from now on; ``turned``: in the other gear."""
         if turned:
-            self.roll[robot] = -self.roll[robot, SWAPPED]
+            self.roll[robot] = 0.0 - self.roll[robot, SWAPPED]
             self.roll_target[robot] = -self.roll_target[robot, SWAPPED]
             self._belt_sign[robot] = self._belt_sign[robot, SWAPPED]
         self.attempts[robot], self.deadline[robot] = 0, np.inf

@@ -8,7 +8,6 @@ backward too. How each channel changes is declared in its schema (``Channel.tail
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -62,13 +61,16 @@ def carried_out(command: Command, gear: NDArray[np.int_]) -> Command:
         return command
     roll = None if command.roll is None else _mirrored(command.roll, back, "negated")
     speed = _mirrored(command.belt_speed, back, "negated")
-    return dataclasses.replace(command, belt_speed=speed, roll=roll)
+    return command._replace(belt_speed=speed, roll=roll)
 
 
 def _mirrored(values: Array, back: NDArray[np.bool_], how: str) -> Array:
     """Values (n, ...) with those of robots ``back`` (n,) as the turned robot has them."""
     if how in ("turned", "facing"):
         turned = values * TURNED
+    elif how == "behind":
+        w, x, y, z = values.T
+        turned = np.stack([-x, w, z, -y], axis=-1)
     else:
         turned = values[:, SWAPPED] * (-1.0 if how == "negated" else 1.0)
     return np.where(back.reshape(-1, *[1] * (values.ndim - 1)), turned, values)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,8 +48,7 @@ class Observation:
         raise AttributeError(f"no channel {name!r} is observed (choose from: {', '.join(known)})")
 
 
-@dataclass(frozen=True)
-class Command:
+class Command(NamedTuple):
     """What n robots shall do until the next control step. What is left out stays as it is.
 
     Attributes:

@@ -76,7 +76,7 @@ class JacobianController:
         self._damping = {name: setup.each(f"damping.{name}") for name in DampingTable.model_fields}
         time = self._damping["rate_filter"] * math.sqrt(setup.robot.nominal_pipe_radius / 0.08)
         self._smoothing = (setup.period / (time + setup.period))[:, None]
-        self._rows = np.arange(setup.n)
+        self._rows, self._forward = np.arange(setup.n), np.ones(setup.n)
         self.resting = np.zeros(setup.n, bool)
         self.angular_velocity = np.zeros((setup.n, 3))  # rad/s, robot frame, smoothed
         self._learn()
@@ -114,14 +114,13 @@ class JacobianController:
         rate = self.angular_velocity
         self.angular_velocity = rate + self._smoothing * (observation.angular_velocity - rate)
         inside = room < 0
-        phase = np.where(inside, self.kind[place.passage], CRUISE)
-        damped, direction = inside, 1.0
+        phase = np.where(inside, self.kind.take(place.passage), CRUISE)
+        damped, direction = inside, self._forward
         if np.count_nonzero(self.resting):
             phase = np.where(backing, BACK_OFF, np.where(aligning, ALIGN, phase))
-            out = self.routes.out_of_branch[place.passage]
+            out = self.routes.out_of_branch.take(place.passage)
             damped = np.where(backing, out, inside & ~aligning)
             direction = np.where(backing, -1.0, 1.0)
-        direction = np.broadcast_to(direction, phase.shape)
         centring = self.tracking.centring * ((phase == CRUISE) | (phase == TEE_STRAIGHT))
         wanted = self.tracking.wanted_rotation(place, observation.rotation, direction, centring)
         wall_speed = wall_speeds(
@@ -130,7 +129,7 @@ class JacobianController:
             self.rate_gain[place.passage, self._rows] * damped,
             wanted,
             direction * s.cruise_speed,
-            self.routes.radius[place.passage],
+            self.routes.radius.take(place.passage),
             s.speed_limit,
         )
         belt_speed = wall_speed * self.aligner.belt_sign(observation.roll)

@@ -89,8 +89,10 @@ class Recovery:
         if np.count_nonzero(moved_on):
             self.retries = np.where(moved_on & ~self.backing, 0, self.retries)
             self.passage = np.where(self.backing, self.passage, place.passage)
-        headway = place.distance > self.farthest + self._progress
-        self.farthest = np.where(headway, place.distance, self.farthest)
+        distance = place.distance
+        headway = distance > self.farthest + self._progress
+        if np.count_nonzero(headway):
+            self.farthest = np.where(headway, distance, self.farthest)
         still = self.backing | ~(headway | standing)
         self.waiting = (self.waiting + self.period) * still
         events = self._begin(observation, room)
@@ -100,7 +102,7 @@ class Recovery:
 
     def _begin(self, observation: Observation, room: Array) -> list[Event]:
         place, routes = observation.place, self.routes
-        turning = routes.is_turn[place.passage] & (room < 0) & ~self.backing
+        turning = routes.is_turn.take(place.passage) & (room < 0) & ~self.backing
         if not np.count_nonzero(turning):
             return []
         merging = routes.out_of_branch[place.passage]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from omnitrack_sim.pipes import Centreline, Passage, Route
 from omnitrack_sim.rotations import Array, cross, dot, length
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Place:
     """Places of n robots on their routes.
 
@@ -22,11 +23,10 @@ class Place:
         aside: (n, 3) m, from that point to the robot's centre, world frame. offset: (n,) m, its
             length.
         tangent, normal: (n, 3) of the centreline at that point, world frame. curvature: (n,) 1/m.
-        tilt: (n,) rad, robot axis against the tangent there.
-        theta5: (n,) rad, module 1 from the turning direction of the fitting being passed or next,
-            in [-pi, pi).
-        passage: (n,) index into ``RouteMap.passages`` of that fitting, or of the end of the way
-            after its last one.
+        passage: (n,) index into ``RouteMap.passages`` of the fitting being passed or next, or of
+            the end of the way after its last one.
+        turning: (n, 3) unit vectors, world frame, of its turning direction.
+        frame: (n, 3, 3) of the robots that drive nose first, in the world.
     """
 
     way: NDArray[np.intp]
@@ -36,9 +36,20 @@ class Place:
     tangent: Array
     normal: Array
     curvature: Array
-    tilt: Array
-    theta5: Array
     passage: NDArray[np.intp]
+    turning: Array
+    frame: Array
+
+    @cached_property
+    def tilt(self) -> Array:
+        """Robot axis against the centreline's tangent (n,), rad."""
+        return angle_between(self.frame[:, :, 2], self.tangent)
+
+    @cached_property
+    def theta5(self) -> Array:
+        """Module 1 from the turning direction of the fitting being passed or next (n,), rad, in
+        [-pi, pi)."""
+        return angle_about(self.frame[:, :, 2], self.turning, self.frame[:, :, 0])
 
 
 class RouteMap:
@@ -116,25 +127,27 @@ class RouteMap:
             near: (n,) m, arc length where each robot was a moment ago: routes may come close to
                 themselves.
         """
-        which = self._way(way)
-        distance = self.centreline.locate(position, near, which)
-        point, tangent, normal, curvature = self.centreline.at(distance, which)
+        distance, point, tangent, normal, curvature = self.centreline.nearest(
+            position, near, self._way(way)
+        )
         aside = position - point
-        axis = rotation[:, :, 2]
         passage = self._passage(distance, way)
-        reference = self._turning_direction(distance, passage, normal)
         return Place(
-            way=way.copy(),
+            way=way,
             distance=distance,
             aside=aside,
             offset=length(aside),
             tangent=tangent,
             normal=normal,
             curvature=curvature,
-            tilt=angle_between(axis, tangent),
-            theta5=angle_about(axis, reference, rotation[:, :, 0]),
             passage=passage,
+            turning=self._turning_direction(distance, passage, normal),
+            frame=rotation,
         )
+
+    def straight(self, start: Array, end: Array, way: NDArray[np.intp]) -> Array | None:
+        """Tangents (n, 3) where the stretches from ``start`` to ``end`` (n,) m are all straight."""
+        return self.centreline.straight(start, end, self._way(way))
 
     def tangents(self, distance: Array, way: NDArray[np.intp]) -> Array:
         """Unit vectors (n, k, 3) along each robot's centreline at arc lengths (n, k) m."""
@@ -164,14 +177,21 @@ class RouteMap:
         return position, np.stack([x, cross(tangent, x), tangent], axis=-1)
 
     def _passage(self, distance: Array, way: NDArray[np.intp]) -> NDArray[np.intp]:
-        passed = np.add.reduce(self._ends[way] <= distance[:, None], axis=1, dtype=np.intp)
-        return np.minimum(self.first[way] + passed, self.last[way])
+        if len(self.routes) == 1:
+            return np.minimum(self._ends[0].searchsorted(distance, side="right"), self.last)
+        passed = np.add.reduce(
+            self._ends.take(way, axis=0) <= distance[:, None], axis=1, dtype=np.intp
+        )
+        return np.minimum(self.first.take(way) + passed, self.last.take(way))
 
     def _turning_direction(
         self, distance: Array, passage: NDArray[np.intp], normal: Array
     ) -> Array:
-        bending = self.is_turn[passage] & (distance > self.start[passage])
-        return np.where(bending[:, None], normal, self.directions[passage])
+        bending = self.is_turn.take(passage) & (distance > self.start.take(passage))
+        directions = self.directions.take(passage, axis=0)
+        if not np.count_nonzero(bending):
+            return directions
+        return np.where(bending[:, None], normal, directions)
 
 
 def angle_between(a: Array, b: Array) -> Array:

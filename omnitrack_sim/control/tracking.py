@@ -79,21 +79,25 @@ class Tracking:
         """
         axis = rotation[:, :, 2]
         ahead = place.distance[:, None] + direction[:, None] * self.leads  # (n, leads) m
-        tangents = self.routes.tangents(ahead, place.way)
-        angles = angle_between(axis[:, None], tangents)
-        nearest = angles.argmin(axis=1)
-        target, angle = tangents[self._rows, nearest], angles[self._rows, nearest]
+        nearest = self._rows * 0
+        target = self.routes.straight(ahead[:, 0], ahead[:, -1], place.way)
+        if target is None:
+            tangents = self.routes.tangents(ahead, place.way)
+            chord = axis[:, None] - tangents
+            nearest = dot(chord, chord).argmin(axis=1)
+            target = tangents[self._rows, nearest]
         if np.count_nonzero(centring):
-            slope = centring[:, None] * place.aside
-            steepness = np.maximum(length(slope), 1e-12)
-            slope = slope * np.minimum(1.0, self.steepest / steepness)[:, None]
-            back = unit(target - direction[:, None] * slope)
+            steepness = np.maximum(centring * place.offset, 1e-12)
+            share = centring * np.minimum(1.0, self.steepest / steepness)
+            back = target - (direction * share)[:, None] * place.aside
+            back = back / length(back)[:, None]
             target = np.where((centring > 0)[:, None], back, target)
-            angle = np.where(centring > 0, angle_between(axis, target), angle)
-        # A robot that has turned ahead of the bend goes straight until the bend has caught up.
-        curvature = place.curvature * (nearest == 0)
-        bend = cross(place.tangent, place.normal) * curvature[:, None]
-        wanted = bend + unit(cross(axis, target)) * (direction * self.gain * angle)[:, None]
+        angle = angle_between(axis, target)
+        wanted = unit(cross(axis, target)) * (direction * self.gain * angle)[:, None]
+        if np.count_nonzero(place.curvature):
+            # A robot that has turned ahead of the bend goes straight until the bend has caught up.
+            curvature = place.curvature * (nearest == 0)
+            wanted = cross(place.tangent, place.normal) * curvature[:, None] + wanted
         return wanted * np.minimum(1.0, self.limit / np.maximum(length(wanted), 1e-12))[:, None]
 
 

@@ -109,24 +109,7 @@ class Centreline:
         """
         s = np.asarray(s, float)
         rows = self._rows.take(self._segment(s, way), axis=0)
-        u = s - rows[:, _START]
-        inside = np.minimum(np.maximum(u, 0.0), rows[:, _LENGTH])
-        t, n, curvature = rows[:, _TANGENT], rows[:, _NORMAL], rows[:, _CURVATURE]
-        along = inside[:, None]
-        if not np.count_nonzero(curvature):
-            # As below with an angle of zero, to the bit.
-            tangent, normal = t + n * 0.0, rows[:, _SIDE]
-            way_in = along * t
-        else:
-            straight = (curvature == 0)[:, None]
-            angle = (inside * curvature)[:, None]
-            sin, cos = np.sin(angle), np.cos(angle)
-            tangent = t * cos + n * sin
-            normal = np.where(straight, rows[:, _SIDE], n * cos - t * sin)
-            arc = (t * sin + n * (1 - cos)) / rows[:, _SAFE_CURVATURE, None]
-            way_in = np.where(straight, along * t, arc)
-        point = rows[:, _POINT] + way_in + (u - inside)[:, None] * tangent
-        return point, tangent, normal, np.where(u == inside, curvature, 0.0)
+        return _along(rows, s - rows[:, _START])
 
     def tangents(self, s: Array, way: NDArray[np.intp] | None = None) -> Array:
         """Tangents (n, 3) at arc length (n,) m, as ``at`` gives them."""
@@ -138,6 +121,19 @@ class Centreline:
         inside = np.minimum(np.maximum(u, 0.0), rows[:, _LENGTH])
         angle = (inside * curvature)[:, None]
         return t * np.cos(angle) + n * np.sin(angle)
+
+    def straight(
+        self, start: Array, end: Array, way: NDArray[np.intp] | None = None
+    ) -> Array | None:
+        """Tangents (n, 3) of the stretches from ``start`` to ``end`` (n,) m where every one lies on
+        a straight; None where one does not."""
+        first, last = self._segment(start, way), self._segment(end, way)
+        if first.tobytes() != last.tobytes():
+            return None
+        rows = self._rows.take(first, axis=0)
+        if np.count_nonzero(rows[:, _CURVATURE]):
+            return None
+        return rows[:, _TANGENT] + rows[:, _NORMAL] * 0.0
 
     def frame(self, s: Array, way: NDArray[np.intp] | None = None) -> Array:
         """Rotations (n, 3, 3) of the route's frame at arc length (n,) m: z the tangent, x carried
@@ -181,6 +177,27 @@ class Centreline:
             squared = squared + 1e6 * (np.abs(s - near[:, None]) > SEARCH)
         return s[np.arange(len(s)), squared.argmin(axis=1)]
 
+    def nearest(
+        self, points: Array, near: Array, way: NDArray[np.intp] | None = None
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Arc length (n,) m of the nearest point, and what ``at`` gives there.
+
+        Where the foot of every point lies within the segment that ``near`` (n,) m is on, no other
+        one is looked at; otherwise as ``locate``. Arguments as there.
+        """
+        rows = self._rows.take(self._segment(near, way), axis=0)
+        offset = points - rows[:, _POINT]
+        u = dot(offset, rows[:, _TANGENT])
+        if np.count_nonzero(rows[:, _CURVATURE]):
+            k, across = rows[:, _SAFE_CURVATURE], dot(offset, rows[:, _NORMAL])
+            u = np.where(rows[:, _CURVATURE] == 0, u, np.arctan2(u * k, 1 - across * k) / k)
+        within = (u > rows[:, _LOWEST]) & (u < rows[:, _HIGHEST])
+        if np.count_nonzero(within) == len(u):
+            s = u + rows[:, _START]
+            return (s, *_along(rows, s - rows[:, _START]))
+        s = self.locate(points, near, way)
+        return (s, *self.at(s, way))
+
     def _candidates(
         self, count: int, near: Array | None, way: NDArray[np.intp] | None
     ) -> NDArray[np.intp]:
@@ -208,6 +225,27 @@ class Centreline:
 _START, _LENGTH, _CURVATURE, _SAFE_CURVATURE, _LOWEST, _HIGHEST = range(6)
 _POINT, _TANGENT, _NORMAL, _SIDE = (slice(i, i + 3) for i in range(6, 18, 3))
 _COLUMNS = 18
+
+
+def _along(rows: Array, u: Array) -> tuple[Array, Array, Array, Array]:
+    """What ``Centreline.at`` gives, ``u`` (n,) m into segments (n, columns)."""
+    inside = np.minimum(np.maximum(u, 0.0), rows[:, _LENGTH])
+    t, n, curvature = rows[:, _TANGENT], rows[:, _NORMAL], rows[:, _CURVATURE]
+    along = inside[:, None]
+    if not np.count_nonzero(curvature):
+        # As below with an angle of zero, to the bit.
+        tangent, normal = t + n * 0.0, rows[:, _SIDE]
+        way_in = along * t
+    else:
+        straight = (curvature == 0)[:, None]
+        angle = (inside * curvature)[:, None]
+        sin, cos = np.sin(angle), np.cos(angle)
+        tangent = t * cos + n * sin
+        normal = np.where(straight, rows[:, _SIDE], n * cos - t * sin)
+        arc = (t * sin + n * (1 - cos)) / rows[:, _SAFE_CURVATURE, None]
+        way_in = np.where(straight, along * t, arc)
+    point = rows[:, _POINT] + way_in + (u - inside)[:, None] * tangent
+    return point, tangent, normal, curvature * (u == inside)
 
 
 def _carried(side: Array, tangent: Array, normal: Array, angle: Array) -> Array:

@@ -15,7 +15,7 @@ TRACKS = ("upper", "lower")
 """Order of the two tracks of a module in channels of shape (3, 2)."""
 MODULE_COUNT = 3
 Frame = Literal["", "world", "robot", "route"]
-TailFirst = Literal["same", "swapped", "negated", "turned", "facing"]
+TailFirst = Literal["same", "swapped", "negated", "turned", "facing", "behind"]
 Source = Literal["plant", "route", "command", "leg"]
 
 
@@ -35,8 +35,7 @@ class Channel:
             for one that drives nose first. Its frame is then turned by 180 degrees about x:
             "swapped" exchanges modules 2 and 3, "negated" exchanges them and changes the sign,
             "turned" changes the sign of a vector's y and z, "facing" those columns of a rotation
-            matrix, "same" leaves all as it is.
-        observed: controllers see it.
+            matrix, "behind" multiplies a quaternion by the half turn, "same" leaves all as it is.
         recorded: it stands in the trajectory and its file.
         whole: values are whole numbers.
     """
@@ -48,7 +47,6 @@ class Channel:
     frame: Frame = ""
     source: Source = "plant"
     tail_first: TailFirst = "same"
-    observed: bool = True
     recorded: bool = True
     whole: bool = False
 
@@ -94,7 +92,7 @@ CHANNELS: Mapping[str, Channel] = {
             "1",
             "robot frame in the world, (w, x, y, z); z forward, x towards module 1",
             "world",
-            observed=False,
+            tail_first="behind",
         ),
         Channel(
             "rotation",
@@ -290,7 +288,7 @@ def table(channels: Iterable[Channel] = tuple(CHANNELS.values())) -> str:
     rows.append("|---" * 8 + "|")
     for channel in channels:
         shape = " x ".join(map(str, channel.shape)) or "-"
-        seen = "yes" if channel.observed and channel.source == "plant" else "-"
+        seen = "yes" if channel.source == "plant" else "-"
         kept = "yes" if channel.recorded else "-"
         cells = (f"`{channel.name}`", channel.unit, shape, channel.frame or "-")
         cells = (*cells, channel.tail_first, seen, kept, channel.meaning)

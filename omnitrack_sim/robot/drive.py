@@ -87,6 +87,11 @@ class Drive:
         """Least and largest torque (n, 3) N m at ``speed`` rad/s: torque-speed line on the driving
         side, and limit."""
         line = self.motor.stall_torque / self.motor.no_load_speed
-        highest = np.clip(self.motor.stall_torque - line * speed, 0.0, self.torque_limit)
-        lowest = -np.clip(self.motor.stall_torque + line * speed, 0.0, self.torque_limit)
+        highest = _within(self.motor.stall_torque - line * speed, self.torque_limit)
+        lowest = -_within(self.motor.stall_torque + line * speed, self.torque_limit)
         return lowest, highest
+
+
+def _within(torque: Array, limit: Array) -> Array:
+    """``torque`` cut to the range from 0 to ``limit``."""
+    return np.minimum(np.maximum(torque, 0.0), limit)

@@ -33,7 +33,9 @@ class Addresses:
 
     Attributes:
         slide, pitch, roll: (3,) in ``qpos``. belt_dofs: (3, 2) in ``qvel``.
-        arms, modules: (3,) bodies. tracks: (3, 2) bodies.
+        tracks: (3, 2) bodies.
+        places: (3, 3) in ``xpos``, of the modules.
+        forward, outward: (3, 3) in ``xmat``: the modules' axes, and the arms' direction.
         contact: (3, 2, 7) in ``sensordata``: found, force (3,), position (3,) of each track.
         velocity, spin: (3, 3) in ``sensordata``, of the modules, world frame.
         belt_motors, roll_motors: (3,) actuators.
@@ -43,8 +45,9 @@ class Addresses:
     pitch: NDArray[np.intp]
     roll: NDArray[np.intp]
     belt_dofs: NDArray[np.intp]
-    arms: NDArray[np.intp]
-    modules: NDArray[np.intp]
+    places: NDArray[np.intp]
+    forward: NDArray[np.intp]
+    outward: NDArray[np.intp]
     tracks: NDArray[np.intp]
     contact: NDArray[np.intp]
     velocity: NDArray[np.intp]
@@ -53,7 +56,7 @@ class Addresses:
     roll_motors: NDArray[np.intp]
 
 
-class State:
+class State(dict[str, Array]):
     """What the physics knows of n robots at one moment. Sensors read it, and each other by name.
 
     ``state["motor_torque"]`` is the value of that sensor at this moment, computed once however
@@ -61,7 +64,8 @@ class State:
 
     Attributes:
         time: (n,) s. qpos: (n, nq). qvel: (n, nv). sensordata: (n, ns). actuator_force: (n, nu).
-        xpos: (n, nbody, 3) m, world frame. xmat: (n, nbody, 9).
+        xpos: (n, 3 nbody) m, world frame. xmat: (n, 9 nbody), row by row. All are the engine's own
+            arrays: a sensor returns copies.
         at: addresses of the robot's parts. robot: its parameters.
         last: values of the sensors at the moment before; at the first one, start values.
         shared: what sensors keep for each other within one moment.
@@ -83,21 +87,22 @@ class State:
         sensors: Iterable[Sensor],
         start: Mapping[str, Array],
     ) -> None:
+        super().__init__(start)
         self.__dict__.update(arrays)
         self.at, self.robot = at, robot
         self._read = {sensor.channel.name: sensor.read for sensor in sensors}
-        self._values: dict[str, Array] = dict(start)
         self.last: Mapping[str, Array] = {}
         self.shared: dict[str, Any] = {}
 
-    def __getitem__(self, name: str) -> Array:
-        value = self._values.get(name)
-        if value is None:
-            value = self._values[name] = self._read[name](self)
+    def __missing__(self, name: str) -> Array:
+        value = self[name] = self._read[name](self)
         return value
 
     def read(self) -> dict[str, Array]:
         """The values of all sensors at this moment, by name."""
-        self.last, self._values = self._values, {}
-        self.shared = {}
-        return {name: self[name] for name in self._read}
+        self.last = dict(self)
+        self.clear()
+        self.shared.clear()
+        for name in self._read:
+            self[name]
+        return dict(self)

@@ -38,7 +38,7 @@ def _angular_velocity(state: State) -> Array:
 
 
 def _belt_speed(state: State) -> Array:
-    return state.qvel[:, state.at.belt_dofs[:, 0]]
+    return state.qvel.take(state.at.belt_dofs[:, 0], axis=1)
 
 
 def _wall_speed(state: State) -> Array:
@@ -46,14 +46,14 @@ def _wall_speed(state: State) -> Array:
 
 
 def _motor_torque(state: State) -> Array:
-    return state.actuator_force[:, state.at.belt_motors] * state.robot.lug_radius
+    return state.actuator_force.take(state.at.belt_motors, axis=1) * state.robot.lug_radius
 
 
 def _contact(state: State) -> Array:
     """Net contact of each track (n, 3, 2, 7): found, force on the wall, position; world frame."""
     found = state.shared.get("contact")
     if found is None:
-        found = state.shared["contact"] = state.sensordata[:, state.at.contact]
+        found = state.shared["contact"] = state.sensordata.take(state.at.contact, axis=1)
     return found
 
 
@@ -69,7 +69,7 @@ def _forward(state: State) -> Array:
     """Axis of each module (n, 3, 3), world frame."""
     found = state.shared.get("forward")
     if found is None:
-        found = state.shared["forward"] = state.xmat[:, state.at.modules, 2::3]
+        found = state.shared["forward"] = state.xmat.take(state.at.forward, axis=1)
     return found
 
 
@@ -79,7 +79,7 @@ def _traction(state: State) -> Array:
 
 
 def _normal_force(state: State) -> Array:
-    force, outward = _force(state), state.xmat[:, state.at.arms, 0::3]
+    force, outward = _force(state), state.xmat.take(state.at.outward, axis=1)
     return -dot(force[:, :, 0] + force[:, :, 1], outward)
 
 
@@ -93,40 +93,40 @@ def _contact_position(state: State) -> Array:
     total = weight[..., 0] + weight[..., 1]
     places = weight[..., :1] * contact[:, :, 0, 4:7] + weight[..., 1:] * contact[:, :, 1, 4:7]
     known = total > 0
-    if known.all():
+    if np.count_nonzero(known) == known.size:
         return places / total[..., None]
     centre = places / np.where(known, total, 1.0)[..., None]
     return np.where(known[..., None], centre, state.last["contact_position"])
 
 
 def _module_speed(state: State) -> Array:
-    arm = state["contact_position"] - state.xpos[:, state.at.modules]
-    velocity = state.sensordata[:, state.at.velocity]
-    return dot(velocity + cross(state.sensordata[:, state.at.spin], arm), _forward(state))
+    arm = state["contact_position"] - state.xpos.take(state.at.places, axis=1)
+    velocity = state.sensordata.take(state.at.velocity, axis=1)
+    return dot(velocity + cross(state.sensordata.take(state.at.spin, axis=1), arm), _forward(state))
 
 
 def _slip_velocity(state: State) -> Array:
     count = state["contact_count"]
     touching = np.maximum(count[..., 0], count[..., 1]) > 0
-    return np.where(touching, state["wall_speed"] - state["module_speed"], 0.0)
+    return (state["wall_speed"] - state["module_speed"]) * touching + 0.0  # no -0.0
 
 
 def _slip_ratio(state: State) -> Array:
     scale = np.maximum(np.abs(state["wall_speed"]), np.abs(state["module_speed"]))
     ratio = state["slip_velocity"] / np.maximum(scale, AT_REST)
-    return np.where(scale > AT_REST, np.minimum(np.maximum(ratio, -1.0), 1.0), 0.0)
+    return np.minimum(np.maximum(ratio, -1.0), 1.0) * (scale > AT_REST) + 0.0  # no -0.0
 
 
 def _slide(state: State) -> Array:
-    return state.qpos[:, state.at.slide]
+    return state.qpos.take(state.at.slide, axis=1)
 
 
 def _pitch(state: State) -> Array:
-    return state.qpos[:, state.at.pitch]
+    return state.qpos.take(state.at.pitch, axis=1)
 
 
 def _roll(state: State) -> Array:
-    return state.qpos[:, state.at.roll]
+    return state.qpos.take(state.at.roll, axis=1)
 
 
 _READ = {

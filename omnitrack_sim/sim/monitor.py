@@ -122,9 +122,9 @@ class Monitor:
             self._room = routes.radius * np.where(in_turn, self.limits.tee_room, 1.0)  # (Q,) m
             self._way_out = routes.lengths + self._exit  # (W,) m
         return (
-            (place.offset > self._room[place.passage])
+            (place.offset > self._room.take(place.passage))
             | (place.distance < -self._exit)
-            | (place.distance > self._way_out[place.way])
+            | (place.distance > self._way_out.take(place.way))
         )
 
     def _average(

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omnitrack_sim.control import Command, Controller, ControlSetup, Observation, Settings
 from omnitrack_sim.control.gear import carried_out, heading, seen
@@ -103,7 +102,6 @@ class Simulation:
             *CHANNELS.values(),
             *(sensor.channel for sensor in sensors),
         )
-        self._observed = [s.channel.name for s in every if s.channel.observed]
         self.plant = (
             Plant(scene_of(first).compile(), first.robot, start, threads, every)
             if make_plant is None
@@ -148,7 +146,8 @@ class Simulation:
         )
         self.recorder = Recorder(self.phases, {c.name: c for c in self.channels if c.recorded})
         self._belt_command, self._roll_command = np.zeros((self.n, 3)), start.roll.copy()
-        self._phase, self._resting = np.zeros(self.n, int), np.zeros(self.n, bool)
+        self._phase, self._nobody = np.zeros(self.n, int), np.zeros(self.n, bool)
+        self._resting = self._nobody
         self._readings, self._place = readings, place
 
     def _noted(self, robot: int, note: str | None) -> list[Event]:
@@ -162,9 +161,8 @@ class Simulation:
     def observation(self) -> Observation:
         """What the robots measure now, as their controllers see it."""
         gear = self.legs.gear
-        readings = {name: self._readings[name] for name in self._observed}
-        mirrored = seen(readings, gear, self.channels)
-        return Observation(mirrored, self._place, self.legs.number, gear)
+        readings = seen(self._readings, gear, self.channels)
+        return Observation(readings, self._place, self.legs.number, gear)
 
     @property
     def time(self) -> Array:
@@ -187,8 +185,7 @@ class Simulation:
         drive = self.drive.advance(
             self._belt_command, readings["belt_speed"], readings["motor_torque"], self.period
         )
-        active = np.flatnonzero(self.active)
-        self.plant.step(active, drive, self._roll_command, self._substeps)
+        self.plant.step(self.active, drive, self._roll_command, self._substeps)
         self._tick += 1
         self._readings = self.plant.read()
         self._place = self._locate(self._readings)
@@ -203,19 +200,16 @@ class Simulation:
 
     def _take(self, command: Command) -> None:
         """Keep what is asked of the robots that still run."""
-        keep = ~self.active if np.count_nonzero(self.active) < self.n else None
-
-        def of_active(new: NDArray | None, old: NDArray) -> NDArray:
-            if new is None:
-                return old
-            if keep is None:
-                return new
-            return np.where(keep.reshape(-1, *[1] * (new.ndim - 1)), old, new)
-
-        self._belt_command = of_active(command.belt_speed, self._belt_command)
-        self._roll_command = of_active(command.roll, self._roll_command)
-        self._phase = of_active(command.phase, self._phase)
-        self._resting = np.zeros(self.n, bool) if command.resting is None else command.resting
+        speed, roll, phase, resting, _ = command
+        roll = self._roll_command if roll is None else roll
+        phase = self._phase if phase is None else phase
+        if np.count_nonzero(self.active) < self.n:
+            each, active = self.active[:, None], self.active
+            speed = np.where(each, speed, self._belt_command)
+            roll = np.where(each, roll, self._roll_command)
+            phase = np.where(active, phase, self._phase)
+        self._belt_command, self._roll_command, self._phase = speed, roll, phase
+        self._resting = self._nobody if resting is None else resting
         for event in command.events:
             self._events[event.robot].append(event)
 
@@ -344,14 +338,17 @@ class Simulation:
 
 def _checked(command: Command, n: int) -> Command:
     """A command with arrays of the shapes that it has to have."""
-    wanted = {"belt_speed": (n, 3), "roll": (n, 3), "phase": (n,), "resting": (n,)}
-    changes = {}
-    for name, shape in wanted.items():
-        value = getattr(command, name)
+    modules, robots, changes = (n, 3), (n,), {}
+    for name, value, shape in (
+        ("belt_speed", command.belt_speed, modules),
+        ("roll", command.roll, modules),
+        ("phase", command.phase, robots),
+        ("resting", command.resting, robots),
+    ):
         if value is None or (isinstance(value, np.ndarray) and value.shape == shape):
             continue
         array = np.asarray(value)
         if array.shape != shape:
             raise ValueError(f"command.{name} has shape {array.shape}, expected {shape}")
         changes[name] = array
-    return replace(command, **changes) if changes else command
+    return command._replace(**changes) if changes else command

@@ -179,9 +179,8 @@ def module_speeds(
         omega_y: rotation about the robot's y axis (...,), rad/s.
         lever: m.
     """
-    v, wx, wy, arm = (
-        np.asarray(q, float)[..., None] for q in (forward_speed, omega_x, omega_y, lever)
-    )
+    v, arm = np.asarray(forward_speed, float)[..., None], np.asarray(lever, float)[..., None]
+    wx, wy = np.asarray(omega_x, float)[..., None], np.asarray(omega_y, float)[..., None]
     return v - arm * (wy * _COS - wx * _SIN)
 
 
@@ -276,7 +275,7 @@ def belt_sign(roll: ArrayLike) -> Array:
     Zero at the no-motion line (Fig. 18).
     """
     cosine = np.cos(roll)
-    return np.where(np.abs(cosine) < _ON_THE_LINE, 0.0, np.sign(cosine))
+    return np.sign(cosine) * (np.abs(cosine) >= _ON_THE_LINE)
 
 
 def wall_per_belt(roll: ArrayLike, module: Module = "two_track") -> Array:
