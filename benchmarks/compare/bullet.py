@@ -485,14 +485,14 @@ class BulletPlant:
 
     def step(
         self,
-        active: NDArray[np.intp],
+        active: NDArray[np.bool_],
         drive: tuple[Array, Array, Array],
         roll: Array,
         substeps: int,
     ) -> None:
         """As ``Plant.step``; ``substeps`` counts the scenario's physics steps, Bullet takes as many
         as it is set to."""
-        if 0 not in active:
+        if not active[0]:
             return
         self._ask_motors(tuple(value[0] for value in drive), roll[0])
         self._move_rows_back()
