@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.record.outcome import Outcome
     from omnitrack_sim.record.timeline import Visit
     from omnitrack_sim.record.trajectory import Trajectory
-    from omnitrack_sim.robot import Robot
+    from omnitrack_sim.robot import MOTORS, Motor, Robot
     from omnitrack_sim.scenario import Scenario, load_scenario, override
     from omnitrack_sim.schema.reading import shipped_networks, shipped_scenarios, shipped_sweeps
     from omnitrack_sim.sensing import Sensor
@@ -59,7 +59,7 @@ _HOME = {
     "pipes": ("Elbow", "PipeNetwork", "Reducer", "Step", "Straight", "Tee", "route"),
     "plots": ("plot_mission", "plot_singularity", "plot_summary"),
     "film.render": ("render_frame", "render_video"),
-    "robot": ("Robot",),
+    "robot": ("MOTORS", "Motor", "Robot"),
     "scenario": ("Scenario", "load_scenario", "override"),
     "sim.result": ("Result", "load_result"),
     "sim.run": ("run", "run_batch"),
@@ -77,6 +77,7 @@ _HOME = {
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
+    "MOTORS",
     "Channel",
     "Command",
     "ControlSetup",
@@ -86,6 +87,7 @@ __all__ = [
     "GeometryError",
     "InputError",
     "Metric",
+    "Motor",
     "Network",
     "NetworkError",
     "Observation",

@@ -20,7 +20,7 @@ from omnitrack_sim.network import Mission, Network, Planner, load_network
 from omnitrack_sim.network import validate as validate_network
 from omnitrack_sim.network.mission import NOSE_ROOM
 from omnitrack_sim.pipes import Route, route
-from omnitrack_sim.robot import Robot
+from omnitrack_sim.robot import Motor, Robot
 from omnitrack_sim.rotations import Pose, frame_along
 from omnitrack_sim.schema.reading import (
     NAME_PATTERN,
@@ -242,7 +242,7 @@ class Scenario(Table):
                         f"{where}.{i}.{key}",
                         (
                             f"is {2 * radius:.4g} m; the arms reach bores from {reach[0]:.4g} to "
-                            f"{reach[1]:.4g} m"
+                            f"{reach[1]:.4g} m (robot.scale makes the robot for other bores)"
                         ),
                     )
                 )
@@ -431,4 +431,6 @@ def _choices_at(places: list[str]) -> tuple[str, ...]:
         return tuple(Scenario.model_fields)
     if places[0] == "pipes" and len(places) > 2:
         return tuple(_PIPES[places[2]].model_fields)
+    if places[0] == "robot" and len(places) > 1:
+        return ("like", *Motor.model_fields)
     return tuple(tables[places[0]].model_fields) if places[0] in tables else ()

@@ -41,7 +41,7 @@ def contacts(fitting, centre, direction, margin=0.0, ends=(True, True, True)):
     record = wall_record(fitting, ends[: len(fitting.ports)])
     position = np.stack([box, centre]).ravel()
     n = line.line_contacts(
-        con, record, 0, position, matrix.ravel(), 1, 0, RADIUS, HALF, PITCH, margin
+        con, record, 0, position, matrix.ravel(), 1, 0, RADIUS, HALF, PITCH, margin, 1.0
     )
     found = con[: n * line.CONTACT_SIZE].reshape(n, line.CONTACT_SIZE)
     lug = found[:, 1:4] + found[:, 4:7] * (RADIUS + found[:, :1] / 2)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from omnitrack_sim.robot.drive import MOTORS, Drive
+from omnitrack_sim.robot import MOTORS
+from omnitrack_sim.robot.drive import Drive
 
 R = 0.0276
 

@@ -66,6 +66,19 @@ def test_scenes_start_with_every_module_on_the_wall(folders):
         assert {f"track_upper_{i}" for i in (1, 2, 3)} <= bodies, path.name
 
 
+def test_a_robot_of_another_size_looks_the_same():
+    """Every geom and mesh of a scaled robot is the reference's, scaled."""
+    models = []
+    for scale in (1.0, 0.625):
+        spec, robot = new_spec("robot"), Robot(scale=scale)
+        add_robot(spec, robot)
+        add_robot_looks(spec, robot)
+        models.append(spec.compile())
+    one, small = models
+    for name in ("geom_pos", "geom_size", "mesh_vert", "body_pos"):
+        assert getattr(small, name) == pytest.approx(0.625 * getattr(one, name), abs=1e-8), name
+
+
 def test_looks_change_nothing_physical():
     """With looks the robot has the same bodies, masses and inertias, and no look can touch
     anything."""

@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from omnitrack_sim.robot import Robot
+from omnitrack_sim.robot import Motor, Robot
 
 
 def test_every_parameter_has_a_unit_and_a_provenance():
-    """The table has a row for each field, each with a source."""
-    rows = Robot().parameters()
-    assert [row.name for row in rows] == list(Robot.model_fields)
+    """The table has a row for each field of the robot and of its motors, each with a source."""
+    rows = Robot(roll_motor="simulation").parameters()
+    names = [name for name in Robot.model_fields if name not in ("motor", "roll_motor")]
+    names += [f"{motor}.{name}" for motor in ("motor", "roll_motor") for name in Motor.model_fields]
+    assert sorted(row.name for row in rows) == sorted(names)
     assert all(row.source and row.provenance for row in rows)
 
 

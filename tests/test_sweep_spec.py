@@ -229,6 +229,26 @@ def test_whole_numbers_and_decimals_are_one_value():
     assert "whole numbers" in _faults(lugs | {"stop": 16})["axes.0.path"]
 
 
+def test_a_list_axis_sets_the_motor_by_name():
+    """A table that has names, such as the robot's motor, may be an axis of names; a misspelt one
+    lists the choices."""
+    motors = KIND | {"path": "robot.motor", "values": ["simulation", "pololu_1000_hpcb"]}
+    sweep = _sweep(motors)
+    assert [sweep.scenario(i).robot.motor.name for i in (0, 1)] == motors["values"]
+    assert len(sweep.parts()) == 2
+    faults = _faults(motors | {"values": ["simulation", "pololu"]})
+    assert "choose from: simulation, pololu_1000_hpcb" in faults["axes.0.values.1"]
+    assert "is a table" in _faults(motors | {"values": [1.0]})["axes.0.path"]
+
+
+def test_the_size_of_the_robot_is_an_axis():
+    """Each value of ``robot.scale`` makes a model of its own, with the values of that size."""
+    sizes = GRID | {"path": "robot.scale", "start": 0.95, "stop": 1.05}
+    sweep = _sweep(sizes)
+    assert sweep.scenario(0).robot == Robot(scale=0.95)
+    assert len(sweep.parts()) == 3
+
+
 def test_a_trial_that_does_not_fit_is_no_fault_of_the_file():
     """Values out of range make an invalid trial."""
     sweep = _sweep(GRID | {"path": "robot.preload", "start": -1})
@@ -330,7 +350,7 @@ def test_units_are_those_of_the_documents():
     assert unit_of("pipes.*.inner_diameter") == unit_of("pipes.2.length") == "m"
     assert unit_of("world.gravity.2") == "m/s²"
     assert unit_of("control.kind") is None
-    for row in Robot().parameters():
+    for row in Robot(roll_motor="simulation").parameters():
         assert unit_of(f"robot.{row.name}") == (row.unit or None)
 
 

@@ -37,14 +37,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim import Scenario, load_scenario
 from omnitrack_sim.model.meshes import fitting_mesh
-from omnitrack_sim.model.robot import (
-    FREE_SPRING_LENGTH,
-    ROLL_STIFFNESS,
-    ROTOR_INERTIA_REFLECTED,
-    TRACK_MASS,
-    lug_pitch,
-    lug_places,
-)
+from omnitrack_sim.model.robot import FREE_SPRING_LENGTH, lug_pitch, lug_places
 from omnitrack_sim.pipes import Elbow, PipeNetwork, Straight
 from omnitrack_sim.pipes.fittings import Fitting
 from omnitrack_sim.record.channels import TRACKS
@@ -67,8 +60,6 @@ PROBE_GAP = 5e-4
 """Gap between probe sphere and exact surface, m."""
 JOINTS_PER_MODULE = 5
 SLIDE, PITCH, ROLL, UPPER, LOWER = range(JOINTS_PER_MODULE)
-ROLL_SERVO_TIME = 2 * math.sqrt(ROTOR_INERTIA_REFLECTED / ROLL_STIFFNESS)
-"""kv / kp of the rotary motor's servo, s."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +76,7 @@ class BulletSettings:
         stiffness, damping: of a contact, N/m and N s/m, instead of ``erp``; None for rigid
             contacts.
         servo: part of a belt's speed error that its motor corrects in a step; ``time_step /
-            BELT_SERVO_TIME`` is the motor's own lag without load.
+            robot.motor.servo_time`` is the motor's own lag without load.
         cone: friction cone instead of a pyramid.
     """
 
@@ -226,17 +217,19 @@ def _joint(
 
 def robot_urdf(robot: Robot) -> str:
     """The robot as URDF text, frames and signs as in ``omnitrack_sim.model.robot``."""
-    parts = [
-        f'<link name="chassis">{_cylinder(robot.chassis_mass, 0.025, robot.chassis_length)}</link>'
-    ]
+    chassis = _cylinder(robot.chassis_mass, robot.chassis_radius, robot.chassis_length)
+    slider_body = _cylinder(SLIDER_MASS, robot.arm_radius, robot.shaft_spacing)
+    arm_body = _cylinder(robot.arm_mass - SLIDER_MASS, robot.arm_radius, robot.shaft_spacing)
+    parts = [f'<link name="chassis">{chassis}</link>']
     radius, free = robot.lug_radius - robot.track_offset, (1.0, -1.0)
-    track_inertia = TRACK_MASS * robot.lug_radius**2
+    track_inertia = robot.track_mass * robot.lug_radius**2
+    track_body = _inertial(robot.track_mass, track_inertia, track_inertia)
     for number, angle in zip(NUMBERS, MODULE_ANGLES, strict=True):
         place = robot.module_distance * np.array([math.cos(angle), math.sin(angle), 0.0])
         origin = f'<origin xyz="{_vector(*place)}" rpy="{_vector(0, 0, angle)}"/>'
         slider, arm, module = f"slider_{number}", f"arm_{number}", f"module_{number}"
         parts += [
-            f'<link name="{slider}">{_cylinder(SLIDER_MASS, 0.01, robot.shaft_spacing)}</link>',
+            f'<link name="{slider}">{slider_body}</link>',
             _joint(
                 f"slide_{number}",
                 "prismatic",
@@ -246,9 +239,7 @@ def robot_urdf(robot: Robot) -> str:
                 robot.slide_range,
                 origin,
             ),
-            "<link "
-            f'name="{arm}">'
-            f"{_cylinder(robot.arm_mass - SLIDER_MASS, 0.01, robot.shaft_spacing)}</link>",
+            f'<link name="{arm}">{arm_body}</link>',
             _joint(
                 f"pitch_{number}",
                 "revolute",
@@ -270,8 +261,7 @@ def robot_urdf(robot: Robot) -> str:
                 for z in lug_places(robot)
             )
             parts += [
-                "<link "
-                f'name="{name}">{_inertial(TRACK_MASS, track_inertia, track_inertia)}{lugs}</link>',
+                f'<link name="{name}">{track_body}{lugs}</link>',
                 _joint(f"belt_{track}_{number}", "prismatic", module, name, f"0 0 {-side:g}", free),
             ]
     return f'<?xml version="1.0"?><robot name="omnitrack">{"".join(parts)}</robot>'
@@ -521,13 +511,16 @@ class BulletPlant:
             physicsClientId=self.client,
         )
         inner_step = self.settings.time_step / self.settings.substeps
+        # kv / kp of a servo that is damped critically
+        inertia = self.robot.rotary_motor.reflected_inertia
+        servo_time = 2 * math.sqrt(inertia / self.robot.roll_stiffness)
         bullet.setJointMotorControlArray(
             self.body,
             self._rolls,
             bullet.POSITION_CONTROL,
             targetPositions=roll.tolist(),
             forces=[self.roll_torque] * 3,
-            positionGains=[inner_step / ROLL_SERVO_TIME] * 3,
+            positionGains=[inner_step / servo_time] * 3,
             velocityGains=[1.0] * 3,
             physicsClientId=self.client,
         )

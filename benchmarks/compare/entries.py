@@ -169,7 +169,7 @@ def probe_walls(entry: Entry, scenario: Scenario, part: Placed, count: int) -> t
         shape = {
             "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
             "size": [radius, 1e-9, 0],
-            "userdata": line_record(lug_pitch(scenario.robot)),
+            "userdata": line_record(lug_pitch(scenario.robot), scenario.robot.scale),
         }
     probe.add_geom(
         contype=LUG_CONTYPE, conaffinity=LUG_CONAFFINITY, priority=1, margin=PROBE_REACH, **shape

@@ -80,14 +80,24 @@ def view_direction(network: PipeNetwork) -> Array:
 
 def add_robot_looks(spec: mujoco.MjSpec, robot: Robot) -> None:
     """Clothe the bodies of ``model.robot.add_robot``: chassis, shafts, springs, arms, modules and
-    lugs (group 2)."""
+    lugs (group 2).
+
+    Everything is drawn on a robot of scale 1, and then made as large as this one.
+    """
     _add_materials(spec)
+    size = robot.scale
+    robot = robot if size == 1 else robot.scaled(1 / size)
     end, spacing = robot.length / 2, robot.shaft_spacing
     shaft = min(spacing / 2, end - 0.008) + 0.004
-    _add_mesh(spec, "chassis_core", triangular_prism(0.010, 2 * shaft))
-    _add_mesh(spec, "chassis_end", triangular_prism(0.016, 0.018))
-    _add_mesh(spec, "spring", coil(0.0056, 0.0009, 0.024, 6))
-    _add_mesh(spec, "lugs", lug_row(robot.lug_radius, 0.0065, look_pitch(robot), LUGS_SHOWN))
+    meshes = {
+        "chassis_core": triangular_prism(0.010, 2 * shaft),
+        "chassis_end": triangular_prism(0.016, 0.018),
+        "spring": coil(0.0056, 0.0009, 0.024, 6),
+        "lugs": lug_row(robot.lug_radius, 0.0065, look_pitch(robot), LUGS_SHOWN),
+    }
+    for name, mesh in meshes.items():
+        mesh.vertices *= size
+        _add_mesh(spec, name, mesh)
     _dress_chassis(spec, robot, shaft)
     for number in range(1, len(MODULE_ANGLES) + 1):
         _dress_arm(spec.body(f"arm_{number}"), robot, number, shaft)
@@ -95,6 +105,10 @@ def add_robot_looks(spec: mujoco.MjSpec, robot: Robot) -> None:
         for track, flip in zip(TRACKS, ([1, 0, 0, 0], [0, 0, 0, 1]), strict=True):
             body = spec.body(f"track_{track}_{number}")
             _look(body, f"lugs_{track}_{number}", f"{track}_{number}", mesh="lugs", quat=flip)
+    seen = [geom for geom in spec.body("chassis").find_all("geom") if geom.group == ROBOT_GROUP]
+    for geom in seen if size != 1 else ():
+        for place in ("pos", "size", "fromto"):
+            setattr(geom, place, size * getattr(geom, place))
 
 
 def _dress_chassis(spec: mujoco.MjSpec, robot: Robot, shaft: float) -> None:
@@ -241,12 +255,10 @@ def follow_direction(network: PipeNetwork) -> Array:
     return unit(towards + 0.20 * up + 0.16 * np.cross(up, towards))
 
 
-def add_cameras(
-    spec: mujoco.MjSpec, network: PipeNetwork, cutaway_normal: ArrayLike | None = None
-) -> None:
+def add_cameras(spec: mujoco.MjSpec, network: PipeNetwork, size: float = 1.0) -> None:
     """Cameras ``side`` (all pipes), ``follow`` (with the robot, from the cut side) ``onboard``
-    (forward); lights."""
-    towards = view_direction(network) if cutaway_normal is None else unit(cutaway_normal)
+    (forward); lights. ``size`` is the scale of the robot that the last two keep with."""
+    towards = view_direction(network)
     up = _upward(towards)
     right = np.cross(up, towards)
     back = unit(towards + 0.20 * up + 0.16 * right)
@@ -259,13 +271,14 @@ def add_cameras(
     if chassis is not None:
         track = mujoco.mjtCamLight.mjCAMLIGHT_TRACK
         chassis.add_camera(
-            name="follow", pos=0.48 * back, quat=quaternion, fovy=FIELD_OF_VIEW, mode=track
+            name="follow", pos=0.48 * size * back, quat=quaternion, fovy=FIELD_OF_VIEW, mode=track
         )
         forward = quaternion_from_matrix(np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]))
-        chassis.add_camera(name="onboard", pos=[0, 0, 0.086], quat=forward, fovy=88.0)
+        chassis.add_camera(name="onboard", pos=[0, 0, 0.086 * size], quat=forward, fovy=88.0)
         lamp = chassis.add_light(
-            name="lamp", pos=[0, 0, 0.09], dir=[0, 0, 1], castshadow=False, cutoff=80, exponent=2
+            name="lamp", pos=[0, 0, 0.09 * size], dir=[0, 0, 1], castshadow=False, cutoff=80
         )
+        lamp.exponent = 2
         lamp.diffuse, lamp.attenuation = [0.9, 0.87, 0.8], [1, 0, 3]
     _add_sun(spec, middle, distance, unit(towards + 0.55 * up - 0.40 * right))
 

@@ -19,32 +19,27 @@ import numpy as np
 from omnitrack_sim.model.collider import line_record
 from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
+from omnitrack_sim.robot.similarity import similar
 from omnitrack_sim.rotations import quaternion_from_matrix, rotation_about
 
 COLLISION_GROUP = 3
 LUG_CONTYPE, LUG_CONAFFINITY = 1, 2
 """Lugs touch walls (2, 1) and nothing else."""
-LUG_SOLREF = (0.01, 1.0)
-"""Contact time constant, s, and damping ratio. Stiffer lugs (4 ms) bounce on a tee's rim; see
-docs/design-study.md."""
-LUG_SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
-LINE_SOLIMP = (0.993, 0.9987, 0.0005, 0.5, 2.0)
+LUG_IMPEDANCE = (0.95, 0.99)
+"""Impedance of a lug's contact at its surface and from the robot's ``contact_depth`` on."""
+LINE_IMPEDANCE = (0.993, 0.9987)
 """Of a row of lugs seen as one line. It rests on two points instead of 15 lugs, which together
 should be as stiff: (1 - d) / d is 2/15 of the lugs'."""
-ROTOR_INERTIA_REFLECTED = 0.0088
-"""Rotor inertia of a gearmotor at its output, kg m²: 9e-9 kg m² (2 g, 3 mm) times 986.41²;
-assumed."""
-TRACK_MASS = 1e-3
-"""Mass of a run of lugs, kg: small, because the module's mass counts the chain already."""
-BELT_SERVO_TIME = 0.02
-"""Time constant of the crawler motor's speed loop without load, s; assumed."""
-CHAIN_SOLREF = (0.004, 1.0)
-"""The two runs of a chain move as one."""
-ROLL_STIFFNESS = 20.0
-"""Position gain of the rotary motor's servo, N m/rad; assumed. Its damping is critical for the
-reflected inertia."""
+CHAIN_TIME = 0.004
+"""Time constant of the tie between the two runs of a chain, which move as one, s; numerical."""
+STOP_TIME = 0.02
+"""Time constant of the stops of an arm's slide and pitch, s; MuJoCo's own default."""
+TIE_DEPTH = 0.001
+"""Travel over which ties and stops come to their full stiffness, m; MuJoCo's own default. At a
+pitch stop it is an angle, rad, which does not scale."""
 FREE_SPRING_LENGTH = 10.0
-"""Upper end of the springs' dead band, m: springs push only."""
+"""Upper end of the springs' dead band, m: springs push only. Beyond all travel of any robot, so
+that it does not scale."""
 
 
 def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -> mujoco.MjsBody:
@@ -63,7 +58,7 @@ def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -
     """
     chassis = spec.worldbody.add_body(name="chassis")
     chassis.add_freejoint(name="robot")
-    _set_cylinder_inertia(chassis, robot.chassis_mass, 0.025, robot.chassis_length)
+    _set_cylinder_inertia(chassis, robot.chassis_mass, robot.chassis_radius, robot.chassis_length)
     for number, angle in enumerate(MODULE_ANGLES, start=1):
         arm = _add_arm(chassis, robot, number, angle)
         module = _add_module(arm, robot, number)
@@ -99,7 +94,8 @@ def _add_arm(chassis: mujoco.MjsBody, robot: Robot, number: int, angle: float) -
         pos=turn @ [robot.module_distance, 0, 0],
         quat=quaternion_from_matrix(turn),
     )
-    _set_cylinder_inertia(arm, robot.arm_mass, 0.01, robot.shaft_spacing)
+    _set_cylinder_inertia(arm, robot.arm_mass, robot.arm_radius, robot.shaft_spacing)
+    stop_time = [_sized(robot, STOP_TIME, "s"), 1.0]
     arm.add_joint(
         name=f"slide_{number}",
         type=mujoco.mjtJoint.mjJNT_SLIDE,
@@ -107,6 +103,8 @@ def _add_arm(chassis: mujoco.MjsBody, robot: Robot, number: int, angle: float) -
         limited=True,
         range=robot.slide_range,
         damping=[robot.slide_damping, 0, 0],
+        solref_limit=stop_time,
+        solimp_limit=_impedance(0.9, 0.95, _sized(robot, TIE_DEPTH, "m")),
     )
     arm.add_joint(
         name=f"pitch_{number}",
@@ -115,6 +113,7 @@ def _add_arm(chassis: mujoco.MjsBody, robot: Robot, number: int, angle: float) -
         limited=True,
         range=[-robot.pitch_limit, robot.pitch_limit],
         damping=[robot.pitch_damping, 0, 0],
+        solref_limit=stop_time,
     )
     return arm
 
@@ -126,7 +125,7 @@ def _add_module(arm: mujoco.MjsBody, robot: Robot, number: int) -> mujoco.MjsBod
         name=f"roll_{number}",
         type=mujoco.mjtJoint.mjJNT_HINGE,
         axis=[0, 0, 1],
-        armature=ROTOR_INERTIA_REFLECTED,
+        armature=robot.rotary_motor.reflected_inertia,
     )
     return module
 
@@ -141,8 +140,8 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, lin
     track = module.add_body(name=f"track_{name}")
     track.ipos = [0, 0, 0]
     track.mass, track.inertia, track.explicitinertial = (
-        TRACK_MASS,
-        [TRACK_MASS * robot.lug_radius**2] * 3,
+        robot.track_mass,
+        [robot.track_mass * robot.lug_radius**2] * 3,
         True,
     )
     track.add_joint(
@@ -155,10 +154,14 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, lin
     row = {
         "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
         "size": [radius, places[-1], 0],
-        "solimp": LINE_SOLIMP,
-        "userdata": line_record(lug_pitch(robot)),
+        "solimp": _impedance(*LINE_IMPEDANCE, robot.contact_depth),
+        "userdata": line_record(lug_pitch(robot), robot.scale),
     }
-    lug = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [radius, 0, 0], "solimp": LUG_SOLIMP}
+    lug = {
+        "type": mujoco.mjtGeom.mjGEOM_SPHERE,
+        "size": [radius, 0, 0],
+        "solimp": _impedance(*LUG_IMPEDANCE, robot.contact_depth),
+    }
     for index, z in enumerate([0.0] if line else places):
         track.add_geom(
             name=f"line_{name}" if line else f"lug_{name}_{index}",
@@ -169,10 +172,21 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, lin
             condim=3,
             priority=1,
             friction=[0.9, 0, 0],
-            solref=LUG_SOLREF,
+            solref=[robot.contact_time, 1.0],
             mass=0,
             group=COLLISION_GROUP,
         )
+
+
+def _sized(robot: Robot, value: float, unit: str) -> float:
+    """A constant of this module, which is for a robot of scale 1, in a robot of its own scale."""
+    return similar(value, unit, robot.scale)
+
+
+def _impedance(surface: float, deep: float, depth: float) -> list[float]:
+    """MuJoCo's solimp: impedance from ``surface`` to ``deep`` over ``depth`` (m or rad), along a
+    parabola on either side of the middle."""
+    return [surface, deep, depth, 0.5, 2.0]
 
 
 def lug_pitch(robot: Robot) -> float:
@@ -188,7 +202,7 @@ def lug_places(robot: Robot) -> np.ndarray:
 
 def belt_inertia(robot: Robot) -> float:
     """Reflected inertia of the crawler gearmotor at the belt, kg: J / r²."""
-    return ROTOR_INERTIA_REFLECTED / robot.lug_radius**2
+    return robot.motor.reflected_inertia / robot.lug_radius**2
 
 
 def _add_springs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
@@ -219,9 +233,8 @@ def _add_roll_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
         forcelimited=True,
         forcerange=[-robot.roll_torque, robot.roll_torque],
     )
-    motor.set_to_position(
-        kp=ROLL_STIFFNESS, kv=2 * math.sqrt(ROLL_STIFFNESS * ROTOR_INERTIA_REFLECTED)
-    )
+    stiffness, inertia = robot.roll_stiffness, robot.rotary_motor.reflected_inertia
+    motor.set_to_position(kp=stiffness, kv=2 * math.sqrt(stiffness * inertia))
 
 
 def _add_belt_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
@@ -233,7 +246,7 @@ def _add_belt_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
         forcelimited=True,
         forcerange=[-1.0, 1.0],
     )
-    motor.set_to_velocity(kv=belt_inertia(robot) / BELT_SERVO_TIME)
+    motor.set_to_velocity(kv=belt_inertia(robot) / robot.motor.servo_time)
     spec.add_equality(
         name=f"chain_{number}",
         type=mujoco.mjtEq.mjEQ_JOINT,
@@ -241,7 +254,8 @@ def _add_belt_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
         name1=f"belt_lower_{number}",
         name2=f"belt_upper_{number}",
         data=[0, 1, *[0] * 10],
-        solref=CHAIN_SOLREF,
+        solref=[_sized(robot, CHAIN_TIME, "s"), 1.0],
+        solimp=_impedance(0.9, 0.95, _sized(robot, TIE_DEPTH, "m")),
     )
 
 

@@ -60,5 +60,5 @@ def build_scene(
 
         add_robot_looks(spec, robot)
         add_pipe_looks(spec, network)
-        add_cameras(spec, network)
+        add_cameras(spec, network, size=robot.scale)
     return spec

@@ -8,7 +8,6 @@ from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.reproduce.claim import Claim
 from omnitrack_sim.reproduce.runs import FRICTIONS, PRELOAD_FACTORS, Runs, least_preload
 from omnitrack_sim.rotations import wrap_angle
-from omnitrack_sim.sim.builder import motor_of
 from omnitrack_sim.sim.result import Result
 
 
@@ -163,7 +162,7 @@ def motors(runs: Runs) -> Claim:
     """Load and stall with the published motor."""
     told, stalled = [], []
     for result in runs["pololu"]:
-        limit = motor_of(result.scenario.robot).torque_limit
+        limit = result.scenario.robot.crawler_motor.torque_limit
         steady = np.quantile(np.abs(result.trajectory["motor_torque"]), 0.9, axis=0).max()
         stall = max(result.metrics["stall_time_s"])  # type: ignore[arg-type]
         told.append(

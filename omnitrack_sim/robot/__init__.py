@@ -1,5 +1,7 @@
-"""The robot as data: its parameters, its crawler motors and their drive."""
+"""The robot as data: its parameters, its motors, the law that scales it, and the motors' drive."""
 
-from omnitrack_sim.robot.parameters import MODULE_ANGLES, MODULES, Parameter, Quantity, Robot
+from omnitrack_sim.robot.motors import MOTORS, Motor
+from omnitrack_sim.robot.parameters import MODULE_ANGLES, MODULES, Robot
+from omnitrack_sim.robot.quantity import Parameter, Quantity
 
-__all__ = ["MODULES", "MODULE_ANGLES", "Parameter", "Quantity", "Robot"]
+__all__ = ["MODULES", "MODULE_ANGLES", "MOTORS", "Motor", "Parameter", "Quantity", "Robot"]

@@ -1,42 +1,13 @@
-"""The crawler motors: torque-speed line, torque limit, integral part of the speed loop."""
+"""The electrical side of the crawler motors: torque-speed line, torque limit, integral part of the
+speed loop."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from omnitrack_sim.robot.motors import Motor
 from omnitrack_sim.rotations import Array
-
-
-@dataclass(frozen=True)
-class Motor:
-    """A gearmotor at its output shaft. Source of each value: see ``MOTORS``.
-
-    Attributes:
-        no_load_speed: rad/s. stall_torque: N m, where the torque-speed line meets zero speed.
-        torque_limit: N m, what the motor (or its current limit) gives at most.
-    """
-
-    no_load_speed: float
-    stall_torque: float
-    torque_limit: float
-
-
-MOTORS = {
-    # The paper's simulation prescribes the speeds. Torque limit: the Pololu motor's extrapolated
-    # stall torque. Assumed.
-    "simulation": Motor(no_load_speed=20.0, stall_torque=12.0, torque_limit=1.18),
-    # Pololu 1000:1 HPCB 12 V (986.41:1): 34.6 rpm without load, 12 kg cm extrapolated stall torque,
-    # 2.5 kg cm recommended limit. Scaled from the maker's figures for the other ratios of the
-    # family.
-    "pololu_1000_hpcb": Motor(no_load_speed=3.62, stall_torque=1.18, torque_limit=0.245),
-}
-"""Crawler motors by name."""
-
-INTEGRAL_TIME = 0.1
-"""Integral time of the speed loop, s; assumed."""
 
 
 class Drive:
@@ -79,7 +50,9 @@ class Drive:
         # The integral grows only where the motor can follow (no wind-up in a stall).
         error = command - belt_speed
         self._correction = np.where(
-            self.saturated, self._correction, self._correction + error * dt / INTEGRAL_TIME
+            self.saturated,
+            self._correction,
+            self._correction + error * dt / self.motor.servo_integral_time,
         )
         return command + self._correction, lowest / self.lug_radius, highest / self.lug_radius
 

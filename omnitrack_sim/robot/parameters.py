@@ -3,46 +3,54 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ModelWrapValidatorHandler,
+    model_validator,
+)
+
+from omnitrack_sim.robot.motors import MOTORS, Motor, NamedMotor
+from omnitrack_sim.robot.quantity import Parameter, Quantity, parameter_rows, quantity_of
+from omnitrack_sim.robot.similarity import similar
 
 MODULES = 3
 MODULE_ANGLES = (0.0, 2 * math.pi / 3, -2 * math.pi / 3)
 """Angle of each module about the robot's z axis from module 1, rad (paper, Fig. 5)."""
 
-Provenance = Literal["published", "derived", "inferred", "assumed", "numerical"]
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """Unit, provenance and source of one parameter; stands in the field's annotation."""
-
-    unit: str
-    provenance: Provenance
-    source: str
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One row of the parameter table."""
-
-    name: str
-    value: Any
-    unit: str
-    provenance: Provenance
-    source: str
+GRAVITY = 9.81
+"""Weight of a mass, N/kg, where a figure of the robot asks for it."""
+Scale = Annotated[float, Field(ge=0.01, le=100)]
 
 
 class Robot(BaseModel):
     """Omnidirectional Tractable Three Module Robot, lumped as in the paper's simulation.
 
-    SI units, radians. Frozen: change by ``robot.model_copy(update=...)`` or a scenario override.
+    SI units, radians. Frozen: change by ``robot.model_copy(update=...)`` or a scenario override,
+    and the size by ``robot.scaled(factor)``.
+
+    ``scale`` asks for the same robot in another size. Reading a robot scales every value by the
+    law of dynamic similarity (``similarity.py``), from the scale that the values are stated for,
+    ``values_at_scale``, to ``scale``. A robot that has been read has the values of its own size
+    and says so, ``values_at_scale == scale``, so that reading what it dumped changes nothing.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    scale: Annotated[
+        Scale, Quantity("1", "assumed", "size of the robot; 1 is the one for 160 mm pipes")
+    ] = 1.0
+    values_at_scale: Annotated[
+        Scale,
+        Quantity(
+            "1",
+            "assumed",
+            "size that the given values are for; they are scaled from it to `scale`, once",
+        ),
+    ] = 1.0
     lug_radius: Annotated[
         float,
         Field(gt=0),
@@ -123,21 +131,68 @@ class Robot(BaseModel):
     chassis_length: Annotated[
         float, Field(gt=0), Quantity("m", "assumed", "centre chassis along the robot axis")
     ] = 0.150
+    chassis_radius: Annotated[
+        float, Field(gt=0), Quantity("m", "assumed", "of the cylinder with the chassis's inertia")
+    ] = 0.025
     arm_mass: Annotated[
         float, Field(gt=0), Quantity("kg", "assumed", "one arm pair, without its module")
     ] = 0.04
+    arm_radius: Annotated[
+        float,
+        Field(gt=0),
+        Quantity("m", "assumed", "of the cylinder with the inertia of an arm pair"),
+    ] = 0.01
     module_mass: Annotated[
         float, Field(gt=0), Quantity("kg", "assumed", "one module: two gearmotors, chains, lugs")
     ] = 0.20
+    track_mass: Annotated[
+        float,
+        Field(gt=0),
+        Quantity(
+            "kg", "numerical", "one run of lugs; small, for module_mass counts the chain already"
+        ),
+    ] = 1e-3
+    contact_time: Annotated[
+        float,
+        Field(gt=0),
+        Quantity(
+            "s",
+            "numerical",
+            "time constant of a lug's contact; at 4 ms lugs bounce on a tee's rim, see "
+            "docs/design-study.md",
+        ),
+    ] = 0.01
+    contact_depth: Annotated[
+        float,
+        Field(gt=0),
+        Quantity("m", "numerical", "depth over which a lug's contact comes to its full stiffness"),
+    ] = 0.0005
     motor: Annotated[
-        Literal["simulation", "pololu_1000_hpcb"],
-        Quantity("", "assumed", "crawler motor; see omnitrack_sim.robot.drive.MOTORS"),
-    ] = "simulation"
+        NamedMotor,
+        Quantity("", "assumed", "crawler motor: a shipped motor's name, or a table of its own"),
+    ] = MOTORS["simulation"]
     torque_limit: Annotated[
         float | None,
         Field(gt=0),
         Quantity("N m", "assumed", "limit on a crawler motor; none: the motor's own"),
     ] = None
+    roll_motor: Annotated[
+        NamedMotor | None,
+        Quantity(
+            "",
+            "assumed",
+            "rotary motor, of which the reflected inertia counts; none: same as the crawler's",
+        ),
+    ] = None
+    roll_stiffness: Annotated[
+        float,
+        Field(gt=0),
+        Quantity(
+            "N m/rad",
+            "assumed",
+            "position gain of the rotary motor's servo, damped critically for its own inertia",
+        ),
+    ] = 20.0
     roll_rate: Annotated[
         float,
         Field(gt=0),
@@ -150,6 +205,51 @@ class Robot(BaseModel):
         Field(gt=0),
         Quantity("N m", "assumed", "limit on a rotary motor (same gearmotor as the crawler's)"),
     ] = 1.2
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _at_its_scale(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        stated = handler(data)
+        values: dict[str, Any] = {}
+        for name, info in cls.model_fields.items():
+            # A value that is not given is the default, which is for scale 1.
+            origin = stated.values_at_scale if name in stated.model_fields_set else 1.0
+            value = getattr(stated, name)
+            values[name] = (
+                value.at_scale(stated.scale)
+                if isinstance(value, Motor)
+                else similar(value, quantity_of(info).unit, stated.scale / origin)
+            )
+        values["values_at_scale"] = stated.scale
+        return stated if values == dict(stated) else handler(values)
+
+    def scaled(self, factor: float) -> Self:
+        """The same robot, ``factor`` times as large: every value scaled by the law of similarity.
+
+        A motor that is a product keeps its figures (see ``Motor.scale``), so a robot with one is
+        not similar to the other.
+        """
+        return type(self).model_validate(dict(self) | {"scale": self.scale * factor})
+
+    @property
+    def crawler_motor(self) -> Motor:
+        """The crawler motor with the robot's torque limit, where it has one."""
+        if self.torque_limit is None:
+            return self.motor
+        return self.motor.model_copy(update={"torque_limit": self.torque_limit})
+
+    @property
+    def rotary_motor(self) -> Motor:
+        """The motor that rolls a module."""
+        return self.motor if self.roll_motor is None else self.roll_motor
+
+    @property
+    def feasible_belt_speed(self) -> float:
+        """Belt speed that the crawler motor holds against a third of the robot's weight, m/s: the
+        worst steady climb."""
+        motor = self.crawler_motor
+        load = self.mass * GRAVITY / 3 * self.lug_radius
+        return motor.no_load_speed * max(0.0, 1 - load / motor.stall_torque) * self.lug_radius
 
     @property
     def module_distance(self) -> float:
@@ -189,13 +289,6 @@ class Robot(BaseModel):
         return self.nominal_pipe_radius / 4
 
     def parameters(self) -> list[Parameter]:
-        """The parameter table: every field with value, unit, provenance and source."""
-        rows = []
-        for name, info in type(self).model_fields.items():
-            quantity = next(item for item in info.metadata if isinstance(item, Quantity))
-            rows.append(
-                Parameter(
-                    name, getattr(self, name), quantity.unit, quantity.provenance, quantity.source
-                )
-            )
-        return rows
+        """The parameter table: every field, and those of its motors as ``motor.NAME``, with value,
+        unit, provenance and source."""
+        return parameter_rows(self)

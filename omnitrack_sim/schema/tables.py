@@ -62,15 +62,20 @@ UNITS: dict[str, str] = {
 robot has its own."""
 
 
+_ROBOT_UNITS = {
+    # A robot with a rotary motor of its own has all the parameters that a robot can have.
+    row.name: row.unit or None
+    for row in Robot(roll_motor=Robot().motor).parameters()
+}
+
+
 def unit_of(path: str) -> str | None:
     """Unit of the value at a dotted path of a scenario; None where it has none."""
     table, *keys = path.split(".")
     if path.endswith("_deg"):
         return "deg"
     if table == "robot":
-        return next(
-            (row.unit or None for row in Robot().parameters() if row.name == keys[-1]), None
-        )
+        return _ROBOT_UNITS.get(".".join(keys))
     named = [key for key in keys if not key.isdigit() and key != "*"]
     return UNITS.get(".".join([table, *named]))
 

@@ -17,8 +17,7 @@ from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.model.robot import spring_free_length
 from omnitrack_sim.model.scene import build_scene, let_walls_sleep
 from omnitrack_sim.pipes import Elbow, Route, Tee
-from omnitrack_sim.robot import MODULES, Robot
-from omnitrack_sim.robot.drive import MOTORS, Motor
+from omnitrack_sim.robot import MODULES
 from omnitrack_sim.rotations import quaternion_from_matrix
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.plant import Start
@@ -136,25 +135,6 @@ def start_of(scenarios: Sequence[Scenario], routes: RouteMap, way: NDArray[np.in
     )
 
 
-def motor_of(robot: Robot) -> Motor:
-    """The robot's crawler motor."""
-    return MOTORS[robot.motor]
-
-
-def torque_limits(scenarios: Sequence[Scenario]) -> NDArray:
-    """Torque limit (n,) N m of each robot's crawler motors: its own, or the motor's."""
-    given = each(scenarios, "torque_limit").astype(float)
-    return np.where(np.isnan(given), motor_of(scenarios[0].robot).torque_limit, given)
-
-
-def feasible_belt_speed(robot: Robot) -> float:
-    """Belt speed that the motor holds against a third of the robot's weight, m/s: the worst steady
-    climb."""
-    motor = motor_of(robot)
-    load = robot.mass * 9.81 / 3 * robot.lug_radius
-    return motor.no_load_speed * max(0.0, 1 - load / motor.stall_torque) * robot.lug_radius
-
-
 def settings_of(
     scenarios: Sequence[Scenario], routes: RouteMap, way: NDArray[np.intp]
 ) -> tuple[Settings, list[str | None]]:
@@ -165,7 +145,7 @@ def settings_of(
     motor's speed limits the cruise speed. Belts are capped at what the motor holds.
     """
     cruise, notes = [], []
-    highest = np.array([feasible_belt_speed(s.robot) for s in scenarios])
+    highest = np.array([s.robot.feasible_belt_speed for s in scenarios])
     for scenario, w, most in zip(scenarios, way, highest.tolist(), strict=True):
         factor = 1 + _sharpest_bend(scenario, routes.routes[w])
         wanted = scenario.control.cruise_speed
@@ -175,8 +155,8 @@ def settings_of(
             None
             if speed == wanted
             else f"cruise speed scaled from {wanted:.4f} to {speed:.4f} m/s: motor "
-            f"{scenario.robot.motor} holds {most:.4f} m/s and the outer module needs {factor:.2f} "
-            "times the robot's speed"
+            f"{scenario.robot.motor.name} holds {most:.4f} m/s and the outer module needs "
+            f"{factor:.2f} times the robot's speed"
         )
     settings = Settings(
         cruise_speed=np.array(cruise),

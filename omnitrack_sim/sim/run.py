@@ -118,7 +118,7 @@ def no_load_slips(
 
 def _unloaded(scenario: Scenario) -> Scenario:
     """The scenario's robot in a straight pipe without gravity."""
-    first = scenario.route.fittings[0]
+    first, size = scenario.route.fittings[0], scenario.robot.scale
     return validate(
         {
             "name": "no_load",
@@ -128,7 +128,7 @@ def _unloaded(scenario: Scenario) -> Scenario:
             "control": scenario.control.model_dump(),
             "monitor": scenario.monitor.model_dump(),
             "world": {"gravity": [0.0, 0.0, 0.0]},
-            "pipes": [{"kind": "straight", "length": 1.0, "inner_diameter": 2 * first.radius}],
-            "start": {"distance": 0.15},
+            "pipes": [{"kind": "straight", "length": size, "inner_diameter": 2 * first.radius}],
+            "start": {"distance": 0.15 * size},
         }
     )

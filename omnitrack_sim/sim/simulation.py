@@ -22,11 +22,9 @@ from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sensing import SENSORS, Sensor
 from omnitrack_sim.sim.builder import (
     collider_of,
-    motor_of,
     scene_of,
     settings_of,
     start_of,
-    torque_limits,
 )
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.monitor import Monitor, Verdict
@@ -107,8 +105,8 @@ class Simulation:
             if make_plant is None
             else make_plant(first, start, threads)
         )
-        limits = torque_limits(self.scenarios)
-        self.drive = Drive(motor_of(first.robot), limits, first.robot.lug_radius, self.n)
+        limits = [s.robot.crawler_motor.torque_limit for s in self.scenarios]
+        self.drive = Drive(first.robot.motor, limits, first.robot.lug_radius, self.n)
         self._begin(settings, start)
         self.endings: list[Ending | None] = [None] * self.n
         self._events: list[list[Event]] = [self._noted(i, note) for i, note in enumerate(notes)]

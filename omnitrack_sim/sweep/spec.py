@@ -277,7 +277,7 @@ def _axis_faults(
             inner = (
                 value if isinstance(value, dict) else value[0] if isinstance(value, list) else None
             )
-            if isinstance(inner, dict):
+            if isinstance(inner, dict) and not _names_tables(axis, value):
                 keys = value if isinstance(value, dict) else [*map(str, range(len(value))), "*"]
                 yield Fault(at, f"{path!r} is a table; name one value in it", tuple(keys))
                 break
@@ -287,6 +287,15 @@ def _axis_faults(
                 break
             if isinstance(axis, ListAxis):
                 yield from _misspelt(where, axis, scenario, found, others)
+
+
+def _names_tables(axis: AxisTable, present: Any) -> bool:
+    """Whether the axis sets a table by names, such as the robot's motor."""
+    return (
+        isinstance(axis, ListAxis)
+        and isinstance(present, dict)
+        and all(isinstance(value, str) for value in axis.values)
+    )
 
 
 def _missing(at: str, path: str, data: Mapping[str, Any], base: str | None) -> Fault:

@@ -160,11 +160,8 @@ def _compile(original: int, places: dict[str, int]) -> Any:
         track = RECORD_SIZE * line
         if records[track] != MARK:
             return others(model, data, contacts, wall, line, margin)
-        radius, half, pitch = (
-            of_model[size][3 * line],
-            of_model[size][3 * line + 1],
-            records[track + 1],
-        )
+        radius, half = of_model[size][3 * line], of_model[size][3 * line + 1]
+        pitch, robot_scale = records[track + 1], records[track + 2]
         con, position, matrix = doubles_at(contacts), of_data[position_of], of_data[matrix_of]
         return line_contacts(
             con,
@@ -178,6 +175,7 @@ def _compile(original: int, places: dict[str, int]) -> Any:
             half,
             pitch,
             margin,
+            robot_scale,
         )
 
     return collide

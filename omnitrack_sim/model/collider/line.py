@@ -30,12 +30,12 @@ CONTACT_SIZE = 10
 MOST_CONTACTS = 24
 """On one line and one fitting; MuJoCo has room for 50."""
 SPACING = 0.008
-"""Largest spacing of the samples between which a minimum is looked for, m: a third of a lug's
-radius."""
+"""Largest spacing of the samples between which a minimum is looked for, m, for a robot of scale 1:
+a third of a lug's radius."""
 PLATEAU = 0.02
 """Slope along the line up to which a wall that ends at the rim counts as carrying it."""
 LEAST_APART = 0.003
-"""A minimum nearer than this to an end of the line is that end, m."""
+"""A minimum nearer than this to an end of the line is that end, m, for a robot of scale 1."""
 _POSITION = 1e-7  # m, to which a minimum is found
 
 
@@ -208,14 +208,31 @@ def _rim_begins(wall, w, px, py, pz, ax, ay, az, a, face_a, b):
 
 @_compiled
 def _add_within(
-    con, n, wall, w, px, py, pz, ax, ay, az, low, high, low_ends, high_ends, radius, pitch, margin
+    con,
+    n,
+    wall,
+    w,
+    px,
+    py,
+    pz,
+    ax,
+    ay,
+    az,
+    low,
+    high,
+    low_ends,
+    high_ends,
+    radius,
+    pitch,
+    margin,
+    robot_scale,
 ):
     """Add the contacts between the ends: minima with their flanks, and where a rim begins at a
     straight wall."""
-    pieces = math.ceil((high - low) / SPACING)
+    pieces = math.ceil((high - low) / (SPACING * robot_scale))
     reach = radius + margin
-    first = low + (LEAST_APART if low_ends else 0.0)
-    last = high - (LEAST_APART if high_ends else 0.0)
+    first = low + (LEAST_APART * robot_scale if low_ends else 0.0)
+    last = high - (LEAST_APART * robot_scale if high_ends else 0.0)
     a = low
     d_a, slope_a, face_a = _slope(wall, w, px, py, pz, ax, ay, az, a)
     for i in range(pieces):
@@ -240,7 +257,9 @@ def _add_within(
 
 
 @_compiled
-def line_contacts(con, wall, w, position, matrix, g_line, g_wall, radius, half, pitch, margin):
+def line_contacts(
+    con, wall, w, position, matrix, g_line, g_wall, radius, half, pitch, margin, robot_scale
+):
     """Contacts of a capsule's axis with one fitting, written to ``con``; returns their number.
 
     Args:
@@ -252,6 +271,7 @@ def line_contacts(con, wall, w, position, matrix, g_line, g_wall, radius, half, 
         g_line, g_wall: geom numbers of the line and of the wall.
         radius, half: of the capsule, m. pitch: distance of its lugs, m.
         margin: distance up to which contacts count, m.
+        robot_scale: size of the robot that the line belongs to, 1 for 160 mm pipes.
     """
     l, o = 3 * g_line, 3 * g_wall
     m = 9 * g_wall
@@ -296,6 +316,7 @@ def line_contacts(con, wall, w, position, matrix, g_line, g_wall, radius, half, 
             radius,
             pitch,
             margin,
+            robot_scale,
         )
     for i in range(n):
         k = i * CONTACT_SIZE

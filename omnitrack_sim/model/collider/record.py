@@ -46,9 +46,9 @@ def wall_record(fitting: Fitting, ends: tuple[bool, ...]) -> Array:
     return np.array([MARK, kind, fitting.radius, *sizes, *centre, *flags])
 
 
-def line_record(lug_pitch: float) -> Array:
-    """The record (RECORD_SIZE,) of a track: mark and distance of its lugs, m."""
-    return np.array([MARK, lug_pitch, *[0.0] * (RECORD_SIZE - 2)])
+def line_record(lug_pitch: float, scale: float) -> Array:
+    """The record (RECORD_SIZE,) of a track: mark, distance of its lugs, m, robot's scale."""
+    return np.array([MARK, lug_pitch, scale, *[0.0] * (RECORD_SIZE - 3)])
 
 
 def bounding_box(fitting: Fitting) -> tuple[Array, Array]:

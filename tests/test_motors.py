@@ -1,0 +1,153 @@
+"""Motors as values: the shipped ones, a scenario's own, and where their figures end up."""
+
+import pytest
+from pydantic import ValidationError
+
+import omnitrack_sim as ot
+from omnitrack_sim.errors import ScenarioError
+from omnitrack_sim.robot.quantity import quantity_of
+from omnitrack_sim.scenario import validate
+from omnitrack_sim.sim.setup import scene_of
+
+PIPES = [{"kind": "straight", "length": 0.8}]
+OWN = {
+    "name": "small",
+    "gear_ratio": 250.0,
+    "rotor_inertia": 4e-9,
+    "no_load_speed": 12.0,
+    "stall_torque": 0.6,
+    "torque_limit": 0.3,
+}
+
+
+def _scenario(**robot) -> ot.Scenario:
+    return validate({"pipes": PIPES, "robot": robot})
+
+
+def test_shipped_motors_reflect_the_inertia_they_always_had():
+    """J ratio² is 0.0088 kg m² to the last bit, on which every earlier trajectory rests."""
+    assert {name: motor.reflected_inertia for name, motor in ot.MOTORS.items()} == {
+        "simulation": 0.0088,
+        "pololu_1000_hpcb": 0.0088,
+    }
+
+
+def test_the_rotor_s_inertia_is_that_of_a_small_solid_rotor():
+    """Within two digits it is m r²/2 of 2 g and 3 mm, as its comment says."""
+    for motor in ot.MOTORS.values():
+        assert motor.rotor_inertia == pytest.approx(0.002 * 0.003**2 / 2, rel=0.01)
+
+
+def test_every_figure_of_a_motor_has_a_unit_and_a_source():
+    """Each field's annotation carries a Quantity with a source, as the robot's do."""
+    assert all(quantity_of(info).source for info in ot.Motor.model_fields.values())
+
+
+def test_a_motor_is_given_by_name_by_table_or_as_a_value():
+    """The three ways make one robot, and ``like`` fills what a table leaves out."""
+    motor = ot.Motor(**OWN)
+    assert _scenario(motor=OWN).robot.motor == motor
+    assert ot.override(_scenario(), {"robot.motor": motor}).robot.motor == motor
+    assert _scenario(motor="pololu_1000_hpcb").robot.motor is ot.MOTORS["pololu_1000_hpcb"]
+    slower = _scenario(motor={"like": "pololu_1000_hpcb", "servo_time": 0.1}).robot.motor
+    shipped = ot.MOTORS["pololu_1000_hpcb"]
+    assert slower == shipped.model_copy(update={"name": "custom", "source": "", "servo_time": 0.1})
+
+
+def test_a_motor_survives_the_scenario_s_json_in_full():
+    """A motor named in a file stands in the JSON with all of its figures, so that results do not
+    change with the shipped motors."""
+    scenario = _scenario(motor="pololu_1000_hpcb")
+    text = scenario.model_dump_json()
+    assert '"gear_ratio":986.41' in text
+    again = ot.Scenario.model_validate_json(text)
+    assert again == scenario
+    assert again.model_dump_json() == text
+
+
+def test_a_figure_of_a_motor_is_overridden_by_its_path():
+    """``robot.motor.NAME`` reaches into the motor, and ``robot.motor`` takes a name."""
+    scenario = ot.override(_scenario(), {"robot.motor.gear_ratio": 500})
+    assert scenario.robot.motor.gear_ratio == 500
+    assert ot.override(scenario, {"robot.motor": "simulation"}) == _scenario()
+
+
+@pytest.mark.parametrize(
+    ("robot", "where", "told"),
+    [
+        ({"motor": "pololu"}, "robot.motor", "simulation, pololu_1000_hpcb"),
+        ({"roll_motor": "pololu"}, "robot.roll_motor", "simulation, pololu_1000_hpcb"),
+        ({"motor": {"like": "pololu"}}, "robot.motor.like", "simulation, pololu_1000_hpcb"),
+        ({"motor": {"gear_ratio": 100}}, "robot.motor.rotor_inertia", "required"),
+        ({"motor": OWN | {"inertia": 1}}, "robot.motor.inertia", "rotor_inertia"),
+        ({"motor": OWN | {"torque_limit": 0}}, "robot.motor.torque_limit", "greater than 0"),
+        ({"motor": 3}, "robot.motor", "a table"),
+    ],
+)
+def test_a_faulty_motor_is_named_by_its_place_with_the_choices(robot, where, told):
+    """Unknown names list the shipped motors, unknown keys the motor's, and missing ones are
+    named."""
+    with pytest.raises(ScenarioError) as caught:
+        _scenario(**robot)
+    faults = {fault.where: str(fault) for fault in caught.value.faults}
+    assert told in faults[where]
+
+
+def test_a_motor_is_frozen():
+    """A figure cannot be set in place."""
+    with pytest.raises(ValidationError):
+        ot.MOTORS["simulation"].gear_ratio = 1.0
+
+
+def test_another_motor_brings_its_own_inertia_and_servo():
+    """Belt and roll armature are J ratio² over the lever squared, half a belt a run; the servo's
+    gain is the belt's inertia over its time constant."""
+    scenario = _scenario(motor=OWN | {"servo_time": 0.05})
+    model, robot = scene_of(scenario).compile(), scenario.robot
+    inertia = 4e-9 * 250.0**2
+    for i in (1, 2, 3):
+        upper, roll = model.joint(f"belt_upper_{i}"), model.joint(f"roll_{i}")
+        assert 2 * model.dof_armature[upper.dofadr[0]] == pytest.approx(
+            inertia / robot.lug_radius**2
+        )
+        assert model.dof_armature[roll.dofadr[0]] == pytest.approx(inertia)
+        gain = model.actuator(f"belt_{i}").gainprm[0]
+        assert gain == pytest.approx(inertia / robot.lug_radius**2 / 0.05)
+
+
+def test_the_rotary_motor_may_be_another():
+    """With ``roll_motor`` the modules roll with its inertia, and the belts keep the crawler's."""
+    model = scene_of(_scenario(roll_motor=OWN)).compile()
+    reference = scene_of(_scenario()).compile()
+    for i in (1, 2, 3):
+        roll, belt = (model.joint(f"{name}_{i}").dofadr[0] for name in ("roll", "belt_upper"))
+        assert model.dof_armature[roll] == pytest.approx(4e-9 * 250.0**2)
+        assert model.dof_armature[belt] == reference.dof_armature[belt]
+
+
+def test_a_heavier_rotor_starts_more_slowly():
+    """With a hundred times the inertia and the same torque the robot falls behind in the first
+    tenth of a second: the inertia counts in the run, not only in the model."""
+    heavy = {"like": "simulation", "rotor_inertia": 100 * ot.MOTORS["simulation"].rotor_inertia}
+    brief = {"physics": {"time_limit": 0.1}, "pipes": PIPES}
+    results = ot.run_batch(
+        [validate(brief | {"robot": {"motor": motor}}) for motor in ("simulation", heavy)],
+        no_load=False,
+    )
+    usual, slow = (r.trajectory["belt_speed"][-1].mean() for r in results)
+    assert slow < 0.5 * usual
+
+
+def test_the_robot_s_torque_limit_goes_before_the_motor_s():
+    """``robot.torque_limit`` holds for the crawler motor; none leaves the motor's own."""
+    assert _scenario(motor=OWN).robot.crawler_motor.torque_limit == 0.3
+    assert _scenario(motor=OWN, torque_limit=0.2).robot.crawler_motor.torque_limit == 0.2
+
+
+def test_feasible_speed_is_on_the_torque_speed_line():
+    """At the speed that the robot holds against a third of its weight the line gives just that
+    torque."""
+    robot = _scenario(motor=OWN).robot
+    speed = robot.feasible_belt_speed / robot.lug_radius
+    torque = 0.6 * (1 - speed / 12.0)
+    assert torque == pytest.approx(robot.mass * 9.81 / 3 * robot.lug_radius)
