@@ -15,12 +15,12 @@ A second table has the same turn, gravity along the entry, on a mission through 
 from __future__ import annotations
 
 import argparse
-import time
 from itertools import permutations
 
-from omnitrack_sim import Scenario, load_scenario, random_network, shortest_route
+from omnitrack_sim import Scenario, Simulation, load_scenario, random_network, shortest_route
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.sim import setup
+from omnitrack_sim.sim import builder
+from omnitrack_sim.sim.shares import timed
 
 PIECES = (500, 5_000, 20_000)
 SEGMENT = 0.5
@@ -33,9 +33,9 @@ turn begins."""
 MEASUREMENTS = 3
 TRIALS, STEPS = 8, 60
 VARIANTS = {
-    "primitives": ("primitives", setup.SLEEP_FROM),
+    "primitives": ("primitives", builder.SLEEP_FROM),
     "primitives, nothing passed over": ("primitives", 10**9),
-    "exact": ("exact", setup.SLEEP_FROM),
+    "exact": ("exact", builder.SLEEP_FROM),
 }
 
 
@@ -43,13 +43,13 @@ def long_scenario(pieces: int, collider: str) -> Scenario:
     """The tee turn with as many straights behind it as make up ``pieces`` wall pieces of
     primitives."""
     data = load_scenario("tee_turn").model_dump(mode="json")
-    have = len(setup.scene_of(load_scenario("tee_turn")).geoms)
+    have = len(builder.scene_of(load_scenario("tee_turn")).geoms)
     data["pipes"] += [
         {"kind": "straight", "length": SEGMENT}
         for _ in range(max(0, round((pieces - have) / STAVES)))
     ]
     data["physics"] |= {"collider": collider, "time_limit": 1000.0}
-    data["start"]["distance"] = load_scenario("tee_turn").route().fittings[1].opening[0] - BEFORE
+    data["start"]["distance"] = load_scenario("tee_turn").route.fittings[1].opening[0] - BEFORE
     data["control"]["align"] = False
     return validate(data)
 
@@ -78,15 +78,13 @@ def network_scenario(collider: str) -> Scenario:
     )
 
 
-def cost(run: BatchRun) -> tuple[float, float]:
-    """Microseconds of physics a step and of control a trial and control step, over the next steps
+def cost(scenario: Scenario) -> tuple[float, float]:
+    """Microseconds of physics a step and of control a trial and control step, over the first steps
     of a batch."""
-    before = (run.shares.physics, run.shares.control)
-    limit = run.monitor.time_limit
-    run.monitor.time_limit = limit * 0 + run.plant.read().time + STEPS * run.period
-    run.advance(clock=time.perf_counter)
-    physics, control = run.shares.physics - before[0], run.shares.control - before[1]
-    return 1e6 * physics / (STEPS * run.substeps * TRIALS), 1e6 * control / (STEPS * TRIALS)
+    physics = scenario.physics
+    shares = timed(Simulation([scenario] * TRIALS), STEPS)
+    substeps = STEPS * round(physics.control_period / physics.timestep)
+    return 1e6 * shares.physics / (substeps * TRIALS), 1e6 * shares.control / (STEPS * TRIALS)
 
 
 def main() -> None:
@@ -100,15 +98,15 @@ def main() -> None:
         fittings = 0
         for _ in range(MEASUREMENTS):
             for name, (collider, sleep_from) in VARIANTS.items():
-                setup.SLEEP_FROM = sleep_from
+                builder.SLEEP_FROM = sleep_from
                 scenario = long_scenario(pieces, collider)
                 fittings = len(scenario.pipes)
-                found = cost(BatchRun([scenario] * TRIALS, threads=1))
+                found = cost(scenario)
                 old = least.get(name, (float("inf"), float("inf")))
                 least[name] = (min(old[0], found[0]), min(old[1], found[1]))
         for name, (physics, control) in least.items():
             print(f"| {pieces:,} | {fittings} | {name} | {physics:.1f} | {control:.1f} |")
-    setup.SLEEP_FROM = VARIANTS["primitives"][1]
+    builder.SLEEP_FROM = VARIANTS["primitives"][1]
     print(
         f"\n| walls | part | one tee, us | random network of {NETWORK_FITTINGS} fittings, us | "
         "ratio |"
@@ -119,7 +117,7 @@ def main() -> None:
         found = {name: [] for name in runs}
         for _ in range(MEASUREMENTS):
             for name, scenario in runs.items():
-                found[name].append(cost(BatchRun([scenario] * TRIALS, threads=1)))
+                found[name].append(cost(scenario))
         for i, part in enumerate(("physics, a step", "control, a step and trial")):
             tee, network = (min(costs[i] for costs in found[name]) for name in runs)
             print(f"| {collider} | {part} | {tee:.1f} | {network:.1f} | {network / tee:.2f} |")

@@ -19,19 +19,19 @@ import mujoco
 import numpy as np
 from tee_turns import random_tee_turns
 
-from omnitrack_sim import Outcome, load_scenario, override
+from omnitrack_sim import Outcome, Simulation, load_scenario, override
 from omnitrack_sim.sim.builder import scene_of, start_qpos
+from omnitrack_sim.sim.shares import Shares, timed
 
 
-def timed_batch(trials: int, threads: int, collider: str) -> tuple[BatchRun, float, float]:
-    """A batch of tee turns, its wall seconds and its simulated seconds."""
+def timed_batch(trials: int, threads: int, collider: str) -> tuple[Simulation, float, Shares]:
+    """A batch of tee turns, run to its end, its wall seconds and what took them."""
     ranges = {"theta5_deg": 5.0, "preload": (25.0, 30.0), "friction": (0.95, 1.0)}
-    batch = BatchRun(
-        random_tee_turns(trials, **ranges, changes={"physics.collider": collider}), threads
-    )
+    scenarios = random_tee_turns(trials, **ranges, changes={"physics.collider": collider})
+    simulation = Simulation(scenarios, threads=threads)
     start = time.perf_counter()
-    batch.advance(clock=time.perf_counter)
-    return batch, time.perf_counter() - start, float(batch.monitor.end_time.sum())
+    shares = timed(simulation)
+    return simulation, time.perf_counter() - start, shares
 
 
 def physics_shares(collider: str, steps: int = 2000) -> dict[str, float]:
@@ -96,13 +96,14 @@ def main() -> None:
         0.0 if options.fast else check_walls()
     )  # tests/test_collider.py checks the exact ones
     assert wall_error <= 1e-4, f"walls are off by {1000 * wall_error:.3f} mm"
-    single, wall, simulated = timed_batch(trials, 1, collider)
-    assert all(o is Outcome.REACHED_GOAL for o in single.monitor.outcome), single.monitor.outcome
+    single, wall, shares = timed_batch(trials, 1, collider)
+    simulated = float(single.end_time.sum())
+    outcomes = [ending and ending.outcome for ending in single.endings]
+    assert all(outcome is Outcome.REACHED_GOAL for outcome in outcomes), outcomes
     double, wall_two, _ = timed_batch(trials, 2, collider)
-    assert np.array_equal(double.monitor.end_time, single.monitor.end_time)
+    assert np.array_equal(double.end_time, single.end_time)
 
     robot = single.scenarios[0].robot
-    shares = single.shares
     walls = "exact walls" if options.fast else f"walls within {1000 * wall_error:.3f} mm"
     print(
         f"tee turn, {robot.lugs_per_track} lugs a track, 2 ms, {walls}, {trials} trials, all passed"

@@ -50,9 +50,19 @@ def named(name: str, where: str, shipped: Mapping[str, Any]) -> Any:
     except Exception as error:  # whatever a user's module does while it is imported
         problem = f"is {name!r}: module {module_name!r} cannot be imported ({error})"
         raise InputError(Fault(where, problem, choices)) from error
+    own = _own(found)
     for part in path.split("."):
         if not hasattr(found, part):
             problem = f"is {name!r}: there is no {part!r} in module {module_name!r}"
-            raise InputError(Fault(where, problem))
+            raise InputError(Fault(where, problem, (*shipped, *own)))
         found = getattr(found, part)
     return found
+
+
+def _own(module: Any) -> list[str]:
+    """What a module defines itself, as ``module:Object``."""
+    return [
+        f"{module.__name__}:{name}"
+        for name, thing in vars(module).items()
+        if getattr(thing, "__module__", None) == module.__name__ and not name.startswith("_")
+    ]

@@ -84,6 +84,12 @@ class Scenario(Table):
             raise ScenarioError(faults)
         return self
 
+    def __eq__(self, other: object) -> bool:
+        """By the keys alone, not by what has been derived from them so far."""
+        if not isinstance(other, Scenario):
+            return NotImplemented
+        return all(getattr(self, key) == getattr(other, key) for key in Scenario.model_fields)
+
     @cached_property
     def planner(self) -> Planner | None:
         """Plans the legs of the mission; None without one."""
@@ -326,7 +332,20 @@ def _with_parameters(data: Mapping[str, Any]) -> tuple[Mapping[str, Any], list[F
         )
     except ScenarioError as error:
         return {**data, "control": {**control, "parameters": {}}}, list(error.faults)
-    return {**data, "control": {**control, "parameters": parameters.model_dump(mode="json")}}, []
+    known = parameters.model_dump(mode="json")
+    return {**data, "control": {**control, "parameters": known}}, _unread(where, given, known)
+
+
+def _unread(where: str, given: Mapping[str, Any], known: Mapping[str, Any]) -> list[Fault]:
+    """Keys that a model passes over because it does not forbid others, as faults."""
+    faults = [
+        Fault(f"{where}.{key}", "unknown key", tuple(known)) for key in given if key not in known
+    ]
+    for key, value in given.items():
+        inner = known.get(key)
+        if isinstance(value, Mapping) and isinstance(inner, Mapping):
+            faults += _unread(f"{where}.{key}", value, inner)
+    return faults
 
 
 def _fault_below(where: str, model: type[BaseModel], item: Any) -> Fault:

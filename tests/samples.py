@@ -8,9 +8,10 @@ import numpy as np
 
 from omnitrack_sim.network import load_network, shortest_route
 from omnitrack_sim.pipes import Route
+from omnitrack_sim.record.events import Remark
 from omnitrack_sim.record.metrics import summarise
 from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.record.trajectory import CHANNELS, Trajectory
+from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.rotations import quaternion_from_matrix
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim.result import Result, provenance_of
@@ -22,7 +23,7 @@ def sample_trajectory(samples: int = 201, end: float = 4.0, **changes: np.ndarra
     """0.1 m/s along a pipe with a turn in the middle half; ``changes`` replace channels."""
     time = np.linspace(0.0, end, samples)
     wave = np.where((time >= end / 4) & (time < 3 * end / 4), np.sin(2 * np.pi * time / end), 0.0)
-    channels = {name: np.zeros((samples, *channel.shape)) for name, channel in CHANNELS.items()}
+    channels = {name: np.zeros((samples, *channel.shape)) for name, channel in RECORDED.items()}
     channels["quaternion"][:, 0] = channels["gear"][:] = 1.0
     channels["position"][:, 2] = channels["distance"] = 0.1 + 0.1 * time
     channels["tilt"] = 0.1 * np.abs(wave)
@@ -55,7 +56,7 @@ def sample_result(trajectory: Trajectory | None = None, **changes: object) -> Re
         ),
         "trajectory": trajectory,
         "provenance": provenance_of(scenario),
-        "events": ["a remark"],
+        "events": [Remark(0, 1.0, "a remark")],
     }
     return Result(**(fields | changes))
 
@@ -86,7 +87,7 @@ def drive(route: Route, distance: np.ndarray, leg: int = 0, gear: int = 1) -> di
     """Channels of a robot that is at ``distance`` (T,) m of a route's centreline, nose or tail
     along it."""
     samples = len(distance)
-    channels = {name: np.zeros((samples, *channel.shape)) for name, channel in CHANNELS.items()}
+    channels = {name: np.zeros((samples, *channel.shape)) for name, channel in RECORDED.items()}
     position, frame = route.centreline.at(distance)[0], route.centreline.frame(distance)
     bend = route.centreline.at(distance)[3][:, None] / 11.0  # 1 on the tightest bend
     channels |= {
@@ -110,7 +111,7 @@ def legs_trajectory(
     """Legs one after the other at one sample in 20 ms; the phase is cruise throughout."""
     legs = zip(routes, distances, range(len(routes)), gears, strict=True)
     parts = [drive(*leg) for leg in legs]
-    channels = {name: np.concatenate([part[name] for part in parts]) for name in CHANNELS}
+    channels = {name: np.concatenate([part[name] for part in parts]) for name in RECORDED}
     time = 0.02 * np.arange(len(channels["distance"]))
     qpos = np.concatenate(
         [channels["position"], channels["quaternion"], np.zeros((len(time), 15))], axis=1

@@ -317,14 +317,14 @@ def test_walls_stay_exact_under_a_turned_route():
 
 def test_without_numba_the_walls_are_primitives(monkeypatch):
     """The run goes on, and says so."""
-    monkeypatch.setattr("omnitrack_sim.sim.setup.why_not", lambda: "numba is missing")
-    monkeypatch.setattr("omnitrack_sim.sim.runner.why_not", lambda: "numba is missing")
+    monkeypatch.setattr("omnitrack_sim.sim.builder.why_not", lambda: "numba is missing")
+    monkeypatch.setattr("omnitrack_sim.sim.simulation.why_not", lambda: "numba is missing")
     scenario = ot.override(
         ot.load_scenario("straight"), {"physics.collider": "exact", "physics.time_limit": 0.1}
     )
     result = ot.run(scenario)
     assert result.provenance["collider"] == "primitives"
-    assert result.events == [
+    assert [str(event) for event in result.events] == [
         "exact collider not used: numba is missing; walls and tracks are primitives"
     ]
 

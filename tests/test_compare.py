@@ -33,9 +33,9 @@ def test_the_robot_drives_in_a_flex():
     """In walls of a rigid flex it drives 0.2 m along a straight, 15 lugs a track at the wall."""
     scenario = ot.override(ot.load_scenario("straight"), {"physics.time_limit": 2.2})
     entry = flex_entry()
-    batch = BatchRun([scenario], 1, entry.prepare(scenario).make_plant)
-    batch.advance()
-    (trajectory,) = batch.recorder.trajectories(batch.monitor.end_time)
+    simulation = ot.Simulation([scenario], make_plant=entry.prepare(scenario).make_plant)
+    simulation.advance()
+    (trajectory,) = simulation.recorder.trajectories(simulation.end_time)
     assert trajectory["distance"][-1] - trajectory["distance"][0] > 0.2
     assert trajectory["contact_count"][-1].sum() >= 3 * scenario.robot.lugs_per_track
 
@@ -78,7 +78,7 @@ def test_wall_error_of_the_primitives():
 def test_mesh_walls_are_solid_and_centred():
     """The tee's wall is watertight, and its bore's vertices stand out of the exact surface by half
     the sagitta."""
-    tee = ot.load_scenario("tee_turn").route().network.parts[1].fitting
+    tee = ot.load_scenario("tee_turn").route.network.parts[1].fitting
     settings = MeshSettings(sections=48)
     assert wall_solid(tee, settings).is_watertight
     surface = bore_surface(tee, settings)

@@ -1,22 +1,29 @@
 """What the documents show, runs."""
 
+import json
 import re
 import runpy
 import tomllib
 from pathlib import Path
 
 import pytest
+from pydantic import BaseModel
 
 import omnitrack_sim
 from omnitrack_sim.cli import app
+from omnitrack_sim.control.catalogue import CONTROLLERS, parameters_model
+from omnitrack_sim.control.jacobian import FeedbackTable
+from omnitrack_sim.control.paper import PaperTable
 from omnitrack_sim.network import Mission, Network
 from omnitrack_sim.network import validate as validate_network
+from omnitrack_sim.record import channels
+from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario import validate as validate_scenario
 from omnitrack_sim.schema.reading import shipped_networks, shipped_scenarios, shipped_sweeps
+from omnitrack_sim.schema.tables import MonitorTable
 from omnitrack_sim.sweep.axes import AXES
 from omnitrack_sim.sweep.spec import SweepFile, resolve
-from omnitrack_sim.sweep.table import METRICS
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -57,7 +64,7 @@ def test_sweeps_and_their_keys_are_documented():
         assert f"`{name}`" in README
     keys = {
         *SweepFile.model_fields,
-        *METRICS,
+        *(metric.name for metric in METRICS if metric.in_tables),
         *(key for axis in AXES.values() for key in axis.model_fields),
     }
     assert sorted(key for key in keys if f"`{key}`" not in text) == []
@@ -120,6 +127,54 @@ def test_links_of_the_documents_lead_somewhere():
                 assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def test_the_channel_page_holds_the_table_of_the_schema():
+    """The one table of docs/channels.md is what the schema prints, row by row."""
+    lines = (ROOT / "docs" / "channels.md").read_text(encoding="utf-8").splitlines()
+    assert [line for line in lines if line.startswith("|")] == channels.table().splitlines()
+
+
+def rows_below(heading: str, page: str) -> dict[str, list[str]]:
+    """The rows of the table below a heading of docs/scenarios.md: cells by the key."""
+    section = page.partition(f"\n{heading}\n")[2].partition("\n#")[0]
+    rows = [line.strip("| ").split(" | ") for line in section.splitlines() if line[:3] == "| `"]
+    return {cells[0].strip("`"): cells[1:] for cells in rows}
+
+
+@pytest.mark.parametrize(
+    ("heading", "table"),
+    [
+        ("## `monitor`", MonitorTable()),
+        ("### `control.parameters.tracking`", FeedbackTable().tracking),
+        ("### `control.parameters.damping`", FeedbackTable().damping),
+        ("### `control.parameters.alignment`", FeedbackTable().alignment),
+        ("### `control.parameters.recovery`", FeedbackTable().recovery),
+        ('### `control.parameters` of "paper" and "equal"', PaperTable()),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, BaseModel) else "",
+)
+def test_parameters_are_documented_with_their_defaults(heading, table):
+    """docs/scenarios.md has a row with default, unit and meaning for each key of the monitor's and
+    the controllers' tables, and no other row."""
+    rows = rows_below(heading, (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8"))
+    assert PaperTable().alignment == FeedbackTable().alignment
+    values = {key: value for key, value in table if not isinstance(value, BaseModel)}
+    assert set(rows) == set(values)
+    for key, value in values.items():
+        default, unit, meaning = rows[key]
+        told = json.loads(default)
+        assert told == (list(value) if isinstance(value, tuple) else value), key
+        assert unit
+        assert len(meaning.split()) > 2
+
+
+def test_every_table_of_parameters_is_documented():
+    """The tables of the shipped controllers are the ones that docs/scenarios.md has sections of."""
+    page = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    for controller in CONTROLLERS.values():
+        for key, value in parameters_model(controller)():
+            assert not isinstance(value, BaseModel) or f"### `control.parameters.{key}`" in page
+
+
 def test_every_key_of_a_scenario_is_documented():
     """docs/scenarios.md names every table and key."""
     text = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
@@ -131,6 +186,7 @@ def test_every_key_of_a_scenario_is_documented():
         "World",
         "Contact",
         "Control",
+        "MonitorTable",
         "Physics",
         "Goal",
         "Expect",

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from omnitrack_sim import load_scenario, override, run_batch
-from omnitrack_sim.control.aligner import CLEAR_ENOUGH, ROLL_SETTLED
+from omnitrack_sim.control.aligner import AlignmentTable
 from omnitrack_sim.control.alignment import no_motion_distance, orientation_error, preferred_theta5
+from omnitrack_sim.record.events import NotAligned, Rolled
 from omnitrack_sim.theory.singularity import safe_margin, sector_angle
 
 
@@ -23,8 +24,10 @@ def results():
 def test_the_roll_is_told(results):
     """One event, with time, fitting, roll and theta5."""
     (event,) = results[0].events
-    assert "before tee_1: rolls the modules by" in event
-    assert "theta5 from 60.0 to" in event
+    assert isinstance(event, Rolled)
+    assert event.fitting == "tee_1"
+    assert "before tee_1: rolls the modules by" in str(event)
+    assert "theta5 from 60.0 to" in str(event)
 
 
 def test_the_roll_comes_true(results):
@@ -45,7 +48,8 @@ def test_the_roll_comes_true(results):
 def test_a_robot_without_safe_orientation_says_so_and_drives_on(results):
     """The event names the cause; it does not stand still for a roll that does not help."""
     (event,) = results[1].events
-    assert "not aligned: the safe margin is zero" in event
+    assert isinstance(event, NotAligned)
+    assert "not aligned: the safe margin is zero" in str(event)
     assert np.ptp(results[1].trajectory["roll_command"]) == 0
 
 
@@ -54,12 +58,13 @@ def test_modules_on_the_no_motion_line_are_rolled_off_it():
     theta5 is best."""
     base = override(load_scenario("tee_turn"), {"start.roll_deg": 70, "physics.time_limit": 5.0})
     (result,) = run_batch([base])
-    assert "rolls the modules by" in result.events[0]
+    assert "rolls the modules by" in str(result.events[0])
     rolled = np.flatnonzero(result.trajectory["phase"] == result.trajectory.phases.index("align"))[
         -1
     ]
     clear = no_motion_distance(result.trajectory["roll"][rolled])
-    assert (clear > CLEAR_ENOUGH - 2 * ROLL_SETTLED).all()
+    limits = AlignmentTable()
+    assert (clear > np.radians(limits.clear_enough_deg) - 2 * limits.roll_settled).all()
     assert abs(
         orientation_error(result.trajectory["theta5"][rolled], preferred_theta5("tee_turn"))
     ) < np.radians(11.73)

@@ -2,14 +2,18 @@
 
 import numpy as np
 import pytest
-from omnitrack_sim.control.guide import Guide
 
 from omnitrack_sim import load_scenario, override, run_batch
-from omnitrack_sim.control import Settings
+from omnitrack_sim.control import ControlSetup, Settings
 from omnitrack_sim.control.paper import PaperController
+from omnitrack_sim.control.route_map import RouteMap
+from omnitrack_sim.record.events import BackedOff
 from omnitrack_sim.robot import MODULE_ANGLES
 from omnitrack_sim.sim.builder import settings_of
 from omnitrack_sim.theory.kinematics import elbow_speeds
+
+BORE = 0.16
+"""D, m: the unit of lengths in ``[control.parameters]``."""
 
 
 def _turn_speeds(name: str, theta5_deg: float, **more) -> tuple[np.ndarray, object]:
@@ -66,11 +70,15 @@ def test_equal_speeds_are_equal():
 def test_two_modules_are_inner_in_the_worst_orientation():
     """At theta5 = 60 degrees the modules at 60 and -60 from the turn go backward."""
     scenario = override(load_scenario("tee_turn"), {"control.kind": "paper"})
-    guide = Guide.along(scenario.route, np.array([0.1]))
-    settings, _ = settings_of([scenario], guide)
+    routes, way = RouteMap([scenario.route]), np.zeros(1, np.intp)
+    settings, _ = settings_of([scenario], routes, way)
     assert isinstance(settings, Settings)
-    controller = PaperController(guide, scenario.robot, settings, np.zeros((1, 3)), 0.01)
-    place = guide.locate(np.array([[0.0, 0.0, 0.1]]), np.eye(3)[None])
+    at = np.array([0.1])
+    place = routes.locate(np.array([[0.0, 0.0, 0.1]]), np.eye(3)[None], way, at)
+    parameters = [scenario.control_parameters]
+    controller = PaperController(
+        ControlSetup(routes, scenario.robot, settings, parameters, place, np.zeros((1, 3)), 0.01)
+    )
     theta5 = np.radians(60.0)
     speeds = controller._speeds(type(place)(**{**vars(place), "theta5": np.array([theta5])}))
     assert (np.sign(speeds[0]) == -np.sign(np.cos(theta5 + np.array(MODULE_ANGLES)))).all()
@@ -83,17 +91,19 @@ def test_a_failed_turn_is_tried_again():
     without, tried = run_batch([override(base, {"control.retry": False}), base])
     assert without.events == []
     assert not without.success
-    assert any("backs off and tries again" in event for event in tried.events)
+    assert any("backs off and tries again" in str(event) for event in tried.events)
     phases = np.array(tried.trajectory.phases)[tried.trajectory["phase"].astype(int)]
     backing = phases == "back_off"
     assert tried.trajectory["distance"][backing].min() < 0.38 - tried.scenario.robot.length / 2
-    assert 1 <= len([e for e in tried.events if "backs off" in e]) <= 2
+    assert 1 <= len([e for e in tried.events if isinstance(e, BackedOff)]) <= 2
 
 
 def test_an_elbow_can_begin_later():
     """With a delay of 50 mm the turn begins with the head 50 mm past the bend's start."""
     _, result = _turn_speeds(
-        "elbow_short", 0.0, **{"control.elbow_delay": 0.05, "physics.time_limit": 3.0}
+        "elbow_short",
+        0.0,
+        **{"control.parameters.elbow_delay": 0.05 / BORE, "physics.time_limit": 3.0},
     )
     trajectory = result.trajectory
     begin = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("elbow"))[0]
@@ -104,10 +114,9 @@ def test_an_elbow_can_begin_later():
 def test_a_tee_turn_begins_at_its_trigger():
     """Half a radius past the opening's edge, as published, or where the scenario says."""
     base = {"control.align": False, "control.kind": "paper", "physics.time_limit": 4.5}
-    for trigger, expected in ((None, 0.04), (0.06, 0.06)):
-        result = run_batch(
-            [override(load_scenario("tee_turn"), base | {"control.tee_trigger": trigger})]
-        )[0]
+    later = {"control.parameters.tee_trigger": 0.06 / BORE}
+    for changes, expected in (({}, 0.04), (later, 0.06)):
+        (result,) = run_batch([override(load_scenario("tee_turn"), base | changes)])
         trajectory = result.trajectory
         begin = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("tee_turn"))[0]
         head = trajectory["distance"][begin] + result.scenario.robot.length / 2

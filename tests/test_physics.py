@@ -131,7 +131,7 @@ def test_small_motor_scales_the_cruise_speed():
     holds."""
     result = run(_climb(robot__motor="pololu_1000_hpcb"))
     assert result.outcome is Outcome.REACHED_GOAL
-    assert any("scaled" in event for event in result.events)
+    assert any("scaled" in str(event) for event in result.events)
     assert result.metrics["mean_speed_m_s"] < 0.1
 
 

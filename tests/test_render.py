@@ -14,7 +14,7 @@ from omnitrack_sim.film.inset import Inset, needs_map, projection
 from omnitrack_sim.film.overlay import Overlay
 from omnitrack_sim.film.render import render_frame, render_video
 from omnitrack_sim.film.viewpoint import in_the_way, view_directions
-from omnitrack_sim.record.trajectory import CHANNELS, Trajectory
+from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.rotations import quaternion_from_matrix
 from omnitrack_sim.scenario import Scenario
 
@@ -33,7 +33,7 @@ def result():
     line = scenario.route.centreline
     time = np.linspace(0.0, 1.0, 51, dtype=np.float64)
     distance = 0.1 + 0.5 * time
-    channels = {name: np.zeros((len(time), *channel.shape)) for name, channel in CHANNELS.items()}
+    channels = {name: np.zeros((len(time), *channel.shape)) for name, channel in RECORDED.items()}
     position, frame = line.at(distance)[0], line.frame(distance)
     channels |= {
         "position": position,
@@ -199,7 +199,7 @@ def test_map_shows_the_way_driven_so_far():
 def test_map_of_a_plane_network_is_an_elevation():
     """Pipes in the plane y = 0 are seen along y; of pipes in space every one is longer than a
     dot."""
-    flat = Scenario.model_validate({"name": "flat", "pipes": PIPES}).route().network
+    flat = Scenario.model_validate({"name": "flat", "pipes": PIPES}).route.network
     assert np.allclose(np.abs(projection(flat)), [[1, 0, 0], [0, 0, 1], [0, 1, 0]], atol=1e-12)
     network = two_legs()[0].network
     view = projection(network)

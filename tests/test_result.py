@@ -12,9 +12,9 @@ from samples import sample_result, sample_trajectory
 
 from omnitrack_sim.errors import OutputError
 from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.record.trajectory import CHANNELS
+from omnitrack_sim.record.trajectory import RECORDED
 from omnitrack_sim.sim import result as result_module
-from omnitrack_sim.sim.result import column_names, load_result, run_folder
+from omnitrack_sim.sim.result import load_result, run_folder
 
 FILES = {"scenario.json", "result.json", "timeline.csv", "trajectory.parquet", "replay.npz"}
 READ = FILES - {"timeline.csv"}
@@ -41,7 +41,7 @@ def test_round_trip(tmp_path):
     assert loaded.trajectory.phases == saved.trajectory.phases
     np.testing.assert_array_equal(loaded.trajectory.time, saved.trajectory.time)
     np.testing.assert_array_equal(loaded.trajectory.qpos, saved.trajectory.qpos)
-    for name in CHANNELS:
+    for name in RECORDED:
         np.testing.assert_array_equal(loaded.trajectory[name], saved.trajectory[name], err_msg=name)
 
 
@@ -55,14 +55,17 @@ def test_same_run_same_bytes(tmp_path):
 
 def test_columns_carry_units():
     """Column names tell module, track or axis apart."""
-    assert column_names("contact_count")[2:4] == ["contact_count_2_upper", "contact_count_2_lower"]
-    assert column_names("position") == ["position_x", "position_y", "position_z"]
-    assert column_names("contact_position")[:3] == [
+    assert RECORDED["contact_count"].columns[2:4] == (
+        "contact_count_2_upper",
+        "contact_count_2_lower",
+    )
+    assert RECORDED["position"].columns == ("position_x", "position_y", "position_z")
+    assert RECORDED["contact_position"].columns[:3] == (
         "contact_position_1_x",
         "contact_position_1_y",
         "contact_position_1_z",
-    ]
-    names = [column for channel in CHANNELS for column in column_names(channel)]
+    )
+    names = [column for channel in RECORDED.values() for column in channel.columns]
     assert len(names) == len(set(names))
 
 

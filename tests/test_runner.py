@@ -3,8 +3,16 @@
 import numpy as np
 import pytest
 
-from omnitrack_sim import Outcome, Result, load_scenario, override, run, run_batch
-from omnitrack_sim.record.trajectory import CHANNELS
+from omnitrack_sim import (
+    Outcome,
+    Result,
+    Simulation,
+    load_scenario,
+    override,
+    run,
+    run_batch,
+)
+from omnitrack_sim.record.trajectory import RECORDED
 
 
 def _short_tee(**changes):
@@ -13,7 +21,7 @@ def _short_tee(**changes):
 
 
 def _equal(a: Result, b: Result) -> bool:
-    names = all(np.array_equal(a.trajectory[n], b.trajectory[n]) for n in CHANNELS)
+    names = all(np.array_equal(a.trajectory[n], b.trajectory[n]) for n in RECORDED)
     return (
         names
         and np.array_equal(a.trajectory.qpos, b.trajectory.qpos)
@@ -57,10 +65,10 @@ def test_results_keep_the_order_of_the_scenarios():
 
 def test_a_diverging_trial_ends_alone():
     """A trial whose state becomes infinite ends as diverged; its neighbour goes on."""
-    batch = BatchRun([_short_tee(physics__time_limit=0.5), _short_tee(physics__time_limit=0.5)])
-    batch.plant.qpos[0, 0] = np.nan
-    batch.advance()
-    assert [r.outcome for r in batch.results()] == [Outcome.DIVERGED, Outcome.TIMED_OUT]
+    simulation = Simulation([_short_tee(physics__time_limit=0.5)] * 2)
+    simulation.plant.qpos[0, 0] = np.nan
+    simulation.advance()
+    assert [r.outcome for r in simulation.results()] == [Outcome.DIVERGED, Outcome.TIMED_OUT]
 
 
 def test_time_is_strictly_increasing_and_samples_are_regular():

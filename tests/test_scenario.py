@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.errors import ScenarioError
-from omnitrack_sim.scenario import Scenario, load_scenario, model_key, override, validate
+from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
 from omnitrack_sim.schema.reading import shipped_scenarios
+from omnitrack_sim.sim.builder import batch_key
 
 PIPES = [{"kind": "straight", "length": 0.5}]
 
@@ -40,6 +41,15 @@ def test_a_scenario_survives_its_own_json():
     again = Scenario.model_validate_json(scenario.model_dump_json())
     assert again == scenario
     assert again.hash == scenario.hash
+
+
+def test_scenarios_are_equal_by_their_keys():
+    """Two of the same keys are equal with and without their routes built; another key differs."""
+    one, other = load_scenario("tee_turn"), load_scenario("tee_turn")
+    assert one.route is not other.route
+    assert one == other == Scenario.model_validate(one.model_dump())
+    assert one != override(other, {"contact.friction": 0.5})
+    assert one != "tee_turn"
 
 
 @pytest.mark.parametrize(
@@ -114,8 +124,8 @@ def test_a_fault_is_named_by_its_place_with_what_would_be_right(change, where, t
 
 def test_all_faults_are_told_at_once():
     """Three faults in three tables give three lines."""
-    data = {"pipes": PIPES, "contact": {"friction": -1}, "control": {"gain": "x"}, "seed": -1}
-    assert set(_faults(data)) == {"contact.friction", "control.gain", "seed"}
+    data = {"pipes": PIPES, "contact": {"friction": -1}, "monitor": {"patience": "x"}, "seed": -1}
+    assert set(_faults(data)) == {"contact.friction", "monitor.patience", "seed"}
 
 
 def test_a_faulty_pipe_is_one_fault():
@@ -176,8 +186,8 @@ def test_override_takes_numpy_values():
     )
 
 
-def test_only_floats_of_the_compiled_model_share_a_model():
-    """Start, friction, gravity and preload keep the model key; pipes and lug count change it."""
+def test_only_floats_of_the_compiled_model_share_a_batch():
+    """Start, friction, gravity and preload keep the batch key; pipes and lug count change it."""
     base = load_scenario("tee_turn")
     same = {
         "start.theta5_deg": 9.0,
@@ -186,19 +196,23 @@ def test_only_floats_of_the_compiled_model_share_a_model():
         "world.gravity": [0, 0, 1.0],
         "seed": 3,
     }
-    assert model_key(override(base, same).model_dump()) == model_key(base.model_dump())
+    assert batch_key(override(base, same).model_dump(mode="json")) == batch_key(
+        base.model_dump(mode="json")
+    )
     for change in (
         {"pipes.0.length": 0.35},
         {"robot.lugs_per_track": 5},
         {"physics.timestep": 0.001},
     ):
-        assert model_key(override(base, change).model_dump()) != model_key(base.model_dump())
+        assert batch_key(override(base, change).model_dump(mode="json")) != batch_key(
+            base.model_dump(mode="json")
+        )
 
 
 def test_route_lies_along_the_start_axis():
     """The first pipe runs along start.axis from the origin, whatever the axis."""
     for axis in ([1.0, 0, 0], [0, 0, -1.0], [0.3, -0.5, 0.2]):
-        route = validate({"pipes": PIPES, "start": {"axis": axis}}).route()
+        route = validate({"pipes": PIPES, "start": {"axis": axis}}).route
         _, tangent, _, _ = route.centreline.at([0.1])
         assert tangent[0] == pytest.approx([a / math.hypot(*axis) for a in axis])
 

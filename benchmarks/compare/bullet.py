@@ -43,8 +43,10 @@ from omnitrack_sim.pipes.fittings import Fitting
 from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.rotations import Array, cross, dot, matrix_from_quaternion
-from omnitrack_sim.sim.plant import AT_REST, BOTH_TRACKS_COSINE, NUMBERS, Plant, Readings, Trials
-from omnitrack_sim.sim.simulation import MakePlant
+from omnitrack_sim.sensing.truth import AT_REST
+from omnitrack_sim.sim.plant import BOTH_TRACKS_COSINE, NUMBERS, Plant, Start
+from omnitrack_sim.sim.shares import timed
+from omnitrack_sim.sim.simulation import MakePlant, Simulation
 from omnitrack_sim.theory.kinematics import belt_sign
 
 JOBS = ("straight", "elbow_short", "tee_turn")
@@ -268,25 +270,25 @@ def robot_urdf(robot: Robot) -> str:
 class BulletPlant:
     """One robot in Bullet with what ``Simulation`` uses of ``Plant``."""
 
-    def __init__(self, scenario: Scenario, trials: Trials, settings: BulletSettings):
-        if len(trials.friction) != 1:
+    def __init__(self, scenario: Scenario, start: Start, settings: BulletSettings):
+        if len(start.friction) != 1:
             raise ValueError("Bullet runs one robot at a time")
         self.robot, self.settings, self.n = scenario.robot, settings, 1
         self.period = scenario.physics.timestep
         self.client = bullet.connect(bullet.DIRECT)
-        self._prepare(trials.gravity[0])
-        start = time.perf_counter()
+        self._prepare(start.gravity[0])
+        began = time.perf_counter()
         self.wall = add_wall(self.client, scenario.route.network, settings)
-        self.body = self._add_robot(trials)
-        self.build_seconds = time.perf_counter() - start
+        self.body = self._add_robot(start)
+        self.build_seconds = time.perf_counter() - began
         self.spring_free, self.roll_torque = (
-            float(trials.spring_free[0]),
-            float(trials.roll_torque[0]),
+            float(start.spring_free[0]),
+            float(start.roll_torque[0]),
         )
         self.engine_seconds, self.engine_steps = 0.0, 0
         self.diverged = np.zeros(1, bool)
         self.time = 0.0
-        self._contact_position = np.repeat(trials.position[:, None], 3, axis=1)[0]
+        self._contact_position = np.repeat(start.position[:, None], 3, axis=1)[0]
         self._at_wall = np.ones((3, 2), bool)
         self.qpos = np.zeros((1, 7 + 3 * JOINTS_PER_MODULE))
         self._refresh()
@@ -315,14 +317,14 @@ class BulletPlant:
             physicsClientId=self.client,
         )
 
-    def _add_robot(self, trials: Trials) -> int:
-        w, *xyz = trials.quaternion[0]
+    def _add_robot(self, start: Start) -> int:
+        w, *xyz = start.quaternion[0]
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "robot.urdf"
             file.write_text(robot_urdf(self.robot), encoding="utf-8")
             body = bullet.loadURDF(
                 str(file),
-                trials.position[0].tolist(),
+                start.position[0].tolist(),
                 [*xyz, w],
                 flags=bullet.URDF_USE_INERTIA_FROM_FILE,
                 physicsClientId=self.client,
@@ -351,7 +353,7 @@ class BulletPlant:
             bullet.changeDynamics(body, link, **quiet, physicsClientId=self.client)
         for link in self._belts:
             surface = {
-                "lateralFriction": float(trials.friction[0]),
+                "lateralFriction": float(start.friction[0]),
                 "spinningFriction": 0.0,
                 "rollingFriction": 0.0,
             }
@@ -366,7 +368,7 @@ class BulletPlant:
             bullet.setCollisionFilterGroupMask(
                 body, link, LUG_GROUP, WALL_GROUP, physicsClientId=self.client
             )
-        for row, slide, roll in zip(self._joint, trials.slide[0], trials.roll[0], strict=True):
+        for row, slide, roll in zip(self._joint, start.slide[0], start.roll[0], strict=True):
             bullet.resetJointState(body, row[SLIDE], slide, physicsClientId=self.client)
             bullet.resetJointState(body, row[ROLL], roll, physicsClientId=self.client)
         # Every joint comes with a velocity motor that brakes it.
@@ -411,7 +413,7 @@ class BulletPlant:
             )
         return found
 
-    def read(self) -> Readings:
+    def read(self) -> dict[str, Array]:
         """As ``Plant.read``."""
         qpos = self.qpos[:, 7:].reshape(1, 3, JOINTS_PER_MODULE)
         links = bullet.getLinkStates(
@@ -447,40 +449,40 @@ class BulletPlant:
         quaternion = np.array(self.qpos[:, 3:7])
         base = matrix_from_quaternion(quaternion)
         _, angular = bullet.getBaseVelocity(self.body, physicsClientId=self.client)
-        return Readings(
-            time=np.array([self.time]),
-            position=np.array(self.qpos[:, :3]),
-            quaternion=quaternion,
-            rotation=base,
-            angular_velocity=np.array([angular]) @ base[0],
-            slide=np.array(qpos[..., SLIDE]),
-            pitch=np.array(qpos[..., PITCH]),
-            roll=np.array(qpos[..., ROLL]),
-            traction=dot(total, forward)[None],
-            normal_force=-dot(total, arm_out)[None],
-            belt_speed=belt_speed[None].copy(),
-            motor_torque=self._motor_force[None][..., [UPPER, LOWER]].sum(axis=-1)
+        return {
+            "time": np.array([self.time]),
+            "position": np.array(self.qpos[:, :3]),
+            "quaternion": quaternion,
+            "rotation": base,
+            "angular_velocity": np.array([angular]) @ base[0],
+            "slide": np.array(qpos[..., SLIDE]),
+            "pitch": np.array(qpos[..., PITCH]),
+            "roll": np.array(qpos[..., ROLL]),
+            "traction": dot(total, forward)[None],
+            "normal_force": -dot(total, arm_out)[None],
+            "belt_speed": belt_speed[None].copy(),
+            "motor_torque": self._motor_force[None][..., [UPPER, LOWER]].sum(axis=-1)
             * self.robot.lug_radius,
-            module_speed=module_speed[None],
-            wall_speed=wall_speed[None],
-            slip_velocity=slip[None],
-            slip_ratio=np.where(
+            "module_speed": module_speed[None],
+            "wall_speed": wall_speed[None],
+            "slip_velocity": slip[None],
+            "slip_ratio": np.where(
                 scale > AT_REST, np.clip(slip / np.maximum(scale, AT_REST), -1, 1), 0.0
             )[None],
-            contact_count=number[None],
-            contact_position=self._contact_position[None].copy(),
-        )
+            "contact_count": number[None],
+            "contact_position": self._contact_position[None].copy(),
+        }
 
     def step(
         self,
-        active: NDArray[np.intp],
+        active: NDArray[np.bool_],
         drive: tuple[Array, Array, Array],
         roll: Array,
         substeps: int,
     ) -> None:
         """As ``Plant.step``; ``substeps`` counts the scenario's physics steps, Bullet takes as many
         as it is set to."""
-        if 0 not in active:
+        if not active[0]:
             return
         self._ask_motors(tuple(value[0] for value in drive), roll[0])
         self._move_rows_back()
@@ -583,8 +585,8 @@ def _push(length: float, free: float) -> float:
 def make_bullet_plant(settings: BulletSettings) -> MakePlant:
     """A plant maker for ``Simulation``: Bullet in the place of MuJoCo."""
 
-    def make(scenario: Scenario, trials: Trials, threads: int) -> Plant:
-        return BulletPlant(scenario, trials, settings)  # type: ignore[return-value]
+    def make(scenario: Scenario, start: Start, threads: int) -> Plant:
+        return BulletPlant(scenario, start, settings)  # type: ignore[return-value]
 
     return make
 
@@ -677,8 +679,8 @@ class Drive:
 
 def drive(scenario: Scenario, settings: BulletSettings) -> Drive:
     """Run a scenario at a setting."""
-    batch = BatchRun([scenario], make_plant=make_bullet_plant(settings))
-    plant: BulletPlant = batch.plant  # type: ignore[assignment]
+    simulation = Simulation([scenario], make_plant=make_bullet_plant(settings))
+    plant: BulletPlant = simulation.plant  # type: ignore[assignment]
     contacts: list[float] = []
     inner = plant.step
 
@@ -691,13 +693,14 @@ def drive(scenario: Scenario, settings: BulletSettings) -> Drive:
 
     watched.spent = 0.0  # type: ignore[attr-defined]
     plant.step = watched  # type: ignore[method-assign]
-    batch.advance(clock=time.perf_counter)
-    duration = float(batch.monitor.end_time[0])
-    shares, spent = batch.shares, watched.spent  # type: ignore[attr-defined]
-    trajectory = batch.recorder.trajectories(batch.monitor.end_time)[0]
+    shares, spent = timed(simulation), watched.spent  # type: ignore[attr-defined]
+    duration = float(simulation.end_time[0])
+    (trajectory,) = simulation.recorder.trajectories(simulation.end_time)
+    (ending,) = simulation.endings
+    assert ending is not None
     result = Drive(
-        outcome=str(getattr(batch.monitor.outcome[0], "value", batch.monitor.outcome[0])),
-        reason=batch.monitor.reason[0],
+        outcome=ending.outcome.value,
+        reason=ending.reason,
         duration_s=duration,
         speed=duration / (shares.physics - spent),
         speed_engine=duration / plant.engine_seconds,

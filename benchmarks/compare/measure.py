@@ -12,6 +12,8 @@ from entries import Built, Entry
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.robot import MODULES
 from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.sim.shares import Shares, timed
+from omnitrack_sim.sim.simulation import Simulation
 
 PARTS = {"straight": 0, "elbow_short": 1, "tee_turn": 1}
 """Index of the fitting, in the pipes of each job, whose wall is probed."""
@@ -83,7 +85,7 @@ class Case:
         try:
             case.built = entry.prepare(scenario)
             row.build_s, row.elements = case.built.build_s, case.built.elements
-            part = own.route().network.parts[PARTS[job]]
+            part = own.route.network.parts[PARTS[job]]
             row.wall_error_max_mm, row.wall_error_99_mm = case.built.wall_error(part, probes)
         except Exception as error:  # whatever a peer fails with is its result
             row.error = f"{type(error).__name__}: {error}"
@@ -102,25 +104,28 @@ class Case:
 
         row = self.row
         try:
-            batch = BatchRun([self.scenario], 1, self.built.make_plant)
+            simulation, shares = (
+                Simulation([self.scenario], make_plant=self.built.make_plant),
+                Shares(),
+            )
             outcome = "out_of_budget"
             try:
-                batch.advance(watch, clock=time.process_time)
-                outcome = str(batch.monitor.outcome[0])
+                timed(simulation, progress=watch, clock=time.process_time, into=shares)
+                (ending,) = simulation.endings
+                assert ending is not None
+                outcome = ending.outcome.value
             except OutOfBudgetError:
                 pass
-            self._fill(batch, outcome)
+            self._fill(simulation, shares, outcome)
         except Exception as error:  # likewise
             row.error = f"{type(error).__name__}: {error}"
 
-    def _fill(self, batch: BatchRun, outcome: str) -> None:
-        row, shares = self.row, batch.shares
-        readings = batch.plant.read()
-        place = batch.guide.locate(readings.position, readings.rotation)
+    def _fill(self, simulation: Simulation, shares: Shares, outcome: str) -> None:
+        row, place = self.row, simulation.observation.place
         row.outcome, row.error = outcome, None
-        row.duration_s, row.progress_m = float(readings.time[0]), float(place.distance[0])
+        row.duration_s, row.progress_m = float(simulation.time[0]), float(place.distance[0])
         row.tilt_deg = float(np.degrees(place.tilt[0]))
-        (trajectory,) = batch.recorder.trajectories(readings.time)
+        (trajectory,) = simulation.recorder.trajectories(simulation.time)
         row.contacts = float(trajectory["contact_count"].sum(axis=(-1, -2)).mean())
         row.contacts_per_lug = row.contacts / (MODULES * self.scenario.robot.lugs_per_track)
         row.step_speed = row.duration_s / shares.physics

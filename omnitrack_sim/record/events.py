@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 
@@ -18,11 +18,11 @@ class Event:
     written to ``result.json`` with its fields, and read back by the name of its class.
 
     Attributes:
-        robot: index of the trial in its batch; not written to files.
+        robot: index of the robot in its batch; not written to files and not compared.
         time: s of simulated time.
     """
 
-    robot: int
+    robot: int = field(compare=False)
     time: float
     kinds: ClassVar[dict[str, type[Event]]] = {}
 

@@ -65,7 +65,7 @@ class State(dict[str, Array]):
     Attributes:
         time: (n,) s. qpos: (n, nq). qvel: (n, nv). sensordata: (n, ns). actuator_force: (n, nu).
         xpos: (n, 3 nbody) m, world frame. xmat: (n, 9 nbody), row by row. All are the engine's own
-            arrays: a sensor returns copies.
+            arrays: a sensor does not write into them.
         at: addresses of the robot's parts. robot: its parameters.
         last: values of the sensors at the moment before; at the first one, start values.
         shared: what sensors keep for each other within one moment.
@@ -95,7 +95,9 @@ class State(dict[str, Array]):
         self.shared: dict[str, Any] = {}
 
     def __missing__(self, name: str) -> Array:
-        value = self[name] = self._read[name](self)
+        value = self._read[name](self)
+        # A view of an array of the engine would change with the next step.
+        value = self[name] = value if value.base is None else value.copy()
         return value
 
     def read(self) -> dict[str, Array]:

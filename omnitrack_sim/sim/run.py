@@ -69,7 +69,7 @@ def run_batch(
     """
     if controller is not None:
         scenarios = [scenario.driven_by(controller) for scenario in scenarios]
-    slips = no_load_slips(scenarios) if no_load else None
+    slips = no_load_slips(scenarios, sensors) if no_load else None
     groups: dict[str, list[int]] = defaultdict(list)
     for index, scenario in enumerate(scenarios):
         groups[batch_key(scenario.model_dump(mode="json"))].append(index)
@@ -90,12 +90,15 @@ def run_batch(
     return [results[i] for i in range(len(scenarios))]
 
 
-def no_load_slips(scenarios: Sequence[Scenario]) -> list[float]:
+def no_load_slips(
+    scenarios: Sequence[Scenario], sensors: Sequence[Sensor] = ()
+) -> list[float]:
     """Mean slip speed, m/s, of the same robots at the same speed in a straight pipe without
     gravity.
 
     Regularised friction creeps: this is what slip reads when nothing pulls. Measured by a short
-    run, one for each robot, physics, friction and speed.
+    run, one for each robot, physics, friction and speed. ``sensors`` are there for controllers that
+    look at them.
     """
     bare = [_unloaded(scenario) for scenario in scenarios]
     distinct = {scenario.model_dump_json(): scenario for scenario in bare}
@@ -104,7 +107,7 @@ def no_load_slips(scenarios: Sequence[Scenario]) -> list[float]:
         groups[batch_key(scenario.model_dump(mode="json"))].append(text)
     slips: dict[str, float] = {}
     for texts in groups.values():
-        simulation = Simulation([distinct[text] for text in texts])
+        simulation = Simulation([distinct[text] for text in texts], sensors=sensors)
         simulation.advance()
         trajectories = simulation.recorder.trajectories(simulation.end_time)
         for text, trajectory in zip(texts, trajectories, strict=True):

@@ -206,7 +206,9 @@ class Simulation:
             speed = np.where(each, speed, self._belt_command)
             roll = np.where(each, roll, self._roll_command)
             phase = np.where(active, phase, self._phase)
-        self._belt_command, self._roll_command, self._phase = speed, roll, phase
+        # Copies: whoever made the command may write into its arrays again.
+        self._belt_command, self._roll_command = speed.copy(), roll.copy()
+        self._phase = phase.copy()
         self._resting = self._nobody if resting is None else resting
         for event in command.events:
             self._events[event.robot].append(event)
