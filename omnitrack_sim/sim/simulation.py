@@ -95,6 +95,7 @@ class Simulation:
         start = start_of(self.scenarios, self.legs.routes, self.legs.way)
         settings, notes = settings_of(self.scenarios, self.legs.routes, self.legs.way)
         self.collider = collider_of(first)
+        sensors = (*first.own_sensors, *sensors)
         every = (*SENSORS, *sensors)
         self.channels: tuple[Channel, ...] = (
             *CHANNELS.values(),
@@ -318,7 +319,7 @@ class Simulation:
                 no_load_slip=slips[i],
                 lug_radius=scenario.robot.lug_radius,
                 torque_limit=float(self.drive.torque_limit[i, 0]),
-                metrics=(*METRICS, *metrics),
+                metrics=(*METRICS, *scenario.own_metrics, *metrics),
             )
             results.append(
                 Result(
