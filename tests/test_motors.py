@@ -7,7 +7,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.errors import ScenarioError
 from omnitrack_sim.robot.quantity import quantity_of
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.sim.setup import scene_of
+from omnitrack_sim.sim.builder import scene_of
 
 PIPES = [{"kind": "straight", "length": 0.8}]
 OWN = {
