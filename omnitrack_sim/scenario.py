@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
@@ -15,11 +15,12 @@ from pydantic import BaseModel, Field, model_validator
 from omnitrack_sim.control.catalogue import controller_of, parameters_model
 from omnitrack_sim.control.interface import Controller
 from omnitrack_sim.errors import Fault, GeometryError, InputError, NetworkError, ScenarioError
-from omnitrack_sim.naming import name_of
+from omnitrack_sim.naming import name_of, named
 from omnitrack_sim.network import Mission, Network, Planner, load_network
 from omnitrack_sim.network import validate as validate_network
 from omnitrack_sim.network.mission import NOSE_ROOM
 from omnitrack_sim.pipes import Route, route
+from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.robot import Motor, Robot
 from omnitrack_sim.rotations import Pose, frame_along
 from omnitrack_sim.schema.reading import (
@@ -40,6 +41,7 @@ from omnitrack_sim.schema.tables import (
     MonitorTable,
     Physics,
     Pipe,
+    RecordTable,
     ReducerPipe,
     Start,
     StraightPipe,
@@ -47,7 +49,9 @@ from omnitrack_sim.schema.tables import (
     TeePipe,
     World,
 )
+from omnitrack_sim.sensing import Sensor
 
+_Thing = TypeVar("_Thing")
 OPEN_TABLE = "control.parameters."
 """Below this path the controller decides which keys there are."""
 _PIPES: dict[str, type[BaseModel]] = {
@@ -74,6 +78,7 @@ class Scenario(Table):
     physics: Physics = Physics()
     goal: Goal = Goal()
     monitor: MonitorTable = MonitorTable()
+    record: RecordTable = RecordTable()
     expect: Expect = Expect()
     seed: Annotated[int, Field(ge=0)] = 0
 
@@ -122,6 +127,24 @@ class Scenario(Table):
     def control_parameters(self) -> Any:
         """``[control.parameters]`` as the controller's own model, or an empty table."""
         return parameters_model(self.controller_class)(**self.control.parameters)
+
+    @property
+    def own_sensors(self) -> tuple[Sensor, ...]:
+        """The sensors that ``record.sensors`` names.
+
+        Raises:
+            InputError: there is no such sensor.
+        """
+        return _of_kind("record.sensors", self.record.sensors, Sensor)
+
+    @property
+    def own_metrics(self) -> tuple[Metric, ...]:
+        """The metrics that ``record.metrics`` names.
+
+        Raises:
+            InputError: there is no such metric.
+        """
+        return _of_kind("record.metrics", self.record.metrics, Metric)
 
     def driven_by(self, controller: type[Controller]) -> Scenario:
         """The same run under a controller class of a user's own, with its default parameters."""
@@ -308,9 +331,25 @@ def validate(data: Mapping[str, Any], folder: Path = Path()) -> Scenario:
         )
     except ScenarioError as error:
         raise ScenarioError([*error.faults, *faults]) from None
+    for own in ("own_sensors", "own_metrics"):
+        try:
+            getattr(scenario, own)
+        except InputError as error:
+            faults = [*faults, *error.faults]
     if faults:
         raise ScenarioError(faults)
     return scenario
+
+
+def _of_kind(where: str, names: tuple[str, ...], kind: type[_Thing]) -> tuple[_Thing, ...]:
+    """Objects by their names, each of which has to be a ``kind``."""
+    found = []
+    for i, name in enumerate(names):
+        thing = named(name, f"{where}.{i}", {})
+        if not isinstance(thing, kind):
+            raise InputError(Fault(f"{where}.{i}", f"is {name!r}, which is no {kind.__name__}"))
+        found.append(thing)
+    return tuple(found)
 
 
 def _with_parameters(data: Mapping[str, Any]) -> tuple[Mapping[str, Any], list[Fault]]:

@@ -47,11 +47,13 @@ def seen(
     back = gear < 0
     if not np.count_nonzero(back):
         return readings
-    mirrored = {}
-    for channel in channels:
-        if channel.name in readings and channel.tail_first != "same":
-            mirrored[channel.name] = _mirrored(readings[channel.name], back, channel.tail_first)
-    return {**readings, **mirrored}
+    return {
+        channel.name: readings[channel.name]
+        if channel.tail_first == "same"
+        else _mirrored(readings[channel.name], back, channel.tail_first)
+        for channel in channels
+        if channel.source == "plant"
+    }
 
 
 def carried_out(command: Command, gear: NDArray[np.int_]) -> Command:

@@ -40,12 +40,17 @@ class Observation:
         leg: NDArray[np.int_],
         gear: NDArray[np.int_],
     ) -> None:
-        self.__dict__.update(readings)
+        self._readings = readings
         self.place, self.leg, self.gear = place, leg, gear
 
     def __getattr__(self, name: str) -> Array:
-        known = [c.name for c in CHANNELS.values() if c.source == "plant"]
-        raise AttributeError(f"no channel {name!r} is observed (choose from: {', '.join(known)})")
+        try:
+            value = self.__dict__[name] = self.__dict__["_readings"][name]
+        except KeyError:
+            known = ", ".join(c.name for c in CHANNELS.values() if c.source == "plant")
+            message = f"no channel {name!r} is observed (choose from: {known})"
+            raise AttributeError(message) from None
+        return value
 
 
 class Command(NamedTuple):

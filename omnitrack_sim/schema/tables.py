@@ -291,6 +291,13 @@ class Goal(Table):
     )
 
 
+class RecordTable(Table):
+    """Sensors and metrics of a user's own, by the name ``module:Object``; see docs/extending.md."""
+
+    sensors: tuple[str, ...] = ()  # values of ot.Sensor: their channels are observed and recorded
+    metrics: tuple[str, ...] = ()  # values of ot.Metric
+
+
 class Expect(Table):
     """What the author of the file expects; ``omnitrack run`` says whether it came true."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,18 +56,21 @@ class Addresses:
     roll_motors: NDArray[np.intp]
 
 
+MOST_UNREAD = 50
+"""Moments that a sensor which looks back may find unread."""
+
+
 class State(dict[str, Array]):
     """What the physics knows of n robots at one moment. Sensors read it, and each other by name.
 
-    ``state["motor_torque"]`` is the value of that sensor at this moment, computed once however
-    often it is asked for.
+    ``state["motor_torque"]`` is the value of that sensor at this moment. It is computed when it is
+    first asked for, and once however often; a state stays what it was when the physics has moved
+    on.
 
     Attributes:
         time: (n,) s. qpos: (n, nq). qvel: (n, nv). sensordata: (n, ns). actuator_force: (n, nu).
-        xpos: (n, 3 nbody) m, world frame. xmat: (n, 9 nbody), row by row. All are the engine's own
-            arrays: a sensor does not write into them.
+        xpos: (n, 3 nbody) m, world frame. xmat: (n, 9 nbody), row by row.
         at: addresses of the robot's parts. robot: its parameters.
-        last: values of the sensors at the moment before; at the first one, start values.
         shared: what sensors keep for each other within one moment.
     """
 
@@ -84,27 +87,25 @@ class State(dict[str, Array]):
         arrays: Mapping[str, Array],
         at: Addresses,
         robot: Robot,
-        sensors: Iterable[Sensor],
-        start: Mapping[str, Array],
+        read: Mapping[str, Callable[[State], Array]],
+        before: State | Mapping[str, Array],
     ) -> None:
-        super().__init__(start)
+        """``arrays`` by the names of the attributes, ``read``: functions of the sensors by name,
+        ``before``: the state at the moment before, or start values."""
+        super().__init__()
         self.__dict__.update(arrays)
-        self.at, self.robot = at, robot
-        self._read = {sensor.channel.name: sensor.read for sensor in sensors}
-        self.last: Mapping[str, Array] = {}
+        self.at, self.robot, self._read, self._before = at, robot, read, before
         self.shared: dict[str, Any] = {}
+        self._unread = before._unread + 1 if isinstance(before, State) else 0
+        if self._unread > MOST_UNREAD:
+            self.last("contact_position")
 
     def __missing__(self, name: str) -> Array:
-        value = self._read[name](self)
-        # A view of an array of the engine would change with the next step.
-        value = self[name] = value if value.base is None else value.copy()
+        value = self[name] = self._read[name](self)
+        if name == "contact_position":
+            self._before, self._unread = {}, 0  # nobody looks back beyond this moment
         return value
 
-    def read(self) -> dict[str, Array]:
-        """The values of all sensors at this moment, by name."""
-        self.last = dict(self)
-        self.clear()
-        self.shared.clear()
-        for name in self._read:
-            self[name]
-        return dict(self)
+    def last(self, name: str) -> Array:
+        """The value of a sensor at the moment before; at the first one, its start value."""
+        return self._before[name]

@@ -18,15 +18,15 @@ AT_REST = 1e-3
 
 
 def _time(state: State) -> Array:
-    return np.array(state.time)
+    return state.time
 
 
 def _position(state: State) -> Array:
-    return np.array(state.qpos[:, :3])
+    return state.qpos[:, :3]
 
 
 def _quaternion(state: State) -> Array:
-    return np.array(state.qpos[:, 3:7])
+    return state.qpos[:, 3:7]
 
 
 def _rotation(state: State) -> Array:
@@ -34,7 +34,7 @@ def _rotation(state: State) -> Array:
 
 
 def _angular_velocity(state: State) -> Array:
-    return np.array(state.qvel[:, 3:6])
+    return state.qvel[:, 3:6]
 
 
 def _belt_speed(state: State) -> Array:
@@ -96,7 +96,7 @@ def _contact_position(state: State) -> Array:
     if np.count_nonzero(known) == known.size:
         return places / total[..., None]
     centre = places / np.where(known, total, 1.0)[..., None]
-    return np.where(known[..., None], centre, state.last["contact_position"])
+    return np.where(known[..., None], centre, state.last("contact_position"))
 
 
 def _module_speed(state: State) -> Array:

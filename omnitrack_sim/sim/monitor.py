@@ -36,7 +36,8 @@ class Monitor:
         routes: of the robots. robot: its length and weight are units of the limits.
         limits: see ``[monitor]`` in docs/scenarios.md.
         start: (n,) m, where they begin. cruise_speed: (n,) m/s.
-        time_limit: (n,) s. period: s between two looks.
+        time_limit: (n,) s. period: s between two looks. sample_period: s between two samples of
+            the averages.
     """
 
     def __init__(
@@ -48,10 +49,12 @@ class Monitor:
         cruise_speed: Array,
         time_limit: Array,
         period: float,
+        sample_period: float,
     ):
         n, bore = len(start), 2 * robot.nominal_pipe_radius
         longer = math.sqrt(robot.nominal_pipe_radius / 0.08)  # times scale with the root of D
         self.routes, self.limits, self.period = routes, limits, period
+        self._sample_period = sample_period
         self._progress, self._slide_back = limits.progress * bore, limits.slide_back * bore
         patience = limits.patience * bore / cruise_speed
         self._patience = np.maximum(limits.patience_time * longer, patience)  # (n,) s
@@ -76,8 +79,6 @@ class Monitor:
         readings: Mapping[str, Array],
         place: Place,
         goal: Array,
-        belt_command: Array,
-        saturated: NDArray[np.bool_],
         resting: NDArray[np.bool_],
         diverged: NDArray[np.bool_],
     ) -> list[Verdict]:
@@ -86,11 +87,9 @@ class Monitor:
         Args:
             readings: of the sensors. place: of the robots.
             goal: (n,) m, arc length where the leg at hand is over.
-            belt_command: (n, 3) m/s. saturated: (n, 3) motors at their torque limit.
             resting: (n,) robots that stand still or drive backward on purpose.
             diverged: (n,) robots whose physics has gone wrong.
         """
-        self._average(readings, belt_command, saturated)
         distance = place.distance
         # Headway is counted anew from where a robot rests or has backed off to.
         counts = (distance > self._farthest + self._progress) | resting
@@ -127,12 +126,18 @@ class Monitor:
             | (place.distance > self._way_out.take(place.way))
         )
 
-    def _average(
+    def average(
         self, readings: Mapping[str, Array], belt_command: Array, saturated: NDArray[np.bool_]
     ) -> None:
+        """Add one sample to the averages that the cause of a failure is read from.
+
+        Args:
+            readings: of the sensors, at every ``sample_period``.
+            belt_command: (n, 3) m/s. saturated: (n, 3) motors at their torque limit.
+        """
         self._steps += 1
         # A plain mean until the memory is full.
-        weight = max(self.period / self._memory, 1 / self._steps)
+        weight = max(self._sample_period / self._memory, 1 / self._steps)
         sample = self._sample
         sample[:, NORMAL_FORCE] = readings["normal_force"]
         np.abs(readings["slip_ratio"], out=sample[:, SLIP_RATIO])

@@ -65,7 +65,6 @@ class Plant:
     Attributes:
         n: number of robots. qpos: (n, nq) joint positions, the engine's own array.
         diverged: (n,) bool, robots whose physics has gone wrong.
-        state: what sensors read.
     """
 
     def __init__(
@@ -83,7 +82,10 @@ class Plant:
         self._at = _addresses(model)
         self._bind()
         self._set_start(start)
-        self.state = self._state(sensors, start)
+        self._sensors = {sensor.channel.name: sensor.read for sensor in sensors}
+        self._last: State | dict[str, Array] = {
+            "contact_position": np.repeat(start.position[:, None], 3, axis=1)
+        }
         self.diverged = np.zeros(self.n, bool)
         self._batch.forward()
         self._warnings = self._count_warnings()
@@ -103,6 +105,10 @@ class Plant:
             [[model.joint(f"belt_{t}_{i}").qposadr[0] for t in TRACKS] for i in NUMBERS]
         )  # (3, 2) in qpos
         self._at_wall = np.ones((self.n, 3, 2), bool)
+        names = ("time", "qpos", "qvel", "sensordata", "actuator_force", "xpos", "xmat")
+        self._arrays = {name: b.bind(name) for name in names}
+        for name in ("xpos", "xmat"):
+            self._arrays[name] = self._arrays[name].reshape(self.n, -1)
         self._belt_motors, self._roll_motors = _slice(at.belt_motors), _slice(at.roll_motors)
 
     def _set_start(self, start: Start) -> None:
@@ -117,19 +123,14 @@ class Plant:
         self.qpos[:, at.slide], self.qpos[:, at.roll] = start.slide, start.roll
         self._ctrl[:, at.roll_motors] = start.roll
 
-    def _state(self, sensors: Sequence[Sensor], start: Start) -> State:
-        names = ("time", "qpos", "qvel", "sensordata", "actuator_force", "xpos", "xmat")
-        arrays = {name: self._batch.bind(name) for name in names}
-        arrays |= {name: arrays[name].reshape(self.n, -1) for name in ("xpos", "xmat")}
-        before = {"contact_position": np.repeat(start.position[:, None], 3, axis=1)}
-        return State(arrays, self._at, self.robot, sensors, before)
-
-    def read(self) -> dict[str, Array]:
-        """Values of all sensors, (n, ...) by the names of their channels.
+    def read(self) -> State:
+        """Values of all sensors at this moment, (n, ...) by the names of their channels.
 
         Forces and velocities are those of the last physics step.
         """
-        return self.state.read()
+        arrays = {name: array.copy() for name, array in self._arrays.items()}
+        self._last = State(arrays, self._at, self.robot, self._sensors, self._last)
+        return self._last
 
     def step(
         self,
@@ -154,7 +155,7 @@ class Plant:
         # Chains are endless: a row of lugs that has moved on by a pitch is the same row, moved
         # back.
         travel = self.qpos.take(self._belts, axis=1)
-        pitches = np.rint(travel / self._pitch_of_lugs)
+        pitches = np.rint(travel / self._pitch_of_lugs) * active[:, None, None]
         if np.count_nonzero(pitches):
             self.qpos[:, self._belts] = travel - self._pitch_of_lugs * pitches
         self._leave_out_far_tracks()

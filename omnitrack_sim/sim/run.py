@@ -90,9 +90,7 @@ def run_batch(
     return [results[i] for i in range(len(scenarios))]
 
 
-def no_load_slips(
-    scenarios: Sequence[Scenario], sensors: Sequence[Sensor] = ()
-) -> list[float]:
+def no_load_slips(scenarios: Sequence[Scenario], sensors: Sequence[Sensor] = ()) -> list[float]:
     """Mean slip speed, m/s, of the same robots at the same speed in a straight pipe without
     gravity.
 
@@ -127,6 +125,7 @@ def _unloaded(scenario: Scenario) -> Scenario:
             "contact": scenario.contact.model_dump(),
             "control": scenario.control.model_dump(),
             "monitor": scenario.monitor.model_dump(),
+            "record": scenario.record.model_dump(),
             "world": {"gravity": [0.0, 0.0, 0.0]},
             "pipes": [{"kind": "straight", "length": size, "inner_diameter": 2 * first.radius}],
             "start": {"distance": 0.15 * size},

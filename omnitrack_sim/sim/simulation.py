@@ -95,6 +95,7 @@ class Simulation:
         start = start_of(self.scenarios, self.legs.routes, self.legs.way)
         settings, notes = settings_of(self.scenarios, self.legs.routes, self.legs.way)
         self.collider = collider_of(first)
+        sensors = (*first.own_sensors, *sensors)
         every = (*SENSORS, *sensors)
         self.channels: tuple[Channel, ...] = (
             *CHANNELS.values(),
@@ -141,8 +142,11 @@ class Simulation:
             settings.cruise_speed,
             limits,
             self.period,
+            self.period * self._record_every,
         )
-        self.recorder = Recorder(self.phases, {c.name: c for c in self.channels if c.recorded})
+        schema = {c.name: c for c in self.channels if c.recorded}
+        self.recorder = Recorder(self.phases, schema)
+        self._measured = ["time", *(c.name for c in schema.values() if c.source == "plant")]
         self._belt_command, self._roll_command = np.zeros((self.n, 3)), start.roll.copy()
         self._phase, self._nobody = np.zeros(self.n, int), np.zeros(self.n, bool)
         self._resting = self._nobody
@@ -223,12 +227,12 @@ class Simulation:
 
     def _settle(self) -> None:
         """Judge where the robots are now, send on who is due, record."""
+        if self._tick % self._record_every == 0:
+            self.monitor.average(self._readings, self._belt_command, self.drive.saturated)
         verdicts = self.monitor.look(
             self._readings,
             self._place,
             self.legs.end,
-            self._belt_command,
-            self.drive.saturated,
             self._resting,
             self.plant.diverged,
         )
@@ -270,7 +274,7 @@ class Simulation:
         self.recorder.sample(
             self.plant.qpos,
             {
-                **self._readings,
+                **{name: self._readings[name] for name in self._measured},
                 "leg": legs.number,
                 "gear": legs.gear,
                 "distance": place.distance,
@@ -319,7 +323,7 @@ class Simulation:
                 no_load_slip=slips[i],
                 lug_radius=scenario.robot.lug_radius,
                 torque_limit=float(self.drive.torque_limit[i, 0]),
-                metrics=(*METRICS, *metrics),
+                metrics=(*METRICS, *scenario.own_metrics, *metrics),
             )
             results.append(
                 Result(

@@ -73,7 +73,7 @@ def _row(index: int, result: Result) -> Row:
         "collider": result.provenance["collider"],
         "events": " | ".join(map(str, result.events)),
     }
-    for metric in METRICS:
+    for metric in (*METRICS, *result.scenario.own_metrics):
         value = result.metrics[metric.name]
         if isinstance(value, list):
             row |= {f"{metric.name}_{i}": _finite(item) for i, item in enumerate(value, start=1)}

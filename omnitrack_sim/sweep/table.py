@@ -56,7 +56,8 @@ class Layout:
             _field("duration_s", pa.float64(), "s"),
             _field("reason", pa.string()),
         ]
-        for metric in METRICS:
+        own = {m.name: m for base in sweep.bases.values() for m in base.own_metrics}
+        for metric in (*METRICS, *own.values()):
             if metric.in_tables:
                 columns = metric_columns(metric)
                 fields += [_field(column, pa.float64(), metric.unit) for column in columns]

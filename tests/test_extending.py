@@ -1,0 +1,54 @@
+"""docs/extending.md: every example runs, beside the package and not in it."""
+
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import omnitrack_sim as ot
+from omnitrack_sim.scenario import validate
+
+PAGE = (Path(__file__).parents[1] / "docs" / "extending.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"(?:`(\w+\.py)`:\n\n)?```(python|toml)\n(.*?)```", PAGE, flags=re.DOTALL)
+MODULES = {name: code for name, _, code in BLOCKS if name}
+SCRIPTS = [code for name, kind, code in BLOCKS if kind == "python" and not name]
+TABLES = [code for _, kind, code in BLOCKS if kind == "toml"]
+
+
+@pytest.fixture(autouse=True)
+def _own_modules(tmp_path, monkeypatch):
+    """The page's modules in a folder of the user's; forgotten afterwards."""
+    for name, code in MODULES.items():
+        (tmp_path / name).write_text(code, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    yield
+    for name in MODULES:
+        sys.modules.pop(name.removesuffix(".py"), None)
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=range(len(SCRIPTS)))
+def test_scripts_of_the_page_run(script, capsys):
+    """Each Python example that is no module of its own runs and prints a line."""
+    exec(compile(script, "extending.md", "exec"), {"__name__": "extending"})
+    assert capsys.readouterr().out.strip()
+
+
+@pytest.mark.parametrize("table", TABLES, ids=range(len(TABLES)))
+def test_tables_of_the_page_are_scenarios(table):
+    """Each TOML example, with pipes where it has none, is a valid scenario that runs."""
+    data = tomllib.loads(table)
+    data = {"pipes": [{"kind": "straight", "length": 1.0}], "physics": {"time_limit": 0.2}} | data
+    assert ot.run(validate(data)).duration_s > 0
+
+
+def test_every_kind_of_extension_has_an_example():
+    """Controller, sensor, metric, motor and fitting each have a section."""
+    assert re.findall(r"^## A (\w+)", PAGE, flags=re.MULTILINE) == [
+        "controller",
+        "sensor",
+        "metric",
+        "motor",
+        "fitting",
+    ]
