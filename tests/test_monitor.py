@@ -22,7 +22,7 @@ def monitor(n: int = 2, time_limit: float = 1e3, **limits: float) -> Monitor:
     """A monitor of n robots that begin 0.1 m into a straight pipe."""
     begin, speed = np.full(n, 0.1), np.full(n, SPEED)
     table = MonitorTable(**limits)
-    return Monitor(ROUTES, ot.Robot(), table, begin, speed, np.full(n, time_limit), PERIOD)
+    return Monitor(ROUTES, ot.Robot(), table, begin, speed, np.full(n, time_limit), PERIOD, PERIOD)
 
 
 def place(distance: list[float], aside: float = 0.0) -> Place:
@@ -42,18 +42,12 @@ def look(
     readings |= {"normal_force": np.full((n, 3), 25.0), "time": np.full(n, time)}
     readings |= {"belt_speed": np.full((n, 3), SPEED)}
     nobody = np.zeros(n, bool)
-    given = {
-        "resting": more.pop("resting", nobody),
-        "diverged": more.pop("diverged", nobody),
-        "saturated": more.pop("saturated", np.zeros((n, 3), bool)),
-    }
-    return watching.look(
-        readings | more,
-        place(distance, aside),
-        np.full(n, LENGTH - 0.1),
-        np.full((n, 3), SPEED),
-        **given,
-    )
+    resting, diverged = more.pop("resting", nobody), more.pop("diverged", nobody)
+    saturated = more.pop("saturated", np.zeros((n, 3), bool))
+    readings |= more
+    watching.average(readings, np.full((n, 3), SPEED), saturated)
+    goal = np.full(n, LENGTH - 0.1)
+    return watching.look(readings, place(distance, aside), goal, resting, diverged)
 
 
 def looks(watching: Monitor, seconds: float, distance: list[float], **more: Any) -> list[Verdict]:
