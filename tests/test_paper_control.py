@@ -80,7 +80,8 @@ def test_two_modules_are_inner_in_the_worst_orientation():
         ControlSetup(routes, scenario.robot, settings, parameters, place, np.zeros((1, 3)), 0.01)
     )
     theta5 = np.radians(60.0)
-    speeds = controller._speeds(type(place)(**{**vars(place), "theta5": np.array([theta5])}))
+    place.theta5 = np.array([theta5])
+    speeds = controller._speeds(place)
     assert (np.sign(speeds[0]) == -np.sign(np.cos(theta5 + np.array(MODULE_ANGLES)))).all()
 
 
