@@ -187,6 +187,7 @@ def test_every_key_of_a_scenario_is_documented():
         "Contact",
         "Control",
         "MonitorTable",
+        "RecordTable",
         "Physics",
         "Goal",
         "Expect",

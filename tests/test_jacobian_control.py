@@ -1,12 +1,19 @@
 """The default controller's decisions before a fitting."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+from runs import COLLIDER
 
-from omnitrack_sim import load_scenario, override, run_batch
+from omnitrack_sim import Scenario, Simulation, load_scenario, override, run_batch
 from omnitrack_sim.control.aligner import AlignmentTable
 from omnitrack_sim.control.alignment import no_motion_distance, orientation_error, preferred_theta5
 from omnitrack_sim.record.events import NotAligned, Rolled
+from omnitrack_sim.robot import MODULE_ANGLES
+from omnitrack_sim.rotations import matrix_from_quaternion
+from omnitrack_sim.sim.builder import scene_of
+from omnitrack_sim.sim.plant import Plant, Start
 from omnitrack_sim.theory.singularity import safe_margin, sector_angle
 
 
@@ -68,3 +75,35 @@ def test_modules_on_the_no_motion_line_are_rolled_off_it():
     assert abs(
         orientation_error(result.trajectory["theta5"][rolled], preferred_theta5("tee_turn"))
     ) < np.radians(11.73)
+
+
+BESIDE = 0.008
+"""How far beside the centreline a robot is set, m."""
+
+
+def plant_beside(scenario: Scenario, start: Start, threads: int) -> Plant:
+    """The robots ``BESIDE`` the centreline towards module 1, with their arms at the wall."""
+    towards = matrix_from_quaternion(start.quaternion)[:, :, 0]
+    moved = dataclasses.replace(
+        start,
+        position=start.position + BESIDE * towards,
+        slide=start.slide - BESIDE * np.cos(MODULE_ANGLES),
+    )
+    return Plant(scene_of(scenario).compile(), scenario.robot, moved, threads)
+
+
+def test_a_robot_beside_the_centreline_drives_back_to_it():
+    """On a straight 8 mm are less than 1 mm after half a metre; with ``centring = 0`` the robot
+    stays where friction holds it."""
+    base = override(load_scenario("straight"), {"physics.collider": COLLIDER})
+    without = {"control.parameters.tracking.centring": 0.0}
+    simulation = Simulation([base, override(base, without)], make_plant=plant_beside)
+    simulation.advance()
+    offsets = []
+    for result in simulation.results():
+        trajectory = result.trajectory
+        assert trajectory["offset"][0] == pytest.approx(BESIDE)
+        after = np.searchsorted(trajectory["distance"], trajectory["distance"][0] + 0.5)
+        offsets.append(trajectory["offset"][after:].max())
+    assert offsets[0] < 0.001
+    assert offsets[1] > 0.005

@@ -1,13 +1,13 @@
 """Motors as values: the shipped ones, a scenario's own, and where their figures end up."""
 
 import pytest
-from omnitrack_sim.sim.setup import scene_of
 from pydantic import ValidationError
 
 import omnitrack_sim as ot
 from omnitrack_sim.errors import ScenarioError
 from omnitrack_sim.robot.quantity import quantity_of
 from omnitrack_sim.scenario import validate
+from omnitrack_sim.sim.builder import scene_of
 
 PIPES = [{"kind": "straight", "length": 0.8}]
 OWN = {

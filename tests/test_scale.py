@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from omnitrack_sim.sim.setup import scene_of
 
 import omnitrack_sim as ot
 from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.robot.quantity import quantity_of
 from omnitrack_sim.robot.similarity import froude_exponent, similar
 from omnitrack_sim.scenario import validate
+from omnitrack_sim.sim.builder import scene_of
 
 SCALES = (0.625, 1.875)
 """For pipes of 100 and 300 mm."""
@@ -85,7 +85,7 @@ def test_a_scaled_robot_is_read_again_as_it_is():
     again = ot.Scenario.model_validate_json(text)
     assert again == scenario
     assert again.model_dump_json() == text
-    assert ot.override(scenario, {"control.gain": 50.0}).robot == scenario.robot
+    assert ot.override(scenario, {"control.cruise_speed": 0.05}).robot == scenario.robot
 
 
 def test_asking_twice_for_a_scale_asks_for_the_same():

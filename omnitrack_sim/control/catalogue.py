@@ -32,7 +32,8 @@ def controller_of(kind: str) -> type[Controller]:
     """
     found = named(kind, "control.kind", CONTROLLERS)
     if not (isinstance(found, type) and callable(getattr(found, "step", None))):
-        raise InputError(Fault("control.kind", f"is {kind!r}, which is no class with a step"))
+        problem = f"is {kind!r}, which is no class with a step"
+        raise InputError(Fault("control.kind", problem, (*CONTROLLERS, "module:Object")))
     return found
 
 

@@ -215,7 +215,8 @@ class Simulation:
         self._phase = phase.copy()
         self._resting = self._nobody if resting is None else resting
         for event in command.events:
-            self._events[event.robot].append(event)
+            if self.active[event.robot]:
+                self._events[event.robot].append(event)
 
     def _locate(self, readings: Mapping[str, Array]) -> Place:
         legs = self.legs

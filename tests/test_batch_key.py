@@ -1,0 +1,164 @@
+"""What scenarios share to run in one batch, and that the rest is taken from each on its own."""
+
+from __future__ import annotations
+
+import copy
+import functools
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import pytest
+from runs import COLLIDER, rolling_tee, same_record, same_result, there_and_back
+
+import omnitrack_sim as ot
+from omnitrack_sim.sim.builder import CARRIED, EACH, batch_key
+
+OWN = (*EACH.values(), *CARRIED)
+"""Paths that robots of one batch may differ in."""
+SCENARIOS = {"tee": rolling_tee, "mission": there_and_back}
+
+
+def leaves(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Paths of all plain values in tables and lists of tables; a list of plain values is one."""
+    if isinstance(value, Mapping):
+        items = list(value.items())
+    elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+        items = list(enumerate(value))
+    else:
+        items = []
+    if not items:
+        yield path
+    for key, inner in items:
+        yield from leaves(inner, (*path, str(key)))
+
+
+def changed(data: Any, path: tuple[str, ...]) -> Any:
+    """A copy of plain data with another value at a path."""
+    data = copy.deepcopy(data)
+    *tables, key = path
+    place = functools.reduce(lambda d, k: d[int(k) if isinstance(d, list) else k], tables, data)
+    place[int(key) if isinstance(place, list) else key] = "another value"
+    return data
+
+
+@functools.cache
+def plain(name: str) -> dict[str, Any]:
+    """A scenario with every key, as plain data."""
+    return SCENARIOS[name]().model_dump(mode="json")
+
+
+CASES = [(name, path) for name in SCENARIOS for path in leaves(plain(name))]
+
+
+@pytest.mark.parametrize(
+    ("name", "path"), CASES, ids=lambda v: v if isinstance(v, str) else ".".join(v)
+)
+def test_a_value_is_each_robots_own_or_shared(name: str, path: tuple[str, ...]) -> None:
+    """Every key of a resolved scenario is either taken from each robot on its own, and changing it
+    keeps the key of the batch, or it is shared, and changing it changes the key."""
+    dotted = ".".join(path)
+    own = any(dotted == key or dotted.startswith(key + ".") for key in OWN)
+    data = plain(name)
+    assert (batch_key(changed(data, path)) == batch_key(data)) is own
+
+
+def test_all_that_is_taken_of_each_is_a_key() -> None:
+    """No path of the two lists is misspelt: each leads to a value of a scenario."""
+    known = {
+        ".".join(path[:depth])
+        for name in SCENARIOS
+        for path in leaves(plain(name))
+        for depth in range(5)
+    }
+    known |= {"mission.avoid"}
+    assert [path for path in OWN if path not in known] == []
+
+
+def test_the_key_does_not_depend_on_the_order_of_the_data() -> None:
+    """Data with its tables in another order has the same key."""
+    data = plain("tee")
+    assert batch_key(dict(reversed(data.items()))) == batch_key(data)
+
+
+OTHER: dict[str, Any] = {
+    "start.distance": 0.27,
+    "start.theta5_deg": -20.0,
+    "start.roll_deg": 30.0,
+    "world.gravity": [0.0, 3.0, 0.0],
+    "contact.friction": 0.3,
+    "robot.preload": 15.0,
+    "robot.torque_limit": 0.05,
+    "robot.roll_torque": 0.02,
+    "control.cruise_speed": 0.06,
+    "control.align": False,
+    "control.retry": False,
+    "control.speed_limit": 0.05,
+    "control.safe_margin_deg": 59.0,
+    "control.parameters": {"recovery": {"retries": 0}, "tracking": {"gain": 1.0}},
+    "physics.time_limit": 0.7,
+    "goal.distance": 0.31,
+}
+"""Another value for each path that a batch takes of each robot, and for the goal that each brings
+to its own legs."""
+
+
+def straight(**changes: Any) -> ot.Scenario:
+    """A second in a straight pipe, from a little beside the best orientation."""
+    base = {"physics.collider": COLLIDER, "physics.time_limit": 0.8, "start.distance": 0.25}
+    return ot.override(ot.load_scenario("straight"), base | changes)
+
+
+def tee(**changes: Any) -> ot.Scenario:
+    """Before a tee the modules are rolled a little; in it no way is far enough to count as headway,
+    so that the robot backs off."""
+    base = {
+        "control.parameters.recovery.patience": 0.5,
+        "control.parameters.recovery.progress": 1.0,
+        "physics.time_limit": 2.2,
+        "start.theta5_deg": 15.0,
+        "start.distance": 0.30,
+    }
+    return rolling_tee(**(base | changes))
+
+
+@functools.cache
+def alone(make: Any) -> ot.Result:
+    (result,) = ot.run_batch([make()], threads=1, no_load=False)
+    return result
+
+
+def test_another_value_is_there_for_all_that_is_taken_of_each() -> None:
+    """``OTHER`` has a value for every path of ``EACH``."""
+    assert set(EACH.values()) <= set(OTHER)
+
+
+@pytest.mark.parametrize("path", OTHER)
+@pytest.mark.parametrize("make", [straight, tee])
+def test_robots_that_differ_share_a_batch_and_not_their_numbers(make: Any, path: str) -> None:
+    """Two robots that differ in what is taken of each run in one batch, and each has the bytes that
+    it has alone."""
+    here, there = make(), make(**{path: OTHER[path]})
+    keys = [batch_key(scenario.model_dump(mode="json")) for scenario in (here, there)]
+    assert keys[0] == keys[1]
+    simulation = ot.Simulation([here, there])
+    simulation.advance()
+    results = simulation.results()
+    assert same_result(results[0], alone(make))
+    (other,) = ot.run_batch([there], threads=1, no_load=False)
+    assert same_result(results[1], other)
+
+
+NO_MATTER = {
+    "straight": {"control.align", "control.retry", "control.safe_margin_deg"},
+    "tee": set(),
+}
+"""What makes no difference on a way without fittings."""
+
+
+@pytest.mark.parametrize("path", OTHER)
+@pytest.mark.parametrize("make", [straight, tee])
+def test_what_is_taken_of_each_robot_matters(make: Any, path: str) -> None:
+    """The other value leads to another record, so that the comparison in a batch can fail."""
+    (other,) = ot.run_batch([make(**{path: OTHER[path]})], threads=1, no_load=False)
+    expected = path in NO_MATTER[make.__name__]
+    assert same_record(alone(make), other) is expected

@@ -1,0 +1,197 @@
+"""The monitor judges, and ends nothing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import omnitrack_sim as ot
+from omnitrack_sim.control.route_map import Place, RouteMap
+from omnitrack_sim.record.channels import CHANNELS
+from omnitrack_sim.schema.tables import MonitorTable
+from omnitrack_sim.sim.monitor import Monitor, Verdict
+
+PERIOD, SPEED, LENGTH = 0.01, 0.1, 0.8
+ROUTES = RouteMap([ot.load_scenario("straight").route])
+BORE = 0.16
+
+
+def monitor(n: int = 2, time_limit: float = 1e3, **limits: float) -> Monitor:
+    """A monitor of n robots that begin 0.1 m into a straight pipe."""
+    begin, speed = np.full(n, 0.1), np.full(n, SPEED)
+    table = MonitorTable(**limits)
+    return Monitor(ROUTES, ot.Robot(), table, begin, speed, np.full(n, time_limit), PERIOD, PERIOD)
+
+
+def place(distance: list[float], aside: float = 0.0) -> Place:
+    """Robots along the pipe, and ``aside`` m off its centreline."""
+    way, at = np.zeros(len(distance), np.intp), np.array(distance)
+    line = ROUTES.routes[0].centreline
+    points, frames = line.at(at)[0], line.frame(at)
+    return ROUTES.locate(points + aside * frames[:, :, 0], frames, way, at)
+
+
+def look(
+    watching: Monitor, distance: list[float], time: float = 0.0, aside: float = 0.0, **more: Any
+) -> list[Verdict]:
+    """One look at robots that drive as they should, but for what ``more`` says."""
+    n = len(distance)
+    readings = {name: np.zeros((n, *channel.shape)) for name, channel in CHANNELS.items()}
+    readings |= {"normal_force": np.full((n, 3), 25.0), "time": np.full(n, time)}
+    readings |= {"belt_speed": np.full((n, 3), SPEED)}
+    nobody = np.zeros(n, bool)
+    resting, diverged = more.pop("resting", nobody), more.pop("diverged", nobody)
+    saturated = more.pop("saturated", np.zeros((n, 3), bool))
+    readings |= more
+    watching.average(readings, np.full((n, 3), SPEED), saturated)
+    goal = np.full(n, LENGTH - 0.1)
+    return watching.look(readings, place(distance, aside), goal, resting, diverged)
+
+
+def looks(watching: Monitor, seconds: float, distance: list[float], **more: Any) -> list[Verdict]:
+    """What is found while robots stand for a while."""
+    found = []
+    for _ in range(round(seconds / PERIOD)):
+        found += look(watching, distance, **more)
+    return found
+
+
+def test_robots_on_their_way_are_left_alone() -> None:
+    """Nothing is found of robots that make headway."""
+    watching = monitor()
+    way = np.arange(0.1, 0.69, SPEED * PERIOD).tolist()
+    assert [found for at in way for found in look(watching, [at, at])] == []
+
+
+def test_a_verdict_is_of_one_robot_and_is_given_again() -> None:
+    """Of a robot at its goal it is told at every look that it has arrived: the monitor keeps no
+    account of whose run is over."""
+    watching = monitor()
+    for _ in range(3):
+        assert look(watching, [0.3, 0.75]) == [Verdict(1, ot.Outcome.REACHED_GOAL)]
+
+
+@pytest.mark.parametrize(
+    ("more", "outcome"),
+    [
+        ({"diverged": np.array([True])}, ot.Outcome.DIVERGED),
+        ({"aside": 0.081}, ot.Outcome.LEFT_PIPE),
+        ({"time": 1e3}, ot.Outcome.TIMED_OUT),
+    ],
+)
+def test_what_is_wrong_is_named(more: dict[str, Any], outcome: ot.Outcome) -> None:
+    """Broken physics, a place outside the pipe and the end of the time each have a verdict."""
+    assert look(monitor(1), [0.3], **more) == [Verdict(0, outcome)]
+
+
+def test_verdicts_come_in_the_order_in_which_they_count() -> None:
+    """Of a robot that arrives just when its time is over the arrival comes first, of one that also
+    has left the pipe that comes in between, and broken physics before all."""
+    more = {"time": 1e3, "aside": 0.081, "diverged": np.array([True])}
+    found = [verdict.outcome for verdict in look(monitor(1), [0.75], **more)]
+    names = ("DIVERGED", "REACHED_GOAL", "LEFT_PIPE", "TIMED_OUT")
+    assert found == [ot.Outcome[name] for name in names]
+
+
+@pytest.mark.parametrize(
+    ("limits", "seconds"),
+    [({}, 3.0), ({"patience_time": 1.0}, 3.0), ({"patience_time": 1.0, "patience": 1.0}, 1.6)],
+)
+def test_a_robot_that_stands_hangs_after_both_patiences(
+    limits: dict[str, float], seconds: float
+) -> None:
+    """Without headway for the longer of the two it makes no headway, and not before: 3 s, and 1.875
+    D at 0.1 m/s, which is 3 s as well."""
+    watching = monitor(1, **limits)
+    assert look(watching, [0.11]) == []  # headway for the last time
+    waited = next(i for i in range(1, 1000) if look(watching, [0.11]))
+    assert waited * PERIOD == pytest.approx(seconds, abs=1.5 * PERIOD)
+
+
+def test_a_small_advance_is_no_headway_and_a_larger_one_is() -> None:
+    """Up to ``progress``, 2 mm, beyond the farthest point the waiting goes on; beyond, it begins
+    anew."""
+    for step, hangs in ((0.0019, True), (0.0021, False)):
+        watching = monitor(1)
+        assert looks(watching, 2.0, [0.15]) == []
+        found = looks(watching, 2.0, [0.15 + step])
+        assert (Verdict(0, None) in found) is hangs
+
+
+def test_a_robot_that_rests_does_not_hang() -> None:
+    """While it stands on purpose no time is counted, and headway is counted from there."""
+    watching = monitor(1)
+    assert looks(watching, 5.0, [0.3], resting=np.array([True])) == []
+    assert looks(watching, 2.9, [0.3]) == []
+    assert look(watching, [0.1], resting=np.array([True])) == []
+    assert look(watching, [0.1]) == []
+
+
+def test_a_robot_that_slides_back_hangs_at_once() -> None:
+    """Behind the farthest point by more than ``slide_back``, 0.1 m."""
+    watching = monitor(1)
+    assert look(watching, [0.4]) == []
+    assert look(watching, [0.301]) == []
+    assert look(watching, [0.299]) == [Verdict(0, None)]
+
+
+def test_a_robot_sent_on_is_judged_afresh() -> None:
+    """On another leg it may be anywhere, waits from zero on, and has more time."""
+    watching = monitor(1, time_limit=1.0)
+    assert looks(watching, 2.9, [0.4]) == []
+    watching.sent_on(0, 5.0)
+    assert looks(watching, 2.9, [0.2], time=5.9) == []
+    assert look(watching, [0.3], time=6.0) == [Verdict(0, ot.Outcome.TIMED_OUT)]
+
+
+CAUSES = [
+    (ot.Outcome.NO_MOTION_LINE, {"roll": np.full((1, 3), np.radians(80.0))}),
+    (ot.Outcome.STALLED, {"saturated": np.ones((1, 3), bool), "belt_speed": np.zeros((1, 3))}),
+    (ot.Outcome.SLIPPING, {"slip_ratio": np.array([[0.9, -0.9, 0.0]])}),
+    (ot.Outcome.STUCK, {"slip_ratio": np.array([[0.9, 0.0, 0.0]])}),
+]
+
+
+@pytest.mark.parametrize(("outcome", "more"), CAUSES, ids=[outcome.value for outcome, _ in CAUSES])
+def test_the_cause_is_read_from_what_was_measured(
+    outcome: ot.Outcome, more: dict[str, Any]
+) -> None:
+    """Modules on the no-motion line, a motor that stalls, two modules that slip, or none of
+    these."""
+    watching = monitor(1)
+    looks(watching, 1.0, [0.3], **more)
+    assert watching.cause(0, place([0.3])) is outcome
+
+
+def test_the_limits_of_the_cause_are_the_scenarios() -> None:
+    """With ``slipping_ratio`` above what is measured the same robot counts as stuck."""
+    watching = monitor(1, slipping_ratio=0.95)
+    looks(watching, 1.0, [0.3], slip_ratio=np.array([[0.9, -0.9, 0.0]]))
+    assert watching.cause(0, place([0.3])) is ot.Outcome.STUCK
+
+
+def test_no_run_ends_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A simulation whose monitor finds nothing goes on past its time limit; with the verdict it is
+    over at the next step."""
+    limit = {"physics.time_limit": 0.1}
+    simulation = ot.Simulation([ot.override(ot.load_scenario("straight"), limit)])
+    usual, given = simulation.monitor.look, []
+
+    def blind(*seen: Any) -> list[Verdict]:
+        given.extend(usual(*seen))
+        return []
+
+    monkeypatch.setattr(simulation.monitor, "look", blind)
+    for _ in range(20):
+        simulation.step()
+    assert simulation.active.tolist() == [True]
+    assert simulation.time[0] == pytest.approx(0.2)
+    assert set(given) == {Verdict(0, ot.Outcome.TIMED_OUT)}
+    monkeypatch.undo()
+    simulation.step()
+    assert simulation.active.tolist() == [False]
+    (ending,) = simulation.endings
+    assert ending is not None
+    assert ending.outcome is ot.Outcome.TIMED_OUT
