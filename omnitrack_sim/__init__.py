@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     )
     from omnitrack_sim.film.render import render_frame, render_video
     from omnitrack_sim.network import Network, load_network, random_network, shortest_route
-    from omnitrack_sim.pipes import Elbow, PipeNetwork, Reducer, Step, Straight, Tee, route
+    from omnitrack_sim.pipes import Assembly, Elbow, Reducer, Step, Straight, Tee, route
     from omnitrack_sim.plots import plot_mission, plot_singularity, plot_summary
     from omnitrack_sim.record.outcome import Outcome
     from omnitrack_sim.record.timeline import Visit
@@ -50,7 +50,7 @@ _HOME = {
     "schema.reading": ("shipped_networks", "shipped_scenarios", "shipped_sweeps"),
     "network": ("Network", "load_network", "random_network", "shortest_route"),
     "record.outcome": ("Outcome",),
-    "pipes": ("Elbow", "PipeNetwork", "Reducer", "Step", "Straight", "Tee", "route"),
+    "pipes": ("Elbow", "Assembly", "Reducer", "Step", "Straight", "Tee", "route"),
     "plots": ("plot_mission", "plot_singularity", "plot_summary"),
     "film.render": ("render_frame", "render_video"),
     "robot": ("Robot",),
@@ -65,6 +65,7 @@ _HOME = {
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
+    "Assembly",
     "Elbow",
     "GeometryError",
     "InputError",
@@ -73,7 +74,6 @@ __all__ = [
     "OmnitrackError",
     "Outcome",
     "OutputError",
-    "PipeNetwork",
     "Reducer",
     "RenderError",
     "Result",

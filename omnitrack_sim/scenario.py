@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field, SerializeAsAny, WrapValidator, model_validator
 
 from omnitrack_sim.errors import Fault, GeometryError, NetworkError, ScenarioError
 from omnitrack_sim.network import Mission, Network, Planner, load_network
@@ -20,6 +20,7 @@ from omnitrack_sim.network.mission import NOSE_ROOM
 from omnitrack_sim.pipes import Route, route
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Pose, frame_along
+from omnitrack_sim.schema.fittings import by_kind, choices_of
 from omnitrack_sim.schema.reading import (
     NAME_PATTERN,
     checked,
@@ -31,28 +32,18 @@ from omnitrack_sim.schema.reading import (
 from omnitrack_sim.schema.tables import (
     Contact,
     Control,
-    ElbowPipe,
     Expect,
     Goal,
     Physics,
     Pipe,
-    ReducerPipe,
     Start,
-    StraightPipe,
-    Table,
-    TeePipe,
     World,
 )
+from omnitrack_sim.table import Table
 
 PER_TRIAL_ROBOT_FIELDS = {"preload", "torque_limit", "roll_torque"}
 """Robot fields that may differ between the trials of one batch: they are floats of the compiled
 model."""
-_PIPES: dict[str, type[BaseModel]] = {
-    "straight": StraightPipe,
-    "reducer": ReducerPipe,
-    "elbow": ElbowPipe,
-    "tee": TeePipe,
-}
 
 
 class Scenario(Table):
@@ -60,7 +51,7 @@ class Scenario(Table):
     docs/scenarios.md."""
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)] = "scenario"
-    pipes: tuple[Pipe, ...] = ()
+    pipes: tuple[Annotated[SerializeAsAny[Pipe], WrapValidator(by_kind(Pipe))], ...] = ()
     network: Network | None = None
     mission: Mission | None = None
     start: Start = Start()
@@ -195,13 +186,11 @@ class Scenario(Table):
         low, high = self.robot.slide_range
         where = "pipes" if self.pipes else "network.fittings"
         bores = [
-            (p.index, key, line.network.parts[p.index].fitting.port_radius(port))
+            (p.index, fitting.bore_key(port), fitting.port_radius(port))
             for driven in routes
             for p in driven.fittings
+            for fitting in [line.network.parts[p.index].fitting]
             for port in (p.enter, p.leave)
-            for key in [
-                "end_diameter" if (p.kind, port) == ("reducer", "end") else "inner_diameter"
-            ]
         ]
         for i, key, radius in bores:
             if not low < radius - self.robot.nominal_pipe_radius < high:
@@ -283,7 +272,7 @@ def validate(data: Mapping[str, Any], folder: Path = Path()) -> Scenario:
         Scenario,
         data,
         "pipes",
-        lambda item: fault_of(item, "pipes", tuple(_PIPES), _choices_at),
+        lambda item: fault_of(item, "pipes", (), lambda places: _choices_at(places, data)),
         ScenarioError,
     )
 
@@ -337,8 +326,8 @@ def set_value(data: Any, path: str, value: Any) -> Fault | None:
     return None
 
 
-def _choices_at(places: list[str]) -> tuple[str, ...]:
-    """Valid keys of the table at a pydantic path."""
+def _choices_at(places: list[str], data: Mapping[str, Any]) -> tuple[str, ...]:
+    """Valid keys of the table at a pydantic path into plain data."""
     tables: dict[str, type[BaseModel]] = {
         name: info.annotation
         for name, info in Scenario.model_fields.items()
@@ -346,6 +335,6 @@ def _choices_at(places: list[str]) -> tuple[str, ...]:
     }
     if not places:
         return tuple(Scenario.model_fields)
-    if places[0] == "pipes" and len(places) > 2:
-        return tuple(_PIPES[places[2]].model_fields)
+    if places[0] == "pipes":
+        return choices_of(Pipe, data["pipes"], places[1])
     return tuple(tables[places[0]].model_fields) if places[0] in tables else ()

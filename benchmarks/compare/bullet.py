@@ -45,7 +45,7 @@ from omnitrack_sim.model.robot import (
     lug_pitch,
     lug_places,
 )
-from omnitrack_sim.pipes import Elbow, PipeNetwork, Straight
+from omnitrack_sim.pipes import Assembly, Elbow, Straight
 from omnitrack_sim.pipes.fittings import Fitting
 from omnitrack_sim.record.trajectory import TRACKS
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
@@ -163,7 +163,7 @@ def _swept(fitting: Straight | Elbow, sections: int, turns: int) -> trimesh.Trim
     return trimesh.Trimesh(points.reshape(-1, 3), np.concatenate(faces), process=False)
 
 
-def add_wall(client: int, network: PipeNetwork, settings: BulletSettings) -> int:
+def add_wall(client: int, network: Assembly, settings: BulletSettings) -> int:
     """The inner surface of a network as one static concave body; returns its number."""
     meshes = []
     for part in network.parts:
@@ -647,9 +647,7 @@ def bullet_wall_error(
     return float(size.max()), float(np.quantile(size, 0.99))
 
 
-def probe_centres(
-    network: PipeNetwork, parts: list, radius: float, number: int, seed: int
-) -> Array:
+def probe_centres(network: Assembly, parts: list, radius: float, number: int, seed: int) -> Array:
     """Centres (number, 3) m of spheres that stand ``PROBE_GAP`` off the exact surface, at random
     over ``parts``."""
     rng = np.random.default_rng(seed)

@@ -67,11 +67,7 @@ WIDTHS = len(AIMS["elbow"])
 
 def manoeuvres(guide: Guide) -> tuple[Manoeuvre | None, ...]:
     """What each passage of the routes asks for; None after the last one of a route."""
-    kinds: dict[bool, Manoeuvre] = {True: "tee_turn", False: "tee_straight"}
-    return tuple(
-        None if p is None else "elbow" if p.kind == "elbow" else kinds[p.is_turn]
-        for p in guide.passages
-    )
+    return tuple(None if p is None else p.manoeuvre for p in guide.passages)
 
 
 class Aligner:

@@ -52,12 +52,7 @@ class PaperController:
             [np.nan if p is None else p.bend_radius for p in passages]
         )  # (Q,) m
         # (Q,) m, an opening's near edge or a bend's start
-        self.mark = np.array(
-            [
-                np.inf if p is None else p.opening[0] if p.kind == "tee" else p.s_bend_start
-                for p in passages
-            ]
-        )
+        self.mark = np.array([np.inf if p is None else p.mark for p in passages])
         way = guide.way_of
         longest = guide.lengths[way]
         self.way_in = guide.centreline.at(np.clip(guide.start, 0, longest), way)[

@@ -127,7 +127,7 @@ class Monitor:
         self.waiting = np.where(progress | resting, 0.0, self.waiting + self.period)
         # In the middle of a tee the arc of a turn is up to a bore's radius from where the robot may
         # well be.
-        in_turn = self.guide.is_tee[place.passage] & self.guide.is_turn[place.passage]
+        in_turn = self.guide.is_tee_turn[place.passage]
         room = self.guide.radius[place.passage] * np.where(in_turn, TEE_ROOM, 1.0)
         outside = (place.offset > room) | (place.distance < -self.exit)
         outside |= place.distance > self.guide.lengths[place.way] + self.exit
@@ -167,7 +167,7 @@ class Monitor:
         )
         if (mean.roll_cosine[i] < NO_MOTION_COSINE).all():
             return Outcome.NO_MOTION_LINE
-        turning = self.guide.is_tee[passage] and self.guide.is_turn[passage]
+        turning = self.guide.is_tee_turn[passage]
         if (
             turning
             and place.distance[i] > self.guide.start[passage] - self.exit

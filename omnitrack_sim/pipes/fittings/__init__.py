@@ -1,0 +1,41 @@
+"""Kinds of fittings, one a module. A module put into this folder is found by itself."""
+
+from omnitrack_sim.pipes.fittings.axial import Axial
+from omnitrack_sim.pipes.fittings.base import (
+    ARCS,
+    Arcs,
+    Axis,
+    AxisCurve,
+    Description,
+    Fitting,
+    FittingTable,
+    Manoeuvre,
+)
+from omnitrack_sim.pipes.fittings.elbow import Elbow
+from omnitrack_sim.pipes.fittings.reducer import Reducer
+from omnitrack_sim.pipes.fittings.registry import (
+    fitting_class,
+    known_fittings,
+    shipped_fittings,
+)
+from omnitrack_sim.pipes.fittings.straight import Straight
+from omnitrack_sim.pipes.fittings.tee import Tee
+
+__all__ = [
+    "ARCS",
+    "Arcs",
+    "Axial",
+    "Axis",
+    "AxisCurve",
+    "Description",
+    "Elbow",
+    "Fitting",
+    "FittingTable",
+    "Manoeuvre",
+    "Reducer",
+    "Straight",
+    "Tee",
+    "fitting_class",
+    "known_fittings",
+    "shipped_fittings",
+]
