@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from omnitrack_sim.model.collider import bring
 from omnitrack_sim.model.collider.record import RECORD_SIZE, bounding_box, wall_record
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.pipes.assembly import JOINED
@@ -88,6 +89,7 @@ def add_exact_walls(spec: mujoco.MjSpec, network: Assembly) -> int:
             quat=pose.quaternion,
             userdata=wall_record(part.fitting, tuple(ends)),
         )
+        bring(type(part.fitting))
     return len(network.parts)
 
 
