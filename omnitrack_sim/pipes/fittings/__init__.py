@@ -3,13 +3,22 @@
 from omnitrack_sim.pipes.fittings.axial import Axial
 from omnitrack_sim.pipes.fittings.base import (
     ARCS,
+    BORE,
     Arcs,
     Axis,
     AxisCurve,
+    Bore,
     Description,
     Fitting,
     FittingTable,
     Manoeuvre,
+    X,
+    Y,
+    Z,
+    bore_distance,
+    check,
+    port_pose,
+    positive,
 )
 from omnitrack_sim.pipes.fittings.elbow import Elbow
 from omnitrack_sim.pipes.fittings.reducer import Reducer
@@ -23,10 +32,12 @@ from omnitrack_sim.pipes.fittings.tee import Tee
 
 __all__ = [
     "ARCS",
+    "BORE",
     "Arcs",
     "Axial",
     "Axis",
     "AxisCurve",
+    "Bore",
     "Description",
     "Elbow",
     "Fitting",
@@ -35,7 +46,14 @@ __all__ = [
     "Reducer",
     "Straight",
     "Tee",
+    "X",
+    "Y",
+    "Z",
+    "bore_distance",
+    "check",
     "fitting_class",
     "known_fittings",
+    "port_pose",
+    "positive",
     "shipped_fittings",
 ]
