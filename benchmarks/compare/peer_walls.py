@@ -16,8 +16,9 @@ from manifold3d import Manifold, Mesh
 
 from omnitrack_sim.model.meshes import fitting_mesh, manifold_to_trimesh
 from omnitrack_sim.model.robot import LUG_CONAFFINITY, LUG_CONTYPE
-from omnitrack_sim.model.walls import GROUP, sagitta
+from omnitrack_sim.model.walls import GROUP
 from omnitrack_sim.pipes import Assembly, Fitting
+from omnitrack_sim.pipes.pieces import sagitta
 
 NEAR = 1e-3
 """A mesh vertex this close to the exact inner surface lies on the bore, m; the outside is a wall

@@ -151,7 +151,7 @@ class ManifoldKit:
             np.array([[-1, 0, 0, mean_radius], [0, 0, 1, 0], [0, 1, 0, 0]], float)
         )
 
-    def loft(self, rings: Array, hub: int) -> Manifold:
+    def loft(self, rings: Array, hub: int | None) -> Manifold:
         """See ``Kit``."""
         solid = trimesh.Trimesh(*_loft(rings, hub), process=False)
         if solid.volume < 0:
@@ -200,22 +200,19 @@ def _joint_disc(a: tuple[Part, str], b: tuple[Part, str], more: float, sections:
     )
 
 
-def _loft(rings: Array, hub: int) -> tuple[Array, np.ndarray]:
+def _loft(rings: Array, hub: int | None) -> tuple[Array, np.ndarray]:
     """Vertices and faces of the solid through closed rings (m, k, 3), with fans over both ends
-    about their corner ``hub``."""
+    about their corner ``hub``; without a hub the last ring is joined to the first."""
     count, corners, _ = rings.shape
     index = np.arange(count * corners).reshape(count, corners)
-    a, b = index[:-1], index[1:]
+    a, b = (index[:-1], index[1:]) if hub is not None else (index, np.roll(index, -1, axis=0))
     a_next, b_next = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
-    sides = np.concatenate(
-        [
-            np.stack([a, a_next, b], -1).reshape(-1, 3),
-            np.stack([a_next, b_next, b], -1).reshape(-1, 3),
-        ]
-    )
-    fan = [(hub, (hub + i) % corners, (hub + i + 1) % corners) for i in range(1, corners - 1)]
-    first, last = index[0][np.array(fan)][:, ::-1], index[-1][np.array(fan)]
-    return rings.reshape(-1, 3), np.concatenate([sides, first, last])
+    faces = [np.stack([a, a_next, b], -1), np.stack([a_next, b_next, b], -1)]
+    faces = [triangles.reshape(-1, 3) for triangles in faces]
+    if hub is not None:
+        fan = [(hub, (hub + i) % corners, (hub + i + 1) % corners) for i in range(1, corners - 1)]
+        faces += [index[0][np.array(fan)][:, ::-1], index[-1][np.array(fan)]]
+    return rings.reshape(-1, 3), np.concatenate(faces)
 
 
 def manifold_to_trimesh(solid: Manifold) -> trimesh.Trimesh:

@@ -51,9 +51,9 @@ class Kit(Protocol):
         the axis ``mean_radius`` m away; what would lie beyond that axis is left out."""
         ...
 
-    def loft(self, rings: Array, hub: int) -> Solid:
+    def loft(self, rings: Array, hub: int | None) -> Solid:
         """Through the closed rings (m, k, 3), with fans over both ends about their corner ``hub``,
-        which sees every other one."""
+        which sees every other one; with None the last ring is joined to the first."""
         ...
 
     def moved(self, solid: Any, pose: Pose) -> Solid:

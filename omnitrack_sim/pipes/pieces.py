@@ -30,13 +30,19 @@ class Pieces:
     capsules: list[tuple[Array, Array, float]] = field(default_factory=list)
 
     def facet(
-        self, point: Array, normal: Array, along: Array, half_width: float, half_length: float
+        self,
+        point: Array,
+        normal: Array,
+        along: Array,
+        half_width: float,
+        half_length: float,
+        depth: float = THICKNESS,
     ) -> None:
         """Add a box whose inner face has its centre at ``point``, facing ``-normal``, with
-        ``along`` its length."""
+        ``along`` its length; it is ``depth`` m deep."""
         rotation = np.stack([normal, np.cross(along, normal), along], axis=-1)
-        half = np.array([THICKNESS / 2, half_width, half_length])
-        self.boxes.append((point + normal * THICKNESS / 2, rotation, half))
+        half = np.array([depth / 2, half_width, half_length])
+        self.boxes.append((point + normal * depth / 2, rotation, half))
 
     def capsule(self, start: Array, end: Array, radius: float) -> None:
         """Add a capsule from ``start`` to ``end``."""

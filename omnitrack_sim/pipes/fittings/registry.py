@@ -16,14 +16,15 @@ from omnitrack_sim.pipes.fittings.base import Fitting
 
 @cache
 def shipped_fittings() -> Mapping[str, type[Fitting]]:
-    """The kinds that come with the package, by name: every module of this folder brings one."""
+    """The kinds that come with the package, by name: every module, or folder, of this folder brings
+    one."""
     package = __name__.rpartition(".")[0]
     folder = importlib.import_module(package).__path__
     found = {}
     for module in sorted(info.name for info in pkgutil.iter_modules(folder)):
         members = vars(importlib.import_module(f"{package}.{module}")).values()
         for member in members:
-            if _is_kind(member) and member.__module__ == f"{package}.{module}":
+            if _is_kind(member) and f"{member.__module__}.".startswith(f"{package}.{module}."):
                 found[member.kind] = member
     return MappingProxyType(found)
 
