@@ -1,6 +1,8 @@
 """The exact collider: its surfaces, its contacts, and the same runs as with walls of primitives."""
 
 import math
+import subprocess
+import sys
 
 import mujoco
 import numpy as np
@@ -15,9 +17,11 @@ from omnitrack_sim.model.collider import (
     line_record,
     wall_record,
 )
+from omnitrack_sim.model.collider.compile import _digest
 from omnitrack_sim.model.collider.record import ENDS
 from omnitrack_sim.model.walls import add_exact_walls
 from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, Tee, route
+from omnitrack_sim.pipes.fittings import reducer, shipped_fittings
 from omnitrack_sim.rotations import Pose, frame_along, quaternion_from_matrix, unit
 from omnitrack_sim.sim.setup import scene_of, start_qpos
 
@@ -356,3 +360,32 @@ def test_records_have_their_size():
     """What the compiled code reads is what is written."""
     for fitting in FITTINGS.values():
         assert wall_record(fitting, (True,) * len(fitting.ports)).shape == (RECORD_SIZE,)
+
+
+def test_a_later_process_loads_the_collider_from_disk():
+    """Once compiled, every function is loaded: nothing is compiled in a fresh process."""
+    program = """
+from omnitrack_sim.model.collider import bring, install
+from omnitrack_sim.model.collider.install import _kept
+from omnitrack_sim.model.collider.record import wall_number
+from omnitrack_sim.pipes.fittings import shipped_fittings
+install()
+for fitting in shipped_fittings().values():
+    wall_number(fitting.wall)
+    bring(fitting)
+print([entry.cache_hits for entry in _kept[1:]])
+"""
+    for _ in range(2):
+        run = [sys.executable, "-c", program]
+        told = subprocess.run(run, capture_output=True, text=True, check=True).stdout
+    assert told.strip() == str([1] * (1 + 2 * len(shipped_fittings())))
+
+
+def test_code_on_disk_is_known_by_all_that_it_depends_on(monkeypatch):
+    """Another value of a constant, of the function itself or of one that it calls, is other
+    code."""
+    before = _digest(line.collide), _digest(Reducer.wall.span), _digest(Straight.wall.span)
+    monkeypatch.setattr(line, "SPACING", 0.004)
+    monkeypatch.setattr(reducer, "POSITION", 1e-6)
+    after = _digest(line.collide), _digest(Reducer.wall.span), _digest(Straight.wall.span)
+    assert [a == b for a, b in zip(before, after, strict=True)] == [False, False, True]

@@ -53,7 +53,7 @@ def fitting_class(kind: str) -> type[Fitting]:
         raise InputError(Fault("kind", f"is {kind!r}", (*choices, "module:Class")))
     try:
         found = getattr(importlib.import_module(module_name), class_name, None)
-    except ImportError as error:
+    except Exception as error:  # whatever the user's module raises as it is read
         raise InputError(
             Fault("kind", f"is {kind!r}; {module_name!r} cannot be imported: {error}", choices)
         ) from error
