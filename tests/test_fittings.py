@@ -290,6 +290,19 @@ def test_a_robot_drives_through_a_fitting_from_outside(collider):
     assert result.metrics["tilt_max_deg"] < 2
 
 
+@pytest.mark.parametrize("collider", ["primitives", "exact"])
+@pytest.mark.parametrize("way", [("run_start", "branch"), ("branch", "run_end")])
+def test_a_robot_turns_in_a_wye(collider, way):
+    """Into a branch at 45 degrees, and out of it by 135 degrees, with either collider."""
+    if collider == "exact":
+        pytest.importorskip("numba")
+    pipe = {"kind": "straight", "length": 0.4}
+    wye = {"kind": "wye", "enter": way[0], "leave": way[1]}
+    result = ot.run(validate({"pipes": [pipe, wye, pipe], "physics": {"collider": collider}}))
+    assert result.success
+    assert result.timeline()[1].manoeuvre in ("run to branch", "branch to run")
+
+
 def test_a_network_has_a_fitting_from_outside():
     """A network file names the user's class; it has a length, a route and a file again."""
     network = validate_network(

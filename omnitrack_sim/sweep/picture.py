@@ -62,6 +62,7 @@ def turn_case(sweep: Sweep) -> TurnCase | None:
         if passage.manoeuvre == "tee_turn":
             return TurnCase(
                 pipe_radius=passage.radius,
+                turn_angle=(passage.s_bend_end - passage.s_bend_start) / passage.bend_radius,
                 reach=scenario.robot.reach,
                 contact_length=scenario.robot.contact_length,
                 bend_radius=scenario.control.tee_turn_radius,
