@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     )
     from omnitrack_sim.film.render import render_frame, render_video
     from omnitrack_sim.network import Network, load_network, random_network, shortest_route
-    from omnitrack_sim.pipes import Elbow, PipeNetwork, Reducer, Step, Straight, Tee, route
+    from omnitrack_sim.pipes import Assembly, Elbow, Reducer, Step, Straight, Tee, route
     from omnitrack_sim.plots import plot_mission, plot_singularity, plot_summary
     from omnitrack_sim.record.channels import Channel
     from omnitrack_sim.record.events import Event, Remark
@@ -56,7 +56,7 @@ _HOME = {
     "schema.reading": ("shipped_networks", "shipped_scenarios", "shipped_sweeps"),
     "network": ("Network", "load_network", "random_network", "shortest_route"),
     "record.outcome": ("Outcome",),
-    "pipes": ("Elbow", "PipeNetwork", "Reducer", "Step", "Straight", "Tee", "route"),
+    "pipes": ("Elbow", "Assembly", "Reducer", "Step", "Straight", "Tee", "route"),
     "plots": ("plot_mission", "plot_singularity", "plot_summary"),
     "film.render": ("render_frame", "render_video"),
     "robot": ("MOTORS", "Motor", "Robot"),
@@ -78,6 +78,7 @@ _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "MOTORS",
+    "Assembly",
     "Channel",
     "Command",
     "ControlSetup",
@@ -94,7 +95,6 @@ __all__ = [
     "OmnitrackError",
     "Outcome",
     "OutputError",
-    "PipeNetwork",
     "Reducer",
     "Remark",
     "RenderError",

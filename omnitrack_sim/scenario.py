@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field, SerializeAsAny, WrapValidator, model_validator
 
 from omnitrack_sim.control.catalogue import controller_of, parameters_model
 from omnitrack_sim.control.interface import Controller
@@ -23,6 +23,7 @@ from omnitrack_sim.pipes import Route, route
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.robot import Motor, Robot
 from omnitrack_sim.rotations import Pose, frame_along
+from omnitrack_sim.schema.fittings import by_kind, choices_of
 from omnitrack_sim.schema.reading import (
     NAME_PATTERN,
     checked,
@@ -35,31 +36,21 @@ from omnitrack_sim.schema.reading import (
 from omnitrack_sim.schema.tables import (
     Contact,
     Control,
-    ElbowPipe,
     Expect,
     Goal,
     MonitorTable,
     Physics,
     Pipe,
     RecordTable,
-    ReducerPipe,
     Start,
-    StraightPipe,
-    Table,
-    TeePipe,
     World,
 )
 from omnitrack_sim.sensing import Sensor
+from omnitrack_sim.table import Table
 
 _Thing = TypeVar("_Thing")
 OPEN_TABLE = "control.parameters."
 """Below this path the controller decides which keys there are."""
-_PIPES: dict[str, type[BaseModel]] = {
-    "straight": StraightPipe,
-    "reducer": ReducerPipe,
-    "elbow": ElbowPipe,
-    "tee": TeePipe,
-}
 
 
 class Scenario(Table):
@@ -67,7 +58,7 @@ class Scenario(Table):
     docs/scenarios.md."""
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)] = "scenario"
-    pipes: tuple[Pipe, ...] = ()
+    pipes: tuple[Annotated[SerializeAsAny[Pipe], WrapValidator(by_kind(Pipe))], ...] = ()
     network: Network | None = None
     mission: Mission | None = None
     start: Start = Start()
@@ -249,13 +240,11 @@ class Scenario(Table):
         low, high = self.robot.slide_range
         where = "pipes" if self.pipes else "network.fittings"
         bores = [
-            (p.index, key, line.network.parts[p.index].fitting.port_radius(port))
+            (p.index, fitting.bore_key(port), fitting.port_radius(port))
             for driven in routes
             for p in driven.fittings
+            for fitting in [line.network.parts[p.index].fitting]
             for port in (p.enter, p.leave)
-            for key in [
-                "end_diameter" if (p.kind, port) == ("reducer", "end") else "inner_diameter"
-            ]
         ]
         for i, key, radius in bores:
             if not low < radius - self.robot.nominal_pipe_radius < high:
@@ -322,13 +311,7 @@ def validate(data: Mapping[str, Any], folder: Path = Path()) -> Scenario:
         data = {**data, "network": _network(network, folder)}
     data, faults = _with_parameters(data)
     try:
-        scenario = checked(
-            Scenario,
-            data,
-            "pipes",
-            lambda item: fault_of(item, "pipes", tuple(_PIPES), _choices_at),
-            ScenarioError,
-        )
+        scenario = read_back(data)
     except ScenarioError as error:
         raise ScenarioError([*error.faults, *faults]) from None
     for own in ("own_sensors", "own_metrics"):
@@ -394,12 +377,13 @@ def _fault_below(where: str, model: type[BaseModel], item: Any) -> Fault:
 
 
 def read_back(data: Mapping[str, Any]) -> Scenario:
-    """The scenario of a saved run: as ``validate``, but its controller is not looked for."""
+    """The scenario of a saved run: as ``validate``, but controller, sensors and metrics of a user's
+    own are not looked for."""
     return checked(
         Scenario,
         data,
         "pipes",
-        lambda item: fault_of(item, "pipes", tuple(_PIPES), _choices_at),
+        lambda item: fault_of(item, "pipes", (), lambda places: _choices_at(places, data)),
         ScenarioError,
     )
 
@@ -459,8 +443,8 @@ def set_value(data: Any, path: str, value: Any) -> Fault | None:
     return None
 
 
-def _choices_at(places: list[str]) -> tuple[str, ...]:
-    """Valid keys of the table at a pydantic path."""
+def _choices_at(places: list[str], data: Mapping[str, Any]) -> tuple[str, ...]:
+    """Valid keys of the table at a pydantic path into plain data."""
     tables: dict[str, type[BaseModel]] = {
         name: info.annotation
         for name, info in Scenario.model_fields.items()
@@ -468,8 +452,8 @@ def _choices_at(places: list[str]) -> tuple[str, ...]:
     }
     if not places:
         return tuple(Scenario.model_fields)
-    if places[0] == "pipes" and len(places) > 2:
-        return tuple(_PIPES[places[2]].model_fields)
+    if places[0] == "pipes":
+        return choices_of(Pipe, data["pipes"], places[1])
     if places[0] == "robot" and len(places) > 1:
         return ("like", *Motor.model_fields)
     return tuple(tables[places[0]].model_fields) if places[0] in tables else ()

@@ -1,18 +1,31 @@
 """The exact collider: its surfaces, its contacts, and the same runs as with walls of primitives."""
 
 import math
+import subprocess
+import sys
 
 import mujoco
 import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.model.collider import RECORD_SIZE, bounding_box, install, wall_record
-from omnitrack_sim.pipes import Elbow, Reducer, Step, Straight, Tee, route
-from omnitrack_sim.rotations import unit
+from omnitrack_sim.model.collider import (
+    RECORD_SIZE,
+    bounding_box,
+    install,
+    line,
+    line_record,
+    wall_record,
+)
+from omnitrack_sim.model.collider.compile import _digest
+from omnitrack_sim.model.collider.record import ENDS
+from omnitrack_sim.model.walls import add_exact_walls
+from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, Tee, route
+from omnitrack_sim.pipes.fittings import reducer, shipped_fittings
+from omnitrack_sim.rotations import Pose, frame_along, quaternion_from_matrix, unit
 from omnitrack_sim.sim.builder import scene_of, start_qpos
 
-line = pytest.importorskip("omnitrack_sim.model.collider.line")
+pytest.importorskip("numba")
 
 FITTINGS = {
     "straight": Straight(0.4),
@@ -65,30 +78,47 @@ def touching_lines(fitting, count, seed=0):
                 break
 
 
-def test_the_compiled_surfaces_are_those_of_the_pipes():
-    """Reducer, elbow and tee: distance within 1e-12 m and gradient within 1e-9 of the NumPy
-    functions."""
-    from omnitrack_sim.model.collider.surface import cone, tee, torus
-
-    rng = np.random.default_rng(1)
-    for fitting in FITTINGS.values():
-        if isinstance(fitting, Straight):
-            continue
-        box, half = bounding_box(fitting)
-        points = box + rng.uniform(-1, 1, (2000, 3)) * half
-        distance, gradient = fitting.signed_distance(points)
-        if isinstance(fitting, Tee):
-            found = np.array([tee(*p, fitting.radius, fitting.fillet_radius)[:4] for p in points])
-        elif isinstance(fitting, Reducer):
-            sizes = fitting.radius, fitting.length, fitting.port_radius("end")
-            found = np.array([cone(*p, *sizes)[:4] for p in points])
-        else:
-            found = np.array([torus(*p, fitting.mean_radius, fitting.radius) for p in points])
-        clear = (distance > 0.001) & (fitting.extent(points) > 0)
-        np.testing.assert_allclose(found[clear, 0], distance[clear], atol=1e-12)
-        # On a ridge between two walls the nearest point jumps.
-        same = np.abs(found[:, 1:] - gradient).max(axis=-1) < 1e-9
-        assert same[clear].mean() > 0.999
+@pytest.mark.parametrize("name", FITTINGS)
+def test_plain_and_compiled_contacts_are_the_same(name):
+    """MuJoCo finds with the compiled functions, bit for bit, the contacts that their plain Python
+    gives."""
+    fitting = FITTINGS[name]
+    box, half = bounding_box(fitting)
+    spec = mujoco.MjSpec()
+    add_exact_walls(spec, Assembly((Part("pipe", fitting, Pose()),)))
+    body = spec.worldbody.add_body()
+    body.add_freejoint()
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[RADIUS, HALF, 0], userdata=line_record(PITCH)
+    )
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(4)
+    inside = box + rng.uniform(-1, 1, (600, 3)) * half
+    distance, gradient = fitting.signed_distance(inside)
+    near = inside - (distance - rng.uniform(0.015, 0.03, 600))[:, None] * gradient
+    seen = 0
+    for centre, direction in zip(near[distance > 0], rng.normal(size=(600, 3)), strict=False):
+        data.qpos[:3] = centre
+        data.qpos[3:] = quaternion_from_matrix(frame_along(direction, 0.0))
+        mujoco.mj_forward(model, data)
+        con = np.zeros(line.CONTACT_SIZE * line.MOST_CONTACTS)
+        count = line.line_contacts(
+            con,
+            model.geom_user.ravel(),
+            0,
+            data.geom_xpos.ravel(),
+            data.geom_xmat.ravel(),
+            1,
+            0,
+            *(RADIUS, HALF, PITCH, 0.0),
+        )
+        found = con[: count * line.CONTACT_SIZE].reshape(count, line.CONTACT_SIZE)
+        assert data.ncon == count
+        np.testing.assert_array_equal(data.contact.dist, found[:, 0])
+        np.testing.assert_array_equal(data.contact.pos, found[:, 1:4])
+        seen += count
+    assert seen > 100
 
 
 @pytest.mark.parametrize("name", FITTINGS)
@@ -187,15 +217,13 @@ def test_other_height_fields_collide_as_before():
 def joined_contacts(way, centre, direction):
     """Distances (k,) and normals (k, 3) of a track's contacts with all fittings of a route along
     +z."""
-    from omnitrack_sim.model.walls import add_exact_walls
-
     spec = mujoco.MjSpec()
     add_exact_walls(spec, way.network)
     records = spec.compile().geom_user
     found = []
     for part, record in zip(way.network.parts, records, strict=True):
         local = part.pose.inverse()
-        ends = record[9:12] > 0
+        ends = record[ENDS : ENDS + 3] > 0
         distance, _, normal, _ = contacts(
             part.fitting, local.apply(centre), local.rotation @ direction, 0.001, tuple(ends)
         )
@@ -259,8 +287,6 @@ def test_a_track_over_the_kinks_of_a_reducer(bore):
 def test_a_small_step_carries_a_track_on_both_sides():
     """Where bores differ by manufacturing tolerance, a line ends at the joint on either side;
     elsewhere it does not."""
-    from omnitrack_sim.model.walls import add_exact_walls
-
     for bore, ends in ((0.16, False), (0.1605, True)):
         steps = [
             ("a", Straight(0.2), "start", "end"),
@@ -269,7 +295,8 @@ def test_a_small_step_carries_a_track_on_both_sides():
         spec = mujoco.MjSpec()
         add_exact_walls(spec, route([Step(*step) for step in steps]).network)
         records = spec.compile().geom_user
-        assert (records[:, 9:12] > 0).tolist() == [[True, ends, False], [ends, True, True]]
+        found = records[:, ENDS : ENDS + 3] > 0
+        assert found.tolist() == [[True, ends, False], [ends, True, True]]
 
 
 @pytest.mark.parametrize(
@@ -333,3 +360,32 @@ def test_records_have_their_size():
     """What the compiled code reads is what is written."""
     for fitting in FITTINGS.values():
         assert wall_record(fitting, (True,) * len(fitting.ports)).shape == (RECORD_SIZE,)
+
+
+def test_a_later_process_loads_the_collider_from_disk():
+    """Once compiled, every function is loaded: nothing is compiled in a fresh process."""
+    program = """
+from omnitrack_sim.model.collider import bring, install
+from omnitrack_sim.model.collider.install import _kept
+from omnitrack_sim.model.collider.record import wall_number
+from omnitrack_sim.pipes.fittings import shipped_fittings
+install()
+for fitting in shipped_fittings().values():
+    wall_number(fitting.wall)
+    bring(fitting)
+print([entry.cache_hits for entry in _kept[1:]])
+"""
+    for _ in range(2):
+        run = [sys.executable, "-c", program]
+        told = subprocess.run(run, capture_output=True, text=True, check=True).stdout
+    assert told.strip() == str([1] * (1 + 2 * len(shipped_fittings())))
+
+
+def test_code_on_disk_is_known_by_all_that_it_depends_on(monkeypatch):
+    """Another value of a constant, of the function itself or of one that it calls, is other
+    code."""
+    before = _digest(line.collide), _digest(Reducer.wall.span), _digest(Straight.wall.span)
+    monkeypatch.setattr(line, "SPACING", 0.004)
+    monkeypatch.setattr(reducer, "POSITION", 1e-6)
+    after = _digest(line.collide), _digest(Reducer.wall.span), _digest(Straight.wall.span)
+    assert [a == b for a, b in zip(before, after, strict=True)] == [False, False, True]

@@ -16,12 +16,14 @@ from omnitrack_sim.control.jacobian import FeedbackTable
 from omnitrack_sim.control.paper import PaperTable
 from omnitrack_sim.network import Mission, Network
 from omnitrack_sim.network import validate as validate_network
+from omnitrack_sim.pipes.fittings import shipped_fittings
 from omnitrack_sim.record import channels
 from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario import validate as validate_scenario
+from omnitrack_sim.schema.fittings import table_of
 from omnitrack_sim.schema.reading import shipped_networks, shipped_scenarios, shipped_sweeps
-from omnitrack_sim.schema.tables import MonitorTable
+from omnitrack_sim.schema.tables import MonitorTable, Pipe
 from omnitrack_sim.sweep.axes import AXES
 from omnitrack_sim.sweep.spec import SweepFile, resolve
 
@@ -88,6 +90,7 @@ def test_networks_and_their_keys_are_documented():
     keys = {
         *schema["properties"],
         *(key for table in schema["$defs"].values() for key in table["properties"]),
+        *(key for kind in shipped_fittings().values() for key in kind.Table.model_fields),
     }
     assert sorted(key for key in keys if f"`{key}`" not in text) == []
 
@@ -191,11 +194,9 @@ def test_every_key_of_a_scenario_is_documented():
         "Physics",
         "Goal",
         "Expect",
-        "StraightPipe",
-        "ReducerPipe",
-        "ElbowPipe",
-        "TeePipe",
     ):
         keys |= set(schema["$defs"][table]["properties"])
+    for kind in shipped_fittings():
+        keys |= set(table_of(kind, Pipe).model_fields)
     missing = sorted(key for key in keys if f"`{key}`" not in text)
     assert missing == []

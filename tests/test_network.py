@@ -16,7 +16,7 @@ from test_cli import omnitrack
 from omnitrack_sim.errors import NetworkError
 from omnitrack_sim.model.meshes import network_mesh
 from omnitrack_sim.model.network_export import COLUMNS, export_network
-from omnitrack_sim.network import load_network, manoeuvre, random_network, shortest_route, validate
+from omnitrack_sim.network import load_network, random_network, shortest_route, validate
 from omnitrack_sim.pipes import Elbow, Step, Straight, Tee, route
 from omnitrack_sim.plots.network import _quads
 from omnitrack_sim.rotations import Pose, frame_along
@@ -229,7 +229,7 @@ def test_a_reducer_joins_bores_of_two_sizes():
     network = validate(narrowed())
     assert network.length == pytest.approx(0.4 + 0.32 + 0.16 + 0.4 + 0.5 + 0.15 + 0.5)
     way = shortest_route(network, "d.end", "a.start")
-    assert [manoeuvre(p) for p in way.fittings] == [
+    assert [p.words for p in way.fittings] == [
         "straight",
         "reducer",
         "straight",
@@ -301,7 +301,7 @@ def simple_ways(network, start, goal):
         if index in passed:
             return
         part = network.pipes.parts[index]
-        for leave in part.fitting.choices:
+        for leave in part.fitting.port_names:
             if leave == enter:
                 continue
             length = part.axis(enter, leave).length
@@ -372,7 +372,7 @@ def test_turns_of_a_tee():
     the branch is told."""
     network = validate(branched())
     pipes = network.pipes
-    outward = {port: pipes.parts[1].port(port).rotation[:, 2] for port in Tee.choices}
+    outward = {port: pipes.parts[1].port(port).rotation[:, 2] for port in Tee.port_names}
     cases = {
         ("c.start", "a.start"): ("branch to run", "run_start"),
         ("c.start", "b.end"): ("branch to run", "run_end"),
@@ -382,7 +382,7 @@ def test_turns_of_a_tee():
     }
     for (start, goal), (name, towards) in cases.items():
         passage = shortest_route(network, start, goal).fittings[1]
-        assert manoeuvre(passage) == name
+        assert passage.words == name
         assert np.allclose(passage.turn_direction, outward[towards])
         assert passage.is_turn == (name != "over the run")
         assert passage.index == 1
@@ -463,7 +463,7 @@ def test_exported_walls_stand_where_the_pipes_are(exported):
     mujoco.mj_forward(model, data)
     hit = np.zeros(1, np.int32)
     for part in network.pipes.parts:
-        line = part.axis(*part.fitting.choices[:2])
+        line = part.axis(*part.fitting.port_names[:2])
         s = np.array([0.3, 0.5]) * line.length
         for point, frame in zip(line.at(s)[0], line.frame(s), strict=True):
             for angle in (0.3, 1.9, 4.0):

@@ -204,7 +204,7 @@ def test_map_of_a_plane_network_is_an_elevation():
     network = two_legs()[0].network
     view = projection(network)
     for part in network.parts:
-        start, end = (part.port(port).position for port in part.fitting.choices[:2])
+        start, end = (part.port(port).position for port in part.fitting.port_names[:2])
         assert np.linalg.norm((end - start) @ view[:, :2]) > 0.4 * np.linalg.norm(end - start)
 
 

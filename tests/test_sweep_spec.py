@@ -18,9 +18,11 @@ from omnitrack_sim import (
     override,
     shipped_sweeps,
 )
+from omnitrack_sim.pipes.fittings import shipped_fittings
 from omnitrack_sim.schema.tables import UNITS, unit_of
 from omnitrack_sim.sim.builder import batch_key
 from omnitrack_sim.sweep.spec import resolve
+from omnitrack_sim.table import units_of
 
 GRID = {"path": "contact.friction", "kind": "grid", "start": 0.2, "stop": 0.8, "count": 3}
 KIND = {"path": "control.kind", "kind": "list", "values": ["jacobian", "paper"]}
@@ -343,7 +345,9 @@ def test_units_are_those_of_the_documents():
         for key in re.findall(r"`(\w+)`", cells[0])
         for cell in cells[1:]
     }
-    for path, unit in UNITS.items():
+    tables = [kind.Table for kind in shipped_fittings().values()]
+    pipes = {f"pipes.{k}": unit.symbol for table in tables for k, unit in units_of(table).items()}
+    for path, unit in (UNITS | pipes).items():
         key = path.rpartition(".")[2]
         assert unit == "1" or (key, unit) in told, path
     assert unit_of("start.theta5_deg") == "deg"

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.model.spec import new_spec
-from omnitrack_sim.model.walls import add_walls, stave_count
-from omnitrack_sim.pipes import Elbow, PipeNetwork, Placed, Reducer, Step, Straight, Tee, route
+from omnitrack_sim.model.walls import add_walls
+from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, Tee, route
+from omnitrack_sim.pipes.pieces import stave_count
 from omnitrack_sim.rotations import Pose, unit
 
 FITTINGS = {
@@ -34,7 +35,7 @@ def cast(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     the wall."""
     fitting = FITTINGS[name]
     spec = new_spec(name)
-    add_walls(spec, PipeNetwork((Placed("pipe", fitting, Pose()),)))
+    add_walls(spec, Assembly((Part("pipe", fitting, Pose()),)))
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -137,7 +138,7 @@ def test_walls_touch_only_lugs():
     """Wall geoms are named after their part, stand in group 3 and do not collide with one
     another."""
     spec = new_spec("x")
-    count = add_walls(spec, PipeNetwork((Placed("pipe", Tee(), Pose()),)))
+    count = add_walls(spec, Assembly((Part("pipe", Tee(), Pose()),)))
     model = spec.compile()
     assert model.ngeom == count
     assert all("pipe" in model.geom(i).name for i in range(count))

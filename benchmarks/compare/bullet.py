@@ -38,11 +38,10 @@ from numpy.typing import NDArray
 from omnitrack_sim import Scenario, load_scenario
 from omnitrack_sim.model.meshes import fitting_mesh
 from omnitrack_sim.model.robot import FREE_SPRING_LENGTH, lug_pitch, lug_places
-from omnitrack_sim.pipes import Elbow, PipeNetwork, Straight
-from omnitrack_sim.pipes.fittings import Fitting
+from omnitrack_sim.pipes import Assembly, Fitting, Part
 from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
-from omnitrack_sim.rotations import Array, cross, dot, matrix_from_quaternion
+from omnitrack_sim.rotations import Array, Pose, cross, dot, matrix_from_quaternion
 from omnitrack_sim.sensing.truth import AT_REST
 from omnitrack_sim.sim.plant import BOTH_TRACKS_COSINE, NUMBERS, Plant, Start
 from omnitrack_sim.sim.shares import timed
@@ -113,13 +112,8 @@ def inner_mesh(fitting: Fitting, settings: BulletSettings) -> trimesh.Trimesh:
     """Inner surface of a fitting, m, fitting frame; the exact surface lies amid each facet around
     the bore."""
     n = settings.sections
-    if isinstance(fitting, (Straight, Elbow)):
-        turns = (
-            1
-            if isinstance(fitting, Straight)
-            else max(2, math.ceil(settings.along * fitting.angle / (math.pi / 2)))
-        )
-        mesh = _swept(fitting, n, turns)
+    if len(fitting.axes) == 1:
+        mesh = _swept(fitting, n, settings.along)
     else:
         solid = fitting_mesh(fitting, sections=n)
         off = np.abs(fitting.signed_distance(solid.vertices)[0])
@@ -135,17 +129,17 @@ def inner_mesh(fitting: Fitting, settings: BulletSettings) -> trimesh.Trimesh:
     return mesh
 
 
-def _swept(fitting: Straight | Elbow, sections: int, turns: int) -> trimesh.Trimesh:
-    """Rings along a straight or a bend, joined by triangles; corners on the exact surface."""
-    u = 2 * np.pi * np.arange(sections) / sections
-    s = np.linspace(0, 1, turns + 1)[:, None]
-    ring, side = fitting.radius * np.cos(u), fitting.radius * np.sin(u)
-    if isinstance(fitting, Straight):
-        points = np.stack(np.broadcast_arrays(ring, side, s * fitting.length), axis=-1)
-    else:
-        a, from_axis = s * fitting.angle, fitting.mean_radius - ring
-        x, z = fitting.mean_radius - from_axis * np.cos(a), from_axis * np.sin(a)
-        points = np.stack(np.broadcast_arrays(x, side, z), axis=-1)
+def _swept(fitting: Fitting, sections: int, along: int) -> trimesh.Trimesh:
+    """Rings along the one axis of a fitting, ``along`` in a right angle, joined by triangles;
+    corners on the exact surface."""
+    line, first, last = Part("part", fitting, Pose()).axes()[0]
+    ends = line.at(np.array([0.0, line.length]))
+    bend = line.length * float(ends[3].max())
+    turns = max(2, math.ceil(along * bend / (math.pi / 2))) if bend else 1
+    s, u = np.linspace(0, line.length, turns + 1), 2 * np.pi * np.arange(sections) / sections
+    circle = np.stack([np.cos(u), np.sin(u), 0 * u], axis=-1)
+    radius = np.linspace(first, last, turns + 1)[:, None, None]
+    points = line.at(s)[0][:, None] + radius * np.einsum("sij,kj->ski", line.frame(s), circle)
     index = np.arange((turns + 1) * sections).reshape(turns + 1, sections)
     a, b = index[:-1], index[1:]
     a_next, b_next = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
@@ -156,7 +150,7 @@ def _swept(fitting: Straight | Elbow, sections: int, turns: int) -> trimesh.Trim
     return trimesh.Trimesh(points.reshape(-1, 3), np.concatenate(faces), process=False)
 
 
-def add_wall(client: int, network: PipeNetwork, settings: BulletSettings) -> int:
+def add_wall(client: int, network: Assembly, settings: BulletSettings) -> int:
     """The inner surface of a network as one static concave body; returns its number."""
     meshes = []
     for part in network.parts:
@@ -618,7 +612,7 @@ def bullet_wall_error(
     """
     network = scenario.route.network
     radius = scenario.robot.lug_radius - scenario.robot.track_offset
-    parts = [p for p in network.parts if not isinstance(p.fitting, Straight)] or list(network.parts)
+    parts = [p for p in network.parts if not p.fitting.is_plain] or list(network.parts)
     centres = probe_centres(network, parts, radius, probes, seed)
     client = bullet.connect(bullet.DIRECT)
     try:
@@ -642,9 +636,7 @@ def bullet_wall_error(
     return float(size.max()), float(np.quantile(size, 0.99))
 
 
-def probe_centres(
-    network: PipeNetwork, parts: list, radius: float, number: int, seed: int
-) -> Array:
+def probe_centres(network: Assembly, parts: list, radius: float, number: int, seed: int) -> Array:
     """Centres (number, 3) m of spheres that stand ``PROBE_GAP`` off the exact surface, at random
     over ``parts``."""
     rng = np.random.default_rng(seed)

@@ -19,7 +19,7 @@ from omnitrack_sim.model.collider import line_record, why_not
 from omnitrack_sim.model.robot import LUG_CONAFFINITY, LUG_CONTYPE, add_robot, lug_pitch
 from omnitrack_sim.model.spec import new_spec
 from omnitrack_sim.model.walls import add_exact_walls, add_walls
-from omnitrack_sim.pipes import PipeNetwork, Placed
+from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.builder import scene_of
@@ -70,7 +70,7 @@ class Entry:
     peer: str
     settings: dict[str, Any]
     overrides: dict[str, Any] = dataclasses.field(default_factory=dict)
-    walls: Callable[[mujoco.MjSpec, PipeNetwork], float] | None = None
+    walls: Callable[[mujoco.MjSpec, Assembly], float] | None = None
     line_tracks: bool = False
     depth_factor: float = 1.0
 
@@ -124,12 +124,12 @@ class Built:
     """
 
     make_plant: MakePlant
-    wall_error: Callable[[Placed, int], tuple[float, float]]
+    wall_error: Callable[[Part, int], tuple[float, float]]
     build_s: float
     elements: int | None
 
 
-def probe_places(part: Placed, radius: float, count: int, seed: int = 0) -> Array:
+def probe_places(part: Part, radius: float, count: int, seed: int = 0) -> Array:
     """Centres (count, 3) m, world frame, of spheres that touch a part's exact inner surface, away
     from its ports."""
     rng = np.random.default_rng(seed)
@@ -148,7 +148,7 @@ def probe_places(part: Placed, radius: float, count: int, seed: int = 0) -> Arra
     return points[:count]
 
 
-def probe_walls(entry: Entry, scenario: Scenario, part: Placed, count: int) -> tuple[float, float]:
+def probe_walls(entry: Entry, scenario: Scenario, part: Part, count: int) -> tuple[float, float]:
     """Largest error and that which 99 % of the probes keep, mm, of an entry's collision surface in
     one part.
 
@@ -307,7 +307,7 @@ def _convex(work: Work, timestep: float, mesh: MeshSettings, **coacd: Any) -> En
 
 
 def _flex(timestep: float, sections: int, edge: float | None, radius: float) -> Entry:
-    def walls(spec: mujoco.MjSpec, network: PipeNetwork) -> float:
+    def walls(spec: mujoco.MjSpec, network: Assembly) -> float:
         flex_walls(spec, network, MeshSettings(sections, edge), radius)
         return 0.0
 
@@ -324,7 +324,7 @@ def _flex(timestep: float, sections: int, edge: float | None, radius: float) -> 
 def _sdf(
     timestep: float, mesh: MeshSettings, depth: int | None, iterations: int, points: int
 ) -> Entry:
-    def walls(spec: mujoco.MjSpec, network: PipeNetwork) -> float:
+    def walls(spec: mujoco.MjSpec, network: Assembly) -> float:
         sdf_walls(spec, network, mesh, depth, iterations, points)
         return 0.0
 

@@ -16,8 +16,9 @@ from manifold3d import Manifold, Mesh
 
 from omnitrack_sim.model.meshes import fitting_mesh, manifold_to_trimesh
 from omnitrack_sim.model.robot import LUG_CONAFFINITY, LUG_CONTYPE
-from omnitrack_sim.model.walls import GROUP, sagitta
-from omnitrack_sim.pipes import Fitting, PipeNetwork
+from omnitrack_sim.model.walls import GROUP
+from omnitrack_sim.pipes import Assembly, Fitting
+from omnitrack_sim.pipes.pieces import sagitta
 
 NEAR = 1e-3
 """A mesh vertex this close to the exact inner surface lies on the bore, m; the outside is a wall
@@ -83,7 +84,7 @@ def _moved(mesh: trimesh.Trimesh, fitting: Fitting, level: float) -> trimesh.Tri
 
 def convex_walls(
     spec: mujoco.MjSpec,
-    network: PipeNetwork,
+    network: Assembly,
     mesh: MeshSettings,
     coacd: dict[str, Any],
     folder: Path,
@@ -106,7 +107,7 @@ def convex_walls(
 
 def flex_walls(
     spec: mujoco.MjSpec,
-    network: PipeNetwork,
+    network: Assembly,
     mesh: MeshSettings,
     radius: float = 1e-3,
     offset: float = 0.0,
@@ -132,7 +133,7 @@ def flex_walls(
 
 def sdf_walls(
     spec: mujoco.MjSpec,
-    network: PipeNetwork,
+    network: Assembly,
     mesh: MeshSettings,
     octree_depth: int | None = None,
     iterations: int = 10,

@@ -14,6 +14,7 @@ from omnitrack_sim.errors import Fault, NetworkError, OutputError
 
 if TYPE_CHECKING:
     from omnitrack_sim.network import Network
+    from omnitrack_sim.network.spec import NetworkFitting
     from omnitrack_sim.pipes import Route
 
 
@@ -141,7 +142,7 @@ def _summary(found: Network, route: Route | None) -> dict[str, Any]:
             | {
                 "ports": {
                     port: found.joined_to.get(f"{part.name}.{port}")
-                    for port in found.pipes.parts[i].fitting.choices
+                    for port in found.pipes.parts[i].fitting.port_names
                 }
             }
             for i, part in enumerate(found.fittings)
@@ -162,12 +163,10 @@ def _position(found: Network, port: str) -> list[float]:
 
 
 def _passages(route: Route) -> list[dict[str, Any]]:
-    from omnitrack_sim.network import manoeuvre
-
     return [
         {
             "name": route.network.parts[passage.index].name,
-            "manoeuvre": manoeuvre(passage),
+            "manoeuvre": passage.words,
             "enter": passage.enter,
             "leave": passage.leave,
             "from_m": float(passage.s_enter),
@@ -181,7 +180,7 @@ def _print_network(found: Network) -> None:
     named = {port: name for name, port in found.ports.items()}
     table = Table("part", "kind", "sizes", "port", "joined to", box=None, padding=(0, 2))
     for i, part in enumerate(found.fittings):
-        for row, port in enumerate(found.pipes.parts[i].fitting.choices):
+        for row, port in enumerate(found.pipes.parts[i].fitting.port_names):
             end = f"{part.name}.{port}"
             other = found.joined_to.get(end)
             to = (
@@ -197,20 +196,18 @@ def _print_network(found: Network) -> None:
     out.print(f"{len(found.fittings)} parts, {found.length:.3f} m of axis in all")
 
 
-def _sizes(part: Any) -> str:
+def _sizes(part: NetworkFitting) -> str:
     """The sizes of a part, mm and degrees."""
-    bores = [part.inner_diameter, *([part.end_diameter] if hasattr(part, "end_diameter") else [])]
-    sizes = [f"D {' to '.join(f'{1e3 * bore:.4g}' for bore in bores)} mm"]
-    for key, text in (
-        ("length", "L"),
-        ("mean_radius", "Rm"),
-        ("run_length", "run"),
-        ("branch_length", "branch"),
-    ):
-        if hasattr(part, key):
-            sizes.append(f"{text} {1e3 * getattr(part, key):.4g} mm")
-    if hasattr(part, "angle_deg"):
-        sizes.append(f"{part.angle_deg:g} deg")
+    from omnitrack_sim.table import units_of
+
+    fitting = part.fitting()
+    bores = list(dict.fromkeys(2e3 * fitting.port_radius(port) for port in fitting.port_names))
+    sizes = [f"D {' to '.join(f'{bore:.4g}' for bore in bores)} mm"]
+    for key, unit in units_of(type(part)).items():
+        if unit.short is not None:
+            value = getattr(part, key)
+            number = f"{1e3 * value:.4g} mm" if unit.symbol == "m" else f"{value:g} {unit.symbol}"
+            sizes.append(f"{unit.short} {number}".strip())
     return ", ".join(sizes)
 
 

@@ -129,7 +129,10 @@ def _is_mission(result: Result) -> bool:
     legs."""
     routes = result.routes()
     turns = [
-        passage for route in routes for passage in route.fittings if passage.kind != "straight"
+        passage
+        for route in routes
+        for passage in route.fittings
+        if not route.network.parts[passage.index].fitting.is_plain
     ]
     return len(routes) > 1 or len(turns) > 1
 

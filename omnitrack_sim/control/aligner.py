@@ -28,7 +28,7 @@ from omnitrack_sim.control.interface import ControlSetup, Observation
 from omnitrack_sim.control.route_map import Place, RouteMap
 from omnitrack_sim.record.events import Event, NotAligned, Rolled
 from omnitrack_sim.rotations import Array
-from omnitrack_sim.schema.tables import Positive, Table
+from omnitrack_sim.table import Positive, Table
 from omnitrack_sim.theory.kinematics import belt_sign
 from omnitrack_sim.theory.singularity import safe_margin, sector_angle
 
@@ -74,11 +74,7 @@ AIMS = 3
 
 def manoeuvres(routes: RouteMap) -> tuple[Manoeuvre | None, ...]:
     """What each passage of the routes asks for; None after the last one of a route."""
-    kinds: dict[bool, Manoeuvre] = {True: "tee_turn", False: "tee_straight"}
-    return tuple(
-        None if p is None else "elbow" if p.kind == "elbow" else kinds[p.is_turn]
-        for p in routes.passages
-    )
+    return tuple(None if p is None else p.manoeuvre for p in routes.passages)
 
 
 class Standing(NamedTuple):

@@ -12,18 +12,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.pipes.fittings import Manoeuvre
 from omnitrack_sim.robot import MODULES
 from omnitrack_sim.rotations import Array, wrap_angle
 from omnitrack_sim.theory.kinematics import belt_sign, turn_from_roll
 from omnitrack_sim.theory.singularity import best_theta5
 
-Manoeuvre = Literal["elbow", "tee_turn", "tee_straight"]
 NO_MOTION_MARGIN = np.radians(30.0)
 """Default least distance of a roll from the no-motion line, where both tracks touch and work
 against each other."""

@@ -9,7 +9,7 @@ from omnitrack_sim.control.jacobian import JacobianController
 from omnitrack_sim.control.paper import EqualController, PaperController
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.naming import named
-from omnitrack_sim.schema.tables import Table
+from omnitrack_sim.table import Table
 
 CONTROLLERS: dict[str, type[Controller]] = {
     "jacobian": JacobianController,

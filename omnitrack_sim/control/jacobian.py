@@ -15,7 +15,7 @@ from omnitrack_sim.control.interface import Command, ControlSetup, Observation
 from omnitrack_sim.control.leg_watch import LegWatch
 from omnitrack_sim.control.recovery import Recovery, RecoveryTable
 from omnitrack_sim.control.tracking import Tracking, TrackingTable, wall_speeds
-from omnitrack_sim.schema.tables import Table
+from omnitrack_sim.table import Table
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT, BACK_OFF = range(6)
 _PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT, None: CRUISE}

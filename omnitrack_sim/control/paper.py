@@ -17,7 +17,7 @@ from omnitrack_sim.control.leg_watch import LegWatch
 from omnitrack_sim.control.route_map import Place, angle_between
 from omnitrack_sim.robot import MODULE_ANGLES
 from omnitrack_sim.rotations import Array, cross, dot, unit
-from omnitrack_sim.schema.tables import Table
+from omnitrack_sim.table import Table
 from omnitrack_sim.theory.kinematics import elbow_speeds
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT = range(5)
@@ -70,12 +70,7 @@ class PaperController:
         radii = [np.nan if p is None else p.bend_radius for p in passages]
         self.bend_radius = np.array(radii)  # (Q,) m
         # (Q,) m, an opening's near edge or a bend's start
-        self.mark = np.array(
-            [
-                np.inf if p is None else p.opening[0] if p.kind == "tee" else p.s_bend_start
-                for p in passages
-            ]
-        )
+        self.mark = np.array([np.inf if p is None else p.mark for p in passages])
         way = routes.way_of
         longest = routes.lengths[way]
         start, end = np.clip(routes.start, 0, longest), np.clip(routes.end, 0, longest)

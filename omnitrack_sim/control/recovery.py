@@ -13,7 +13,7 @@ from omnitrack_sim.control.aligner import Aligner
 from omnitrack_sim.control.interface import ControlSetup, Observation
 from omnitrack_sim.record.events import BackedOff, Event
 from omnitrack_sim.rotations import Array
-from omnitrack_sim.schema.tables import Positive, Table
+from omnitrack_sim.table import Positive, Table
 
 
 class RecoveryTable(Table):

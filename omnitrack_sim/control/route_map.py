@@ -67,7 +67,8 @@ class RouteMap:
         start, end: (Q,) m, arc length where the fitting begins to matter and where it has been
             passed.
         way_of: (Q,) route of each passage.
-        is_turn: (Q,) bool, the route bends there. is_tee, into_branch, out_of_branch: (Q,) bool.
+        is_turn: (Q,) bool, the route bends there. is_tee_turn, into_branch, out_of_branch: (Q,)
+            bool.
         radius: (Q,) m, of the bore there.
         directions: (Q, 3) turning directions at the fitting's entry, world frame.
     """
@@ -106,9 +107,9 @@ class RouteMap:
         spans = [(np.inf, np.inf) if p is None else p.span for p in passages]
         self.start, self.end = np.array(spans).T
         self.is_turn = np.array([p is not None and p.is_turn for p in passages])
-        self.is_tee = np.array([p is not None and p.kind == "tee" for p in passages])
-        self.into_branch = np.array([p is not None and p.leave == "branch" for p in passages])
-        self.out_of_branch = np.array([p is not None and p.enter == "branch" for p in passages])
+        self.is_tee_turn = np.array([p is not None and p.manoeuvre == "tee_turn" for p in passages])
+        self.into_branch = np.array([p is not None and p.into_branch for p in passages])
+        self.out_of_branch = np.array([p is not None and p.out_of_branch for p in passages])
         at_end = iter(zip(end_directions, last_radius, strict=True))
         ends = [(p.turn_direction, p.radius) if p is not None else next(at_end) for p in passages]
         self.directions = np.array([direction for direction, _ in ends])

@@ -17,7 +17,7 @@ from pydantic import Field
 from omnitrack_sim.control.interface import ControlSetup
 from omnitrack_sim.control.route_map import Place, angle_between
 from omnitrack_sim.rotations import Array, cross, dot, length, unit
-from omnitrack_sim.schema.tables import Positive, Table
+from omnitrack_sim.table import Positive, Table
 from omnitrack_sim.theory.kinematics import module_speeds
 
 LEADS = 7

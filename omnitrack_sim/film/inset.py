@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from omnitrack_sim.pipes import PipeNetwork, Placed, Route, Tee
+from omnitrack_sim.pipes import Assembly, Part, Route
 from omnitrack_sim.record.trajectory import Trajectory, spans
 from omnitrack_sim.rotations import Array, matrix_from_quaternion
 
@@ -105,7 +105,7 @@ class Inset:
         """The same in pixels of the large map, right and down."""
         return self.offset + self.scale * self._flat(points) * [1, -1]
 
-    def _pipes(self, network: PipeNetwork, goals: Array, plates: Array) -> Image.Image:
+    def _pipes(self, network: Assembly, goals: Array, plates: Array) -> Image.Image:
         """Panel, pipes from the farthest to the nearest, plates, goals."""
         image = Image.new("RGBA", self.size, (0, 0, 0, 0))
         draw = ImageDraw.Draw(image)
@@ -178,7 +178,7 @@ class Inset:
             draw.ellipse((*low.tolist(), *high.tolist()), fill=colour)
 
 
-def projection(network: PipeNetwork) -> Array:
+def projection(network: Assembly) -> Array:
     """Axes of the picture as columns (3, 3): right, up, towards the viewer. World z is up.
 
     Of elevations and oblique views from above the one in which the fewest pipes lie over others or
@@ -223,20 +223,12 @@ def _distances(points: Array) -> Array:
     return np.linalg.norm(points[:, None] - points[None], axis=-1)
 
 
-def _lines(part: Placed) -> list[Array]:
-    """Axes of a part, points (n, 3) m: a tee has its run and its branch."""
-    if isinstance(part.fitting, Tee):
-        start, end, branch = (part.port(port).position for port in part.fitting.choices)
-        middle = part.pose.position
-        return [_line(start, middle), _line(middle, end), _line(middle, branch)]
-    enter, leave = part.fitting.choices[:2]
-    axis = part.axis(enter, leave)
-    return [axis.at(np.linspace(0, axis.length, max(2, round(axis.length / SPACING) + 1)))[0]]
-
-
-def _line(start: Array, end: Array) -> Array:
-    count = max(2, round(float(np.linalg.norm(end - start)) / SPACING) + 1)
-    return start + np.linspace(0, 1, count)[:, None] * (end - start)
+def _lines(part: Part) -> list[Array]:
+    """Axes of a part, points (n, 3) m."""
+    return [
+        line.at(np.linspace(0, line.length, max(2, round(line.length / SPACING) + 1)))[0]
+        for line, _, _ in part.axes()
+    ]
 
 
 def _changed(codes: NDArray) -> NDArray[np.bool_]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnitrack_sim.pipes import Passage, Placed, Route
+from omnitrack_sim.pipes import Part, Passage, Route
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.rotations import Array, cross, dot, unit
 
@@ -55,7 +55,7 @@ def view_directions(trajectory: Trajectory, routes: Sequence[Route], liking: Arr
     return unit(np.stack([np.interp(travel, travel[rows], column) for column in chosen.T], axis=-1))
 
 
-def in_the_way(parts: Sequence[Placed], eye: Array, targets: Array) -> Array:
+def in_the_way(parts: Sequence[Part], eye: Array, targets: Array) -> Array:
     """How far each part (P,) stands between ``eye`` (3,) m and ``targets`` (k, 3) m: 0 not at all,
     1 in full.
 
@@ -70,7 +70,7 @@ def in_the_way(parts: Sequence[Placed], eye: Array, targets: Array) -> Array:
     return found
 
 
-def _depth(part: Placed, points: Array) -> Array:
+def _depth(part: Part, points: Array) -> Array:
     """How deep ``points`` (..., 3) m lie within the outside of a part, m; negative outside."""
     return np.minimum(part.signed_distance(points)[0], part.extent(points)) + WALL
 
@@ -117,7 +117,7 @@ def _normal(route: Route, passage: Passage) -> Array:
     return unit(cross(entry, passage.turn_direction[None]))[0]
 
 
-def _hidden(parts: Sequence[Placed], centres: Array, choices: Array) -> Array:
+def _hidden(parts: Sequence[Part], centres: Array, choices: Array) -> Array:
     """Part (N, C) of the sight line from ``centres`` (N, 3) m in direction ``choices`` (C, 3)
     within other parts."""
     hidden = np.zeros((len(centres), len(choices)))

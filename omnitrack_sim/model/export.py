@@ -17,10 +17,10 @@ from omnitrack_sim.model.scene import build_scene
 from omnitrack_sim.model.spec import new_spec
 from omnitrack_sim.model.walls import add_walls
 from omnitrack_sim.pipes import (
+    Assembly,
     Elbow,
     Fitting,
-    PipeNetwork,
-    Placed,
+    Part,
     Route,
     Step,
     Straight,
@@ -75,7 +75,7 @@ def check_models(models_dir: Path, assets_dir: Path) -> list[str]:
     return sorted([*wrong, *(p.name for p in strays - set(files))])
 
 
-def network_xml(network: PipeNetwork, name: str) -> str:
+def network_xml(network: Assembly, name: str) -> str:
     """MJCF of a network's collision walls, world frame; six digits, nothing else in it."""
     spec = new_spec(name)
     add_walls(spec, network)
@@ -83,7 +83,7 @@ def network_xml(network: PipeNetwork, name: str) -> str:
     return spec.to_xml()
 
 
-def network_stl(network: PipeNetwork) -> bytes:
+def network_stl(network: Assembly) -> bytes:
     """The walls of a whole network as one solid, binary STL, m, world frame.
 
     Single precision folds slivers at the rims of tees, so the file, unlike ``network_mesh``, is not
@@ -143,7 +143,7 @@ def _robot_spec() -> mujoco.MjSpec:
 def _pipe_spec(name: str, fitting: Fitting) -> mujoco.MjSpec:
     """One fitting in its own frame: collision walls and the look of its far half."""
     spec = new_spec(f"omnitrack_pipe_{name}")
-    network = PipeNetwork((Placed(name, fitting, Pose()),))
+    network = Assembly((Part(name, fitting, Pose()),))
     add_walls(spec, network)
     add_pipe_looks(spec, network)
     add_cameras(spec, network)
@@ -151,19 +151,13 @@ def _pipe_spec(name: str, fitting: Fitting) -> mujoco.MjSpec:
 
 
 def _scene_route(fitting: Fitting) -> Route:
-    steps = [Step("entry", Straight(0.4), "start", "end")]
-    if isinstance(fitting, Straight):
-        steps.append(Step("straight", fitting, "start", "end"))
-    elif isinstance(fitting, Elbow):
-        steps += [
-            Step("elbow", fitting, "start", "end"),
-            Step("exit", Straight(0.4), "start", "end"),
-        ]
-    else:
-        steps += [
-            Step("tee", fitting, "run_start", "branch"),
-            Step("exit", Straight(0.4), "start", "end"),
-        ]
+    """The fitting behind a straight, and another one behind it where it is no straight itself."""
+    steps = [
+        Step("entry", Straight(0.4), "start", "end"),
+        Step(fitting.kind, fitting, *fitting.default_way),
+    ]
+    if not fitting.is_plain:
+        steps.append(Step("exit", Straight(0.4), "start", "end"))
     return route(steps)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from omnitrack_sim.model.meshes import THICKNESS, cutaway_mesh, inside_mesh
 from omnitrack_sim.model.parts import coil, lug_row, triangular_prism
-from omnitrack_sim.pipes import PipeNetwork, Reducer, Straight
+from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.rotations import Array, quaternion_from_matrix, unit
@@ -58,7 +58,7 @@ def look_pitch(robot: Robot) -> float:
     return robot.contact_length / LUGS_SHOWN
 
 
-def view_direction(network: PipeNetwork) -> Array:
+def view_direction(network: Assembly) -> Array:
     """Unit vector (3,), world: from the pipes to the viewer, across the plane of the first bend or
     tee.
 
@@ -67,7 +67,7 @@ def view_direction(network: PipeNetwork) -> Array:
     """
     liking = np.array([0.1, -1.0, 0.4])
     for part in network.parts:
-        if not isinstance(part.fitting, Straight | Reducer):
+        if not part.fitting.is_axial:
             normal = part.pose.rotation[:, 1]
             return normal * math.copysign(1.0, normal @ liking)
     axis = network.parts[0].pose.rotation[:, 2]
@@ -195,7 +195,7 @@ def _dress_module(module: mujoco.MjsBody, robot: Robot, number: int) -> None:
 
 
 def add_pipe_looks(
-    spec: mujoco.MjSpec, network: PipeNetwork, cutaway_normal: ArrayLike | None = None
+    spec: mujoco.MjSpec, network: Assembly, cutaway_normal: ArrayLike | None = None
 ) -> None:
     """Each part of the network cut open towards the viewer: ``pipe_<part>``, and the half cut off:
     ``front_<part>``.
@@ -225,7 +225,7 @@ def add_pipe_looks(
             geom.group = group
 
 
-def add_pipe_insides(spec: mujoco.MjSpec, network: PipeNetwork) -> None:
+def add_pipe_insides(spec: mujoco.MjSpec, network: Assembly) -> None:
     """The inner surface of each part of the network as ``inside_<part>`` (group 5), for a viewer
     who moves about.
 
@@ -247,7 +247,7 @@ def add_pipe_insides(spec: mujoco.MjSpec, network: PipeNetwork) -> None:
         geom.group = INSIDE_GROUP
 
 
-def follow_direction(network: PipeNetwork) -> Array:
+def follow_direction(network: Assembly) -> Array:
     """Unit vector (3,), world: from the robot to the camera that keeps with it, where nothing
     speaks against it."""
     towards = view_direction(network)
@@ -255,7 +255,7 @@ def follow_direction(network: PipeNetwork) -> Array:
     return unit(towards + 0.20 * up + 0.16 * np.cross(up, towards))
 
 
-def add_cameras(spec: mujoco.MjSpec, network: PipeNetwork, size: float = 1.0) -> None:
+def add_cameras(spec: mujoco.MjSpec, network: Assembly, size: float = 1.0) -> None:
     """Cameras ``side`` (all pipes), ``follow`` (with the robot, from the cut side) ``onboard``
     (forward); lights. ``size`` is the scale of the robot that the last two keep with."""
     towards = view_direction(network)
@@ -317,7 +317,7 @@ def _camera_frame(back: Array, up: Array) -> Array:
     return np.stack([right, np.cross(back, right), back], axis=-1)
 
 
-def _corners(network: PipeNetwork) -> tuple[Array, Array]:
+def _corners(network: Assembly) -> tuple[Array, Array]:
     """Corners (3,), (3,) m of the box about all pipes, world frame."""
     points = np.concatenate([part.bore_samples() for part in network.parts])
     return points.min(axis=0) - THICKNESS, points.max(axis=0) + THICKNESS

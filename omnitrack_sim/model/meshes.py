@@ -9,14 +9,16 @@ bore is open.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import trimesh
 from manifold3d import CrossSection, Manifold, Mesh, OpType
 from numpy.typing import ArrayLike
 
-from omnitrack_sim.pipes import Elbow, Fitting, PipeNetwork, Placed, Reducer, Straight, Tee
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.pipes import Assembly, Fitting, Part
+from omnitrack_sim.rotations import Array, Pose
 
 THICKNESS = 0.004
 """Wall thickness of every fitting, m: a 168 mm pipe with a 160 mm bore; assumed."""
@@ -24,8 +26,6 @@ SECTIONS = 96
 """Corners of a pipe's cross-section."""
 DEGREES_PER_RING = 3.75
 """Bend angle between neighbouring cross-sections of an elbow, degrees."""
-FILLET_POINTS = 7
-"""Points on the fillet's arc, ends included."""
 OVERCUT = 2e-4
 """How far cutting solids reach into what is already empty, m."""
 JOINT_DISC = 1e-3
@@ -44,7 +44,7 @@ def fitting_mesh(
 
 
 def network_mesh(
-    network: PipeNetwork, thickness: float = THICKNESS, sections: int = SECTIONS
+    network: Assembly, thickness: float = THICKNESS, sections: int = SECTIONS
 ) -> trimesh.Trimesh:
     """The walls of a whole network as one watertight solid, m, world frame: open at its open ends
     and nowhere else.
@@ -86,8 +86,8 @@ def cutaway_mesh(
 
     Args:
         fitting: what to cut.
-        towards: (3,) direction of the viewer in the fitting frame. Elbows and tees are cut along
-            their own plane, on the viewer's side; a straight pipe or reducer along its axis.
+        towards: (3,) direction of the viewer in the fitting frame. Fittings that bend or branch
+            are cut along their own plane, on the viewer's side; axial ones along their axis.
         thickness: of the wall, m.
         sections: corners of the cross-section.
         keep: True for the half that stays, False for the one taken away.
@@ -109,31 +109,77 @@ def cut_normal(fitting: Fitting, towards: ArrayLike) -> Array:
     """Unit normal (3,) of the cut through the fitting's axis, fitting frame, on the side of
     ``towards`` (3,)."""
     x, y, _ = np.asarray(towards, float)
-    if not isinstance(fitting, Straight | Reducer):
+    if not fitting.is_axial:
         return np.array([0.0, math.copysign(1.0, y), 0.0])
     across = np.array([x, y, 0.0])
     length = float(np.linalg.norm(across))
     return across / length if length > 1e-6 else np.array([0.0, 1.0, 0.0])
 
 
+@dataclass(frozen=True)
+class ManifoldKit:
+    """``pipes.kit.Kit`` with the solids of manifold3d."""
+
+    sections: int
+    overcut: float = OVERCUT
+
+    def cylinder(
+        self,
+        length: float,
+        radius: float,
+        end_radius: float | None = None,
+        *,
+        centred: bool = False,
+    ) -> Manifold:
+        """See ``Kit``."""
+        end = radius if end_radius is None else end_radius
+        sections = self.sections
+        return Manifold.cylinder(length, radius, end, circular_segments=sections, center=centred)
+
+    def revolved(self, outline: Array) -> Manifold:
+        """See ``Kit``."""
+        return Manifold.revolve(CrossSection([outline]), circular_segments=self.sections)
+
+    def bend(self, mean_radius: float, angle: float, radius: float) -> Manifold:
+        """See ``Kit``."""
+        disc = CrossSection.circle(radius, self.sections).translate((mean_radius, 0.0))
+        degrees = math.degrees(angle)
+        steps = max(3, math.ceil(degrees / DEGREES_PER_RING))
+        sector = Manifold.revolve(disc, circular_segments=steps, revolve_degrees=degrees)
+        # revolve() sweeps from +x towards +y about z; a bend from -x towards +z about y.
+        return sector.transform(
+            np.array([[-1, 0, 0, mean_radius], [0, 0, 1, 0], [0, 1, 0, 0]], float)
+        )
+
+    def loft(self, rings: Array, hub: int | None) -> Manifold:
+        """See ``Kit``."""
+        solid = trimesh.Trimesh(*_loft(rings, hub), process=False)
+        if solid.volume < 0:
+            solid.invert()
+        return Manifold(
+            Mesh(np.asarray(solid.vertices, np.float32), np.asarray(solid.faces, np.uint32))
+        )
+
+    def moved(self, solid: Manifold, pose: Pose) -> Manifold:
+        """See ``Kit``."""
+        return solid.transform(np.column_stack([pose.rotation, pose.position]))
+
+
 def _wall(fitting: Fitting, thickness: float, sections: int) -> Manifold:
-    bore = _bore(
-        fitting, sections
-    )  # made first: the order of making solids orders the triangles of the result
+    # The bore is made first: the order of making solids orders the triangles of the result.
+    bore = _bore(fitting, sections)
     return _fill(fitting, thickness, sections) - bore
 
 
 def _bore(fitting: Fitting, sections: int) -> Manifold:
-    """Solid of what is empty: the bore, with the rim of a tee rounded."""
-    bore = _fill(fitting, 0.0, sections)
-    if isinstance(fitting, Tee):
-        bore += _fillet(fitting, 1.0, sections) + _fillet(fitting, -1.0, sections)
-    return bore
+    return cast(Manifold, fitting.bore(ManifoldKit(sections)))
 
 
-def _joint_disc(
-    a: tuple[Placed, str], b: tuple[Placed, str], more: float, sections: int
-) -> Manifold:
+def _fill(fitting: Fitting, thickness: float, sections: int) -> Manifold:
+    return cast(Manifold, fitting.fill(ManifoldKit(sections), thickness))
+
+
+def _joint_disc(a: tuple[Part, str], b: tuple[Part, str], more: float, sections: int) -> Manifold:
     """Solid about the joint of two ports, in the frame of the first, that fills both bores and
     ``more`` m around them.
 
@@ -142,7 +188,7 @@ def _joint_disc(
     """
     radii = [part.fitting.port_radius(port) for part, port in (a, b)]
     radius = min(radii) if more == 0 else max(radii)
-    behind, ahead = (radius + _growth(part.fitting, port) for part, port in (a, b))
+    behind, ahead = (radius + JOINT_DISC * part.fitting.flare(port) for part, port in (a, b))
     if behind == ahead == radius:
         return Manifold.cylinder(
             2 * JOINT_DISC, radius + more, circular_segments=sections, center=True
@@ -154,95 +200,19 @@ def _joint_disc(
     )
 
 
-def _growth(fitting: Fitting, port: str) -> float:
-    """By how much, m, the bore is wider JOINT_DISC inside a port than at it."""
-    if not isinstance(fitting, Reducer):
-        return 0.0
-    return JOINT_DISC * (fitting.slope if port == "start" else -fitting.slope)
-
-
-def _fill(fitting: Fitting, more: float, sections: int) -> Manifold:
-    """Solid of the bore and ``more`` m around it, between the ports."""
-    radius = fitting.radius + more
-    if isinstance(fitting, Reducer):
-        end = fitting.port_radius("end") + more
-        return Manifold.cylinder(fitting.length, radius, end, circular_segments=sections)
-    if isinstance(fitting, Straight):
-        return Manifold.cylinder(fitting.length, radius, circular_segments=sections)
-    if isinstance(fitting, Elbow):
-        return _torus_sector(fitting, radius, sections)
-    run = Manifold.cylinder(fitting.run_length, radius, circular_segments=sections, center=True)
-    branch = Manifold.cylinder(fitting.branch_length, radius, circular_segments=sections).rotate(
-        (0.0, 90.0, 0.0)
-    )
-    return run + branch
-
-
-def _torus_sector(fitting: Elbow, radius: float, sections: int) -> Manifold:
-    """Disc revolved about the torus axis; what would lie beyond that axis is left out (spindle)."""
-    disc = CrossSection.circle(radius, sections).translate((fitting.mean_radius, 0.0))
-    degrees = math.degrees(fitting.angle)
-    steps = max(3, math.ceil(degrees / DEGREES_PER_RING))
-    sector = Manifold.revolve(disc, circular_segments=steps, revolve_degrees=degrees)
-    # revolve() sweeps from +x towards +y about z; the elbow sweeps from -x towards +z about y
-    return sector.transform(
-        np.array([[-1, 0, 0, fitting.mean_radius], [0, 0, 1, 0], [0, 1, 0, 0]], float)
-    )
-
-
-def _fillet(tee: Tee, side: float, sections: int) -> Manifold:
-    """What a ball of the fillet radius rounds off the rim on one side of the branch (``side`` =
-    sign of z).
-
-    The ball's centre runs on the saddle where two cylinders of radius R + f meet. Each
-    cross-section is bounded by the ball's arc between its two points of tangency and closed within
-    the bores.
-    """
-    steps = sections // 2
-    angles = (np.arange(1, steps) - steps / 2) * 2 * math.pi / sections
-    cos, sin, zero = np.cos(angles), np.sin(angles), np.zeros_like(angles)
-    to_run = np.stack([cos, sin, zero], axis=-1)  # (m, 3) away from the run's axis
-    to_branch = np.stack([zero, sin, side * cos], axis=-1)
-    diagonal = np.stack([cos, sin, side * cos], axis=-1)
-    radius, fillet = tee.radius, tee.fillet_radius
-    centre = (radius + fillet) * diagonal
-    weight = np.linspace(0.0, 1.0, FILLET_POINTS)[:, None, None]
-    arc = (1 - weight) * to_run + weight * to_branch
-    arc = centre - fillet * arc / np.linalg.norm(
-        arc, axis=-1, keepdims=True
-    )  # (FILLET_POINTS, m, 3)
-    rings = np.concatenate(
-        [
-            arc,
-            (arc[-1] - OVERCUT * to_branch)[None],
-            ((radius - OVERCUT) * diagonal)[None],
-            (arc[0] - OVERCUT * to_run)[None],
-        ]
-    )
-    solid = trimesh.Trimesh(*_loft(rings.transpose(1, 0, 2)), process=False)
-    if solid.volume < 0:
-        solid.invert()
-    return Manifold(
-        Mesh(np.asarray(solid.vertices, np.float32), np.asarray(solid.faces, np.uint32))
-    )
-
-
-def _loft(rings: Array) -> tuple[Array, np.ndarray]:
-    """Vertices and faces of the solid through closed rings (m, k, 3), with fans over both ends."""
+def _loft(rings: Array, hub: int | None) -> tuple[Array, np.ndarray]:
+    """Vertices and faces of the solid through closed rings (m, k, 3), with fans over both ends
+    about their corner ``hub``; without a hub the last ring is joined to the first."""
     count, corners, _ = rings.shape
     index = np.arange(count * corners).reshape(count, corners)
-    a, b = index[:-1], index[1:]
+    a, b = (index[:-1], index[1:]) if hub is not None else (index, np.roll(index, -1, axis=0))
     a_next, b_next = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
-    sides = np.concatenate(
-        [
-            np.stack([a, a_next, b], -1).reshape(-1, 3),
-            np.stack([a_next, b_next, b], -1).reshape(-1, 3),
-        ]
-    )
-    hub = corners - 2  # the corner inside the bores sees every other one
-    fan = [(hub, (hub + i) % corners, (hub + i + 1) % corners) for i in range(1, corners - 1)]
-    first, last = index[0][np.array(fan)][:, ::-1], index[-1][np.array(fan)]
-    return rings.reshape(-1, 3), np.concatenate([sides, first, last])
+    faces = [np.stack([a, a_next, b], -1), np.stack([a_next, b_next, b], -1)]
+    faces = [triangles.reshape(-1, 3) for triangles in faces]
+    if hub is not None:
+        fan = [(hub, (hub + i) % corners, (hub + i + 1) % corners) for i in range(1, corners - 1)]
+        faces += [index[0][np.array(fan)][:, ::-1], index[-1][np.array(fan)]]
+    return rings.reshape(-1, 3), np.concatenate(faces)
 
 
 def manifold_to_trimesh(solid: Manifold) -> trimesh.Trimesh:

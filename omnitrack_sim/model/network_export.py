@@ -12,7 +12,7 @@ import numpy as np
 
 from omnitrack_sim.errors import OutputError
 from omnitrack_sim.model.export import network_stl, network_xml
-from omnitrack_sim.pipes import PipeNetwork
+from omnitrack_sim.pipes import Assembly
 
 SPACING = 0.01
 """Greatest distance of neighbouring points of the centreline table, m."""
@@ -27,7 +27,7 @@ COLUMNS = (
 )
 
 
-def export_network(name: str, pipes: PipeNetwork, folder: str | Path) -> list[Path]:
+def export_network(name: str, pipes: Assembly, folder: str | Path) -> list[Path]:
     """Write ``NAME.xml`` (MJCF), ``NAME.stl`` and ``NAME_centrelines.csv``; returns their paths.
 
     The folder is made when missing; files of these names are overwritten.
@@ -55,7 +55,7 @@ def export_network(name: str, pipes: PipeNetwork, folder: str | Path) -> list[Pa
     return [folder / file for file in files]
 
 
-def centreline_table(pipes: PipeNetwork) -> str:
+def centreline_table(pipes: Assembly) -> str:
     """CSV of the axis curves of every fitting, ``COLUMNS`` wide; a tee has one curve for each pair
     of its ports.
 
@@ -65,7 +65,7 @@ def centreline_table(pipes: PipeNetwork) -> str:
     table = csv.writer(text, lineterminator="\n")
     table.writerow(COLUMNS)
     for part in pipes.parts:
-        for enter, leave in combinations(part.fitting.choices, 2):
+        for enter, leave in combinations(part.fitting.port_names, 2):
             line = part.axis(enter, leave)
             s = np.linspace(0, line.length, max(2, math.ceil(line.length / SPACING) + 1))
             point, tangent, _, curvature = line.at(s)

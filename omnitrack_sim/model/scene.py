@@ -9,7 +9,7 @@ import mujoco
 from omnitrack_sim.model.robot import add_robot
 from omnitrack_sim.model.spec import TIMESTEP, new_spec
 from omnitrack_sim.model.walls import add_exact_walls, add_plates, add_walls
-from omnitrack_sim.pipes import PipeNetwork
+from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.robot import Robot
 
 
@@ -24,7 +24,7 @@ def let_walls_sleep(spec: mujoco.MjSpec) -> None:
 
 
 def build_scene(
-    network: PipeNetwork,
+    network: Assembly,
     robot: Robot,
     *,
     plates: Sequence[tuple[int, str]] = (),

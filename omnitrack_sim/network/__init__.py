@@ -5,7 +5,6 @@ from omnitrack_sim.network.mission import Leg, Mission, Planner
 from omnitrack_sim.network.planning import shortest_route
 from omnitrack_sim.network.random import random_network
 from omnitrack_sim.network.spec import Network, load_network, validate
-from omnitrack_sim.record.timeline import manoeuvre
 
 __all__ = [
     "Leg",
@@ -13,7 +12,6 @@ __all__ = [
     "Network",
     "Planner",
     "load_network",
-    "manoeuvre",
     "random_network",
     "shortest_route",
     "validate",

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnitrack_sim.errors import Fault, GeometryError, NetworkError
-from omnitrack_sim.pipes import Fitting, PipeNetwork, Placed, attached
+from omnitrack_sim.pipes import Assembly, Fitting, Part, attached
 from omnitrack_sim.rotations import Pose
 
 CLOSES = 1e-3
@@ -31,7 +31,7 @@ class Joined:
     turn: float = 0.0
 
 
-def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Pose) -> PipeNetwork:
+def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Pose) -> Assembly:
     """Place the fittings along the joints, breadth first.
 
     Args:
@@ -49,7 +49,7 @@ def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Po
         for i, name in enumerate(names)
         if i not in poses
     ]
-    parts = {i: Placed(names[i], kinds[i], poses[i]) for i in sorted(poses)}
+    parts = {i: Part(names[i], kinds[i], poses[i]) for i in sorted(poses)}
     for k, joint in enumerate(joints):
         if k not in used and joint.ends[0][0] in parts:
             faults += _misses(k, joint, parts)
@@ -62,7 +62,7 @@ def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Po
         if i in order
     ]
     try:
-        network = PipeNetwork(tuple(parts.values()), tuple(kept))
+        network = Assembly(tuple(parts.values()), tuple(kept))
     except GeometryError as error:
         raise NetworkError([*faults, *_in_file(error.faults, list(order))]) from None
     if faults:
@@ -75,7 +75,7 @@ def _placed(
 ) -> tuple[dict[int, Pose], set[int]]:
     """Poses by part, and the joints that placed a part; the others close loops or lie apart from
     the first part."""
-    poses = {0: attached(first, kinds[0], kinds[0].choices[0], 0.0)}
+    poses = {0: attached(first, kinds[0], kinds[0].port_names[0], 0.0)}
     used: set[int] = set()
     queue = deque([0])
     while queue:
@@ -91,7 +91,7 @@ def _placed(
     return poses, used
 
 
-def _misses(k: int, joint: Joined, parts: Mapping[int, Placed]) -> list[Fault]:
+def _misses(k: int, joint: Joined, parts: Mapping[int, Part]) -> list[Fault]:
     """The fault of a loop that does not close."""
     (i, port_i), (j, port_j) = joint.ends
     a, b = parts[i].port(port_i), parts[j].port(port_j)
@@ -110,7 +110,7 @@ def _misses(k: int, joint: Joined, parts: Mapping[int, Placed]) -> list[Fault]:
 
 
 def _in_file(faults: Iterable[Fault], order: Sequence[int]) -> list[Fault]:
-    """Faults of ``PipeNetwork`` with the paths of a network file; ``order``: place in the file of
+    """Faults of ``Assembly`` with the paths of a network file; ``order``: place in the file of
     each part."""
 
     def renamed(text: str) -> str:

@@ -20,9 +20,9 @@ from omnitrack_sim.errors import Fault, NetworkError
 from omnitrack_sim.network.layout import End
 from omnitrack_sim.network.planning import Way, port_graph, route_of, shortest_way, unreachable
 from omnitrack_sim.network.spec import Network
-from omnitrack_sim.pipes import TEE_ARCS, Route, TeeArcs
+from omnitrack_sim.pipes import ARCS, Arcs, Route
 from omnitrack_sim.robot import Robot
-from omnitrack_sim.schema.tables import Table
+from omnitrack_sim.table import Table
 
 NOSE_ROOM = 0.005
 """Room between the robot's nose and the end of the way at a goal, m."""
@@ -85,7 +85,7 @@ class Planner:
         mission: Mission,
         robot: Robot,
         distance: float,
-        arcs: TeeArcs = TEE_ARCS,
+        arcs: Arcs = ARCS,
     ) -> None:
         self.network, self.mission, self.robot, self.arcs = network, mission, robot, arcs
         self.ends, self.plates = _checked(network, mission)

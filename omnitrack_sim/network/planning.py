@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from omnitrack_sim.errors import Fault, NetworkError
 from omnitrack_sim.network.layout import End
 from omnitrack_sim.network.spec import Network
-from omnitrack_sim.pipes import TEE_ARCS, Route, TeeArcs, route_through
+from omnitrack_sim.pipes import ARCS, Arcs, Route, route_through
 
 if TYPE_CHECKING:
     import networkx
@@ -19,7 +19,7 @@ Way = tuple[tuple[int, str, str], ...]
 
 
 def port_graph(
-    network: Network, arcs: TeeArcs = TEE_ARCS, avoid: Collection[str] = ()
+    network: Network, arcs: Arcs = ARCS, avoid: Collection[str] = ()
 ) -> networkx.DiGraph[Any]:
     """Ports (part index, port name) as nodes; ``length`` m of the axis between the ports of a
     fitting, 0 at joints.
@@ -30,11 +30,9 @@ def port_graph(
 
     graph = networkx.DiGraph()
     for i, part in enumerate(network.pipes.parts):
-        for enter, leave in permutations(part.fitting.choices, 2):
-            path = part.fitting.path(enter, leave, arcs)
-            graph.add_edge(
-                (i, enter), (i, leave), length=sum(length for length, _ in path.segments)
-            )
+        for enter, leave in permutations(part.fitting.port_names, 2):
+            curve = part.fitting.axis_curve(enter, leave, arcs)
+            graph.add_edge((i, enter), (i, leave), length=curve.length)
     for a, b in network.pipes.joints:
         graph.add_edge(a, b, length=0.0)
         graph.add_edge(b, a, length=0.0)
@@ -47,7 +45,7 @@ def shortest_route(
     start: str,
     goal: str,
     avoid: Iterable[str] = (),
-    arcs: TeeArcs = TEE_ARCS,
+    arcs: Arcs = ARCS,
 ) -> Route:
     """The shortest way from one open end to another; no fitting is passed twice.
 
@@ -106,6 +104,6 @@ def unreachable(where: str, start: str, goal: str, avoid: Collection[str]) -> Fa
     return Fault(where, f"{goal!r} cannot be reached from {start!r}{around}")
 
 
-def route_of(network: Network, way: Way, arcs: TeeArcs = TEE_ARCS) -> Route:
+def route_of(network: Network, way: Way, arcs: Arcs = ARCS) -> Route:
     """A way through a network with its centreline."""
     return route_through(network.pipes, way, arcs)

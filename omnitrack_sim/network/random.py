@@ -10,7 +10,7 @@ import numpy as np
 
 from omnitrack_sim.errors import Fault, GeometryError, NetworkError
 from omnitrack_sim.network.spec import Network, validate
-from omnitrack_sim.pipes import Elbow, Fitting, Placed, Reducer, Straight, Tee, attached
+from omnitrack_sim.pipes import Elbow, Fitting, Part, Reducer, Straight, Tee, attached
 from omnitrack_sim.rotations import Array, Pose
 
 CLEARANCE = 0.05
@@ -110,7 +110,7 @@ def _grown(
     Tees, elbows and reducers are added together with the straights at their other ports, so every
     open end is a straight.
     """
-    first = Placed("straight_1", Straight(_draw_length(rng, lengths), inner_diameter), Pose())
+    first = Part("straight_1", Straight(_draw_length(rng, lengths), inner_diameter), Pose())
     parts, samples = [first], [first.bore_samples()]
     joints: list[dict[str, Any]] = []
     free = [(0, "start"), (0, "end")]
@@ -130,19 +130,18 @@ def _grown(
         else:
             possible = [radius for radius in mean_radii if radius >= bore / 2] or mean_radii
             fitting = Elbow(float(rng.choice(possible)), inner_diameter=bore)
-        fits = [end for end in fitting.choices if 2 * fitting.port_radius(end) == bore]
+        fits = [end for end in fitting.port_names if 2 * fitting.port_radius(end) == bore]
         enter = fits[int(rng.integers(len(fits)))]
-        # A straight or reducer looks the same however it is turned.
-        turn_deg = 0.0 if isinstance(fitting, Straight | Reducer) else float(rng.choice(TURNS_DEG))
+        turn_deg = 0.0 if fitting.is_axial else float(rng.choice(TURNS_DEG))
         new = [_joined_to(parts[index], port, fitting, enter, turn_deg, len(parts))]
-        ends = [(len(parts), end) for end in fitting.choices if end != enter]
+        ends = [(len(parts), end) for end in fitting.port_names if end != enter]
         added = [
             {
                 "ports": [f"{parts[index].name}.{port}", f"{new[0].name}.{enter}"],
                 "turn_deg": turn_deg,
             }
         ]
-        if not isinstance(fitting, Straight):
+        if not fitting.is_plain:
             for _, end in ends:
                 straight = Straight(_draw_length(rng, lengths), 2 * fitting.port_radius(end))
                 new.append(_joined_to(new[0], end, straight, "start", 0.0, len(parts) + len(new)))
@@ -161,15 +160,15 @@ def _grown(
             free.remove((index, port))
             free += ends
             tries = 0
-    return [_row(part.name, part.fitting) for part in parts], joints
+    return [part.fitting.to_table() | {"name": part.name} for part in parts], joints
 
 
 def _joined_to(
-    part: Placed, port: str, fitting: Fitting, enter: str, turn_deg: float, index: int
-) -> Placed:
+    part: Part, port: str, fitting: Fitting, enter: str, turn_deg: float, index: int
+) -> Part:
     """A fitting placed at a port of another one, with a name that says which part it is."""
     pose = attached(part.port(port), fitting, enter, np.radians(turn_deg))
-    return Placed(f"{fitting.kind}_{index + 1}", fitting, pose)
+    return Part(f"{fitting.kind}_{index + 1}", fitting, pose)
 
 
 def _reducer(rng: np.random.Generator, bore: float, others: list[float]) -> Reducer:
@@ -186,7 +185,7 @@ def _draw_length(rng: np.random.Generator, lengths: tuple[float, float]) -> floa
 
 
 def _has_room(
-    parts: list[Placed], samples_of: list[Array], joined: int | None, new: Placed, samples: Array
+    parts: list[Part], samples_of: list[Array], joined: int | None, new: Part, samples: Array
 ) -> bool:
     """Whether a new part, with points of its bore, keeps clear of all ``parts`` but the one that it
     is joined to."""
@@ -200,15 +199,3 @@ def _has_room(
         if part.holds(samples, -CLEARANCE) or (len(near) and new.holds(near, -CLEARANCE)):
             return False
     return True
-
-
-def _row(name: str, fitting: Fitting) -> dict[str, Any]:
-    """A fitting as a table of a network file."""
-    row: dict[str, Any] = {"kind": fitting.kind, "name": name}
-    if isinstance(fitting, Straight | Reducer):
-        row["length"] = fitting.length
-    elif isinstance(fitting, Elbow):
-        row["mean_radius"] = fitting.mean_radius
-    if isinstance(fitting, Reducer):
-        row["end_diameter"] = fitting.end_diameter
-    return row | {"inner_diameter": fitting.inner_diameter}  # type: ignore[attr-defined]

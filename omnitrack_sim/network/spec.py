@@ -8,15 +8,16 @@ import re
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field, SerializeAsAny, WrapValidator, model_validator
 
 from omnitrack_sim.errors import Fault, GeometryError, NetworkError
 from omnitrack_sim.network.layout import End, Joined, lay_out
-from omnitrack_sim.pipes import Elbow, Fitting, PipeNetwork, Reducer, Straight, Tee
+from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.rotations import Pose, frame_along
+from omnitrack_sim.schema.fittings import FittingEntry, by_kind, choices_of
 from omnitrack_sim.schema.reading import (
     NAME_PATTERN,
     checked,
@@ -24,75 +25,17 @@ from omnitrack_sim.schema.reading import (
     read_toml,
     shipped_networks,
 )
-from omnitrack_sim.schema.tables import Direction, ElbowPipe, Size, Table
+from omnitrack_sim.schema.tables import Direction
+from omnitrack_sim.table import Table
 
 PartName = Annotated[str, Field(pattern=r"^[^\s./\\\x00-\x1f]+$")]
 """A part's name is also one of a port and of a geom: no dot, no space, no separator."""
 
 
-class StraightPart(Table):
-    """A straight pipe."""
+class NetworkFitting(FittingEntry):
+    """A fitting in the list ``fittings``."""
 
-    kind: Literal["straight"]
     name: PartName
-    length: Size  # m
-    inner_diameter: Size = Straight.inner_diameter  # m
-
-    def fitting(self) -> Fitting:
-        """The pipe itself."""
-        return Straight(self.length, self.inner_diameter)
-
-
-class ReducerPart(Table):
-    """A cone between bores of two sizes."""
-
-    kind: Literal["reducer"]
-    name: PartName
-    length: Size  # m
-    end_diameter: Size  # m, at the port "end"
-    inner_diameter: Size = Reducer.inner_diameter  # m, at the port "start"
-
-    def fitting(self) -> Fitting:
-        """The cone itself."""
-        return Reducer(self.length, self.end_diameter, self.inner_diameter)
-
-
-class ElbowPart(Table):
-    """A bend."""
-
-    kind: Literal["elbow"]
-    name: PartName
-    mean_radius: Size = ElbowPipe.model_fields["mean_radius"].default  # m
-    angle_deg: Annotated[float, Field(gt=0, le=180)] = 90.0
-    inner_diameter: Size = Elbow.inner_diameter  # m
-
-    def fitting(self) -> Fitting:
-        """The bend itself."""
-        return Elbow(self.mean_radius, math.radians(self.angle_deg), self.inner_diameter)
-
-
-class TeePart(Table):
-    """An equal tee."""
-
-    kind: Literal["tee"]
-    name: PartName
-    run_length: Size = Tee.run_length  # m
-    branch_length: Size = Tee.branch_length  # m, from the run's axis
-    fillet_radius: Size = Tee.fillet_radius  # m
-    inner_diameter: Size = Tee.inner_diameter  # m
-
-    def fitting(self) -> Fitting:
-        """The tee itself."""
-        return Tee(self.run_length, self.branch_length, self.fillet_radius, self.inner_diameter)
-
-
-Part = Annotated[StraightPart | ReducerPart | ElbowPart | TeePart, Field(discriminator="kind")]
-_PARTS: dict[str, type[BaseModel]] = {
-    "straight": StraightPart,
-    "reducer": ReducerPart,
-    "elbow": ElbowPart,
-    "tee": TeePart,
-}
 
 
 class Place(Table):
@@ -121,7 +64,12 @@ class Network(Table):
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)] = "network"
     place: Place = Place()
-    fittings: Annotated[tuple[Part, ...], Field(min_length=1)]
+    fittings: Annotated[
+        tuple[
+            Annotated[SerializeAsAny[NetworkFitting], WrapValidator(by_kind(NetworkFitting))], ...
+        ],
+        Field(min_length=1),
+    ]
     joints: tuple[Joint, ...] = ()
     ports: dict[str, str] = Field(default_factory=dict)
 
@@ -147,7 +95,7 @@ class Network(Table):
     __hash__ = None  # type: ignore[assignment]
 
     @cached_property
-    def pipes(self) -> PipeNetwork:
+    def pipes(self) -> Assembly:
         """The fittings, placed in the world."""
         ends = self._ends
         joints = [
@@ -174,14 +122,7 @@ class Network(Table):
     @property
     def length(self) -> float:
         """Length of all axes, m: a tee counts its run and its branch from the run's axis."""
-        return sum(
-            part.run_length + part.branch_length
-            if isinstance(part, TeePart)
-            else part.length
-            if isinstance(part, StraightPart | ReducerPart)
-            else part.mean_radius * math.radians(part.angle_deg)
-            for part in self.fittings
-        )
+        return sum(part.fitting().length_of_axes for part in self.fittings)
 
     def end(self, where: str, port: str) -> End:
         """Part index and port name of an open end, given as ``part.port`` or by its name in
@@ -237,11 +178,10 @@ class Network(Table):
     @cached_property
     def _ends(self) -> dict[str, End]:
         """Every port, in order, by its name in the file."""
-        kinds = {"straight": Straight, "reducer": Reducer, "elbow": Elbow, "tee": Tee}
         return {
             f"{part.name}.{port}": (i, port)
             for i, part in enumerate(self.fittings)
-            for port in kinds[part.kind].choices
+            for port in part.of.port_names
         }
 
     def _naming_faults(self) -> list[Fault]:
@@ -310,25 +250,25 @@ def validate(data: Mapping[str, Any]) -> Network:
     Raises:
         NetworkError: lists every fault with its dotted path.
     """
-    return checked(Network, data, "fittings", _fault, NetworkError)
+    return checked(Network, data, "fittings", lambda item: _fault(item, data), NetworkError)
 
 
-def _fault(item: Any) -> Fault:
+def _fault(item: Any, data: Mapping[str, Any]) -> Fault:
     if item["type"] == "string_pattern_mismatch" and item["loc"][0] == "fittings":
         where = f"fittings.{item['loc'][1]}.name"
         return Fault(
             where,
             f"is {item['input']!r}; a part's name has no dot, space or separator and is not empty",
         )
-    return fault_of(item, "fittings", tuple(_PARTS), _choices_at)
+    return fault_of(item, "fittings", (), lambda places: _choices_at(places, data))
 
 
-def _choices_at(places: list[str]) -> tuple[str, ...]:
-    """Valid keys of the table at a pydantic path."""
+def _choices_at(places: list[str], data: Mapping[str, Any]) -> tuple[str, ...]:
+    """Valid keys of the table at a pydantic path into plain data."""
     if not places:
         return tuple(Network.model_fields)
-    if places[0] == "fittings" and len(places) > 2:
-        return tuple(_PARTS[places[2]].model_fields)
+    if places[0] == "fittings":
+        return choices_of(NetworkFitting, data["fittings"], places[1])
     tables: dict[str, type[BaseModel]] = {"place": Place, "joints": Joint}
     return tuple(tables[places[0]].model_fields) if places[0] in tables else ()
 

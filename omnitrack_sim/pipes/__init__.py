@@ -1,35 +1,26 @@
-"""Pipes: fittings, networks, routes and their exact inner surface. Pure NumPy."""
+"""Pipes: fittings, assemblies, routes and their exact inner surface. Pure NumPy."""
 
-from omnitrack_sim.pipes.assembly import (
-    BORE_TOLERANCE,
-    Passage,
-    PipeNetwork,
-    Placed,
-    Route,
-    Step,
-    attached,
-    route,
-    route_through,
-)
+from omnitrack_sim.pipes.assembly import BORE_TOLERANCE, Assembly, Part, attached
 from omnitrack_sim.pipes.centreline import Centreline, Segment
-from omnitrack_sim.pipes.fittings import TEE_ARCS, Elbow, Fitting, Reducer, Straight, Tee, TeeArcs
+from omnitrack_sim.pipes.fittings import ARCS, Arcs, Elbow, Fitting, Reducer, Straight, Tee
+from omnitrack_sim.pipes.routes import Passage, Route, Step, route, route_through
 
 __all__ = [
+    "ARCS",
     "BORE_TOLERANCE",
-    "TEE_ARCS",
+    "Arcs",
+    "Assembly",
     "Centreline",
     "Elbow",
     "Fitting",
+    "Part",
     "Passage",
-    "PipeNetwork",
-    "Placed",
     "Reducer",
     "Route",
     "Segment",
     "Step",
     "Straight",
     "Tee",
-    "TeeArcs",
     "attached",
     "route",
     "route_through",

@@ -98,6 +98,11 @@ class Centreline:
         """Length of the line, m; of the first one where several are kept together."""
         return float(self.lengths[0])
 
+    @property
+    def is_straight(self) -> bool:
+        """Whether it has no arc."""
+        return bool(self._straight.all())
+
     def at(
         self, s: Array, way: NDArray[np.intp] | None = None
     ) -> tuple[Array, Array, Array, Array]:

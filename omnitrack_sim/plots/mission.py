@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.pipes import PipeNetwork, Route
+from omnitrack_sim.pipes import Assembly, Route
 from omnitrack_sim.plots.network import draw_pipes, faces, middle, widest_view
 from omnitrack_sim.plots.style import ALARM, INK, save_figure, styled
 from omnitrack_sim.plots.time_chart import START, Mark, draw_time_chart, signs
@@ -429,9 +429,7 @@ def _draw_marks(
             axis.plot(*points, **style, zorder=5.5)
 
 
-def _names(
-    axes: list[Axes], layout: _Layout, renderer: Any, pipes: PipeNetwork, way: Array
-) -> None:
+def _names(axes: list[Axes], layout: _Layout, renderer: Any, pipes: Assembly, way: Array) -> None:
     """Names of the parts, each in the view that shows most of it, off the pipes and off the way (n,
     3) m."""
     pairs = [view.pair for view in layout.views]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from omnitrack_sim.network import Network
-from omnitrack_sim.pipes import Centreline, PipeNetwork, Placed, Reducer, Route, Straight, Tee
+from omnitrack_sim.pipes import Assembly, Centreline, Part, Route
 from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, save_figure, styled
 from omnitrack_sim.rotations import Array
 
@@ -134,7 +134,7 @@ def _draw_view(
     axis.margins(0.06)
 
 
-def draw_pipes(axis: Axes, pipes: PipeNetwork, pair: tuple[int, int], quads: Array) -> None:
+def draw_pipes(axis: Axes, pipes: Assembly, pair: tuple[int, int], quads: Array) -> None:
     """Bores and axes of all parts in one view; ``pair``: world axes to the right and up; ``quads``:
     of ``faces``."""
     from matplotlib.collections import PolyCollection
@@ -151,12 +151,12 @@ def draw_pipes(axis: Axes, pipes: PipeNetwork, pair: tuple[int, int], quads: Arr
             axis.plot(*line[:, columns].T, color=GREY, linewidth=0.7)
 
 
-def faces(pipes: PipeNetwork) -> Array:
+def faces(pipes: Assembly) -> Array:
     """Corners (n, 4, 3) m of the faces of all bores, world frame."""
     return np.concatenate([_quads(part) for part in pipes.parts])
 
 
-def widest_view(part: Placed, pairs: Sequence[tuple[int, int]]) -> int:
+def widest_view(part: Part, pairs: Sequence[tuple[int, int]]) -> int:
     """Index of the view, of ``pairs`` of world axes, that shows most of a part."""
     points = np.concatenate(_lines(part))
     return int(
@@ -219,60 +219,44 @@ def _way(route: Route) -> Array:
     return route.centreline.at(np.linspace(0, length, max(2, round(length / ROUTE_SPACING))))[0]
 
 
-def _axis(part: Placed) -> Centreline:
-    """The axis of a part: of a tee that of its run."""
-    enter, leave = part.fitting.choices[:2]
-    return part.axis(enter, leave)
+def _places(line: Centreline) -> Array:
+    """Arc lengths (n,) m of the points that an axis is drawn through: its ends where it is
+    straight."""
+    count = 2 if line.is_straight else max(2, round(line.length / BEND_SPACING) + 1)
+    return np.linspace(0, line.length, count)
 
 
-def _lines(part: Placed) -> list[Array]:
-    """Axes of a part, points (n, 3) m: a tee has its run and its branch."""
-    if isinstance(part.fitting, Tee):
-        start, end, branch = (part.port(port).position for port in part.fitting.choices)
-        return [np.stack([start, end]), np.stack([part.pose.position, branch])]
-    line = _axis(part)
-    count = (
-        2
-        if isinstance(part.fitting, Straight | Reducer)
-        else max(2, round(line.length / BEND_SPACING) + 1)
-    )
-    return [line.at(np.linspace(0, line.length, count))[0]]
+def _lines(part: Part) -> list[Array]:
+    """Axes of a part, points (n, 3) m."""
+    return [line.at(_places(line))[0] for line, _, _ in part.axes()]
 
 
-def middle(part: Placed) -> Array:
+def middle(part: Part) -> Array:
     """Where a part's name stands (3,) m."""
-    line = _axis(part)
+    line, _, _ = part.axes()[0]
     return line.at(np.array([line.length / 2]))[0][0]
 
 
-def _caps(part: Placed) -> list[Array]:
+def _caps(part: Part) -> list[Array]:
     """Discs that close a part's ports, corners (AROUND, 3) m: seen along its axis a pipe is one of
     them."""
     angle = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
     disc = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
     return [
         part.port(port).apply(part.fitting.port_radius(port) * disc)
-        for port in part.fitting.choices
+        for port in part.fitting.port_names
     ]
 
 
-def _quads(part: Placed) -> Array:
+def _quads(part: Part) -> Array:
     """Corners (n, 4, 3) m of the faces of a part's bore."""
     found = []
     angle = np.linspace(0, 2 * np.pi, AROUND + 1)
-    first, last = (part.fitting.port_radius(port) for port in part.fitting.choices[:2])
-    for line in _lines(part):
-        if isinstance(part.fitting, Tee):
-            tangent = np.stack([line[1] - line[0]] * 2) / np.linalg.norm(line[1] - line[0])
-            side = np.broadcast_to(part.pose.rotation[:, 1], (2, 3))
-        else:
-            axis = _axis(part)
-            frame = axis.frame(np.linspace(0, axis.length, len(line)))
-            tangent, side = frame[:, :, 2], frame[:, :, 0]
-        other = np.cross(tangent, side)
-        ring = np.cos(angle)[:, None] * side[:, None] + np.sin(angle)[:, None] * other[:, None]
-        radius = np.linspace(first, last, len(line))[:, None, None]
-        ring = line[:, None] + radius * ring  # (n, AROUND + 1, 3)
+    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    for line, first, last in part.axes():
+        s = _places(line)
+        ring = np.einsum("sij,kj->ski", line.frame(s), circle)  # (n, AROUND + 1, 3)
+        ring = line.at(s)[0][:, None] + np.linspace(first, last, len(s))[:, None, None] * ring
         corners = np.stack([ring[:-1, :-1], ring[1:, :-1], ring[1:, 1:], ring[:-1, 1:]], axis=-2)
         found.append(corners.reshape(-1, 4, 3))
     return np.concatenate(found)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.plots.style import GREY, INK
-from omnitrack_sim.record.timeline import manoeuvre, passage_indices, running_mean
+from omnitrack_sim.record.timeline import passage_indices, running_mean
 from omnitrack_sim.record.trajectory import spans
 from omnitrack_sim.rotations import Array
 
@@ -160,7 +160,7 @@ def _bands(
     shown: dict[str, str] = {}
     for first, last in spans(leg, place):
         passage = routes[leg[first]].fittings[place[first]]
-        what = manoeuvre(passage)
+        what = passage.words
         shade = shown[what] = SHADES.get(what, SHADES["straight"])
         start, end = float(time[first]), float(time[last])
         for axis in panels:

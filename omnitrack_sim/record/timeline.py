@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.pipes import Passage, Route
+from omnitrack_sim.pipes import Route
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.rotations import Array
 
@@ -29,7 +29,8 @@ class Visit:
 
     Attributes:
         leg: index of the leg. gear: 1 nose first, -1 tail first.
-        name, kind: of the fitting. manoeuvre: see ``manoeuvre``. enter, leave: ports, as the leg's
+        name, kind: of the fitting. manoeuvre: what it does there, in
+            words. enter, leave: ports, as the leg's
             route has them.
         time_enter_s: first sample in it. time_leave_s: first sample after it; None where the run
             ended in it.
@@ -70,16 +71,6 @@ class Visit:
     retries: int
 
 
-def manoeuvre(passage: Passage) -> str:
-    """What the robot does in a fitting: its kind, or in a tee run to branch, branch to run, over
-    the run."""
-    if passage.kind != "tee":
-        return passage.kind
-    if "branch" not in (passage.enter, passage.leave):
-        return "over the run"
-    return "run to branch" if passage.leave == "branch" else "branch to run"
-
-
 def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float) -> list[Visit]:
     """One visit for each fitting the robot's centre was in, in order of the first entry.
 
@@ -115,7 +106,7 @@ def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float)
                 gear=-1 if trajectory["gear"][first] < 0 else 1,
                 name=route.network.parts[passage.index].name,
                 kind=passage.kind,
-                manoeuvre=manoeuvre(passage),
+                manoeuvre=passage.words,
                 enter=passage.enter,
                 leave=passage.leave,
                 **samples.figures(rows),
@@ -239,8 +230,7 @@ def _counts(
 
 
 def _ahead(route: Route, distance: float) -> int | None:
-    """The first elbow or tee whose bend or opening ends beyond ``distance`` m; None after the last
-    one."""
+    """The first bend or branch that ends beyond ``distance`` m; None after the last one."""
     for index, passage in enumerate(route.fittings):
         if passage.span[1] > distance:
             return index

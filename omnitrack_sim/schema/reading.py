@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.schema.fittings import KIND_FAULT
 
 NAME_PATTERN = r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$"
 """A scenario's name is also a folder's: not empty, not hidden, no separators."""
@@ -125,6 +126,8 @@ def fault_of(
         return Fault(f"{where}.kind", f"is {context['tag']!r}", tuple(sorted(kinds)))
     if kind == "union_tag_not_found":
         return Fault(f"{where}.kind", "is missing", tuple(sorted(kinds)))
+    if kind == KIND_FAULT:
+        return Fault(f"{where}.kind", context["problem"], tuple(context["choices"]))
     if kind in ("literal_error", "enum"):
         choices = tuple(
             part.strip(" '") for part in str(context["expected"]).replace(" or ", ",").split(",")

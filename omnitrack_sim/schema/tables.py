@@ -3,25 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
-from omnitrack_sim.pipes import TEE_ARCS, Elbow, Reducer, Step, Straight, Tee, TeeArcs
+from omnitrack_sim.pipes import ARCS, Arcs, Fitting, Step
+from omnitrack_sim.pipes.fittings import known_fittings
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.robot import Robot
-
-
-class Table(BaseModel):
-    """A frozen table of a scenario file; unknown keys are errors."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-Positive = Annotated[float, Field(gt=0)]
-Size = Annotated[float, Field(gt=0, le=1000)]
-"""A length of a pipe, m. The upper limit catches millimetres and keeps the samples of a route in
-memory."""
+from omnitrack_sim.schema.fittings import FittingEntry
+from omnitrack_sim.table import Positive, Table, units_of
 
 
 def _has_a_direction(axis: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -50,16 +41,9 @@ UNITS: dict[str, str] = {
     "physics.wall_tolerance": "m",
     "physics.staves": "1",
     "goal.distance": "m",
-    "pipes.length": "m",
-    "pipes.inner_diameter": "m",
-    "pipes.end_diameter": "m",
-    "pipes.mean_radius": "m",
-    "pipes.run_length": "m",
-    "pipes.branch_length": "m",
-    "pipes.fillet_radius": "m",
 }
-"""Units of the numbers by path without the pipe's place; those in degrees end in ``_deg``, the
-robot has its own."""
+"""Units of the numbers by path; those in degrees end in ``_deg``, the robot's parameters and the
+fittings have their own."""
 
 
 _ROBOT_UNITS = {
@@ -77,107 +61,56 @@ def unit_of(path: str) -> str | None:
     if table == "robot":
         return _ROBOT_UNITS.get(".".join(keys))
     named = [key for key in keys if not key.isdigit() and key != "*"]
+    if table == "pipes":
+        return pipe_units().get(named[-1]) if named else None
     return UNITS.get(".".join([table, *named]))
 
 
-class StraightPipe(Table):
-    """A straight pipe."""
+def pipe_units() -> dict[str, str]:
+    """Units of the keys of all fittings that are known in this process."""
+    tables = [fitting.Table for fitting in known_fittings().values()]
+    return {key: unit.symbol for table in tables for key, unit in units_of(table).items()}
 
-    kind: Literal["straight"]
-    length: Size  # m
-    inner_diameter: Size = 0.16  # m
+
+class Pipe(FittingEntry):
+    """A fitting in the list ``pipes``, which is in the order of the route."""
+
+    name: str | None = None
+    enter: str  # one of the fitting's ports
+    leave: str  # another one
     turn_deg: float = 0.0  # rotation about the joint's axis
-    name: str | None = None
 
-    def step(self, index: int) -> Step:
-        """As a step of a route."""
-        pipe = Straight(self.length, self.inner_diameter)
-        return Step(
-            self.name or f"{self.kind}_{index}", pipe, "start", "end", math.radians(self.turn_deg)
-        )
+    @classmethod
+    def keys_for(cls, fitting: type[Fitting]) -> dict[str, Any]:
+        """Ports with the fitting's own way as default."""
+        enter, leave = fitting.default_way
+        port = Literal[fitting.port_names]
+        return {"enter": (port, enter), "leave": (port, leave)}
 
-
-class ReducerPipe(Table):
-    """A cone between bores of two sizes, entered at either end."""
-
-    kind: Literal["reducer"]
-    length: Size  # m
-    end_diameter: Size  # m, at the port "end"
-    inner_diameter: Size = 0.16  # m, at the port "start"
-    enter: Literal["start", "end"] = "start"
-    turn_deg: float = 0.0
-    name: str | None = None
-
-    def step(self, index: int) -> Step:
-        """As a step of a route."""
-        pipe = Reducer(self.length, self.end_diameter, self.inner_diameter)
-        leave = "end" if self.enter == "start" else "start"
-        return Step(
-            self.name or f"{self.kind}_{index}",
-            pipe,
-            self.enter,
-            leave,
-            math.radians(self.turn_deg),
-        )
-
-
-class ElbowPipe(Table):
-    """A bend."""
-
-    kind: Literal["elbow"]
-    mean_radius: Size = 0.24  # m
-    angle_deg: Annotated[float, Field(gt=0, le=180)] = 90.0
-    inner_diameter: Size = 0.16  # m
-    turn_deg: float = 0.0
-    name: str | None = None
-
-    def step(self, index: int) -> Step:
-        """As a step of a route."""
-        pipe = Elbow(self.mean_radius, math.radians(self.angle_deg), self.inner_diameter)
-        return Step(
-            self.name or f"{self.kind}_{index}", pipe, "start", "end", math.radians(self.turn_deg)
-        )
-
-
-TeePort = Literal["run_start", "run_end", "branch"]
-
-
-class TeePipe(Table):
-    """An equal tee, entered and left at named ports."""
-
-    kind: Literal["tee"]
-    enter: TeePort = "run_start"
-    leave: TeePort = "branch"
-    run_length: Size = 0.32  # m
-    branch_length: Size = 0.16  # m, from the run's axis
-    fillet_radius: Size = 0.005  # m
-    inner_diameter: Size = 0.16  # m
-    turn_deg: float = 0.0
-    name: str | None = None
+    @model_validator(mode="before")
+    @classmethod
+    def _leaves_by_the_other(cls, data: Any) -> Any:
+        """Of two ports, the one that is not entered is left by."""
+        ports = cls.of.port_names
+        if isinstance(data, dict) and "leave" not in data and len(ports) == 2:
+            others = [port for port in ports if port != data.get("enter", cls.of.default_way[0])]
+            return {**data, "leave": others[0]}
+        return data
 
     @field_validator("leave")
     @classmethod
-    def _is_another_port(cls, leave: TeePort, info: ValidationInfo) -> TeePort:
+    def _is_another_port(cls, leave: str, info: ValidationInfo) -> str:
         if leave == info.data.get("enter"):
             raise ValueError(
-                "is where the tee is entered; take one of the others of "
-                f"{', '.join(get_args(TeePort))}"
+                f"is where the {cls.of.kind} is entered; take one of the others of "
+                f"{', '.join(cls.of.port_names)}"
             )
         return leave
 
     def step(self, index: int) -> Step:
         """As a step of a route."""
-        pipe = Tee(self.run_length, self.branch_length, self.fillet_radius, self.inner_diameter)
-        return Step(
-            self.name or f"{self.kind}_{index}",
-            pipe,
-            self.enter,
-            self.leave,
-            math.radians(self.turn_deg),
-        )
-
-
-Pipe = Annotated[StraightPipe | ReducerPipe | ElbowPipe | TeePipe, Field(discriminator="kind")]
+        name = self.name or f"{self.of.kind}_{index}"
+        return Step(name, self.fitting(), self.enter, self.leave, math.radians(self.turn_deg))
 
 
 class Start(Table):
@@ -213,17 +146,17 @@ class Control(Table):
     retry: bool = True  # back off and try again where a turn makes no headway
     speed_limit: Positive = 0.2  # m/s, of a belt
     # m, centreline's arc from run to branch, as far as it fits the tee
-    tee_turn_radius: Positive = TEE_ARCS.turn
-    tee_merge_radius: Positive = TEE_ARCS.merge  # m, likewise from branch to run
+    tee_turn_radius: Positive = ARCS.turn
+    tee_merge_radius: Positive = ARCS.merge  # m, likewise from branch to run
     # of theta5; none: by the robot's reach
     safe_margin_deg: Annotated[float, Field(gt=0, le=60)] | None = None
     # The controller's own table, see docs/scenarios.md; all its keys stand here once it is checked.
     parameters: dict[str, Any] = Field(default_factory=dict)
 
     @property
-    def arcs(self) -> TeeArcs:
+    def arcs(self) -> Arcs:
         """Of the centreline in tees."""
-        return TeeArcs(self.tee_turn_radius, self.tee_merge_radius)
+        return Arcs(self.tee_turn_radius, self.tee_merge_radius)
 
 
 class MonitorTable(Table):

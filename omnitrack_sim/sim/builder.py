@@ -16,7 +16,7 @@ from omnitrack_sim.control.route_map import RouteMap
 from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.model.robot import spring_free_length
 from omnitrack_sim.model.scene import build_scene, let_walls_sleep
-from omnitrack_sim.pipes import Elbow, Route, Tee
+from omnitrack_sim.pipes import Route
 from omnitrack_sim.robot import MODULES
 from omnitrack_sim.rotations import quaternion_from_matrix
 from omnitrack_sim.scenario import Scenario
@@ -175,9 +175,7 @@ def _sharpest_bend(scenario: Scenario, route: Route) -> float:
     if scenario.mission is None:
         return max((p.radius / p.bend_radius for p in route.fittings if p.is_turn), default=0.0)
     fittings = [part.fitting for part in route.network.parts]
-    turn = scenario.control.tee_turn_radius
-    bends = [f.radius / f.mean_radius for f in fittings if isinstance(f, Elbow)]
-    return max([*bends, *(f.radius / turn for f in fittings if isinstance(f, Tee))], default=0.0)
+    return max((f.sharpest_bend(scenario.control.arcs) for f in fittings), default=0.0)
 
 
 def start_qpos(scenario: Scenario, model: mujoco.MjModel) -> NDArray:

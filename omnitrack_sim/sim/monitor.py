@@ -117,7 +117,7 @@ class Monitor:
             self._version = routes.version
             # In the middle of a tee the arc of a turn is up to a bore's radius from where the robot
             # may well be.
-            in_turn = routes.is_tee & routes.is_turn
+            in_turn = routes.is_tee_turn
             self._room = routes.radius * np.where(in_turn, self.limits.tee_room, 1.0)  # (Q,) m
             self._way_out = routes.lengths + self._exit  # (W,) m
         return (
@@ -155,7 +155,7 @@ class Monitor:
         if (mean[ROLL_COSINE] < limits.no_motion_cosine).all():
             return Outcome.NO_MOTION_LINE
         routes = self.routes
-        turning = routes.is_tee[passage] and routes.is_turn[passage]
+        turning = routes.is_tee_turn[passage]
         begun = place.distance[robot] > routes.start[passage] - self._exit
         if turning and begun and mean[NORMAL_FORCE].min() < self._lost_contact:
             return Outcome.MOTION_SINGULARITY

@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from omnitrack_sim.rotations import Array
-from omnitrack_sim.schema.tables import Positive, Table
 from omnitrack_sim.sweep import sampling
+from omnitrack_sim.table import Positive, Table
 
 BASE = "base"
 """Name of the axis that a list of base scenarios makes."""

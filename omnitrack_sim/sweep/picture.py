@@ -10,7 +10,7 @@ import numpy as np
 from omnitrack_sim.plots.style import save_figure
 from omnitrack_sim.plots.sweep import Spread, sweep_figure
 from omnitrack_sim.rotations import Array, unit
-from omnitrack_sim.schema.tables import TeePipe, unit_of
+from omnitrack_sim.schema.tables import unit_of
 from omnitrack_sim.sweep.axes import DirectionAxis
 from omnitrack_sim.sweep.part import ERROR, INVALID
 from omnitrack_sim.sweep.spec import Sweep
@@ -58,10 +58,11 @@ def spreads(sweep: Sweep) -> list[Spread]:
 def turn_case(sweep: Sweep) -> TurnCase | None:
     """Robot and tee of the first base; None if it does not turn in a tee."""
     scenario = next(iter(sweep.bases.values()))
-    for pipe in scenario.pipes:
-        if isinstance(pipe, TeePipe) and "branch" in (pipe.enter, pipe.leave):
+    for passage in scenario.route.fittings if scenario.pipes else ():
+        if passage.manoeuvre == "tee_turn":
             return TurnCase(
-                pipe_radius=pipe.inner_diameter / 2,
+                pipe_radius=passage.radius,
+                turn_angle=(passage.s_bend_end - passage.s_bend_start) / passage.bend_radius,
                 reach=scenario.robot.reach,
                 contact_length=scenario.robot.contact_length,
                 bend_radius=scenario.control.tee_turn_radius,

@@ -14,10 +14,10 @@ from pydantic import BaseModel, Field, ValidationError
 from omnitrack_sim.errors import Fault, ScenarioError, SweepError
 from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
 from omnitrack_sim.schema.reading import NAME_PATTERN, fault_of, read_toml, shipped_sweeps
-from omnitrack_sim.schema.tables import Table
 from omnitrack_sim.sweep import trials
 from omnitrack_sim.sweep.axes import AXES, BASE, Axis, AxisTable, DirectionAxis, GridAxis, ListAxis
 from omnitrack_sim.sweep.sampling import Draws, Sampling
+from omnitrack_sim.table import Table
 
 MOST_TRIALS = 1_000_000
 MOST_LISTED, MOST_GRID = 12, 24

@@ -1,0 +1,102 @@
+"""Functions that the exact collider compiles: how a fitting marks them, and what they share.
+
+They are plain Python on numbers. The collider compiles copies of them; without it they run as they
+stand. A compiled function may use ``math``, numbers that its module defines in capitals, and other
+functions marked by ``compiled``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, MutableSequence, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar, overload
+
+FACE, EDGE = 0.0, 1.0
+"""Nearest part of a wall: a face such as a cylinder, cone or torus; or a rounded rim, the edge of a
+cone."""
+LOW, HIGH, LOW_ENDS, HIGH_ENDS = 0, 1, 2, 3
+"""Places of a span in ``out``: the part of a line [low, high], m, and whether contact ends there
+(over 0)."""
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+Surface = Callable[[Sequence[float], float, float, float, MutableSequence[float]], float]
+Span = Callable[..., float]
+
+MARKED: list[Callable[..., Any]] = []
+"""Every function that compiled code may call, as plain Python."""
+ENTRIES: dict[Callable[..., Any], str] = {}
+"""Those that are called through a pointer, with the name of their C signature."""
+STANDS_FOR: dict[Callable[..., Any], str] = {}
+"""Functions whose body compiled code replaces by the intrinsic of that name."""
+
+
+@overload
+def compiled(what: _Function) -> _Function: ...
+@overload
+def compiled(
+    what: Literal["surface", "span", "collide"],
+) -> Callable[[_Function], _Function]: ...
+def compiled(what: Any) -> Any:
+    """``@compiled`` marks a helper; ``@compiled("surface")`` and ``@compiled("span")`` mark what a
+    fitting hands to the collider, see ``Wall``."""
+    if callable(what):
+        MARKED.append(what)
+        return what
+
+    def mark(function: _Function) -> _Function:
+        MARKED.append(function)
+        ENTRIES[function] = what
+        return function
+
+    return mark
+
+
+def stands_for(name: str) -> Callable[[_Function], _Function]:
+    """Marks the plain Python body of the intrinsic ``name`` of the collider."""
+
+    def mark(function: _Function) -> _Function:
+        STANDS_FOR[function] = name
+        return function
+
+    return mark
+
+
+@dataclass(frozen=True)
+class Wall:
+    """The two functions by which the exact collider knows a kind of fitting.
+
+    Attributes:
+        surface: ``surface(sizes, x, y, z, out)`` returns the distance, m, of a point of the fitting
+            frame from the wall, positive in the bore; it writes the unit gradient to ``out[0]`` to
+            ``out[2]`` and ``FACE`` or ``EDGE`` to ``out[3]``. ``sizes`` are those of the fitting.
+        span: ``span(sizes, ends, px, py, pz, ax, ay, az, out)`` narrows the part [low, high], m, of
+            the line p + s a that lies at this fitting's wall. ``out`` holds a span already (see
+            ``LOW``); ``clip`` narrows it at a plane. ``ends[i]`` is over 0 where the wall stops
+            carrying a track at the i-th port. Returns 1.0, or 0.0 where a line can touch the wall
+            at the ends of the span only, as in a straight.
+    """
+
+    surface: Surface
+    span: Span
+
+
+@compiled
+def clip(out, value, slope, ends):
+    """Keep the part of the span in ``out`` where value + slope s <= 0; ``ends`` is over 0 where
+    contact ends there."""
+    if abs(slope) < 1e-14:
+        if value > 0.0:
+            out[HIGH] = out[LOW] - 1.0
+    elif slope > 0.0:
+        s = -value / slope
+        if s < out[HIGH]:
+            out[HIGH], out[HIGH_ENDS] = s, ends
+    else:
+        s = -value / slope
+        if s > out[LOW]:
+            out[LOW], out[LOW_ENDS] = s, ends
+
+
+@compiled
+def put(out, x, y, z, face):
+    """Write a gradient and a face to ``out``."""
+    out[0], out[1], out[2], out[3] = x, y, z, face

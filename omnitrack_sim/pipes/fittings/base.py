@@ -1,0 +1,330 @@
+"""What a fitting is: the contract that every kind of pipe fulfils, shipped or brought by a user.
+
+A kind of fitting is one class in one module. A new one names its keys (``Table``), its ports, its
+axes, its exact inner surface, and how that surface is made of wall pieces, of solids for pictures
+and of two compiled functions; then networks, routes, controllers, colliders, meshes and drawings
+take it like any other.
+
+Frames: a fitting has its own right-handed frame. One that is not round about the z axis lies with
+its axes in the plane y = 0, which pictures cut it along. Port frames have z out of the fitting.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import permutations
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
+
+import numpy as np
+
+from omnitrack_sim.errors import Fault, GeometryError
+from omnitrack_sim.pipes.compiled import Wall
+from omnitrack_sim.pipes.kit import Kit, Solid
+from omnitrack_sim.pipes.pieces import Pieces
+from omnitrack_sim.rotations import Array, Pose
+from omnitrack_sim.table import Size, Table, Unit
+
+BORE = 0.16
+"""Bore of a pipe where a file does not say otherwise, m."""
+X, Y, Z = np.eye(3)
+"""Unit vectors of the fitting frame."""
+Manoeuvre = Literal["elbow", "tee_turn", "tee_straight"]
+"""How a robot is prepared for a fitting and driven through it: round a bend; round the corner of a
+branch, where its inner module loses the wall; straight over an opening."""
+
+
+class Arcs(NamedTuple):
+    """Radii, m, of the arcs that the centreline takes between a run and its branch; a short fitting
+    gets as much as fits it.
+
+    Out of a branch the far wall of the run turns the robot while its tail is still in the branch: a
+    wide arc, which begins to turn early and turns slowly, passes more often there; into a branch a
+    tight one (docs/tee-turn.md).
+    """
+
+    turn: float = 0.09
+    merge: float = 0.14
+
+
+ARCS = Arcs()
+
+
+@dataclass(frozen=True)
+class AxisCurve:
+    """A curve along a fitting's axis, fitting frame.
+
+    Attributes:
+        point: (3,) m, where it starts. tangent, normal: (3,) unit vectors there: its direction, and
+            the side that it bends to, or, where it does not bend, the one that an opening is on.
+        segments: length m and curvature 1/m of each line (curvature 0) or arc, in order.
+    """
+
+    point: Array
+    tangent: Array
+    normal: Array
+    segments: tuple[tuple[float, float], ...]
+
+    @property
+    def length(self) -> float:
+        """Arc length, m."""
+        return sum(length for length, _ in self.segments)
+
+
+class Axis(NamedTuple):
+    """One of the lines that a fitting's bore lies about.
+
+    Attributes:
+        curve: the line.
+        start_radius, end_radius: bore radius at its ends, m; linear between.
+    """
+
+    curve: AxisCurve
+    start_radius: float
+    end_radius: float
+
+
+@dataclass(frozen=True)
+class Description:
+    """What it means to go from one port of a fitting to another.
+
+    Attributes:
+        words: for people: "run to branch"; the fitting's kind where there is no more to say.
+        manoeuvre: what a robot has to do; None where it drives on as it is.
+        into_branch, out_of_branch: whether the way leads round the corner of a branch.
+        opening: arc length, m, from the port that is entered to the middle of an opening in the
+            wall, and half of its length, m; None without one.
+    """
+
+    words: str
+    manoeuvre: Manoeuvre | None = None
+    into_branch: bool = False
+    out_of_branch: bool = False
+    opening: tuple[float, float] | None = None
+
+
+Bore = Annotated[Size, Unit("m")]
+"""Key of a file: a diameter, m. Lists of sizes have the bores of the ports."""
+
+
+class FittingTable(Table):
+    """Keys of a fitting in files; every kind adds its own. Each number has its ``Unit`` beside it.
+
+    A key is the name of the constructor's argument. One that ends in ``_deg`` stands, in degrees,
+    for an argument in radians that has no such ending.
+    """
+
+    inner_diameter: Bore = BORE
+
+
+class Fitting(ABC):
+    """A kind of pipe. Kinds are frozen dataclasses that check their sizes in ``__post_init__``.
+
+    Attributes:
+        kind: one word; the name in files of the kinds that come with the package.
+        port_names: in the order that is used everywhere; the first is where a network begins.
+        default_way: ports that a scenario's pipe is entered and left at where it does not say.
+        is_plain: whether a run through it has nothing to tell: a straight of one bore.
+        inner_diameter: bore, m, at the first port and wherever no other key is for it.
+        Table: keys of its file form.
+        wall: its surface for the exact collider; see ``compiled.Wall``.
+    """
+
+    kind: ClassVar[str]
+    port_names: ClassVar[tuple[str, ...]] = ("start", "end")
+    default_way: ClassVar[tuple[str, str]] = ("start", "end")
+    is_plain: ClassVar[bool] = False
+    inner_diameter: float
+    Table: ClassVar[type[FittingTable]]
+    wall: ClassVar[Wall]
+
+    # In files
+
+    @classmethod
+    def file_kind(cls) -> str:
+        """The ``kind`` of its tables in files: the word, or ``module:Class`` for kinds that do not
+        come with the package."""
+        shipped = cls.__module__.startswith(f"{__package__}.")
+        return cls.kind if shipped else f"{cls.__module__}:{cls.__qualname__}"
+
+    @classmethod
+    def from_table(cls, table: FittingTable) -> Self:
+        """The fitting that a table describes; further keys of the table do not count.
+
+        Raises:
+            GeometryError: sizes that do not go together.
+        """
+        values = {key: getattr(table, key) for key in cls.Table.model_fields}
+        return cls(
+            **{
+                key.removesuffix("_deg"): math.radians(value) if key.endswith("_deg") else value
+                for key, value in values.items()
+            }
+        )
+
+    def to_table(self) -> dict[str, Any]:
+        """Its table in a file as plain data, with every key and the kind."""
+        table: dict[str, Any] = {"kind": self.file_kind()}
+        for key in self.Table.model_fields:
+            value = getattr(self, key.removesuffix("_deg"))
+            table[key] = math.degrees(value) if key.endswith("_deg") else value
+        return table
+
+    def bore_key(self, port: str) -> str:
+        """The key that the bore at a port is given by."""
+        return "inner_diameter"
+
+    # Ports and axes
+
+    @property
+    def radius(self) -> float:
+        """Bore radius at the first port, m."""
+        return self.inner_diameter / 2
+
+    def port_radius(self, port: str) -> float:
+        """Bore radius at a port, m."""
+        return self.radius
+
+    @property
+    def largest_radius(self) -> float:
+        """Bore radius at the widest port, m."""
+        return max(self.port_radius(port) for port in self.port_names)
+
+    @property
+    @abstractmethod
+    def ports(self) -> Mapping[str, Pose]:
+        """Port frames in the fitting frame by name, z outward."""
+
+    @abstractmethod
+    def axis_curve(self, enter: str, leave: str, arcs: Arcs) -> AxisCurve:
+        """Axis curve from port ``enter`` to port ``leave``; ``arcs`` round the corner of a
+        branch."""
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """The lines that its bore lies about: what is drawn, counted as its length, and searched
+        for parts that run into each other. Here, for two ports, the one between them."""
+        start, end = self.port_names
+        curve = self.axis_curve(start, end, ARCS)
+        return (Axis(curve, self.port_radius(start), self.port_radius(end)),)
+
+    @property
+    def length_of_axes(self) -> float:
+        """Length of all its axes, m."""
+        return sum(axis.curve.length for axis in self.axes)
+
+    def sharpest_bend(self, arcs: Arcs) -> float:
+        """Bore radius over the radius of the sharpest arc between any two ports; 0 without one."""
+        return max(
+            self.port_radius(enter) / (1 / curvature) if curvature else 0.0
+            for enter, leave in permutations(self.port_names, 2)
+            for _, curvature in self.axis_curve(enter, leave, arcs).segments
+        )
+
+    @property
+    def is_axial(self) -> bool:
+        """Whether it looks the same however it is turned about its one straight axis."""
+        curvatures = [k for axis in self.axes for _, k in axis.curve.segments]
+        return len(self.axes) == 1 and not any(curvatures)
+
+    def describe(self, enter: str, leave: str) -> Description:
+        """What going from port ``enter`` to port ``leave`` asks of a robot. Here: nothing."""
+        return Description(self.kind)
+
+    # The inner surface
+
+    @abstractmethod
+    def signed_distance(self, points: Array) -> tuple[Array, Array]:
+        """Distance (...,) m from ``points`` (..., 3) m to the inner surface; its unit gradient
+        (..., 3).
+
+        Fitting frame, positive in the bore.
+        Exact inside the bore and in the wall near it; the fitting is taken as open at its ports.
+        """
+
+    @abstractmethod
+    def extent(self, points: Array) -> Array:
+        """How far (...,) m ``points`` (..., 3) m lie inside the port planes, fitting frame;
+        negative beyond one."""
+
+    @property
+    @abstractmethod
+    def bounds(self) -> tuple[Array, Array]:
+        """Lowest and highest corner (3,), (3,) m of a box around the bore between its port planes,
+        fitting frame."""
+
+    @property
+    @abstractmethod
+    def sizes(self) -> tuple[float, ...]:
+        """The numbers that the functions of ``wall`` get, at most ``MOST_SIZES``."""
+
+    def flare(self, port: str) -> float:
+        """Growth of the bore radius, m/m, on the way into the fitting right behind a port."""
+        return 0.0
+
+    def bends_at(self, port: str) -> bool:
+        """Whether the wall turns away, right behind a port, from the neighbour's cylinder, which a
+        track on the neighbour's wall has to know."""
+        return self.flare(port) != 0
+
+    # What it is made of elsewhere
+
+    @abstractmethod
+    def add_walls(self, pieces: Pieces, tolerance: float, staves: int | None) -> None:
+        """Add its wall as boxes and capsules, fitting frame.
+
+        Args:
+            pieces: to add to.
+            tolerance: m, largest distance from the exact surface.
+            staves: pieces around the bore, instead of what the tolerance asks for.
+        """
+
+    @abstractmethod
+    def fill(self, kit: Kit, more: float) -> Solid:
+        """Solid of the bore and ``more`` m around it, between the port planes, fitting frame."""
+
+    def bore(self, kit: Kit) -> Solid:
+        """Solid of what is empty. Here: what ``fill`` gives without a wall; where a rim is rounded
+        there is more."""
+        return self.fill(kit, 0.0)
+
+
+MOST_SIZES, MOST_PORTS = 10, 4
+"""Room in the exact collider for the numbers and ports of a fitting."""
+
+
+def check(kind: str, **conditions: tuple[bool, str]) -> None:
+    """Raise every fault of a fitting's sizes at once.
+
+    Args:
+        kind: of the fitting.
+        conditions: by the name of the size: whether it is right, and what is told where it is not.
+
+    Raises:
+        GeometryError: a condition does not hold.
+    """
+    faults = [
+        Fault(f"{kind}.{name}", message) for name, (ok, message) in conditions.items() if not ok
+    ]
+    if faults:
+        raise GeometryError(faults)
+
+
+def positive(size: float) -> tuple[bool, str]:
+    """The condition, for ``check``, that a size is positive."""
+    return size > 0, f"is {size} m; must be positive"
+
+
+def port_pose(z: Array, x: Array, position: Array) -> Pose:
+    """A port frame: ``z`` (3,) out of the fitting, ``x`` (3,) across it, ``position`` (3,) m."""
+    return Pose(np.stack([x, np.cross(z, x), z], axis=-1), position)
+
+
+def bore_distance(from_axis: Array, radius: float) -> tuple[Array, Array]:
+    """Distance (...,) m to a round wall and gradient (..., 3), for vectors ``from_axis`` (..., 3) m
+    from the bore's axis."""
+    away = np.linalg.norm(from_axis, axis=-1)
+    safe = np.where(away > 0, away, 1.0)[..., None]
+    return radius - away, -from_axis / safe

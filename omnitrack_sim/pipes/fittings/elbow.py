@@ -1,0 +1,199 @@
+"""A bend: enters along +z at the origin and bends towards +x."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from omnitrack_sim.pipes.compiled import FACE, Wall, clip, compiled, put
+from omnitrack_sim.pipes.fittings.base import (
+    BORE,
+    Arcs,
+    AxisCurve,
+    Description,
+    Fitting,
+    FittingTable,
+    X,
+    Z,
+    bore_distance,
+    check,
+    port_pose,
+    positive,
+)
+from omnitrack_sim.pipes.kit import Kit, Solid
+from omnitrack_sim.pipes.pieces import THICKNESS, Pieces, Ring, sagitta, stave_count
+from omnitrack_sim.rotations import Array, Pose
+from omnitrack_sim.table import Size, Unit
+
+SIDE_SLIP = 4e-4
+"""How far, m, a piece of an elbow's side may leave its row."""
+
+
+@compiled("surface")
+def surface(sizes, x, y, z, out):
+    """See ``compiled.Wall``. Sizes: radius, mean radius, m, sine and cosine of the angle."""
+    radius, mean_radius = sizes[0], sizes[1]
+    px = x - mean_radius
+    from_axis = math.sqrt(px * px + z * z)
+    ox, oz = px / from_axis, z / from_axis
+    across = from_axis - mean_radius
+    away = math.sqrt(across * across + y * y)
+    if away < 1e-12:
+        put(out, -1.0, 0.0, 0.0, FACE)
+        return radius
+    put(out, -across * ox / away, -y / away, -across * oz / away, FACE)
+    return radius - away
+
+
+@compiled("span")
+def span(sizes, ends, px, py, pz, ax, ay, az, out):
+    """See ``compiled.Wall``: between the port planes."""
+    a, b, c = sizes[1], sizes[2], sizes[3]
+    clip(out, -pz, -az, ends[0])
+    clip(out, (px - a) * b + pz * c, ax * b + az * c, ends[1])
+    return 1.0
+
+
+@dataclass(frozen=True)
+class Elbow(Fitting):
+    """A bend of ``angle`` rad with the axis on a circle of ``mean_radius`` m; at least R, at most
+    180 degrees."""
+
+    mean_radius: float
+    angle: float = math.pi / 2
+    inner_diameter: float = BORE
+    kind: ClassVar[str] = "elbow"
+    wall: ClassVar[Wall] = Wall(surface, span)
+
+    class Table(FittingTable):
+        """Keys in files."""
+
+        mean_radius: Annotated[Size, Unit("m", "Rm")] = 0.24
+        angle_deg: Annotated[float, Field(gt=0, le=180), Unit("deg", "")] = 90.0
+
+    def __post_init__(self) -> None:
+        radius = self.inner_diameter / 2
+        check(
+            self.kind,
+            inner_diameter=positive(self.inner_diameter),
+            mean_radius=(
+                self.mean_radius >= radius,
+                f"is {self.mean_radius} m; must be at least the pipe radius of {radius} m",
+            ),
+            angle=(
+                0 < self.angle <= math.pi,
+                f"is {math.degrees(self.angle):.6g} degrees; must be over 0, at most 180",
+            ),
+        )
+
+    @property
+    def _end_axes(self) -> tuple[Array, Array]:
+        """Tangent and inward normal at the end."""
+        s, c = math.sin(self.angle), math.cos(self.angle)
+        return np.array([s, 0, c]), np.array([c, 0, -s])
+
+    @property
+    def ports(self) -> Mapping[str, Pose]:
+        """``start`` at the origin, ``end`` where the bend ends; x towards the centre of the
+        bend."""
+        tangent, normal = self._end_axes
+        return {
+            "start": port_pose(-Z, X, np.zeros(3)),
+            "end": port_pose(tangent, normal, self.mean_radius * (X - normal)),
+        }
+
+    def axis_curve(self, enter: str, leave: str, arcs: Arcs) -> AxisCurve:
+        """See ``Fitting``: the arc."""
+        arc = ((self.mean_radius * self.angle, 1 / self.mean_radius),)
+        if enter == "start":
+            return AxisCurve(np.zeros(3), Z, X, arc)
+        tangent, normal = self._end_axes
+        return AxisCurve(self.ports["end"].position, -tangent, normal, arc)
+
+    def describe(self, enter: str, leave: str) -> Description:
+        """See ``Fitting``."""
+        return Description(self.kind, "elbow")
+
+    def bends_at(self, port: str) -> bool:
+        """See ``Fitting``: at both ports."""
+        return True
+
+    def _torus(self, points: Array) -> tuple[Array, Array]:
+        """Vector (..., 3) from the axis circle to each point, and the angle (...,) along the
+        bend."""
+        p = np.asarray(points, float) - self.mean_radius * X
+        flat = p * [1, 0, 1]
+        distance = np.linalg.norm(flat, axis=-1, keepdims=True)
+        outward = np.where(distance > 0, flat / np.where(distance > 0, distance, 1.0), -X)
+        return p - self.mean_radius * outward, np.arctan2(p[..., 2], -p[..., 0])
+
+    def signed_distance(self, points: Array) -> tuple[Array, Array]:
+        """See ``Fitting``: R minus the distance from the axis circle."""
+        return bore_distance(self._torus(points)[0], self.radius)
+
+    def extent(self, points: Array) -> Array:
+        """See ``Fitting``; measured along the axis circle."""
+        _, angle = self._torus(points)
+        # Angles behind the start belong to whichever port plane is nearer.
+        behind = (angle < 0) & (angle < self.angle / 2 - math.pi)
+        angle = np.where(behind, angle + 2 * math.pi, angle)
+        return self.mean_radius * np.minimum(angle, self.angle - angle)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """See ``Fitting``: around both end discs and the outermost circle between them."""
+        r = self.radius
+        angles = np.append(np.linspace(0, self.angle, 181), self.angle)
+        rims = np.array([self.mean_radius + r, max(self.mean_radius - r, 0.0)])
+        x = self.mean_radius - rims[:, None] * np.cos(angles)
+        z = rims[:, None] * np.sin(angles)
+        return np.array([x.min(), -r, z.min()]), np.array([x.max(), r, z.max()])
+
+    @property
+    def sizes(self) -> tuple[float, ...]:
+        """See ``surface``."""
+        return self.radius, self.mean_radius, math.sin(self.angle), math.cos(self.angle)
+
+    def add_walls(self, pieces: Pieces, tolerance: float, staves: int | None) -> None:
+        """See ``Fitting``: rows of boxes along the bend, each row as fine as its own distance from
+        the bend's axis asks for."""
+        # Half of the tolerance for the facets around, half for those along.
+        staves = staves or stave_count(self.radius, tolerance / 2)
+        ring = Ring.of(self.radius, staves)
+        around = sagitta(self.radius, math.pi / staves) / 2
+        along_tolerance = max(0.8 * tolerance - around, tolerance / 4)
+        for u in ring.azimuths:
+            self._add_row(pieces, ring, u, along_tolerance)
+
+    def _add_row(self, pieces: Pieces, ring: Ring, u: float, along_tolerance: float) -> None:
+        """The boxes along the bend at azimuth ``u``, within ``along_tolerance`` m of the circle."""
+        from_axis = self.mean_radius - ring.face * math.cos(u)
+        # The facet leaves the surface by its sagitta times the part that points across it; the rest
+        # slips sideways.
+        least = min(2 * along_tolerance / max(abs(math.cos(u)), 1e-9), SIDE_SLIP)
+        step = 2 * math.acos(1 / (1 + least / max(from_axis, 1e-6)))
+        count = max(2, math.ceil(self.angle / step))
+        half = self.angle / count / 2
+        shift = sagitta(from_axis, half) * math.cos(u) / 2
+        back = from_axis - THICKNESS * math.cos(u)
+        # Long enough for the edge that is farthest from the bend's axis; outer facets also for
+        # their backs.
+        widest = max(from_axis + abs(shift), back) + ring.half_width * abs(math.sin(u))
+        half_length = max(widest * math.tan(half), 1e-5)
+        for j in range(count):
+            a = (2 * j + 1) * half
+            inward = np.array([math.cos(a), 0, -math.sin(a)])
+            along = np.array([math.sin(a), 0, math.cos(a)])
+            out = math.cos(u) * inward + math.sin(u) * np.array([0, 1.0, 0])
+            centre = self.mean_radius * (np.array([1.0, 0, 0]) - inward)
+            face = centre + (ring.face + shift) * out
+            pieces.facet(face, out, along, ring.half_width, half_length)
+
+    def fill(self, kit: Kit, more: float) -> Solid:
+        """See ``Fitting``: a sector of a torus."""
+        return kit.bend(self.mean_radius, self.angle, self.radius + more)

@@ -1,0 +1,219 @@
+"""A concentric cone between bores of two sizes, along +z from the origin."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from omnitrack_sim.pipes.compiled import (
+    EDGE,
+    FACE,
+    HIGH,
+    HIGH_ENDS,
+    LOW,
+    LOW_ENDS,
+    Wall,
+    clip,
+    compiled,
+    put,
+)
+from omnitrack_sim.pipes.fittings.axial import Axial
+from omnitrack_sim.pipes.fittings.base import BORE, Bore, FittingTable, X, Z, check, positive
+from omnitrack_sim.pipes.kit import Kit, Solid
+from omnitrack_sim.pipes.pieces import THICKNESS, Pieces, Ring, stave_count
+from omnitrack_sim.rotations import Array, unit
+from omnitrack_sim.table import Size, Unit
+
+STEEPEST_CONE = math.radians(20)
+"""Largest half cone angle of a reducer, rad."""
+POSITION = 1e-7
+"""Accuracy, m, with which the end of a span is found."""
+
+
+@compiled("surface")
+def surface(sizes, x, y, z, out):
+    """See ``compiled.Wall``. Sizes: radius at the start, length, radius at the end, m."""
+    radius, length, end_radius = sizes[0], sizes[1], sizes[2]
+    slope = (end_radius - radius) / length
+    cosine = 1.0 / math.sqrt(1.0 + slope * slope)
+    from_axis = math.sqrt(x * x + y * y)
+    ox, oy = (x / from_axis, y / from_axis) if from_axis > 0.0 else (1.0, 0.0)
+    d = cosine * (radius + slope * z - from_axis)
+    foot = z - slope * cosine * d
+    if 0.0 <= foot <= length:
+        put(out, -cosine * ox, -cosine * oy, cosine * slope, FACE)
+        return d
+    edge = 0.0 if foot < 0.0 else length
+    across, along = from_axis - radius - slope * edge, z - edge
+    away = math.copysign(math.sqrt(across * across + along * along), d)
+    if away == 0.0:
+        put(out, -cosine * ox, -cosine * oy, cosine * slope, FACE)
+        return 0.0
+    put(out, across * ox / away, across * oy / away, along / away, EDGE)
+    return away
+
+
+@compiled
+def _before_wide_end(z, from_axis, radius, length, end_radius):
+    """How far a point's foot lies on the cone from its wide end, m times a positive factor;
+    negative beyond the end."""
+    slope = (end_radius - radius) / length
+    return (
+        z + slope * (from_axis - radius)
+        if slope < 0.0
+        else length - z - slope * (from_axis - end_radius)
+    )
+
+
+@compiled
+def _wide_end(sizes, px, py, pz, ax, ay, az, out, ends):
+    """Keep the part of the span that the cone itself is nearest to on the side of its wide end.
+
+    That part ends at the normals of the wide edge, not at the port plane: a lug touches the cone
+    before its centre is past the port. A line along a pipe passes those normals once.
+    """
+    if out[HIGH] < out[LOW]:
+        return
+    radius, length, end_radius = sizes[0], sizes[1], sizes[2]
+    a, b = out[LOW], out[HIGH]
+    at_a = _before_wide_end(
+        pz + a * az, math.hypot(px + a * ax, py + a * ay), radius, length, end_radius
+    )
+    at_b = _before_wide_end(
+        pz + b * az, math.hypot(px + b * ax, py + b * ay), radius, length, end_radius
+    )
+    if at_a >= 0.0 and at_b >= 0.0:
+        return
+    if at_a < 0.0 and at_b < 0.0:
+        out[HIGH] = out[LOW] - 1.0
+        return
+    while b - a > POSITION:
+        s = 0.5 * (a + b)
+        at_s = _before_wide_end(
+            pz + s * az, math.hypot(px + s * ax, py + s * ay), radius, length, end_radius
+        )
+        if (at_s < 0.0) == (at_a < 0.0):
+            a = s
+        else:
+            b = s
+    if at_a < 0.0:
+        out[LOW], out[LOW_ENDS] = b, ends
+    else:
+        out[HIGH], out[HIGH_ENDS] = a, ends
+
+
+@compiled("span")
+def span(sizes, ends, px, py, pz, ax, ay, az, out):
+    """See ``compiled.Wall``: what the cone is nearest to."""
+    if sizes[2] < sizes[0]:
+        clip(out, pz - sizes[1], az, ends[1])
+        _wide_end(sizes, px, py, pz, ax, ay, az, out, ends[0])
+    else:
+        clip(out, -pz, -az, ends[0])
+        _wide_end(sizes, px, py, pz, ax, ay, az, out, ends[1])
+    return 1.0
+
+
+@dataclass(frozen=True)
+class Reducer(Axial):
+    """A concentric cone of ``length`` m from ``inner_diameter`` m at ``start`` to ``end_diameter``
+    m at ``end``."""
+
+    end_diameter: float
+    inner_diameter: float = BORE
+    kind: ClassVar[str] = "reducer"
+    wall: ClassVar[Wall] = Wall(surface, span)
+
+    class Table(FittingTable):
+        """Keys in files."""
+
+        length: Annotated[Size, Unit("m", "L")]
+        end_diameter: Bore
+
+    def __post_init__(self) -> None:
+        sizes = {name: getattr(self, name) for name in ("length", "inner_diameter", "end_diameter")}
+        check(self.kind, **{name: positive(size) for name, size in sizes.items()})
+        least = abs(self.end_diameter - self.inner_diameter) / 2 / math.tan(STEEPEST_CONE)
+        angle = math.degrees(math.atan(abs(self.slope)))
+        steepest = math.degrees(STEEPEST_CONE)
+        check(
+            self.kind,
+            end_diameter=(
+                self.end_diameter != self.inner_diameter,
+                f"is {self.end_diameter} m, as inner_diameter is; use a straight",
+            ),
+            length=(
+                self.length >= least,
+                f"is {self.length} m, a half cone angle of {angle:.3g} degrees; at most "
+                f"{steepest:g} degrees are "
+                f"possible, so at least {math.ceil(1e5 * least) / 1e5:.5f} m",
+            ),
+        )
+
+    @property
+    def slope(self) -> float:
+        """Growth of the bore radius along +z, m/m: the tangent of the half cone angle, negative
+        where it narrows."""
+        return (self.end_diameter - self.inner_diameter) / 2 / self.length
+
+    def bore_key(self, port: str) -> str:
+        """See ``Fitting``."""
+        return "end_diameter" if port == "end" else "inner_diameter"
+
+    def port_radius(self, port: str) -> float:
+        """See ``Fitting``."""
+        return self.end_diameter / 2 if port == "end" else self.radius
+
+    def flare(self, port: str) -> float:
+        """See ``Fitting``."""
+        return self.slope if port == "start" else -self.slope
+
+    def signed_distance(self, points: Array) -> tuple[Array, Array]:
+        """See ``Fitting``: to the cone between the port planes, so to its edge where that is nearer
+        than the rest."""
+        points = np.asarray(points, float)
+        x, y, z = np.moveaxis(points, -1, 0)
+        from_axis, slope = np.hypot(x, y), self.slope
+        cosine = 1 / math.hypot(1.0, slope)
+        outward = np.where((from_axis > 0)[..., None], points * [1, 1, 0], X)
+        outward = outward / np.where(from_axis > 0, from_axis, 1.0)[..., None]
+        # In the half plane through the axis and the point the wall is a straight line.
+        distance = cosine * (self.radius + slope * z - from_axis)
+        foot = z - slope * cosine * distance
+        edge = np.clip(foot, 0.0, self.length)
+        across, along = from_axis - self.radius - slope * edge, z - edge
+        away = np.copysign(np.hypot(across, along), distance)
+        safe = np.where(away == 0, 1.0, away)[..., None]
+        on_cone = (foot == edge)[..., None]
+        from_edge = (across[..., None] * outward + along[..., None] * Z) / safe
+        gradient = np.where(on_cone, cosine * (slope * Z - outward), from_edge)
+        return np.where(foot == edge, distance, away), gradient
+
+    @property
+    def sizes(self) -> tuple[float, ...]:
+        """See ``surface``."""
+        return self.radius, self.length, self.port_radius("end")
+
+    def add_walls(self, pieces: Pieces, tolerance: float, staves: int | None) -> None:
+        """See ``Fitting``: staves tangent to the cone, as wide as its wide end asks for."""
+        widest = self.largest_radius
+        ring, slope = Ring.of(widest, staves or stave_count(widest, tolerance)), self.slope
+        shift = widest - ring.face
+        # The ends of the staves stand square to the cone: at the wide end they go on behind the
+        # wall of the next pipe as far as their backs need to close the wedge; at the narrow end
+        # they would come out into its bore.
+        overlap = THICKNESS * abs(slope)
+        half_length = (self.length * math.hypot(1.0, slope) + overlap) / 2
+        for u in ring.azimuths:
+            out = np.array([math.cos(u), math.sin(u), 0.0])
+            along, normal = unit(slope * out + [0, 0, 1]), unit(out - slope * Z)
+            middle = (self.radius + slope * self.length / 2) * out + [0, 0, self.length / 2]
+            centre = middle - shift * normal + math.copysign(overlap / 2, slope) * along
+            pieces.facet(centre, normal, along, ring.half_width, half_length)
+
+    def fill(self, kit: Kit, more: float) -> Solid:
+        """See ``Fitting``: a cone."""
+        return kit.cylinder(self.length, self.radius + more, self.port_radius("end") + more)

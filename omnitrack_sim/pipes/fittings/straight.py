@@ -1,0 +1,77 @@
+"""A straight pipe along +z from the origin."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from omnitrack_sim.pipes.compiled import FACE, Wall, clip, compiled, put
+from omnitrack_sim.pipes.fittings.axial import Axial
+from omnitrack_sim.pipes.fittings.base import BORE, FittingTable, Z, bore_distance, check, positive
+from omnitrack_sim.pipes.kit import Kit, Solid
+from omnitrack_sim.pipes.pieces import Pieces, Ring, stave_count
+from omnitrack_sim.rotations import Array
+from omnitrack_sim.table import Size, Unit
+
+
+@compiled("surface")
+def surface(sizes, x, y, z, out):
+    """See ``compiled.Wall``. Sizes: radius, length, m."""
+    away = math.sqrt(x * x + y * y)
+    if away < 1e-12:
+        put(out, -1.0, 0.0, 0.0, FACE)
+        return sizes[0]
+    put(out, -x / away, -y / away, 0.0, FACE)
+    return sizes[0] - away
+
+
+@compiled("span")
+def span(sizes, ends, px, py, pz, ax, ay, az, out):
+    """See ``compiled.Wall``: between the port planes; the wall carries a line by its two ends."""
+    clip(out, -pz, -az, ends[0])
+    clip(out, pz - sizes[1], az, ends[1])
+    return 0.0
+
+
+@dataclass(frozen=True)
+class Straight(Axial):
+    """A straight pipe of ``length`` m."""
+
+    inner_diameter: float = BORE
+    kind: ClassVar[str] = "straight"
+    is_plain: ClassVar[bool] = True
+    wall: ClassVar[Wall] = Wall(surface, span)
+
+    class Table(FittingTable):
+        """Keys in files."""
+
+        length: Annotated[Size, Unit("m", "L")]
+
+    def __post_init__(self) -> None:
+        check(self.kind, length=positive(self.length), inner_diameter=positive(self.inner_diameter))
+
+    def signed_distance(self, points: Array) -> tuple[Array, Array]:
+        """See ``Fitting``: R minus the distance from the axis."""
+        across = np.array(points, float)
+        across[..., 2] = 0.0
+        return bore_distance(across, self.radius)
+
+    @property
+    def sizes(self) -> tuple[float, ...]:
+        """See ``surface``."""
+        return self.radius, self.length
+
+    def add_walls(self, pieces: Pieces, tolerance: float, staves: int | None) -> None:
+        """See ``Fitting``: staves around the bore."""
+        ring = Ring.of(self.radius, staves or stave_count(self.radius, tolerance))
+        for u in ring.azimuths:
+            out = np.array([math.cos(u), math.sin(u), 0.0])
+            middle = ring.face * out + [0, 0, self.length / 2]
+            pieces.facet(middle, out, Z, ring.half_width, self.length / 2)
+
+    def fill(self, kit: Kit, more: float) -> Solid:
+        """See ``Fitting``: a cylinder."""
+        return kit.cylinder(self.length, self.radius + more)

@@ -1,0 +1,352 @@
+"""An equal tee: its run along z, centred at the origin, its branch along +x, its rim rounded."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from omnitrack_sim.pipes.compiled import EDGE, FACE, Wall, clip, compiled, put
+from omnitrack_sim.pipes.fittings.base import (
+    BORE,
+    Arcs,
+    Axis,
+    AxisCurve,
+    Description,
+    Fitting,
+    FittingTable,
+    X,
+    Y,
+    Z,
+    check,
+    port_pose,
+    positive,
+)
+from omnitrack_sim.pipes.kit import Kit, Solid
+from omnitrack_sim.pipes.pieces import Pieces, Ring, sagitta, stave_count
+from omnitrack_sim.pipes.saddle import tee_signed_distance
+from omnitrack_sim.rotations import Array, Pose, unit
+from omnitrack_sim.table import Size, Unit
+
+RIM_SEGMENTS = 32
+"""Capsules along each half of the rim."""
+RIM_STRIP = 0.006
+"""Width of one strip of boxes along the rim, m; two strips fill what the square-ended staves leave
+open."""
+CROTCH_PATCH = 0.007
+"""Half width of the flat pieces where the two halves of the rim meet, m."""
+FILLET_POINTS = 7
+"""Points on the fillet's arc in meshes, ends included."""
+
+
+@compiled("surface")
+def surface(sizes, x, y, z, out):
+    """See ``compiled.Wall``; ``saddle`` explains the surface. Sizes: radius, half run, branch
+    length, fillet radius, m.
+
+    A cylinder's foot, where it is on the wall, is never farther than the edge, which lies on both
+    cylinders.
+    """
+    fillet = sizes[3]
+    rho = sizes[0] + fillet
+    from_run, from_branch = math.sqrt(x * x + y * y), math.sqrt(y * y + z * z)
+    beside = x < 0.0
+    # Within the wall, deeper than the fillet.
+    if from_run >= rho and (beside or from_branch >= rho):
+        if beside or from_run <= from_branch:
+            put(out, -x / from_run, -y / from_run, 0.0, FACE)
+            return rho - from_run - fillet
+        put(out, 0.0, -y / from_branch, -z / from_branch, FACE)
+        return rho - from_branch - fillet
+    best = math.inf
+    gx = gy = gz = 0.0
+    if from_run <= rho and (beside or abs(z) * from_run >= rho * x):
+        best = rho - from_run
+        if from_run > 1e-12:
+            gx, gy = -x / from_run, -y / from_run
+    if (
+        from_branch <= rho
+        and not beside
+        and x * from_branch >= rho * abs(z)
+        and rho - from_branch < best
+    ):
+        best = rho - from_branch
+        gx = gy = gz = 0.0
+        if from_branch > 1e-12:
+            gy, gz = -y / from_branch, -z / from_branch
+    if best < math.inf:
+        put(out, gx, gy, gz, FACE)
+        return best - fillet
+    ex, ey, ez = _onto_edge(x, y, z, rho)
+    dx, dy, dz = x - ex, y - ey, z - ez
+    away = math.sqrt(dx * dx + dy * dy + dz * dz)
+    put(out, dx / away, dy / away, dz / away, EDGE)
+    return away - fillet
+
+
+@compiled
+def _onto_edge(x, y, z, rho):
+    """Nearest point of the edge (rho cos t, rho sin t, +-rho cos t), |t| <= 90 degrees.
+
+    The root of g(t) = a u sin t - b v cos t - (a^2 - b^2) sin t cos t in the first quadrant, by
+    Newton's method kept in a bracket; (u, v) is the point along the ellipse's axes.
+    """
+    root2 = math.sqrt(2.0)
+    u, v = max(x + abs(z), 0.0) / root2, abs(y)
+    a, b = root2 * rho, rho
+    low, high = 0.0, math.pi / 2
+    t = math.atan2(a * v, b * u) if u + v > 0 else 0.0
+    sin, cos = math.sin(t), math.cos(t)
+    for _ in range(60):
+        g = a * u * sin - b * v * cos - (a * a - b * b) * sin * cos
+        slope = a * u * cos + b * v * sin - (a * a - b * b) * (cos * cos - sin * sin)
+        if g < 0.0:
+            low = t
+        else:
+            high = t
+        new = t - g / slope if slope > 0.0 else low - 1.0
+        if not low <= new <= high:
+            new = 0.5 * (low + high)
+        done = abs(new - t) < 1e-12
+        t = new
+        sin, cos = math.sin(t), math.cos(t)
+        if done:
+            break
+    side_y = -1.0 if y < 0.0 else 1.0
+    side_z = -1.0 if z < 0.0 else 1.0
+    return rho * cos, side_y * rho * sin, side_z * rho * cos
+
+
+@compiled("span")
+def span(sizes, ends, px, py, pz, ax, ay, az, out):
+    """See ``compiled.Wall``: between the port planes."""
+    clip(out, -pz - sizes[1], -az, ends[0])
+    clip(out, pz - sizes[1], az, ends[1])
+    clip(out, px - sizes[2], ax, ends[2])
+    return 1.0
+
+
+@dataclass(frozen=True)
+class Tee(Fitting):
+    """An equal tee: run of ``run_length`` m, branch that ends ``branch_length`` m from the run's
+    axis, rim rounded.
+
+    The rim's ``fillet_radius`` m is that of a ball that rolls inside the wall: the solid wall is
+    opened by it.
+    """
+
+    run_length: float = 0.32
+    branch_length: float = 0.16
+    fillet_radius: float = 0.005
+    inner_diameter: float = BORE
+    kind: ClassVar[str] = "tee"
+    port_names: ClassVar[tuple[str, ...]] = ("run_start", "run_end", "branch")
+    default_way: ClassVar[tuple[str, str]] = ("run_start", "branch")
+    wall: ClassVar[Wall] = Wall(surface, span)
+
+    class Table(FittingTable):
+        """Keys in files."""
+
+        run_length: Annotated[Size, Unit("m", "run")] = 0.32
+        branch_length: Annotated[Size, Unit("m", "branch")] = 0.16
+        fillet_radius: Annotated[Size, Unit("m")] = 0.005
+
+    def __post_init__(self) -> None:
+        least = self.inner_diameter / 2 + max(self.fillet_radius, 0.0)
+        check(
+            self.kind,
+            inner_diameter=positive(self.inner_diameter),
+            fillet_radius=(
+                0 < self.fillet_radius <= self.inner_diameter / 4,
+                f"is {self.fillet_radius} m; must be over 0 and at most a quarter of the diameter",
+            ),
+            run_length=(
+                self.run_length / 2 >= least,
+                f"is {self.run_length} m; must be at least {2 * least} m",
+            ),
+            branch_length=(
+                self.branch_length >= least,
+                f"is {self.branch_length} m; must be at least {least} m",
+            ),
+        )
+
+    @property
+    def ports(self) -> Mapping[str, Pose]:
+        """``run_start`` at z < 0, ``run_end`` at z > 0, ``branch``; x towards the branch, or along
+        the run."""
+        half = self.run_length / 2
+        return {
+            "run_start": port_pose(-Z, X, -half * Z),
+            "run_end": port_pose(Z, X, half * Z),
+            "branch": port_pose(X, Z, self.branch_length * X),
+        }
+
+    def axis_curve(self, enter: str, leave: str, arcs: Arcs) -> AxisCurve:
+        """See ``Fitting``: a line over the run, or line, arc, line between run and branch."""
+        start = self.ports[enter]
+        tangent, half = -start.rotation[:, 2], self.run_length / 2
+        if "branch" not in (enter, leave):
+            return AxisCurve(start.position, tangent, X, ((self.run_length, 0.0),))
+        wanted, first, last = (
+            (arcs.turn, half, self.branch_length)
+            if leave == "branch"
+            else (arcs.merge, self.branch_length, half)
+        )
+        radius = min(wanted, half, self.branch_length)
+        normal = self.ports[leave].rotation[:, 2]
+        lines = ((first - radius, 0.0), (radius * math.pi / 2, 1 / radius), (last - radius, 0.0))
+        return AxisCurve(
+            start.position, tangent, normal, tuple(segment for segment in lines if segment[0] > 0)
+        )
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """See ``Fitting``: the run, and the branch from the run's axis."""
+        run = AxisCurve(self.ports["run_start"].position, Z, X, ((self.run_length, 0.0),))
+        branch = AxisCurve(np.zeros(3), X, Y, ((self.branch_length, 0.0),))
+        return Axis(run, self.radius, self.radius), Axis(branch, self.radius, self.radius)
+
+    def describe(self, enter: str, leave: str) -> Description:
+        """See ``Fitting``. The opening is as wide as the branch, about the point where the axes
+        meet."""
+        into = self.branch_length if enter == "branch" else self.run_length / 2
+        opening = (into, self.radius)
+        if leave == "branch":
+            return Description("run to branch", "tee_turn", into_branch=True, opening=opening)
+        if enter == "branch":
+            return Description("branch to run", "tee_turn", out_of_branch=True, opening=opening)
+        return Description("over the run", "tee_straight", opening=opening)
+
+    def signed_distance(self, points: Array) -> tuple[Array, Array]:
+        """See ``Fitting``; the rounded rim included."""
+        return tee_signed_distance(np.asarray(points, float), self.radius, self.fillet_radius)
+
+    def extent(self, points: Array) -> Array:
+        """See ``Fitting``."""
+        p = np.asarray(points, float)
+        return np.minimum(self.run_length / 2 - np.abs(p[..., 2]), self.branch_length - p[..., 0])
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """See ``Fitting``."""
+        r, half = self.radius, self.run_length / 2
+        return np.array([-r, -r, -half]), np.array([self.branch_length, r, half])
+
+    @property
+    def sizes(self) -> tuple[float, ...]:
+        """See ``surface``."""
+        return self.radius, self.run_length / 2, self.branch_length, self.fillet_radius
+
+    def add_walls(self, pieces: Pieces, tolerance: float, staves: int | None) -> None:
+        """See ``Fitting``: staves of run and branch up to the rim's fillet, strips of boxes along
+        it, capsules as the fillet itself. Within 10 mm of the rim the wall is within 0.5 mm of the
+        exact surface at a tolerance of 0.1 mm."""
+        staves = staves or stave_count(self.radius, tolerance)
+        ring = Ring.of(self.radius, staves)
+        rho = self.radius + self.fillet_radius
+        half_angle = math.pi / staves
+        run, branch = self.run_length / 2, self.branch_length
+        width = ring.half_width
+        for u in ring.azimuths:
+            out = np.array([math.cos(u), math.sin(u), 0.0])
+            edges = np.cos([u - half_angle, u, u + half_angle])
+            if edges.max() <= 1e-9:
+                pieces.facet(ring.face * out, out, Z, width, run)
+            else:
+                cut = rho * edges.max()
+                for side in (1, -1):
+                    middle = ring.face * out + side * Z * (run + cut) / 2
+                    pieces.facet(middle, out, Z, width, (run - cut) / 2)
+            out = np.array([0.0, math.sin(u), math.cos(u)])
+            cut = rho * np.abs(edges).max()
+            middle = ring.face * out + X * (branch + cut) / 2
+            pieces.facet(middle, out, X, width, (branch - cut) / 2)
+        for side in (1.0, -1.0):
+            # Where the halves of the rim meet the wall is flat: run and branch share their tangent
+            # plane.
+            middle = side * (self.radius + 5e-5) * Y
+            pieces.facet(middle, np.array([0, side, 0]), Z, CROTCH_PATCH, CROTCH_PATCH)
+        self._add_rim(pieces, rho)
+
+    def _add_rim(self, pieces: Pieces, rho: float) -> None:
+        """The fillet as capsules, and two strips of boxes on either side of it."""
+        t = np.linspace(-np.pi / 2, np.pi / 2, RIM_SEGMENTS + 1)
+        radius = self.radius
+        for side in (1.0, -1.0):
+            saddle = rho * np.stack([np.cos(t), np.sin(t), side * np.cos(t)], axis=-1)
+            for a, b in itertools.pairwise(saddle):
+                pieces.capsule(a, b, self.fillet_radius)
+            run_edge = np.stack(
+                [radius * np.cos(t), radius * np.sin(t), side * rho * np.cos(t)], axis=-1
+            )
+            branch_edge = np.stack(
+                [rho * np.cos(t), radius * np.sin(t), side * radius * np.cos(t)], axis=-1
+            )
+            _add_strips(pieces, run_edge, np.array([0, 0, side]), X + Y, radius)
+            _add_strips(pieces, branch_edge, X, Y + Z, radius)
+
+    def fill(self, kit: Kit, more: float) -> Solid:
+        """See ``Fitting``: two cylinders."""
+        radius = self.radius + more
+        run = kit.cylinder(self.run_length, radius, centred=True)
+        branch = kit.cylinder(self.branch_length, radius)
+        along_x = Pose(np.stack([-Z, Y, X], axis=-1))
+        return run + kit.moved(branch, along_x)
+
+    def bore(self, kit: Kit) -> Solid:
+        """See ``Fitting``: with the rim rounded."""
+        return self.fill(kit, 0.0) + (self._fillet(kit, 1.0) + self._fillet(kit, -1.0))
+
+    def _fillet(self, kit: Kit, side: float) -> Solid:
+        """What a ball of the fillet radius rounds off the rim on one side of the branch (``side`` =
+        sign of z).
+
+        The ball's centre runs on the saddle where two cylinders of radius R + f meet. Each
+        cross-section is bounded by the ball's arc between its two points of tangency and closed
+        within the bores.
+        """
+        steps = kit.sections // 2
+        angles = (np.arange(1, steps) - steps / 2) * 2 * math.pi / kit.sections
+        cos, sin, zero = np.cos(angles), np.sin(angles), np.zeros_like(angles)
+        to_run = np.stack([cos, sin, zero], axis=-1)  # (m, 3) away from the run's axis
+        to_branch = np.stack([zero, sin, side * cos], axis=-1)
+        diagonal = np.stack([cos, sin, side * cos], axis=-1)
+        radius, fillet, overcut = self.radius, self.fillet_radius, kit.overcut
+        centre = (radius + fillet) * diagonal
+        weight = np.linspace(0.0, 1.0, FILLET_POINTS)[:, None, None]
+        arc = (1 - weight) * to_run + weight * to_branch
+        arc = centre - fillet * arc / np.linalg.norm(arc, axis=-1, keepdims=True)
+        # arc: (FILLET_POINTS, m, 3)
+        closing = (
+            arc[-1] - overcut * to_branch,
+            (radius - overcut) * diagonal,
+            arc[0] - overcut * to_run,
+        )
+        rings = np.concatenate([arc, np.stack(closing)])
+        return kit.loft(rings.transpose(1, 0, 2), hub=FILLET_POINTS + 1)
+
+
+def _add_strips(pieces: Pieces, edge: Array, away: Array, across: Array, radius: float) -> None:
+    """Boxes along the line ``edge`` (k, 3) where the fillet begins, tangent to the cylinder, on its
+    ``away`` side.
+
+    ``across`` keeps the coordinates across the cylinder's axis.
+    """
+    for a, b in itertools.pairwise(edge):
+        middle = (a + b) / 2
+        out = unit(middle * across)
+        tangent = unit((b - a) - out * ((b - a) @ out))
+        beyond = np.cross(out, tangent)
+        beyond = beyond if beyond @ away > 0 else -beyond
+        half_length = 0.6 * float(np.linalg.norm(b - a))
+        for strip in range(2):
+            point = middle + beyond * RIM_STRIP * (strip + 0.5)
+            normal = unit(point * across)
+            bent = sagitta(radius, math.hypot(RIM_STRIP / 2, half_length) / radius / math.sqrt(2))
+            face = point * (1 - across) + normal * (radius - bent / 2)
+            along = unit(tangent - normal * (tangent @ normal))
+            pieces.facet(face, normal, along, 0.5 * RIM_STRIP, half_length)

@@ -1,0 +1,254 @@
+"""Distance to the wall of a wye at one point, and a line's part between its ports, for the exact
+collider.
+
+See ``exact`` for the surface. ``sizes``: half run, branch length, run radius, branch radius,
+fillet radius (m), sine and cosine of the angle.
+"""
+
+from __future__ import annotations
+
+import math
+
+from omnitrack_sim.pipes.compiled import EDGE, FACE, HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
+
+_EQUAL = 1e-9  # m, bores that differ by less are equal
+_CLOSE = 1e-7  # rad; Newton's method squares the error once more after a step as small as this
+_ROOTS = 4  # square roots: the edge is sampled at 2 ** _ROOTS + 1 places
+
+
+@compiled("surface")
+def surface(sizes, x, y, z, out):
+    """Distance m at a point of the wye's frame, positive in the bore; gradient to out[0:3], face to
+    out[3]."""
+    fillet, sin, cos = sizes[4], sizes[5], sizes[6]
+    big, small = sizes[2] + fillet, sizes[3] + fillet
+    t, w = x * sin + z * cos, x * cos - z * sin
+    from_run, from_branch = math.sqrt(x * x + y * y), math.sqrt(y * y + w * w)
+    out[3] = FACE
+    if from_run >= big and (
+        t <= 0.0 or from_branch >= small
+    ):  # within the wall, deeper than the fillet
+        if t > 0.0 and from_branch - small < from_run - big:
+            out[0], out[1], out[2] = -w * cos / from_branch, -y / from_branch, w * sin / from_branch
+            return small - from_branch - fillet
+        out[0], out[1], out[2] = -x / from_run, -y / from_run, 0.0
+        return big - from_run - fillet
+    if from_run <= big:
+        ox, oy = (x / from_run, y / from_run) if from_run > 0.0 else (0.0, 1.0)
+        foot_x, foot_y = big * ox, big * oy
+        foot_w = foot_x * cos - z * sin
+        if foot_x * sin + z * cos <= 0.0 or foot_y * foot_y + foot_w * foot_w >= small * small:
+            out[0], out[1], out[2] = -ox, -oy, 0.0
+            return big - from_run - fillet
+    if from_branch <= small and t > 0.0:
+        if from_branch > 0.0:
+            ow, oy = w / from_branch, y / from_branch
+        else:
+            ow = min(1.0, t * cos / (sin * small))
+            oy = math.sqrt(1.0 - ow * ow)
+        foot_x, foot_y = t * sin + small * ow * cos, small * oy
+        if foot_x * foot_x + foot_y * foot_y >= big * big:
+            out[0], out[1], out[2] = -ow * cos, -oy, ow * sin
+            return small - from_branch - fillet
+    return _from_edge(big, small, sin, cos, x, y, z, out) - fillet
+
+
+@compiled
+def _from_edge(big, small, sin, cos, x, y, z, out):
+    """Distance m to the edge; gradient and face to ``out``."""
+    v = abs(y)
+    if big - small < _EQUAL:
+        half_cos = math.sqrt(0.5 * (1.0 + cos))
+        half_sin = 0.5 * sin / half_cos
+        # Along the two half ellipses; one of the two is positive where x is.
+        first, second = x * half_cos - z * half_sin, x * half_sin + z * half_cos
+        ex = ey = ez = 0.0
+        best = math.inf
+        if first > 0.0 or second <= 0.0:
+            k, l = _on_ellipse(big / half_cos, big, max(first, 0.0), v)
+            ex, ey, ez = big * k, big * l, -big * k * half_sin / half_cos
+            best = (x - ex) ** 2 + (v - ey) ** 2 + (z - ez) ** 2
+        if second > 0.0:
+            k, l = _on_ellipse(big / half_sin, big, second, v)
+            fx, fy, fz = big * k, big * l, big * k * half_cos / half_sin
+            if (x - fx) ** 2 + (v - fy) ** 2 + (z - fz) ** 2 < best:
+                ex, ey, ez = fx, fy, fz
+    else:
+        k, l = _on_curve(big, small, sin, cos, x, v, z)
+        ey, w = small * l, small * k
+        ex = math.sqrt(big * big - small * small + w * w)
+        ez = (ex * cos - w) / sin
+    dx, dy, dz = x - ex, (v - ey) * (-1.0 if y < 0.0 else 1.0), z - ez
+    away = math.sqrt(dx * dx + dy * dy + dz * dz)
+    out[3] = EDGE
+    if away > 0.0:
+        out[0], out[1], out[2] = dx / away, dy / away, dz / away
+    else:
+        out[0], out[1], out[2] = -x / big, -y / big, 0.0
+    return away
+
+
+@compiled
+def _on_ellipse(a, b, u, v):
+    """Cosine and sine of the parameter of the ellipse's point (a cos q, b sin q) nearest to (u, v),
+    all >= 0.
+
+    The root of g(q) = a u sin q - b v cos q - (a^2 - b^2) sin q cos q in the first quadrant, by
+    Newton's method kept in a bracket. Directions stand for angles, so that no iteration needs a
+    sine.
+    """
+    low_k, low_l, high_k, high_l = 1.0, 0.0, 0.0, 1.0
+    k, l = b * u, a * v
+    size = math.sqrt(k * k + l * l)
+    if size > 0.0:
+        k, l = k / size, l / size
+    else:
+        k, l = 0.0, 1.0
+    square = a * a - b * b
+    for _ in range(60):
+        g = a * u * l - b * v * k - square * l * k
+        slope = a * u * k + b * v * l - square * (k * k - l * l)
+        if g < 0.0:
+            low_k, low_l = k, l
+        else:
+            high_k, high_l = k, l
+        k, l, close = _step(g, slope, k, l, low_k, low_l, high_k, high_l)
+        if close:
+            break
+    return k, l
+
+
+@compiled
+def _step(g, slope, k, l, low_k, low_l, high_k, high_l):
+    """One step of Newton's method from the direction (k, l), or of bisection; whether it is a last,
+    small one."""
+    if slope > 0.0:
+        h = -0.5 * g / slope
+        if abs(h) < 1.0:
+            scale = 1.0 / (1.0 + h * h)
+            even, odd = (1.0 - h * h) * scale, 2.0 * h * scale
+            new_k, new_l = even * k - odd * l, even * l + odd * k
+            if low_k * new_l - low_l * new_k >= 0.0 and new_k * high_l - new_l * high_k >= 0.0:
+                return new_k, new_l, abs(h) < _CLOSE
+    k, l = low_k + high_k, low_l + high_l
+    size = math.sqrt(k * k + l * l)
+    return k / size, l / size, low_k * high_l - low_l * high_k < 1e-15
+
+
+@compiled
+def _on_curve(big, small, sin, cos, x, v, z):
+    """Cosine and sine of the angle around the branch of the edge's point nearest to (x, v, z), v >=
+    0.
+
+    Samples at even steps along the hyperbola (p = X + W grows by a constant factor) bracket the two
+    lowest minima.
+    """
+    square = big * big - small * small
+    factor = (big + small) / (big - small)
+    for _ in range(_ROOTS):
+        factor = math.sqrt(factor)
+    count = 2**_ROOTS
+    p, shrink, side = big + small, 1.0 / factor, big - small
+    # Directions: two samples back, one back, this one. Brackets of the two lowest minima: low,
+    # middle, high.
+    k0 = k1 = 1.0
+    l0 = l1 = 0.0
+    d0 = d1 = math.inf
+    best = other = math.inf
+    bk0 = bk1 = bk2 = ck0 = ck1 = ck2 = 1.0
+    bl0 = bl1 = bl2 = cl0 = cl1 = cl2 = 0.0
+    for i in range(count + 2):
+        k2, l2, d2 = k1, l1, math.inf
+        if i <= count:
+            w = 0.5 * (p - side) if i < count else -small
+            edge_x, y = 0.5 * (p + side), math.sqrt(max(small * small - w * w, 0.0))
+            dx, dy, dz = edge_x - x, y - v, (edge_x * cos - w) / sin - z
+            k2, l2, d2 = w / small, y / small, dx * dx + dy * dy + dz * dz
+            p, side = p * shrink, side * factor
+        if d1 <= d0 and d1 < d2:
+            if d1 < best:
+                other, ck0, cl0, ck1, cl1, ck2, cl2 = best, bk0, bl0, bk1, bl1, bk2, bl2
+                best, bk0, bl0, bk1, bl1, bk2, bl2 = d1, k0, l0, k1, l1, k2, l2
+            elif d1 < other:
+                other, ck0, cl0, ck1, cl1, ck2, cl2 = d1, k0, l0, k1, l1, k2, l2
+        k0, l0, d0, k1, l1, d1 = k1, l1, d1, k2, l2, d2
+    k, l, found = _minimum(square, small, sin, cos, x, v, z, bk0, bl0, bk1, bl1, bk2, bl2)
+    if other < math.inf:
+        k1, l1, d1 = _minimum(square, small, sin, cos, x, v, z, ck0, cl0, ck1, cl1, ck2, cl2)
+        if d1 < found:
+            k, l = k1, l1
+    return k, l
+
+
+@compiled
+def _minimum(square, small, sin, cos, px, py, pz, low_k, low_l, k, l, high_k, high_l):
+    """Direction around the branch of a minimum between two directions, from a third; its squared
+    distance.
+
+    Newton's method on the derivative g of half the squared distance, kept in the bracket.
+    """
+    for _ in range(60):
+        y, w = small * l, small * k
+        inverse = 1.0 / math.sqrt(square + w * w)
+        x = (square + w * w) * inverse
+        dx = -w * y * inverse
+        ddx = (y * y - w * w - dx * dx) * inverse
+        ax, ay, az = x - px, y - py, (x * cos - w) / sin - pz
+        dz, ddz = (dx * cos + y) / sin, (ddx * cos + w) / sin
+        g = ax * dx + ay * w + az * dz
+        slope = dx * dx + w * w + dz * dz + ax * ddx - ay * y + az * ddz
+        if g < 0.0:
+            low_k, low_l = k, l
+        else:
+            high_k, high_l = k, l
+        k, l, close = _step(g, slope, k, l, low_k, low_l, high_k, high_l)
+        if close:
+            break
+    y, w = small * l, small * k
+    x = math.sqrt(square + w * w)
+    return k, l, (x - px) ** 2 + (y - py) ** 2 + ((x * cos - w) / sin - pz) ** 2
+
+
+@compiled("span")
+def span(sizes, ends, px, py, pz, ax, ay, az, out):
+    """See ``compiled.Wall``. A port plane counts for its own leg only: the legs of an oblique wye
+    cross the planes of one another."""
+    sin, cos = sizes[5], sizes[6]
+    _clip(sizes, px, py, pz, ax, ay, az, -pz - sizes[0], -az, ends[0], False, out)
+    _clip(sizes, px, py, pz, ax, ay, az, pz - sizes[0], az, ends[1], False, out)
+    value, slope = px * sin + pz * cos - sizes[1], ax * sin + az * cos
+    _clip(sizes, px, py, pz, ax, ay, az, value, slope, ends[2], True, out)
+    return 1.0
+
+
+@compiled
+def _clip(sizes, px, py, pz, ax, ay, az, value, slope, ends, of_branch, out):
+    """Keep the part of the span where value + slope s <= 0, if the cut lies in the plane's own
+    leg."""
+    low, high = out[LOW], out[HIGH]
+    if high < low:
+        return
+    s = -value / slope if abs(slope) >= 1e-14 else (math.inf if value <= 0.0 else -math.inf)
+    rising = slope >= 0.0 or abs(slope) < 1e-14
+    if (rising and s >= high) or (not rising and s <= low):
+        return
+    outside = (rising and s <= low) or (not rising and s >= high)
+    at = 0.5 * (low + high) if outside else s
+    if in_branch(sizes, px + at * ax, py + at * ay, pz + at * az) != of_branch:
+        return
+    if outside:
+        out[HIGH] = low - 1.0
+    elif rising:
+        out[HIGH], out[HIGH_ENDS] = s, ends
+    else:
+        out[LOW], out[LOW_ENDS] = s, ends
+
+
+@compiled
+def in_branch(sizes, x, y, z):
+    """Whether a point belongs to the branch's leg: it is nearer to that bore's wall, or less deep
+    in the run's."""
+    sin, cos = sizes[5], sizes[6]
+    w = x * cos - z * sin
+    from_branch, from_run = math.sqrt(y * y + w * w) - sizes[3], math.sqrt(x * x + y * y) - sizes[2]
+    return x * sin + z * cos > 0.0 and from_branch < from_run

@@ -1,0 +1,85 @@
+"""Collision walls from primitives, as plain numbers: boxes tangent to a bore, capsules along rims.
+
+Every facet is shifted by half its sagitta, so that the exact surface lies midway between the
+facet's nearest and farthest points; the shift halves the error for the same number of pieces.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from omnitrack_sim.rotations import Array
+
+THICKNESS = 0.010
+"""Depth of the wall pieces, m: many times what a lug moves in a step."""
+
+
+@dataclass
+class Pieces:
+    """Boxes and capsules in a fitting's frame.
+
+    Attributes:
+        boxes: centre (3,) m, rotation (3, 3), half sizes (3,) m.
+        capsules: ends of the axis (3,), (3,) m, radius m.
+    """
+
+    boxes: list[tuple[Array, Array, Array]] = field(default_factory=list)
+    capsules: list[tuple[Array, Array, float]] = field(default_factory=list)
+
+    def facet(
+        self,
+        point: Array,
+        normal: Array,
+        along: Array,
+        half_width: float,
+        half_length: float,
+        depth: float = THICKNESS,
+    ) -> None:
+        """Add a box whose inner face has its centre at ``point``, facing ``-normal``, with
+        ``along`` its length; it is ``depth`` m deep."""
+        rotation = np.stack([normal, np.cross(along, normal), along], axis=-1)
+        half = np.array([depth / 2, half_width, half_length])
+        self.boxes.append((point + normal * depth / 2, rotation, half))
+
+    def capsule(self, start: Array, end: Array, radius: float) -> None:
+        """Add a capsule from ``start`` to ``end``."""
+        self.capsules.append((start, end, radius))
+
+
+def stave_count(radius: float, tolerance: float) -> int:
+    """Least number of staves, a multiple of 4, that keep within ``tolerance`` m of a bore of
+    ``radius`` m."""
+    # R (1 / cos(pi / N) - 1) / 2 <= tolerance
+    exact = math.pi / math.acos(1 / (1 + 2 * tolerance / radius))
+    return max(8, 4 * math.ceil(exact / 4))
+
+
+def sagitta(radius: float, half_angle: float) -> float:
+    """Distance, m, by which a chord's tangent leaves a circle of ``radius`` m after ``half_angle``
+    rad."""
+    return radius * (1 / math.cos(half_angle) - 1)
+
+
+@dataclass(frozen=True)
+class Ring:
+    """Staves around a bore.
+
+    Attributes:
+        azimuths: (N,) rad, of the staves' middles.
+        face: m, distance of their faces from the axis.
+        half_width: m, of their faces, wide enough for their backs to meet.
+    """
+
+    azimuths: Array
+    face: float
+    half_width: float
+
+    @classmethod
+    def of(cls, radius: float, staves: int) -> Ring:
+        """That many staves around a bore of ``radius`` m."""
+        face = radius - sagitta(radius, math.pi / staves) / 2
+        width = (face + THICKNESS) * math.tan(math.pi / staves)
+        return cls(2 * np.pi * np.arange(staves) / staves, face, width)

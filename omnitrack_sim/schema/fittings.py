@@ -1,0 +1,98 @@
+"""Fittings in files: a table opened by its ``kind``, which has the keys of that kind and those of
+the list that it stands in."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any, ClassVar, Literal, TypeVar
+
+from pydantic import ValidationInfo, ValidatorFunctionWrapHandler, create_model
+from pydantic_core import PydanticCustomError
+
+from omnitrack_sim.errors import InputError
+from omnitrack_sim.pipes import Fitting
+from omnitrack_sim.pipes.fittings import FittingTable, fitting_class, shipped_fittings
+from omnitrack_sim.table import Table
+
+KIND_FAULT = "fitting_kind"
+"""Type of pydantic's error where ``kind`` is missing or names nothing."""
+
+
+class FittingEntry(Table):
+    """A fitting in a list of a file; every list adds its keys. ``table_of`` adds those of a kind.
+
+    Attributes:
+        kind: a shipped one, or ``module:Class`` of one that the user brings.
+    """
+
+    kind: str
+    of: ClassVar[type[Fitting]]
+
+    @classmethod
+    def keys_for(cls, fitting: type[Fitting]) -> dict[str, Any]:
+        """Keys of the list that depend on the kind, as ``pydantic.create_model`` takes them."""
+        return {}
+
+    def fitting(self) -> Fitting:
+        """The fitting that the table describes.
+
+        Raises:
+            GeometryError: sizes that do not go together.
+        """
+        assert isinstance(self, FittingTable)  # every table of ``table_of`` is
+        return self.of.from_table(self)
+
+
+_Entry = TypeVar("_Entry", bound=FittingEntry)
+
+
+@cache
+def table_of(kind: str, entry: type[_Entry]) -> type[_Entry]:
+    """The table of one kind of fitting in one list: the list's keys, then its own.
+
+    Raises:
+        InputError: there is no such kind.
+    """
+    fitting = fitting_class(kind)
+    table = create_model(  # type: ignore[call-overload]
+        f"{fitting.__name__}{entry.__name__}",
+        __base__=(fitting.Table, entry),
+        __doc__=fitting.__doc__,
+        kind=(Literal[kind], ...),  # type: ignore[arg-type]
+        **entry.keys_for(fitting),
+    )
+    table.of = fitting
+    return table
+
+
+def by_kind(
+    entry: type[_Entry],
+) -> Callable[[Any, ValidatorFunctionWrapHandler, ValidationInfo], _Entry]:
+    """A wrap validator that opens the tables of one list by their ``kind``. What is wrong in a
+    table is told at its keys."""
+
+    def opened(data: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> _Entry:
+        if not isinstance(data, Mapping):
+            return handler(data)
+        try:
+            table = table_of(str(data["kind"]), entry)
+        except KeyError:
+            raise _kind_fault("is missing", tuple(shipped_fittings())) from None
+        except InputError as error:
+            raise _kind_fault(error.faults[0].problem, error.faults[0].choices) from error
+        if info.mode == "json":  # strict, as ``reading.checked`` is
+            return table.model_validate_json(json.dumps(data), strict=True)
+        return table.model_validate(data)
+
+    return opened
+
+
+def choices_of(entry: type[FittingEntry], entries: Any, place: str) -> tuple[str, ...]:
+    """Valid keys of the table at a ``place`` of a list, as plain data of a file."""
+    return tuple(table_of(entries[int(place)]["kind"], entry).model_fields)
+
+
+def _kind_fault(problem: str, choices: tuple[str, ...]) -> PydanticCustomError:
+    return PydanticCustomError(KIND_FAULT, "{problem}", {"problem": problem, "choices": choices})

@@ -1,0 +1,42 @@
+"""What the tables of a user's file are made of: their base class, and what a key says of itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class Table(BaseModel):
+    """A frozen table of a file; unknown keys are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Unit of a number in a file; stands in the annotation of its key.
+
+    Attributes:
+        symbol: such as "m", "deg" or "1".
+        short: the word before the number in a list of sizes; None where it is not listed.
+    """
+
+    symbol: str
+    short: str | None = None
+
+
+def units_of(table: type[BaseModel]) -> dict[str, Unit]:
+    """The keys of a table that have a unit, with it."""
+    found = {
+        key: next((item for item in info.metadata if isinstance(item, Unit)), None)
+        for key, info in table.model_fields.items()
+    }
+    return {key: unit for key, unit in found.items() if unit is not None}
+
+
+Positive = Annotated[float, Field(gt=0)]
+Size = Annotated[float, Field(gt=0, le=1000)]
+"""A length of a pipe, m. The upper limit catches millimetres and keeps the samples of a route in
+memory."""

@@ -1,0 +1,340 @@
+"""The contract of ``pipes.fittings.Fitting``, for every kind that comes with the package and for
+one from outside it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import bulge
+import mujoco
+import numpy as np
+import pytest
+
+import omnitrack_sim as ot
+from omnitrack_sim.errors import InputError
+from omnitrack_sim.model.meshes import THICKNESS, fitting_mesh
+from omnitrack_sim.model.walls import add_walls
+from omnitrack_sim.network import validate as validate_network
+from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part
+from omnitrack_sim.pipes.compiled import EDGE, FACE, HIGH, LOW
+from omnitrack_sim.pipes.fittings import fitting_class, shipped_fittings
+from omnitrack_sim.pipes.fittings.base import MOST_PORTS, MOST_SIZES
+from omnitrack_sim.plots.network import faces
+from omnitrack_sim.rotations import Pose, unit
+from omnitrack_sim.scenario import Scenario, validate
+from omnitrack_sim.schema.tables import unit_of
+from omnitrack_sim.table import units_of
+
+OUTSIDE = "bulge:Bulge"
+REQUIRED = {
+    "straight": {"length": 0.3},
+    "reducer": {"length": 0.1, "end_diameter": 0.14},
+    OUTSIDE: {"length": 0.2},
+}
+"""Keys without a default; a kind that has a default for every key needs no entry."""
+KINDS = [*shipped_fittings(), OUTSIDE]
+HALF = 0.04
+
+
+MORE = {
+    "widening reducer": ("reducer", {"length": 0.1, "end_diameter": 0.15, "inner_diameter": 0.12}),
+    "short elbow": ("elbow", {"mean_radius": 0.09}),
+    "reducing wye": ("wye", {"angle_deg": 60.0, "branch_diameter": 0.1}),
+    "reducing tee": ("wye", {"angle_deg": 90.0, "branch_diameter": 0.12}),
+}
+"""Other sizes of the same kinds."""
+
+
+def example(kind: str) -> Fitting:
+    kind, keys = MORE.get(kind, (kind, REQUIRED.get(kind, {})))
+    fitting = fitting_class(kind)
+    return fitting.from_table(fitting.Table(**keys))
+
+
+def inside(fitting: Fitting, count: int, seed: int, margin: float = 0.0) -> np.ndarray:
+    """Points (n, 3) m in the bore, or up to 3 mm in the wall, between the ports."""
+    low, high = fitting.bounds
+    points = np.random.default_rng(seed).uniform(low, high, (3 * count, 3))
+    kept = (fitting.signed_distance(points)[0] > -0.003) & (fitting.extent(points) > margin)
+    return points[kept][:count]
+
+
+@pytest.fixture(params=[*KINDS, *MORE])
+def fitting(request) -> Fitting:
+    return example(request.param)
+
+
+def test_ports_are_frames_that_look_out(fitting):
+    """A port's frame is right-handed with z out of the fitting, its rim on the wall."""
+    assert tuple(fitting.ports) == fitting.port_names
+    assert set(fitting.default_way) <= set(fitting.port_names)
+    for name, port in fitting.ports.items():
+        z = port.rotation[:, 2]
+        assert np.allclose(port.rotation.T @ port.rotation, np.eye(3))
+        assert np.linalg.det(port.rotation) == pytest.approx(1)
+        assert (
+            fitting.extent(port.position - 0.01 * z) > 0 > fitting.extent(port.position + 0.01 * z)
+        )
+        assert fitting.extent(port.position) == pytest.approx(0, abs=1e-9)
+        rim = port.position + fitting.port_radius(name) * port.rotation[:, :2].T
+        assert np.allclose(fitting.signed_distance(rim)[0], 0, atol=1e-9)
+
+
+def test_axis_curves_lead_from_port_to_port(fitting):
+    """Between any two ports the curve starts and ends at them along their axes, and stays in the
+    bore; there and back it is as long where both arcs are."""
+    part = Part("part", fitting, Pose())
+    for enter, leave in itertools.permutations(fitting.port_names, 2):
+        line = part.axis(enter, leave)
+        point, tangent, _, _ = line.at(np.array([0.0, line.length]))
+        ports = [fitting.ports[enter], fitting.ports[leave]]
+        assert np.allclose(point, [port.position for port in ports])
+        assert np.allclose(tangent, [-ports[0].rotation[:, 2], ports[1].rotation[:, 2]])
+        assert fitting.axis_curve(enter, leave, Arcs()).length == pytest.approx(line.length)
+        along = line.at(np.linspace(0, line.length, 50))[0]
+        narrowest = min(fitting.port_radius(port) for port in fitting.port_names)
+        assert fitting.signed_distance(along)[0].min() > 0.45 * narrowest
+        there, back = (
+            fitting.axis_curve(*ends, Arcs(0.1, 0.1)).length
+            for ends in ((enter, leave), (leave, enter))
+        )
+        assert there == pytest.approx(back)
+
+
+def test_axes_tell_length_and_bores(fitting):
+    """The axes have the bores of the ports at their ends, and add up to the fitting's length."""
+    radii = {fitting.port_radius(port) for port in fitting.port_names}
+    found = {r for axis in fitting.axes for r in (axis.start_radius, axis.end_radius)}
+    assert found == radii
+    assert max(radii) == fitting.largest_radius
+    assert sum(a.curve.length for a in fitting.axes) == pytest.approx(fitting.length_of_axes)
+
+
+def test_descriptions_are_of_one_cloth(fitting):
+    """A way round a branch is a turn with an opening; words are the same both ways or tell which
+    is which."""
+    for enter, leave in itertools.permutations(fitting.port_names, 2):
+        told = fitting.describe(enter, leave)
+        assert told.words
+        if told.into_branch or told.out_of_branch:
+            assert told.manoeuvre == "tee_turn"
+        if told.manoeuvre in ("tee_turn", "tee_straight"):
+            assert told.opening is not None
+        length = fitting.axis_curve(enter, leave, Arcs()).length
+        middle, half = told.opening or (length / 2, 0.0)
+        assert 0 < middle - half <= middle + half < 2 * length
+
+
+def test_gradient_is_the_derivative(fitting):
+    """The gradient of the distance has length 1 and equals central differences, off ridges."""
+    points, h = inside(fitting, 400, 1), 1e-6
+    gradient = fitting.signed_distance(points)[1]
+    sides = [
+        fitting.signed_distance(points + h * e)[0] - fitting.signed_distance(points - h * e)[0]
+        for e in np.eye(3)
+    ]
+    assert np.allclose(np.linalg.norm(gradient, axis=-1), 1)
+    off = np.linalg.norm(np.stack(sides, -1) / (2 * h) - gradient, axis=-1)
+    assert np.quantile(off, 0.98) < 1e-4
+
+
+def test_the_surface_of_the_collider_is_the_exact_one(fitting):
+    """``wall.surface`` gives distance and gradient of ``signed_distance`` in the bore, and a
+    face."""
+    points = inside(fitting, 2000, 2)
+    distance, gradient = fitting.signed_distance(points)
+    points, gradient, distance = (a[distance > 1e-3] for a in (points, gradient, distance))
+    assert len(fitting.sizes) <= MOST_SIZES
+    found = np.empty((len(points), 5))
+    for i, point in enumerate(points.tolist()):
+        out = [0.0] * 4
+        found[i] = (fitting.wall.surface(fitting.sizes, *point, out), *out)
+    np.testing.assert_allclose(found[:, 0], distance, atol=1e-11)
+    # On a ridge between two walls the nearest point jumps.
+    same = np.abs(found[:, 1:4] - gradient).max(axis=-1) < 1e-7
+    assert same.mean() > 0.998
+    assert set(found[:, 4]) <= {FACE, EDGE}
+
+
+def test_the_span_of_a_line_is_what_lies_between_the_ports(fitting):
+    """Of a line near the wall the span holds what is well between the ports, and nothing well
+    beyond them."""
+    assert len(fitting.port_names) <= MOST_PORTS
+    rng = np.random.default_rng(3)
+    points = inside(fitting, 3000, 4)
+    distance, gradient = fitting.signed_distance(points)
+    near = (points - (distance - 0.025)[:, None] * gradient)[distance > 0.025][:300]
+    _, gradient = fitting.signed_distance(near)
+    axes = rng.normal(size=near.shape)
+    axes = unit(axes - (axes * gradient).sum(-1, keepdims=True) * gradient)
+    s, seen = np.linspace(-HALF, HALF, 41), 0
+    ends = [1.0] * len(fitting.port_names)
+    for point, axis in zip(near, axes, strict=True):
+        line = point + s[:, None] * axis
+        out = [-HALF, HALF, 1.0, 1.0]
+        fitting.wall.span(fitting.sizes, ends, *point.tolist(), *axis.tolist(), out)
+        within = (s >= out[LOW]) & (s <= out[HIGH])
+        extent, distance = fitting.extent(line), fitting.signed_distance(line)[0]
+        beside = (distance > 0.005) & (distance < 0.05)
+        assert within[beside & (extent > 0.01)].all()
+        assert (extent[within & beside] > -0.01).all()
+        seen += len(s) - within.sum()
+    assert seen > 50
+
+
+def test_walls_are_where_the_surface_is(fitting):
+    """Rays within the bore meet the pieces of the wall within 0.1 mm of the exact surface, and
+    within 0.5 mm by a rounded rim."""
+    spec = mujoco.MjSpec()
+    add_walls(spec, Assembly((Part("pipe", fitting, Pose()),)))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    rng = np.random.default_rng(5)
+    points = inside(fitting, 1500, 6, 2e-3)
+    points = points[fitting.signed_distance(points)[0] > 1e-3]
+    rays = unit(rng.normal(size=points.shape))
+    exact = np.zeros(len(points))
+    for _ in range(100):
+        exact += np.maximum(fitting.signed_distance(points + rays * exact[:, None])[0], 0)
+    ends = points + rays * exact[:, None]
+    kept = (fitting.extent(ends) > 2e-3) & (np.abs(fitting.signed_distance(ends)[0]) < 1e-6)
+    points, rays, ends = points[kept], rays[kept], ends[kept]
+    geom = np.zeros(1, np.int32)
+    error = []
+    for point, ray in zip(points, rays, strict=True):
+        length = mujoco.mj_ray(model, data, point, ray, None, 1, -1, geom)
+        assert length > 0
+        error.append(float(fitting.signed_distance(point + length * ray)[0]))
+    assert len(error) > 300
+    assert np.abs(error).max() < 5.5e-4
+    assert np.quantile(np.abs(error), 0.8) < 1.1e-4
+
+
+def test_the_mesh_is_a_solid_on_the_surface(fitting):
+    """Watertight, of genus openings - 1, corners on the inner surface or outside the bore."""
+    mesh = fitting_mesh(fitting)
+    assert mesh.is_watertight
+    assert mesh.volume > 0
+    assert 1 - mesh.euler_number / 2 == len(fitting.ports) - 1
+    distance = fitting.signed_distance(np.asarray(mesh.vertices))[0]
+    inner = distance > -THICKNESS / 2
+    assert inner.sum() > 100
+    assert np.abs(distance[inner]).max() < 3e-4
+
+
+def test_the_table_and_back(fitting):
+    """A fitting's table gives an equal fitting, every number has its unit, bores their keys."""
+    table = fitting.to_table()
+    assert fitting_class(table.pop("kind")) is type(fitting)
+    assert type(fitting).from_table(fitting.Table(**table)) == fitting
+    assert set(units_of(fitting.Table)) == set(table)
+    for port in fitting.port_names:
+        assert table[fitting.bore_key(port)] == 2 * fitting.port_radius(port)
+    assert all(unit_of(f"pipes.0.{key}") for key in table)
+
+
+def test_it_is_drawn(fitting):
+    """Its faces in drawings lie on the wall but where a branch leaves the run."""
+    corners = faces(Assembly((Part("part", fitting, Pose()),))).reshape(-1, 3)
+    distance = np.abs(fitting.signed_distance(corners)[0])
+    assert np.median(distance) < 5e-3
+
+
+def test_every_module_of_the_folder_is_one_kind():
+    """The shipped kinds are found in their folder, each by its own word."""
+    assert {"elbow", "reducer", "straight", "tee"} <= set(shipped_fittings())
+    for kind, fitting in shipped_fittings().items():
+        assert fitting.kind == fitting.file_kind() == kind
+        assert f".fittings.{kind}." in f"{fitting.__module__}."
+
+
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [
+        ("cross", "elbow"),
+        ("no_such_module:Cross", "cannot be imported"),
+        ("bulge:Cross", "has no fitting"),
+        ("math:sin", "has no fitting"),
+        ("omnitrack_sim.pipes:Fitting", "has no fitting"),
+    ],
+)
+def test_a_kind_that_does_not_exist_is_told_with_the_choices(kind, told):
+    """Words that are no kind, modules that are not there and classes that are no fittings."""
+    with pytest.raises(InputError) as caught:
+        fitting_class(kind)
+    assert told in str(caught.value)
+    assert "straight" in caught.value.faults[0].choices
+
+
+ROUTE = [
+    {"kind": "straight", "length": 0.3},
+    {"kind": OUTSIDE, "length": 0.2, "enter": "end"},
+    {"kind": "straight", "length": 0.3},
+]
+
+
+@pytest.mark.parametrize("collider", ["primitives", "exact"])
+def test_a_robot_drives_through_a_fitting_from_outside(collider):
+    """A scenario names the user's class; the robot passes it with either collider."""
+    if collider == "exact":
+        pytest.importorskip("numba")
+    scenario = validate({"name": "outside", "pipes": ROUTE, "physics": {"collider": collider}})
+    assert scenario.pipes[1].model_dump()["leave"] == "start"
+    assert Scenario.model_validate_json(scenario.model_dump_json()) == scenario
+    result = ot.run(scenario)
+    assert result.success
+    assert result.provenance["collider"] == collider
+    assert [visit.name for visit in result.timeline()] == ["straight_0", "bulge_1", "straight_2"]
+    assert result.metrics["tilt_max_deg"] < 2
+
+
+@pytest.mark.parametrize("collider", ["primitives", "exact"])
+@pytest.mark.parametrize("way", [("run_start", "branch"), ("branch", "run_end")])
+def test_a_robot_turns_in_a_wye(collider, way):
+    """Into a branch at 45 degrees, and out of it by 135 degrees, with either collider."""
+    if collider == "exact":
+        pytest.importorskip("numba")
+    pipe = {"kind": "straight", "length": 0.4}
+    wye = {"kind": "wye", "enter": way[0], "leave": way[1]}
+    result = ot.run(validate({"pipes": [pipe, wye, pipe], "physics": {"collider": collider}}))
+    assert result.success
+    assert result.timeline()[1].manoeuvre in ("run to branch", "branch to run")
+
+
+def test_a_network_has_a_fitting_from_outside():
+    """A network file names the user's class; it has a length, a route and a file again."""
+    network = validate_network(
+        {
+            "fittings": [
+                {"name": "a", "kind": "straight", "length": 0.3},
+                {"name": "b", "kind": OUTSIDE, "length": 0.2, "depth": 0.003},
+            ],
+            "joints": [{"ports": ["a.end", "b.start"]}],
+        }
+    )
+    assert network.length == pytest.approx(0.5)
+    assert isinstance(network.pipes.parts[1].fitting, bulge.Bulge)
+    way = ot.shortest_route(network, "a.start", "b.end")
+    assert [passage.words for passage in way.fittings] == ["straight", "bulge"]
+    assert f'kind = "{OUTSIDE}"' in network.to_toml()
+
+
+def test_faults_of_a_fitting_from_outside_are_told_at_their_keys():
+    """Wrong keys and values of a user's table stand at their dotted paths, with the choices."""
+    entry = {"kind": OUTSIDE, "length": -1.0, "deep": 0.1, "leave": "side"}
+    with pytest.raises(ot.ScenarioError) as caught:
+        validate({"name": "wrong", "pipes": [entry]})
+    told = {fault.where: str(fault) for fault in caught.value.faults}
+    assert set(told) == {"pipes.0.length", "pipes.0.deep", "pipes.0.leave"}
+    assert "depth" in told["pipes.0.deep"]
+    assert "end" in told["pipes.0.leave"]
+
+
+def test_a_bend_of_any_kind_limits_the_speed():
+    """The sharpest bend is the bore over the least arc between any two ports."""
+    assert example("straight").sharpest_bend(Arcs()) == 0
+    assert example("elbow").sharpest_bend(Arcs()) == pytest.approx(0.08 / 0.24)
+    assert example("tee").sharpest_bend(Arcs(0.1, 0.05)) == pytest.approx(0.08 / 0.05)
+    assert math.isfinite(example(OUTSIDE).sharpest_bend(Arcs()))
