@@ -83,13 +83,13 @@ class Tracking:
         target = self.routes.straight(ahead[:, 0], ahead[:, -1], place.way)
         if target is None:
             tangents = self.routes.tangents(ahead, place.way)
-            chord = axis[:, None] - tangents
-            nearest = dot(chord, chord).argmin(axis=1)
+            nearest = angle_between(axis[:, None], tangents).argmin(axis=1)
             target = tangents[self._rows, nearest]
         if np.count_nonzero(centring):
-            steepness = np.maximum(centring * place.offset, 1e-12)
-            share = centring * np.minimum(1.0, self.steepest / steepness)
-            back = target - (direction * share)[:, None] * place.aside
+            slope = centring[:, None] * place.aside
+            steepness = np.maximum(length(slope), 1e-12)
+            share = direction * np.minimum(1.0, self.steepest / steepness)
+            back = target - share[:, None] * slope
             back = back / length(back)[:, None]
             target = np.where((centring > 0)[:, None], back, target)
         angle = angle_between(axis, target)
