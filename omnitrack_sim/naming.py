@@ -6,6 +6,7 @@ import importlib
 import os
 import sys
 from collections.abc import Mapping
+from types import ModuleType
 from typing import Any
 
 from omnitrack_sim.errors import Fault, InputError
@@ -60,9 +61,13 @@ def named(name: str, where: str, shipped: Mapping[str, Any]) -> Any:
 
 
 def _own(module: Any) -> list[str]:
-    """What a module defines itself, as ``module:Object``."""
-    return [
-        f"{module.__name__}:{name}"
-        for name, thing in vars(module).items()
-        if getattr(thing, "__module__", None) == module.__name__ and not name.startswith("_")
-    ]
+    """What a module holds but does not import, as ``module:Object``."""
+    found = []
+    for name, thing in vars(module).items():
+        defined = hasattr(thing, "__qualname__")  # a class or a function, here or elsewhere
+        imported = isinstance(thing, ModuleType) or (
+            defined and thing.__module__ != module.__name__
+        )
+        if not imported and not name.startswith("_"):
+            found.append(f"{module.__name__}:{name}")
+    return found

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +13,11 @@ import pytest
 from runs import COLLIDER, same_record, there_and_back
 
 import omnitrack_sim as ot
+from omnitrack_sim.errors import InputError
 from omnitrack_sim.record.channels import CHANNELS, Vector
 from omnitrack_sim.sensing import State
+from omnitrack_sim.sweep.spec import resolve
+from omnitrack_sim.sweep.workers import LocalPool
 
 POWER = ot.Sensor(
     ot.Channel("belt_power", (3,), "W", "mechanical power of each belt", tail_first="swapped"),
@@ -32,7 +37,7 @@ PEAK = ot.Metric(
     "belt_power_max_w",
     "W",
     "largest power of a belt",
-    lambda run: run.trajectory["belt_power"].max(axis=0).tolist(),
+    lambda run: run.trajectory["belt_power"].max(axis=0),  # an array of NumPy
     per_module=True,
 )
 HALF = ot.Metric("half_way_m", "m", "half of the headway", lambda run: run.travelled / 2)
@@ -176,3 +181,93 @@ def test_sensors_read_the_state() -> None:
     simulation = ot.Simulation([straight()] * 2, sensors=[sensor])
     assert shapes == [simulation.plant.qpos.shape]
     assert simulation.observation.nothing.tolist() == [0.0, 0.0]
+
+
+# By name, in a scenario
+
+MODULE = """
+import omnitrack_sim as ot
+
+CELSIUS = ot.Sensor(
+    ot.Channel("temperature", (3,), "K", "a motor's temperature"),
+    lambda state: 293.0 + abs(state["motor_torque"]),
+)
+WARMTH = ot.Metric(
+    "warmth_max_k",
+    "K",
+    "highest temperature",
+    lambda run: run.trajectory["temperature"].max(axis=0),
+    per_module=True,
+)
+COLD = ot.Metric("cold_k", "K", "lowest one", lambda run: run.trajectory["temperature"].min())
+"""
+NAMED = {"record.sensors": ["gauges:CELSIUS"], "record.metrics": ["gauges:WARMTH", "gauges:COLD"]}
+
+
+@pytest.fixture
+def gauges(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A module ``gauges`` in a folder outside the package, where Python finds it."""
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    (folder / "gauges.py").write_text(MODULE, encoding="utf-8")
+    monkeypatch.syspath_prepend(folder)
+    yield importlib.import_module("gauges")
+    del sys.modules["gauges"]
+
+
+def test_what_a_scenario_names_is_there_in_its_run(gauges) -> None:
+    """Sensors and metrics of ``[record]`` give the same as those that are handed over."""
+    named = ot.run(straight(**NAMED))
+    handed_over = ot.run(straight(), sensors=[gauges.CELSIUS], metrics=[gauges.WARMTH, gauges.COLD])
+    assert same_record(named, handed_over)
+    assert named.metrics == handed_over.metrics
+    assert named.scenario.record.sensors == ("gauges:CELSIUS",)
+    assert named.metrics["cold_k"] == named.trajectory["temperature"].min()
+
+
+@pytest.mark.parametrize(
+    ("path", "name", "told"),
+    [
+        ("record.sensors", "gauges:WARMTH", "which is no Sensor"),
+        ("record.metrics", "gauges:CELSIUS", "which is no Metric"),
+        ("record.sensors", "gauges:KELVIN", "gauges:CELSIUS"),
+        ("record.metrics", "nowhere:COLD", "'nowhere' cannot be imported"),
+    ],
+)
+def test_a_bad_name_in_record_is_a_fault(gauges, path: str, name: str, told: str) -> None:
+    """It is told by its place in the list, with what was looked for."""
+    with pytest.raises(ot.ScenarioError) as caught:
+        straight(**{path: [name]})
+    (fault,) = caught.value.faults
+    assert fault.where == f"{path}.0"
+    assert told in str(fault)
+
+
+def test_named_metrics_are_columns_of_sweeps(gauges) -> None:
+    """The table of a sweep has the metrics that its base names, with units, at two workers as in
+    one process."""
+    axis = {"path": "contact.friction", "kind": "list", "values": [0.5, 0.9]}
+    short = {"physics.time_limit": 0.2, "physics.collider": COLLIDER}
+    sweep = resolve({"name": "s", "base": "straight", "set": short | NAMED, "axes": [axis]})
+    table = ot.run_sweep(sweep)
+    result = ot.run(sweep.scenario(1))
+    assert table["cold_k"][1].as_py() == result.metrics["cold_k"]
+    columns = [table[f"warmth_max_k_{i}"][1].as_py() for i in (1, 2, 3)]
+    assert columns == result.metrics["warmth_max_k"]
+    assert table.schema.field("cold_k").metadata == {b"unit": b"K"}
+    assert ot.run_sweep(sweep, executor=lambda: LocalPool(2)).equals(table)
+
+
+def test_a_run_is_read_where_its_sensors_are_unknown(
+    gauges, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A saved run has all that its own sensors and metrics gave, without their module."""
+    result = ot.run(straight(**NAMED))
+    folder = result.save(tmp_path / "run")
+    monkeypatch.setitem(sys.modules, "gauges", None)
+    again = ot.load_result(folder)
+    assert again.metrics == result.metrics
+    assert again.trajectory.schema["temperature"].unit == "K"
+    assert np.array_equal(again.trajectory["temperature"], result.trajectory["temperature"])
+    with pytest.raises(InputError, match=r"record\.sensors\.0: .*'gauges' cannot be imported"):
+        ot.run(again.scenario)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -222,4 +223,9 @@ def summarise(
     Means are over time, by the trapezoidal rule. Slip counts only where a module touches the wall.
     """
     run = Run(trajectory, no_load_slip, lug_radius, torque_limit)
-    return {metric.name: metric.compute(run) for metric in metrics}
+    return {metric.name: _plain(metric.compute(run)) for metric in metrics}
+
+
+def _plain(value: Any) -> Figure:
+    """A figure that a file can hold: numbers and arrays of NumPy as plain ones."""
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
