@@ -255,9 +255,9 @@ def test_every_module_of_the_folder_is_one_kind():
     [
         ("cross", "elbow"),
         ("no_such_module:Cross", "cannot be imported"),
-        ("bulge:Cross", "has no fitting"),
-        ("math:sin", "has no fitting"),
-        ("omnitrack_sim.pipes:Fitting", "has no fitting"),
+        ("bulge:Cross", "there is no 'Cross'"),
+        ("math:sin", "is no fitting"),
+        ("omnitrack_sim.pipes:Fitting", "is no fitting"),
     ],
 )
 def test_a_kind_that_does_not_exist_is_told_with_the_choices(kind, told):

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import TypeGuard
 
 from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.naming import named
 from omnitrack_sim.pipes.fittings.base import Fitting
 
 
@@ -48,18 +49,9 @@ def fitting_class(kind: str) -> type[Fitting]:
     if found is not None:
         return found
     choices = tuple(shipped_fittings())
-    module_name, colon, class_name = kind.partition(":")
-    if not colon:
-        raise InputError(Fault("kind", f"is {kind!r}", (*choices, "module:Class")))
-    try:
-        found = getattr(importlib.import_module(module_name), class_name, None)
-    except Exception as error:  # whatever the user's module raises as it is read
-        raise InputError(
-            Fault("kind", f"is {kind!r}; {module_name!r} cannot be imported: {error}", choices)
-        ) from error
+    found = named(kind, "kind", shipped_fittings())
     if not _is_kind(found):
-        problem = f"is {kind!r}; {module_name!r} has no fitting {class_name!r}"
-        raise InputError(Fault("kind", problem, choices))
+        raise InputError(Fault("kind", f"is {kind!r}, which is no fitting", choices))
     _brought[kind] = found
     return found
 

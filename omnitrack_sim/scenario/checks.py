@@ -1,0 +1,124 @@
+"""What the tables of a scenario cannot see alone: geometry, start and goal, arms that fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from omnitrack_sim.errors import Fault, GeometryError, NetworkError
+from omnitrack_sim.pipes import Route
+from omnitrack_sim.schema.reading import (
+    shipped_networks,
+)
+from omnitrack_sim.schema.tables import (
+    Start,
+)
+
+if TYPE_CHECKING:
+    from omnitrack_sim.scenario.model import Scenario
+
+
+def faults_of(scenario: Scenario) -> list[Fault]:
+    """Every fault of a scenario whose tables are right, one by one."""
+    faults = [
+        Fault(f"robot.{field}", f"is {value}; must be finite")
+        for field, value in scenario.robot
+        if isinstance(value, float) and not math.isfinite(value)
+    ]
+    faults += [*_missing(scenario), *_impossible_pipes(scenario)]
+    if faults:
+        return faults
+    try:
+        line, planner = scenario.route, scenario.planner
+        routes = [line] if planner is None else [planner.route(leg) for leg in planner.plan()]
+    except GeometryError as error:
+        return list(error.faults)
+    except NetworkError as error:
+        return [Fault(f"mission.{f.where}", f.problem, f.choices) for f in error.faults]
+    names = [part.name for part in line.network.parts] if scenario.pipes else []
+    faults = [
+        Fault(f"pipes.{i}.name", f"{name!r} is taken by an earlier pipe")
+        for i, name in enumerate(names)
+        if name in names[:i]
+    ]
+    return [*faults, *_bores_out_of_reach(scenario, routes), *_misplaced(scenario)]
+
+
+def _missing(scenario: Scenario) -> list[Fault]:
+    """Pipes and mission: one of them, and what goes with it."""
+    if scenario.network is None and scenario.mission is None:
+        return (
+            []
+            if scenario.pipes
+            else [Fault("pipes", "is missing: a list of pipes, or give network and mission")]
+        )
+    faults = []
+    if scenario.pipes:
+        faults.append(Fault("pipes", "are given as well as a network; give one of them"))
+    if scenario.network is None:
+        faults.append(
+            Fault(
+                "network",
+                "is missing: a file, a shipped network or a table",
+                tuple(shipped_networks()),
+            )
+        )
+    if scenario.mission is None:
+        faults.append(Fault("mission", "is missing: a table with start and goals"))
+    for key, default in (("axis", Start().axis), ("turn_deg", Start().turn_deg)):
+        if getattr(scenario.start, key) != default:
+            faults.append(Fault(f"start.{key}", "is for pipes; a network has its own place"))
+    if scenario.goal.distance is not None:
+        faults.append(Fault("goal.distance", "is for pipes; a mission has goals"))
+    return faults
+
+
+def _impossible_pipes(scenario: Scenario) -> list[Fault]:
+    """Pipes whose sizes do not go together."""
+    faults = []
+    for i, pipe in enumerate(scenario.pipes):
+        try:
+            pipe.step(i)
+        except GeometryError as error:
+            faults += [
+                Fault(f"pipes.{i}.{f.where.rpartition('.')[2]}", f.problem, f.choices)
+                for f in error.faults
+            ]
+    return faults
+
+
+def _bores_out_of_reach(scenario: Scenario, routes: Sequence[Route]) -> list[Fault]:
+    """The first bore on the routes that the arms do not reach."""
+    robot = scenario.robot
+    low, high = (robot.nominal_pipe_radius + travel for travel in robot.slide_range)
+    where = "pipes" if scenario.pipes else "network.fittings"
+    for driven in routes:
+        for passage in driven.fittings:
+            fitting = driven.network.parts[passage.index].fitting
+            for port in (passage.enter, passage.leave):
+                radius = fitting.port_radius(port)
+                if not low < radius < high:
+                    key = f"{where}.{passage.index}.{fitting.bore_key(port)}"
+                    problem = (
+                        f"is {2 * radius:.4g} m; the arms reach bores from {2 * low:.4g} to "
+                        f"{2 * high:.4g} m (robot.scale makes the robot for other bores)"
+                    )
+                    return [Fault(key, problem)]
+    return []
+
+
+def _misplaced(scenario: Scenario) -> list[Fault]:
+    """A start or goal that is not on the route."""
+    half, length = scenario.robot.length / 2, scenario.route.centreline.length
+    distance, goal = scenario.start.distance, scenario.goal.distance
+    if not half <= distance <= length - half:
+        problem = (
+            f"is {distance} m; the robot lies inside the pipe from {half:.4f} to "
+            f"{length - half:.4f} m"
+        )
+        return [Fault("start.distance", problem)]
+    if goal is not None and not distance < goal <= length:
+        problem = f"is {goal} m; must be over start.distance and at most {length:.4f} m"
+        return [Fault("goal.distance", problem)]
+    return []

@@ -1,0 +1,178 @@
+"""A scenario: what a run is made from, checked as a whole."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from functools import cached_property
+from typing import Annotated, Any, Self, TypeVar
+
+import numpy as np
+from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
+
+from omnitrack_sim.control.catalogue import controller_of, parameters_model
+from omnitrack_sim.control.interface import Controller
+from omnitrack_sim.errors import Fault, InputError, ScenarioError
+from omnitrack_sim.naming import name_of, named
+from omnitrack_sim.network import Mission, Network, Planner
+from omnitrack_sim.network.mission import NOSE_ROOM
+from omnitrack_sim.pipes import Route, route
+from omnitrack_sim.record.metrics import Metric
+from omnitrack_sim.robot import Robot
+from omnitrack_sim.rotations import Pose, frame_along
+from omnitrack_sim.scenario.checks import faults_of
+from omnitrack_sim.schema.fittings import by_kind
+from omnitrack_sim.schema.reading import (
+    NAME_PATTERN,
+)
+from omnitrack_sim.schema.tables import (
+    Contact,
+    Control,
+    Expect,
+    Goal,
+    MonitorTable,
+    Physics,
+    Pipe,
+    RecordTable,
+    Start,
+    World,
+)
+from omnitrack_sim.sensing import Sensor
+from omnitrack_sim.table import Table
+
+_Thing = TypeVar("_Thing")
+
+
+class Scenario(Table):
+    """One run: pipes or a mission through a network, robot, start, world, control. Keys: see
+    docs/scenarios.md."""
+
+    name: Annotated[str, Field(pattern=NAME_PATTERN)] = "scenario"
+    pipes: tuple[Annotated[SerializeAsAny[Pipe], WrapValidator(by_kind(Pipe))], ...] = ()
+    network: Network | None = None
+    mission: Mission | None = None
+    start: Start = Start()
+    world: World = World()
+    contact: Contact = Contact()
+    robot: Robot = Robot()
+    control: Control = Control()
+    physics: Physics = Physics()
+    goal: Goal = Goal()
+    monitor: MonitorTable = MonitorTable()
+    record: RecordTable = RecordTable()
+    expect: Expect = Expect()
+    seed: Annotated[int, Field(ge=0)] = 0
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        faults = faults_of(self)
+        if faults:
+            raise ScenarioError(faults)
+        return self
+
+    def __eq__(self, other: object) -> bool:
+        """By the keys alone, not by what has been derived from them so far."""
+        if not isinstance(other, Scenario):
+            return NotImplemented
+        return all(getattr(self, key) == getattr(other, key) for key in Scenario.model_fields)
+
+    @cached_property
+    def planner(self) -> Planner | None:
+        """Plans the legs of the mission; None without one."""
+        if self.network is None or self.mission is None:
+            return None
+        return Planner(
+            self.network, self.mission, self.robot, self.start.distance, self.control.arcs
+        )
+
+    @cached_property
+    def route(self) -> Route:
+        """The pipes joined, and the centreline through them; of a mission the way to its first
+        goal."""
+        planner = self.planner
+        if planner is not None:
+            return planner.route(planner.first)
+        pose = Pose(frame_along(self.start.axis, math.radians(self.start.turn_deg)), np.zeros(3))
+        return route([p.step(i) for i, p in enumerate(self.pipes)], pose, self.control.arcs)
+
+    @property
+    def controller_class(self) -> type[Controller]:
+        """The class that ``control.kind`` names.
+
+        Raises:
+            InputError: there is no such class.
+        """
+        return controller_of(self.control.kind)
+
+    @property
+    def control_parameters(self) -> Any:
+        """``[control.parameters]`` as the controller's own model, or an empty table."""
+        return parameters_model(self.controller_class)(**self.control.parameters)
+
+    @property
+    def own_sensors(self) -> tuple[Sensor, ...]:
+        """The sensors that ``record.sensors`` names.
+
+        Raises:
+            InputError: there is no such sensor.
+        """
+        return _of_kind("record.sensors", self.record.sensors, Sensor)
+
+    @property
+    def own_metrics(self) -> tuple[Metric, ...]:
+        """The metrics that ``record.metrics`` names.
+
+        Raises:
+            InputError: there is no such metric.
+        """
+        return _of_kind("record.metrics", self.record.metrics, Metric)
+
+    def driven_by(self, controller: type[Controller]) -> Scenario:
+        """The same run under a controller class of a user's own, with its default parameters."""
+        defaults = parameters_model(controller)().model_dump(mode="json")
+        changes = {"kind": name_of(controller), "parameters": defaults}
+        return self.model_copy(update={"control": self.control.model_copy(update=changes)})
+
+    @property
+    def goal_distance(self) -> float:
+        """Arc length of the robot's centre at the goal, m."""
+        if self.goal.distance is not None:
+            return self.goal.distance
+        if self.planner is not None:
+            return self.planner.first.end
+        return self.route.centreline.length - self.robot.length / 2 - NOSE_ROOM
+
+    @property
+    def plates(self) -> tuple[tuple[int, str], ...]:
+        """Ports (part index, port) that a plate closes."""
+        planner = self.planner
+        return () if planner is None else planner.plates
+
+    @property
+    def time_limit_s(self) -> float:
+        """Simulated seconds after which a run is over; of a mission its first leg, and each further
+        one has its own."""
+        if self.physics.time_limit is not None:
+            return self.physics.time_limit
+        return self.time_for(self.route.centreline.length)
+
+    def time_for(self, length: float) -> float:
+        """Simulated seconds that a way of ``length`` m may take: four times what cruising takes,
+        and 20 s."""
+        return 4 * length / self.control.cruise_speed + 20.0
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of the resolved scenario, hexadecimal."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()
+
+
+def _of_kind(where: str, names: tuple[str, ...], kind: type[_Thing]) -> tuple[_Thing, ...]:
+    """Objects by their names, each of which has to be a ``kind``."""
+    found = []
+    for i, name in enumerate(names):
+        thing = named(name, f"{where}.{i}", {})
+        if not isinstance(thing, kind):
+            raise InputError(Fault(f"{where}.{i}", f"is {name!r}, which is no {kind.__name__}"))
+        found.append(thing)
+    return tuple(found)
