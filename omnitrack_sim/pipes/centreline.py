@@ -101,7 +101,7 @@ class Centreline:
     @property
     def is_straight(self) -> bool:
         """Whether it has no arc."""
-        return bool(self._straight.all())
+        return not np.count_nonzero(self._rows[:, _CURVATURE])
 
     def at(
         self, s: Array, way: NDArray[np.intp] | None = None
