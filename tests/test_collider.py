@@ -89,7 +89,7 @@ def test_plain_and_compiled_contacts_are_the_same(name):
     body = spec.worldbody.add_body()
     body.add_freejoint()
     body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[RADIUS, HALF, 0], userdata=line_record(PITCH)
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[RADIUS, HALF, 0], userdata=line_record(PITCH, 1.0)
     )
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -111,7 +111,7 @@ def test_plain_and_compiled_contacts_are_the_same(name):
             data.geom_xmat.ravel(),
             1,
             0,
-            *(RADIUS, HALF, PITCH, 0.0),
+            *(RADIUS, HALF, PITCH, 0.0, 1.0),
         )
         found = con[: count * line.CONTACT_SIZE].reshape(count, line.CONTACT_SIZE)
         assert data.ncon == count

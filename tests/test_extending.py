@@ -52,3 +52,9 @@ def test_every_kind_of_extension_has_an_example():
         "motor",
         "fitting",
     ]
+
+
+def test_the_fitting_of_the_page_is_the_one_that_is_driven():
+    """The fitting that the page shows is the one of tests/test_fittings.py, to the letter."""
+    module = Path(__file__).with_name("bulge.py").read_text(encoding="utf-8")
+    assert MODULES["my_pipes.py"] == module
