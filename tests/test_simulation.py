@@ -158,6 +158,24 @@ def test_a_robot_whose_run_is_over_stays_as_it_is() -> None:
     assert same_record(alone.results()[0], simulation.results()[0])
 
 
+def test_robots_stop_wherever_their_chains_are() -> None:
+    """Chains are set back by a pitch now and then; one whose robot has stopped stays as it was,
+    whatever the step at which it stopped."""
+    limits = [0.01 * step for step in range(8, 18)]
+    scenarios = [straight(**{"physics.time_limit": limit}) for limit in (*limits, 0.3)]
+    simulation = ot.Simulation(scenarios)
+    poses: dict[int, bytes] = {}
+    while simulation.active.any():
+        simulation.step()
+        over = np.flatnonzero(~simulation.active).tolist()
+        poses = {robot: simulation.plant.qpos[robot].tobytes() for robot in over} | poses
+    assert {robot: simulation.plant.qpos[robot].tobytes() for robot in poses} == poses
+    for scenario, result in zip(scenarios, simulation.results(), strict=True):
+        alone = ot.Simulation([scenario])
+        alone.advance()
+        assert same_record(alone.results()[0], result)
+
+
 def test_shares_of_time_add_up_over_several_calls() -> None:
     """Two stretches of a run, timed into one place, took as long together as the clock says."""
     simulation, shares, ticks = ot.Simulation([straight()]), Shares(), iter(range(10**9))
