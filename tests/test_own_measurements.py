@@ -271,3 +271,25 @@ def test_a_run_is_read_where_its_sensors_are_unknown(
     assert np.array_equal(again.trajectory["temperature"], result.trajectory["temperature"])
     with pytest.raises(InputError, match=r"record\.sensors\.0: .*'gauges' cannot be imported"):
         ot.run(again.scenario)
+
+
+def test_a_sensor_may_add_up() -> None:
+    """A sensor that adds to what it was one step before integrates: work is the sum over the control
+    steps of power times the control period, though only every second step is recorded."""
+    period = 0.01
+    power = ot.Sensor(
+        ot.Channel("power", (), "W", "of all belts"),
+        lambda state: (
+            (state["motor_torque"] * state["belt_speed"]).sum(axis=1) / state.robot.lug_radius
+        ),
+    )
+    work = ot.Sensor(
+        ot.Channel("work", (), "J", "of all belts"),
+        lambda state: state.last("work", np.zeros(len(state.time))) + period * state["power"],
+    )
+    base = ot.override(ot.load_scenario("straight"), {"physics.time_limit": 0.5})
+    fine = ot.override(base, {"physics.record_period": period})
+    every = ot.run(fine, sensors=[power, work]).trajectory
+    np.testing.assert_allclose(every["work"], period * np.cumsum(every["power"]), rtol=1e-12)
+    coarse = ot.run(base, sensors=[power, work]).trajectory
+    np.testing.assert_array_equal(coarse["work"], every["work"][::2])

@@ -103,9 +103,21 @@ class State(dict[str, Array]):
     def __missing__(self, name: str) -> Array:
         value = self[name] = self._read[name](self)
         if name == "contact_position":
-            self._before, self._unread = {}, 0  # nobody looks back beyond this moment
+            # The one shipped sensor that looks back has done so: earlier moments may be forgotten.
+            self._before, self._unread = dict(self._before), 0
         return value
 
-    def last(self, name: str) -> Array:
-        """The value of a sensor at the moment before; at the first one, its start value."""
+    def last(self, name: str, start: Array | None = None) -> Array:
+        """The value, at the moment before, of ``contact_position`` or of a user's own sensor.
+
+        Own sensors are read at every control step, so a sensor may add up what it sees.
+
+        Args:
+            name: of the channel. start: what to return at the first moment.
+
+        Raises:
+            KeyError: there was no such value, and no ``start`` is given.
+        """
+        if start is not None and name not in self._before:
+            return start
         return self._before[name]

@@ -12,7 +12,7 @@ from mujoco import batch
 from numpy.typing import NDArray
 
 from omnitrack_sim.model.robot import LUG_CONAFFINITY, LUG_CONTYPE, lug_pitch
-from omnitrack_sim.record.channels import TRACKS
+from omnitrack_sim.record.channels import CHANNELS, TRACKS
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.sensing import SENSORS, Sensor, State
@@ -83,6 +83,7 @@ class Plant:
         self._bind()
         self._set_start(start)
         self._sensors = {sensor.channel.name: sensor.read for sensor in sensors}
+        self._own = [name for name in self._sensors if name not in CHANNELS]
         self._last: State | dict[str, Array] = {
             "contact_position": np.repeat(start.position[:, None], 3, axis=1)
         }
@@ -130,6 +131,8 @@ class Plant:
         """
         arrays = {name: array.copy() for name, array in self._arrays.items()}
         self._last = State(arrays, self._at, self.robot, self._sensors, self._last)
+        for name in self._own:
+            self._last[name]
         return self._last
 
     def step(
