@@ -274,7 +274,7 @@ def test_a_run_is_read_where_its_sensors_are_unknown(
 
 
 def test_a_sensor_may_add_up() -> None:
-    """A sensor that adds to what it was one step before integrates: work is the sum over the control
+    """A sensor that adds to what it was a step before integrates: work is the sum over the control
     steps of power times the control period, though only every second step is recorded."""
     period = 0.01
     power = ot.Sensor(
