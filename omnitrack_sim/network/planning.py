@@ -43,11 +43,7 @@ def port_graph(
 
 
 def shortest_route(
-    network: Network,
-    start: str,
-    goal: str,
-    avoid: Iterable[str] = (),
-    arcs: TeeArcs = TEE_ARCS,
+    network: Network, start: str, goal: str, avoid: Iterable[str] = (), arcs: TeeArcs = TEE_ARCS
 ) -> Route:
     """The shortest way from one open end to another; no fitting is passed twice.
 
