@@ -96,47 +96,13 @@ def quaternion_from_matrix(matrix: ArrayLike) -> Array:
     trace = d.sum(-1)
     w = 1 + trace
     xyz = 1 + 2 * d - trace[..., None]
-    candidates = np.stack(
-        [
-            np.stack(
-                [
-                    w,
-                    m[..., 2, 1] - m[..., 1, 2],
-                    m[..., 0, 2] - m[..., 2, 0],
-                    m[..., 1, 0] - m[..., 0, 1],
-                ],
-                -1,
-            ),
-            np.stack(
-                [
-                    m[..., 2, 1] - m[..., 1, 2],
-                    xyz[..., 0],
-                    m[..., 1, 0] + m[..., 0, 1],
-                    m[..., 0, 2] + m[..., 2, 0],
-                ],
-                -1,
-            ),
-            np.stack(
-                [
-                    m[..., 0, 2] - m[..., 2, 0],
-                    m[..., 1, 0] + m[..., 0, 1],
-                    xyz[..., 1],
-                    m[..., 2, 1] + m[..., 1, 2],
-                ],
-                -1,
-            ),
-            np.stack(
-                [
-                    m[..., 1, 0] - m[..., 0, 1],
-                    m[..., 0, 2] + m[..., 2, 0],
-                    m[..., 2, 1] + m[..., 1, 2],
-                    xyz[..., 2],
-                ],
-                -1,
-            ),
-        ],
-        axis=-2,
-    )  # (..., 4, 4): row k is exact where component k is large
+    wx, wy, wz = (m[..., i, j] - m[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0)))  # 4 w x, ...
+    xy, zx, yz = (m[..., i, j] + m[..., j, i] for i, j in ((1, 0), (0, 2), (2, 1)))  # 4 x y, ...
+    x, y, z = xyz[..., 0], xyz[..., 1], xyz[..., 2]
+    # Each row is the quaternion times four times one of its components, and so is exact where that
+    # component is large.
+    rows = ((w, wx, wy, wz), (wx, x, xy, zx), (wy, xy, y, yz), (wz, zx, yz, z))
+    candidates = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)  # (..., 4, 4)
     best = np.argmax(np.concatenate([w[..., None], xyz], axis=-1), axis=-1)
     q = np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)

@@ -58,27 +58,17 @@ def singularity(
 ) -> None:
     """The motion singularity region: sector, safe margin, success rate, real geometry, and the roll
     out of it."""
-    from omnitrack_sim.robot import Robot
-    from omnitrack_sim.theory.singularity import TurnCase, reach_from_sector
-
-    if reach is not None and sector_deg is not None:
-        raise InputError(Fault("--reach, --sector-deg", "give one of the two"))
-    robot, radius = Robot(), pipe_diameter / 2
-    turn_angle = math.radians(turn_angle_deg)
-    if sector_deg is not None:
-        reach = float(reach_from_sector(math.radians(sector_deg), radius, turn_angle, definition))  # type: ignore[arg-type]
-    case = TurnCase(
-        pipe_radius=radius,
-        reach=robot.reach if reach is None else reach,
-        turn_angle=turn_angle,
-        modules=modules,
-        definition=definition,  # type: ignore[arg-type]
-        contact_length=robot.contact_length if contact_length is None else contact_length,
-        bend_radius=bend_radius,
-    )
+    given: dict[str, Any] = {
+        "modules": modules,
+        "definition": definition,
+        "bend_radius": bend_radius,
+    }
+    if contact_length is not None:
+        given["contact_length"] = contact_length
+    case = _case(pipe_diameter / 2, math.radians(turn_angle_deg), reach, sector_deg, given)
     summary = case.summary()
     if theta5_deg is not None:
-        summary["orientation"] = _orientation(case, theta5_deg, roll_deg, robot.lug_radius / radius)
+        summary["orientation"] = _orientation(case, theta5_deg, roll_deg)
     if plot is not None:
         _write_plot(case, plot, figure)
     if as_json:
@@ -89,14 +79,42 @@ def singularity(
             out.print(f"saved {plot}")
 
 
-def _orientation(
-    case: TurnCase, theta5_deg: float, roll_deg: float, radius_ratio: float
-) -> dict[str, Any]:
+def _case(
+    pipe_radius: float,
+    turn_angle: float,
+    reach: float | None,
+    sector_deg: float | None,
+    given: dict[str, Any],
+) -> TurnCase:
+    """The robot and the tee of the options.
+
+    Args:
+        pipe_radius: m.
+        turn_angle: rad.
+        reach: m; the robot's if neither it nor the sector is given.
+        sector_deg: deg, the sector that the reach is to give, instead of ``reach``.
+        given: other fields of ``TurnCase``.
+    """
+    from omnitrack_sim.theory.singularity import TurnCase, reach_from_sector
+
+    if reach is not None and sector_deg is not None:
+        raise InputError(Fault("--reach, --sector-deg", "give one of the two"))
+    if sector_deg is not None:
+        sector = math.radians(sector_deg)
+        reach = float(reach_from_sector(sector, pipe_radius, turn_angle, given["definition"]))
+    if reach is not None:
+        given = given | {"reach": reach}
+    return TurnCase(pipe_radius=pipe_radius, turn_angle=turn_angle, **given)
+
+
+def _orientation(case: TurnCase, theta5_deg: float, roll_deg: float) -> dict[str, Any]:
     """Verdict on one orientation, and the shortest roll to a safe one."""
     from omnitrack_sim.control.alignment import Obstacle, plan_roll
+    from omnitrack_sim.robot import Robot
     from omnitrack_sim.theory.singularity import is_singular
 
     theta5, roll = math.radians(theta5_deg), math.radians(roll_deg)
+    radius_ratio = Robot().lug_radius / case.pipe_radius
     plan = plan_roll(theta5, roll, case.best, case.margin, radius_ratio, modules=case.modules)
     return {
         "theta5_deg": theta5_deg,

@@ -61,8 +61,8 @@ def sweep(
     ] = False,
 ) -> None:
     """Run a sweep; the same command goes on after an interruption."""
-    from omnitrack_sim.sweep import load_sweep, run_sweep
-    from omnitrack_sim.sweep.folder import SUMMARY_FILE, holds_sweep
+    from omnitrack_sim.sweep import load_sweep
+    from omnitrack_sim.sweep.folder import holds_sweep
 
     changes = dict(assignment(text) for text in [*(assignments or []), *([FAST] if fast else [])])
     loaded = load_sweep(source, changes)
@@ -75,10 +75,23 @@ def sweep(
         raise OutputError(
             f"{target}: holds no sweep to go on with; leave out --continue to begin one"
         )
-    executor = _executor(workers, dask)
+    done = _run(loaded, target, _executor(workers, dask), share, as_json)
+    _print_outcome(loaded, target, done, as_json)
+
+
+def _run(
+    loaded: Sweep,
+    target: Path,
+    executor: Callable[[], Executor] | None,
+    share: tuple[int, int] | None,
+    quiet: bool,
+) -> int:
+    """Run a sweep under a progress bar; returns the number of rows that are there afterwards."""
+    from omnitrack_sim.sweep import run_sweep
+
     seen: list[Status] = []
     try:
-        with _bar(loaded.name, as_json) as show:
+        with _bar(loaded.name, quiet) as show:
 
             def report(status: Status) -> None:
                 seen[:] = [status]
@@ -89,9 +102,16 @@ def sweep(
         done = f"{seen[0].done} of {seen[0].total} trials are done" if seen else "nothing is done"
         err.print(f"interrupted: {done}; the same command goes on from there", soft_wrap=True)
         raise typer.Exit(130) from None
+    return table.num_rows
+
+
+def _print_outcome(loaded: Sweep, target: Path, done: int, as_json: bool) -> None:
+    """Print the summary of a finished sweep, or how far a share of it is."""
+    from omnitrack_sim.sweep.folder import SUMMARY_FILE
+
     summary = (
         json.loads((target / SUMMARY_FILE).read_text(encoding="utf-8"))
-        if table.num_rows == loaded.size
+        if done == loaded.size
         else None
     )
     if as_json:
@@ -99,7 +119,7 @@ def sweep(
     elif summary is None:
         out.print(
             (
-                f"{table.num_rows} trials of this share are done; the table follows when all "
+                f"{done} trials of this share are done; the table follows when all "
                 f"{loaded.size} are in {target}"
             ),
             soft_wrap=True,

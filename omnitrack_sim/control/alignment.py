@@ -189,31 +189,8 @@ def plan_roll(
     if not turn_limit >= 0:
         raise InputError(Fault("turn_limit", f"is {turn_limit}; it must not be negative"))
     clearance = np.maximum(clearance, _LEAST_NO_MOTION_MARGIN)
-    error = orientation_error(theta5, best, modules)
-    candidates = np.concatenate(
-        [
-            np.zeros((*error.shape, 1)),
-            _safe_borders(error, margin, ratio, turn_limit, 2 * np.pi / modules),
-            _line_borders(roll, clearance, turn_limit / float(ratio.min(initial=np.inf))),
-        ],
-        axis=-1,
-    )
-    after = wrap_angle(
-        error[..., None] + turn_from_roll(candidates, ratio[..., None], 1.0), 2 * np.pi / modules
-    )
-    admissible = (
-        (np.abs(after) <= margin[..., None] + ROUNDING)
-        & (no_motion_distance(roll[..., None] + candidates) >= clearance[..., None] - ROUNDING)
-        & (np.abs(candidates) * ratio[..., None] <= turn_limit + ROUNDING)
-        & (margin[..., None] > 0)
-    )
-    # The positive of two equal ones: its cost is less by less than rounding of angles.
-    cost = np.where(
-        admissible, np.abs(candidates) - np.where(candidates > 0, ROUNDING, 0.0), np.inf
-    )
-    shortest = np.argmin(cost, axis=-1)[..., None]
-    exists = np.take_along_axis(admissible, shortest, axis=-1)[..., 0]
-    change = np.where(exists, np.take_along_axis(candidates, shortest, axis=-1)[..., 0], 0.0)
+    error, period = orientation_error(theta5, best, modules), 2 * np.pi / modules
+    change, exists = _shortest_roll(error, roll, margin, ratio, clearance, turn_limit, period)
     obstacle = np.select(
         [exists, ~(margin > 0), clearance > np.pi / 2 + ROUNDING],
         [Obstacle.CLEAR, Obstacle.NO_SAFE_ORIENTATION, Obstacle.NO_ROLL_OFF_THE_LINE],
@@ -226,6 +203,51 @@ def plan_roll(
         belt_sign=belt_sign(roll + change),
         obstacle=obstacle.astype(np.int8),
     )
+
+
+def _shortest_roll(
+    error: Array,
+    roll: Array,
+    margin: Array,
+    ratio: Array,
+    clearance: Array,
+    turn_limit: float,
+    period: float,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Shortest admissible roll (...,) rad, 0 where there is none, and whether there is one (...,).
+
+    Args:
+        error: (...,) rad, theta5 from the middle of the nearest safe range.
+        roll: (...,) rad, roll of the modules now.
+        margin: (...,) rad, half-width of the safe ranges.
+        ratio: (...,) lug radius over pipe radius.
+        clearance: (...,) rad, least distance of the roll from the no-motion line.
+        turn_limit: rad, largest turn of the robot.
+        period: rad, distance of the equal orientations.
+    """
+    candidates = np.concatenate(
+        [
+            np.zeros((*error.shape, 1)),
+            _safe_borders(error, margin, ratio, turn_limit, period),
+            _line_borders(roll, clearance, turn_limit / float(ratio.min(initial=np.inf))),
+        ],
+        axis=-1,
+    )
+    after = wrap_angle(error[..., None] + turn_from_roll(candidates, ratio[..., None], 1.0), period)
+    admissible = (
+        (np.abs(after) <= margin[..., None] + ROUNDING)
+        & (no_motion_distance(roll[..., None] + candidates) >= clearance[..., None] - ROUNDING)
+        & (np.abs(candidates) * ratio[..., None] <= turn_limit + ROUNDING)
+        & (margin[..., None] > 0)
+    )
+    # Of two equally long rolls the positive one costs less, by less than the rounding of angles.
+    cost = np.where(
+        admissible, np.abs(candidates) - np.where(candidates > 0, ROUNDING, 0.0), np.inf
+    )
+    shortest = np.argmin(cost, axis=-1)[..., None]
+    exists = np.take_along_axis(admissible, shortest, axis=-1)[..., 0]
+    change = np.where(exists, np.take_along_axis(candidates, shortest, axis=-1)[..., 0], 0.0)
+    return change, exists
 
 
 def _safe_borders(

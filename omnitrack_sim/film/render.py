@@ -21,6 +21,7 @@ from omnitrack_sim.rotations import unit
 if TYPE_CHECKING:
     import mujoco
 
+    from omnitrack_sim.film.inset import Inset
     from omnitrack_sim.pipes import Route
     from omnitrack_sim.record.trajectory import Trajectory
     from omnitrack_sim.sim.result import Result
@@ -127,35 +128,15 @@ class _Stage:
     """A recorded run, ready to be drawn at any time from one camera."""
 
     def __init__(self, result: Result, width: int, height: int, camera: str, inset: bool):
-        from omnitrack_sim.film.inset import Inset, needs_map
         from omnitrack_sim.film.overlay import Overlay
 
+        # The variable MUJOCO_GL is read when mujoco is first imported, so the context comes first.
         self._context, self._mujoco = _open_context(width, height)
-        from omnitrack_sim.model.looks import (
-            FIELD_OF_VIEW,
-            add_pipe_insides,
-            follow_direction,
-            look_pitch,
-        )
-        from omnitrack_sim.sim.builder import scene_of
+        from omnitrack_sim.model.looks import look_pitch
 
         mj = self._mujoco
         self.camera, routes = camera, result.routes()
-        network = routes[0].network
-        spec = scene_of(result.scenario, looks=True)
-        if camera == "follow":
-            add_pipe_insides(spec, network)
-            spec.visual.global_.fovy = FIELD_OF_VIEW
-            spec.light("sun").diffuse = FOLLOW_SUN
-        quality, buffer = spec.visual.quality, spec.visual.global_
-        quality.shadowsize, quality.offsamples, quality.numslices, quality.numstacks = (
-            2048,
-            4,
-            12,
-            8,
-        )
-        buffer.offwidth, buffer.offheight = width, height
-        self.model = spec.compile()
+        self.model = _compiled(result, camera, width, height)
         self.data = mj.MjData(self.model)
         self.trajectory = result.trajectory
         self._qpos = _smooth_belts(self.model, result.trajectory, look_pitch(result.scenario.robot))
@@ -166,21 +147,21 @@ class _Stage:
         self._pixels = np.zeros((height, width, 3), np.uint8)
         self._overlay = Overlay(width, height)
         self._fittings = _fitting_names(result.trajectory, routes)
-        self._inset = None
-        if inset and camera != "side" and needs_map(routes):
-            places = result.goal_points(), result.plate_rims()
-            self._inset = Inset(result.trajectory, routes, *places, width, height)
+        self._inset = _inset(result, width, height) if inset and camera != "side" else None
         if camera == "follow":
-            self._parts = network.parts
-            self._viewer = view_directions(
-                result.trajectory, routes, follow_direction(network)
-            )  # (T, 3)
-            self._inside = [
-                self.model.geom(f"look_inside_{part.name}").id for part in network.parts
-            ]
-            self._scene.flags[int(mj.mjtRndFlag.mjRND_SHADOW)] = (
-                0  # the nearer walls are not seen, but throw shadows
-            )
+            self._prepare_following(routes)
+
+    def _prepare_following(self, routes: Sequence[Route]) -> None:
+        """What ``_following`` needs to know of the run."""
+        from omnitrack_sim.model.looks import follow_direction
+
+        network = routes[0].network
+        self._parts = network.parts
+        liking = follow_direction(network)
+        self._viewer = view_directions(self.trajectory, routes, liking)  # (T, 3)
+        self._inside = [self.model.geom(f"look_inside_{part.name}").id for part in network.parts]
+        # The nearer halves of the pipes are not drawn, but they would throw shadows.
+        self._scene.flags[int(self._mujoco.mjtRndFlag.mjRND_SHADOW)] = 0
 
     def __enter__(self) -> _Stage:
         return self
@@ -231,6 +212,34 @@ class _Stage:
         eye.azimuth = np.degrees(np.arctan2(-back[1], -back[0]))
         eye.elevation = -np.degrees(np.arcsin(np.clip(back[2], -1, 1)))
         return eye
+
+
+def _compiled(result: Result, camera: str, width: int, height: int) -> mujoco.MjModel:
+    """The scene of a run with everything that is only looked at, for pictures of this size."""
+    from omnitrack_sim.model.looks import FIELD_OF_VIEW, add_pipe_insides
+    from omnitrack_sim.sim.builder import scene_of
+
+    spec = scene_of(result.scenario, looks=True)
+    if camera == "follow":
+        add_pipe_insides(spec, result.routes()[0].network)
+        spec.visual.global_.fovy = FIELD_OF_VIEW
+        spec.light("sun").diffuse = FOLLOW_SUN
+    quality, buffer = spec.visual.quality, spec.visual.global_
+    quality.shadowsize, quality.offsamples = 2048, 4
+    quality.numslices, quality.numstacks = 12, 8
+    buffer.offwidth, buffer.offheight = width, height
+    return spec.compile()
+
+
+def _inset(result: Result, width: int, height: int) -> Inset | None:
+    """The map for the corner of the pictures; None where the run is too short to need one."""
+    from omnitrack_sim.film.inset import Inset, needs_map
+
+    routes = result.routes()
+    if not needs_map(routes):
+        return None
+    goals, plates = result.goal_points(), result.plate_rims()
+    return Inset(result.trajectory, routes, goals, plates, width, height)
 
 
 def _fitting_names(trajectory: Trajectory, routes: Sequence[Route]) -> list[str]:

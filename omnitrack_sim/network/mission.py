@@ -150,31 +150,48 @@ class Planner:
         )
         if self.ends[goal + 1] == self.ends[0]:
             return [self._backing(old, leg.way, here, distance, at_the_start, goal)]
+        found = self._turn_off(leg.way[: here + 1], distance, goal, closed)
+        if found is None:
+            return None
+        way, stand = found
+        forward = self._forward(way, stand, goal)
+        if stand >= distance:
+            return [forward]
+        return [self._backing(old, leg.way, here, distance, stand), forward]
+
+    def _turn_off(
+        self, old: Way, distance: float, goal: int, closed: tuple[End, ...]
+    ) -> tuple[Way, float] | None:
+        """The way to a goal, nose first, that asks for the least travel back and on.
+
+        Args:
+            old: the way up to the fitting that the robot is in, at arc length ``distance`` m.
+            goal: number of the goal.
+            closed: ports (part index, port) found to be closed.
+
+        Returns:
+            The new way, and the arc length in m up to which the robot has to back out, at most
+            ``distance``; None where there is no way.
+        """
+        import networkx
+
         best: tuple[float, Way, float] | None = None
-        for c in range(here, -1, -1):
-            part, enter, _ = leg.way[c]
-            # Nose first: not back through the port it came in by.
+        for index in range(len(old) - 1, -1, -1):
+            part, enter, _ = old[index]
+            # Nose first, the robot cannot leave through the port that it came in by.
             back = self.network.joined_to.get(f"{self.network.fittings[part].name}.{enter}")
             cut = [] if back is None else [((part, enter), self.network.port(back))]
             graph = networkx.restricted_view(self._graph, closed, cut)
             onward = shortest_way(graph, (part, enter), self.ends[goal + 1])
             if onward is None:
                 continue
-            way = (*leg.way[:c], *onward)
+            way = (*old[:index], *onward)
             new = route_of(self.network, way, self.arcs)
-            stand = min(distance, self._stand(new, c))
+            stand = min(distance, self._stand(new, index))
             cost = distance - stand + new.centreline.length - stand
             if best is None or cost < best[0]:
                 best = (cost, way, stand)
-        if best is None:
-            return None
-        _, way, stand = best
-        forward = self._forward(way, stand, goal)
-        return (
-            [forward]
-            if stand >= distance
-            else [self._backing(old, leg.way, here, distance, stand), forward]
-        )
+        return None if best is None else best[1:]
 
     def _forward(self, way: Way, begin: float, goal: int) -> Leg:
         length = route_of(self.network, way, self.arcs).centreline.length

@@ -4,6 +4,7 @@ other fittings."""
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -60,19 +61,11 @@ def random_network(
     if seed < 0:
         raise NetworkError(Fault("seed", f"is {seed}; at least 0"))
     _check_bores(diameters or (), mean_radii)
+    supply = _Supply(lengths, mean_radii, tee_share, inner_diameter, diameters or (), reducer_share)
     rng = np.random.default_rng(seed)
     count = int(rng.integers(low, high, endpoint=True))
     for _ in range(_STARTS):
-        rows, joints = _grown(
-            rng,
-            count,
-            lengths,
-            mean_radii,
-            tee_share,
-            inner_diameter,
-            diameters or (),
-            reducer_share,
-        )
+        rows, joints = _grown(rng, count, supply)
         if len(rows) == count:
             return validate({"name": f"random_{seed}", "fittings": rows, "joints": joints})
     raise NetworkError(
@@ -95,81 +88,39 @@ def _check_bores(diameters: tuple[float, ...], mean_radii: tuple[float, ...]) ->
         raise NetworkError(faults)
 
 
-def _grown(
-    rng: np.random.Generator,
-    count: int,
-    lengths: tuple[float, float],
-    mean_radii: tuple[float, ...],
-    tee_share: float,
-    inner_diameter: float,
-    diameters: tuple[float, ...],
-    reducer_share: float,
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Tables of fittings and joints; fewer than ``count`` fittings where there was no room.
+@dataclass(frozen=True)
+class _Supply:
+    """What the fittings of a network are drawn from; the fields are those of ``random_network``."""
 
-    Tees, elbows and reducers are added together with the straights at their other ports, so every
-    open end is a straight.
-    """
-    first = Placed("straight_1", Straight(_draw_length(rng, lengths), inner_diameter), Pose())
-    parts, samples = [first], [first.bore_samples()]
-    joints: list[dict[str, Any]] = []
-    free = [(0, "start"), (0, "end")]
-    tries = 0
-    while len(parts) < count and tries < _TRIES:
-        tries += 1
-        left = count - len(parts)
-        index, port = free[int(rng.integers(len(free)))]
-        bore = 2 * parts[index].fitting.port_radius(port)
-        others = [diameter for diameter in diameters if diameter != bore]
+    lengths: tuple[float, float]
+    mean_radii: tuple[float, ...]
+    tee_share: float
+    inner_diameter: float
+    diameters: tuple[float, ...]
+    reducer_share: float
+
+    def length(self, rng: np.random.Generator) -> float:
+        """Length of a straight, m."""
+        return round(float(rng.uniform(*self.lengths)), 2)
+
+    def fitting(self, rng: np.random.Generator, bore: float, left: int, first: bool) -> Fitting:
+        """The next fitting.
+
+        Args:
+            rng: draws it.
+            bore: m, of the port that it is joined to.
+            left: how many fittings the network still lacks.
+            first: whether it is the first one after the straight that the network grows from.
+        """
+        others = [diameter for diameter in self.diameters if diameter != bore]
         if left == 1:
-            fitting: Fitting = Straight(_draw_length(rng, lengths), bore)
-        elif len(parts) > 1 and others and rng.random() < reducer_share:
-            fitting = _reducer(rng, bore, others)
-        elif left > 2 and (len(parts) == 1 or rng.random() < tee_share):
-            fitting = Tee(inner_diameter=bore)
-        else:
-            possible = [radius for radius in mean_radii if radius >= bore / 2] or mean_radii
-            fitting = Elbow(float(rng.choice(possible)), inner_diameter=bore)
-        fits = [end for end in fitting.choices if 2 * fitting.port_radius(end) == bore]
-        enter = fits[int(rng.integers(len(fits)))]
-        # A straight or reducer looks the same however it is turned.
-        turn_deg = 0.0 if isinstance(fitting, Straight | Reducer) else float(rng.choice(TURNS_DEG))
-        new = [_joined_to(parts[index], port, fitting, enter, turn_deg, len(parts))]
-        ends = [(len(parts), end) for end in fitting.choices if end != enter]
-        added = [
-            {
-                "ports": [f"{parts[index].name}.{port}", f"{new[0].name}.{enter}"],
-                "turn_deg": turn_deg,
-            }
-        ]
-        if not isinstance(fitting, Straight):
-            for _, end in ends:
-                straight = Straight(_draw_length(rng, lengths), 2 * fitting.port_radius(end))
-                new.append(_joined_to(new[0], end, straight, "start", 0.0, len(parts) + len(new)))
-                added.append(
-                    {"ports": [f"{new[0].name}.{end}", f"{new[-1].name}.start"], "turn_deg": 0.0}
-                )
-            ends = [(len(parts) + 1 + i, "end") for i in range(len(ends))]
-        new_samples = [part.bore_samples() for part in new]
-        if all(
-            _has_room(parts, samples, index if i == 0 else None, part, points)
-            for i, (part, points) in enumerate(zip(new, new_samples, strict=True))
-        ):
-            parts += new
-            samples += new_samples
-            joints += added
-            free.remove((index, port))
-            free += ends
-            tries = 0
-    return [_row(part.name, part.fitting) for part in parts], joints
-
-
-def _joined_to(
-    part: Placed, port: str, fitting: Fitting, enter: str, turn_deg: float, index: int
-) -> Placed:
-    """A fitting placed at a port of another one, with a name that says which part it is."""
-    pose = attached(part.port(port), fitting, enter, np.radians(turn_deg))
-    return Placed(f"{fitting.kind}_{index + 1}", fitting, pose)
+            return Straight(self.length(rng), bore)
+        if not first and others and rng.random() < self.reducer_share:
+            return _reducer(rng, bore, others)
+        if left > 2 and (first or rng.random() < self.tee_share):
+            return Tee(inner_diameter=bore)
+        possible = [radius for radius in self.mean_radii if radius >= bore / 2] or self.mean_radii
+        return Elbow(float(rng.choice(possible)), inner_diameter=bore)
 
 
 def _reducer(rng: np.random.Generator, bore: float, others: list[float]) -> Reducer:
@@ -183,6 +134,104 @@ def _reducer(rng: np.random.Generator, bore: float, others: list[float]) -> Redu
 
 def _draw_length(rng: np.random.Generator, lengths: tuple[float, float]) -> float:
     return round(float(rng.uniform(*lengths)), 2)
+
+
+def _grown(
+    rng: np.random.Generator, count: int, supply: _Supply
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Tables of fittings and joints; fewer than ``count`` fittings where there was no room."""
+    growth = _Growth(rng, supply)
+    tries = 0
+    while len(growth.parts) < count and tries < _TRIES:
+        tries = 0 if growth.add(count - len(growth.parts)) else tries + 1
+    return [_row(part.name, part.fitting) for part in growth.parts], growth.joints
+
+
+class _Growth:
+    """A network that grows from one straight.
+
+    Tees, elbows and reducers are added together with the straights at their other ports, so every
+    open end is a straight.
+
+    Attributes:
+        parts: what has been placed.
+        joints: tables of a network file.
+    """
+
+    def __init__(self, rng: np.random.Generator, supply: _Supply) -> None:
+        self._rng, self._supply = rng, supply
+        first = Placed("straight_1", Straight(supply.length(rng), supply.inner_diameter), Pose())
+        self.parts, self._samples = [first], [first.bore_samples()]
+        self.joints: list[dict[str, Any]] = []
+        self._free = [(0, "start"), (0, "end")]
+
+    def add(self, left: int) -> bool:
+        """Try one fitting at one open end; whether there was room for it.
+
+        Args:
+            left: how many fittings the network still lacks.
+        """
+        rng = self._rng
+        index, port = self._free[int(rng.integers(len(self._free)))]
+        bore = 2 * self.parts[index].fitting.port_radius(port)
+        fitting = self._supply.fitting(rng, bore, left, first=len(self.parts) == 1)
+        fits = [end for end in fitting.choices if 2 * fitting.port_radius(end) == bore]
+        enter = fits[int(rng.integers(len(fits)))]
+        # A straight or reducer looks the same however it is turned.
+        turn_deg = 0.0 if isinstance(fitting, Straight | Reducer) else float(rng.choice(TURNS_DEG))
+        part = _joined_to(self.parts[index], port, fitting, enter, turn_deg, len(self.parts))
+        joint = _joint(self.parts[index], port, part, enter, turn_deg)
+        ends = [end for end in fitting.choices if end != enter]
+        more, more_joints = [], []
+        if not isinstance(fitting, Straight):
+            more, more_joints = self._closed_by_straights(part, ends)
+        if not self._take([part, *more], index):
+            return False
+        self.joints += [joint, *more_joints]
+        self._free.remove((index, port))
+        count = len(self.parts)
+        if more:
+            self._free += [(count - len(more) + i, "end") for i in range(len(more))]
+        else:
+            self._free += [(count - 1, end) for end in ends]
+        return True
+
+    def _closed_by_straights(
+        self, part: Placed, ends: list[str]
+    ) -> tuple[list[Placed], list[dict[str, Any]]]:
+        """A straight at each of the ports ``ends`` of a part, and their joints."""
+        straights: list[Placed] = []
+        for end in ends:
+            straight = Straight(self._supply.length(self._rng), 2 * part.fitting.port_radius(end))
+            index = len(self.parts) + 1 + len(straights)
+            straights.append(_joined_to(part, end, straight, "start", 0.0, index))
+        pairs = zip(ends, straights, strict=True)
+        joints = [_joint(part, end, straight, "start", 0.0) for end, straight in pairs]
+        return straights, joints
+
+    def _take(self, new: list[Placed], index: int) -> bool:
+        """Keep new parts, the first of them joined to part ``index``, if there is room for all."""
+        samples = [part.bore_samples() for part in new]
+        for i, (part, points) in enumerate(zip(new, samples, strict=True)):
+            joined = index if i == 0 else None
+            if not _has_room(self.parts, self._samples, joined, part, points):
+                return False
+        self.parts += new
+        self._samples += samples
+        return True
+
+
+def _joint(part: Placed, port: str, new: Placed, enter: str, turn_deg: float) -> dict[str, Any]:
+    """Two ports in one place, as a table of a network file."""
+    return {"ports": [f"{part.name}.{port}", f"{new.name}.{enter}"], "turn_deg": turn_deg}
+
+
+def _joined_to(
+    part: Placed, port: str, fitting: Fitting, enter: str, turn_deg: float, index: int
+) -> Placed:
+    """A fitting placed at a port of another one, with a name that says which part it is."""
+    pose = attached(part.port(port), fitting, enter, np.radians(turn_deg))
+    return Placed(f"{fitting.kind}_{index + 1}", fitting, pose)
 
 
 def _has_room(

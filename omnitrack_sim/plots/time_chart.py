@@ -150,8 +150,6 @@ def _bands(
 ) -> None:
     """The fittings that the robot's centre was in: named in the strip, and shaded behind the
     panels."""
-    from matplotlib.patches import Patch
-
     legs, names = heights
     strip.set_axis_off()
     strip.set_ylim(0, legs + names)
@@ -170,18 +168,27 @@ def _bands(
         name = routes[leg[first]].network.parts[passage.index].name
         _band_name(strip, renderer, name, start, end, legs, names)
     if legs:
-        for first, last in spans(leg):
-            start, end = float(time[first]), float(time[last])
-            strip.plot(
-                [start, end], [0.5 * legs] * 2, color=GREY, linewidth=0.8, marker="|", markersize=6
-            )
-            text = f"leg {leg[first] + 1}" + (
-                ", tail first" if trajectory["gear"][first] < 0 else ""
-            )
-            found = strip.text(
-                (start + end) / 2, 0.5 * legs, f" {text} ", ha="center", va="center", fontsize=7.5
-            )
-            found.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
+        _leg_row(strip, legs, trajectory)
+    _manoeuvre_legend(strip, shown)
+
+
+def _leg_row(strip: Axes, height: float, trajectory: Trajectory) -> None:
+    """Number and gear of each leg, in a row of ``height`` at the bottom of the strip."""
+    leg, time = trajectory["leg"].astype(int), trajectory.time
+    middle = 0.5 * height
+    for first, last in spans(leg):
+        start, end = float(time[first]), float(time[last])
+        strip.plot([start, end], [middle] * 2, color=GREY, linewidth=0.8, marker="|", markersize=6)
+        gear = ", tail first" if trajectory["gear"][first] < 0 else ""
+        text = f" leg {leg[first] + 1}{gear} "
+        name = strip.text((start + end) / 2, middle, text, ha="center", va="center", fontsize=7.5)
+        name.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
+
+
+def _manoeuvre_legend(strip: Axes, shown: dict[str, str]) -> None:
+    """Legend above the strip; ``shown``: colours of the bands by manoeuvre."""
+    from matplotlib.patches import Patch
+
     order = [what for what in dict.fromkeys([*SHADES, *shown]) if what in shown]
     handles = [
         Patch(facecolor=shown[what], edgecolor=GREY, linewidth=0.4, label=what) for what in order

@@ -14,18 +14,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
-WIDTH, LEFT, RIGHT, _BETWEEN = (
-    12.0,
-    0.82,
-    0.25,
-    0.85,
-)  # inches: of the figure, beside it, between its columns
-COLUMN, _TALLEST = (
-    (WIDTH - LEFT - RIGHT - _BETWEEN) / 2,
-    5.6,
-)  # inches: room for the views of one quantity
-_HEAD, _STACKED, _ASIDE = 0.66, 0.30, 0.72  # inches: title, gaps between two views
+WIDTH, LEFT, RIGHT = 12.0, 0.82, 0.25
+"""Width of the figure and of its margins, inches."""
+_BETWEEN = 0.85  # inches between the two columns
+COLUMN = (WIDTH - LEFT - RIGHT - _BETWEEN) / 2
+"""Width of a column, which holds both views of one quantity, inches."""
+_TALLEST = 5.6  # inches, largest height of the views of one quantity
+_HEAD = 0.66  # inches for the title
+_STACKED, _ASIDE = 0.30, 0.72  # inches between two views, one above the other or side by side
 _AXES = "xyz"
 
 
