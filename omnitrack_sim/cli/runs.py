@@ -115,10 +115,9 @@ def _print_result(result: Result, target: Path) -> None:
     metrics = result.metrics
     out.print(
         f"  simulated {result.duration_s:.2f} s, {metrics['distance_m']:.3f} m at "
-        f"{metrics['mean_speed_m_s']:.4f} m/s, "
-        f"tilt up to {metrics['tilt_max_deg']:.1f} deg, at the end {metrics['tilt_exit_deg']:.1f} "
-        "deg, "
-        f"{metrics['energy_j']:.1f} J; slip without load {metrics['no_load_slip_m_s']:.1e} m/s",
+        f"{metrics['mean_speed_m_s']:.4f} m/s, tilt up to {metrics['tilt_max_deg']:.1f} deg, at "
+        f"the end {metrics['tilt_exit_deg']:.1f} deg, {metrics['energy_j']:.1f} J; slip without "
+        f"load {metrics['no_load_slip_m_s']:.1e} m/s",
         soft_wrap=True,
     )
     out.print(f"  saved in {target}", soft_wrap=True)

@@ -170,8 +170,7 @@ def _print_singularity(summary: dict[str, Any]) -> None:
     out.print(table)
     out.print(
         f"  real geometry: {100 * real['keeps_contact_rate']:.1f} % of the orientations keep all "
-        "modules on the wall "
-        f"(arc of {1e3 * real['bend_radius_m']:.0f} mm)",
+        f"modules on the wall (arc of {1e3 * real['bend_radius_m']:.0f} mm)",
         soft_wrap=True,
     )
     if "orientation" in summary:

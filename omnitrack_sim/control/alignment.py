@@ -51,8 +51,7 @@ class Obstacle(IntEnum):
 _OBSTACLES = {
     Obstacle.CLEAR: "there is a roll that ends in the safe range and off the no-motion line",
     Obstacle.NO_SAFE_ORIENTATION: "the safe margin is zero: no orientation keeps all modules on "
-    "the wall; "
-    "a longer reach makes the singular sector smaller",
+    "the wall; a longer reach makes the singular sector smaller",
     Obstacle.NO_ROLL_OFF_THE_LINE: "the no-motion margin is over 90 degrees: it excludes every "
     "roll; ask for less",
     Obstacle.OUT_OF_RANGE: "every safe orientation within the turn limit has its modules near "

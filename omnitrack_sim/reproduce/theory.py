@@ -65,11 +65,9 @@ def unequal_arms(runs: Runs) -> Claim:
         paper="holonomic motion during horizontal traversal gives non-planar velocities and "
         "additional stresses",
         statement="while rolling, normal forces of the modules differ by over 2 N more in a flat "
-        "than in an "
-        "upright pipe",
-        measured=f"spread {spreads['rolling_flat']:.1f} N flat, {spreads['rolling_upright']:.1f} "
-        "N upright; "
-        f"Eq. 8 leaves {1e3 * scrub:.2f} mm/s across the axis",
+        "than in an upright pipe",
+        measured=f"spread {spreads['rolling_flat']:.1f} N flat, {spreads['rolling_upright']:.1f} N "
+        f"upright; Eq. 8 leaves {1e3 * scrub:.2f} mm/s across the axis",
         uncertainty="mean over one roll of 165 degrees, one run each",
         holds=spreads["rolling_flat"] > spreads["rolling_upright"] + 2.0,
         how="paper/holonomic_alignment with gravity along and across the pipe",
@@ -121,8 +119,7 @@ def jacobian(runs: Runs) -> Claim:
         statement="the lever that fits module speeds less slip to the rotation in elbows is "
         "nearer to l than to D/2",
         measured=f"{1e3 * less_slip:.1f} mm less slip, {1e3 * lever:.1f} mm with slip; l "
-        f"{1e3 * centre:.1f}, "
-        f"D/2 {1e3 * wall:.1f} mm",
+        f"{1e3 * centre:.1f}, D/2 {1e3 * wall:.1f} mm",
         uncertainty=f"least squares over {len(results)} elbows",
         holds=abs(less_slip - centre) < abs(less_slip - wall),
         how="elbows of 240 and 90 mm, all orientations, default controller",

@@ -225,8 +225,7 @@ class _Pool:
         if self._make is None:
             raise WorkersLost(
                 "the workers of the given executor are gone; the finished parts are kept. Give a "
-                "callable that makes "
-                "an executor, which is then made anew"
+                "callable that makes an executor, which is then made anew"
             )
         for _ in range(DEATHS):
             self._end(wait=False)

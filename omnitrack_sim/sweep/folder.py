@@ -184,8 +184,7 @@ def told(path: Path) -> Iterator[None]:
     except OSError as error:
         raise OutputError(
             f"{path}: cannot be written: {error.strerror or error}; the finished parts are kept, "
-            "and the same command "
-            "goes on from there"
+            "and the same command goes on from there"
         ) from error
 
 
