@@ -273,18 +273,7 @@ def main() -> None:
     )
     parser.add_argument("--out", type=Path, help="folder for missions.csv")
     asked = parser.parse_args()
-    orientations = ORIENTATIONS_DEG[:1] if asked.quick else ORIENTATIONS_DEG
-    names = tuple(load_network("fig14").ports)
-    tasks = [
-        ("pairs", -1, start, goal, angle)
-        for start, goal in permutations(names, 2)
-        for angle in orientations
-    ]
-    count = QUICK_NETWORKS if asked.quick else NETWORKS
-    tasks += [(study, seed, "", "", 0.0) for study in ("random", "bores") for seed in range(count)]
-    trials = range(1 if asked.quick else CLOSE_TRIALS)
-    chains = [name for name in close_fittings() if close(name, 0) is not None]
-    tasks += [("close", seed, name, "", 0.0) for name in chains for seed in trials]
+    tasks = every_task(asked.quick)
     begin = time.perf_counter()
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
         runs = list(pool.map(drive, tasks))
@@ -300,6 +289,29 @@ def main() -> None:
     print("|---|---|---|---|---|---|")
     for study, title in TITLES.items():
         report(title, [run for run in runs if run.study == study])
+    report_failures(runs)
+    if asked.out is not None:
+        save(runs, asked.out)
+
+
+def every_task(quick: bool) -> list[tuple[str, int, str, str, float]]:
+    """What ``drive`` is asked to do in all four studies."""
+    orientations = ORIENTATIONS_DEG[:1] if quick else ORIENTATIONS_DEG
+    names = tuple(load_network("fig14").ports)
+    tasks = [
+        ("pairs", -1, start, goal, angle)
+        for start, goal in permutations(names, 2)
+        for angle in orientations
+    ]
+    count = QUICK_NETWORKS if quick else NETWORKS
+    tasks += [(study, seed, "", "", 0.0) for study in ("random", "bores") for seed in range(count)]
+    trials = range(1 if quick else CLOSE_TRIALS)
+    chains = [name for name in close_fittings() if close(name, 0) is not None]
+    return tasks + [("close", seed, name, "", 0.0) for name in chains for seed in trials]
+
+
+def report_failures(runs: Sequence[Run]) -> None:
+    """Where, with which outcome and why a robot did not arrive, with the last events."""
     failures = [run for run in runs if not run.arrived or not run.in_order]
     if failures:
         print("\nFailures, and runs not in the planned order:\n")
@@ -316,13 +328,16 @@ def main() -> None:
         )
         for event in run.events.splitlines()[-LAST_EVENTS:]:
             print(f"    * {event}")
-    if asked.out is not None:
-        asked.out.mkdir(parents=True, exist_ok=True)
-        with (asked.out / "missions.csv").open("w", encoding="utf-8", newline="") as file:
-            rows = csv.writer(file, lineterminator="\n")
-            rows.writerow(field.name for field in dataclasses.fields(Run))
-            rows.writerows(dataclasses.astuple(run) for run in runs)
-        print(f"\nsaved {asked.out / 'missions.csv'}")
+
+
+def save(runs: Sequence[Run], folder: Path) -> None:
+    """Write all runs into ``missions.csv``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "missions.csv").open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(field.name for field in dataclasses.fields(Run))
+        rows.writerows(dataclasses.astuple(run) for run in runs)
+    print(f"\nsaved {folder / 'missions.csv'}")
 
 
 if __name__ == "__main__":

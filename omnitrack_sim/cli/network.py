@@ -63,12 +63,8 @@ def network(
     written = _save(found, route, to_file, plot, export)
     if as_json:
         print(json.dumps(_summary(found, route), indent=2))
-        return
-    _print_network(found)
-    if route is not None:
-        _print_route(route)
-    for path in written:
-        out.print(f"saved {plain(str(path))}", soft_wrap=True)
+    else:
+        _print_all(found, route, written)
 
 
 def _network(source: str | None, seed: int | None, fittings: int | None) -> Network:
@@ -210,6 +206,14 @@ def _print_network(found: Network) -> None:
     ends = ", ".join(f"{end} ({named[end]})" if end in named else end for end in found.open_ends)
     out.print(f"open ends: {plain(ends) or 'none'}", soft_wrap=True)
     out.print(f"{len(found.fittings)} parts, {found.length:.3f} m of axis in all")
+
+
+def _print_all(found: Network, route: Route | None, written: list[Path]) -> None:
+    _print_network(found)
+    if route is not None:
+        _print_route(route)
+    for path in written:
+        out.print(f"saved {plain(str(path))}", soft_wrap=True)
 
 
 def _sizes(part: Any) -> str:

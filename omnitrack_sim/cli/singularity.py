@@ -58,31 +58,16 @@ def singularity(
 ) -> None:
     """The motion singularity region: sector, safe margin, success rate, real geometry, and the roll
     out of it."""
-    given: dict[str, Any] = {
-        "modules": modules,
-        "definition": definition,
-        "bend_radius": bend_radius,
-    }
-    if contact_length is not None:
-        given["contact_length"] = contact_length
-    case = _case(pipe_diameter / 2, math.radians(turn_angle_deg), reach, sector_deg, given)
-    summary = case.summary()
-    if theta5_deg is not None:
-        summary["orientation"] = _orientation(case, theta5_deg, roll_deg)
-    if plot is not None:
-        _write_plot(case, plot, figure)
-    if as_json:
-        print(json.dumps(summary, indent=2))
-    else:
-        _print_singularity(summary)
-        if plot is not None:
-            out.print(f"saved {plot}")
+    robot = {"modules": modules, "definition": definition, "contact_length": contact_length}
+    given = robot | {"bend_radius": bend_radius, "reach": reach}
+    case = _case(pipe_diameter / 2, math.radians(turn_angle_deg), sector_deg, given)
+    orientation = None if theta5_deg is None else _orientation(case, theta5_deg, roll_deg)
+    _report(case, orientation, plot, figure, as_json)
 
 
 def _case(
     pipe_radius: float,
     turn_angle: float,
-    reach: float | None,
     sector_deg: float | None,
     given: dict[str, Any],
 ) -> TurnCase:
@@ -91,20 +76,19 @@ def _case(
     Args:
         pipe_radius: m.
         turn_angle: rad.
-        reach: m; the robot's if neither it nor the sector is given.
-        sector_deg: deg, the sector that the reach is to give, instead of ``reach``.
-        given: other fields of ``TurnCase``.
+        sector_deg: deg, the sector that the reach is to give, in place of a reach.
+        given: other fields of ``TurnCase``; those that are None keep their defaults.
     """
     from omnitrack_sim.theory.singularity import TurnCase, reach_from_sector
 
-    if reach is not None and sector_deg is not None:
-        raise InputError(Fault("--reach, --sector-deg", "give one of the two"))
+    fields = {name: value for name, value in given.items() if value is not None}
     if sector_deg is not None:
+        if "reach" in fields:
+            raise InputError(Fault("--reach, --sector-deg", "give one of the two"))
         sector = math.radians(sector_deg)
-        reach = float(reach_from_sector(sector, pipe_radius, turn_angle, given["definition"]))
-    if reach is not None:
-        given = given | {"reach": reach}
-    return TurnCase(pipe_radius=pipe_radius, turn_angle=turn_angle, **given)
+        reach = reach_from_sector(sector, pipe_radius, turn_angle, given["definition"])
+        fields["reach"] = float(reach)
+    return TurnCase(pipe_radius=pipe_radius, turn_angle=turn_angle, **fields)
 
 
 def _orientation(case: TurnCase, theta5_deg: float, roll_deg: float) -> dict[str, Any]:
@@ -129,6 +113,27 @@ def _orientation(case: TurnCase, theta5_deg: float, roll_deg: float) -> dict[str
             "belt_sign": int(plan.belt_sign),
         },
     }
+
+
+def _report(
+    case: TurnCase,
+    orientation: dict[str, Any] | None,
+    plot: Path | None,
+    figure: str,
+    as_json: bool,
+) -> None:
+    """Write the figure if one is asked for, and print everything as a table or as JSON."""
+    summary = case.summary()
+    if orientation is not None:
+        summary["orientation"] = orientation
+    if plot is not None:
+        _write_plot(case, plot, figure)
+    if as_json:
+        print(json.dumps(summary, indent=2))
+    else:
+        _print_singularity(summary)
+        if plot is not None:
+            out.print(f"saved {plot}")
 
 
 def _write_plot(case: TurnCase, path: Path, figure: str) -> None:
