@@ -188,9 +188,9 @@ def _duration(seconds: float) -> str:
 
 def _print_trials(loaded: Sweep) -> None:
     columns = loaded.trials()
-    parts = loaded.parts()
+    batches = loaded.batches()
     out.print(
-        f"{loaded.size} trials in {len(parts)} batches of {len({part.model for part in parts})} "
+        f"{loaded.size} trials in {len(batches)} batches of {len({batch.model for batch in batches})} "
         "models"
     )
     table = Table("trial", "values", box=None, padding=(0, 2))

@@ -17,7 +17,7 @@ from omnitrack_sim.errors import OutputError
 from omnitrack_sim.sim.result import environment
 from omnitrack_sim.sweep.spec import FOR_THE_RECORD, Sweep
 from omnitrack_sim.sweep.table import Layout, from_parquet, to_csv, to_parquet
-from omnitrack_sim.sweep.trials import Part
+from omnitrack_sim.sweep.trials import Batch
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -91,28 +91,28 @@ class Folder:
                 f"{file}: is no description of a sweep ({error}); choose another folder"
             ) from error
 
-    def read(self, part: Part) -> pa.Table | None:
+    def read(self, batch: Batch) -> pa.Table | None:
         """The rows of a part; None where there is no file yet, or a damaged one."""
         import pyarrow as pa
 
         try:
-            table = from_parquet(self._file(part).read_bytes())
+            table = from_parquet(self._file(batch).read_bytes())
         except (OSError, pa.ArrowException):
             return None
-        whole = (table.schema.metadata or {}).get(b"part") == part.hash.encode()
+        whole = (table.schema.metadata or {}).get(b"part") == batch.hash.encode()
         whole = whole and table.schema.remove_metadata().equals(
             self.layout.schema.remove_metadata()
         )
         return (
             table
-            if whole and table["trial"].to_pylist() == [trial.index for trial in part.trials]
+            if whole and table["trial"].to_pylist() == [trial.index for trial in batch.trials]
             else None
         )
 
-    def write(self, part: Part, table: pa.Table) -> None:
+    def write(self, batch: Batch, table: pa.Table) -> None:
         """Keep the rows of a part."""
         with told(self.path):
-            write_whole(self._file(part), to_parquet(table))
+            write_whole(self._file(batch), to_parquet(table))
 
     def finished(self) -> pa.Table | None:
         """The whole table, when the sweep is finished and all its files are there."""
@@ -152,8 +152,8 @@ class Folder:
                 write_whole(self.path / SWEEP_FILE, self._description)
             write_whole(self.path / TABLE_FILE, to_parquet(table))
 
-    def _file(self, part: Part) -> Path:
-        return self.path / PARTS / f"{part.number:06d}-{part.hash}.parquet"
+    def _file(self, batch: Batch) -> Path:
+        return self.path / PARTS / f"{batch.number:06d}-{batch.hash}.parquet"
 
 
 class Memory:
@@ -162,13 +162,13 @@ class Memory:
     def __init__(self) -> None:
         self._tables: dict[int, pa.Table] = {}
 
-    def read(self, part: Part) -> pa.Table | None:
+    def read(self, batch: Batch) -> pa.Table | None:
         """The rows of a part that is done."""
-        return self._tables.get(part.number)
+        return self._tables.get(batch.number)
 
-    def write(self, part: Part, table: pa.Table) -> None:
+    def write(self, batch: Batch, table: pa.Table) -> None:
         """Keep the rows of a part."""
-        self._tables[part.number] = table
+        self._tables[batch.number] = table
 
 
 def holds_sweep(directory: str | Path) -> bool:
@@ -183,7 +183,7 @@ def told(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise OutputError(
-            f"{path}: cannot be written: {error.strerror or error}; the finished parts are kept, "
+            f"{path}: cannot be written: {error.strerror or error}; the finished batches are kept, "
             "and the same command goes on from there"
         ) from error
 

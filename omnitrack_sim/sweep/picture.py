@@ -12,7 +12,7 @@ from omnitrack_sim.plots.sweep import Spread, sweep_figure
 from omnitrack_sim.rotations import Array, unit
 from omnitrack_sim.schema.tables import TeePipe, unit_of
 from omnitrack_sim.sweep.axes import DirectionAxis
-from omnitrack_sim.sweep.part import ERROR, INVALID
+from omnitrack_sim.sweep.batch import ERROR, INVALID
 from omnitrack_sim.sweep.spec import Sweep
 from omnitrack_sim.theory.singularity import TurnCase
 

@@ -75,9 +75,9 @@ class Sweep(_Plan):
         one = trials.trial_of(trials.places_of(self._plain, self.axes), self._columns, index)
         return validate(trials.changed(self._plain[one.base], one.changes))
 
-    def parts(self) -> list[trials.Part]:
+    def batches(self) -> list[trials.Batch]:
         """The trials in batches."""
-        return trials.parts_of(self._plain, self.axes, self._columns, self.batch)
+        return trials.batches_of(self._plain, self.axes, self._columns, self.batch)
 
     @property
     def size(self) -> int:

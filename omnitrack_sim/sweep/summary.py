@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.sweep.part import ERROR, INVALID
+from omnitrack_sim.sweep.batch import ERROR, INVALID
 from omnitrack_sim.sweep.spec import Sweep
 
 if TYPE_CHECKING:

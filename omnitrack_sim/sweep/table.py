@@ -11,9 +11,9 @@ from omnitrack_sim.record.metrics import METRICS, Metric
 from omnitrack_sim.robot import MODULES
 from omnitrack_sim.schema.tables import unit_of
 from omnitrack_sim.sweep.axes import BASE, DirectionAxis
-from omnitrack_sim.sweep.part import Row
+from omnitrack_sim.sweep.batch import Row
 from omnitrack_sim.sweep.spec import Sweep
-from omnitrack_sim.sweep.trials import Part
+from omnitrack_sim.sweep.trials import Batch
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -68,7 +68,7 @@ class Layout:
         ]
         self.schema = pa.schema(fields, metadata={"sweep_sha256": sweep.hash})
 
-    def table(self, part: Part, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
+    def table(self, batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
         """The rows of a part; its hash and what made it in the metadata."""
         import pyarrow as pa
 
@@ -78,10 +78,10 @@ class Layout:
                 values = [self._values[field.name][row["trial"]] for row in rows]
             else:
                 values = [
-                    part.model if field.name == "model" else row.get(field.name) for row in rows
+                    batch.model if field.name == "model" else row.get(field.name) for row in rows
                 ]
             columns.append(pa.array(values, field.type))
-        metadata = {"part": part.hash, "made_by": json.dumps(made_by, sort_keys=True)}
+        metadata = {"part": batch.hash, "made_by": json.dumps(made_by, sort_keys=True)}
         return pa.Table.from_arrays(columns, schema=self.schema.with_metadata(metadata))
 
     def merged(self, tables: Sequence[pa.Table]) -> pa.Table:

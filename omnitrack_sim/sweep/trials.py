@@ -33,7 +33,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Part:
+class Batch:
     """The trials of one batch, with all that a worker needs.
 
     Attributes:
@@ -187,10 +187,10 @@ def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
     return plain
 
 
-def parts_of(
-    bases: Mapping[str, Mapping[str, Any]], axes: Sequence[AxisTable], columns: Columns, batch: int
-) -> list[Part]:
-    """The trials in batches of at most ``batch``: those that share a model together, in order."""
+def batches_of(
+    bases: Mapping[str, Mapping[str, Any]], axes: Sequence[AxisTable], columns: Columns, size: int
+) -> list[Batch]:
+    """The trials in batches of at most ``size``: those that share a model together, in order."""
     texts = {name: json.dumps(data) for name, data in bases.items()}
     places = places_of(bases, axes)
     # One copy of each base is changed in place, trial after trial: every trial sets the same paths.
@@ -201,13 +201,13 @@ def parts_of(
         for path, value in one.changes.items():
             set_value(plain[one.base], path, value)
         groups.setdefault(batch_key(plain[one.base]), []).append(one)
-    parts: list[Part] = []
+    batches: list[Batch] = []
     for key, members in groups.items():
-        for start in range(0, len(members), batch):
-            chosen = tuple(members[start : start + batch])
+        for start in range(0, len(members), size):
+            chosen = tuple(members[start : start + size])
             used = {name: texts[name] for name in sorted({one.base for one in chosen})}
-            parts.append(Part(len(parts), _sha256(key)[:12], used, chosen))
-    return parts
+            batches.append(Batch(len(batches), _sha256(key)[:12], used, chosen))
+    return batches
 
 
 def _sha256(value: Any) -> str:

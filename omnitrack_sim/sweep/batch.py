@@ -12,7 +12,7 @@ from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.result import Result, environment
 from omnitrack_sim.sim.run import run_batch
-from omnitrack_sim.sweep.trials import Part, changed
+from omnitrack_sim.sweep.trials import Batch, changed
 
 INVALID, ERROR = "invalid", "error"
 """Outcomes of trials that have no outcome: values that do not fit, and a fault of the program or
@@ -21,7 +21,7 @@ Row = dict[str, Any]
 """Result columns of a trial by name, and ``trial``; what is missing is null."""
 
 
-def run_part(part: Part) -> tuple[list[Row], dict[str, Any]]:
+def run_trials(batch: Batch) -> tuple[list[Row], dict[str, Any]]:
     """Run the trials of a part on one thread; rows in their order, and what made them (versions,
     commit).
 
@@ -30,14 +30,14 @@ def run_part(part: Part) -> tuple[list[Row], dict[str, Any]]:
     """
     rows: dict[int, Row] = {}
     scenarios: dict[int, Scenario] = {}
-    plain = {name: json.loads(text) for name, text in part.bases.items()}
-    for trial in part.trials:
+    plain = {name: json.loads(text) for name, text in batch.bases.items()}
+    for trial in batch.trials:
         try:
             scenarios[trial.index] = validate(changed(plain[trial.base], trial.changes))
         except ScenarioError as error:
             rows[trial.index] = failed_row(trial.index, INVALID, "; ".join(str(error).splitlines()))
     rows |= _together(scenarios)
-    return [rows[trial.index] for trial in part.trials], environment()
+    return [rows[trial.index] for trial in batch.trials], environment()
 
 
 def failed_row(index: int, outcome: str, reason: str) -> Row:
