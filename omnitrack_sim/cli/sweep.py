@@ -189,10 +189,8 @@ def _duration(seconds: float) -> str:
 def _print_trials(loaded: Sweep) -> None:
     columns = loaded.trials()
     batches = loaded.batches()
-    out.print(
-        f"{loaded.size} trials in {len(batches)} batches of {len({batch.model for batch in batches})} "
-        "models"
-    )
+    models = {batch.model for batch in batches}
+    out.print(f"{loaded.size} trials in {len(batches)} batches of {len(models)} models")
     table = Table("trial", "values", box=None, padding=(0, 2))
     for i in range(min(LISTED, loaded.size)):
         values = ", ".join(f"{name} = {_shown(column[i])}" for name, column in columns.items())
