@@ -1,5 +1,4 @@
-"""Kills a sweep at random moments, goes on each time, and compares the table with that of an
-uninterrupted one.
+"""Kills a sweep at random moments, resumes it, and compares its table with an undisturbed one.
 
 python benchmarks/kill_test.py [--kills N] [--trials N] [--workers N] [--seed N]
 

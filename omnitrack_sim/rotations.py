@@ -20,8 +20,10 @@ def unit(vector: ArrayLike) -> Array:
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Dot products (...,) of vectors (..., 3), summed in one order at any batch size: runs repeat
-    bit for bit."""
+    """Dot products (...,) of vectors (..., 3).
+
+    They are summed in one order at any batch size, so that runs repeat bit for bit.
+    """
     product = a * b
     return product[..., 0] + product[..., 1] + product[..., 2]
 
@@ -32,15 +34,14 @@ def length(vector: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross products (..., 3) of vectors (..., 3), a few times faster than NumPy's for small
-    arrays."""
+    """Cross products (..., 3) of vectors (..., 3), faster than NumPy's for small arrays."""
     products = a.take(_FIRST_OF_CROSS, axis=-1) * b.take(_SECOND_OF_CROSS, axis=-1)
     return products[..., :3] - products[..., 3:]
 
 
 def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
-    """Rotation matrices (..., 3, 3) by ``angle`` (...,) rad about ``axis`` (..., 3),
-    right-handed."""
+    """Rotation matrices (..., 3, 3), right-handed, by ``angle`` (...,) rad about ``axis`` (...,
+    3)."""
     axis, angle = unit(axis), np.asarray(angle, float)
     axis = np.broadcast_to(axis, (*np.broadcast_shapes(axis.shape[:-1], angle.shape), 3))
     half = np.broadcast_to(angle, axis.shape[:-1])[..., None] / 2
@@ -48,11 +49,10 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
 
 
 def frame_along(axis: ArrayLike, turn: float) -> Array:
-    """Rotation (3, 3) with z along ``axis`` (3,) and x near the reference's, turned by ``turn`` rad
-    about the axis.
+    """Rotation (3, 3) whose z lies along ``axis`` (3,).
 
-    Without a turn x is the reference's x made square to the axis; for an axis close to it, -z or z
-    instead.
+    Its x is the reference's x made square to the axis; for an axis close to that, -z or z instead.
+    Then it is turned by ``turn`` rad about the axis.
     """
     z = unit(axis)
     helper = (
@@ -75,7 +75,7 @@ def matrix_from_quaternion(quaternion: ArrayLike) -> Array:
 
 
 def _product(a: str, b: str) -> int:
-    """Place of the product of two components in the flattened outer product of a quaternion."""
+    """Index of the product of two components in the flattened outer product of a quaternion."""
     return 4 * "wxyz".index(a) + "wxyz".index(b)
 
 
@@ -116,22 +116,26 @@ def wrap_angle(angle: ArrayLike, period: float = 2 * np.pi) -> Array:
 
 @dataclass(frozen=True)
 class Pose:
-    """A frame B in a frame A: ``rotation`` (3, 3) has B's axes in A as columns, ``position`` (3,)
-    m."""
+    """A frame B in a frame A.
+
+    Attributes:
+        rotation: (3, 3), axes of B in A as columns.
+        position: (3,) m, origin of B in A.
+    """
 
     rotation: Array = field(default_factory=lambda: np.eye(3))
     position: Array = field(default_factory=lambda: np.zeros(3))
 
     def __matmul__(self, other: Pose) -> Pose:
-        """A from C, given self = A from B and other = B from C."""
+        """Frame C in A, if this is B in A and ``other`` is C in B."""
         return Pose(self.rotation @ other.rotation, self.apply(other.position))
 
     def apply(self, points: ArrayLike) -> Array:
-        """Points (..., 3) of frame B, in frame A."""
+        """Points (..., 3) of frame B, expressed in frame A."""
         return np.asarray(points, float) @ self.rotation.T + self.position
 
     def inverse(self) -> Pose:
-        """B from A."""
+        """Frame A in B."""
         return Pose(self.rotation.T, -self.rotation.T @ self.position)
 
     @property

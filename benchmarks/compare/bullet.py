@@ -11,8 +11,7 @@ contacts of that kind:
 * No reflected rotor inertia of crawler and rotary motors: as the mass of a link it would add
   weight.
 * Belts are velocity motors that correct ``BulletSettings.servo`` of the error in a step, within the
-  drive's force
-  limits. The two runs of a chain are not tied: each has a motor of its own.
+  drive's force limits. The two runs of a chain are not tied: each has a motor of its own.
 * Rotary motors are position motors with the time constant of the servo (kv / kp).
 * Springs and dampers are joint forces, held for a step.
 * Arms slide on a link of their own of ``SLIDER_MASS``.

@@ -159,8 +159,12 @@ class BulletPlant:
         self.qpos[0] = [*position, w, x, y, z, *(s[0] for s in states)]
 
     def contacts(self) -> list[tuple[int, int, Array, Array, float]]:
-        """Contacts that press: module, track (0 upper, 1 lower), point (3,) m, force on the track
-        (3,) N, gap m."""
+        """Contacts that press.
+
+        Returns:
+            For each: module, track (0 upper, 1 lower), point (3,) m, force on the track (3,) N, gap
+                m.
+        """
         found = []
         points = bullet.getContactPoints(self.body, self.wall, physicsClientId=self.client)
         for point in points:
@@ -179,7 +183,7 @@ class BulletPlant:
         return found
 
     def read(self) -> dict[str, Array]:
-        """As ``Plant.read``."""
+        """The readings that ``Plant.read`` gives."""
         qpos = self.qpos[:, 7:].reshape(1, 3, JOINTS_PER_MODULE)
         links = bullet.getLinkStates(
             self.body,
@@ -249,8 +253,10 @@ class BulletPlant:
         roll: Array,
         substeps: int,
     ) -> None:
-        """As ``Plant.step``; ``substeps`` counts the scenario's physics steps, Bullet takes as many
-        as it is set to."""
+        """Do what ``Plant.step`` does; ``substeps`` counts the physics steps of the scenario.
+
+        Bullet takes as many steps as its settings ask for.
+        """
         if not active[0]:
             return
         self._ask_motors(tuple(value[0] for value in drive), roll[0])
@@ -295,8 +301,7 @@ class BulletPlant:
         )
 
     def _move_rows_back(self) -> None:
-        """Chains are endless: a row of lugs that has moved on by a pitch is the same row, moved
-        back."""
+        """Chains are endless: a row of lugs that has moved by a pitch is moved back by it."""
         pitch = lug_pitch(self.robot)
         travel = self.qpos[0, 7:].reshape(3, JOINTS_PER_MODULE)[:, UPPER:]
         back = pitch * np.round(travel / pitch)
@@ -311,7 +316,7 @@ class BulletPlant:
         travel -= back
 
     def _leave_out_far_tracks(self) -> None:
-        """As ``Plant``: no contacts of tracks that face away from the wall."""
+        """As ``Plant``, leave out contacts of tracks that face away from the wall."""
         cosine = np.cos(self.qpos[0, 7:].reshape(3, JOINTS_PER_MODULE)[:, ROLL])
         facing = cosine > -BOTH_TRACKS_COSINE, cosine < BOTH_TRACKS_COSINE
         at_wall = np.stack(facing, axis=-1)  # (3, 2)
@@ -324,7 +329,7 @@ class BulletPlant:
         self._at_wall = at_wall
 
     def _apply_springs(self) -> None:
-        """Front and rear springs push only; dampers of slide and pitch."""
+        """Forces of the front and rear springs, which only push, and of the dampers."""
         robot = self.robot
         stiffness, lever = robot.module_stiffness / 2, robot.shaft_spacing / 2
         states = bullet.getJointStates(self.body, self._sprung, physicsClientId=self.client)

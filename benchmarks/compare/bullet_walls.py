@@ -74,8 +74,10 @@ SETTINGS: dict[str, BulletSettings] = {
 
 
 def inner_mesh(fitting: Fitting, settings: BulletSettings) -> trimesh.Trimesh:
-    """Inner surface of a fitting, m, fitting frame; the exact surface lies amid each facet around
-    the bore."""
+    """Inner surface of a fitting, m, fitting frame.
+
+    Around the bore the exact surface lies half way between the middles and the edges of the facets.
+    """
     n = settings.sections
     if isinstance(fitting, (Straight, Elbow)):
         turns = (
@@ -148,7 +150,7 @@ def add_wall(client: int, network: PipeNetwork, settings: BulletSettings) -> int
 def bullet_wall_error(
     scenario: Scenario, settings: BulletSettings, probes: int = 4000, seed: int = 0
 ) -> tuple[float, float]:
-    """Largest and 99 % distance, mm, of the surface that lugs meet from the exact one.
+    """Largest distance and 99 % quantile, mm, of the surface that lugs meet from the exact one.
 
     A sphere as large as a lug is held ``PROBE_GAP`` off the exact surface, and the engine is asked
     for the gap. On the fittings that bend or branch; in a straight route on all of it.
@@ -182,8 +184,7 @@ def bullet_wall_error(
 def probe_centres(
     network: PipeNetwork, parts: list, radius: float, number: int, seed: int
 ) -> Array:
-    """Centres (number, 3) m of spheres that stand ``PROBE_GAP`` off the exact surface, at random
-    over ``parts``."""
+    """Centres (number, 3) m of spheres at random over ``parts``, ``PROBE_GAP`` off the surface."""
     rng = np.random.default_rng(seed)
     samples = np.concatenate([part.bore_samples() for part in parts])
     chosen = []

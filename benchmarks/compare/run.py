@@ -28,8 +28,10 @@ from omnitrack_sim import load_scenario, override
 
 
 def compare(options: argparse.Namespace) -> dict[str, Any]:
-    """Measure; returns what goes into the JSON file. Rows and cases stay objects under ``rows`` and
-    ``tried``."""
+    """Measure, and return what goes into the JSON file.
+
+    Rows and cases stay objects under ``rows`` and ``tried``.
+    """
     notes = []
     peers = []
     for peer in options.peer or TITLES:

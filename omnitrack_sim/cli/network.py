@@ -131,7 +131,7 @@ def _plot(found: Network, path: Path, route: Route | None) -> None:
 
 
 def _write(path: Path, save: Any) -> None:
-    """Write a file whole or not at all; ``save`` is given the path to write to."""
+    """Write a file in full or not at all; ``save`` is called with the path to write to."""
     temporary = path.with_name(f".{path.name}.part")
     try:
         save(temporary)
@@ -217,7 +217,7 @@ def _print_all(found: Network, route: Route | None, written: list[Path]) -> None
 
 
 def _sizes(part: Any) -> str:
-    """The sizes of a part, mm and degrees."""
+    """The sizes of a part as text, in mm and degrees."""
     bores = [part.inner_diameter, *([part.end_diameter] if hasattr(part, "end_diameter") else [])]
     sizes = [f"D {' to '.join(f'{1e3 * bore:.4g}' for bore in bores)} mm"]
     for key, text in (

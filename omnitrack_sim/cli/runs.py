@@ -85,7 +85,7 @@ def _check_camera(camera: str) -> None:
 
 
 def _try_video(result: Result, path: Path, camera: str, quiet: bool) -> None:
-    """Render, or say why not: the run itself is not lost for want of OpenGL."""
+    """Render the film, or print why it cannot be: the run is not lost for want of OpenGL."""
     from omnitrack_sim.film.render import render_video
 
     try:
@@ -124,8 +124,8 @@ def _print_result(result: Result, target: Path) -> None:
 
 
 def _is_mission(result: Result) -> bool:
-    """Whether a run has more to tell than one fitting: two that are not straight, or several
-    legs."""
+    """Whether the timeline is worth printing: several legs, or two fittings that are not
+    straight."""
     routes = result.routes()
     turns = [
         passage for route in routes for passage in route.fittings if passage.kind != "straight"

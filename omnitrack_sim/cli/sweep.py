@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.sweep import Status, Sweep
 
 LISTED = 10
-"""Trials that --list shows."""
+"""How many trials --list shows."""
 
 
 @app.command()
@@ -140,7 +140,7 @@ def _share(text: str | None) -> tuple[int, int] | None:
 
 
 def _executor(workers: int | None, dask: str | None) -> Callable[[], Executor] | None:
-    """What makes the workers; None for one process."""
+    """A function that makes the workers; None for a sweep in this process."""
     from omnitrack_sim.sweep.workers import DaskPool, LocalPool
 
     if dask is not None:
@@ -154,7 +154,7 @@ def _executor(workers: int | None, dask: str | None) -> Callable[[], Executor] |
 
 @contextmanager
 def _bar(title: str, quiet: bool) -> Iterator[Callable[[Status], None]]:
-    """A progress bar on standard error."""
+    """A progress bar on standard error; yields the function that is told the status."""
     if quiet:
         yield lambda status: None
         return

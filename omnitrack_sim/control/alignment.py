@@ -1,5 +1,4 @@
-"""How far to roll before a fitting, so that theta5 is safe and the modules stay off the no-motion
-line.
+"""How far to roll before a fitting: to a safe theta5, with the modules off the no-motion line.
 
 Rolling all modules by phi turns the robot by -phi r / R. With R / r = 2.9 a third of a turn of the
 robot costs nearly a whole turn of the modules, so the three equal orientations have almost the same
@@ -25,17 +24,21 @@ from omnitrack_sim.theory.singularity import best_theta5
 
 Manoeuvre = Literal["elbow", "tee_turn", "tee_straight"]
 NO_MOTION_MARGIN = np.radians(30.0)
-"""Default least distance of a roll from the no-motion line, where both tracks touch and work
-against each other."""
+"""Default least distance of a roll from the no-motion line, rad.
+
+There both tracks of a module touch and work against each other.
+"""
 TURN_LIMIT = np.pi
-"""Default limit on the robot's turn in one plan, rad: half a turn either way reaches every equal
-orientation."""
+"""Default limit of the robot's turn in one plan, rad.
+
+Half a turn either way reaches every equal orientation.
+"""
 ROUNDING = 1e-9  # rad, by which a plan on the border of a range may miss it
 _LEAST_NO_MOTION_MARGIN = 1e-6  # rad, with no margin asked the line itself is still kept clear
 
 
 class Obstacle(IntEnum):
-    """Why there is no roll that helps; ``CLEAR`` when there is one."""
+    """Why no roll helps; ``CLEAR`` if one does."""
 
     CLEAR = 0
     NO_SAFE_ORIENTATION = 1
@@ -44,7 +47,7 @@ class Obstacle(IntEnum):
 
     @property
     def text(self) -> str:
-        """One sentence with what to try."""
+        """One sentence that says why, and what to try."""
         return _OBSTACLES[self]
 
 
@@ -65,8 +68,7 @@ class RollPlan:
     """Rolls of any number of robots, arrays of one shape (...).
 
     Attributes:
-        change: rad, what all modules roll by; 0 where none is needed, and where there is none that
-            helps.
+        change: rad, what all modules roll by; 0 if none is needed or none helps.
         roll: rad, roll of the modules afterwards.
         theta5: rad, in [-pi, pi), afterwards, if they roll without slip.
         belt_sign: direction in which a positive belt speed drives afterwards: the sign of
@@ -82,7 +84,7 @@ class RollPlan:
 
     @property
     def exists(self) -> NDArray[np.bool_]:
-        """Where the conditions can be met."""
+        """Where there is a roll that helps, or none is needed."""
         return self.obstacle == Obstacle.CLEAR
 
     def where(self, chosen: NDArray[np.bool_], other: RollPlan) -> RollPlan:
@@ -92,8 +94,9 @@ class RollPlan:
 
 
 def preferred_theta5(manoeuvre: Manoeuvre, modules: int = MODULES) -> float:
-    """The orientation, rad, to come to before a fitting; theta5 is taken from the turn, or from the
-    tee's opening.
+    """The orientation, rad, to reach before a fitting.
+
+    theta5 is measured from the turning direction, or from the opening of the tee.
 
     * ``elbow``: one module on the innermost curve (Fig. 15);
     * ``tee_turn``: the outer direction midway between two modules (Fig. 8(b), Fig. 9);
@@ -113,24 +116,33 @@ def preferred_theta5(manoeuvre: Manoeuvre, modules: int = MODULES) -> float:
 
 
 def orientation_error(theta5: ArrayLike, best: ArrayLike, modules: int = MODULES) -> Array:
-    """Angle (...,) rad from the nearest of the equal best orientations, in [-period / 2, period /
-    2)."""
+    """Angle (...,) rad from the nearest of the equal best orientations.
+
+    In [-period / 2, period / 2).
+    """
     return wrap_angle(np.asarray(theta5, float) - best, 2 * np.pi / modules)
 
 
 class Wish(NamedTuple):
-    """A range of theta5: ``best`` rad, modulo the period, and ``margin`` (n,) rad to either
-    side."""
+    """A range of theta5 that a fitting asks for.
+
+    Attributes:
+        best: rad, middle of the range, modulo the period.
+        margin: (n,) rad to either side.
+    """
 
     best: float
     margin: Array
 
 
 def agreed(wishes: Sequence[Wish], modules: int = MODULES) -> tuple[Array, Array]:
-    """Middle (n,) and half-width (n,) rad of the range that wishes have in common, the first of
-    them before all.
+    """The range of theta5 that wishes have in common.
 
-    A wish that has nothing in common with those before it is left out.
+    The first wish always counts. Each of the others narrows the range, in order, and is left out
+    for a robot for which nothing of the range would be left.
+
+    Returns:
+        Middle (n,) and half-width (n,) of the range, rad.
     """
     first = wishes[0]
     low, high = -first.margin, np.array(first.margin)
@@ -143,8 +155,10 @@ def agreed(wishes: Sequence[Wish], modules: int = MODULES) -> tuple[Array, Array
 
 
 def no_motion_distance(roll: ArrayLike) -> Array:
-    """Angle (...,) rad between a roll and the nearest no-motion line (90 or 270 degrees), in [0,
-    pi/2]."""
+    """Angle (...,) rad between a roll and the nearest no-motion line, in [0, pi/2].
+
+    These lines are at 90 and 270 degrees.
+    """
     return np.abs(wrap_angle(np.asarray(roll, float) - np.pi / 2, np.pi))
 
 
@@ -159,8 +173,7 @@ def plan_roll(
     turn_limit: float = TURN_LIMIT,
     modules: int = MODULES,
 ) -> RollPlan:
-    """Shortest roll after which theta5 is within ``margin`` of ``best`` and the roll clear of the
-    no-motion line.
+    """Shortest roll to within ``margin`` of ``best``, with the modules clear of the no-motion line.
 
     The admissible rolls are a union of closed ranges, so the shortest is zero or a border of one;
     all borders within the turn limit are tried. Of two equally short ones the positive is taken.
@@ -169,8 +182,7 @@ def plan_roll(
         theta5: (...,) rad, module 1 from the turning direction.
         roll: (...,) rad, roll of the modules now.
         best: (...,) rad, wanted theta5, modulo 2 pi / modules.
-        margin: (...,) rad, half-width of the safe range about it, such as
-            ``singularity.safe_margin`` gives.
+        margin: (...,) rad, half-width of the safe range, such as ``singularity.safe_margin`` gives.
         radius_ratio: (...,) lug radius over pipe radius, r / R.
         no_motion_margin: (...,) rad, least distance of the roll from the no-motion line.
         turn_limit: rad, largest turn of the robot.
@@ -252,8 +264,10 @@ def _shortest_roll(
 def _safe_borders(
     error: Array, margin: Array, ratio: Array, turn_limit: float, period: float
 ) -> Array:
-    """Rolls (..., K) that bring theta5 to the borders of the safe ranges about each equal
-    orientation."""
+    """Rolls (..., K) that bring theta5 to the borders of the safe ranges.
+
+    There is a range about each of the equal orientations.
+    """
     reached = int(np.ceil(turn_limit / period)) + 1
     centres = error[..., None] + period * np.arange(-reached, reached + 1)
     # A border on the far side of the range is needed too: the near one may lie at the no-motion
@@ -263,8 +277,7 @@ def _safe_borders(
 
 
 def _line_borders(roll: Array, clearance: Array, roll_limit: float) -> Array:
-    """Rolls (..., K) that bring the modules to the borders of the bands about the no-motion
-    lines."""
+    """Rolls (..., K) that bring the modules to the borders of the bands about no-motion lines."""
     reached = int(np.ceil(roll_limit / np.pi)) + 1
     nearest = wrap_angle(np.pi / 2 - roll, np.pi)
     lines = nearest[..., None] + np.pi * np.arange(-reached, reached + 1)

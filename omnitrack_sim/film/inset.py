@@ -1,5 +1,4 @@
-"""A small map of all pipes in the corner of a film: the way driven so far, the robot and its goals.
-Pillow only."""
+"""A small map of all pipes in the corner of a film: the way so far, the robot and its goals."""
 
 from __future__ import annotations
 
@@ -98,15 +97,15 @@ class Inset:
         return np.asarray(image)
 
     def _flat(self, points: Array) -> Array:
-        """Places (n, 2) m, right and up in the map, of ``points`` (n, 3) m."""
+        """``points`` (n, 3) m projected onto the map, (n, 2) m to the right and up."""
         return points @ self.view[:, :2]
 
     def _pixels(self, points: Array) -> Array:
-        """The same in pixels of the large map, right and down."""
+        """``points`` (n, 3) m in pixels of the large map, (n, 2) to the right and down."""
         return self.offset + self.scale * self._flat(points) * [1, -1]
 
     def _pipes(self, network: PipeNetwork, goals: Array, plates: Array) -> Image.Image:
-        """Panel, pipes from the farthest to the nearest, plates, goals."""
+        """The background of the map: pipes from the farthest to the nearest, plates, and goals."""
         image = Image.new("RGBA", self.size, (0, 0, 0, 0))
         draw = ImageDraw.Draw(image)
         draw.rounded_rectangle(
@@ -160,8 +159,8 @@ class Inset:
                 draw.line(path, fill=colour, width=max(1, round(3.2 * self.unit)), joint="curve")
 
     def _robot(self, draw: ImageDraw.ImageDraw, row: int) -> None:
-        """A dot, and an arrow from it to where the nose points; short where that is towards the
-        viewer or away."""
+        """A dot with an arrow towards the nose, which is short if the nose points along the line of
+        sight."""
         centre = self._points[row]
         if not np.isfinite(centre).all():
             return
@@ -181,8 +180,8 @@ class Inset:
 def projection(network: PipeNetwork) -> Array:
     """Axes of the picture as columns (3, 3): right, up, towards the viewer. World z is up.
 
-    Of elevations and oblique views from above the one in which the fewest pipes lie over others or
-    are seen end on.
+    Elevations and oblique views from above are tried. The one is taken in which the fewest pipes
+    lie over others or are seen end on.
     """
     lines = [line for part in network.parts for line in _lines(part)]
     points = np.concatenate(lines)
@@ -205,8 +204,10 @@ def projection(network: PipeNetwork) -> Array:
 
 
 def _axes(azimuth: float, elevation: float) -> Array:
-    """Picture axes (3, 3) of a viewer in front (-y), turned by ``azimuth`` rad to his right and
-    raised."""
+    """Axes (3, 3) of the picture for a viewer at ``azimuth`` and ``elevation``, rad.
+
+    At azimuth 0 the viewer stands on the side of -y; a positive one moves the viewer to the right.
+    """
     back = np.array(
         [
             np.sin(azimuth) * np.cos(elevation),

@@ -1,4 +1,4 @@
-"""Pictures and films of a recorded run. Everything is drawn from the saved trajectory, never while
+"""Pictures and films of a recorded run, drawn from the saved trajectory and never while
 simulating."""
 
 from __future__ import annotations
@@ -27,11 +27,13 @@ if TYPE_CHECKING:
     from omnitrack_sim.sim.result import Result
 
 CAMERAS = ("side", "follow", "onboard")
-"""``side`` shows all pipes, ``follow`` keeps with the robot, ``onboard`` looks ahead from its
+"""``side`` shows all pipes, ``follow`` stays with the robot, ``onboard`` looks ahead from its
 nose."""
 FOLLOW_SUN = [0.26, 0.25, 0.23]
-"""Red, green, blue of the sun for the camera ``follow``: it throws no shadows there, and would be
-too bright."""
+"""Red, green, blue of the sun for the camera ``follow``.
+
+It is darker than for the other cameras, because it throws no shadows there.
+"""
 APT_LINE = "sudo apt-get install -y libegl1 libgl1-mesa-dri libopengl0"
 """What headless rendering needs on Debian and Ubuntu."""
 Progress = Callable[[float, str], None]
@@ -48,19 +50,17 @@ def render_video(
     progress: Progress | None = None,
     inset: bool = True,
 ) -> Path:
-    """Film a run in real time: H.264, yuv420p, playable while it loads. Odd sizes grow by one
-    pixel.
+    """Film a run in real time, as H.264 that plays while it loads.
 
     Args:
         result: a ``Result``, or the folder of a saved one.
         path: MP4 file to write; nothing half-written stays.
         camera: one of ``CAMERAS``.
-        width: pixels.
-        height: pixels.
+        width, height: pixels; odd numbers grow by one.
         fps: frames a second.
         progress: called with the fraction done (0 to 1) and a text.
-        inset: draw a map of the pipes into the pictures of ``follow`` and ``onboard``, where the
-            route has more than three fittings.
+        inset: draw a map of the pipes into the pictures of ``follow`` and ``onboard``, if the route
+            has more than three fittings.
 
     Raises:
         InputError: unknown camera, or a size or frame rate that is not positive.
@@ -97,8 +97,9 @@ def render_frame(
     height: int = 720,
     inset: bool = True,
 ) -> Image:
-    """One picture (height, width, 3) of a run at ``time`` s, uint8; times outside the run show its
-    nearest end.
+    """One picture (height, width, 3) of a run at ``time`` s, uint8.
+
+    A time before the start or after the end shows the first or the last sample.
 
     Raises:
         InputError: unknown camera, or a size that is not positive.
@@ -117,8 +118,7 @@ def render_frames(
     height: int = 720,
     inset: bool = True,
 ) -> list[Image]:
-    """Pictures of one run at ``times`` s, as ``render_frame`` makes one; faster than one after the
-    other."""
+    """Pictures of one run at ``times`` s, as of ``render_frame`` but faster than one by one."""
     _check(camera, width, height)
     with _Stage(_loaded(result), width, height, camera, inset) as stage:
         return [stage.picture(time) for time in times]
@@ -171,7 +171,7 @@ class _Stage:
         self._context.free()
 
     def picture(self, time: float) -> Image:
-        """The frame (height, width, 3) at ``time`` s with what is known about it written in."""
+        """The frame (height, width, 3) at ``time`` s, with overlay and map."""
         mj, model, data = self._mujoco, self.model, self.data
         row = int(np.argmin(np.abs(self.trajectory.time - time)))
         data.qpos[:] = self._qpos[row]
@@ -191,8 +191,10 @@ class _Stage:
         return frame if self._inset is None else self._inset.write(frame, row)
 
     def _following(self, row: int) -> Any:
-        """The camera that keeps with the robot. Light comes over its shoulder; pipes in its way
-        become nearly clear."""
+        """The camera that stays with the robot.
+
+        Light comes over its shoulder, and pipes between it and the robot become nearly clear.
+        """
         mj, model = self._mujoco, self.model
         centre, back = np.array(self.data.qpos[:3]), self._viewer[row]
         nose = self.data.body("chassis").xmat.reshape(3, 3)[:, 2]
@@ -243,7 +245,7 @@ def _inset(result: Result, width: int, height: int) -> Inset | None:
 
 
 def _fitting_names(trajectory: Trajectory, routes: Sequence[Route]) -> list[str]:
-    """Name of the fitting that the robot's centre is in, a sample each."""
+    """For each sample, the name of the part that the robot's centre is in."""
     names = [
         [route.network.parts[passage.index].name for passage in route.fittings] for route in routes
     ]
@@ -255,9 +257,11 @@ def _fitting_names(trajectory: Trajectory, routes: Sequence[Route]) -> list[str]
 
 
 def _options(mj: Any, camera: str) -> mujoco.MjvOption:
-    """Visual geoms only. The cut-off halves of the pipes close them again around the camera within.
+    """Show visual geoms only.
 
-    The camera that follows sees the insides instead of pipes cut towards one side.
+    The fixed cameras look at pipes that are cut open towards one side. Seen from within, the
+    cut-off halves close them again. The camera that follows sees the insides of whole pipes
+    instead.
     """
     options = mj.MjvOption()
     options.geomgroup[:] = [0, camera != "follow", 1, 0, camera == "onboard", camera == "follow"]
@@ -269,8 +273,7 @@ def _options(mj: Any, camera: str) -> mujoco.MjvOption:
 def _smooth_belts(
     model: mujoco.MjModel, trajectory: Trajectory, pitch: float
 ) -> NDArray[np.float64]:
-    """Joint positions (T, nq) with each belt where it has really run to, within +- half a visible
-    pitch.
+    """Joint positions (T, nq) with the belts where they have run to, within half a visible pitch.
 
     The physics moves its closely spaced lugs back after every pitch; seen 25 times a second they
     would seem to stand still or to run backward. The belt travel is the integral of the recorded
@@ -290,8 +293,10 @@ def _smooth_belts(
 
 
 def _open_context(width: int, height: int) -> tuple[Any, Any]:
-    """A current offscreen OpenGL context and the mujoco module: MUJOCO_GL if set, else EGL, else
-    OSMesa."""
+    """A current offscreen OpenGL context, and the mujoco module.
+
+    The variable MUJOCO_GL decides if it is set; otherwise EGL is tried, then OSMesa.
+    """
     wanted = os.environ.get("MUJOCO_GL", "").lower()
     if not wanted and not os.environ.get("DISPLAY"):
         os.environ["MUJOCO_GL"] = "egl"  # read when mujoco is first imported
@@ -313,7 +318,7 @@ def _open_context(width: int, height: int) -> tuple[Any, Any]:
 
 @contextlib.contextmanager
 def _writer(path: Path, fps: int) -> Iterator[Callable[[Image], None]]:
-    """Frames into an MP4 file, the index at the front."""
+    """A function that appends frames to an MP4 file; the file's index is written at its front."""
     import av
 
     with av.open(str(path), "w", format="mp4", options={"movflags": "faststart"}) as container:

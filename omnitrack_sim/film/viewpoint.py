@@ -1,4 +1,4 @@
-"""From where a robot is seen best on its way through pipes that turn in space. Pure NumPy."""
+"""From where a robot is seen best on its way through pipes that turn in space."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from omnitrack_sim.rotations import Array, cross, dot, unit
 DISTANCE = 0.68
 """From the robot's centre to the viewer, m."""
 SPACING = 0.06
-"""Travel between two places for which a direction is chosen, m."""
+"""Travel between two neighbouring places for which a direction is chosen, m."""
 WALL = 0.004
 """How far into its wall a pipe still hides what is behind it, m."""
 _ELEVATIONS, _AZIMUTHS = np.radians([-15, 0, 15, 30, 45, 60]), np.radians(np.arange(0, 360, 22.5))
@@ -27,17 +27,16 @@ _FREE = 0.25  # cosine to the pipe's axis below which one looks across it well e
 
 
 def view_directions(trajectory: Trajectory, routes: Sequence[Route], liking: ArrayLike) -> Array:
-    """Unit vectors (T, 3), world frame, from the robot to the viewer, that change slowly with the
-    way driven.
+    """Unit vectors (T, 3), world frame, from the robot to the viewer, which change slowly.
 
-    Of a set of directions up to 60 degrees above the horizon the cheapest sequence is taken: across
-    the pipe's axis, across the plane of a bend or tee, not through other pipes, near to ``liking``,
-    and with little turning.
+    Of a set of directions up to 60 degrees above the horizon the cheapest sequence is taken. A
+    direction is cheap if it looks across the pipe's axis and across the plane of a bend or tee, not
+    through other pipes, and lies near ``liking``; turning costs, too.
 
     Args:
         trajectory: the record.
         routes: of each leg.
-        liking: (3,) direction that is taken where nothing speaks against it.
+        liking: (3,) direction to prefer where nothing speaks against it.
     """
     liking = unit(liking)
     rows, travel = _nodes(trajectory)
@@ -56,10 +55,9 @@ def view_directions(trajectory: Trajectory, routes: Sequence[Route], liking: Arr
 
 
 def in_the_way(parts: Sequence[Placed], eye: Array, targets: Array) -> Array:
-    """How far each part (P,) stands between ``eye`` (3,) m and ``targets`` (k, 3) m: 0 not at all,
-    1 in full.
+    """How far each part (P,) hides ``targets`` (k, 3) m from ``eye`` (3,) m: from 0 to 1, in full.
 
-    A part with a target in its bore is not in the way.
+    A part with a target in its bore does not count as hiding anything.
     """
     steps = np.linspace(0.0, 1.0, 14)[:, None, None]
     points = (targets + steps * (eye - targets)).reshape(-1, 3)
@@ -71,7 +69,8 @@ def in_the_way(parts: Sequence[Placed], eye: Array, targets: Array) -> Array:
 
 
 def _depth(part: Placed, points: Array) -> Array:
-    """How deep ``points`` (..., 3) m lie within the outside of a part, m; negative outside."""
+    """How deep ``points`` (..., 3) m lie within the outer surface of a part, m; negative
+    outside."""
     return np.minimum(part.signed_distance(points)[0], part.extent(points)) + WALL
 
 
@@ -82,8 +81,11 @@ def _sphere() -> Array:
 
 
 def _nodes(trajectory: Trajectory) -> tuple[NDArray[np.intp], Array]:
-    """Rows (N,) about ``SPACING`` of travel apart, and the travel (T,) m, which never stands still
-    altogether."""
+    """Rows (N,) about ``SPACING`` of travel apart, and the travel (T,) m of all samples.
+
+    The travel always grows by a little, so that it can be interpolated where the robot stands
+    still.
+    """
     step = np.abs(np.diff(trajectory["distance"]))
     step = np.where((np.diff(trajectory["leg"]) == 0) & np.isfinite(step), step, 0.0)
     travel = np.append(0.0, np.cumsum(step + 1e-9))
@@ -97,8 +99,11 @@ def _nodes(trajectory: Trajectory) -> tuple[NDArray[np.intp], Array]:
 def _geometry(
     trajectory: Trajectory, routes: Sequence[Route], rows: NDArray[np.intp]
 ) -> tuple[Array, Array]:
-    """Tangents (N, 3) of the centreline, and normals (N, 3) of the plane of the bend or tee at
-    hand; 0 elsewhere."""
+    """For each row, the tangent of the centreline and the normal of a bend's or tee's plane, (N,
+    3).
+
+    The normal is 0 away from bends and tees.
+    """
     tangent, plane = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
     for index, route in enumerate(routes):
         on = np.flatnonzero(trajectory["leg"][rows] == index)
@@ -118,8 +123,10 @@ def _normal(route: Route, passage: Passage) -> Array:
 
 
 def _hidden(parts: Sequence[Placed], centres: Array, choices: Array) -> Array:
-    """Part (N, C) of the sight line from ``centres`` (N, 3) m in direction ``choices`` (C, 3)
-    within other parts."""
+    """Share (N, C) of the sight lines that lies within other parts.
+
+    Sight lines start at ``centres`` (N, 3) m and have the directions ``choices`` (C, 3).
+    """
     hidden = np.zeros((len(centres), len(choices)))
     for part in parts:
         samples = part.bore_samples()
@@ -136,8 +143,11 @@ def _hidden(parts: Sequence[Placed], centres: Array, choices: Array) -> Array:
 
 
 def _cheapest(cost: Array, turn: Array) -> NDArray[np.intp]:
-    """Choice (N,) at each place with the least sum of ``cost`` (N, C) and ``turn`` (C, C) from each
-    to the next."""
+    """Indices (N,) of the cheapest sequence of choices.
+
+    A choice costs ``cost`` (N, C) at each place, and going on to another one at the next place
+    costs ``turn`` (C, C).
+    """
     total, came = cost[0], np.zeros(cost.shape, np.intp)
     for i in range(1, len(cost)):
         step = total[:, None] + turn

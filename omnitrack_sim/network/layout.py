@@ -1,4 +1,4 @@
-"""Fittings and joints placed in the world, part by part from the first."""
+"""Fittings and joints of a network placed in the world, part by part from the first."""
 
 from __future__ import annotations
 
@@ -24,8 +24,12 @@ End = tuple[int, str]
 
 @dataclass(frozen=True)
 class Joined:
-    """Two ports in one place; the fitting that is placed later is turned by ``turn`` rad about the
-    joint's axis."""
+    """Two ports in one place.
+
+    Attributes:
+        ends: the two ports.
+        turn: rad, by which the part that is placed later is turned about the joint's axis.
+    """
 
     ends: tuple[End, End]
     turn: float = 0.0
@@ -35,7 +39,8 @@ def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Po
     """Place the fittings along the joints, breadth first.
 
     Args:
-        fittings: by name, in order. joints: ports that exist, each in one joint at most.
+        fittings: by name, in order.
+        joints: between ports that exist, each in one joint at most.
         first: frame of the first port of the first fitting, z into the pipe, world frame.
 
     Raises:
@@ -73,8 +78,10 @@ def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Po
 def _placed(
     kinds: Sequence[Fitting], joints: Sequence[Joined], first: Pose
 ) -> tuple[dict[int, Pose], set[int]]:
-    """Poses by part, and the joints that placed a part; the others close loops or lie apart from
-    the first part."""
+    """Poses by part, and the joints that placed a part.
+
+    The other joints close loops, or lie apart from the first part.
+    """
     poses = {0: attached(first, kinds[0], kinds[0].choices[0], 0.0)}
     used: set[int] = set()
     queue = deque([0])
@@ -92,7 +99,7 @@ def _placed(
 
 
 def _misses(k: int, joint: Joined, parts: Mapping[int, Placed]) -> list[Fault]:
-    """The fault of a loop that does not close."""
+    """The fault of a loop that does not close; none if it does."""
     (i, port_i), (j, port_j) = joint.ends
     a, b = parts[i].port(port_i), parts[j].port(port_j)
     gap = float(np.linalg.norm(a.position - b.position))
@@ -110,8 +117,10 @@ def _misses(k: int, joint: Joined, parts: Mapping[int, Placed]) -> list[Fault]:
 
 
 def _in_file(faults: Iterable[Fault], order: Sequence[int]) -> list[Fault]:
-    """Faults of ``PipeNetwork`` with the paths of a network file; ``order``: place in the file of
-    each part."""
+    """Faults of ``PipeNetwork`` with the paths of a network file.
+
+    ``order``: for each part, its place in the file.
+    """
 
     def renamed(text: str) -> str:
         return re.sub(r"\bpipes\.(\d+)", lambda match: f"fittings.{order[int(match[1])]}", text)

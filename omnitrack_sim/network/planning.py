@@ -1,4 +1,4 @@
-"""Routes through a network: a graph of ports, and the shortest way between two open ends."""
+"""Routes through a network: a graph of its ports, and the shortest way between two open ends."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ if TYPE_CHECKING:
     import networkx
 
 Way = tuple[tuple[int, str, str], ...]
-"""Fittings in order: part index, port entered, port left."""
+"""Parts in order: index of the part, port entered, port left."""
 
 
 def port_graph(
     network: Network, arcs: TeeArcs = TEE_ARCS, avoid: Collection[str] = ()
 ) -> networkx.DiGraph[Any]:
-    """Ports (part index, port name) as nodes; ``length`` m of the axis between the ports of a
-    fitting, 0 at joints.
+    """A graph whose nodes are the ports (part index, port name).
+
+    ``length`` of an edge is that of the axis between two ports of a part, m, and 0 at joints.
 
     Fittings to ``avoid`` are left out.
     """
@@ -81,7 +82,7 @@ def shortest_route(
 
 
 def shortest_way(graph: networkx.DiGraph[Any], start: End, goal: End) -> Way | None:
-    """The shortest way between two ports of a graph of ``port_graph``; None where there is none."""
+    """The shortest way between two ports of a graph of ``port_graph``; None if there is none."""
     import networkx
 
     # Between two ports of one fitting the direct edge is the shortest, so no fitting is passed
@@ -97,11 +98,11 @@ def shortest_way(graph: networkx.DiGraph[Any], start: End, goal: End) -> Way | N
 
 
 def unreachable(where: str, start: str, goal: str, avoid: Collection[str]) -> Fault:
-    """The fault of a goal to which there is no way; ``where`` names what asked for it."""
+    """The fault of a goal that cannot be reached; ``where`` names what asked for it."""
     around = f" without {', '.join(sorted(avoid))}" if avoid else ""
     return Fault(where, f"{goal!r} cannot be reached from {start!r}{around}")
 
 
 def route_of(network: Network, way: Way, arcs: TeeArcs = TEE_ARCS) -> Route:
-    """A way through a network with its centreline."""
+    """The route along a way: the way with its centreline."""
     return route_through(network.pipes, way, arcs)

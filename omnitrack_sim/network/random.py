@@ -1,5 +1,7 @@
-"""Random networks that are always valid: grown from open ends, with a straight between any two
-other fittings."""
+"""Random networks that are always valid.
+
+They are grown from open ends, with a straight between any two other fittings.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +17,13 @@ from omnitrack_sim.pipes import Elbow, Fitting, Placed, Reducer, Straight, Tee, 
 from omnitrack_sim.rotations import Array, Pose
 
 CLEARANCE = 0.05
-"""Least room between the bores of two parts that are not joined, m: more than any wall is thick."""
+"""Least room between the bores of two parts that are not joined, m: more than a wall's
+thickness."""
 TURNS_DEG = (0.0, 90.0, 180.0, 270.0)
 REDUCER_ANGLE = math.radians(10)
-"""Largest half cone angle of the reducers made here, rad."""
+"""Largest half cone angle of the reducers, rad."""
 SHORTEST_REDUCER = 0.1
-"""Least length of the reducers made here, m."""
+"""Least length of the reducers, m."""
 _TRIES, _STARTS = 60, 100
 
 
@@ -35,20 +38,21 @@ def random_network(
     diameters: tuple[float, ...] | None = None,
     reducer_share: float = 0.25,
 ) -> Network:
-    """A valid network, every open end a straight that a robot can stand in; the same arguments give
-    the same one.
+    """A valid random network. Every open end is a straight that a robot can stand in.
+
+    The same arguments give the same network.
 
     Args:
         seed: of NumPy's default generator.
         fittings: how many, or the least and greatest number.
         lengths: m, least and greatest length of a straight; multiples of 10 mm are drawn.
         mean_radii: m, of the elbows to draw from.
-        tee_share: part of the fittings between straights that are tees; the first one is, where
-            there is room for it.
+        tee_share: share of tees among the fittings between straights; the first is one if there is
+            room for it.
         inner_diameter: m, of every bore; with ``diameters`` of the first one.
         diameters: m, bores that reducers lead to; without them all bores are the same.
-        reducer_share: with ``diameters``, part of the fittings between straights that are reducers;
-            the first never is.
+        reducer_share: with ``diameters``, share of reducers among the fittings between straights;
+            the first never is one.
 
     Raises:
         NetworkError: the arguments make no sense, or no network of that size was found.
@@ -229,7 +233,7 @@ def _joint(part: Placed, port: str, new: Placed, enter: str, turn_deg: float) ->
 def _joined_to(
     part: Placed, port: str, fitting: Fitting, enter: str, turn_deg: float, index: int
 ) -> Placed:
-    """A fitting placed at a port of another one, with a name that says which part it is."""
+    """A fitting placed at a port of a part, named by its kind and number."""
     pose = attached(part.port(port), fitting, enter, np.radians(turn_deg))
     return Placed(f"{fitting.kind}_{index + 1}", fitting, pose)
 
@@ -237,8 +241,10 @@ def _joined_to(
 def _has_room(
     parts: list[Placed], samples_of: list[Array], joined: int | None, new: Placed, samples: Array
 ) -> bool:
-    """Whether a new part, with points of its bore, keeps clear of all ``parts`` but the one that it
-    is joined to."""
+    """Whether a new part keeps clear of all ``parts`` but the one it is joined to.
+
+    ``samples_of`` has points of the bore of each part, ``samples`` those of the new one.
+    """
     centre = (samples.max(axis=0) + samples.min(axis=0)) / 2
     reach = float(np.linalg.norm(samples - centre, axis=1).max()) + 2 * CLEARANCE
     for index, part in enumerate(parts):

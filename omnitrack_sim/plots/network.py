@@ -42,8 +42,9 @@ def plot_network(
 
 
 def network_figure(network: Network, route: Route | None = None) -> Figure:
-    """Three views: in space, the elevation that shows more, and the plan; names at the parts, marks
-    at the open ends.
+    """Three views of a network: in space, an elevation, and the plan from above.
+
+    Of the two elevations the wider one is shown. Parts are named, and open ends are marked.
 
     Args:
         network: what to draw.
@@ -135,8 +136,14 @@ def _draw_view(
 
 
 def draw_pipes(axis: Axes, pipes: PipeNetwork, pair: tuple[int, int], quads: Array) -> None:
-    """Bores and axes of all parts in one view; ``pair``: world axes to the right and up; ``quads``:
-    of ``faces``."""
+    """Draw bores and axes of all parts in one view.
+
+    Args:
+        axis: where.
+        pipes: the parts.
+        pair: world axes to the right and up.
+        quads: faces of the bores, as ``faces`` gives them.
+    """
     from matplotlib.collections import PolyCollection
 
     columns = list(pair)
@@ -157,7 +164,7 @@ def faces(pipes: PipeNetwork) -> Array:
 
 
 def widest_view(part: Placed, pairs: Sequence[tuple[int, int]]) -> int:
-    """Index of the view, of ``pairs`` of world axes, that shows most of a part."""
+    """Index of the view that shows most of a part; ``pairs``: world axes of each view."""
     points = np.concatenate(_lines(part))
     return int(
         np.argmax(
@@ -170,7 +177,7 @@ def widest_view(part: Placed, pairs: Sequence[tuple[int, int]]) -> int:
 
 
 def label(axis: Axes, renderer: Any, text: str, point: Array) -> None:
-    """A name at a place (2,) m, moved up or down until it covers no other one."""
+    """Write a name at a place (2,) m, moved up or down until it covers no other name."""
     taken = [other.get_window_extent(renderer) for other in axis.texts]
     found = None
     for shift in (0, 9, -9, 18, -18, 27, -27, 36, -36):
@@ -194,8 +201,10 @@ def label(axis: Axes, renderer: Any, text: str, point: Array) -> None:
 
 
 def _open_ends(network: Network, route: Route | None) -> list[tuple[str, Array]]:
-    """Name and place (3,) m of each open end, by the user's name where there is one; the route's
-    ends say so."""
+    """Name and place (3,) m of each open end.
+
+    The name is the user's where there is one. The ends of the route are marked by "from" and "to".
+    """
     named = {port: name for name, port in network.ports.items()}
     ends = {}
     if route is not None:
@@ -220,13 +229,13 @@ def _way(route: Route) -> Array:
 
 
 def _axis(part: Placed) -> Centreline:
-    """The axis of a part: of a tee that of its run."""
+    """The axis of a part; for a tee, the axis of its run."""
     enter, leave = part.fitting.choices[:2]
     return part.axis(enter, leave)
 
 
 def _lines(part: Placed) -> list[Array]:
-    """Axes of a part, points (n, 3) m: a tee has its run and its branch."""
+    """Axes of a part, points (n, 3) m each: one for most parts, run and branch for a tee."""
     if isinstance(part.fitting, Tee):
         start, end, branch = (part.port(port).position for port in part.fitting.choices)
         return [np.stack([start, end]), np.stack([part.pose.position, branch])]
@@ -240,14 +249,13 @@ def _lines(part: Placed) -> list[Array]:
 
 
 def middle(part: Placed) -> Array:
-    """Where a part's name stands (3,) m."""
+    """Where the name of a part is written (3,) m."""
     line = _axis(part)
     return line.at(np.array([line.length / 2]))[0][0]
 
 
 def _caps(part: Placed) -> list[Array]:
-    """Discs that close a part's ports, corners (AROUND, 3) m: seen along its axis a pipe is one of
-    them."""
+    """Discs that close a part's ports, corners (AROUND, 3) m each: a pipe seen along its axis."""
     angle = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
     disc = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
     return [

@@ -98,7 +98,7 @@ def reproduce(
         directory: made, or replaced if it holds an earlier reproduction.
         quick: fewer orientations and trials.
         format: of the files in ``figures/``: ``svg``, ``pdf`` or ``png``.
-        progress: called with the part done, 0 to 1, and a word about the run.
+        progress: called with the fraction done, 0 to 1, and a word about the run.
 
     Returns:
         The claims in the order of the page.
@@ -275,7 +275,7 @@ def _file(figure: Figure) -> bytes:
 
 
 def _strips(runs: Runs) -> tuple[list[Strip], list[str]]:
-    """Frames of a few runs; without OpenGL none, and the sentence that says so."""
+    """Frames of a few runs; without OpenGL no frames, and a sentence that says so."""
     from omnitrack_sim.film.render import render_frames
 
     strips = []

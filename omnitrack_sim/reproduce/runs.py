@@ -13,7 +13,7 @@ from omnitrack_sim.sim.result import Result
 from omnitrack_sim.sim.run import run_batch
 
 Runs = Mapping[str, Sequence[Result]]
-"""Results by the name of their list in ``scenarios``."""
+"""Results, by the names that ``scenarios`` gives to its lists."""
 GRAVITIES = {
     "along, up the run": (0.0, 0.0, -9.81),
     "along, down the run": (0.0, 0.0, 9.81),
@@ -24,7 +24,7 @@ GRAVITIES = {
 }
 """Gravity of the random trials, m/s², in the frame of the tee: run along z, branch towards +x."""
 PRELOAD_FACTORS = (0.8, 0.9, 0.95, 1.05, 1.1, 1.2)
-"""Preloads of the climbing test over what the friction law needs."""
+"""Preloads of the climbing test, as multiples of what the friction law asks for."""
 FRICTIONS = (0.2, 0.4, 0.8)
 SEED = 7
 SINGLE = (
@@ -41,7 +41,7 @@ _UNAIDED: dict[str, Any] = {"control.align": False, "control.retry": False}
 
 
 def scenarios(quick: bool) -> dict[str, list[Scenario]]:
-    """All runs by name. ``quick`` takes fewer orientations and trials, not another physics."""
+    """All runs by name. ``quick`` takes fewer orientations and trials; the physics is the same."""
     lists = {name: [load_scenario(f"paper/{name}")] for name in SINGLE}
     lists["vertical_climb"] = [load_scenario("vertical_climb")]
     return lists | _elbows_and_tees(quick) | _straight_pipes(quick) | _motors()
@@ -107,7 +107,7 @@ def _motors() -> dict[str, list[Scenario]]:
 def run_all(
     lists: Mapping[str, Sequence[Scenario]], progress: Callable[[float, str], None] | None = None
 ) -> Runs:
-    """Run every list; trials of all lists that share a model share a batch. Uses all cores."""
+    """Run every list on all cores. Scenarios that share a model share a batch across all lists."""
     flat = [scenario for group in lists.values() for scenario in group]
     done = iter(run_batch(flat, threads=0, progress=progress))
     return {name: [next(done) for _ in group] for name, group in lists.items()}
@@ -116,8 +116,10 @@ def run_all(
 def random_tee_turns(
     count: int, friction: tuple[float, float], changes: Mapping[str, Any] | None = None
 ) -> list[Scenario]:
-    """Tee turns with alignment: any start orientation, uniform friction, gravity one of
-    ``GRAVITIES``."""
+    """Tee turns with alignment, drawn at random.
+
+    Start orientation and friction are uniform, gravity is one of ``GRAVITIES``.
+    """
     rng = np.random.default_rng(SEED)
     base, gravities = (
         override(load_scenario("tee_turn"), dict(changes or {})),
@@ -143,13 +145,12 @@ def _orientations(
 
 
 def least_preload(robot: Robot, friction: float) -> float:
-    """Preload of a module, N, below which Coulomb friction cannot hold the robot's weight: m g / (3
-    mu)."""
+    """Least preload of a module, N, at which friction can hold the robot's weight: m g / (3 mu)."""
     return robot.mass * 9.81 / (3 * friction)
 
 
 def _preloads(base: Scenario) -> list[Scenario]:
-    """A vertical climb at preloads about the least one."""
+    """A vertical climb with preloads around the least one."""
     return [
         override(
             base,

@@ -13,7 +13,7 @@ from omnitrack_sim.theory.kinematics import angular_velocity, cross_velocity, me
 from omnitrack_sim.theory.singularity import TurnCase
 
 _WINDOW = 10
-"""Samples over which rotation and speeds are averaged: single lugs shake the robot."""
+"""Samples over which rotation and speeds are averaged, because single lugs shake the robot."""
 _TURNING = 0.15
 """Rotation rate above which a sample counts as turning, rad/s."""
 _AS_PRINTED = 0.02
@@ -75,8 +75,11 @@ def unequal_arms(runs: Runs) -> Claim:
 
 
 def lever_of(results: list[Result]) -> tuple[float, float]:
-    """Lever, m, at which the module speeds belong to the robot's rotation in bends: from wall
-    speeds, and less slip."""
+    """Lever, m, that fits the module speeds to the rotation of the robot in bends.
+
+    Returns:
+        The lever from the wall speeds, and the lever from the wall speeds less slip.
+    """
     found = []
     for slipping in (True, False):
         asked, turned = zip(*(_rotations(r, slipping) for r in results), strict=True)
@@ -86,8 +89,11 @@ def lever_of(results: list[Result]) -> tuple[float, float]:
 
 
 def _rotations(result: Result, slipping: bool) -> tuple[Array, Array]:
-    """Rotation by J at lever 1 and as it was, (k, 2) rad/s in the robot frame, over the samples
-    that turn."""
+    """Rotation by the Jacobian at lever 1, and the rotation that happened, each (k, 2) rad/s.
+
+    In the robot frame, for the samples in which the robot turns. ``slipping`` takes the wall speeds
+    as they are, otherwise the slip is taken off.
+    """
     trajectory = result.trajectory
     rotation, k = matrix_from_quaternion(trajectory["quaternion"]), _WINDOW
     relative = np.einsum("tji,tjk->tik", rotation[:-k], rotation[k:])
@@ -106,7 +112,7 @@ def _rotations(result: Result, slipping: bool) -> tuple[Array, Array]:
 
 
 def jacobian(runs: Runs) -> Claim:
-    """Eq. 18: which lever belongs to the rotation that happens."""
+    """Eq. 18: which lever fits the rotation that happens."""
     results = [r for name in ("elbow_240_jacobian", "elbow_90_jacobian") for r in runs[name]]
     robot = results[0].scenario.robot
     centre, wall = robot.module_distance, robot.nominal_pipe_radius
@@ -129,7 +135,7 @@ def jacobian(runs: Runs) -> Claim:
 
 
 def region(runs: Runs) -> list[Claim]:
-    """The numbers of Section IV and VI."""
+    """The numbers of Sections IV and VI."""
     case = TurnCase()
     failure = 100 * case.sector / np.radians(120)
     inside = "The paper contradicts itself: (120 - 96.54) / 2 is 11.73."

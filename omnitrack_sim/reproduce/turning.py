@@ -19,7 +19,7 @@ STRAIGHT = 10.0
 
 
 def rate(results: Sequence[Result]) -> tuple[int, int, str]:
-    """Passed, total, and both in words with the Wilson 95 % interval."""
+    """Passed, total, and both as text with the Wilson 95 % interval."""
     passed, total = sum(r.success for r in results), len(results)
     low, high = wilson_interval(passed, total)
     return (
@@ -33,7 +33,7 @@ def rate(results: Sequence[Result]) -> tuple[int, int, str]:
 
 
 def _slip(result: Result) -> float:
-    """Slip distance of all modules, m."""
+    """Slip distance, m, summed over the modules."""
     return float(np.sum(np.asarray(result.metrics["slip_distance_m"])))
 
 
@@ -267,7 +267,7 @@ def aligned(runs: Runs) -> Claim:
 
 
 def slippery(runs: Runs) -> Claim:
-    """Below friction 0.8."""
+    """Tee turns with alignment below friction 0.8."""
     results = runs["slippery"]
     passed, total, text = rate(results)
     failed = [r for r in results if not r.success]
@@ -310,7 +310,7 @@ def few_lugs(runs: Runs) -> Claim:
 
 
 def climb_then_turn(runs: Runs) -> Claim:
-    """Fig. 16."""
+    """Fig. 16: orient, climb, turn."""
     (result,) = runs["orient_climb_turn"]
     return Claim(
         id="orient_climb_turn",
@@ -326,7 +326,7 @@ def climb_then_turn(runs: Runs) -> Claim:
 
 
 def straight_over(runs: Runs) -> Claim:
-    """Fig. 17."""
+    """Fig. 17: straight over a tee."""
     worst = {}
     for state in ("aligned", "unaligned"):
         worst[state] = [_tilt_over_opening(r) for r in runs[f"straight_over_{state}"]]
@@ -354,7 +354,7 @@ def _tilt_over_opening(result: Result) -> float:
 
 
 def as_written(runs: Runs) -> Claim:
-    """Fig. 12 and 13 with the paper's speeds."""
+    """Figs. 12 and 13: a tee turn with the paper's speeds."""
     (result,) = runs["tee_turn_as_written"]
     trajectory = result.trajectory
     turning = trajectory["phase"] == trajectory.phases.index("tee_turn")

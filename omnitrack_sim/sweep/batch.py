@@ -1,4 +1,4 @@
-"""What a worker does: run the trials of a batch and say how they ended. It writes nothing."""
+"""What a worker does: run the trials of a batch and tell how they ended. It writes nothing."""
 
 from __future__ import annotations
 
@@ -15,18 +15,20 @@ from omnitrack_sim.sim.run import run_batch
 from omnitrack_sim.sweep.trials import Batch, changed
 
 INVALID, ERROR = "invalid", "error"
-"""Outcomes of trials that have no outcome: values that do not fit, and a fault of the program or
-its worker."""
+"""Outcomes of trials that did not run: values that do not fit, and a fault of the program or
+worker."""
 Row = dict[str, Any]
-"""Result columns of a trial by name, and ``trial``; what is missing is null."""
+"""Result columns of a trial by name, and ``trial``; a column that is not there is null."""
 
 
 def run_trials(batch: Batch) -> tuple[list[Row], dict[str, Any]]:
-    """Run the trials of a part on one thread; rows in their order, and what made them (versions,
-    commit).
+    """Run the trials of a batch on one thread.
 
     A trial whose values do not fit becomes a row ``invalid``. After an exception the trials are run
     again, each alone, which gives the same numbers; one that fails alone becomes a row ``error``.
+
+    Returns:
+        Rows in the order of the trials, and what made them (versions, commit).
     """
     rows: dict[int, Row] = {}
     scenarios: dict[int, Scenario] = {}
@@ -84,5 +86,5 @@ def _row(index: int, result: Result) -> Row:
 
 
 def _finite(value: float) -> float | None:
-    """None for what a diverged run has left of a number."""
+    """A number, or None where a diverged run has left no finite one."""
     return value if math.isfinite(value) else None

@@ -31,15 +31,24 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 DEATHS = 3
-"""How often a batch may lose its worker before it is run trial by trial, and a trial before it
-counts as the cause."""
+"""How often a batch may lose its worker before its trials are run one by one.
+
+A trial that loses its worker as often on its own counts as the cause.
+"""
 _TOLD_REASONS = 3
 
 
 @dataclass(frozen=True)
 class Status:
-    """How far a sweep is: trials done of ``total``, those found done at the start, successes,
-    workers lost."""
+    """How far a sweep is.
+
+    Attributes:
+        total: number of trials.
+        found: trials that were done before this run.
+        done: trials that are done now.
+        successes: how many of these succeeded.
+        lost: how often workers were lost.
+    """
 
     total: int
     found: int = 0
@@ -64,22 +73,23 @@ def run_sweep(
 
     Args:
         sweep: what to run.
-        directory: where part files and table go, and where those of earlier runs are found; none:
-            nothing is written.
-        executor: runs the batches; none: this process. A callable makes one, and makes it anew when
-            workers die. An executor given as such is left open.
-        shard: (i, n), i from 1: only every n-th batch. The files of the whole are written by the
-            one that finishes.
-        progress: see ``Status``.
+        directory: where part files and table are written, and part files of earlier runs are found;
+            without one nothing is written.
+        executor: runs the batches; without one this process does. A callable makes one, and is
+            asked again when workers die. An executor given as such is left open.
+        shard: (i, n), i from 1: run only every n-th batch. The shard that finishes last writes the
+            files of the whole.
+        progress: called with the ``Status`` after each batch.
 
     Returns:
-        One row a trial, in order: the whole sweep if all parts are there, else the trials of this
-            shard.
+        One row for each trial, in order: the whole sweep if all batches are done, else the trials
+            of this shard.
 
     Raises:
-        SweepError: all trials are invalid. InputError: no such shard.
+        SweepError: all trials are invalid.
+        InputError: no such shard.
         OutputError: the folder holds something else, or cannot be written; finished batches stay.
-        WorkersLost: the given executor has broken; the same call goes on.
+        WorkersLost: the given executor has broken; the same call goes on from there.
     """
     layout, batches = Layout(sweep), sweep.batches()
     mine = batches if shard is None else batches[_checked(shard)[0] - 1 :: shard[1]]
@@ -152,7 +162,7 @@ def _finish(
     store: Folder | Memory,
     layout: Layout,
 ) -> pa.Table:
-    """Merge, and write the files of the whole when every batch is there."""
+    """Merge the batches; if all are done, write the files of the whole sweep."""
     tables = [store.read(batch) for batch in batches]
     present = [table for table in tables if table is not None]
     if len(present) < len(batches):
@@ -172,7 +182,7 @@ def _finish(
 
 
 def _write(sweep: Sweep, table: pa.Table, folder: Folder, makers: set[str]) -> None:
-    """The files of the whole."""
+    """Write the files of the whole sweep."""
     folder.finish(table, summarise_sweep(sweep, table, makers), lambda: draw_map(sweep, table))
 
 
@@ -192,7 +202,7 @@ def _successes(table: pa.Table) -> int:
 
 
 class _Pool:
-    """An executor, or one after the other of a callable that makes them."""
+    """An executor that was given, or executors that a callable makes, one after the other."""
 
     def __init__(self, executor: Executor | MakeExecutor):
         self._given = executor if isinstance(executor, Executor) else None
@@ -216,8 +226,11 @@ class _Pool:
 
     @property
     def room(self) -> int | None:
-        """How many batches run at a time, where the executor tells: no more are handed out, so that
-        when it breaks only batches that ran come under suspicion."""
+        """How many batches run at a time; None where the executor does not tell.
+
+        No more are handed out, so that only batches that ran are suspected when the executor
+        breaks.
+        """
         return getattr(self._now, "_max_workers", None)
 
     def renew(self) -> None:
@@ -265,8 +278,8 @@ class _Task:
 class _Dispatch:
     """Hands out batches and takes rows back.
 
-    A task whose worker dies is handed out again. After ``DEATHS`` it is a suspect: suspects run
-    last, each alone in the pool and split into single trials, so that no other can be to blame; a
+    A task whose worker dies is handed out again. After ``DEATHS`` it is a suspect. Suspects run
+    last, each alone in the pool and split into single trials, so that no other can be to blame. A
     trial that still loses its worker as often becomes a row ``error``.
     """
 
@@ -283,7 +296,7 @@ class _Dispatch:
         self.lost = 0
 
     def run(self) -> None:
-        """Until every batch is kept."""
+        """Go on until every batch is kept."""
         while self.waiting or self.flying or self.suspects:
             broken = self._hand_out()
             if self.flying:
@@ -295,7 +308,7 @@ class _Dispatch:
                 self.pool.renew()
 
     def _hand_out(self) -> bool:
-        """Fill the pool; whether it turned out to be broken."""
+        """Fill the pool; returns whether it turned out to be broken."""
         if not self.waiting and not self.flying:
             self.waiting.append(self.suspects.popleft())
         room = self.pool.room
@@ -309,7 +322,7 @@ class _Dispatch:
         return False
 
     def _take_back(self) -> bool:
-        """Wait for some task; whether the pool is broken."""
+        """Wait for some task to end; returns whether the pool is broken."""
         finished, _ = wait(self.flying, return_when=FIRST_COMPLETED)
         broken = False
         for future in finished:
@@ -329,7 +342,7 @@ class _Dispatch:
         return broken
 
     def _bury(self, task: _Task, deaths: int) -> None:
-        """A task has lost its worker, ``deaths`` times."""
+        """Note that a task has lost its worker ``deaths`` times, and decide what becomes of it."""
         task.deaths += deaths
         alone = task.batch is not task.whole.batch
         if task.deaths < DEATHS:

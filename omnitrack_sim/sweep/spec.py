@@ -21,9 +21,9 @@ from omnitrack_sim.sweep.sampling import Draws, Sampling
 
 MOST_TRIALS = 1_000_000
 MOST_LISTED, MOST_GRID = 12, 24
-"""Values up to which a list or grid axis makes groups of the summary when the file names none."""
+"""Up to how many values a list or grid axis makes groups in the summary if the file names none."""
 FOR_THE_RECORD = ("name", "group_by", "set")
-"""Keys of a resolved sweep that the table does not depend on."""
+"""Keys of a resolved sweep that its table does not depend on."""
 _SAMPLINGS = ("latin_hypercube", "sobol")
 
 
@@ -41,7 +41,7 @@ class _Plan(Table):
 
 
 class SweepFile(_Plan):
-    """A sweep file as it is written. Keys: see docs/sweeps.md."""
+    """A sweep file as it is written. docs/sweeps.md explains the keys."""
 
     base: str | Annotated[tuple[str, ...], Field(min_length=1)]
     set: dict[str, Any] = Field(default_factory=dict)
@@ -59,8 +59,10 @@ class Sweep(_Plan):
     set: dict[str, Any]
 
     def trials(self) -> dict[str, list[Any]]:
-        """The axis values, one a trial, by the axis' first path; ``base`` first where there are
-        several."""
+        """The values of each axis, one for each trial, by the first path of the axis.
+
+        ``base`` comes first where there are several.
+        """
         return {name: list(values) for name, values in self._columns.items()}
 
     def scenario(self, index: int) -> Scenario:
@@ -76,7 +78,7 @@ class Sweep(_Plan):
         return validate(trials.changed(self._plain[one.base], one.changes))
 
     def batches(self) -> list[trials.Batch]:
-        """The trials in batches."""
+        """The trials in batches that run together."""
         return trials.batches_of(self._plain, self.axes, self._columns, self.batch)
 
     @property
@@ -86,7 +88,7 @@ class Sweep(_Plan):
 
     @property
     def hash(self) -> str:
-        """SHA-256 of what the table depends on: all but the name, the groups and the labels."""
+        """SHA-256 of everything that the table depends on: all but name, groups and labels."""
         left_out = dict.fromkeys(FOR_THE_RECORD, True) | {"axes": {"__all__": {"labels"}}}
         told = self.model_dump(mode="json", exclude=left_out)
         return hashlib.sha256(
@@ -111,7 +113,7 @@ class Sweep(_Plan):
         )
 
     def label(self, name: str, value: Any) -> str:
-        """A value of a crossed axis in words: its label, the text itself, nine digits, or JSON."""
+        """A value of a crossed axis as text: its label, the text itself, nine digits, or JSON."""
         for axis in self.axes:
             if axis.name == name and isinstance(axis, ListAxis) and axis.labels is not None:
                 return axis.labels[axis.values.index(value)]
@@ -176,8 +178,10 @@ def resolve(
 
 
 def _faults_of(error: ValidationError) -> Iterator[Fault]:
-    """pydantic's errors as faults. A key that takes two kinds of value has an error for each, which
-    is told once."""
+    """Errors of pydantic as faults.
+
+    A key that takes two kinds of value has an error for each; it becomes one fault.
+    """
     told: set[str] = set()
     for item in error.errors():
         places, context = item["loc"], item.get("ctx", {})
@@ -242,8 +246,10 @@ def _bases(
 
 
 def _spread(scenario: Scenario, changes: Mapping[str, Any], origin: str) -> dict[str, Any]:
-    """Changes with ``*`` written out; faults of single ones and of all together are named by
-    ``origin``."""
+    """Changes with every ``*`` written out.
+
+    Faults, of a single change or of all together, are told with ``origin`` before their path.
+    """
     data = scenario.model_dump(mode="json")
     spread = {
         place: value
@@ -262,7 +268,7 @@ def _spread(scenario: Scenario, changes: Mapping[str, Any], origin: str) -> dict
 def _axis_faults(
     number: int, axes: Sequence[AxisTable], bases: Mapping[str, Scenario]
 ) -> Iterator[Fault]:
-    """What is wrong with one of the axes in the light of the base scenarios."""
+    """What is wrong with axis ``number``, given the base scenarios."""
     where, axis = f"axes.{number}", axes[number]
     others = [other for other in axes if other is not axis and isinstance(other, ListAxis)]
     for i, path in enumerate(axis.paths):
@@ -290,7 +296,7 @@ def _axis_faults(
 
 
 def _names_tables(axis: AxisTable, present: Any) -> bool:
-    """Whether the axis sets a table by names, such as the robot's motor."""
+    """Whether the axis sets a table by a name for it, such as the robot's motor."""
     return (
         isinstance(axis, ListAxis)
         and isinstance(present, dict)
@@ -299,7 +305,7 @@ def _names_tables(axis: AxisTable, present: Any) -> bool:
 
 
 def _missing(at: str, path: str, data: Mapping[str, Any], base: str | None) -> Fault:
-    """Where a path leaves the scenario, and what there is instead."""
+    """The fault of a path that leads nowhere: where it leaves the scenario, and what there is."""
     keys = path.split(".")
     depth = next(i for i in range(len(keys)) if not trials.matches(data, ".".join(keys[: i + 1])))
     before = trials.matches(data, ".".join(keys[:depth])) if depth else [""]
@@ -311,7 +317,7 @@ def _missing(at: str, path: str, data: Mapping[str, Any], base: str | None) -> F
 
 
 def _misfit(axis: AxisTable, present: Any) -> str | None:
-    """Why an axis of numbers or vectors cannot set a value such as ``present``."""
+    """Why an axis of numbers or vectors cannot set a value like ``present``; None if it can."""
     vector = isinstance(present, list)
     if isinstance(axis, DirectionAxis):
         return None if vector else "takes no vector"
@@ -328,8 +334,7 @@ def _misfit(axis: AxisTable, present: Any) -> str | None:
 def _misspelt(
     where: str, axis: ListAxis, scenario: Scenario, places: list[str], others: Sequence[ListAxis]
 ) -> Iterator[Fault]:
-    """Words and truth values that the scenario does not know, whatever value one of the ``others``
-    has.
+    """Words and truth values that the scenario never takes, with any value of the ``others``.
 
     Numbers out of range, and values that do not go together, make invalid trials instead.
     """
@@ -367,7 +372,7 @@ def _goes_with_another(
 def _clashes(
     file: SweepFile, bases: Mapping[str, Scenario], changes: Mapping[str, Any]
 ) -> Iterator[Fault]:
-    """Two that set the same value, groups that are no crossed axes, and too many trials."""
+    """Values that are set twice, groups that are no crossed axes, and too many trials."""
     data = next(iter(bases.values())).model_dump(mode="json")
     taken: dict[str, str] = {}
     for i, axis in enumerate(file.axes):

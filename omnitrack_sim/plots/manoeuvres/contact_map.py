@@ -29,12 +29,12 @@ def contact_map_figure(result: Result, route: Route | None = None) -> Figure:
 
     Args:
         result: the run.
-        route: its fittings are marked and named where given.
+        route: if given, its fittings are marked and named.
 
     Returns:
-        One panel: arc length [m] across, angle of the module from the turning direction [deg] up,
-            normal force [N] as
-        colour; grey rings where a module is off the wall (below ``NO_CONTACT_FORCE``).
+        One panel: arc length [m] to the right, angle of the module from the turning direction [deg]
+            up, normal force [N] as colour. Grey rings show where a module is off the wall (below
+            ``NO_CONTACT_FORCE``).
     """
     from matplotlib.figure import Figure
 
@@ -122,8 +122,7 @@ def _unrolled(axis: Axes, trajectory: Trajectory) -> None:
 
 
 def _fittings(axis: Axes, route: Route) -> None:
-    """Dotted lines where each bend or tee opening begins and ends, with the fitting's name between
-    them."""
+    """Name each bend or tee opening, between dotted lines where it begins and ends."""
     for fitting in route.fittings:
         start, end = fitting.span
         if math.isfinite(start) and math.isfinite(end):

@@ -28,10 +28,11 @@ def angular_velocity_figure(result: Result, lug_radius: float | None = None) -> 
 
     Args:
         result: the run.
-        lug_radius: m, belt speed over shaft speed; none: that of the scenario's robot.
+        lug_radius: m, belt speed over shaft speed; that of the scenario's robot if not given.
 
     Returns:
-        Two panels over time [s]: angular velocity [rad/s], commanded dashed, and module roll [deg].
+        Two panels over time [s]: angular velocity [rad/s], with the commanded one dashed, and
+        module roll [deg].
     """
     from matplotlib.figure import Figure
 
@@ -95,13 +96,13 @@ def along_figure(result: Result) -> Figure:
 
 
 def _module_lines(axis: Axes, trajectory: Trajectory, x: NDArray, values: NDArray) -> None:
-    """One line a module of ``values`` (T, 3) over ``x`` (T,)."""
+    """Draw ``values`` (T, 3) over ``x`` (T,), one line for each module."""
     for i, name in enumerate(module_names(trajectory)):
         axis.plot(x, values[:, i], color=MODULE_COLOURS[i], label=name, **LINES[i])
 
 
 def _pairs(axis: Axes, trajectory: Trajectory, measured: NDArray, commanded: NDArray) -> None:
-    """Measured solid and commanded dashed, both (T, 3), over time."""
+    """Draw measured values solid and commanded ones dashed, both (T, 3), over time."""
     for i in range(MODULES):
         label = f"module {i + 1}, commanded"
         axis.plot(
@@ -119,7 +120,7 @@ def _pairs(axis: Axes, trajectory: Trajectory, measured: NDArray, commanded: NDA
 def _finish(
     axes: NDArray, trajectory: Trajectory, x: NDArray, xlabel: str, ylabels: Sequence[str]
 ) -> None:
-    """Shades, labels and limits of panels that share ``x`` (T,)."""
+    """Shade and label the panels, which share ``x`` (T,), and set their limits."""
     for axis, ylabel in zip(axes, ylabels, strict=True):
         shade(axis, trajectory, x)
         axis.set_ylabel(ylabel)
@@ -133,8 +134,7 @@ def _finish(
 
 
 def _head(figure: Figure, trajectory: Trajectory, commanded: bool = False) -> None:
-    """The legend above the panels: modules in the first row; line style and phases in the
-    second."""
+    """The legend above the panels: modules first, line style and phases in the second row."""
     from matplotlib.lines import Line2D
 
     names = module_names(trajectory)
@@ -155,7 +155,7 @@ def _head(figure: Figure, trajectory: Trajectory, commanded: bool = False) -> No
 
 
 def _at_least(axis: Axes, height: float) -> None:
-    """Widen the y range to ``height``: a quantity that only holds shall not look like a
+    """Widen the y range to ``height``, so that a value that only holds does not look like
     movement."""
     low, high = axis.get_ylim()
     if high - low < height:

@@ -25,12 +25,11 @@ def elbow_figure(results: Mapping[str, Sequence[Result]]) -> Figure:
     """Controllers or robots compared in elbows over the start orientation.
 
     Args:
-        results: the runs of each line.
+        results: the runs of each line, by the line's name.
 
     Returns:
         Four panels over theta5 at the start [deg]: tilt at the exit and largest tilt [deg], slip
-            distance, mean over
-        the modules [mm], duration [s]. Runs that failed have hollow marks.
+        distance as the mean of the modules [mm], duration [s]. Runs that failed have hollow marks.
     """
     from matplotlib.figure import Figure
 
@@ -58,7 +57,7 @@ def _from_zero(axis: Axes) -> None:
 
 
 def _series(axis: Axes, k: int, runs: Sequence[Result], value: Callable[[Result], float]) -> None:
-    """One line of ``elbow_figure``, in the order of theta5."""
+    """Draw one line of ``elbow_figure``, in the order of theta5."""
     ordered = sorted(runs, key=lambda run: run.scenario.start.theta5_deg)
     colour, marker = SERIES_COLOURS[k % len(SERIES_COLOURS)], _MARKERS[k % len(_MARKERS)]
     theta5 = [run.scenario.start.theta5_deg for run in ordered]
@@ -87,8 +86,7 @@ def _series_legend(figure: Figure, names: Sequence[str]) -> None:
 
 
 def _number(result: Result, name: str) -> float:
-    """A metric, the mean over the modules of one that has three; not a number where a diverged run
-    left none."""
+    """A metric, averaged over the modules if it has three values; NaN where it is missing."""
     value: Any = result.metrics[name]
     return math.nan if value is None else float(np.mean(value))
 

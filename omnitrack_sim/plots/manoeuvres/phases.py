@@ -33,13 +33,12 @@ PHASE_NAMES = {
 }
 """Names of the shaded phases in legends."""
 LINES: tuple[dict[str, Any], ...] = ({"lw": 1.2}, {"lw": 2.8, "alpha": 0.5}, {"lw": 1.2})
-"""Module 2 is drawn broad and pale below module 3: in a symmetric turn they coincide, and both
-shall be seen."""
+"""Module 2 is drawn broad and pale below module 3, so that both are seen where they coincide."""
 
 
 def inner_module(trajectory: Trajectory) -> int | None:
-    """Index of the module that points into the turn when the first tee turn begins; None without
-    such a phase."""
+    """Index of the module that points into the turn as the first tee turn begins; None without
+    one."""
     start = next((a for name, a, _ in phase_spans(trajectory) if name == "tee_turn"), None)
     if start is None:
         return None
@@ -57,7 +56,7 @@ def module_names(trajectory: Trajectory) -> list[str]:
 
 
 def phase_spans(trajectory: Trajectory) -> Iterator[tuple[str, int, int]]:
-    """The phases in order: (name, first sample, sample of its end)."""
+    """The phases in order: name, first sample, sample of the end."""
     codes = trajectory["phase"]
     for first, end in spans(codes):
         yield trajectory.phases[int(codes[first])], first, end
@@ -66,8 +65,10 @@ def phase_spans(trajectory: Trajectory) -> Iterator[tuple[str, int, int]]:
 def shade(
     axis: Axes, trajectory: Trajectory, x: NDArray, phases: Sequence[str] = tuple(PHASE_COLOURS)
 ) -> None:
-    """Shade the named phases over ``x`` (T,); one in which the robot stands still is a narrow
-    strip."""
+    """Shade the named phases over ``x`` (T,).
+
+    A phase in which the robot stands still becomes a narrow strip, so that it is seen.
+    """
     narrowest = 0.004 * float(np.ptp(x))
     for name, a, b in phase_spans(trajectory):
         if name in phases:

@@ -26,8 +26,8 @@ def rates_figure(
 
     Args:
         groups: (name, passed, total) of each bar, from the top.
-        reference: a rate, 0 to 1, drawn as a dashed line.
-        label: what the rate is; the axis has it in %.
+        reference: a rate from 0 to 1, drawn as a dashed line.
+        label: what the rate is; the axis shows it in %.
     """
     from matplotlib.figure import Figure
 
@@ -44,7 +44,7 @@ def rates_figure(
 
 
 def _bars(axis: Axes, groups: Sequence[tuple[str, int, int]]) -> None:
-    """One bar a group, its interval as a whisker and its counts at the right."""
+    """One bar for each group, with its interval as a whisker and its counts at the right."""
     for k, (_, passed, total) in enumerate(groups):
         rate = passed / total if total else 0.0
         low, high = wilson_interval(passed, total)

@@ -36,15 +36,15 @@ def success_figure(
     Args:
         theta5_deg: (M,) deg, orientations; those outside half a period are wrapped. A cell that
             several runs share has the colour of their success rate.
-        passed: (M,) bool for each row of the figure; or 0, 1, and not a number for what the row
-            does not have.
+        passed: for each row of the figure (M,) bool; or 1, 0, and NaN where the row has no run at
+            that orientation.
         sector_deg: deg, singular sector on the pipe's circumference.
         period_deg: deg, after which orientations repeat.
         real_margin_deg: deg, half-width of the safe range in the real geometry.
 
     Returns:
-        Left over theta5 [deg] with each row's success rate [%]; right the same as rings, repeated
-        around the circle.
+        Two panels: on the left rows over theta5 [deg] with their success rates [%], on the right
+            the same as rings, repeated around the circle.
     """
     from matplotlib.figure import Figure
 
@@ -77,8 +77,10 @@ def _wrapped(theta5: NDArray, period: float) -> NDArray:
 
 
 def _cells(theta5: NDArray, passed: NDArray, period: float) -> tuple[NDArray, NDArray]:
-    """Edges (K + 1,) deg and success rates (K,) of the different orientations; edges may lie beyond
-    half a period."""
+    """Edges (K + 1,) deg and success rates (K,) of the different orientations.
+
+    The outer edges may lie beyond half a period.
+    """
     if theta5.shape != passed.shape or theta5.ndim != 1 or not len(theta5):
         raise ValueError(
             f"orientations {theta5.shape} and outcomes {passed.shape} are not two rows of one "
@@ -118,7 +120,7 @@ def _mesh(axis: Axes, edges: NDArray, middle: float, rate: NDArray) -> None:
 def _success_rows(
     axis: Axes, rows: Mapping[str, tuple[NDArray, NDArray]], rates: Sequence[float], period: float
 ) -> None:
-    """One row of cells a key, the first on top, with its success rate at the right."""
+    """One row of cells for each key, the first on top, with its success rate at the right."""
     for k, ((edges, rate), mean) in enumerate(zip(rows.values(), rates, strict=True)):
         for shift in (-period, 0.0, period):
             _mesh(axis, edges + shift, k, rate)
@@ -144,16 +146,15 @@ def _success_rows(
 
 
 def _singular_bands(margin: float, half: float) -> list[tuple[float, float]]:
-    """Ranges of theta5, deg, that the formula calls singular: beyond ``margin`` on both sides up to
-    ``half``."""
+    """Ranges of theta5, deg, that the formula calls singular: from ``margin`` to ``half`` on both
+    sides."""
     if margin >= half:
         return []
     return [(-half, -margin), (margin, half)] if margin > 0 else [(-half, half)]
 
 
 def _margins(axis: Axes, margin: float, half: float, real_margin: float | None) -> None:
-    """The singular range behind the rows, its borders and those of the real geometry before
-    them."""
+    """Draw the singular range behind the rows, and the borders of both geometries before them."""
     for low, high in _singular_bands(margin, half):
         axis.axvspan(
             low, high, color=SINGULAR_COLOUR, lw=0, zorder=0, label="singular by the formula"

@@ -107,7 +107,7 @@ def _title(figure: Figure, result: Result, routes: tuple[Route, ...], layout: La
 
 
 def _distances(trajectory: Trajectory) -> list[Array]:
-    """The finite distances of each leg, m."""
+    """The distances of each leg, m, without samples that have none."""
     leg, distance = trajectory["leg"], trajectory["distance"]
     known = np.isfinite(distance)
     return [distance[known & (leg == index)] for index in np.unique(leg)]

@@ -27,8 +27,14 @@ _AXES = "xyz"
 
 @dataclass(frozen=True)
 class View:
-    """One view of the pipes: world axes to the right and up, their limits in m, and its place in
-    its column, inches."""
+    """One view of the pipes.
+
+    Attributes:
+        pair: world axes that point to the right and up.
+        title: shown above it.
+        low, high: (2,) m, limits of both axes.
+        left, bottom, width, height: place in its column and size, inches.
+    """
 
     pair: tuple[int, int]
     title: str
@@ -41,13 +47,13 @@ class View:
 
     @property
     def flipped(self) -> bool:
-        """Whether the second axis points down: with y to the right, x does when seen from above."""
+        """Whether the second axis points down, as x does in a view from above with y to the
+        right."""
         return self.pair == (1, 0)
 
 
 class Layout:
-    """Where everything stands, inches from the lower left corner: views are as large as their
-    column holds."""
+    """Places of everything in the figure. Views are as large as their column can hold."""
 
     def __init__(self, quads: Array, several_legs: bool) -> None:
         low, high = quads.reshape(-1, 3).min(axis=0), quads.reshape(-1, 3).max(axis=0)
@@ -99,11 +105,11 @@ class Layout:
     def box(
         self, left: float, bottom: float, width: float, height: float
     ) -> tuple[float, float, float, float]:
-        """The same rectangle in parts of the figure."""
+        """A rectangle given in inches, as fractions of the figure."""
         return left / WIDTH, bottom / self.height, width / WIDTH, height / self.height
 
     def add(self, figure: Figure, view: View, column: int) -> Axes:
-        """The axes of one view, at scale."""
+        """The axes of one view, both to the same scale."""
         left, bottom = self.left_of[column] + view.left, self.map_bottom + view.bottom
         axis: Axes = figure.add_axes(self.box(left, bottom, view.width, view.height))
         for name, index, limits in zip(
@@ -138,7 +144,7 @@ class Layout:
 
 
 def _ticks(length: float) -> Any:
-    """Ticks at the same round distances in every view of about this length, m."""
+    """Ticks at round distances, the same in every view of about this length, m."""
     from matplotlib.ticker import MultipleLocator
 
     steps = np.array([0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0])

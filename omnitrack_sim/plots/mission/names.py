@@ -19,8 +19,15 @@ if TYPE_CHECKING:
 def draw_names(
     axes: list[Axes], layout: Layout, renderer: Any, pipes: PipeNetwork, way: Array
 ) -> None:
-    """Names of the parts, each in the view that shows most of it, off the pipes and off the way (n,
-    3) m."""
+    """Write the name of each part into the view that shows most of the part.
+
+    Args:
+        axes: of the views.
+        layout: of the figure.
+        renderer: measures the text.
+        pipes: the parts. Names keep off their bores where they can.
+        way: (n, 3) m, points of the way driven; names keep off it.
+    """
     pairs = [view.pair for view in layout.views]
     bores = np.concatenate([part.bore_samples() for part in pipes.parts])
     for part in pipes.parts:
@@ -47,13 +54,15 @@ def draw_names(
 
 
 def _pixels(axis: Axes, length: float) -> float:
-    """A length in m as it is drawn."""
+    """A length in m, in pixels as it is drawn."""
     return float(np.ptp(axis.transData.transform([[0.0, 0.0], [length, 0.0]])[:, 0]))
 
 
 def _around(reach: float, half: Array) -> Array:
-    """Shifts (n, 2) that put a box of half the size ``half`` (2,) on or beside a disc of radius
-    ``reach``, pixels."""
+    """Shifts (n, 2) pixels that put a box on or beside a disc.
+
+    ``half`` (2,) is half the size of the box, ``reach`` the radius of the disc, pixels.
+    """
     angle = np.radians([90, 270, 0, 180, 45, 135, 225, 315, 67, 113, 247, 293])
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     return np.concatenate(
@@ -64,8 +73,11 @@ def _around(reach: float, half: Array) -> Array:
 def _cost(
     spot: Array, half: Array, boxes: list[Array], covered: list[tuple[Array, int]], axis: Axes
 ) -> float:
-    """How bad a name stands with its middle at ``spot`` (2,), pixels: over names, over the way,
-    over pipes, outside."""
+    """How bad a place for a name is, the smaller the better.
+
+    By far the worst is to cover another name, then to stick out of the view, then to cover the way
+    or a pipe. ``spot`` (2,) is the middle of the name and ``half`` (2,) half its size, pixels.
+    """
     low, high = spot - half - (6, 2), spot + half + (6, 2)
     names = sum(bool((low < other[1]).all() and (high > other[0]).all()) for other in boxes)
     points = sum(worth * float(((p > low) & (p < high)).all(axis=1).sum()) for p, worth in covered)

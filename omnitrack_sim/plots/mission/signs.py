@@ -58,7 +58,7 @@ def marks_of(result: Result) -> list[Mark]:
 def draw_places(
     axis: Axes, pair: tuple[int, int], start: Array, goals: Array, plates: Array
 ) -> None:
-    """Start (1, 3) m, goals (G, 3) m and plates by their rims (P, k, 3) m."""
+    """Draw start (1, 3) m, goals (G, 3) m, and plates given by their rims (P, k, 3) m."""
     columns = list(pair)
     for rim in plates:
         axis.fill(*rim[:, columns].T, **_PLATE, zorder=4)
@@ -78,7 +78,7 @@ def draw_marks(
 def draw_legend(
     figure: Figure, layout: Layout, marks: list[Mark], tail_first: bool, plates: bool
 ) -> None:
-    """What the signs of the map mean, in one row below it."""
+    """Explain the signs of the map, in one row below it."""
     from matplotlib.lines import Line2D
 
     handles: list[Any] = [Line2D([], [], **START), Line2D([], [], **_GOAL)]

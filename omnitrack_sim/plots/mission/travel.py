@@ -22,15 +22,22 @@ if TYPE_CHECKING:
     from omnitrack_sim.record.trajectory import Trajectory
 
 BIN = 0.01
-"""Travel that shares one colour, m."""
+"""Length of the pieces of travel that have one colour each, m."""
 BESIDE = 0.5
-"""How far beside the axis tail-first travel is drawn, in bore radii."""
+"""How far beside the pipe's axis tail-first travel is drawn, in bore radii."""
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Travel on one leg in pieces of ``BIN``: rows (n + 1,) that bound them, and the values (n,) of
-    each."""
+    """Travel on one leg, in n pieces of ``BIN``.
+
+    Attributes:
+        leg: index of the leg.
+        tail_first: whether it was driven tail first.
+        rows: (n + 1,) samples that bound the pieces.
+        slip: (n,) mean slip ratio of the modules, as a magnitude.
+        force: (n,) N, least normal force of a module.
+    """
 
     leg: int
     tail_first: bool
@@ -63,8 +70,10 @@ def stretches_of(trajectory: Trajectory) -> Iterator[Stretch]:
 def colour_bar(
     figure: Figure, layout: Layout, column: int, text: str, colours: str, values: list[Array]
 ) -> Any:
-    """The colour scale of one column, drawn above it; from 0 to what 98 of 100 pieces stay
-    below."""
+    """The colour scale of one column, drawn above it.
+
+    It goes from 0 to a round number that 98 % of the pieces stay below.
+    """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.ticker import MaxNLocator
@@ -92,7 +101,7 @@ def colour_bar(
 
 
 def _round_up(value: float) -> float:
-    """The next of 1, 2, 2.5, 4, 5, 8 times a power of ten; 1 for what is not positive."""
+    """The next round number: 1, 1.5, 2, 2.5, ... times a power of ten; 1 if not positive."""
     if not value > 0:
         return 1.0
     power = 10.0 ** np.floor(np.log10(value))
@@ -113,7 +122,7 @@ def draw_way(
     values: list[Array],
     scale: Any,
 ) -> None:
-    """The way of the robot's centre, piece by piece in its colour, on a dark edge."""
+    """The way of the robot's centre on a dark edge, each piece in the colour of its value."""
     from matplotlib.collections import LineCollection
 
     columns = list(view.pair)
