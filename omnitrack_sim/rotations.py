@@ -40,8 +40,7 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
-    """Rotation matrices (..., 3, 3), right-handed, by ``angle`` (...,) rad about ``axis`` (...,
-    3)."""
+    """Rotation matrices (..., 3, 3) by ``angle`` (...,) rad about ``axis`` (..., 3)."""
     axis, angle = unit(axis), np.asarray(angle, float)
     axis = np.broadcast_to(axis, (*np.broadcast_shapes(axis.shape[:-1], angle.shape), 3))
     half = np.broadcast_to(angle, axis.shape[:-1])[..., None] / 2

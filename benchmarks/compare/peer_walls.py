@@ -63,8 +63,7 @@ def wall_solid(fitting: Fitting, settings: MeshSettings) -> trimesh.Trimesh:
 
 
 def bore_surface(fitting: Fitting, settings: MeshSettings, depth: float = 0.0) -> trimesh.Trimesh:
-    """The triangles of ``wall_solid`` that face the bore, ``depth`` m into the wall, fitting
-    frame."""
+    """The triangles of ``wall_solid`` that face the bore, ``depth`` m inside the wall."""
     solid = wall_solid(fitting, settings)
     distance, _ = fitting.signed_distance(solid.vertices)
     on_bore = np.abs(distance) < NEAR

@@ -124,8 +124,7 @@ def _print_result(result: Result, target: Path) -> None:
 
 
 def _is_mission(result: Result) -> bool:
-    """Whether the timeline is worth printing: several legs, or two fittings that are not
-    straight."""
+    """Whether the timeline is worth printing: several legs, or two bends, tees or reducers."""
     routes = result.routes()
     turns = [
         passage for route in routes for passage in route.fittings if passage.kind != "straight"

@@ -175,14 +175,14 @@ def plan_roll(
 ) -> RollPlan:
     """Shortest roll to within ``margin`` of ``best``, with the modules clear of the no-motion line.
 
-    The admissible rolls are a union of closed ranges, so the shortest is zero or a border of one;
-    all borders within the turn limit are tried. Of two equally short ones the positive is taken.
+    The admissible rolls are ranges, so the shortest is zero or a border of one; all are tried. Of
+    two equally short rolls the positive one is taken.
 
     Args:
         theta5: (...,) rad, module 1 from the turning direction.
         roll: (...,) rad, roll of the modules now.
         best: (...,) rad, wanted theta5, modulo 2 pi / modules.
-        margin: (...,) rad, half-width of the safe range, such as ``singularity.safe_margin`` gives.
+        margin: (...,) rad, half-width of the safe range, as of ``singularity.safe_margin``.
         radius_ratio: (...,) lug radius over pipe radius, r / R.
         no_motion_margin: (...,) rad, least distance of the roll from the no-motion line.
         turn_limit: rad, largest turn of the robot.
@@ -191,9 +191,8 @@ def plan_roll(
     Raises:
         InputError: a radius ratio is not positive, or the turn limit negative.
     """
-    arrays = (
-        np.asarray(a, float) for a in (theta5, roll, best, margin, radius_ratio, no_motion_margin)
-    )
+    given = (theta5, roll, best, margin, radius_ratio, no_motion_margin)
+    arrays = (np.asarray(value, float) for value in given)
     theta5, roll, best, margin, ratio, clearance = np.broadcast_arrays(*arrays)
     if not np.all(ratio > 0):
         raise InputError(Fault("radius_ratio", "must be positive"))

@@ -159,8 +159,7 @@ class Inset:
                 draw.line(path, fill=colour, width=max(1, round(3.2 * self.unit)), joint="curve")
 
     def _robot(self, draw: ImageDraw.ImageDraw, row: int) -> None:
-        """A dot with an arrow towards the nose, which is short if the nose points along the line of
-        sight."""
+        """A dot with an arrow towards the nose, short if that points along the line of sight."""
         centre = self._points[row]
         if not np.isfinite(centre).all():
             return

@@ -1,5 +1,4 @@
-"""Text written into the frames of a film: phase, fitting, time, distance and speeds of the
-belts."""
+"""Text in the frames of a film: phase, fitting, time, distance and speeds of the belts."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Pictures and films of a recorded run, drawn from the saved trajectory and never while
-simulating."""
+"""Pictures and films of a recorded run, drawn from the saved trajectory."""
 
 from __future__ import annotations
 
@@ -27,8 +26,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.sim.result import Result
 
 CAMERAS = ("side", "follow", "onboard")
-"""``side`` shows all pipes, ``follow`` stays with the robot, ``onboard`` looks ahead from its
-nose."""
+"""``side`` shows all pipes, ``follow`` stays with the robot, ``onboard`` looks ahead."""
 FOLLOW_SUN = [0.26, 0.25, 0.23]
 """Red, green, blue of the sun for the camera ``follow``.
 

@@ -69,8 +69,7 @@ def in_the_way(parts: Sequence[Placed], eye: Array, targets: Array) -> Array:
 
 
 def _depth(part: Placed, points: Array) -> Array:
-    """How deep ``points`` (..., 3) m lie within the outer surface of a part, m; negative
-    outside."""
+    """How deep ``points`` (..., 3) m lie within a part and its wall, m; negative outside."""
     return np.minimum(part.signed_distance(points)[0], part.extent(points)) + WALL
 
 
@@ -99,8 +98,9 @@ def _nodes(trajectory: Trajectory) -> tuple[NDArray[np.intp], Array]:
 def _geometry(
     trajectory: Trajectory, routes: Sequence[Route], rows: NDArray[np.intp]
 ) -> tuple[Array, Array]:
-    """For each row, the tangent of the centreline and the normal of a bend's or tee's plane, (N,
-    3).
+    """For each row the centreline's tangent and the normal of a bend's or tee's plane, (N, 3).
+
+    The normal is 0 away from bends and tees.
 
     The normal is 0 away from bends and tees.
     """

@@ -236,8 +236,7 @@ class Planner:
 
 
 def _start(route: Route, index: int) -> float:
-    """Arc length, m, where a fitting's bend or opening begins; of a fitting without one, its
-    end."""
+    """Arc length, m, where a fitting's bend or opening begins; its end if it has neither."""
     passage = route.fittings[index]
     return passage.span[0] if passage.asks_orientation else passage.s_leave
 

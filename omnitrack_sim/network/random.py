@@ -17,8 +17,7 @@ from omnitrack_sim.pipes import Elbow, Fitting, Placed, Reducer, Straight, Tee, 
 from omnitrack_sim.rotations import Array, Pose
 
 CLEARANCE = 0.05
-"""Least room between the bores of two parts that are not joined, m: more than a wall's
-thickness."""
+"""Least room between the bores of parts that are not joined, m: more than a wall's thickness."""
 TURNS_DEG = (0.0, 90.0, 180.0, 270.0)
 REDUCER_ANGLE = math.radians(10)
 """Largest half cone angle of the reducers, rad."""

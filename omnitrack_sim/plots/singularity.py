@@ -86,8 +86,7 @@ def _page(case: TurnCase) -> Figure:
 
 
 def _sections(figure: Figure | SubFigure, case: TurnCase) -> None:
-    """Fig. 7: planes that cut the pipe during a turn about the crotch, and the ellipses they
-    cut."""
+    """Fig. 7: planes that cut the pipe during a turn about the crotch, and their ellipses."""
     import matplotlib
 
     cut, shapes = figure.subplots(1, 2, width_ratios=(1, 1.15))
@@ -180,8 +179,7 @@ def _orientations(figure: Figure | SubFigure, case: TurnCase) -> None:
 
 
 def _draw_module(axis: Axes, angle: float, wall: float, reach: float, colour: Any) -> None:
-    """A module at its reach or at the wall, whichever is nearer, with the gap between them
-    marked."""
+    """A module at its reach, or at the wall if that is nearer, with the gap marked."""
     outward = np.array([np.cos(angle), np.sin(angle)])
     tip, size = min(wall, reach), 0.25 * reach
     axis.plot(*np.outer(outward, [0, tip - size]), color=GREY, lw=3, solid_capstyle="round")
@@ -201,8 +199,7 @@ def _module_colour(k: int) -> Any:
 
 
 def _sector(figure: Figure | SubFigure, case: TurnCase) -> None:
-    """Fig. 9: the region on the circle at the end of the turn, and modules at the best
-    orientation."""
+    """Fig. 9: the region on the circle at the end of the turn, with the best orientation."""
     axis = figure.subplots()
     radius, half, margin = case.pipe_radius * _MM, case.sector / 2, case.margin
     if half > 0:

@@ -25,8 +25,10 @@ MOST_ROWS = 4
 MOST_CELLS = 40
 """Up to how many different values of a number each has a cell of its own."""
 BINS, QUANTILES, FEW = 8, 10, 5
-"""Bins along each side of a map, bins of a main effect, and the number of trials below which a cell
-of a map shows that number."""
+"""Bins along each side of a map, and bins of a main effect.
+
+A cell of a map with fewer than ``FEW`` trials shows their number.
+"""
 MOST_ORIENTATIONS = 240
 """Up to how many different orientations each has a cell of its own; more are rounded to degrees."""
 

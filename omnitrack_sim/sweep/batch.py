@@ -15,8 +15,7 @@ from omnitrack_sim.sim.run import run_batch
 from omnitrack_sim.sweep.trials import Batch, changed
 
 INVALID, ERROR = "invalid", "error"
-"""Outcomes of trials that did not run: values that do not fit, and a fault of the program or
-worker."""
+"""Outcomes of trials without a run: values that do not fit, a fault of program or worker."""
 Row = dict[str, Any]
 """Result columns of a trial by name, and ``trial``; a column that is not there is null."""
 

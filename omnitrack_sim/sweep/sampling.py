@@ -40,8 +40,7 @@ def uniform(u: Array, low: float, high: float) -> Array:
 
 
 def normal(u: Array, mean: float, std: float, low: float | None, high: float | None) -> Array:
-    """Normal values (n,) made of uniform ones ``u`` (n,), truncated to ``low`` and ``high`` if
-    given."""
+    """Normal values (n,) made of uniform ``u`` (n,), truncated to ``low`` and ``high`` if given."""
     from scipy.special import ndtr, ndtri
 
     a = -np.inf if low is None else (low - mean) / std

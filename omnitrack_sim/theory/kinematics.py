@@ -61,10 +61,9 @@ def inertial_rate(rate: ArrayLike, omega: ArrayLike, vector: ArrayLike) -> Array
 
 
 def module_velocities(speeds: ArrayLike, theta4_dot: ArrayLike, arms: ArrayLike) -> Array:
-    """Eqs. 5-7: velocities (..., 3, 3) m/s of the module centres, inertial frame, module by
-    component.
+    """Eqs. 5-7: velocities (..., 3, 3) m/s of the module centres, module by component.
 
-    V_i k + theta4_dot k x l_i e_i, with e_i from the robot axis to module i.
+    In the inertial frame: V_i k + theta4_dot k x l_i e_i, with e_i from the robot axis to module i.
 
     Args:
         speeds: V_i (..., 3), m/s along the robot axis.

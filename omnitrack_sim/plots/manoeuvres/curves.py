@@ -155,8 +155,7 @@ def _head(figure: Figure, trajectory: Trajectory, commanded: bool = False) -> No
 
 
 def _at_least(axis: Axes, height: float) -> None:
-    """Widen the y range to ``height``, so that a value that only holds does not look like
-    movement."""
+    """Widen the y range to ``height``, so that a constant value does not look like movement."""
     low, high = axis.get_ylim()
     if high - low < height:
         axis.set_ylim((low + high - height) / 2, (low + high + height) / 2)

@@ -37,8 +37,7 @@ LINES: tuple[dict[str, Any], ...] = ({"lw": 1.2}, {"lw": 2.8, "alpha": 0.5}, {"l
 
 
 def inner_module(trajectory: Trajectory) -> int | None:
-    """Index of the module that points into the turn as the first tee turn begins; None without
-    one."""
+    """Index of the module that points into the first tee turn as it begins; None without one."""
     start = next((a for name, a, _ in phase_spans(trajectory) if name == "tee_turn"), None)
     if start is None:
         return None

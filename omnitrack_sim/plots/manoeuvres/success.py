@@ -146,7 +146,7 @@ def _success_rows(
 
 
 def _singular_bands(margin: float, half: float) -> list[tuple[float, float]]:
-    """Ranges of theta5, deg, that the formula calls singular: from ``margin`` to ``half`` on both
+    """Ranges of theta5, deg, that the formula calls singular: ``margin`` to ``half``, both
     sides."""
     if margin >= half:
         return []

@@ -47,8 +47,7 @@ class View:
 
     @property
     def flipped(self) -> bool:
-        """Whether the second axis points down, as x does in a view from above with y to the
-        right."""
+        """Whether the second axis points down: with y to the right, x seen from above does."""
         return self.pair == (1, 0)
 
 

@@ -266,8 +266,7 @@ class _Bores:
         return np.where(on_in_branch, branch_out, np.where(on_in_run, run_out, first))
 
     def _through_branch(self, start: Array, direction: Array) -> tuple[Array, Array]:
-        """Where rays enter and leave the branch's half of its cylinder, beyond the axis of the
-        run."""
+        """Where rays enter and leave the branch's half of its cylinder."""
         enter, leave = _through_cylinder(start, direction, self.across_branch)
         height, slope = start @ self.branch, direction @ self.branch
         safe = np.where(slope == 0, 1.0, slope)

@@ -131,8 +131,9 @@ def reach_from_sector(
     turn_angle: ArrayLike = np.pi / 2,
     definition: Definition = "ellipse",
 ) -> Array:
-    """Reach rho, in the unit of ``pipe_radius``, at which the sector is Phi: inverse
-    ``sector_angle``.
+    """Reach rho, in the unit of ``pipe_radius``, that gives the sector Phi.
+
+    The inverse of ``sector_angle``.
 
     ``ellipse``: R sqrt(1 + T^2 cos^2(Phi/2)). Phi = 0 gives the least reach that has no sector.
 
