@@ -89,9 +89,8 @@ def main() -> None:
     collider = "exact" if options.fast else "primitives"
     trials = 4 if options.quick else options.trials
 
-    wall_error = (
-        0.0 if options.fast else check_walls()
-    )  # tests/test_collider.py checks the exact ones
+    # Exact walls are checked by tests/test_collider.py.
+    wall_error = 0.0 if options.fast else check_walls()
     assert wall_error <= 1e-4, f"walls are off by {1000 * wall_error:.3f} mm"
     single, wall, shares = timed_batch(trials, 1, collider)
     simulated = float(single.end_time.sum())

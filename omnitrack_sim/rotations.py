@@ -66,7 +66,7 @@ def matrix_from_quaternion(quaternion: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
     q = np.asarray(quaternion, float)
     products = (q[..., :, None] * q[..., None, :]).reshape(*q.shape[:-1], 16)
-    # Off the diagonal 2 (x y - w z) and the like; on it 1 - 2 (y² + z²).
+    # Elements off the diagonal are 2 (x y - w z) and the like, those on it 1 - 2 (y² + z²).
     terms = products.take(_TERM_PLACES, axis=-1) * _TERM_FACTORS
     matrix = terms[..., :9] + terms[..., 9:]
     matrix[..., ::4] += 1.0

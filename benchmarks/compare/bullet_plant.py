@@ -53,7 +53,7 @@ class BulletPlant:
 
     def close(self) -> None:
         """Give the engine's memory back."""
-        # The engine gives numbers again: each may be given back once only.
+        # The engine uses numbers again, so each may be given back only once.
         client, self.client = self.client, -1
         if client >= 0:
             bullet.disconnect(client)

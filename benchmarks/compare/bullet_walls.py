@@ -91,7 +91,7 @@ def inner_mesh(fitting: Fitting, settings: BulletSettings) -> trimesh.Trimesh:
         off = np.abs(fitting.signed_distance(solid.vertices)[0])
         keep = (off[solid.faces] < ON_SURFACE).all(axis=1)
         centre = solid.triangles_center[keep]
-        # End caps have their corners on the surface too, and their middles in the port planes.
+        # Triangles of end caps have corners on the surface, too, but lie in the port planes.
         faces = solid.faces[keep][fitting.extent(centre) > 1e-7]
         mesh = trimesh.Trimesh(solid.vertices, faces, process=False)
         mesh.remove_unreferenced_vertices()
@@ -193,7 +193,7 @@ def probe_centres(
         distance, gradient = network.signed_distance(points)
         points = points + gradient * (radius + PROBE_GAP - distance)[:, None]
         distance = network.signed_distance(points)[0]
-        # Not where a sphere reaches past an open end, nor where it touches elsewhere.
+        # Leave out spheres that reach past an open end or touch elsewhere, too.
         inside = np.max([part.extent(points) for part in parts], axis=0) > radius
         chosen.append(points[inside & (np.abs(distance - radius - PROBE_GAP) < PROBE_GAP / 2)])
     return np.concatenate(chosen)[:number]

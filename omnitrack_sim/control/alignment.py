@@ -33,8 +33,8 @@ TURN_LIMIT = np.pi
 
 Half a turn either way reaches every equal orientation.
 """
-ROUNDING = 1e-9  # rad, by which a plan on the border of a range may miss it
-_LEAST_NO_MOTION_MARGIN = 1e-6  # rad, with no margin asked the line itself is still kept clear
+ROUNDING = 1e-9  # rad, by which a plan may lie outside the border of a range
+_LEAST_NO_MOTION_MARGIN = 1e-6  # rad, keeps off the line itself if no margin is asked
 
 
 class Obstacle(IntEnum):
@@ -175,8 +175,7 @@ def plan_roll(
 ) -> RollPlan:
     """Shortest roll to within ``margin`` of ``best``, with the modules clear of the no-motion line.
 
-    The admissible rolls are ranges, so the shortest is zero or a border of one; all are tried. Of
-    two equally short rolls the positive one is taken.
+    The shortest roll is zero or a border of an admissible range, so all borders are tried.
 
     Args:
         theta5: (...,) rad, module 1 from the turning direction.
@@ -269,8 +268,7 @@ def _safe_borders(
     """
     reached = int(np.ceil(turn_limit / period)) + 1
     centres = error[..., None] + period * np.arange(-reached, reached + 1)
-    # A border on the far side of the range is needed too: the near one may lie at the no-motion
-    # line.
+    # The far border of a range is needed too: the near one may lie at the no-motion line.
     borders = np.concatenate([centres - margin[..., None], centres + margin[..., None]], axis=-1)
     return borders / ratio[..., None]
 

@@ -20,14 +20,14 @@ NOSE_FIRST, TAIL_FIRST = (255, 205, 70), (240, 120, 170)
 """Colours of the way driven, 8-bit RGB."""
 _PANEL, _EDGE, _PIPE, _ROBOT = (14, 18, 24, 190), (14, 18, 24), (120, 131, 144), (255, 255, 255)
 _PLATE = (226, 74, 60)
-_FINER = 3  # the map is drawn this much larger and then made smaller, for smooth lines
+_FINER = 3  # the map is drawn so many times larger and then reduced, for smooth lines
+# Azimuth and elevation, degrees: elevations from two sides, then oblique views from above.
 _VIEWS = [
     (0, 0),
     (90, 0),
     *((side * turn, up) for up in (22, 35) for turn in (25, 40, 60) for side in (1, -1)),
 ]
-# degrees: elevations from two sides, and oblique views from above
-_MOST = 500  # points that overlap is looked for with
+_MOST = 500  # how many points of the pipes are compared to find overlaps
 
 
 def needs_map(routes: Sequence[Route]) -> bool:
@@ -59,9 +59,8 @@ class Inset:
         network = routes[0].network
         self.trajectory = trajectory
         self.view = projection(network)
-        self.unit = _FINER * min(
-            height / 720, width / 1280
-        )  # pixels of the large map for one of a 720-line film
+        # Pixels of the large map for one pixel of a film with 720 lines.
+        self.unit = _FINER * min(height / 720, width / 1280)
         axes = [self._flat(line) for part in network.parts for line in _lines(part)]
         radius = max(part.fitting.radius for part in network.parts)
         low = np.min([axis.min(axis=0) for axis in axes], axis=0) - radius
@@ -123,8 +122,7 @@ class Inset:
         for radius, piece in (pieces[i] for i in order):
             ends = [tuple(end) for end in self._pixels(piece).tolist()]
             thick = max(5 * self.unit, 2 * self.scale * radius)
-            # The dark edge ends square, so that it shows at crossings only and not where pieces
-            # meet.
+            # The dark edge ends square, so it shows where pipes cross and not where pieces meet.
             draw.line(ends, fill=_EDGE, width=round(thick + 3 * self.unit))
             draw.line(ends, fill=_PIPE, width=round(thick))
             for x, y in ends:

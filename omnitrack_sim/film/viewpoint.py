@@ -18,10 +18,8 @@ SPACING = 0.06
 WALL = 0.004
 """How far into its wall a pipe still hides what is behind it, m."""
 _ELEVATIONS, _AZIMUTHS = np.radians([-15, 0, 15, 30, 45, 60]), np.radians(np.arange(0, 360, 22.5))
-_NEAR = 0.08  # m before and behind a bend or tee where the viewer looks across its plane already
-_SIGHT = np.linspace(
-    0.16, 1.0, 8
-)  # parts of the sight line, from the robot to the viewer, that have to be free
+_NEAR = 0.08  # m before and behind a bend or tee in which the viewer looks across its plane, too
+_SIGHT = np.linspace(0.16, 1.0, 8)  # places on the sight line, 0 at the robot and 1 at the viewer
 _ALONG, _BEND, _LIKING, _HIDDEN, _TURN = 6.0, 1.0, 0.3, 4.0, 1.5  # weights
 _FREE = 0.25  # cosine to the pipe's axis below which one looks across it well enough
 
@@ -135,9 +133,8 @@ def _hidden(parts: Sequence[Placed], centres: Array, choices: Array) -> Array:
         near = np.flatnonzero(np.linalg.norm(centres - middle, axis=1) < reach)
         near = near[_depth(part, centres[near]) <= WALL]
         if len(near):
-            points = (
-                centres[near][:, None, None] + DISTANCE * _SIGHT[:, None] * choices[:, None]
-            )  # (n, C, k, 3)
+            sight = DISTANCE * _SIGHT[:, None] * choices[:, None]  # (C, k, 3)
+            points = centres[near][:, None, None] + sight  # (n, C, k, 3)
             hidden[near] += (_depth(part, points) > 0).mean(axis=-1)
     return np.minimum(hidden, 1.0)
 

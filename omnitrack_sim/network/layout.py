@@ -58,8 +58,7 @@ def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Po
     for k, joint in enumerate(joints):
         if k not in used and joint.ends[0][0] in parts:
             faults += _misses(k, joint, parts)
-    # Parts that hang on nothing have no place; the others are checked against each other all the
-    # same.
+    # Parts that hang on nothing have no place. The others are checked against each other.
     order = {i: place for place, i in enumerate(parts)}
     kept = [
         ((order[i], p), (order[j], q))
@@ -103,7 +102,7 @@ def _misses(k: int, joint: Joined, parts: Mapping[int, Placed]) -> list[Fault]:
     (i, port_i), (j, port_j) = joint.ends
     a, b = parts[i].port(port_i), parts[j].port(port_j)
     gap = float(np.linalg.norm(a.position - b.position))
-    # As chord, not cosine: exact for small angles.
+    # The chord is exact for small angles, the cosine is not.
     chord = float(np.linalg.norm(a.rotation[:, 2] + b.rotation[:, 2]))
     angle = 2 * math.asin(min(1.0, chord / 2))
     if gap <= CLOSES and angle <= CLOSES_ANGLE:

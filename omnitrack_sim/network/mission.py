@@ -220,8 +220,8 @@ class Planner:
         route = route_of(self.network, reverse, self.arcs)
         at = next(i for i, p in enumerate(old.fittings) if stand < p.s_leave)
         begin = old.fittings[here].s_leave - distance
-        # An arc out of a branch is not as long as the one into it: count from the port that both
-        # ways share.
+        # The arcs into and out of a branch differ in length, so lengths are counted from the port
+        # that both ways share.
         end = route.fittings[here - at].s_leave - (stand - old.fittings[at].s_enter)
         name = self.network.fittings[way[here][0]].name
         to = "" if goal < 0 else f", to {self.mission.goals[goal]}"

@@ -85,8 +85,8 @@ def shortest_way(graph: networkx.DiGraph[Any], start: End, goal: End) -> Way | N
     """The shortest way between two ports of a graph of ``port_graph``; None if there is none."""
     import networkx
 
-    # Between two ports of one fitting the direct edge is the shortest, so no fitting is passed
-    # twice in a row.
+    # The edge between two ports of a part is the shortest way between them, so the way never
+    # takes two edges of the same part one after the other.
     try:
         nodes = networkx.shortest_path(graph, start, goal, weight="length")
     except (networkx.NetworkXNoPath, networkx.NodeNotFound):

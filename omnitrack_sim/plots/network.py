@@ -69,7 +69,7 @@ def _draw(network: Network, route: Route | None) -> Figure:
     axes = [figure.add_subplot(grid[column]) for column in (1, 2)]
     for axis, (pair, title) in zip(axes, views, strict=True):
         _draw_view(axis, network, quads, pair, title, route)
-    canvas = FigureCanvasAgg(figure)  # the places of names are measured as they are drawn
+    canvas = FigureCanvasAgg(figure)  # measures the names as they are drawn
     canvas.draw()
     renderer = canvas.get_renderer()
     for part in parts:

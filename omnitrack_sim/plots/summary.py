@@ -195,7 +195,7 @@ def _roll(axis: Axes, trajectory: Trajectory) -> None:
     _modules(axis, trajectory, np.degrees(trajectory["roll"]))
     _commands(axis, trajectory, np.degrees(trajectory["roll_command"]))
     low, high = axis.get_ylim()
-    if high - low < 10.0:  # a roll that only holds shall not look like a movement
+    if high - low < 10.0:  # a constant roll must not look like movement
         axis.set_ylim((low + high) / 2 - 5.0, (low + high) / 2 + 5.0)
 
 

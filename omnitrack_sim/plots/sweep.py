@@ -113,7 +113,7 @@ def _map(x: Spread, y: Spread, passed: Array) -> Figure:
     rate = np.where(total > 0, good / np.maximum(total, 1), np.nan)
     figure = Figure(figsize=(6.4, 5.0), layout="constrained")
     axis = figure.subplots()
-    axis.set_facecolor("#dfe2e6")  # no trial with an outcome
+    axis.set_facecolor("#dfe2e6")  # shows where no trial has an outcome
     mesh = axis.pcolormesh(
         x_edges,
         y_edges,

@@ -146,9 +146,8 @@ def _speed(trajectory: Trajectory) -> Array:
     if len(time) < 2:
         return np.zeros(len(time))
     speed = gear[1:] * np.diff(trajectory["distance"]) / np.diff(time)
-    speed = np.where(
-        np.diff(trajectory["leg"]) == 0, speed, 0.0
-    )  # each leg counts its distance anew
+    # Each leg counts its distance from its own start.
+    speed = np.where(np.diff(trajectory["leg"]) == 0, speed, 0.0)
     return running_mean(np.append(speed[:1], speed)[:, None], time, SPEED_WINDOW)[:, 0]
 
 

@@ -184,15 +184,12 @@ class _Samples:
 
     def __init__(self, trajectory: Trajectory, lug_radius: float) -> None:
         touching = (trajectory["contact_count"].sum(axis=-1) > 0).astype(float)  # (T, 3)
-        power = np.maximum(
-            trajectory["motor_torque"] * trajectory["belt_speed"] / lug_radius, 0.0
-        )  # (T, 3) W
+        power = trajectory["motor_torque"] * trajectory["belt_speed"] / lug_radius  # (T, 3) W
+        power = np.maximum(power, 0.0)
         force = trajectory["normal_force"]
         time = trajectory.time
-        self.time, self.step = (
-            time,
-            np.append(np.diff(time), 0.0),
-        )  # (T,) s, of the interval that begins here
+        self.time = time  # (T,) s
+        self.step = np.append(np.diff(time), 0.0)  # (T,) s, interval that begins at each sample
         self.touching = _between(touching.sum(axis=1))
         self.slip = _between((np.abs(trajectory["slip_ratio"]) * touching).sum(axis=1))
         self.slip_speed = _between(np.abs(trajectory["slip_velocity"]).mean(axis=1))
@@ -205,8 +202,8 @@ class _Samples:
         """The measured fields of the visit that holds the samples ``rows``, in order of time."""
         first, last = int(rows[0]), int(rows[-1])
         step = self.step[rows]
-        # A run that ends at its first sample in a fitting has spent no time there: its values are
-        # that sample's.
+        # A run that ends at its first sample in a fitting spends no time there. The means are then
+        # the values of that sample.
         weight = step if step.sum() > 0 else np.ones(len(rows))
         touching = float(weight @ self.touching[rows])
         return {

@@ -79,7 +79,9 @@ def _elbows(theta5_deg: np.ndarray) -> dict[str, list[Scenario]]:
             lists[f"elbow_{radius}_{kind}"] = _orientations(
                 load_scenario(name), theta5_deg, changes
             )
-    half = Robot().length / 2 / (2 * Robot().nominal_pipe_radius)  # D, from the head to the centre
+    half = (
+        Robot().length / 2 / (2 * Robot().nominal_pipe_radius)
+    )  # from the head to the centre, in D
     late = _UNAIDED | {"control.kind": "paper", "control.parameters.elbow_delay": half}
     lists["elbow_240_paper_late"] = _orientations(load_scenario("elbow"), theta5_deg, late)
     return lists

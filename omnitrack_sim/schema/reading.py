@@ -76,13 +76,13 @@ def checked(
         InputError: of class ``error``, with every fault.
     """
     try:
-        # Through JSON: pydantic's strict mode takes lists for tuples and names for enums there, but
-        # no "0.5" for 0.5.
+        # From JSON, pydantic's strict mode takes lists for tuples and names for enums, but no
+        # "0.5" for 0.5.
         return model.model_validate_json(json.dumps(data, default=plain_value), strict=True)
     except ValidationError as reason:
         items = reason.errors()
-        # A table with a fault does not count as an item, and pydantic then calls the list too short
-        # as well.
+        # pydantic does not count a table with a fault as an item, and then calls the list too
+        # short, too.
         inside = any(item["loc"][:1] == (union,) and len(item["loc"]) > 1 for item in items)
         raise error(
             [fault(item) for item in items if not (inside and item["type"] == "too_short")]
@@ -125,7 +125,7 @@ def fault_of(
         choices_at: gives the valid keys of the table at a pydantic path.
     """
     places = [str(p) for p in item["loc"]]
-    # pydantic puts the table's kind into the path; the file has no such level.
+    # pydantic puts the kind of a table into the path. The file has no such level.
     where = ".".join(
         p for i, p in enumerate(places) if not (i == 2 and places[0] == union and p in kinds)
     )

@@ -303,7 +303,7 @@ class _Dispatch:
                 broken |= self._take_back()
             if broken:
                 self.lost += 1
-                while self.flying:  # a broken executor ends them all
+                while self.flying:  # a broken executor ends all of its tasks
                     self._take_back()
                 self.pool.renew()
 

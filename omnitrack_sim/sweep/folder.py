@@ -225,7 +225,7 @@ def _temporary(path: Path) -> tuple[int, str]:
     while True:
         descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
         fcntl.flock(descriptor, fcntl.LOCK_EX)
-        if os.path.exists(name):  # no one has swept it out before it was locked
+        if os.path.exists(name):  # nobody removed it before it was locked
             return descriptor, name
         os.close(descriptor)
 

@@ -45,7 +45,7 @@ def normal(u: Array, mean: float, std: float, low: float | None, high: float | N
 
     a = -np.inf if low is None else (low - mean) / std
     b = np.inf if high is None else (high - mean) / std
-    # The lower tail has the finer numbers: an interval above the mean is mirrored.
+    # Numbers are finer near 0 than near 1, so an interval above the mean is mirrored.
     mirrored = a > 0
     if mirrored:
         a, b, u = -b, -a, 1 - u

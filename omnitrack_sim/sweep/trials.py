@@ -209,7 +209,7 @@ def batches_of(
     """The trials in batches of at most ``size``; the trials of a batch share a model."""
     texts = {name: json.dumps(data) for name, data in bases.items()}
     places = places_of(bases, axes)
-    # One copy of each base is changed in place, trial after trial: every trial sets the same paths.
+    # Every trial of a base sets the same paths, so one copy is changed in place for all of them.
     plain = {name: copy.deepcopy(dict(data)) for name, data in bases.items()}
     groups: dict[str, list[Trial]] = {}
     for index in range(len(next(iter(columns.values())))):

@@ -50,7 +50,7 @@ def begin_worker(parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # gone before the line above
+    if os.getppid() != parent:  # the parent had died before prctl was called
         os._exit(1)
 
 

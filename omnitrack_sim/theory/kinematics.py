@@ -25,10 +25,9 @@ from omnitrack_sim.rotations import Array, cross, length
 
 _COS, _SIN = np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES)  # (3,)
 _ROOT3 = np.sqrt(3.0)
-_OUTWARD = np.stack(
-    [_COS, _SIN, np.zeros(3)], axis=-1
-)  # (3, 3) unit vectors from the robot axis to the modules
-_TANGENT = np.stack([-_SIN, _COS, np.zeros(3)], axis=-1)  # (3, 3) k x outward
+# (3, 3) unit vectors from the robot axis to the modules, and k x these
+_OUTWARD = np.stack([_COS, _SIN, np.zeros(3)], axis=-1)
+_TANGENT = np.stack([-_SIN, _COS, np.zeros(3)], axis=-1)
 
 Module = Literal["two_track", "ball_lug"]
 MODULE_KINDS: tuple[Module, ...] = ("two_track", "ball_lug")

@@ -52,9 +52,8 @@ def contact_map_figure(result: Result, route: Route | None = None) -> Figure:
 def _contacts(axis: Axes, trajectory: Trajectory) -> None:
     """The marks of the contact map, its colour bar and its shades."""
     distance = np.repeat(trajectory["distance"], MODULES)
-    angle = np.degrees(
-        wrap_angle(trajectory["theta5"][:, None] + np.array(MODULE_ANGLES))
-    )  # (T, 3)
+    angle = wrap_angle(trajectory["theta5"][:, None] + np.array(MODULE_ANGLES))
+    angle = np.degrees(angle)  # (T, 3)
     force = trajectory["normal_force"].ravel()
     on, off = force >= NO_CONTACT_FORCE, ~(force >= NO_CONTACT_FORCE)
     shade(axis, trajectory, trajectory["distance"], ("elbow", "tee_turn", "tee_straight"))

@@ -124,9 +124,8 @@ def _finish(
     for axis, ylabel in zip(axes, ylabels, strict=True):
         shade(axis, trajectory, x)
         axis.set_ylabel(ylabel)
-        axis.locator_params(
-            axis="y", nbins=7
-        )  # ticks that follow the panel's size would push labels out of the page
+        # Ticks that follow the panel's size would push labels out of the page.
+        axis.locator_params(axis="y", nbins=7)
         if np.ptp(x) > 0:
             axis.set_xlim(x.min(), x.max())
     axes[-1].set_xlabel(xlabel)

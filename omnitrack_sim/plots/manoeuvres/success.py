@@ -92,7 +92,7 @@ def _cells(theta5: NDArray, passed: NDArray, period: float) -> tuple[NDArray, ND
     rate = np.bincount(cell, passed) / np.bincount(cell)
     if len(centres) == 1:
         return centres[0] + np.array([-0.01, 0.01]) * period, rate
-    gaps = np.diff(centres, append=centres[0] + period)  # the last one reaches around
+    gaps = np.diff(centres, append=centres[0] + period)  # the last gap closes the circle
     first = centres[0] - min(gaps[0], gaps[-1]) / 2
     last = centres[-1] + min(gaps[-2], gaps[-1]) / 2
     return np.array([first, *(centres[1:] + centres[:-1]) / 2, last]), rate

@@ -56,7 +56,7 @@ def _draw(result: Result) -> Figure:
     stretches = list(stretches_of(trajectory))
     layout = Layout(quads, len({s.leg for s in stretches}) > 1)
     figure = Figure(figsize=(WIDTH, layout.height))
-    canvas = FigureCanvasAgg(figure)  # names are measured as they are drawn
+    canvas = FigureCanvasAgg(figure)  # measures the names as they are drawn
     renderer = canvas.get_renderer()
     _title(figure, result, routes, layout)
     quantities = (

@@ -56,7 +56,7 @@ class TurnCase:
     bend_radius: float | None = None
 
     def __post_init__(self) -> None:
-        safe_margin(self.sector, self.modules)  # looks at every value of the closed form
+        safe_margin(self.sector, self.modules)  # raises if a value is out of range
 
     @cached_property
     def sector(self) -> float:

@@ -21,9 +21,8 @@ from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.rotations import Array
 
 _Y = np.array([0.0, 1.0, 0.0])
-_OFFSETS = np.radians(
-    np.concatenate([np.arange(0, 100, 0.25), np.arange(100, 181, 2)])
-)  # from the outer direction
+# Angles from the outer direction.
+_OFFSETS = np.radians(np.concatenate([np.arange(0, 100, 0.25), np.arange(100, 181, 2)]))
 
 
 @dataclass(frozen=True)
@@ -245,9 +244,8 @@ class _Bores:
     """Union of the bores of run and branch, radius 1."""
 
     def __init__(self, turn_angle: float):
-        self.across_run = np.array(
-            [1.0, 0.0, 0.0]
-        )  # unit vector across the run's axis, in the plane of the turn
+        # Unit vectors across the axes in the plane of the turn, and along the branch.
+        self.across_run = np.array([1.0, 0.0, 0.0])
         self.across_branch = np.array([np.cos(turn_angle), 0.0, -np.sin(turn_angle)])
         self.branch = np.array([np.sin(turn_angle), 0.0, np.cos(turn_angle)])
 
@@ -260,7 +258,7 @@ class _Bores:
         branch_in, branch_out = self._through_branch(start, direction)
         in_run, in_branch = (run_in <= 0) & (run_out >= 0), (branch_in <= 0) & (branch_out >= 0)
         first = np.where(in_run, run_out, np.where(in_branch, branch_out, 0.0))
-        # The ray may go on in the other bore if it is in there when it leaves the first one.
+        # The ray goes on in the other bore if it is inside that one when it leaves the first.
         on_in_branch = in_run & (branch_in <= first) & (branch_out > first)
         on_in_run = ~in_run & in_branch & (run_in <= first) & (run_out > first)
         return np.where(on_in_branch, branch_out, np.where(on_in_run, run_out, first))
@@ -289,8 +287,8 @@ class _Bores:
         """
         crossings = []
         for normal in (self.across_run - self.across_branch, self.across_run + self.across_branch):
-            # normal . (centre + s axis + q outward) = 0: a point of the line and its direction in
-            # (s, q).
+            # A point and the direction, in (s, q), of the line normal . (centre + s axis +
+            # q outward) = 0.
             a, b, c = axis @ normal, outward @ normal, centre @ normal
             size = a * a + b * b
             ok = size > 1e-24
