@@ -21,9 +21,8 @@ def random_tee_turns(
 ) -> list[Scenario]:
     """Tee turns with theta5 uniform within +-theta5_deg and random gravity.
 
-    Friction and preload, N a module, are uniform in their ranges.
-
-    The draw of trial i does not depend on ``changes``, so that two studies compare the same trials.
+    Friction and preload, N a module, are uniform in their ranges. The draw of trial i does not
+    depend on ``changes``, so that two studies compare the same trials.
     """
     rng = np.random.default_rng(seed)
     base = load_scenario("tee_turn")

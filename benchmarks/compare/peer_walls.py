@@ -115,9 +115,8 @@ def flex_walls(
 ) -> None:
     """One rigid flex for each fitting: the triangles of the bore, with a thickness.
 
-    They are ``radius`` m thick to either side, and set back by as much.
-
-    ``offset`` widens the bore, m.
+    They are ``radius`` m thick to either side, and set back by as much. ``offset`` widens the bore,
+    m.
     """
     for part in network.parts:
         surface = bore_surface(part.fitting, mesh, depth=radius + offset)

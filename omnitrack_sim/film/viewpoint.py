@@ -99,8 +99,6 @@ def _geometry(
     """For each row the centreline's tangent and the normal of a bend's or tee's plane, (N, 3).
 
     The normal is 0 away from bends and tees.
-
-    The normal is 0 away from bends and tees.
     """
     tangent, plane = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
     for index, route in enumerate(routes):

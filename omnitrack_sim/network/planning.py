@@ -24,7 +24,6 @@ def port_graph(
     """A graph whose nodes are the ports (part index, port name).
 
     ``length`` of an edge is that of the axis between two ports of a part, m, and 0 at joints.
-
     Fittings to ``avoid`` are left out.
     """
     import networkx

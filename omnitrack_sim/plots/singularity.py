@@ -140,7 +140,6 @@ def _orientations(figure: Figure | SubFigure, case: TurnCase) -> None:
     """Fig. 8: the worst and the best orientation in the section of the tee square to the robot.
 
     The section is taken half way through the part of the turn in which the outer wall is missing.
-
     Modules are drawn where their line first meets the wall, which may be before or behind the
     section.
     """

@@ -261,9 +261,8 @@ def elbow_paths(
 def turn_from_roll(roll: ArrayLike, lug_radius: ArrayLike, pipe_radius: ArrayLike) -> Array:
     """Turn (...,) rad of the robot about its z axis when all modules roll without slip.
 
-    For a roll of ``roll`` rad it is -roll r / R.
-
-    The modules roll on the inside of the pipe. In rates: theta4_dot = -omega_z r / R.
+    For a roll of ``roll`` rad it is -roll r / R. The modules roll on the inside of the pipe. In
+    rates: theta4_dot = -omega_z r / R.
     """
     return -np.asarray(roll, float) * np.asarray(lug_radius, float) / np.asarray(pipe_radius, float)
 
@@ -295,9 +294,8 @@ def wall_per_belt(roll: ArrayLike, module: Module = "two_track") -> Array:
 def belt_speed(wall_speed: ArrayLike, roll: ArrayLike, module: Module = "two_track") -> Array:
     """Belt speed (...,) m/s that gives a module ``wall_speed`` (...,) m/s at ``roll`` rad.
 
-    It is 0 on the no-motion line.
-
-    No belt speed moves the robot there: see ``belt_sign``. The inverse of ``wall_per_belt``.
+    It is 0 on the no-motion line. No belt speed moves the robot there: see ``belt_sign``. The
+    inverse of ``wall_per_belt``.
     """
     factor = wall_per_belt(roll, module)
     moves = factor != 0

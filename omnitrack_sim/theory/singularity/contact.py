@@ -62,10 +62,9 @@ class TeePath:
 def turn_path(bend_radius: float, turn_angle: float = np.pi / 2, poses: int = 721) -> TeePath:
     """The arc of radius ``bend_radius`` m from the axis of the run to that of the branch.
 
-    Its ``poses`` are equal steps of angle apart.
-
-    With bend_radius = R the centre of the arc is the inner vertex of the tee's edge: the robot
-    pivots about the crotch at the distance R. Larger radii cut the corner.
+    Its ``poses`` are equal steps of angle apart. With bend_radius = R the centre of the arc is the
+    inner vertex of the tee's edge: the robot pivots about the crotch at the distance R. Larger
+    radii cut the corner.
 
     Raises:
         InputError: bend_radius is not positive, turn_angle not between 0 and pi rad, or poses below
@@ -161,12 +160,11 @@ def outer_sector(
 ) -> Array:
     """Angle (...,) rad of the sector about the outer direction in which a module loses the wall.
 
-    A module in it has no wall somewhere on the path.
-
-    The counterpart of ``region.sector_angle``. Between directions a quarter of a degree apart the
-    needed reach is interpolated. It has a sharp peak along the turn: with 721 poses of a right
-    angle the sector is within 0.05 degrees of its limit, with 181 within 0.5. There may be further
-    directions without contact, apart from this sector: see ``contact_map``.
+    A module in it has no wall somewhere on the path. The counterpart of ``region.sector_angle``.
+    Between directions a quarter of a degree apart the needed reach is interpolated. It has a sharp
+    peak along the turn: with 721 poses of a right angle the sector is within 0.05 degrees of its
+    limit, with 181 within 0.5. There may be further directions without contact, apart from this
+    sector: see ``contact_map``.
 
     Args:
         path: T poses.
@@ -202,11 +200,9 @@ def wall_distance(
 ) -> Array:
     """Distance (T, *A) m from the robot axis at which a module first meets the wall.
 
-    It is infinite where the module looks through an open end.
-
-    Along the module the distance to the wall is concave except where it crosses the edge, so its
-    least value is at an end of the line or on the edge. These few points are tried; nothing is
-    sampled.
+    It is infinite where the module looks through an open end. Along the module the distance to the
+    wall is concave except where it crosses the edge, so its least value is at an end of the line or
+    on the edge. These few points are tried; nothing is sampled.
 
     Args:
         path: T poses.
@@ -279,11 +275,10 @@ class _Bores:
     ) -> list[tuple[Array, Array]]:
         """Where the plane of axis and module meets the edge.
 
-        Pairs (along the axis, outward); infinite where they do not meet.
-
-        On the edge the point is as far across the run as across the branch: it lies in one of the
-        two planes that bisect them, which the plane (centre + s axis + q outward) meets in a line,
-        and on the run's cylinder.
+        Pairs (along the axis, outward); infinite where they do not meet. On the edge the point is
+        as far across the run as across the branch: it lies in one of the two planes that bisect
+        them, which the plane (centre + s axis + q outward) meets in a line, and on the run's
+        cylinder.
         """
         crossings = []
         for normal in (self.across_run - self.across_branch, self.across_run + self.across_branch):
@@ -310,9 +305,8 @@ class _Bores:
 def _through_cylinder(start: Array, direction: Array, across: Array) -> tuple[Array, Array]:
     """Where lines start + t direction enter and leave a cylinder of radius 1.
 
-    ``across`` and y are the directions across its axis.
-
-    A line that misses it gives (inf, -inf), one along the axis inside it (-inf, inf).
+    ``across`` and y are the directions across its axis. A line that misses it gives (inf, -inf),
+    one along the axis inside it (-inf, inf).
     """
     sx, sy, dx, dy = start @ across, start[..., 1], direction @ across, direction[..., 1]
     a, b, c = dx * dx + dy * dy, sx * dx + sy * dy, sx * sx + sy * sy - 1.0

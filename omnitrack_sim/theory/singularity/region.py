@@ -62,10 +62,9 @@ def mitre_intersection(
 ) -> tuple[Array, Array]:
     """Where the circle of radius rho meets the concentric mitre ellipse.
 
-    (u, v) >= 0, with u in the plane of the turn.
-
-    u^2 = (rho^2 - R^2) / sin^2(delta/2). The other three points are its mirror images. NaN where
-    the circle lies inside (rho < R) or outside (rho > a).
+    (u, v) >= 0, with u in the plane of the turn. u^2 = (rho^2 - R^2) / sin^2(delta/2). The other
+    three points are its mirror images. NaN where the circle lies inside (rho < R) or outside (rho >
+    a).
     """
     radius, rho, half = np.broadcast_arrays(
         _positive(pipe_radius, "pipe_radius"),
@@ -133,9 +132,8 @@ def reach_from_sector(
 ) -> Array:
     """Reach rho, in the unit of ``pipe_radius``, that gives the sector Phi.
 
-    The inverse of ``sector_angle``.
-
-    ``ellipse``: R sqrt(1 + T^2 cos^2(Phi/2)). Phi = 0 gives the least reach that has no sector.
+    The inverse of ``sector_angle``. ``ellipse``: R sqrt(1 + T^2 cos^2(Phi/2)). Phi = 0 gives the
+    least reach that has no sector.
 
     Raises:
         InputError: Phi is not between 0 and the sector at rho = R (for ``strip``, 0 itself has no
@@ -173,9 +171,7 @@ def safe_margin(sector: ArrayLike, modules: ArrayLike = 3) -> Array:
 def failure_rate(sector: ArrayLike, modules: ArrayLike = 3) -> Array:
     """Share of all orientations that have a module in the sector.
 
-    Phi over the period 2 pi / modules, at most 1.
-
-    The paper's 80.45 % is 96.54 / 120 (Section VI).
+    Phi over the period 2 pi / modules, at most 1. The paper's 80.45 % is 96.54 / 120 (Section VI).
     """
     return np.minimum(1.0, np.asarray(sector, float) * _modules(modules) / (2 * np.pi))
 
@@ -198,9 +194,8 @@ def is_singular(theta5: ArrayLike, sector: ArrayLike, modules: ArrayLike = 3) ->
 def best_theta5(modules: ArrayLike = 3) -> Array:
     """theta5 of the best orientation, modulo the period.
 
-    The outer direction then lies midway between two modules.
-
-    0 for an odd number of modules (one points into the turn), half a period for an even one.
+    The outer direction then lies midway between two modules. 0 for an odd number of modules (one
+    points into the turn), half a period for an even one.
     """
     modules = _modules(modules)
     return np.where(modules % 2 == 1, 0.0, np.pi / modules)
