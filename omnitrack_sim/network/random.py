@@ -135,10 +135,6 @@ def _reducer(rng: np.random.Generator, bore: float, others: list[float]) -> Redu
     return Reducer(max(SHORTEST_REDUCER, math.ceil(100 * least) / 100), ends[1], ends[0])
 
 
-def _draw_length(rng: np.random.Generator, lengths: tuple[float, float]) -> float:
-    return round(float(rng.uniform(*lengths)), 2)
-
-
 def _grown(
     rng: np.random.Generator, count: int, supply: _Supply
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
