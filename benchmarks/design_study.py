@@ -49,8 +49,7 @@ DRAWS = {
 
 
 def traversal(variants: list[tuple[str, dict]]) -> None:
-    """Traversal times of straight, elbow and tee for each variant, and their change against the
-    first."""
+    """Traversal times of straight, elbow and tee for each variant, compared with the first."""
     names = ("straight", "elbow", "tee_turn")
     first: list[float] = []
     for label, changes in variants:

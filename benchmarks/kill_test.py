@@ -1,10 +1,9 @@
-"""Kills a sweep at random moments, goes on each time, and compares the table with that of an
-uninterrupted one.
+"""Kills a sweep at random moments, resumes it, and compares its table with an undisturbed one.
 
 python benchmarks/kill_test.py [--kills N] [--trials N] [--workers N] [--seed N]
 
-After each kill it checks that the workers have died with their parent and that no finished part was
-lost or changed. Ends with status 1 if a worker lives on, a part is lost, or a file of the two
+After each kill it checks that the workers have died with their parent and that no finished batch
+was lost or changed. Ends with status 1 if a worker lives on, a batch is lost, or a file of the two
 folders differs by a byte.
 """
 
@@ -105,7 +104,7 @@ def kill_often(command: list[str], folder: Path, kills: int, seed: int) -> int:
         lost = [name for name, data in before.items() if parts.get(name) != data]
         left = len(list(folder.rglob(".*.tmp")))
         print(
-            f"kill {done}: {len(parts)} parts, {len(children)} workers, {left} temporary files",
+            f"kill {done}: {len(parts)} batches, {len(children)} workers, {left} temporary files",
             flush=True,
         )
         if alive or lost:

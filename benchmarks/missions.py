@@ -63,15 +63,20 @@ class Run:
     """One mission and what came of it.
 
     Attributes:
-        study: one of ``TITLES``. seed: of the random network or trial; -1 for pairs. start, goal:
-            open ends; of close fittings both fittings and nothing.
-        friction: coefficient. theta5_deg: start orientation, deg. gravity_x, gravity_y, gravity_z:
-            m/s², world frame.
-        fittings: number on the planned way. arrived: whether the robot reached its goal. in_order:
-            see ``in_order``.
-        retries, rolls: how often the robot backed off to try again, and stopped to roll its
-            modules.
-        duration_s: simulated. wall_s: on this machine. reason, events: as the result tells them.
+        study: one of ``TITLES``.
+        seed: of the random network or trial; -1 for pairs.
+        start, goal: open ends; for close fittings the two fittings, and nothing.
+        friction: coefficient.
+        theta5_deg: start orientation, deg.
+        gravity_x, gravity_y, gravity_z: m/s², world frame.
+        fittings: number of fittings on the planned way.
+        arrived: whether the robot reached its goal.
+        in_order: see ``in_order``.
+        retries: how often the robot backed off to try again.
+        rolls: how often it stopped to roll its modules.
+        duration_s: simulated time.
+        wall_s: time that it took on this machine.
+        reason, events: as the result tells them.
     """
 
     study: str
@@ -102,8 +107,7 @@ def pair(start: str, goal: str, theta5_deg: float) -> Scenario:
 
 
 def random_mission(seed: int, bores: tuple[float, ...] = ()) -> Scenario:
-    """A random mission in a random network, both from ``seed``; with ``bores``, m, also reducers to
-    these."""
+    """A random mission in a random network, both from ``seed``; ``bores``, m, ask for reducers."""
     network = random_network(seed, diameters=bores or None)
     rng = np.random.default_rng([seed, 1])
     start, goal = rng.choice(network.open_ends, 2, replace=False)
@@ -122,8 +126,10 @@ def random_mission(seed: int, bores: tuple[float, ...] = ()) -> Scenario:
 
 
 def close_fittings() -> dict[str, list[dict[str, object]]]:
-    """Two fittings of every kind and passage, the second one turned by 0, 90 and 180 degrees, by
-    what they are."""
+    """Pipes with two fittings of every kind and passage close together, by what they are.
+
+    The second one is turned by 0, 90 and 180 degrees.
+    """
     tees = {
         "turn": ("run_start", "branch"),
         "merge": ("branch", "run_end"),
@@ -191,8 +197,10 @@ def _mission(
 
 
 def in_order(result: Result) -> bool:
-    """Whether the fittings were passed in the order of each leg's route, none left out, the last
-    leg to its end."""
+    """Whether the fittings of each leg were passed in the order of its route.
+
+    None may be left out, and the last leg has to be driven to its end.
+    """
     routes, visits = result.routes(), result.timeline()
     for leg, route in enumerate(routes):
         planned = [route.network.parts[passage.index].name for passage in route.fittings]
@@ -206,8 +214,12 @@ def in_order(result: Result) -> bool:
 
 
 def drive(task: tuple[str, int, str, str, float]) -> Run:
-    """Run one mission: study, seed, for a pair its ends and theta5 in deg, for close fittings what
-    they are."""
+    """Run one mission.
+
+    Args:
+        task: study, seed, then for a pair start, goal and theta5 in deg; for close fittings, in
+            place of the start, what they are.
+    """
     study, seed, start, goal, theta5_deg = task
     if study == "pairs":
         scenario = pair(start, goal, theta5_deg)
@@ -273,18 +285,7 @@ def main() -> None:
     )
     parser.add_argument("--out", type=Path, help="folder for missions.csv")
     asked = parser.parse_args()
-    orientations = ORIENTATIONS_DEG[:1] if asked.quick else ORIENTATIONS_DEG
-    names = tuple(load_network("fig14").ports)
-    tasks = [
-        ("pairs", -1, start, goal, angle)
-        for start, goal in permutations(names, 2)
-        for angle in orientations
-    ]
-    count = QUICK_NETWORKS if asked.quick else NETWORKS
-    tasks += [(study, seed, "", "", 0.0) for study in ("random", "bores") for seed in range(count)]
-    trials = range(1 if asked.quick else CLOSE_TRIALS)
-    chains = [name for name in close_fittings() if close(name, 0) is not None]
-    tasks += [("close", seed, name, "", 0.0) for name in chains for seed in trials]
+    tasks = every_task(asked.quick)
     begin = time.perf_counter()
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
         runs = list(pool.map(drive, tasks))
@@ -300,6 +301,29 @@ def main() -> None:
     print("|---|---|---|---|---|---|")
     for study, title in TITLES.items():
         report(title, [run for run in runs if run.study == study])
+    report_failures(runs)
+    if asked.out is not None:
+        save(runs, asked.out)
+
+
+def every_task(quick: bool) -> list[tuple[str, int, str, str, float]]:
+    """What ``drive`` is asked to do in all four studies."""
+    orientations = ORIENTATIONS_DEG[:1] if quick else ORIENTATIONS_DEG
+    names = tuple(load_network("fig14").ports)
+    tasks = [
+        ("pairs", -1, start, goal, angle)
+        for start, goal in permutations(names, 2)
+        for angle in orientations
+    ]
+    count = QUICK_NETWORKS if quick else NETWORKS
+    tasks += [(study, seed, "", "", 0.0) for study in ("random", "bores") for seed in range(count)]
+    trials = range(1 if quick else CLOSE_TRIALS)
+    chains = [name for name in close_fittings() if close(name, 0) is not None]
+    return tasks + [("close", seed, name, "", 0.0) for name in chains for seed in trials]
+
+
+def report_failures(runs: Sequence[Run]) -> None:
+    """Where, with which outcome and why a robot did not arrive, with the last events."""
     failures = [run for run in runs if not run.arrived or not run.in_order]
     if failures:
         print("\nFailures, and runs not in the planned order:\n")
@@ -316,13 +340,16 @@ def main() -> None:
         )
         for event in run.events.splitlines()[-LAST_EVENTS:]:
             print(f"    * {event}")
-    if asked.out is not None:
-        asked.out.mkdir(parents=True, exist_ok=True)
-        with (asked.out / "missions.csv").open("w", encoding="utf-8", newline="") as file:
-            rows = csv.writer(file, lineterminator="\n")
-            rows.writerow(field.name for field in dataclasses.fields(Run))
-            rows.writerows(dataclasses.astuple(run) for run in runs)
-        print(f"\nsaved {asked.out / 'missions.csv'}")
+
+
+def save(runs: Sequence[Run], folder: Path) -> None:
+    """Write all runs into ``missions.csv``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "missions.csv").open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(field.name for field in dataclasses.fields(Run))
+        rows.writerows(dataclasses.astuple(run) for run in runs)
+    print(f"\nsaved {folder / 'missions.csv'}")
 
 
 if __name__ == "__main__":

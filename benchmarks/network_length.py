@@ -3,10 +3,10 @@
 python benchmarks/network_length.py [--quick]
 
 A tee turn whose branch goes on as a long chain of straights, so that the walls count 500, 5,000 and
-20,000 pieces. The
-robot stays in the tee. Prints microseconds of physics a step and of control a trial and control
-step: with walls of primitives, the same without passing over what never moves, and with the exact
-collider. Least of three measurements, which take turns because the machine's speed varies.
+20,000 pieces. The robot stays in the tee. Prints microseconds of physics a step and of control a
+trial and control step: with walls of primitives, the same without passing over what never moves,
+and with the exact collider. Least of three measurements, which take turns because the machine's
+speed varies.
 
 A second table has the same turn, gravity along the entry, on a mission through a random network of
 50 fittings, and how much more it costs than in one tee.
@@ -28,8 +28,10 @@ SEGMENT = 0.5
 STAVES = 48
 NETWORK_SEED, NETWORK_FITTINGS = 0, 50
 BEFORE = 0.23
-"""From the robot's centre to the tee's opening as it starts, m: lugs touch run and rim while the
-turn begins."""
+"""Distance from the robot's centre to the tee's opening at the start, m.
+
+Lugs then touch run and rim while the turn begins.
+"""
 MEASUREMENTS = 3
 TRIALS, STEPS = 8, 60
 VARIANTS = {
@@ -40,8 +42,7 @@ VARIANTS = {
 
 
 def long_scenario(pieces: int, collider: str) -> Scenario:
-    """The tee turn with as many straights behind it as make up ``pieces`` wall pieces of
-    primitives."""
+    """The tee turn, with so many straights behind it that they make ``pieces`` pieces of wall."""
     data = load_scenario("tee_turn").model_dump(mode="json")
     have = len(builder.scene_of(load_scenario("tee_turn")).geoms)
     data["pipes"] += [
@@ -55,8 +56,7 @@ def long_scenario(pieces: int, collider: str) -> Scenario:
 
 
 def network_scenario(collider: str) -> Scenario:
-    """The same turn at an open end of a random network, gravity back along the entry as in
-    ``tee_turn``."""
+    """The same turn at an open end of a random network, with gravity back along the entry."""
     network = random_network(NETWORK_SEED, NETWORK_FITTINGS)
     for start, goal in permutations(network.open_ends, 2):
         route = shortest_route(network, start, goal)
@@ -79,8 +79,10 @@ def network_scenario(collider: str) -> Scenario:
 
 
 def cost(scenario: Scenario) -> tuple[float, float]:
-    """Microseconds of physics a step and of control a trial and control step, over the first steps
-    of a batch."""
+    """Microseconds of physics a step, and of control a trial and control step.
+
+    Measured over the first steps of a batch.
+    """
     physics = scenario.physics
     shares = timed(Simulation([scenario] * TRIALS), STEPS)
     substeps = STEPS * round(physics.control_period / physics.timestep)

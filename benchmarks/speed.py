@@ -4,9 +4,8 @@ python benchmarks/speed.py [--trials N] [--quick] [--fast]
 
 Prints simulated seconds per wall second on one thread and trials per second on two, the shares of
 physics, control and recording, of collision and solver within the physics, and the peak memory.
-Before it prints it checks that the work was
-done right: all trials reach the goal, and the walls are exact within 0.1 mm. ``--fast`` measures
-the exact collider.
+Before it prints it checks that the work was done right: all trials reach the goal, and the walls
+are exact within 0.1 mm. ``--fast`` measures the exact collider.
 """
 
 from __future__ import annotations
@@ -35,8 +34,7 @@ def timed_batch(trials: int, threads: int, collider: str) -> tuple[Simulation, f
 
 
 def physics_shares(collider: str, steps: int = 2000) -> dict[str, float]:
-    """Shares of collision, constraint assembly and solver in a physics step of a robot cruising in
-    the tee's run."""
+    """Shares of collision, constraint assembly and solver in a step of a robot in the tee's run."""
     scenario = override(load_scenario("tee_turn"), {"physics.collider": collider})
     model = scene_of(scenario).compile()
     data = mujoco.MjData(model)
@@ -58,8 +56,7 @@ def physics_shares(collider: str, steps: int = 2000) -> dict[str, float]:
 
 
 def check_walls(rays: int = 4000) -> float:
-    """Largest distance, m, of ray hits from the exact surface on the straight parts of the tee
-    turn."""
+    """Largest distance, m, of ray hits from the exact surface, on the straights of the tee turn."""
     scenario = load_scenario("tee_turn")
     network = scenario.route.network
     model = scene_of(scenario).compile()
@@ -92,9 +89,8 @@ def main() -> None:
     collider = "exact" if options.fast else "primitives"
     trials = 4 if options.quick else options.trials
 
-    wall_error = (
-        0.0 if options.fast else check_walls()
-    )  # tests/test_collider.py checks the exact ones
+    # Exact walls are checked by tests/test_collider.py.
+    wall_error = 0.0 if options.fast else check_walls()
     assert wall_error <= 1e-4, f"walls are off by {1000 * wall_error:.3f} mm"
     single, wall, shares = timed_batch(trials, 1, collider)
     simulated = float(single.end_time.sum())

@@ -1,5 +1,4 @@
-"""Random tee turns: the trials that the design study, the convergence study and the benchmark
-share."""
+"""Random tee turns: the trials that several studies and benchmarks share."""
 
 from __future__ import annotations
 
@@ -20,10 +19,10 @@ def random_tee_turns(
     theta5_deg: float = 11.0,
     changes: Mapping[str, Any] | None = None,
 ) -> list[Scenario]:
-    """Tee turns with uniform theta5 within +-theta5_deg, friction, preload in N a module, and any
-    gravity direction.
+    """Tee turns with theta5 uniform within +-theta5_deg and random gravity.
 
-    The draw of trial i does not depend on ``changes``, so that two studies compare the same trials.
+    Friction and preload, N a module, are uniform in their ranges. The draw of trial i does not
+    depend on ``changes``, so that two studies compare the same trials.
     """
     rng = np.random.default_rng(seed)
     base = load_scenario("tee_turn")

@@ -20,8 +20,10 @@ def unit(vector: ArrayLike) -> Array:
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Dot products (...,) of vectors (..., 3), summed in one order at any batch size: runs repeat
-    bit for bit."""
+    """Dot products (...,) of vectors (..., 3).
+
+    They are summed in one order at any batch size, so that runs repeat bit for bit.
+    """
     product = a * b
     return product[..., 0] + product[..., 1] + product[..., 2]
 
@@ -32,15 +34,13 @@ def length(vector: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross products (..., 3) of vectors (..., 3), a few times faster than NumPy's for small
-    arrays."""
+    """Cross products (..., 3) of vectors (..., 3), faster than NumPy's for small arrays."""
     products = a.take(_FIRST_OF_CROSS, axis=-1) * b.take(_SECOND_OF_CROSS, axis=-1)
     return products[..., :3] - products[..., 3:]
 
 
 def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
-    """Rotation matrices (..., 3, 3) by ``angle`` (...,) rad about ``axis`` (..., 3),
-    right-handed."""
+    """Rotation matrices (..., 3, 3) by ``angle`` (...,) rad about ``axis`` (..., 3)."""
     axis, angle = unit(axis), np.asarray(angle, float)
     axis = np.broadcast_to(axis, (*np.broadcast_shapes(axis.shape[:-1], angle.shape), 3))
     half = np.broadcast_to(angle, axis.shape[:-1])[..., None] / 2
@@ -48,11 +48,10 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
 
 
 def frame_along(axis: ArrayLike, turn: float) -> Array:
-    """Rotation (3, 3) with z along ``axis`` (3,) and x near the reference's, turned by ``turn`` rad
-    about the axis.
+    """Rotation (3, 3) whose z lies along ``axis`` (3,).
 
-    Without a turn x is the reference's x made square to the axis; for an axis close to it, -z or z
-    instead.
+    Its x is the reference's x made square to the axis; for an axis close to that, -z or z instead.
+    Then it is turned by ``turn`` rad about the axis.
     """
     z = unit(axis)
     helper = (
@@ -67,7 +66,7 @@ def matrix_from_quaternion(quaternion: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
     q = np.asarray(quaternion, float)
     products = (q[..., :, None] * q[..., None, :]).reshape(*q.shape[:-1], 16)
-    # Off the diagonal 2 (x y - w z) and the like; on it 1 - 2 (y² + z²).
+    # Elements off the diagonal are 2 (x y - w z) and the like, those on it 1 - 2 (y² + z²).
     terms = products.take(_TERM_PLACES, axis=-1) * _TERM_FACTORS
     matrix = terms[..., :9] + terms[..., 9:]
     matrix[..., ::4] += 1.0
@@ -75,7 +74,7 @@ def matrix_from_quaternion(quaternion: ArrayLike) -> Array:
 
 
 def _product(a: str, b: str) -> int:
-    """Place of the product of two components in the flattened outer product of a quaternion."""
+    """Index of the product of two components in the flattened outer product of a quaternion."""
     return 4 * "wxyz".index(a) + "wxyz".index(b)
 
 
@@ -96,47 +95,13 @@ def quaternion_from_matrix(matrix: ArrayLike) -> Array:
     trace = d.sum(-1)
     w = 1 + trace
     xyz = 1 + 2 * d - trace[..., None]
-    candidates = np.stack(
-        [
-            np.stack(
-                [
-                    w,
-                    m[..., 2, 1] - m[..., 1, 2],
-                    m[..., 0, 2] - m[..., 2, 0],
-                    m[..., 1, 0] - m[..., 0, 1],
-                ],
-                -1,
-            ),
-            np.stack(
-                [
-                    m[..., 2, 1] - m[..., 1, 2],
-                    xyz[..., 0],
-                    m[..., 1, 0] + m[..., 0, 1],
-                    m[..., 0, 2] + m[..., 2, 0],
-                ],
-                -1,
-            ),
-            np.stack(
-                [
-                    m[..., 0, 2] - m[..., 2, 0],
-                    m[..., 1, 0] + m[..., 0, 1],
-                    xyz[..., 1],
-                    m[..., 2, 1] + m[..., 1, 2],
-                ],
-                -1,
-            ),
-            np.stack(
-                [
-                    m[..., 1, 0] - m[..., 0, 1],
-                    m[..., 0, 2] + m[..., 2, 0],
-                    m[..., 2, 1] + m[..., 1, 2],
-                    xyz[..., 2],
-                ],
-                -1,
-            ),
-        ],
-        axis=-2,
-    )  # (..., 4, 4): row k is exact where component k is large
+    wx, wy, wz = (m[..., i, j] - m[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0)))  # 4 w x, ...
+    xy, zx, yz = (m[..., i, j] + m[..., j, i] for i, j in ((1, 0), (0, 2), (2, 1)))  # 4 x y, ...
+    x, y, z = xyz[..., 0], xyz[..., 1], xyz[..., 2]
+    # Each row is the quaternion times four times one of its components, and so is exact where that
+    # component is large.
+    rows = ((w, wx, wy, wz), (wx, x, xy, zx), (wy, xy, y, yz), (wz, zx, yz, z))
+    candidates = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)  # (..., 4, 4)
     best = np.argmax(np.concatenate([w[..., None], xyz], axis=-1), axis=-1)
     q = np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
@@ -150,22 +115,26 @@ def wrap_angle(angle: ArrayLike, period: float = 2 * np.pi) -> Array:
 
 @dataclass(frozen=True)
 class Pose:
-    """A frame B in a frame A: ``rotation`` (3, 3) has B's axes in A as columns, ``position`` (3,)
-    m."""
+    """A frame B in a frame A.
+
+    Attributes:
+        rotation: (3, 3), axes of B in A as columns.
+        position: (3,) m, origin of B in A.
+    """
 
     rotation: Array = field(default_factory=lambda: np.eye(3))
     position: Array = field(default_factory=lambda: np.zeros(3))
 
     def __matmul__(self, other: Pose) -> Pose:
-        """A from C, given self = A from B and other = B from C."""
+        """Frame C in A, if this is B in A and ``other`` is C in B."""
         return Pose(self.rotation @ other.rotation, self.apply(other.position))
 
     def apply(self, points: ArrayLike) -> Array:
-        """Points (..., 3) of frame B, in frame A."""
+        """Points (..., 3) of frame B, expressed in frame A."""
         return np.asarray(points, float) @ self.rotation.T + self.position
 
     def inverse(self) -> Pose:
-        """B from A."""
+        """Frame A in B."""
         return Pose(self.rotation.T, -self.rotation.T @ self.position)
 
     @property

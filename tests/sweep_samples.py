@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from omnitrack_sim.sweep import Sweep
-from omnitrack_sim.sweep.part import Row, run_part
+from omnitrack_sim.sweep.batch import Row, run_trials
 from omnitrack_sim.sweep.spec import resolve
-from omnitrack_sim.sweep.trials import Part
+from omnitrack_sim.sweep.trials import Batch
 
 TEXT = """
 base = "straight"
@@ -42,7 +42,7 @@ std = 10
 VALID = 3
 """A trial whose values fit."""
 DEADLY = 4
-"""The trial that ``deadly_part`` dies of."""
+"""The trial that ``deadly_batch`` dies of."""
 
 
 def write_sweep(folder: Path, samples: int = 5, time_limit: float = 0.1) -> Path:
@@ -60,20 +60,20 @@ def small_sweep(**changes: Any) -> Sweep:
     return resolve({"name": "small"} | data | changes)
 
 
-def deadly_part(part: Part) -> tuple[list[Row], dict[str, Any]]:
-    """As ``run_part``, but the process dies of trial ``DEADLY``."""
-    if DEADLY in [trial.index for trial in part.trials]:
+def deadly_batch(batch: Batch) -> tuple[list[Row], dict[str, Any]]:
+    """As ``run_trials``, but the process dies of trial ``DEADLY``."""
+    if DEADLY in [trial.index for trial in batch.trials]:
         os.kill(os.getpid(), signal.SIGKILL)
-    return run_part(part)
+    return run_trials(batch)
 
 
-def once_deadly_part(part: Part) -> tuple[list[Row], dict[str, Any]]:
-    """As ``run_part``, but the first process that comes to trial ``DEADLY`` dies."""
+def once_deadly_batch(batch: Batch) -> tuple[list[Row], dict[str, Any]]:
+    """As ``run_trials``, but the first process that comes to trial ``DEADLY`` dies."""
     mark = Path(os.environ["ONCE_DEADLY"])
-    if DEADLY in [trial.index for trial in part.trials] and not mark.exists():
+    if DEADLY in [trial.index for trial in batch.trials] and not mark.exists():
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    return run_part(part)
+    return run_trials(batch)
 
 
 def no_worker(parent: int) -> None:

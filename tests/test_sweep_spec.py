@@ -58,7 +58,7 @@ def test_shipped_sweeps_are_whole(name):
     valid: the first and last of ``fig14_pairs`` have the start as the goal."""
     sweep = load_sweep(name)
     assert set(shipped_sweeps()) == set(SHIPPED)
-    assert sweep.size == SHIPPED[name] == sum(len(part.trials) for part in sweep.parts())
+    assert sweep.size == SHIPPED[name] == sum(len(batch.trials) for batch in sweep.batches())
     comment = re.match(r"(#.*\n)+", shipped_sweeps()[name].read_text())
     assert comment
     assert "Answers" in comment[0]
@@ -87,9 +87,9 @@ def test_values_that_only_go_together_are_no_fault():
 def test_ten_thousand_trials_are_expanded_in_seconds():
     """Expanding and batching the Monte Carlo validates no scenario: it takes seconds."""
     start = time.perf_counter()
-    parts = load_sweep("tee_monte_carlo").parts()
+    batches = load_sweep("tee_monte_carlo").batches()
     assert time.perf_counter() - start < 10
-    assert len(parts) == 313
+    assert len(batches) == 313
 
 
 def test_crossed_axes_run_first_slowest_and_share_their_draws():
@@ -197,15 +197,20 @@ def test_batches_never_mix_models_and_are_fixed_by_the_file():
     runs."""
     reach = {"path": "robot.reach", "kind": "grid", "start": 0.095, "stop": 0.097, "count": 2}
     sweep = _sweep(GRID, reach, batch=2)
-    parts = sweep.parts()
-    assert [[trial.index for trial in part.trials] for part in parts] == [[0, 2], [4], [1, 3], [5]]
-    assert len({part.hash for part in parts}) == 4
+    batches = sweep.batches()
+    assert [[trial.index for trial in batch.trials] for batch in batches] == [
+        [0, 2],
+        [4],
+        [1, 3],
+        [5],
+    ]
+    assert len({batch.hash for batch in batches}) == 4
     keys = [
-        {batch_key(sweep.scenario(trial.index).model_dump(mode="json")) for trial in part.trials}
-        for part in parts
+        {batch_key(sweep.scenario(trial.index).model_dump(mode="json")) for trial in batch.trials}
+        for batch in batches
     ]
     assert all(len(found) == 1 for found in keys)
-    assert len({part.model for part in parts}) == 2 == len(set.union(*keys))
+    assert len({batch.model for batch in batches}) == 2 == len(set.union(*keys))
     assert keys[0] == keys[1] != keys[2] == keys[3]
 
 
@@ -237,7 +242,7 @@ def test_a_list_axis_sets_the_motor_by_name():
     motors = KIND | {"path": "robot.motor", "values": ["simulation", "pololu_1000_hpcb"]}
     sweep = _sweep(motors)
     assert [sweep.scenario(i).robot.motor.name for i in (0, 1)] == motors["values"]
-    assert len(sweep.parts()) == 2
+    assert len(sweep.batches()) == 2
     faults = _faults(motors | {"values": ["simulation", "pololu"]})
     assert "choose from: simulation, pololu_1000_hpcb" in faults["axes.0.values.1"]
     assert "is a table" in _faults(motors | {"values": [1.0]})["axes.0.path"]
@@ -248,7 +253,7 @@ def test_the_size_of_the_robot_is_an_axis():
     sizes = GRID | {"path": "robot.scale", "start": 0.95, "stop": 1.05}
     sweep = _sweep(sizes)
     assert sweep.scenario(0).robot == Robot(scale=0.95)
-    assert len(sweep.parts()) == 3
+    assert len(sweep.batches()) == 3
 
 
 def test_a_trial_that_does_not_fit_is_no_fault_of_the_file():

@@ -26,8 +26,9 @@ class DecompositionError(RuntimeError):
 def convex_pieces(
     mesh: trimesh.Trimesh, settings: dict[str, Any], folder: Path, limit_s: float
 ) -> tuple[list[tuple[Array, np.ndarray]], float]:
-    """Convex pieces (vertices, faces) of a solid and the seconds that they took; kept in ``folder``
-    for the next time.
+    """Convex pieces (vertices, faces) of a solid, and the seconds that they took.
+
+    They are kept in ``folder`` for the next time.
 
     Raises:
         DecompositionError: no pieces within ``limit_s`` seconds. This too is kept.

@@ -38,11 +38,12 @@ TITLES = {
 NEEDS = {"convex": "coacd", "bullet": "pybullet", "exact": "numba"}
 """Packages that an entry needs beyond those of omnitrack_sim."""
 PROBE_DEPTH = 1e-3
-"""How far a lug is pressed into the exact surface to feel for the walls, m; signed distance fields
-have no contacts at a distance."""
+"""How far a lug is pressed into the exact surface to feel for the walls, m.
+
+Signed distance fields have no contacts at a distance.
+"""
 PROBE_REACH = 5e-3
-"""Farthest from the exact surface that a wall is found, m; a wall farther off counts as this
-far."""
+"""Farthest from the exact surface that a wall is found, m; one farther off counts as this far."""
 
 
 @dataclass(frozen=True)
@@ -193,8 +194,7 @@ def probe_walls(entry: Entry, scenario: Scenario, part: Part, count: int) -> tup
 
 
 def entries(work: Work, peers: tuple[str, ...] = tuple(TITLES), quick: bool = False) -> list[Entry]:
-    """Every entry of ``peers``; ``quick``: the first two of this package, the first of each
-    peer."""
+    """Every entry of ``peers``; ``quick`` takes two of this package and one of each other peer."""
     found: dict[str, list[Entry]] = {
         "primitives": [_primitives(t, w) for t, w in OWN_PRIMITIVES],
         "exact": [_exact(t) for t in (0.002, 0.001, 0.004)],
@@ -248,11 +248,12 @@ SDF = [
     (0.002, MeshSettings(96, thickness=0.010), 7, 3, 4),
     (0.002, MeshSettings(96, thickness=0.010), 7, 10, 40),
 ]
-"""Time step, s, mesh, depth of the octree, iterations and starting points of the search for
-contacts."""
+"""Time step, s, mesh, depth of the octree, iterations and starting points of the contact search."""
 SDF_DEPTH_FACTOR = 2.0
-"""A contact with a signed distance field lies where both shapes are equally deep, and says that
-depth: half of all."""
+"""A contact with a signed distance field lies where both shapes are equally deep.
+
+It tells that depth, which is half of all.
+"""
 
 
 CONTROL_PERIOD, COARSE_CONTROL_PERIOD = 0.010, 0.008
@@ -260,8 +261,7 @@ CONTROL_PERIOD, COARSE_CONTROL_PERIOD = 0.010, 0.008
 
 
 def _clock(timestep: float) -> dict[str, float]:
-    """The time step and, where the control period is no multiple of it, the other control
-    period."""
+    """The time step, and another control period where the usual one is no multiple of it."""
     fits = abs(CONTROL_PERIOD / timestep - round(CONTROL_PERIOD / timestep)) < 1e-9
     if fits:
         return {"physics.timestep": timestep}

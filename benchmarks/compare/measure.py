@@ -92,8 +92,10 @@ class Case:
         return case
 
     def drive(self, budget_s: float) -> None:
-        """Drive once for at most ``budget_s`` CPU seconds, and fill the row; see ``settle`` for
-        repeats."""
+        """Drive once, for at most ``budget_s`` CPU seconds, and fill the row.
+
+        See ``settle`` for repeats.
+        """
         if self.built is None:
             return
         start = time.process_time()

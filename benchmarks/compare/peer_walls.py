@@ -1,5 +1,7 @@
-"""MuJoCo scenes with the package's robot and other walls: convex pieces, a rigid flex, a signed
-distance field."""
+"""MuJoCo scenes with the package's robot and other walls.
+
+These are convex pieces, a rigid flex, and a signed distance field.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,10 @@ from omnitrack_sim.pipes import Assembly, Fitting
 from omnitrack_sim.pipes.pieces import sagitta
 
 NEAR = 1e-3
-"""A mesh vertex this close to the exact inner surface lies on the bore, m; the outside is a wall
-thickness away."""
+"""A mesh vertex this close to the exact inner surface lies on the bore, m.
+
+The outside is a wall thickness away.
+"""
 SLIVER = 1e-6
 """Triangles of less height than this, m, are left out: contacts with them are not numbers."""
 WALL_MASKS = {"contype": LUG_CONAFFINITY, "conaffinity": LUG_CONTYPE, "group": GROUP}
@@ -60,8 +64,7 @@ def wall_solid(fitting: Fitting, settings: MeshSettings) -> trimesh.Trimesh:
 
 
 def bore_surface(fitting: Fitting, settings: MeshSettings, depth: float = 0.0) -> trimesh.Trimesh:
-    """The triangles of ``wall_solid`` that face the bore, moved ``depth`` m into the wall, fitting
-    frame."""
+    """The triangles of ``wall_solid`` that face the bore, ``depth`` m inside the wall."""
     solid = wall_solid(fitting, settings)
     distance, _ = fitting.signed_distance(solid.vertices)
     on_bore = np.abs(distance) < NEAR
@@ -90,8 +93,7 @@ def convex_walls(
     folder: Path,
     limit_s: float,
 ) -> float:
-    """Convex pieces that CoACD finds in the solid of each fitting; returns the seconds that it
-    took."""
+    """Convex pieces that CoACD finds in each fitting; returns the seconds that it took."""
     total = 0.0
     for part in network.parts:
         pieces, seconds = convex_pieces(wall_solid(part.fitting, mesh), coacd, folder, limit_s)
@@ -112,10 +114,10 @@ def flex_walls(
     radius: float = 1e-3,
     offset: float = 0.0,
 ) -> None:
-    """One rigid flex a fitting: the bore's triangles, ``radius`` m thick to either side and set
-    back by as much.
+    """One rigid flex for each fitting: the triangles of the bore, with a thickness.
 
-    ``offset`` widens the bore, m.
+    They are ``radius`` m thick to either side, and set back by as much. ``offset`` widens the bore,
+    m.
     """
     for part in network.parts:
         surface = bore_surface(part.fitting, mesh, depth=radius + offset)

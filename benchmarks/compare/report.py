@@ -15,8 +15,7 @@ ZERO_ERROR_MM = 1e-3
 
 
 def best(rows: list[Row]) -> Row:
-    """The best of a peer's settings on one job: it finishes, then its wall error, then its
-    speed."""
+    """The best setting of a peer on one job: it finishes, then wall error, then speed."""
 
     def rank(row: Row) -> tuple[bool, bool, float, float]:
         error = row.wall_error_max_mm
@@ -28,8 +27,10 @@ def best(rows: list[Row]) -> Row:
 
 
 def rival(peer: Row, rows: list[Row]) -> Row | None:
-    """This package's fastest entry that finishes the same job, at the peer's time step and at most
-    its wall error."""
+    """This package's fastest entry that does the same job as well.
+
+    It finishes at the peer's time step, with at most its wall error.
+    """
     own = [
         row
         for row in rows

@@ -28,8 +28,10 @@ from omnitrack_sim import load_scenario, override
 
 
 def compare(options: argparse.Namespace) -> dict[str, Any]:
-    """Measure; returns what goes into the JSON file. Rows and cases stay objects under ``rows`` and
-    ``tried``."""
+    """Measure, and return what goes into the JSON file.
+
+    Rows and cases stay objects under ``rows`` and ``tried``.
+    """
     notes = []
     peers = []
     for peer in options.peer or TITLES:
@@ -111,7 +113,8 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def main() -> None:
+def options_of() -> argparse.Namespace:
+    """The command's options; numbers that are not given depend on ``--quick``."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--quick", action="store_true", help="one setting a peer, short runs")
     parser.add_argument(
@@ -141,6 +144,11 @@ def main() -> None:
     ):
         if getattr(options, name) is None:
             setattr(options, name, quick if options.quick else full)
+    return options
+
+
+def main() -> None:
+    options = options_of()
     options.out.mkdir(parents=True, exist_ok=True)
     found = compare(options)
     rows, tried = found["rows"], found["tried"]

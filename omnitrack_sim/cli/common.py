@@ -1,5 +1,4 @@
-"""What the commands share: the application, its consoles, scenarios from arguments, progress
-bars."""
+"""What the commands share: the application, consoles, scenarios from arguments, progress bars."""
 
 from __future__ import annotations
 
@@ -28,7 +27,7 @@ err = Console(stderr=True, highlight=False)
 
 
 def plain(text: str) -> str:
-    """``text`` with nothing in it taken for markup."""
+    """``text`` with its markup characters escaped, so that it is printed as it is."""
     from rich.markup import escape
 
     return escape(text)
@@ -69,7 +68,7 @@ def load(source: str, assignments: list[str] | None) -> Scenario:
 
 
 def assignment(text: str) -> tuple[str, Any]:
-    """PATH=VALUE; the value as in TOML, a bare word as a string."""
+    """Path and value of PATH=VALUE. The value is read as in TOML, a bare word as a string."""
     path, equals, value = text.partition("=")
     if not equals or not path:
         raise ScenarioError(
@@ -83,7 +82,10 @@ def assignment(text: str) -> tuple[str, Any]:
 
 @contextmanager
 def progress(title: str, quiet: bool) -> Iterator[Any]:
-    """A progress bar on standard error; a callable (part done, text) drives it."""
+    """A progress bar on standard error.
+
+    Yields the function that moves it, called with the fraction done and a text; None if ``quiet``.
+    """
     if quiet:
         yield None
         return

@@ -60,30 +60,12 @@ def network(
     """A pipe network: its parts and open ends, the shortest route between two of these, figures and
     exports."""
     found = _network(source, random, fittings)
-    if (start is None) != (goal is None):
-        raise NetworkError(Fault("--from, --to", "give both or none", found.open_ends))
-    if avoid and start is None:
-        raise NetworkError(Fault("--avoid", "is for a route: give --from and --to as well"))
-    route = (
-        _route(found, start, goal, avoid or []) if start is not None and goal is not None else None
-    )
-    if to_file is not None:
-        _write(to_file, lambda path: path.write_text(found.to_toml(), encoding="utf-8"))
-    if plot is not None:
-        _plot(found, plot, route)
-    written = [path for path in (to_file, plot) if path is not None]
-    if export is not None:
-        from omnitrack_sim.model.network_export import export_network
-
-        written += export_network(found.name, found.pipes, export)
+    route = _asked_route(found, start, goal, avoid or [])
+    written = _save(found, route, to_file, plot, export)
     if as_json:
         print(json.dumps(_summary(found, route), indent=2))
-        return
-    _print_network(found)
-    if route is not None:
-        _print_route(route)
-    for path in written:
-        out.print(f"saved {plain(str(path))}", soft_wrap=True)
+    else:
+        _print_all(found, route, written)
 
 
 def _network(source: str | None, seed: int | None, fittings: int | None) -> Network:
@@ -101,15 +83,44 @@ def _network(source: str | None, seed: int | None, fittings: int | None) -> Netw
     return random_network(seed) if fittings is None else random_network(seed, fittings)
 
 
-def _route(found: Network, start: str, goal: str, avoid: list[str]) -> Route:
+def _asked_route(
+    found: Network, start: str | None, goal: str | None, avoid: list[str]
+) -> Route | None:
+    """The route that the options ask for; None where they ask for none."""
     from omnitrack_sim.network import shortest_route
 
+    if (start is None) != (goal is None):
+        raise NetworkError(Fault("--from, --to", "give both or none", found.open_ends))
+    if avoid and start is None:
+        raise NetworkError(Fault("--avoid", "is for a route: give --from and --to as well"))
+    if start is None or goal is None:
+        return None
     options = {"start": "--from", "goal": "--to", "avoid": "--avoid"}
     try:
         return shortest_route(found, start, goal, avoid)
     except NetworkError as error:
         faults = [Fault(options.get(f.where, f.where), f.problem, f.choices) for f in error.faults]
         raise NetworkError(faults) from None
+
+
+def _save(
+    found: Network,
+    route: Route | None,
+    to_file: Path | None,
+    plot: Path | None,
+    export: Path | None,
+) -> list[Path]:
+    """Write what the options ask for; returns the files written."""
+    if to_file is not None:
+        _write(to_file, lambda path: path.write_text(found.to_toml(), encoding="utf-8"))
+    if plot is not None:
+        _plot(found, plot, route)
+    written = [path for path in (to_file, plot) if path is not None]
+    if export is not None:
+        from omnitrack_sim.model.network_export import export_network
+
+        written += export_network(found.name, found.pipes, export)
+    return written
 
 
 def _plot(found: Network, path: Path, route: Route | None) -> None:
@@ -121,7 +132,7 @@ def _plot(found: Network, path: Path, route: Route | None) -> None:
 
 
 def _write(path: Path, save: Any) -> None:
-    """Write a file whole or not at all; ``save`` is given the path to write to."""
+    """Write a file in full or not at all; ``save`` is called with the path to write to."""
     temporary = path.with_name(f".{path.name}.part")
     try:
         save(temporary)
@@ -194,6 +205,14 @@ def _print_network(found: Network) -> None:
     ends = ", ".join(f"{end} ({named[end]})" if end in named else end for end in found.open_ends)
     out.print(f"open ends: {plain(ends) or 'none'}", soft_wrap=True)
     out.print(f"{len(found.fittings)} parts, {found.length:.3f} m of axis in all")
+
+
+def _print_all(found: Network, route: Route | None, written: list[Path]) -> None:
+    _print_network(found)
+    if route is not None:
+        _print_route(route)
+    for path in written:
+        out.print(f"saved {plain(str(path))}", soft_wrap=True)
 
 
 def _sizes(part: NetworkFitting) -> str:

@@ -85,7 +85,7 @@ def _check_camera(camera: str) -> None:
 
 
 def _try_video(result: Result, path: Path, camera: str, quiet: bool) -> None:
-    """Render, or say why not: the run itself is not lost for want of OpenGL."""
+    """Render the film, or print why it cannot be: the run is not lost for want of OpenGL."""
     from omnitrack_sim.film.render import render_video
 
     try:
@@ -115,18 +115,16 @@ def _print_result(result: Result, target: Path) -> None:
     metrics = result.metrics
     out.print(
         f"  simulated {result.duration_s:.2f} s, {metrics['distance_m']:.3f} m at "
-        f"{metrics['mean_speed_m_s']:.4f} m/s, "
-        f"tilt up to {metrics['tilt_max_deg']:.1f} deg, at the end {metrics['tilt_exit_deg']:.1f} "
-        "deg, "
-        f"{metrics['energy_j']:.1f} J; slip without load {metrics['no_load_slip_m_s']:.1e} m/s",
+        f"{metrics['mean_speed_m_s']:.4f} m/s, tilt up to {metrics['tilt_max_deg']:.1f} deg, at "
+        f"the end {metrics['tilt_exit_deg']:.1f} deg, {metrics['energy_j']:.1f} J; slip without "
+        f"load {metrics['no_load_slip_m_s']:.1e} m/s",
         soft_wrap=True,
     )
     out.print(f"  saved in {target}", soft_wrap=True)
 
 
 def _is_mission(result: Result) -> bool:
-    """Whether a run has more to tell than one fitting: two that are not straight, or several
-    legs."""
+    """Whether the timeline is worth printing: several legs, or two bends, tees or reducers."""
     routes = result.routes()
     turns = [
         passage

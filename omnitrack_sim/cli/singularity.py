@@ -58,45 +58,47 @@ def singularity(
 ) -> None:
     """The motion singularity region: sector, safe margin, success rate, real geometry, and the roll
     out of it."""
-    from omnitrack_sim.robot import Robot
+    robot = {"modules": modules, "definition": definition, "contact_length": contact_length}
+    given = robot | {"bend_radius": bend_radius, "reach": reach}
+    case = _case(pipe_diameter / 2, math.radians(turn_angle_deg), sector_deg, given)
+    orientation = None if theta5_deg is None else _orientation(case, theta5_deg, roll_deg)
+    _report(case, orientation, plot, figure, as_json)
+
+
+def _case(
+    pipe_radius: float,
+    turn_angle: float,
+    sector_deg: float | None,
+    given: dict[str, Any],
+) -> TurnCase:
+    """The robot and the tee of the options.
+
+    Args:
+        pipe_radius: m.
+        turn_angle: rad.
+        sector_deg: deg, the sector that the reach is to give, in place of a reach.
+        given: other fields of ``TurnCase``; those that are None keep their defaults.
+    """
     from omnitrack_sim.theory.singularity import TurnCase, reach_from_sector
 
-    if reach is not None and sector_deg is not None:
-        raise InputError(Fault("--reach, --sector-deg", "give one of the two"))
-    robot, radius = Robot(), pipe_diameter / 2
-    turn_angle = math.radians(turn_angle_deg)
+    fields = {name: value for name, value in given.items() if value is not None}
     if sector_deg is not None:
-        reach = float(reach_from_sector(math.radians(sector_deg), radius, turn_angle, definition))  # type: ignore[arg-type]
-    case = TurnCase(
-        pipe_radius=radius,
-        reach=robot.reach if reach is None else reach,
-        turn_angle=turn_angle,
-        modules=modules,
-        definition=definition,  # type: ignore[arg-type]
-        contact_length=robot.contact_length if contact_length is None else contact_length,
-        bend_radius=bend_radius,
-    )
-    summary = case.summary()
-    if theta5_deg is not None:
-        summary["orientation"] = _orientation(case, theta5_deg, roll_deg, robot.lug_radius / radius)
-    if plot is not None:
-        _write_plot(case, plot, figure)
-    if as_json:
-        print(json.dumps(summary, indent=2))
-    else:
-        _print_singularity(summary)
-        if plot is not None:
-            out.print(f"saved {plot}")
+        if "reach" in fields:
+            raise InputError(Fault("--reach, --sector-deg", "give one of the two"))
+        sector = math.radians(sector_deg)
+        reach = reach_from_sector(sector, pipe_radius, turn_angle, given["definition"])
+        fields["reach"] = float(reach)
+    return TurnCase(pipe_radius=pipe_radius, turn_angle=turn_angle, **fields)
 
 
-def _orientation(
-    case: TurnCase, theta5_deg: float, roll_deg: float, radius_ratio: float
-) -> dict[str, Any]:
+def _orientation(case: TurnCase, theta5_deg: float, roll_deg: float) -> dict[str, Any]:
     """Verdict on one orientation, and the shortest roll to a safe one."""
     from omnitrack_sim.control.alignment import Obstacle, plan_roll
+    from omnitrack_sim.robot import Robot
     from omnitrack_sim.theory.singularity import is_singular
 
     theta5, roll = math.radians(theta5_deg), math.radians(roll_deg)
+    radius_ratio = Robot().lug_radius / case.pipe_radius
     plan = plan_roll(theta5, roll, case.best, case.margin, radius_ratio, modules=case.modules)
     return {
         "theta5_deg": theta5_deg,
@@ -111,6 +113,27 @@ def _orientation(
             "belt_sign": int(plan.belt_sign),
         },
     }
+
+
+def _report(
+    case: TurnCase,
+    orientation: dict[str, Any] | None,
+    plot: Path | None,
+    figure: str,
+    as_json: bool,
+) -> None:
+    """Write the figure if one is asked for, and print everything as a table or as JSON."""
+    summary = case.summary()
+    if orientation is not None:
+        summary["orientation"] = orientation
+    if plot is not None:
+        _write_plot(case, plot, figure)
+    if as_json:
+        print(json.dumps(summary, indent=2))
+    else:
+        _print_singularity(summary)
+        if plot is not None:
+            out.print(f"saved {plot}")
 
 
 def _write_plot(case: TurnCase, path: Path, figure: str) -> None:
@@ -152,8 +175,7 @@ def _print_singularity(summary: dict[str, Any]) -> None:
     out.print(table)
     out.print(
         f"  real geometry: {100 * real['keeps_contact_rate']:.1f} % of the orientations keep all "
-        "modules on the wall "
-        f"(arc of {1e3 * real['bend_radius_m']:.0f} mm)",
+        f"modules on the wall (arc of {1e3 * real['bend_radius_m']:.0f} mm)",
         soft_wrap=True,
     )
     if "orientation" in summary:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.sweep import Status, Sweep
 
 LISTED = 10
-"""Trials that --list shows."""
+"""How many trials --list shows."""
 
 
 @app.command()
@@ -61,8 +61,8 @@ def sweep(
     ] = False,
 ) -> None:
     """Run a sweep; the same command goes on after an interruption."""
-    from omnitrack_sim.sweep import load_sweep, run_sweep
-    from omnitrack_sim.sweep.folder import SUMMARY_FILE, holds_sweep
+    from omnitrack_sim.sweep import load_sweep
+    from omnitrack_sim.sweep.folder import holds_sweep
 
     changes = dict(assignment(text) for text in [*(assignments or []), *([FAST] if fast else [])])
     loaded = load_sweep(source, changes)
@@ -75,10 +75,23 @@ def sweep(
         raise OutputError(
             f"{target}: holds no sweep to go on with; leave out --continue to begin one"
         )
-    executor = _executor(workers, dask)
+    done = _run(loaded, target, _executor(workers, dask), share, as_json)
+    _print_outcome(loaded, target, done, as_json)
+
+
+def _run(
+    loaded: Sweep,
+    target: Path,
+    executor: Callable[[], Executor] | None,
+    share: tuple[int, int] | None,
+    quiet: bool,
+) -> int:
+    """Run a sweep under a progress bar; returns the number of rows that are there afterwards."""
+    from omnitrack_sim.sweep import run_sweep
+
     seen: list[Status] = []
     try:
-        with _bar(loaded.name, as_json) as show:
+        with _bar(loaded.name, quiet) as show:
 
             def report(status: Status) -> None:
                 seen[:] = [status]
@@ -89,9 +102,16 @@ def sweep(
         done = f"{seen[0].done} of {seen[0].total} trials are done" if seen else "nothing is done"
         err.print(f"interrupted: {done}; the same command goes on from there", soft_wrap=True)
         raise typer.Exit(130) from None
+    return table.num_rows
+
+
+def _print_outcome(loaded: Sweep, target: Path, done: int, as_json: bool) -> None:
+    """Print the summary of a finished sweep, or how far a share of it is."""
+    from omnitrack_sim.sweep.folder import SUMMARY_FILE
+
     summary = (
         json.loads((target / SUMMARY_FILE).read_text(encoding="utf-8"))
-        if table.num_rows == loaded.size
+        if done == loaded.size
         else None
     )
     if as_json:
@@ -99,7 +119,7 @@ def sweep(
     elif summary is None:
         out.print(
             (
-                f"{table.num_rows} trials of this share are done; the table follows when all "
+                f"{done} trials of this share are done; the table follows when all "
                 f"{loaded.size} are in {target}"
             ),
             soft_wrap=True,
@@ -120,7 +140,7 @@ def _share(text: str | None) -> tuple[int, int] | None:
 
 
 def _executor(workers: int | None, dask: str | None) -> Callable[[], Executor] | None:
-    """What makes the workers; None for one process."""
+    """A function that makes the workers; None for a sweep in this process."""
     from omnitrack_sim.sweep.workers import DaskPool, LocalPool
 
     if dask is not None:
@@ -134,7 +154,7 @@ def _executor(workers: int | None, dask: str | None) -> Callable[[], Executor] |
 
 @contextmanager
 def _bar(title: str, quiet: bool) -> Iterator[Callable[[Status], None]]:
-    """A progress bar on standard error."""
+    """A progress bar on standard error; yields the function that is told the status."""
     if quiet:
         yield lambda status: None
         return
@@ -168,11 +188,9 @@ def _duration(seconds: float) -> str:
 
 def _print_trials(loaded: Sweep) -> None:
     columns = loaded.trials()
-    parts = loaded.parts()
-    out.print(
-        f"{loaded.size} trials in {len(parts)} batches of {len({part.model for part in parts})} "
-        "models"
-    )
+    batches = loaded.batches()
+    models = {batch.model for batch in batches}
+    out.print(f"{loaded.size} trials in {len(batches)} batches of {len(models)} models")
     table = Table("trial", "values", box=None, padding=(0, 2))
     for i in range(min(LISTED, loaded.size)):
         values = ", ".join(f"{name} = {_shown(column[i])}" for name, column in columns.items())

@@ -1,5 +1,4 @@
-"""How far to roll before a fitting, so that theta5 is safe and the modules stay off the no-motion
-line.
+"""How far to roll before a fitting: to a safe theta5, with the modules off the no-motion line.
 
 Rolling all modules by phi turns the robot by -phi r / R. With R / r = 2.9 a third of a turn of the
 robot costs nearly a whole turn of the modules, so the three equal orientations have almost the same
@@ -25,17 +24,21 @@ from omnitrack_sim.theory.kinematics import belt_sign, turn_from_roll
 from omnitrack_sim.theory.singularity import best_theta5
 
 NO_MOTION_MARGIN = np.radians(30.0)
-"""Default least distance of a roll from the no-motion line, where both tracks touch and work
-against each other."""
+"""Default least distance of a roll from the no-motion line, rad.
+
+There both tracks of a module touch and work against each other.
+"""
 TURN_LIMIT = np.pi
-"""Default limit on the robot's turn in one plan, rad: half a turn either way reaches every equal
-orientation."""
-ROUNDING = 1e-9  # rad, by which a plan on the border of a range may miss it
-_LEAST_NO_MOTION_MARGIN = 1e-6  # rad, with no margin asked the line itself is still kept clear
+"""Default limit of the robot's turn in one plan, rad.
+
+Half a turn either way reaches every equal orientation.
+"""
+ROUNDING = 1e-9  # rad, by which a plan may lie outside the border of a range
+_LEAST_NO_MOTION_MARGIN = 1e-6  # rad, keeps off the line itself if no margin is asked
 
 
 class Obstacle(IntEnum):
-    """Why there is no roll that helps; ``CLEAR`` when there is one."""
+    """Why no roll helps; ``CLEAR`` if one does."""
 
     CLEAR = 0
     NO_SAFE_ORIENTATION = 1
@@ -44,15 +47,14 @@ class Obstacle(IntEnum):
 
     @property
     def text(self) -> str:
-        """One sentence with what to try."""
+        """One sentence that says why, and what to try."""
         return _OBSTACLES[self]
 
 
 _OBSTACLES = {
     Obstacle.CLEAR: "there is a roll that ends in the safe range and off the no-motion line",
     Obstacle.NO_SAFE_ORIENTATION: "the safe margin is zero: no orientation keeps all modules on "
-    "the wall; "
-    "a longer reach makes the singular sector smaller",
+    "the wall; a longer reach makes the singular sector smaller",
     Obstacle.NO_ROLL_OFF_THE_LINE: "the no-motion margin is over 90 degrees: it excludes every "
     "roll; ask for less",
     Obstacle.OUT_OF_RANGE: "every safe orientation within the turn limit has its modules near "
@@ -66,8 +68,7 @@ class RollPlan:
     """Rolls of any number of robots, arrays of one shape (...).
 
     Attributes:
-        change: rad, what all modules roll by; 0 where none is needed, and where there is none that
-            helps.
+        change: rad, what all modules roll by; 0 if none is needed or none helps.
         roll: rad, roll of the modules afterwards.
         theta5: rad, in [-pi, pi), afterwards, if they roll without slip.
         belt_sign: direction in which a positive belt speed drives afterwards: the sign of
@@ -83,7 +84,7 @@ class RollPlan:
 
     @property
     def exists(self) -> NDArray[np.bool_]:
-        """Where the conditions can be met."""
+        """Where there is a roll that helps, or none is needed."""
         return self.obstacle == Obstacle.CLEAR
 
     def where(self, chosen: NDArray[np.bool_], other: RollPlan) -> RollPlan:
@@ -93,8 +94,9 @@ class RollPlan:
 
 
 def preferred_theta5(manoeuvre: Manoeuvre, modules: int = MODULES) -> float:
-    """The orientation, rad, to come to before a fitting; theta5 is taken from the turn, or from the
-    tee's opening.
+    """The orientation, rad, to reach before a fitting.
+
+    theta5 is measured from the turning direction, or from the opening of the tee.
 
     * ``elbow``: one module on the innermost curve (Fig. 15);
     * ``tee_turn``: the outer direction midway between two modules (Fig. 8(b), Fig. 9);
@@ -114,24 +116,33 @@ def preferred_theta5(manoeuvre: Manoeuvre, modules: int = MODULES) -> float:
 
 
 def orientation_error(theta5: ArrayLike, best: ArrayLike, modules: int = MODULES) -> Array:
-    """Angle (...,) rad from the nearest of the equal best orientations, in [-period / 2, period /
-    2)."""
+    """Angle (...,) rad from the nearest of the equal best orientations.
+
+    In [-period / 2, period / 2).
+    """
     return wrap_angle(np.asarray(theta5, float) - best, 2 * np.pi / modules)
 
 
 class Wish(NamedTuple):
-    """A range of theta5: ``best`` rad, modulo the period, and ``margin`` (n,) rad to either
-    side."""
+    """A range of theta5 that a fitting asks for.
+
+    Attributes:
+        best: rad, middle of the range, modulo the period.
+        margin: (n,) rad to either side.
+    """
 
     best: float
     margin: Array
 
 
 def agreed(wishes: Sequence[Wish], modules: int = MODULES) -> tuple[Array, Array]:
-    """Middle (n,) and half-width (n,) rad of the range that wishes have in common, the first of
-    them before all.
+    """The range of theta5 that wishes have in common.
 
-    A wish that has nothing in common with those before it is left out.
+    The first wish always counts. Each of the others narrows the range, in order, and is left out
+    for a robot for which nothing of the range would be left.
+
+    Returns:
+        Middle (n,) and half-width (n,) of the range, rad.
     """
     first = wishes[0]
     low, high = -first.margin, np.array(first.margin)
@@ -144,8 +155,10 @@ def agreed(wishes: Sequence[Wish], modules: int = MODULES) -> tuple[Array, Array
 
 
 def no_motion_distance(roll: ArrayLike) -> Array:
-    """Angle (...,) rad between a roll and the nearest no-motion line (90 or 270 degrees), in [0,
-    pi/2]."""
+    """Angle (...,) rad between a roll and the nearest no-motion line, in [0, pi/2].
+
+    These lines are at 90 and 270 degrees.
+    """
     return np.abs(wrap_angle(np.asarray(roll, float) - np.pi / 2, np.pi))
 
 
@@ -160,18 +173,15 @@ def plan_roll(
     turn_limit: float = TURN_LIMIT,
     modules: int = MODULES,
 ) -> RollPlan:
-    """Shortest roll after which theta5 is within ``margin`` of ``best`` and the roll clear of the
-    no-motion line.
+    """Shortest roll to within ``margin`` of ``best``, with the modules clear of the no-motion line.
 
-    The admissible rolls are a union of closed ranges, so the shortest is zero or a border of one;
-    all borders within the turn limit are tried. Of two equally short ones the positive is taken.
+    The shortest roll is zero or a border of an admissible range, so all borders are tried.
 
     Args:
         theta5: (...,) rad, module 1 from the turning direction.
         roll: (...,) rad, roll of the modules now.
         best: (...,) rad, wanted theta5, modulo 2 pi / modules.
-        margin: (...,) rad, half-width of the safe range about it, such as
-            ``singularity.safe_margin`` gives.
+        margin: (...,) rad, half-width of the safe range, as of ``singularity.safe_margin``.
         radius_ratio: (...,) lug radius over pipe radius, r / R.
         no_motion_margin: (...,) rad, least distance of the roll from the no-motion line.
         turn_limit: rad, largest turn of the robot.
@@ -180,40 +190,16 @@ def plan_roll(
     Raises:
         InputError: a radius ratio is not positive, or the turn limit negative.
     """
-    arrays = (
-        np.asarray(a, float) for a in (theta5, roll, best, margin, radius_ratio, no_motion_margin)
-    )
+    given = (theta5, roll, best, margin, radius_ratio, no_motion_margin)
+    arrays = (np.asarray(value, float) for value in given)
     theta5, roll, best, margin, ratio, clearance = np.broadcast_arrays(*arrays)
     if not np.all(ratio > 0):
         raise InputError(Fault("radius_ratio", "must be positive"))
     if not turn_limit >= 0:
         raise InputError(Fault("turn_limit", f"is {turn_limit}; it must not be negative"))
     clearance = np.maximum(clearance, _LEAST_NO_MOTION_MARGIN)
-    error = orientation_error(theta5, best, modules)
-    candidates = np.concatenate(
-        [
-            np.zeros((*error.shape, 1)),
-            _safe_borders(error, margin, ratio, turn_limit, 2 * np.pi / modules),
-            _line_borders(roll, clearance, turn_limit / float(ratio.min(initial=np.inf))),
-        ],
-        axis=-1,
-    )
-    after = wrap_angle(
-        error[..., None] + turn_from_roll(candidates, ratio[..., None], 1.0), 2 * np.pi / modules
-    )
-    admissible = (
-        (np.abs(after) <= margin[..., None] + ROUNDING)
-        & (no_motion_distance(roll[..., None] + candidates) >= clearance[..., None] - ROUNDING)
-        & (np.abs(candidates) * ratio[..., None] <= turn_limit + ROUNDING)
-        & (margin[..., None] > 0)
-    )
-    # The positive of two equal ones: its cost is less by less than rounding of angles.
-    cost = np.where(
-        admissible, np.abs(candidates) - np.where(candidates > 0, ROUNDING, 0.0), np.inf
-    )
-    shortest = np.argmin(cost, axis=-1)[..., None]
-    exists = np.take_along_axis(admissible, shortest, axis=-1)[..., 0]
-    change = np.where(exists, np.take_along_axis(candidates, shortest, axis=-1)[..., 0], 0.0)
+    error, period = orientation_error(theta5, best, modules), 2 * np.pi / modules
+    change, exists = _shortest_roll(error, roll, margin, ratio, clearance, turn_limit, period)
     obstacle = np.select(
         [exists, ~(margin > 0), clearance > np.pi / 2 + ROUNDING],
         [Obstacle.CLEAR, Obstacle.NO_SAFE_ORIENTATION, Obstacle.NO_ROLL_OFF_THE_LINE],
@@ -228,22 +214,67 @@ def plan_roll(
     )
 
 
+def _shortest_roll(
+    error: Array,
+    roll: Array,
+    margin: Array,
+    ratio: Array,
+    clearance: Array,
+    turn_limit: float,
+    period: float,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Shortest admissible roll (...,) rad, 0 where there is none, and whether there is one (...,).
+
+    Args:
+        error: (...,) rad, theta5 from the middle of the nearest safe range.
+        roll: (...,) rad, roll of the modules now.
+        margin: (...,) rad, half-width of the safe ranges.
+        ratio: (...,) lug radius over pipe radius.
+        clearance: (...,) rad, least distance of the roll from the no-motion line.
+        turn_limit: rad, largest turn of the robot.
+        period: rad, distance of the equal orientations.
+    """
+    candidates = np.concatenate(
+        [
+            np.zeros((*error.shape, 1)),
+            _safe_borders(error, margin, ratio, turn_limit, period),
+            _line_borders(roll, clearance, turn_limit / float(ratio.min(initial=np.inf))),
+        ],
+        axis=-1,
+    )
+    after = wrap_angle(error[..., None] + turn_from_roll(candidates, ratio[..., None], 1.0), period)
+    admissible = (
+        (np.abs(after) <= margin[..., None] + ROUNDING)
+        & (no_motion_distance(roll[..., None] + candidates) >= clearance[..., None] - ROUNDING)
+        & (np.abs(candidates) * ratio[..., None] <= turn_limit + ROUNDING)
+        & (margin[..., None] > 0)
+    )
+    # Of two equally long rolls the positive one costs less, by less than the rounding of angles.
+    cost = np.where(
+        admissible, np.abs(candidates) - np.where(candidates > 0, ROUNDING, 0.0), np.inf
+    )
+    shortest = np.argmin(cost, axis=-1)[..., None]
+    exists = np.take_along_axis(admissible, shortest, axis=-1)[..., 0]
+    change = np.where(exists, np.take_along_axis(candidates, shortest, axis=-1)[..., 0], 0.0)
+    return change, exists
+
+
 def _safe_borders(
     error: Array, margin: Array, ratio: Array, turn_limit: float, period: float
 ) -> Array:
-    """Rolls (..., K) that bring theta5 to the borders of the safe ranges about each equal
-    orientation."""
+    """Rolls (..., K) that bring theta5 to the borders of the safe ranges.
+
+    There is a range about each of the equal orientations.
+    """
     reached = int(np.ceil(turn_limit / period)) + 1
     centres = error[..., None] + period * np.arange(-reached, reached + 1)
-    # A border on the far side of the range is needed too: the near one may lie at the no-motion
-    # line.
+    # The far border of a range is needed too: the near one may lie at the no-motion line.
     borders = np.concatenate([centres - margin[..., None], centres + margin[..., None]], axis=-1)
     return borders / ratio[..., None]
 
 
 def _line_borders(roll: Array, clearance: Array, roll_limit: float) -> Array:
-    """Rolls (..., K) that bring the modules to the borders of the bands about the no-motion
-    lines."""
+    """Rolls (..., K) that bring the modules to the borders of the bands about no-motion lines."""
     reached = int(np.ceil(roll_limit / np.pi)) + 1
     nearest = wrap_angle(np.pi / 2 - roll, np.pi)
     lines = nearest[..., None] + np.pi * np.arange(-reached, reached + 1)

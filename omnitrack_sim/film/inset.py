@@ -1,5 +1,4 @@
-"""A small map of all pipes in the corner of a film: the way driven so far, the robot and its goals.
-Pillow only."""
+"""A small map of all pipes in the corner of a film: the way so far, the robot and its goals."""
 
 from __future__ import annotations
 
@@ -21,14 +20,14 @@ NOSE_FIRST, TAIL_FIRST = (255, 205, 70), (240, 120, 170)
 """Colours of the way driven, 8-bit RGB."""
 _PANEL, _EDGE, _PIPE, _ROBOT = (14, 18, 24, 190), (14, 18, 24), (120, 131, 144), (255, 255, 255)
 _PLATE = (226, 74, 60)
-_FINER = 3  # the map is drawn this much larger and then made smaller, for smooth lines
+_FINER = 3  # the map is drawn so many times larger and then reduced, for smooth lines
+# Azimuth and elevation, degrees: elevations from two sides, then oblique views from above.
 _VIEWS = [
     (0, 0),
     (90, 0),
     *((side * turn, up) for up in (22, 35) for turn in (25, 40, 60) for side in (1, -1)),
 ]
-# degrees: elevations from two sides, and oblique views from above
-_MOST = 500  # points that overlap is looked for with
+_MOST = 500  # how many points of the pipes are compared to find overlaps
 
 
 def needs_map(routes: Sequence[Route]) -> bool:
@@ -60,9 +59,8 @@ class Inset:
         network = routes[0].network
         self.trajectory = trajectory
         self.view = projection(network)
-        self.unit = _FINER * min(
-            height / 720, width / 1280
-        )  # pixels of the large map for one of a 720-line film
+        # Pixels of the large map for one pixel of a film with 720 lines.
+        self.unit = _FINER * min(height / 720, width / 1280)
         axes = [self._flat(line) for part in network.parts for line in _lines(part)]
         radius = max(part.fitting.radius for part in network.parts)
         low = np.min([axis.min(axis=0) for axis in axes], axis=0) - radius
@@ -98,11 +96,11 @@ class Inset:
         return np.asarray(image)
 
     def _flat(self, points: Array) -> Array:
-        """Places (n, 2) m, right and up in the map, of ``points`` (n, 3) m."""
+        """``points`` (n, 3) m projected onto the map, (n, 2) m to the right and up."""
         return points @ self.view[:, :2]
 
     def _pixels(self, points: Array) -> Array:
-        """The same in pixels of the large map, right and down."""
+        """``points`` (n, 3) m in pixels of the large map, (n, 2) to the right and down."""
         return self.offset + self.scale * self._flat(points) * [1, -1]
 
     def _pipes(self, network: Assembly, goals: Array, plates: Array) -> Image.Image:
@@ -160,8 +158,7 @@ class Inset:
                 draw.line(path, fill=colour, width=max(1, round(3.2 * self.unit)), joint="curve")
 
     def _robot(self, draw: ImageDraw.ImageDraw, row: int) -> None:
-        """A dot, and an arrow from it to where the nose points; short where that is towards the
-        viewer or away."""
+        """A dot with an arrow towards the nose, short if that points along the line of sight."""
         centre = self._points[row]
         if not np.isfinite(centre).all():
             return
@@ -205,8 +202,10 @@ def projection(network: Assembly) -> Array:
 
 
 def _axes(azimuth: float, elevation: float) -> Array:
-    """Picture axes (3, 3) of a viewer in front (-y), turned by ``azimuth`` rad to his right and
-    raised."""
+    """Axes (3, 3) of the picture for a viewer at ``azimuth`` and ``elevation``, rad.
+
+    At azimuth 0 the viewer stands on the side of -y; a positive one moves the viewer to the right.
+    """
     back = np.array(
         [
             np.sin(azimuth) * np.cos(elevation),

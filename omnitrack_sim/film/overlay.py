@@ -1,5 +1,4 @@
-"""Text written into the frames of a film: phase, fitting, time, distance and what each belt does.
-Pillow only."""
+"""Text in the frames of a film: phase, fitting, time, distance and speeds of the belts."""
 
 from __future__ import annotations
 
@@ -13,8 +12,7 @@ from PIL import Image, ImageDraw, ImageFont
 from omnitrack_sim.record.trajectory import Trajectory
 
 MODULE_COLOURS = ((243, 146, 28), (66, 146, 222), (30, 176, 122))
-"""Module 1, 2, 3 in text and bars, 8-bit RGB; brighter than on the robot, to be read on the dark
-panel."""
+"""Modules 1, 2, 3 in text and bars, 8-bit RGB; brighter than on the robot, for a dark panel."""
 FULL_BAR = 0.2
 """Belt speed that fills half of a bar, m/s."""
 _PANEL, _TEXT, _FAINT = (14, 18, 24, 190), (240, 243, 246), (160, 168, 178)
@@ -35,7 +33,7 @@ class Overlay:
     ) -> NDArray[np.uint8]:
         """A copy of ``frame`` (h, w, 3) with the values of sample ``row`` in its lower left corner.
 
-        ``fitting`` is the name of the one that the robot's centre is in.
+        ``fitting`` is the name of the part that the robot's centre is in.
         """
         image = Image.fromarray(np.ascontiguousarray(frame))
         draw = ImageDraw.Draw(image, "RGBA")
@@ -61,7 +59,7 @@ class Overlay:
         return np.asarray(image)
 
     def _cut(self, text: str, width: int) -> str:
-        """As much of a text as is at most ``width`` pixels long."""
+        """The text, cut so that it is at most ``width`` pixels long."""
         if self._small.getlength(text) <= width:
             return text
         while text and self._small.getlength(text + "\N{HORIZONTAL ELLIPSIS}") > width:
@@ -87,8 +85,7 @@ class Overlay:
 
 @cache
 def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """DejaVu Sans from matplotlib's data, which every installation has; Pillow's own letters
-    otherwise."""
+    """DejaVu Sans from matplotlib's data; Pillow's own letters if it is not there."""
     from importlib.util import find_spec
 
     spec = find_spec("matplotlib")

@@ -1,5 +1,4 @@
-"""Pictures and films of a recorded run. Everything is drawn from the saved trajectory, never while
-simulating."""
+"""Pictures and films of a recorded run, drawn from the saved trajectory."""
 
 from __future__ import annotations
 
@@ -21,16 +20,18 @@ from omnitrack_sim.rotations import unit
 if TYPE_CHECKING:
     import mujoco
 
+    from omnitrack_sim.film.inset import Inset
     from omnitrack_sim.pipes import Route
     from omnitrack_sim.record.trajectory import Trajectory
     from omnitrack_sim.sim.result import Result
 
 CAMERAS = ("side", "follow", "onboard")
-"""``side`` shows all pipes, ``follow`` keeps with the robot, ``onboard`` looks ahead from its
-nose."""
+"""``side`` shows all pipes, ``follow`` stays with the robot, ``onboard`` looks ahead."""
 FOLLOW_SUN = [0.26, 0.25, 0.23]
-"""Red, green, blue of the sun for the camera ``follow``: it throws no shadows there, and would be
-too bright."""
+"""Red, green, blue of the sun for the camera ``follow``.
+
+It is darker than for the other cameras, because it throws no shadows there.
+"""
 APT_LINE = "sudo apt-get install -y libegl1 libgl1-mesa-dri libopengl0"
 """What headless rendering needs on Debian and Ubuntu."""
 Progress = Callable[[float, str], None]
@@ -47,19 +48,17 @@ def render_video(
     progress: Progress | None = None,
     inset: bool = True,
 ) -> Path:
-    """Film a run in real time: H.264, yuv420p, playable while it loads. Odd sizes grow by one
-    pixel.
+    """Film a run in real time, as H.264 that plays while it loads.
 
     Args:
         result: a ``Result``, or the folder of a saved one.
         path: MP4 file to write; nothing half-written stays.
         camera: one of ``CAMERAS``.
-        width: pixels.
-        height: pixels.
+        width, height: pixels; odd numbers grow by one.
         fps: frames a second.
         progress: called with the fraction done (0 to 1) and a text.
-        inset: draw a map of the pipes into the pictures of ``follow`` and ``onboard``, where the
-            route has more than three fittings.
+        inset: draw a map of the pipes into the pictures of ``follow`` and ``onboard``, if the route
+            has more than three fittings.
 
     Raises:
         InputError: unknown camera, or a size or frame rate that is not positive.
@@ -96,8 +95,9 @@ def render_frame(
     height: int = 720,
     inset: bool = True,
 ) -> Image:
-    """One picture (height, width, 3) of a run at ``time`` s, uint8; times outside the run show its
-    nearest end.
+    """One picture (height, width, 3) of a run at ``time`` s, uint8.
+
+    A time before the start or after the end shows the first or the last sample.
 
     Raises:
         InputError: unknown camera, or a size that is not positive.
@@ -116,8 +116,7 @@ def render_frames(
     height: int = 720,
     inset: bool = True,
 ) -> list[Image]:
-    """Pictures of one run at ``times`` s, as ``render_frame`` makes one; faster than one after the
-    other."""
+    """Pictures of one run at ``times`` s, as of ``render_frame`` but faster than one by one."""
     _check(camera, width, height)
     with _Stage(_loaded(result), width, height, camera, inset) as stage:
         return [stage.picture(time) for time in times]
@@ -127,35 +126,15 @@ class _Stage:
     """A recorded run, ready to be drawn at any time from one camera."""
 
     def __init__(self, result: Result, width: int, height: int, camera: str, inset: bool):
-        from omnitrack_sim.film.inset import Inset, needs_map
         from omnitrack_sim.film.overlay import Overlay
 
+        # The variable MUJOCO_GL is read when mujoco is first imported, so the context comes first.
         self._context, self._mujoco = _open_context(width, height)
-        from omnitrack_sim.model.looks import (
-            FIELD_OF_VIEW,
-            add_pipe_insides,
-            follow_direction,
-            look_pitch,
-        )
-        from omnitrack_sim.sim.builder import scene_of
+        from omnitrack_sim.model.looks import look_pitch
 
         mj = self._mujoco
         self.camera, routes = camera, result.routes()
-        network = routes[0].network
-        spec = scene_of(result.scenario, looks=True)
-        if camera == "follow":
-            add_pipe_insides(spec, network)
-            spec.visual.global_.fovy = FIELD_OF_VIEW
-            spec.light("sun").diffuse = FOLLOW_SUN
-        quality, buffer = spec.visual.quality, spec.visual.global_
-        quality.shadowsize, quality.offsamples, quality.numslices, quality.numstacks = (
-            2048,
-            4,
-            12,
-            8,
-        )
-        buffer.offwidth, buffer.offheight = width, height
-        self.model = spec.compile()
+        self.model = _compiled(result, camera, width, height)
         self.data = mj.MjData(self.model)
         self.trajectory = result.trajectory
         self._qpos = _smooth_belts(self.model, result.trajectory, look_pitch(result.scenario.robot))
@@ -166,21 +145,21 @@ class _Stage:
         self._pixels = np.zeros((height, width, 3), np.uint8)
         self._overlay = Overlay(width, height)
         self._fittings = _fitting_names(result.trajectory, routes)
-        self._inset = None
-        if inset and camera != "side" and needs_map(routes):
-            places = result.goal_points(), result.plate_rims()
-            self._inset = Inset(result.trajectory, routes, *places, width, height)
+        self._inset = _inset(result, width, height) if inset and camera != "side" else None
         if camera == "follow":
-            self._parts = network.parts
-            self._viewer = view_directions(
-                result.trajectory, routes, follow_direction(network)
-            )  # (T, 3)
-            self._inside = [
-                self.model.geom(f"look_inside_{part.name}").id for part in network.parts
-            ]
-            self._scene.flags[int(mj.mjtRndFlag.mjRND_SHADOW)] = (
-                0  # the nearer walls are not seen, but throw shadows
-            )
+            self._prepare_following(routes)
+
+    def _prepare_following(self, routes: Sequence[Route]) -> None:
+        """What ``_following`` needs to know of the run."""
+        from omnitrack_sim.model.looks import follow_direction
+
+        network = routes[0].network
+        self._parts = network.parts
+        liking = follow_direction(network)
+        self._viewer = view_directions(self.trajectory, routes, liking)  # (T, 3)
+        self._inside = [self.model.geom(f"look_inside_{part.name}").id for part in network.parts]
+        # The nearer halves of the pipes are not drawn, but they would throw shadows.
+        self._scene.flags[int(self._mujoco.mjtRndFlag.mjRND_SHADOW)] = 0
 
     def __enter__(self) -> _Stage:
         return self
@@ -190,7 +169,7 @@ class _Stage:
         self._context.free()
 
     def picture(self, time: float) -> Image:
-        """The frame (height, width, 3) at ``time`` s with what is known about it written in."""
+        """The frame (height, width, 3) at ``time`` s, with overlay and map."""
         mj, model, data = self._mujoco, self.model, self.data
         row = int(np.argmin(np.abs(self.trajectory.time - time)))
         data.qpos[:] = self._qpos[row]
@@ -210,8 +189,10 @@ class _Stage:
         return frame if self._inset is None else self._inset.write(frame, row)
 
     def _following(self, row: int) -> Any:
-        """The camera that keeps with the robot. Light comes over its shoulder; pipes in its way
-        become nearly clear."""
+        """The camera that stays with the robot.
+
+        Light comes over its shoulder, and pipes between it and the robot become nearly clear.
+        """
         mj, model = self._mujoco, self.model
         centre, back = np.array(self.data.qpos[:3]), self._viewer[row]
         nose = self.data.body("chassis").xmat.reshape(3, 3)[:, 2]
@@ -233,8 +214,36 @@ class _Stage:
         return eye
 
 
+def _compiled(result: Result, camera: str, width: int, height: int) -> mujoco.MjModel:
+    """The scene of a run with everything that is only looked at, for pictures of this size."""
+    from omnitrack_sim.model.looks import FIELD_OF_VIEW, add_pipe_insides
+    from omnitrack_sim.sim.builder import scene_of
+
+    spec = scene_of(result.scenario, looks=True)
+    if camera == "follow":
+        add_pipe_insides(spec, result.routes()[0].network)
+        spec.visual.global_.fovy = FIELD_OF_VIEW
+        spec.light("sun").diffuse = FOLLOW_SUN
+    quality, buffer = spec.visual.quality, spec.visual.global_
+    quality.shadowsize, quality.offsamples = 2048, 4
+    quality.numslices, quality.numstacks = 12, 8
+    buffer.offwidth, buffer.offheight = width, height
+    return spec.compile()
+
+
+def _inset(result: Result, width: int, height: int) -> Inset | None:
+    """The map for the corner of the pictures; None where the run is too short to need one."""
+    from omnitrack_sim.film.inset import Inset, needs_map
+
+    routes = result.routes()
+    if not needs_map(routes):
+        return None
+    goals, plates = result.goal_points(), result.plate_rims()
+    return Inset(result.trajectory, routes, goals, plates, width, height)
+
+
 def _fitting_names(trajectory: Trajectory, routes: Sequence[Route]) -> list[str]:
-    """Name of the fitting that the robot's centre is in, a sample each."""
+    """For each sample, the name of the part that the robot's centre is in."""
     names = [
         [route.network.parts[passage.index].name for passage in route.fittings] for route in routes
     ]
@@ -246,9 +255,11 @@ def _fitting_names(trajectory: Trajectory, routes: Sequence[Route]) -> list[str]
 
 
 def _options(mj: Any, camera: str) -> mujoco.MjvOption:
-    """Visual geoms only. The cut-off halves of the pipes close them again around the camera within.
+    """Show visual geoms only.
 
-    The camera that follows sees the insides instead of pipes cut towards one side.
+    The fixed cameras look at pipes that are cut open towards one side. Seen from within, the
+    cut-off halves close them again. The camera that follows sees the insides of whole pipes
+    instead.
     """
     options = mj.MjvOption()
     options.geomgroup[:] = [0, camera != "follow", 1, 0, camera == "onboard", camera == "follow"]
@@ -260,8 +271,7 @@ def _options(mj: Any, camera: str) -> mujoco.MjvOption:
 def _smooth_belts(
     model: mujoco.MjModel, trajectory: Trajectory, pitch: float
 ) -> NDArray[np.float64]:
-    """Joint positions (T, nq) with each belt where it has really run to, within +- half a visible
-    pitch.
+    """Joint positions (T, nq) with the belts where they have run to, within half a visible pitch.
 
     The physics moves its closely spaced lugs back after every pitch; seen 25 times a second they
     would seem to stand still or to run backward. The belt travel is the integral of the recorded
@@ -281,8 +291,10 @@ def _smooth_belts(
 
 
 def _open_context(width: int, height: int) -> tuple[Any, Any]:
-    """A current offscreen OpenGL context and the mujoco module: MUJOCO_GL if set, else EGL, else
-    OSMesa."""
+    """A current offscreen OpenGL context, and the mujoco module.
+
+    The variable MUJOCO_GL decides if it is set; otherwise EGL is tried, then OSMesa.
+    """
     wanted = os.environ.get("MUJOCO_GL", "").lower()
     if not wanted and not os.environ.get("DISPLAY"):
         os.environ["MUJOCO_GL"] = "egl"  # read when mujoco is first imported
@@ -304,7 +316,7 @@ def _open_context(width: int, height: int) -> tuple[Any, Any]:
 
 @contextlib.contextmanager
 def _writer(path: Path, fps: int) -> Iterator[Callable[[Image], None]]:
-    """Frames into an MP4 file, the index at the front."""
+    """A function that appends frames to an MP4 file; the file's index is written at its front."""
     import av
 
     with av.open(str(path), "w", format="mp4", options={"movflags": "faststart"}) as container:

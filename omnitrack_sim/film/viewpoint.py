@@ -1,4 +1,4 @@
-"""From where a robot is seen best on its way through pipes that turn in space. Pure NumPy."""
+"""From where a robot is seen best on its way through pipes that turn in space."""
 
 from __future__ import annotations
 
@@ -14,30 +14,27 @@ from omnitrack_sim.rotations import Array, cross, dot, unit
 DISTANCE = 0.68
 """From the robot's centre to the viewer, m."""
 SPACING = 0.06
-"""Travel between two places for which a direction is chosen, m."""
+"""Travel between two neighbouring places for which a direction is chosen, m."""
 WALL = 0.004
 """How far into its wall a pipe still hides what is behind it, m."""
 _ELEVATIONS, _AZIMUTHS = np.radians([-15, 0, 15, 30, 45, 60]), np.radians(np.arange(0, 360, 22.5))
-_NEAR = 0.08  # m before and behind a bend or tee where the viewer looks across its plane already
-_SIGHT = np.linspace(
-    0.16, 1.0, 8
-)  # parts of the sight line, from the robot to the viewer, that have to be free
+_NEAR = 0.08  # m before and behind a bend or tee in which the viewer looks across its plane, too
+_SIGHT = np.linspace(0.16, 1.0, 8)  # places on the sight line, 0 at the robot and 1 at the viewer
 _ALONG, _BEND, _LIKING, _HIDDEN, _TURN = 6.0, 1.0, 0.3, 4.0, 1.5  # weights
 _FREE = 0.25  # cosine to the pipe's axis below which one looks across it well enough
 
 
 def view_directions(trajectory: Trajectory, routes: Sequence[Route], liking: ArrayLike) -> Array:
-    """Unit vectors (T, 3), world frame, from the robot to the viewer, that change slowly with the
-    way driven.
+    """Unit vectors (T, 3), world frame, from the robot to the viewer, which change slowly.
 
-    Of a set of directions up to 60 degrees above the horizon the cheapest sequence is taken: across
-    the pipe's axis, across the plane of a bend or tee, not through other pipes, near to ``liking``,
-    and with little turning.
+    Of a set of directions up to 60 degrees above the horizon the cheapest sequence is taken. A
+    direction is cheap if it looks across the pipe's axis and across the plane of a bend or tee, not
+    through other pipes, and lies near ``liking``; turning costs, too.
 
     Args:
         trajectory: the record.
         routes: of each leg.
-        liking: (3,) direction that is taken where nothing speaks against it.
+        liking: (3,) direction to prefer where nothing speaks against it.
     """
     liking = unit(liking)
     rows, travel = _nodes(trajectory)
@@ -82,8 +79,11 @@ def _sphere() -> Array:
 
 
 def _nodes(trajectory: Trajectory) -> tuple[NDArray[np.intp], Array]:
-    """Rows (N,) about ``SPACING`` of travel apart, and the travel (T,) m, which never stands still
-    altogether."""
+    """Rows (N,) about ``SPACING`` of travel apart, and the travel (T,) m of all samples.
+
+    The travel always grows by a little, so that it can be interpolated where the robot stands
+    still.
+    """
     step = np.abs(np.diff(trajectory["distance"]))
     step = np.where((np.diff(trajectory["leg"]) == 0) & np.isfinite(step), step, 0.0)
     travel = np.append(0.0, np.cumsum(step + 1e-9))
@@ -97,8 +97,10 @@ def _nodes(trajectory: Trajectory) -> tuple[NDArray[np.intp], Array]:
 def _geometry(
     trajectory: Trajectory, routes: Sequence[Route], rows: NDArray[np.intp]
 ) -> tuple[Array, Array]:
-    """Tangents (N, 3) of the centreline, and normals (N, 3) of the plane of the bend or tee at
-    hand; 0 elsewhere."""
+    """For each row the centreline's tangent and the normal of a bend's or tee's plane, (N, 3).
+
+    The normal is 0 away from bends and tees.
+    """
     tangent, plane = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
     for index, route in enumerate(routes):
         on = np.flatnonzero(trajectory["leg"][rows] == index)
@@ -136,8 +138,11 @@ def _hidden(parts: Sequence[Part], centres: Array, choices: Array) -> Array:
 
 
 def _cheapest(cost: Array, turn: Array) -> NDArray[np.intp]:
-    """Choice (N,) at each place with the least sum of ``cost`` (N, C) and ``turn`` (C, C) from each
-    to the next."""
+    """Indices (N,) of the cheapest sequence of choices.
+
+    A choice costs ``cost`` (N, C) at each place, and going on to another one at the next place
+    costs ``turn`` (C, C).
+    """
     total, came = cost[0], np.zeros(cost.shape, np.intp)
     for i in range(1, len(cost)):
         step = total[:, None] + turn

@@ -1,5 +1,4 @@
-"""Pipe networks as files, and routes through them. ``network.export`` writes models, meshes and
-tables."""
+"""Pipe networks as files, and routes and missions through them."""
 
 from omnitrack_sim.network.mission import Leg, Mission, Planner
 from omnitrack_sim.network.planning import shortest_route

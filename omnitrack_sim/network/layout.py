@@ -1,4 +1,4 @@
-"""Fittings and joints placed in the world, part by part from the first."""
+"""Fittings and joints of a network placed in the world, part by part from the first."""
 
 from __future__ import annotations
 
@@ -24,8 +24,12 @@ End = tuple[int, str]
 
 @dataclass(frozen=True)
 class Joined:
-    """Two ports in one place; the fitting that is placed later is turned by ``turn`` rad about the
-    joint's axis."""
+    """Two ports in one place.
+
+    Attributes:
+        ends: the two ports.
+        turn: rad, by which the part that is placed later is turned about the joint's axis.
+    """
 
     ends: tuple[End, End]
     turn: float = 0.0
@@ -110,8 +114,10 @@ def _misses(k: int, joint: Joined, parts: Mapping[int, Part]) -> list[Fault]:
 
 
 def _in_file(faults: Iterable[Fault], order: Sequence[int]) -> list[Fault]:
-    """Faults of ``Assembly`` with the paths of a network file; ``order``: place in the file of
-    each part."""
+    """Faults of ``Assembly`` with the paths of a network file.
+
+    ``order``: for each part, its place in the file.
+    """
 
     def renamed(text: str) -> str:
         return re.sub(r"\bpipes\.(\d+)", lambda match: f"fittings.{order[int(match[1])]}", text)

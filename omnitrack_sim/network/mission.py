@@ -1,5 +1,6 @@
-"""From start and goals to legs: which way, in which gear, from where to where. Pure; nothing here
-moves a robot.
+"""From start and goals to legs: which way, in which gear, from where to where.
+
+Nothing here moves a robot.
 
 A robot drives nose first from an open end to a goal. Where it has to turn back, at a goal with
 another one to follow or where its way is blocked, it backs out the way it came, tail first, until
@@ -25,9 +26,9 @@ from omnitrack_sim.robot import Robot
 from omnitrack_sim.table import Table
 
 NOSE_ROOM = 0.005
-"""Room between the robot's nose and the end of the way at a goal, m."""
+"""Room between the robot's nose and the port of a goal when it arrives, m."""
 AT_THE_NOSE = 0.02
-"""How far behind the nose, m, the obstacle that stops a robot may seem to be."""
+"""How far behind the nose an obstacle may seem to be that stops a robot, m."""
 
 
 class Mission(Table):
@@ -41,16 +42,14 @@ class Mission(Table):
 
 @dataclass(frozen=True)
 class Leg:
-    """One way in one gear.
+    """A way in one gear.
 
     Attributes:
-        way: (part index, port entered, port left) of the fittings in order.
+        way: (part index, port entered, port left) of the parts in order.
         gear: 1 nose first, -1 tail first.
-        begin, end: m, arc length of the robot's centre along the way where the leg begins and where
-            it is over.
-        goal: number of the goal that is reached at its end, or -1 where the robot only backs out of
-            the way.
-        note: what is done, in words.
+        begin, end: m, arc length of the robot's centre along the way where the leg begins and ends.
+        goal: number of the goal that is reached at its end; -1 if the robot only backs out.
+        note: what is done, as text.
     """
 
     way: Way
@@ -62,17 +61,18 @@ class Leg:
 
 
 class Planner:
-    """Legs of one mission.
+    """Plans the legs of one mission.
 
     Args:
         network: where.
         mission: start and goals.
-        robot: its length and the room it wants before a fitting decide where legs begin and end.
+        robot: its length, and the room it needs before a fitting, decide where legs begin and end.
         distance: m along the way from the start port to the robot's centre as it begins.
         arcs: of the centreline in tees.
 
     Attributes:
-        ends: ports (part index, port) of start and goals. plates: those closed by a plate.
+        ends: ports (part index, port) of start and goals.
+        plates: ports closed by a plate.
 
     Raises:
         NetworkError: no such port or fitting, no open end, or a goal that cannot be reached;
@@ -96,11 +96,11 @@ class Planner:
         self.first = self._forward(way, distance, 0)
 
     def route(self, leg: Leg) -> Route:
-        """The way of a leg with its centreline."""
+        """The route of a leg: its way with the centreline."""
         return route_of(self.network, leg.way, self.arcs)
 
     def plan(self) -> tuple[Leg, ...]:
-        """The legs to all goals where nothing is in the way.
+        """The legs to all goals if nothing is in the way.
 
         Raises:
             NetworkError: a goal cannot be reached from the one before it.
@@ -114,7 +114,7 @@ class Planner:
         return tuple(planned)
 
     def obstacle(self, leg: Leg, distance: float) -> End:
-        """The port (part index, port) that a robot at arc length ``distance`` m cannot get to."""
+        """The port (part index, port) that stops a robot at arc length ``distance`` m of a leg."""
         nose = distance + self.robot.length / 2 - AT_THE_NOSE
         fittings = self.route(leg).fittings
         index = next((i for i, p in enumerate(fittings) if nose < p.s_leave), len(fittings) - 1)
@@ -124,15 +124,14 @@ class Planner:
     def onward(
         self, leg: Leg, distance: float, goal: int, closed: Iterable[End]
     ) -> list[Leg] | None:
-        """Legs to a goal for a robot at arc length ``distance`` m of a leg; None where no way is
-        left.
+        """Legs to a goal for a robot that is on a leg; None where no way is left.
 
         The robot comes back to the mission's start tail first. From there it sets out anew.
 
         Args:
             leg: the robot is on it, nose first; or tail first at its end, which is the mission's
                 start.
-            distance: m.
+            distance: m, arc length of the robot's centre on that leg.
             goal: number of the goal.
             closed: ports (part index, port) found to be closed.
         """
@@ -150,31 +149,48 @@ class Planner:
         )
         if self.ends[goal + 1] == self.ends[0]:
             return [self._backing(old, leg.way, here, distance, at_the_start, goal)]
+        found = self._turn_off(leg.way[: here + 1], distance, goal, closed)
+        if found is None:
+            return None
+        way, stand = found
+        forward = self._forward(way, stand, goal)
+        if stand >= distance:
+            return [forward]
+        return [self._backing(old, leg.way, here, distance, stand), forward]
+
+    def _turn_off(
+        self, old: Way, distance: float, goal: int, closed: tuple[End, ...]
+    ) -> tuple[Way, float] | None:
+        """The way to a goal, nose first, that asks for the least travel back and on.
+
+        Args:
+            old: the way up to the fitting that the robot is in, at arc length ``distance`` m.
+            goal: number of the goal.
+            closed: ports (part index, port) found to be closed.
+
+        Returns:
+            The new way, and the arc length in m up to which the robot has to back out, at most
+            ``distance``; None where there is no way.
+        """
+        import networkx
+
         best: tuple[float, Way, float] | None = None
-        for c in range(here, -1, -1):
-            part, enter, _ = leg.way[c]
-            # Nose first: not back through the port it came in by.
+        for index in range(len(old) - 1, -1, -1):
+            part, enter, _ = old[index]
+            # Nose first, the robot cannot leave through the port that it came in by.
             back = self.network.joined_to.get(f"{self.network.fittings[part].name}.{enter}")
             cut = [] if back is None else [((part, enter), self.network.port(back))]
             graph = networkx.restricted_view(self._graph, closed, cut)
             onward = shortest_way(graph, (part, enter), self.ends[goal + 1])
             if onward is None:
                 continue
-            way = (*leg.way[:c], *onward)
+            way = (*old[:index], *onward)
             new = route_of(self.network, way, self.arcs)
-            stand = min(distance, self._stand(new, c))
+            stand = min(distance, self._stand(new, index))
             cost = distance - stand + new.centreline.length - stand
             if best is None or cost < best[0]:
                 best = (cost, way, stand)
-        if best is None:
-            return None
-        _, way, stand = best
-        forward = self._forward(way, stand, goal)
-        return (
-            [forward]
-            if stand >= distance
-            else [self._backing(old, leg.way, here, distance, stand), forward]
-        )
+        return None if best is None else best[1:]
 
     def _forward(self, way: Way, begin: float, goal: int) -> Leg:
         length = route_of(self.network, way, self.arcs).centreline.length
@@ -190,22 +206,29 @@ class Planner:
     def _backing(
         self, old: Route, way: Way, here: int, distance: float, stand: float, goal: int = -1
     ) -> Leg:
-        """Back out from ``distance`` in fitting ``here`` of a way to ``stand`` m on it, where a
-        goal may be."""
+        """The leg that backs out of a way.
+
+        Args:
+            old: route of the way.
+            way: the way.
+            here: index of the part that the robot is in.
+            distance: m, arc length on it where the robot is.
+            stand: m, arc length on it to back out to.
+            goal: number of the goal that is there; -1 if there is none.
+        """
         reverse: Way = tuple((part, leave, enter) for part, enter, leave in way[here::-1])
         route = route_of(self.network, reverse, self.arcs)
         at = next(i for i, p in enumerate(old.fittings) if stand < p.s_leave)
         begin = old.fittings[here].s_leave - distance
-        # An arc out of a branch is not as long as the one into it: count from the port that both
-        # ways share.
+        # The arcs into and out of a branch differ in length, so lengths are counted from the port
+        # that both ways share.
         end = route.fittings[here - at].s_leave - (stand - old.fittings[at].s_enter)
         name = self.network.fittings[way[here][0]].name
         to = "" if goal < 0 else f", to {self.mission.goals[goal]}"
         return Leg(reverse, -1, begin, end, goal, f"backs out of {name}{to}")
 
     def _stand(self, route: Route, index: int) -> float:
-        """Arc length, m, where a robot stands to pass fitting ``index`` of a route in another way
-        than before."""
+        """Arc length, m, where a robot stands to pass fitting ``index`` of a route another way."""
         first, length, room = index, self.robot.length, self.robot.standing_room
         while first > 0 and _start(route, first) - _end(route, first - 1) < length + room:
             first -= 1
@@ -213,7 +236,7 @@ class Planner:
 
 
 def _start(route: Route, index: int) -> float:
-    """Arc length, m, where a fitting's bend or opening begins; its port where it has none."""
+    """Arc length, m, where a fitting's bend or opening begins; its end if it has neither."""
     passage = route.fittings[index]
     return passage.span[0] if passage.asks_orientation else passage.s_leave
 
@@ -229,7 +252,7 @@ def _unreachable(goal: int, mission: Mission) -> Fault:
 
 
 def _checked(network: Network, mission: Mission) -> tuple[list[End], tuple[End, ...]]:
-    """Start and goals as nodes, and the blocked ports."""
+    """Ports of start and goals, and ports closed by a plate."""
     ends, plates, faults = [], [], []
     asked = [
         ("start", mission.start),

@@ -1,4 +1,4 @@
-"""Routes through a network: a graph of ports, and the shortest way between two open ends."""
+"""Routes through a network: a graph of its ports, and the shortest way between two open ends."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import networkx
 
 Way = tuple[tuple[int, str, str], ...]
-"""Fittings in order: part index, port entered, port left."""
+"""Parts in order: index of the part, port entered, port left."""
 
 
 def port_graph(
@@ -83,11 +83,11 @@ def shortest_route(
 
 
 def shortest_way(graph: networkx.DiGraph[Any], start: End, goal: End) -> Way | None:
-    """The shortest way between two ports of a graph of ``port_graph``; None where there is none."""
+    """The shortest way between two ports of a graph of ``port_graph``; None if there is none."""
     import networkx
 
-    # Between two ports of one fitting the direct edge is the shortest, so no fitting is passed
-    # twice in a row.
+    # The edge between two ports of a part is the shortest way between them, so the way never
+    # takes two edges of the same part one after the other.
     try:
         nodes = networkx.shortest_path(graph, start, goal, weight="length")
     except (networkx.NetworkXNoPath, networkx.NodeNotFound):
@@ -99,7 +99,7 @@ def shortest_way(graph: networkx.DiGraph[Any], start: End, goal: End) -> Way | N
 
 
 def unreachable(where: str, start: str, goal: str, avoid: Collection[str]) -> Fault:
-    """The fault of a goal to which there is no way; ``where`` names what asked for it."""
+    """The fault of a goal that cannot be reached; ``where`` names what asked for it."""
     around = f" without {', '.join(sorted(avoid))}" if avoid else ""
     return Fault(where, f"{goal!r} cannot be reached from {start!r}{around}")
 

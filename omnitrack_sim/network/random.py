@@ -1,9 +1,12 @@
-"""Random networks that are always valid: grown from open ends, with a straight between any two
-other fittings."""
+"""Random networks that are always valid.
+
+They are grown from open ends, with a straight between any two other fittings.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,12 +17,12 @@ from omnitrack_sim.pipes import Elbow, Fitting, Part, Reducer, Straight, Tee, at
 from omnitrack_sim.rotations import Array, Pose
 
 CLEARANCE = 0.05
-"""Least room between the bores of two parts that are not joined, m: more than any wall is thick."""
+"""Least room between the bores of parts that are not joined, m: more than a wall's thickness."""
 TURNS_DEG = (0.0, 90.0, 180.0, 270.0)
 REDUCER_ANGLE = math.radians(10)
-"""Largest half cone angle of the reducers made here, rad."""
+"""Largest half cone angle of the reducers, rad."""
 SHORTEST_REDUCER = 0.1
-"""Least length of the reducers made here, m."""
+"""Least length of the reducers, m."""
 _TRIES, _STARTS = 60, 100
 
 
@@ -34,20 +37,21 @@ def random_network(
     diameters: tuple[float, ...] | None = None,
     reducer_share: float = 0.25,
 ) -> Network:
-    """A valid network, every open end a straight that a robot can stand in; the same arguments give
-    the same one.
+    """A valid random network. Every open end is a straight that a robot can stand in.
+
+    The same arguments give the same network.
 
     Args:
         seed: of NumPy's default generator.
         fittings: how many, or the least and greatest number.
         lengths: m, least and greatest length of a straight; multiples of 10 mm are drawn.
         mean_radii: m, of the elbows to draw from.
-        tee_share: part of the fittings between straights that are tees; the first one is, where
-            there is room for it.
+        tee_share: share of tees among the fittings between straights; the first is one if there is
+            room for it.
         inner_diameter: m, of every bore; with ``diameters`` of the first one.
         diameters: m, bores that reducers lead to; without them all bores are the same.
-        reducer_share: with ``diameters``, part of the fittings between straights that are reducers;
-            the first never is.
+        reducer_share: with ``diameters``, share of reducers among the fittings between straights;
+            the first never is one.
 
     Raises:
         NetworkError: the arguments make no sense, or no network of that size was found.
@@ -60,19 +64,11 @@ def random_network(
     if seed < 0:
         raise NetworkError(Fault("seed", f"is {seed}; at least 0"))
     _check_bores(diameters or (), mean_radii)
+    supply = _Supply(lengths, mean_radii, tee_share, inner_diameter, diameters or (), reducer_share)
     rng = np.random.default_rng(seed)
     count = int(rng.integers(low, high, endpoint=True))
     for _ in range(_STARTS):
-        rows, joints = _grown(
-            rng,
-            count,
-            lengths,
-            mean_radii,
-            tee_share,
-            inner_diameter,
-            diameters or (),
-            reducer_share,
-        )
+        rows, joints = _grown(rng, count, supply)
         if len(rows) == count:
             return validate({"name": f"random_{seed}", "fittings": rows, "joints": joints})
     raise NetworkError(
@@ -95,80 +91,39 @@ def _check_bores(diameters: tuple[float, ...], mean_radii: tuple[float, ...]) ->
         raise NetworkError(faults)
 
 
-def _grown(
-    rng: np.random.Generator,
-    count: int,
-    lengths: tuple[float, float],
-    mean_radii: tuple[float, ...],
-    tee_share: float,
-    inner_diameter: float,
-    diameters: tuple[float, ...],
-    reducer_share: float,
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Tables of fittings and joints; fewer than ``count`` fittings where there was no room.
+@dataclass(frozen=True)
+class _Supply:
+    """What the fittings of a network are drawn from; the fields are those of ``random_network``."""
 
-    Tees, elbows and reducers are added together with the straights at their other ports, so every
-    open end is a straight.
-    """
-    first = Part("straight_1", Straight(_draw_length(rng, lengths), inner_diameter), Pose())
-    parts, samples = [first], [first.bore_samples()]
-    joints: list[dict[str, Any]] = []
-    free = [(0, "start"), (0, "end")]
-    tries = 0
-    while len(parts) < count and tries < _TRIES:
-        tries += 1
-        left = count - len(parts)
-        index, port = free[int(rng.integers(len(free)))]
-        bore = 2 * parts[index].fitting.port_radius(port)
-        others = [diameter for diameter in diameters if diameter != bore]
+    lengths: tuple[float, float]
+    mean_radii: tuple[float, ...]
+    tee_share: float
+    inner_diameter: float
+    diameters: tuple[float, ...]
+    reducer_share: float
+
+    def length(self, rng: np.random.Generator) -> float:
+        """Length of a straight, m."""
+        return round(float(rng.uniform(*self.lengths)), 2)
+
+    def fitting(self, rng: np.random.Generator, bore: float, left: int, first: bool) -> Fitting:
+        """The next fitting.
+
+        Args:
+            rng: draws it.
+            bore: m, of the port that it is joined to.
+            left: how many fittings the network still lacks.
+            first: whether it is the first one after the straight that the network grows from.
+        """
+        others = [diameter for diameter in self.diameters if diameter != bore]
         if left == 1:
-            fitting: Fitting = Straight(_draw_length(rng, lengths), bore)
-        elif len(parts) > 1 and others and rng.random() < reducer_share:
-            fitting = _reducer(rng, bore, others)
-        elif left > 2 and (len(parts) == 1 or rng.random() < tee_share):
-            fitting = Tee(inner_diameter=bore)
-        else:
-            possible = [radius for radius in mean_radii if radius >= bore / 2] or mean_radii
-            fitting = Elbow(float(rng.choice(possible)), inner_diameter=bore)
-        fits = [end for end in fitting.port_names if 2 * fitting.port_radius(end) == bore]
-        enter = fits[int(rng.integers(len(fits)))]
-        turn_deg = 0.0 if fitting.is_axial else float(rng.choice(TURNS_DEG))
-        new = [_joined_to(parts[index], port, fitting, enter, turn_deg, len(parts))]
-        ends = [(len(parts), end) for end in fitting.port_names if end != enter]
-        added = [
-            {
-                "ports": [f"{parts[index].name}.{port}", f"{new[0].name}.{enter}"],
-                "turn_deg": turn_deg,
-            }
-        ]
-        if not fitting.is_plain:
-            for _, end in ends:
-                straight = Straight(_draw_length(rng, lengths), 2 * fitting.port_radius(end))
-                new.append(_joined_to(new[0], end, straight, "start", 0.0, len(parts) + len(new)))
-                added.append(
-                    {"ports": [f"{new[0].name}.{end}", f"{new[-1].name}.start"], "turn_deg": 0.0}
-                )
-            ends = [(len(parts) + 1 + i, "end") for i in range(len(ends))]
-        new_samples = [part.bore_samples() for part in new]
-        if all(
-            _has_room(parts, samples, index if i == 0 else None, part, points)
-            for i, (part, points) in enumerate(zip(new, new_samples, strict=True))
-        ):
-            parts += new
-            samples += new_samples
-            joints += added
-            free.remove((index, port))
-            free += ends
-            tries = 0
-    return [part.fitting.to_table() | {"name": part.name} for part in parts], joints
-
-
-def _joined_to(
-    part: Part, port: str, fitting: Fitting, enter: str, turn_deg: float, index: int
-) -> Part:
-    """A fitting placed at a port of another one, with a name that says which part it is."""
-    pose = attached(part.port(port), fitting, enter, np.radians(turn_deg))
-    return Part(f"{fitting.kind}_{index + 1}", fitting, pose)
+            return Straight(self.length(rng), bore)
+        if not first and others and rng.random() < self.reducer_share:
+            return _reducer(rng, bore, others)
+        if left > 2 and (first or rng.random() < self.tee_share):
+            return Tee(inner_diameter=bore)
+        possible = [radius for radius in self.mean_radii if radius >= bore / 2] or self.mean_radii
+        return Elbow(float(rng.choice(possible)), inner_diameter=bore)
 
 
 def _reducer(rng: np.random.Generator, bore: float, others: list[float]) -> Reducer:
@@ -180,15 +135,111 @@ def _reducer(rng: np.random.Generator, bore: float, others: list[float]) -> Redu
     return Reducer(max(SHORTEST_REDUCER, math.ceil(100 * least) / 100), ends[1], ends[0])
 
 
-def _draw_length(rng: np.random.Generator, lengths: tuple[float, float]) -> float:
-    return round(float(rng.uniform(*lengths)), 2)
+def _grown(
+    rng: np.random.Generator, count: int, supply: _Supply
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Tables of fittings and joints; fewer than ``count`` fittings where there was no room."""
+    growth = _Growth(rng, supply)
+    tries = 0
+    while len(growth.parts) < count and tries < _TRIES:
+        tries = 0 if growth.add(count - len(growth.parts)) else tries + 1
+    return [part.fitting.to_table() | {"name": part.name} for part in growth.parts], growth.joints
+
+
+class _Growth:
+    """A network that grows from one straight.
+
+    Tees, elbows and reducers are added together with the straights at their other ports, so every
+    open end is a straight.
+
+    Attributes:
+        parts: what has been placed.
+        joints: tables of a network file.
+    """
+
+    def __init__(self, rng: np.random.Generator, supply: _Supply) -> None:
+        self._rng, self._supply = rng, supply
+        first = Part("straight_1", Straight(supply.length(rng), supply.inner_diameter), Pose())
+        self.parts, self._samples = [first], [first.bore_samples()]
+        self.joints: list[dict[str, Any]] = []
+        self._free = [(0, "start"), (0, "end")]
+
+    def add(self, left: int) -> bool:
+        """Try one fitting at one open end; whether there was room for it.
+
+        Args:
+            left: how many fittings the network still lacks.
+        """
+        rng = self._rng
+        index, port = self._free[int(rng.integers(len(self._free)))]
+        bore = 2 * self.parts[index].fitting.port_radius(port)
+        fitting = self._supply.fitting(rng, bore, left, first=len(self.parts) == 1)
+        fits = [end for end in fitting.port_names if 2 * fitting.port_radius(end) == bore]
+        enter = fits[int(rng.integers(len(fits)))]
+        # A straight or reducer looks the same however it is turned.
+        turn_deg = 0.0 if fitting.is_axial else float(rng.choice(TURNS_DEG))
+        part = _joined_to(self.parts[index], port, fitting, enter, turn_deg, len(self.parts))
+        joint = _joint(self.parts[index], port, part, enter, turn_deg)
+        ends = [end for end in fitting.port_names if end != enter]
+        more, more_joints = [], []
+        if not fitting.is_plain:
+            more, more_joints = self._closed_by_straights(part, ends)
+        if not self._take([part, *more], index):
+            return False
+        self.joints += [joint, *more_joints]
+        self._free.remove((index, port))
+        count = len(self.parts)
+        if more:
+            self._free += [(count - len(more) + i, "end") for i in range(len(more))]
+        else:
+            self._free += [(count - 1, end) for end in ends]
+        return True
+
+    def _closed_by_straights(
+        self, part: Part, ends: list[str]
+    ) -> tuple[list[Part], list[dict[str, Any]]]:
+        """A straight at each of the ports ``ends`` of a part, and their joints."""
+        straights: list[Part] = []
+        for end in ends:
+            straight = Straight(self._supply.length(self._rng), 2 * part.fitting.port_radius(end))
+            index = len(self.parts) + 1 + len(straights)
+            straights.append(_joined_to(part, end, straight, "start", 0.0, index))
+        pairs = zip(ends, straights, strict=True)
+        joints = [_joint(part, end, straight, "start", 0.0) for end, straight in pairs]
+        return straights, joints
+
+    def _take(self, new: list[Part], index: int) -> bool:
+        """Keep new parts, the first of them joined to part ``index``, if there is room for all."""
+        samples = [part.bore_samples() for part in new]
+        for i, (part, points) in enumerate(zip(new, samples, strict=True)):
+            joined = index if i == 0 else None
+            if not _has_room(self.parts, self._samples, joined, part, points):
+                return False
+        self.parts += new
+        self._samples += samples
+        return True
+
+
+def _joint(part: Part, port: str, new: Part, enter: str, turn_deg: float) -> dict[str, Any]:
+    """Two ports in one place, as a table of a network file."""
+    return {"ports": [f"{part.name}.{port}", f"{new.name}.{enter}"], "turn_deg": turn_deg}
+
+
+def _joined_to(
+    part: Part, port: str, fitting: Fitting, enter: str, turn_deg: float, index: int
+) -> Part:
+    """A fitting placed at a port of a part, named by its kind and number."""
+    pose = attached(part.port(port), fitting, enter, np.radians(turn_deg))
+    return Part(f"{fitting.kind}_{index + 1}", fitting, pose)
 
 
 def _has_room(
     parts: list[Part], samples_of: list[Array], joined: int | None, new: Part, samples: Array
 ) -> bool:
-    """Whether a new part, with points of its bore, keeps clear of all ``parts`` but the one that it
-    is joined to."""
+    """Whether a new part keeps clear of all ``parts`` but the one it is joined to.
+
+    ``samples_of`` has points of the bore of each part, ``samples`` those of the new one.
+    """
     centre = (samples.max(axis=0) + samples.min(axis=0)) / 2
     reach = float(np.linalg.norm(samples - centre, axis=1).max()) + 2 * CLEARANCE
     for index, part in enumerate(parts):

@@ -42,8 +42,9 @@ def plot_network(
 
 
 def network_figure(network: Network, route: Route | None = None) -> Figure:
-    """Three views: in space, the elevation that shows more, and the plan; names at the parts, marks
-    at the open ends.
+    """Three views of a network: in space, an elevation, and the plan from above.
+
+    Of the two elevations the wider one is shown. Parts are named, and open ends are marked.
 
     Args:
         network: what to draw.
@@ -68,7 +69,7 @@ def _draw(network: Network, route: Route | None) -> Figure:
     axes = [figure.add_subplot(grid[column]) for column in (1, 2)]
     for axis, (pair, title) in zip(axes, views, strict=True):
         _draw_view(axis, network, quads, pair, title, route)
-    canvas = FigureCanvasAgg(figure)  # the places of names are measured as they are drawn
+    canvas = FigureCanvasAgg(figure)  # measures the names as they are drawn
     canvas.draw()
     renderer = canvas.get_renderer()
     for part in parts:
@@ -170,7 +171,7 @@ def widest_view(part: Part, pairs: Sequence[tuple[int, int]]) -> int:
 
 
 def label(axis: Axes, renderer: Any, text: str, point: Array) -> None:
-    """A name at a place (2,) m, moved up or down until it covers no other one."""
+    """Write a name at a place (2,) m, moved up or down until it covers no other name."""
     taken = [other.get_window_extent(renderer) for other in axis.texts]
     found = None
     for shift in (0, 9, -9, 18, -18, 27, -27, 36, -36):
@@ -194,8 +195,10 @@ def label(axis: Axes, renderer: Any, text: str, point: Array) -> None:
 
 
 def _open_ends(network: Network, route: Route | None) -> list[tuple[str, Array]]:
-    """Name and place (3,) m of each open end, by the user's name where there is one; the route's
-    ends say so."""
+    """Name and place (3,) m of each open end.
+
+    The name is the user's where there is one. The ends of the route are marked by "from" and "to".
+    """
     named = {port: name for name, port in network.ports.items()}
     ends = {}
     if route is not None:
@@ -217,13 +220,6 @@ def _way(route: Route) -> Array:
     """Points (n, 3) m of the route's centreline."""
     length = route.centreline.length
     return route.centreline.at(np.linspace(0, length, max(2, round(length / ROUTE_SPACING))))[0]
-
-
-def _places(line: Centreline) -> Array:
-    """Arc lengths (n,) m of the points that an axis is drawn through: its ends where it is
-    straight."""
-    count = 2 if line.is_straight else max(2, round(line.length / BEND_SPACING) + 1)
-    return np.linspace(0, line.length, count)
 
 
 def _lines(part: Part) -> list[Array]:
@@ -260,3 +256,10 @@ def _quads(part: Part) -> Array:
         corners = np.stack([ring[:-1, :-1], ring[1:, :-1], ring[1:, 1:], ring[:-1, 1:]], axis=-2)
         found.append(corners.reshape(-1, 4, 3))
     return np.concatenate(found)
+
+
+def _places(line: Centreline) -> Array:
+    """Arc lengths (n,) m of the points that an axis is drawn through: its ends where it is
+    straight."""
+    count = 2 if line.is_straight else max(2, round(line.length / BEND_SPACING) + 1)
+    return np.linspace(0, line.length, count)

@@ -1,5 +1,6 @@
-"""Figures of the motion singularity region: the paper's Figs. 7, 8 and 9, the definitions, and the
-contact map.
+"""Figures of the motion singularity region.
+
+They are the paper's Figs. 7, 8 and 9, the three definitions, and the contact map.
 
 In sections the turning direction points right and the outer direction left; in the cut through the
 tee the robot comes up the run and leaves to the right.
@@ -85,8 +86,7 @@ def _page(case: TurnCase) -> Figure:
 
 
 def _sections(figure: Figure | SubFigure, case: TurnCase) -> None:
-    """Fig. 7: planes that cut the pipe while the robot turns about the crotch, and the ellipses
-    that they cut."""
+    """Fig. 7: planes that cut the pipe during a turn about the crotch, and their ellipses."""
     import matplotlib
 
     cut, shapes = figure.subplots(1, 2, width_ratios=(1, 1.15))
@@ -137,9 +137,9 @@ def _draw_tee(axis: Axes, radius: float, turn_angle: float) -> None:
 
 
 def _orientations(figure: Figure | SubFigure, case: TurnCase) -> None:
-    """Fig. 8: section of the tee square to the robot, half way through the part of the turn without
-    outer wall.
+    """Fig. 8: the worst and the best orientation in the section of the tee square to the robot.
 
+    The section is taken half way through the part of the turn in which the outer wall is missing.
     Modules are drawn where their line first meets the wall, which may be before or behind the
     section.
     """
@@ -178,7 +178,7 @@ def _orientations(figure: Figure | SubFigure, case: TurnCase) -> None:
 
 
 def _draw_module(axis: Axes, angle: float, wall: float, reach: float, colour: Any) -> None:
-    """One module pushed out to the wall, or to its reach with the gap marked."""
+    """A module at its reach, or at the wall if that is nearer, with the gap marked."""
     outward = np.array([np.cos(angle), np.sin(angle)])
     tip, size = min(wall, reach), 0.25 * reach
     axis.plot(*np.outer(outward, [0, tip - size]), color=GREY, lw=3, solid_capstyle="round")
@@ -198,8 +198,7 @@ def _module_colour(k: int) -> Any:
 
 
 def _sector(figure: Figure | SubFigure, case: TurnCase) -> None:
-    """Fig. 9: the region projected onto the circle at the end of the turn, the modules at the best
-    orientation."""
+    """Fig. 9: the region on the circle at the end of the turn, with the best orientation."""
     axis = figure.subplots()
     radius, half, margin = case.pipe_radius * _MM, case.sector / 2, case.margin
     if half > 0:
@@ -274,8 +273,10 @@ def _definitions(figure: Figure | SubFigure, case: TurnCase) -> None:
 
 
 def _map(figure: Figure | SubFigure, case: TurnCase) -> None:
-    """How far the wall is beyond the reach of the worst module, over theta5 and the turn, in the
-    real geometry."""
+    """How far the wall is beyond the reach of the worst module, over theta5 and the turned angle.
+
+    In the real geometry, with modules of finite length.
+    """
     axis = figure.subplots()
     state = case.real_map()
     beyond = np.clip((state.distance.max(axis=-1) - state.reach) * _MM, -20, 20)  # (T, M)

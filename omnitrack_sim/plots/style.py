@@ -56,7 +56,9 @@ def figure_format(path: str | Path | BinaryIO, format: str | None = None) -> str
 
 
 def save_figure(figure: Figure, path: str | Path | BinaryIO, format: str | None = None) -> None:
-    """Write a figure; without date and program in the file the same data gives the same bytes.
+    """Write a figure.
+
+    Neither date nor program is written into the file, so the same data gives the same bytes.
 
     Args:
         figure: of ``styled``.

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.sim.result import Result
 
 _LINES: tuple[dict[str, Any], ...] = ({"lw": 1.1}, {"lw": 2.8, "alpha": 0.5}, {"lw": 1.1})
-"""Module 2 is drawn broad and pale below module 3: in a symmetric turn they coincide, and both
-shall be seen."""
+"""Module 2 is drawn broad and pale below module 3, so that both are seen where they coincide."""
 PHASE_SHADES = (
     "#ffffff",
     "#e3e6ec",
@@ -196,7 +195,7 @@ def _roll(axis: Axes, trajectory: Trajectory) -> None:
     _modules(axis, trajectory, np.degrees(trajectory["roll"]))
     _commands(axis, trajectory, np.degrees(trajectory["roll_command"]))
     low, high = axis.get_ylim()
-    if high - low < 10.0:  # a roll that only holds shall not look like a movement
+    if high - low < 10.0:  # a constant roll must not look like movement
         axis.set_ylim((low + high) / 2 - 5.0, (low + high) / 2 + 5.0)
 
 

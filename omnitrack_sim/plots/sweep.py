@@ -23,19 +23,23 @@ THETA5 = "start.theta5_deg"
 MOST_ROWS = 4
 """Rows of a map over orientation."""
 MOST_CELLS = 40
-"""Different values of a number up to which each is a cell of its own."""
+"""Up to how many different values of a number each has a cell of its own."""
 BINS, QUANTILES, FEW = 8, 10, 5
-"""Bins a side of a map, bins of a main effect, and the count below which a bin tells it."""
+"""Bins along each side of a map, and bins of a main effect.
+
+A cell of a map with fewer than ``FEW`` trials shows their number.
+"""
 MOST_ORIENTATIONS = 240
-"""Different orientations up to which each is a cell; beyond, they are rounded to whole degrees."""
+"""Up to how many different orientations each has a cell of its own; more are rounded to degrees."""
 
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """One axis over n trials.
+    """The values of one axis of a sweep over n trials.
 
     Attributes:
-        name: of the axis. unit: of its numbers.
+        name: of the axis.
+        unit: of its numbers.
         values: (n,) numbers, or n words.
         order: the different words; empty for numbers.
     """
@@ -54,15 +58,15 @@ class Spread:
 def sweep_figure(axes: Sequence[Spread], passed: Array, case: TurnCase | None = None) -> Figure:
     """Success over what was varied.
 
-    Over ``start.theta5_deg`` alone, or by at most four words: a map of the orientations, with the
-    singular range of
-    ``case`` behind it. Over two numbers: a map. Else one panel an axis with its main effect, the
-    largest first.
+    The kind of figure depends on the axes. If only ``start.theta5_deg`` was varied, or it and at
+    most four words, the figure is a map of the orientations, with the singular range of ``case``
+    behind it. Two numbers give a map. Everything else gives one panel for each axis with its main
+    effect, the largest first.
 
     Args:
         axes: what was varied.
         passed: (n,) 1 passed, 0 failed, not a number where a trial has no outcome.
-        case: robot and tee, where the trials turn in one.
+        case: robot and tee, if the trials turn in a tee.
     """
     numbers = [axis for axis in axes if not axis.order]
     words = [axis for axis in axes if axis.order]
@@ -109,7 +113,7 @@ def _map(x: Spread, y: Spread, passed: Array) -> Figure:
     rate = np.where(total > 0, good / np.maximum(total, 1), np.nan)
     figure = Figure(figsize=(6.4, 5.0), layout="constrained")
     axis = figure.subplots()
-    axis.set_facecolor("#dfe2e6")  # no trial with an outcome
+    axis.set_facecolor("#dfe2e6")  # shows where no trial has an outcome
     mesh = axis.pcolormesh(
         x_edges,
         y_edges,
@@ -141,7 +145,7 @@ def _map(x: Spread, y: Spread, passed: Array) -> Figure:
 
 
 def _cells(spread: Spread) -> tuple[NDArray[np.intp], Array]:
-    """Cell of each trial (n,), and the cells' edges."""
+    """Index of each trial's cell (n,), and the edges of the cells."""
     values = np.asarray(spread.values, float)
     centres, cell = np.unique(values, return_inverse=True)
     if len(centres) == 1:
@@ -155,7 +159,7 @@ def _cells(spread: Spread) -> tuple[NDArray[np.intp], Array]:
 
 
 def _main_effects(axes: Sequence[Spread], passed: Array) -> Figure:
-    """One panel an axis."""
+    """One panel for each axis, with the success rate over its values."""
     from matplotlib.figure import Figure
 
     effects = sorted(
@@ -184,8 +188,7 @@ _Effect = list[tuple[float, int, int]]
 
 
 def _effect(axis: Spread, passed: Array) -> _Effect:
-    """(place, passed, counted) of each value or bin of an axis, those without a counted trial left
-    out."""
+    """(value, passed, counted) of each value or bin of an axis that has counted trials."""
     known = np.isfinite(passed)
     if axis.order:
         words = np.array(axis.values)
@@ -207,7 +210,7 @@ def _effect(axis: Spread, passed: Array) -> _Effect:
 
 
 def _spread_of(effect: _Effect) -> float:
-    """Largest rate less the smallest."""
+    """Difference between the largest and the smallest rate."""
     rates = [good / total for _, good, total in effect]
     return max(rates) - min(rates) if rates else 0.0
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.record.trajectory import Trajectory
 
 SPEED_WINDOW = 0.2
-"""Length of the running mean that the speed is drawn of, s."""
+"""Length of the running mean of the speed, s."""
 SHADES = {
     "straight": "#f1f3f5",
     "elbow": "#d7e4f2",
@@ -39,12 +39,19 @@ START: dict[str, Any] = {
     "markeredgewidth": 1.4,
     "linestyle": "none",
 }
-"""What a place is marked with: a white disc with a dark edge."""
+"""The sign for places: a white disc with a dark edge."""
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A sign in the map and in the time chart."""
+    """Something that happened, with its sign in the map and in the time chart.
+
+    Attributes:
+        text: what it means, for the legend.
+        marker: a marker of matplotlib, or one letter that is drawn as a glyph.
+        colour: of the sign.
+        rows: samples at which it happened.
+    """
 
     text: str
     marker: str
@@ -53,7 +60,7 @@ class Mark:
 
 
 def signs(mark: Mark) -> list[dict[str, Any]]:
-    """What a mark is drawn with: a glyph on a white disc, or a plain marker."""
+    """The line styles that draw a mark: a glyph on a white disc, or a plain marker."""
     if mark.marker.isascii():
         return [START | {"marker": mark.marker, "markersize": 10, "markerfacecolor": mark.colour}]
     disc = START | {"markersize": 11, "markeredgecolor": mark.colour, "markeredgewidth": 0.9}
@@ -90,9 +97,12 @@ def draw_time_chart(
 
     Args:
         axes: for the bands, the tilt and the speed, one above the other.
-        heights: of the row that names the legs (0 for none) and of the bands' names, in one unit.
-        renderer: what text is measured with.
-        trajectory: the record. routes: of each leg. marks: to set at their times.
+        heights: height of the row that names the legs (0 for none) and of the bands, in the same
+            unit.
+        renderer: measures the text.
+        trajectory: the record.
+        routes: of each leg.
+        marks: what to mark at its time.
     """
     strip, tilt, speed = axes
     time = trajectory.time
@@ -123,20 +133,21 @@ def draw_time_chart(
 
 
 def _largest(values: Array) -> float:
-    """The largest of what is finite and positive, else 0."""
+    """The largest of the values that are finite, at least 0."""
     return float(np.max(values, where=np.isfinite(values), initial=0.0))
 
 
 def _speed(trajectory: Trajectory) -> Array:
-    """Speed (T,) m/s along the centreline, positive with the nose ahead: means over
-    ``SPEED_WINDOW``."""
+    """Speed (T,) m/s along the centreline, positive with the nose ahead.
+
+    It is a running mean over ``SPEED_WINDOW``.
+    """
     time, gear = trajectory.time, np.where(trajectory["gear"] < 0, -1.0, 1.0)
     if len(time) < 2:
         return np.zeros(len(time))
     speed = gear[1:] * np.diff(trajectory["distance"]) / np.diff(time)
-    speed = np.where(
-        np.diff(trajectory["leg"]) == 0, speed, 0.0
-    )  # each leg counts its distance anew
+    # Each leg counts its distance from its own start.
+    speed = np.where(np.diff(trajectory["leg"]) == 0, speed, 0.0)
     return running_mean(np.append(speed[:1], speed)[:, None], time, SPEED_WINDOW)[:, 0]
 
 
@@ -148,10 +159,7 @@ def _bands(
     trajectory: Trajectory,
     routes: tuple[Route, ...],
 ) -> None:
-    """The fittings that the robot's centre was in: named in the strip, and shaded behind the
-    panels."""
-    from matplotlib.patches import Patch
-
+    """Name the fittings that the robot's centre was in, and shade them behind the panels."""
     legs, names = heights
     strip.set_axis_off()
     strip.set_ylim(0, legs + names)
@@ -170,18 +178,27 @@ def _bands(
         name = routes[leg[first]].network.parts[passage.index].name
         _band_name(strip, renderer, name, start, end, legs, names)
     if legs:
-        for first, last in spans(leg):
-            start, end = float(time[first]), float(time[last])
-            strip.plot(
-                [start, end], [0.5 * legs] * 2, color=GREY, linewidth=0.8, marker="|", markersize=6
-            )
-            text = f"leg {leg[first] + 1}" + (
-                ", tail first" if trajectory["gear"][first] < 0 else ""
-            )
-            found = strip.text(
-                (start + end) / 2, 0.5 * legs, f" {text} ", ha="center", va="center", fontsize=7.5
-            )
-            found.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
+        _leg_row(strip, legs, trajectory)
+    _manoeuvre_legend(strip, shown)
+
+
+def _leg_row(strip: Axes, height: float, trajectory: Trajectory) -> None:
+    """Number and gear of each leg, in a row of ``height`` at the bottom of the strip."""
+    leg, time = trajectory["leg"].astype(int), trajectory.time
+    middle = 0.5 * height
+    for first, last in spans(leg):
+        start, end = float(time[first]), float(time[last])
+        strip.plot([start, end], [middle] * 2, color=GREY, linewidth=0.8, marker="|", markersize=6)
+        gear = ", tail first" if trajectory["gear"][first] < 0 else ""
+        text = f" leg {leg[first] + 1}{gear} "
+        name = strip.text((start + end) / 2, middle, text, ha="center", va="center", fontsize=7.5)
+        name.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
+
+
+def _manoeuvre_legend(strip: Axes, shown: dict[str, str]) -> None:
+    """Legend above the strip; ``shown``: colours of the bands by manoeuvre."""
+    from matplotlib.patches import Patch
+
     order = [what for what in dict.fromkeys([*SHADES, *shown]) if what in shown]
     handles = [
         Patch(facecolor=shown[what], edgecolor=GREY, linewidth=0.4, label=what) for what in order
@@ -201,8 +218,7 @@ def _bands(
 def _band_name(
     strip: Axes, renderer: Any, name: str, start: float, end: float, low: float, height: float
 ) -> None:
-    """A name within its band, level or upright, small enough to fit; none where there is no
-    room."""
+    """Write a name into its band, level or upright, as small as it must be; none without room."""
     left, right = (strip.transData.transform((x, 0.0))[0] for x in (start, end))
     room = float(right - left)
     bottom, top = (strip.transData.transform((0.0, y))[1] for y in (low, low + height))

@@ -13,11 +13,12 @@ from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.rotations import Array
 
 ROLL_PHASE, RETRY_PHASE = "align", "back_off"
-"""Names of the phases in which a robot rolls its modules on the spot, and backs off to try
-again."""
+"""Phases in which a robot rolls its modules on the spot, and backs off to try again."""
 FORCE_WINDOW = 0.1
-"""Length of the running mean that the least normal force is taken of, s: single lugs leave the wall
-all the time."""
+"""Length of the running mean of which the least normal force is taken, s.
+
+Single lugs leave the wall all the time, so single samples tell nothing.
+"""
 
 
 @dataclass(frozen=True)
@@ -28,25 +29,28 @@ class Visit:
     the last exit. Means are over the time in the fitting. Slip and forces are of the three modules.
 
     Attributes:
-        leg: index of the leg. gear: 1 nose first, -1 tail first.
-        name, kind: of the fitting. manoeuvre: what it does there, in
-            words. enter, leave: ports, as the leg's
-            route has them.
-        time_enter_s: first sample in it. time_leave_s: first sample after it; None where the run
-            ended in it.
+        leg: index of the leg.
+        gear: 1 nose first, -1 tail first.
+        name: of the part.
+        kind: of its fitting.
+        manoeuvre: see ``manoeuvre``.
+        enter, leave: ports, as the leg's route has them.
+        time_enter_s: first sample in it.
+        time_leave_s: first sample after it; None if the run ended in it.
         duration_s: time in it, without the time backed out of it; all durations add up to the
             run's.
-        theta5_enter_deg: module 1 from the turning direction of this fitting or, in a straight, the
-            next one.
-        tilt_max_deg, tilt_leave_deg: robot axis against the centreline; at the last sample in it.
-        slip_ratio_mean: of the magnitude, while in contact; None where no module touched the wall.
+        theta5_enter_deg: module 1 from the turning direction of this fitting or, in a straight, of
+            the next one.
+        tilt_max_deg: largest angle between robot axis and centreline.
+        tilt_leave_deg: the same at the last sample in it.
+        slip_ratio_mean: mean magnitude while in contact; None if no module touched the wall.
         slip_distance_m: belt travel that moved nothing, mean of the modules.
-        normal_force_mean_n: of the modules. normal_force_min_n: least of the modules' means over
-            ``FORCE_WINDOW``.
-        energy_j: mechanical, of all motors, braking not recovered; adds up to that of
-            ``metrics.summarise``.
-        rolls, retries: how often the robot began to roll its modules or to back off for this
-            fitting.
+        normal_force_mean_n: mean of the modules over time.
+        normal_force_min_n: least value of a module's running mean over ``FORCE_WINDOW``.
+        energy_j: mechanical energy of all motors, braking not recovered; all visits add up to the
+            energy that ``metrics.summarise`` gives.
+        rolls: how often the robot began to roll its modules for this fitting.
+        retries: how often it backed off to try this fitting again.
     """
 
     leg: int
@@ -118,10 +122,11 @@ def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float)
 
 
 def passage_indices(trajectory: Trajectory, routes: Sequence[Route]) -> NDArray[np.intp]:
-    """Index (T,) into the fittings of its leg's route of the fitting that the robot's centre is in.
+    """For each sample (T,), the index of the passage that the robot's centre is in.
 
-    Before the first port plane and beyond the last one it is the first and the last fitting. A
-    sample whose distance is not a number is where the sample before it was.
+    It counts along the route of the sample's leg. Before the first port plane it is the first
+    passage, beyond the last plane the last one. A sample without a distance is taken to be where
+    the sample before it was.
     """
     distance = trajectory["distance"]
     known = np.maximum.accumulate(np.where(np.isfinite(distance), np.arange(len(distance)), 0))
@@ -135,7 +140,7 @@ def passage_indices(trajectory: Trajectory, routes: Sequence[Route]) -> NDArray[
 
 
 def begun(trajectory: Trajectory, phase: str) -> NDArray[np.intp]:
-    """Rows at which the phase of that name begins; none where there is no such phase."""
+    """Rows at which a phase begins; none if the controller has no such phase."""
     if phase not in trajectory.phases:
         return np.zeros(0, np.intp)
     inside = trajectory["phase"].astype(int) == trajectory.phases.index(phase)
@@ -143,8 +148,10 @@ def begun(trajectory: Trajectory, phase: str) -> NDArray[np.intp]:
 
 
 def running_mean(values: NDArray, time: Array, window: float) -> Array:
-    """Centred mean (T, k) over ``window`` s of samples (T, k) at ``time`` (T,) s; shorter at both
-    ends."""
+    """Centred mean (T, k) over ``window`` s of samples (T, k) at ``time`` (T,) s.
+
+    The window is shorter at both ends.
+    """
     values = np.asarray(values, float)
     if len(time) < 2:
         return values
@@ -158,20 +165,19 @@ def running_mean(values: NDArray, time: Array, window: float) -> Array:
 
 
 class _Samples:
-    """What the figures of a visit are made of, each per interval from one sample to the next
-    (trapezoidal rule)."""
+    """What the numbers of a visit are made of.
+
+    Each is the mean over the interval from a sample to the next one (trapezoidal rule).
+    """
 
     def __init__(self, trajectory: Trajectory, lug_radius: float) -> None:
         touching = (trajectory["contact_count"].sum(axis=-1) > 0).astype(float)  # (T, 3)
-        power = np.maximum(
-            trajectory["motor_torque"] * trajectory["belt_speed"] / lug_radius, 0.0
-        )  # (T, 3) W
+        power = trajectory["motor_torque"] * trajectory["belt_speed"] / lug_radius  # (T, 3) W
+        power = np.maximum(power, 0.0)
         force = trajectory["normal_force"]
         time = trajectory.time
-        self.time, self.step = (
-            time,
-            np.append(np.diff(time), 0.0),
-        )  # (T,) s, of the interval that begins here
+        self.time = time  # (T,) s
+        self.step = np.append(np.diff(time), 0.0)  # (T,) s, interval that begins at each sample
         self.touching = _between(touching.sum(axis=1))
         self.slip = _between((np.abs(trajectory["slip_ratio"]) * touching).sum(axis=1))
         self.slip_speed = _between(np.abs(trajectory["slip_velocity"]).mean(axis=1))
@@ -184,8 +190,8 @@ class _Samples:
         """The measured fields of the visit that holds the samples ``rows``, in order of time."""
         first, last = int(rows[0]), int(rows[-1])
         step = self.step[rows]
-        # A run that ends at its first sample in a fitting has spent no time there: its values are
-        # that sample's.
+        # A run that ends at its first sample in a fitting spends no time there. The means are then
+        # the values of that sample.
         weight = step if step.sum() > 0 else np.ones(len(rows))
         touching = float(weight @ self.touching[rows])
         return {
@@ -204,21 +210,22 @@ class _Samples:
 
 
 def _between(values: Array) -> Array:
-    """Mean (T,) of each sample (T,) and the next one; the last sample as it is."""
+    """Mean (T,) of each sample (T,) and the next one; the last sample stays as it is."""
     return (values + np.append(values[1:], values[-1:])) / 2
 
 
 def _offsets(routes: Sequence[Route]) -> NDArray[np.intp]:
-    """Where the fittings of each leg begin when those of all legs are counted through; and how many
-    there are."""
+    """Number of the first fitting of each leg when all legs are counted through, and the total."""
     return np.cumsum([0, *(len(route.fittings) for route in routes)])
 
 
 def _counts(
     trajectory: Trajectory, routes: Sequence[Route], group: NDArray[np.intp], phase: str
 ) -> NDArray[np.intp]:
-    """How often a phase began, for each fitting of each leg; ``group`` (T,) is the one that each
-    sample is in."""
+    """How often a phase began, for each fitting of each leg.
+
+    ``group`` (T,) is the number of the fitting that each sample is in.
+    """
     offsets, visited = _offsets(routes), set(group.tolist())
     counts = np.zeros(offsets[-1], np.intp)
     for row in begun(trajectory, phase).tolist():
@@ -230,7 +237,7 @@ def _counts(
 
 
 def _ahead(route: Route, distance: float) -> int | None:
-    """The first bend or branch that ends beyond ``distance`` m; None after the last one."""
+    """Index of the first elbow or tee whose bend or opening ends beyond ``distance`` m, if any."""
     for index, passage in enumerate(route.fittings):
         if passage.span[1] > distance:
             return index

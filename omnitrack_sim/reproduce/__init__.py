@@ -1,5 +1,6 @@
-"""The paper, reproduced: every number, figure and observation as runs, a measured value and a
-verdict.
+"""The paper, reproduced: its statements as runs, measured values and verdicts.
+
+A statement is a number, a figure or an observation of the paper.
 
 ``runs`` says what is simulated, ``theory``, ``driving`` and ``turning`` measure the claims,
 ``report`` makes the page.

@@ -38,7 +38,7 @@ class Claim:
         return "holds" if self.holds else "fails"
 
     def row(self) -> dict[str, Any]:
-        """For claims.json."""
+        """The claim as a table of claims.json."""
         row = asdict(self)
         row["holds"] = bool(self.holds)
         return row | {"verdict": self.verdict}

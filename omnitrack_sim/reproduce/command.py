@@ -74,6 +74,15 @@ STRIPS = {
     "elbow_short": ("elbow_90_jacobian", "Elbow of 90 mm"),
 }
 FRAMES = 6
+TEE_TURNS = {
+    "aligned": "aligned, friction 0.8 to 1.0",
+    "slippery": "aligned, friction 0.6 to 0.8",
+    "few_lugs": "5 lugs a track, friction 0.8 to 1.0",
+    "few_lugs_slippery": "5 lugs a track, friction 0.6 to 0.8",
+    "map_jacobian": "not aligned, feedback",
+    "map_paper": "not aligned, as written",
+}
+"""Lists of tee turns whose success rates are compared, with their labels."""
 
 
 def reproduce(
@@ -89,7 +98,7 @@ def reproduce(
         directory: made, or replaced if it holds an earlier reproduction.
         quick: fewer orientations and trials.
         format: of the files in ``figures/``: ``svg``, ``pdf`` or ``png``.
-        progress: called with the part done, 0 to 1, and a word about the run.
+        progress: called with the fraction done, 0 to 1, and a word about the run.
 
     Returns:
         The claims in the order of the page.
@@ -129,45 +138,58 @@ def measure(runs: Runs) -> list[Claim]:
 
 
 def figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
-    """Caption and figure by file name."""
+    """Caption and figure by file name, in the order of the page."""
+    return (
+        _region_figures()
+        | _success_figures(runs)
+        | _turn_figures(runs)
+        | _elbow_figures(runs)
+        | _friction_figures(runs)
+    )
+
+
+def _region_figures() -> dict[str, tuple[str, Figure]]:
+    """The singular region in closed form and in the exact geometry."""
     case = TurnCase()
-    misaligned, written = runs["tee_turn_misaligned"][0], runs["tee_turn_as_written"][0]
+    return {
+        "fig9_sector": ("Fig. 9: the singular sector.", singularity_figure(case, "sector")),
+        "contact_map_geometry": (
+            "Contact over orientation and turn in the exact geometry of two pipes; red: a module "
+            "has no wall.",
+            singularity_figure(case, "map"),
+        ),
+    }
+
+
+def _success_figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
+    """Tee turns that pass, over the start orientation and in groups."""
+    case = TurnCase()
     theta5 = np.array([r.scenario.start.theta5_deg for r in runs["map_jacobian"]])
     passed = {
         kind: np.array([r.success for r in runs[f"map_{kind}"]]) for kind in ("jacobian", "paper")
     }
-    names = (
-        ("aligned", "aligned, friction 0.8 to 1.0"),
-        ("slippery", "aligned, friction 0.6 to 0.8"),
-        ("few_lugs", "5 lugs a track, friction 0.8 to 1.0"),
-        ("few_lugs_slippery", "5 lugs a track, friction 0.6 to 0.8"),
-        ("map_jacobian", "not aligned, feedback"),
-        ("map_paper", "not aligned, as written"),
-    )
-    groups = [(label, sum(r.success for r in runs[name]), len(runs[name])) for name, label in names]
     margin = float(np.degrees((2 * np.pi / 3 - case.real_sector) / 2))
-    slippery = runs["slippery_downward"][0]
+    groups = [
+        (label, sum(r.success for r in runs[name]), len(runs[name]))
+        for name, label in TEE_TURNS.items()
+    ]
     return {
-        "fig9_sector": ("Fig. 9: the singular sector.", singularity_figure(case, "sector")),
-        "contact_map_geometry": (
-            (
-                "Contact over orientation and turn in the exact geometry of two pipes; red: a "
-                "module "
-                "has no wall."
-            ),
-            singularity_figure(case, "map"),
-        ),
         "success_map": (
-            (
-                "Tee turns without alignment over the start orientation, and the singular range of "
-                "the formula."
-            ),
+            "Tee turns without alignment over the start orientation, and the singular range of the "
+            "formula.",
             success_figure(theta5, passed, float(np.degrees(case.sector)), real_margin_deg=margin),
         ),
         "success_rates": (
             "Success rates of tee turns with Wilson 95 % intervals; dashed: the paper's 19.55 %.",
             rates_figure(groups, reference=0.1955),
         ),
+    }
+
+
+def _turn_figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
+    """Single tee turns, as written and with feedback."""
+    misaligned, written = runs["tee_turn_misaligned"][0], runs["tee_turn_as_written"][0]
+    return {
         "fig13_as_written": (
             "Fig. 13: shaft speeds with the paper's open-loop speeds.",
             angular_velocity_figure(written),
@@ -177,21 +199,23 @@ def figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
             angular_velocity_figure(misaligned),
         ),
         "unrolled_contacts": (
-            (
-                "The unrolled pipe: where the modules touch and how hard, tee turn from the worst "
-                "orientation."
-            ),
+            "The unrolled pipe: where the modules touch and how hard, tee turn from the worst "
+            "orientation.",
             contact_map_figure(misaligned, misaligned.scenario.route),
         ),
         "forces_along_the_way": (
             "Traction, normal force and slip over arc length.",
             along_figure(misaligned),
         ),
+    }
+
+
+def _elbow_figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
+    """Elbows by controller."""
+    return {
         "fig10_speeds": (
-            (
-                "Fig. 10(b): shaft speeds through the 90 mm elbow by Eq. 20, open loop, preferred "
-                "orientation."
-            ),
+            "Fig. 10(b): shaft speeds through the 90 mm elbow by Eq. 20, open loop, preferred "
+            "orientation.",
             angular_velocity_figure(_at(runs["elbow_90_paper"], 0.0)),
         ),
         "elbow_240": (
@@ -199,13 +223,20 @@ def figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
             elbow_figure(_elbows(runs, "240")),
         ),
         "elbow_90": ("Fig. 15: elbow of 90 mm by controller.", elbow_figure(_elbows(runs, "90"))),
+    }
+
+
+def _friction_figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
+    """What friction does to tee turns with alignment."""
+    slippery = runs["slippery_downward"][0]
+    friction = slippery.scenario.contact.friction
+    return {
         "success_by_friction": (
             "Success of aligned tee turns by friction, with Wilson 95 % intervals.",
             rates_figure(_by_friction([*runs["slippery"], *runs["aligned"]])),
         ),
         "slippery_turn": (
-            f"Downward at friction {slippery.scenario.contact.friction:.2f}, without retry: "
-            f"{slippery.outcome.value}, "
+            f"Downward at friction {friction:.2f}, without retry: {slippery.outcome.value}, "
             f"{slippery.reason}.",
             along_figure(slippery),
         ),
@@ -244,7 +275,7 @@ def _file(figure: Figure) -> bytes:
 
 
 def _strips(runs: Runs) -> tuple[list[Strip], list[str]]:
-    """Frames of a few runs; without OpenGL none, and the sentence that says so."""
+    """Frames of a few runs; without OpenGL no frames, and a sentence that says so."""
     from omnitrack_sim.film.render import render_frames
 
     strips = []

@@ -57,7 +57,7 @@ def past_180(runs: Runs) -> Claim:
 
 
 def no_motion_line(runs: Runs) -> Claim:
-    """Both tracks touch and oppose each other."""
+    """On the no-motion line both tracks touch and oppose each other."""
     (result,) = runs["no_motion_line"]
     trajectory = result.trajectory
     moved = float(np.ptp(trajectory["distance"]))
@@ -150,7 +150,7 @@ def preload(runs: Runs) -> Claim:
 
 
 def _climbs(result: Result) -> bool:
-    """Whether the robot gains height at half of its cruise speed or more in the last second."""
+    """Whether the robot gains at least 50 mm in the last second, half of its cruise speed."""
     late = result.trajectory.time > result.trajectory.time[-1] - 1.0
     gained = np.ptp(result.trajectory["distance"][late]) * np.sign(
         result.trajectory["distance"][-1] - result.trajectory["distance"][late][0]

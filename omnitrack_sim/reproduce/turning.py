@@ -19,7 +19,7 @@ STRAIGHT = 10.0
 
 
 def rate(results: Sequence[Result]) -> tuple[int, int, str]:
-    """Passed, total, and both in words with the Wilson 95 % interval."""
+    """Passed, total, and both as text with the Wilson 95 % interval."""
     passed, total = sum(r.success for r in results), len(results)
     low, high = wilson_interval(passed, total)
     return (
@@ -33,7 +33,7 @@ def rate(results: Sequence[Result]) -> tuple[int, int, str]:
 
 
 def _slip(result: Result) -> float:
-    """Slip distance of all modules, m."""
+    """Slip distance, m, summed over the modules."""
     return float(np.sum(np.asarray(result.metrics["slip_distance_m"])))
 
 
@@ -58,8 +58,7 @@ def eq20(runs: Runs) -> Claim:
     slip = {k: float(np.median([_slip(r) for r in rs])) for k, rs in results.items()}
     text = "; ".join(
         f"{name}: {sum(r.success for r in results[k])} of {total} reach the goal, {straight[k]} of "
-        "them straight, "
-        f"slip {1e3 * slip[k]:.0f} mm"
+        f"them straight, slip {1e3 * slip[k]:.0f} mm"
         for k, name in names.items()
     )
     return Claim(
@@ -73,12 +72,10 @@ def eq20(runs: Runs) -> Claim:
         uncertainty=f"{total} orientations, median slip of all modules",
         holds=straight["paper"] == total and slip["paper"] < slip["equal"],
         how="elbow, controllers paper, equal and jacobian",
-        note="The turn begins with the head at the bend, 73 mm or 17 degrees before the centre, "
-        "so the "
-        "heading runs ahead. "
-        "Nothing corrects it, and beyond about 12 degrees a robot with a 90 mm contact line does "
-        "not right itself in a "
-        "straight pipe but turns over. Begun 73 mm later the same speeds go through.",
+        note="The turn begins with the head at the bend, 73 mm or 17 degrees before the centre, so "
+        "the heading runs ahead. Nothing corrects it, and beyond about 12 degrees a robot with a "
+        "90 mm contact line does not right itself in a straight pipe but turns over. Begun 73 mm "
+        "later the same speeds go through.",
     )
 
 
@@ -134,9 +131,8 @@ def preferred(runs: Runs) -> Claim:
         and _number(best, "tilt_max_deg") < _number(worst, "tilt_max_deg"),
         how="elbow_short with controller paper, theta5 0 and 60 degrees",
         note="Tilt is smaller at the preferred orientation, slip is not. Open loop, 10 to 20 "
-        "degrees beside "
-        "the preferred "
-        "orientation is worse than two modules on the shorter way (figure elbow_90).",
+        "degrees beside the preferred orientation is worse than two modules on the shorter way "
+        "(figure elbow_90).",
     )
 
 
@@ -181,9 +177,7 @@ def inner_slip(runs: Runs) -> Claim:
         holds=min(ratios) > 1,
         how="paper/tee_turn_misaligned, paper/tee_turn_as_written",
         note="As written the inner motor stalls at its torque limit (see fig13_shaft_speeds), so "
-        "its belt "
-        "slips less than it is "
-        "asked to.",
+        "its belt slips less than it is asked to.",
     )
 
 
@@ -204,12 +198,9 @@ def unaligned(runs: Runs) -> Claim:
         holds=bool(passed / total > 0.1955 and passed < total),
         how="tee_turn, align = false, controllers jacobian and paper",
         note=f"Interval {100 * low:.0f} to {100 * high:.0f} %. At the reach of 96.1 mm the "
-        "definitions say: "
-        f"ellipse 19.55 %, "
-        "strip 6 %, crotch 0, real geometry 21 %. Springs tilt the modules, and a robot without "
-        "three "
-        "contacts may still be "
-        "carried through; open loop it is not.",
+        "definitions say: ellipse 19.55 %, strip 6 %, crotch 0, real geometry 21 %. Springs tilt "
+        "the modules, and a robot without three contacts may still be carried through; open loop "
+        "it is not.",
     )
 
 
@@ -276,7 +267,7 @@ def aligned(runs: Runs) -> Claim:
 
 
 def slippery(runs: Runs) -> Claim:
-    """Below friction 0.8."""
+    """Tee turns with alignment below friction 0.8."""
     results = runs["slippery"]
     passed, total, text = rate(results)
     failed = [r for r in results if not r.success]
@@ -293,15 +284,10 @@ def slippery(runs: Runs) -> Claim:
         holds=passed >= 0.8 * total,
         how="tee_turn with alignment; seed 7",
         note="The inner module is the pivot of the turn: it brakes with up to 43 N at a normal "
-        "force of 52 "
-        "N, which asks for "
-        "a friction of 0.83 at that moment. Below it, it slips, and driving downward the weight "
-        "then "
-        "carries the robot past "
-        "the branch. Retries get back up but meet the same place. More preload helps: of 18 such "
-        "trials "
-        "10 pass at 25 N, "
-        "15 at 32 N.",
+        "force of 52 N, which asks for a friction of 0.83 at that moment. Below it, it slips, and "
+        "driving downward the weight then carries the robot past the branch. Retries get back up "
+        "but meet the same place. More preload helps: of 18 such trials 10 pass at 25 N, 15 at 32 "
+        "N.",
     )
 
 
@@ -324,7 +310,7 @@ def few_lugs(runs: Runs) -> Claim:
 
 
 def climb_then_turn(runs: Runs) -> Claim:
-    """Fig. 16."""
+    """Fig. 16: orient, climb, turn."""
     (result,) = runs["orient_climb_turn"]
     return Claim(
         id="orient_climb_turn",
@@ -340,7 +326,7 @@ def climb_then_turn(runs: Runs) -> Claim:
 
 
 def straight_over(runs: Runs) -> Claim:
-    """Fig. 17."""
+    """Fig. 17: straight over a tee."""
     worst = {}
     for state in ("aligned", "unaligned"):
         worst[state] = [_tilt_over_opening(r) for r in runs[f"straight_over_{state}"]]
@@ -368,7 +354,7 @@ def _tilt_over_opening(result: Result) -> float:
 
 
 def as_written(runs: Runs) -> Claim:
-    """Fig. 12 and 13 with the paper's speeds."""
+    """Figs. 12 and 13: a tee turn with the paper's speeds."""
     (result,) = runs["tee_turn_as_written"]
     trajectory = result.trajectory
     turning = trajectory["phase"] == trajectory.phases.index("tee_turn")
@@ -383,10 +369,8 @@ def as_written(runs: Runs) -> Claim:
         "robot takes the turn",
         statement="as written, the turn reaches the goal with the inner shaft negative and the "
         "outer ones positive",
-        measured=f"{result.outcome.value} in {result.duration_s:.1f} s; inner "
-        f"{shaft[inner]:+.2f}, outer "
-        f"{outer[0]:+.2f} "
-        f"and {outer[1]:+.2f} rad/s (mean, as seen at the wall)",
+        measured=f"{result.outcome.value} in {result.duration_s:.1f} s; inner {shaft[inner]:+.2f}, "
+        f"outer {outer[0]:+.2f} and {outer[1]:+.2f} rad/s (mean, as seen at the wall)",
         uncertainty="one run",
         holds=bool(result.success and shaft[inner] < 0 < outer.min()),
         how="paper/tee_turn_as_written",

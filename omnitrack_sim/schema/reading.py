@@ -1,5 +1,8 @@
-"""Files that a user writes: found by path or name, read as TOML, checked as a whole, faults told
-with their place."""
+"""Reading files that a user writes: scenarios, sweeps and networks.
+
+They are found by path or name, read as TOML and checked as a whole; faults are told with their
+place in the file.
+"""
 
 from __future__ import annotations
 
@@ -16,22 +19,25 @@ from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.schema.fittings import KIND_FAULT
 
 NAME_PATTERN = r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$"
-"""A scenario's name is also a folder's: not empty, not hidden, no separators."""
+"""A scenario's name is also that of a folder: not empty, not hidden, no separators."""
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
 def read_toml(
     source: str | Path, what: str, shipped: Mapping[str, Path], error: type[InputError]
 ) -> tuple[Path, dict[str, Any]]:
-    """Path and contents of a file, or of a shipped one by name; ``name`` is the file's where it
-    gives none.
+    """Path and contents of a file that is given by its path or by the name of a shipped one.
+
+    If the file has no ``name``, its own name without the ending is used.
 
     Args:
-        source: the file or name. what: is read, in a word. shipped: paths by name. error: is
-            raised.
+        source: path of the file, or a name.
+        what: noun for the thing being read, used in messages ("scenario", "network").
+        shipped: paths of the shipped files by name.
+        error: exception class to raise for faults.
 
     Raises:
-        InputError: of type ``error``: no such file, not to be read, or bad TOML.
+        InputError: of class ``error``: there is no such file, it cannot be read, or it is no TOML.
     """
     path = Path(source)
     if not path.is_file():
@@ -61,20 +67,23 @@ def checked(
     """A model from plain data, as read from TOML or JSON.
 
     Args:
-        model: what is made. data: of the file. union: the list whose tables have a ``kind``.
-        fault: from one of pydantic's errors. error: is raised.
+        model: class of the model.
+        data: contents of the file.
+        union: key of the list whose tables have a ``kind``.
+        fault: turns one of pydantic's errors into a fault.
+        error: exception class to raise for faults.
 
     Raises:
-        InputError: of type ``error``, with every fault.
+        InputError: of class ``error``, with every fault.
     """
     try:
-        # Through JSON: pydantic's strict mode takes lists for tuples and names for enums there, but
-        # no "0.5" for 0.5.
+        # From JSON, pydantic's strict mode takes lists for tuples and names for enums, but no
+        # "0.5" for 0.5.
         return model.model_validate_json(json.dumps(data, default=plain_value), strict=True)
     except ValidationError as reason:
         items = reason.errors()
-        # A table with a fault does not count as an item, and pydantic then calls the list too short
-        # as well.
+        # pydantic does not count a table with a fault as an item, and then calls the list too
+        # short, too.
         inside = any(item["loc"][:1] == (union,) and len(item["loc"]) > 1 for item in items)
         raise error(
             [fault(item) for item in items if not (inside and item["type"] == "too_short")]
@@ -82,7 +91,7 @@ def checked(
 
 
 def fields_at(model: type[BaseModel], places: list[str]) -> tuple[str, ...]:
-    """Names of the fields of the table at a path below a model; none where there is no table."""
+    """Names of the fields of the table at a path below a model; none if there is no table."""
     for place in places:
         info = model.model_fields.get(place)
         inner = None if info is None else info.annotation
@@ -93,8 +102,10 @@ def fields_at(model: type[BaseModel], places: list[str]) -> tuple[str, ...]:
 
 
 def plain_value(value: Any) -> Any:
-    """What JSON does not know: models as tables, NumPy values as numbers and lists, dates and the
-    rest as text."""
+    """A plain form of a value that JSON does not know.
+
+    Models become tables, NumPy values numbers and lists, everything else text.
+    """
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json")
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
@@ -106,16 +117,16 @@ def fault_of(
     kinds: tuple[str, ...],
     choices_at: Callable[[list[str]], tuple[str, ...]],
 ) -> Fault:
-    """One pydantic error as a fault with a path like the file's and the valid choices where they
-    are known.
+    """One of pydantic's errors as a fault, with the path in the file and the valid choices.
 
     Args:
         item: of ``ValidationError.errors()``.
-        union: the list whose tables have a ``kind``. kinds: the names of these.
-        choices_at: valid keys of the table at a pydantic path.
+        union: key of the list whose tables have a ``kind``.
+        kinds: valid kinds.
+        choices_at: gives the valid keys of the table at a pydantic path.
     """
     places = [str(p) for p in item["loc"]]
-    # pydantic puts the table's kind into the path; the file has no such level.
+    # pydantic puts the kind of a table into the path. The file has no such level.
     where = ".".join(
         p for i, p in enumerate(places) if not (i == 2 and places[0] == union and p in kinds)
     )
@@ -162,8 +173,10 @@ def _scenario_folder() -> Path:
 
 
 def shipped_scenarios() -> dict[str, Path]:
-    """Scenarios that come with the package, by name: the file's path below ``scenarios/`` without
-    its ending."""
+    """Scenarios that come with the package, by name.
+
+    The name is the file's path below ``scenarios/`` without its ending.
+    """
     folder = _scenario_folder()
     groups = ("*.toml", "paper/*.toml", "missions/*.toml")
     files = [path for group in groups for path in sorted(folder.glob(group))]

@@ -17,11 +17,13 @@ Path = Annotated[str, Field(min_length=1)]
 
 
 class AxisTable(Table):
-    """What all axes have."""
+    """What all axes have in common."""
 
     dimensions: ClassVar[int] = 0
-    """How many coordinates of a sampling point an axis takes; 0: its values are crossed with the
-    others'."""
+    """How many coordinates of a sampling point the axis takes.
+
+    With 0 its values are crossed with those of the other axes.
+    """
     path: Path | Annotated[tuple[Path, ...], Field(min_length=1)]
 
     @property
@@ -31,7 +33,7 @@ class AxisTable(Table):
 
     @property
     def name(self) -> str:
-        """The first path."""
+        """The first path, by which the axis is known."""
         return self.paths[0]
 
     @property
@@ -89,7 +91,7 @@ class UniformAxis(AxisTable):
         return _above(high, info)
 
     def draw(self, points: Array) -> list[Any]:
-        """Values of points (n, 1)."""
+        """Values made of points (n, 1) of the unit interval."""
         return sampling.uniform(points[:, 0], self.low, self.high).tolist()
 
 
@@ -109,19 +111,19 @@ class NormalAxis(AxisTable):
         return high if high is None else _above(high, info)
 
     def draw(self, points: Array) -> list[Any]:
-        """Values of points (n, 1)."""
+        """Values made of points (n, 1) of the unit interval."""
         return sampling.normal(points[:, 0], self.mean, self.std, self.low, self.high).tolist()
 
 
 class DirectionAxis(AxisTable):
-    """A vector of one length, uniform on the sphere."""
+    """A vector of given length whose direction is uniform on the sphere."""
 
     dimensions: ClassVar[int] = 2
     kind: Literal["direction"]
     magnitude: Positive = 9.81
 
     def draw(self, points: Array) -> list[Any]:
-        """Values of points (n, 2), lists of three."""
+        """Vectors, lists of three numbers, made of points (n, 2) of the unit square."""
         return sampling.direction(points[:, 0], points[:, 1], self.magnitude).tolist()
 
 

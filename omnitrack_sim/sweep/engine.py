@@ -18,28 +18,37 @@ from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.errors import Fault, InputError, SweepError
 from omnitrack_sim.sim.result import environment
+from omnitrack_sim.sweep.batch import ERROR, INVALID, Row, failed_row, run_trials
 from omnitrack_sim.sweep.folder import Folder, Memory
-from omnitrack_sim.sweep.part import ERROR, INVALID, Row, failed_row, run_part
 from omnitrack_sim.sweep.picture import draw_map
 from omnitrack_sim.sweep.spec import Sweep
 from omnitrack_sim.sweep.summary import summarise_sweep
 from omnitrack_sim.sweep.table import Layout
-from omnitrack_sim.sweep.trials import Part
+from omnitrack_sim.sweep.trials import Batch
 from omnitrack_sim.sweep.workers import WorkersLost, killed_its_worker
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 DEATHS = 3
-"""How often a batch may lose its worker before it is run trial by trial, and a trial before it
-counts as the cause."""
+"""How often a batch may lose its worker before its trials are run one by one.
+
+A trial that loses its worker as often on its own counts as the cause.
+"""
 _TOLD_REASONS = 3
 
 
 @dataclass(frozen=True)
 class Status:
-    """How far a sweep is: trials done of ``total``, those found done at the start, successes,
-    workers lost."""
+    """How far a sweep is.
+
+    Attributes:
+        total: number of trials.
+        found: trials that were done before this run.
+        done: trials that are done now.
+        successes: how many of these succeeded.
+        lost: how often workers were lost.
+    """
 
     total: int
     found: int = 0
@@ -64,25 +73,26 @@ def run_sweep(
 
     Args:
         sweep: what to run.
-        directory: where parts and table go, and where parts of earlier runs are found; none:
-            nothing is written.
-        executor: runs the batches; none: this process. A callable makes one, and makes it anew when
-            workers die. An executor given as such is left open.
-        shard: (i, n), i from 1: only every n-th batch. The files of the whole are written by the
-            one that finishes.
-        progress: see ``Status``.
+        directory: where part files and table are written, and part files of earlier runs are found;
+            without one nothing is written.
+        executor: runs the batches; without one this process does. A callable makes one, and is
+            asked again when workers die. An executor given as such is left open.
+        shard: (i, n), i from 1: run only every n-th batch. The shard that finishes last writes the
+            files of the whole.
+        progress: called with the ``Status`` after each batch.
 
     Returns:
-        One row a trial, in order: the whole sweep if all parts are there, else the trials of this
-            shard.
+        One row for each trial, in order: the whole sweep if all batches are done, else the trials
+            of this shard.
 
     Raises:
-        SweepError: all trials are invalid. InputError: no such shard.
-        OutputError: the folder holds something else, or cannot be written; finished parts stay.
-        WorkersLost: the given executor has broken; the same call goes on.
+        SweepError: all trials are invalid.
+        InputError: no such shard.
+        OutputError: the folder holds something else, or cannot be written; finished batches stay.
+        WorkersLost: the given executor has broken; the same call goes on from there.
     """
-    layout, parts = Layout(sweep), sweep.parts()
-    mine = parts if shard is None else parts[_checked(shard)[0] - 1 :: shard[1]]
+    layout, batches = Layout(sweep), sweep.batches()
+    mine = batches if shard is None else batches[_checked(shard)[0] - 1 :: shard[1]]
     store: Folder | Memory = Memory() if directory is None else Folder(directory, sweep, layout)
     if isinstance(store, Folder):
         table = store.finished()
@@ -91,7 +101,7 @@ def run_sweep(
                 _write(sweep, table, store, store.makers())
             return table
     _run_missing(mine, store, layout, executor, progress)
-    return _finish(sweep, parts, mine, store, layout)
+    return _finish(sweep, batches, mine, store, layout)
 
 
 def _checked(shard: tuple[int, int]) -> tuple[int, int]:
@@ -106,30 +116,30 @@ def _checked(shard: tuple[int, int]) -> tuple[int, int]:
 
 
 def _run_missing(
-    mine: Sequence[Part],
+    mine: Sequence[Batch],
     store: Folder | Memory,
     layout: Layout,
     executor: Executor | MakeExecutor | None,
     progress: Progress | None,
 ) -> None:
-    """Run the parts that the store does not have."""
-    status = Status(sum(len(part.trials) for part in mine))
+    """Run the batches that the store does not have."""
+    status = Status(sum(len(batch.trials) for batch in mine))
     missing = []
-    for part in mine:
-        table = store.read(part)
+    for batch in mine:
+        table = store.read(batch)
         if table is None:
-            missing.append(part)
+            missing.append(batch)
         else:
-            n = len(part.trials)
+            n = len(batch.trials)
             successes = status.successes + _successes(table)
             status = replace(
                 status, found=status.found + n, done=status.done + n, successes=successes
             )
 
-    def keep(part: Part, rows: Sequence[Row], made_by: Mapping[str, Any], lost: int) -> None:
+    def keep(batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any], lost: int) -> None:
         nonlocal status
-        table = layout.table(part, rows, made_by)
-        store.write(part, table)
+        table = layout.table(batch, rows, made_by)
+        store.write(batch, table)
         done, successes = status.done + len(rows), status.successes + _successes(table)
         status = replace(status, done=done, successes=successes, lost=lost)
         if progress is not None:
@@ -138,8 +148,8 @@ def _run_missing(
     if progress is not None:
         progress(status)
     if executor is None:
-        for part in missing:
-            keep(part, *run_part(part), lost=0)
+        for batch in missing:
+            keep(batch, *run_trials(batch), lost=0)
     elif missing:
         with _Pool(executor) as pool:
             _Dispatch(missing, pool, keep).run()
@@ -147,32 +157,32 @@ def _run_missing(
 
 def _finish(
     sweep: Sweep,
-    parts: Sequence[Part],
-    mine: Sequence[Part],
+    batches: Sequence[Batch],
+    mine: Sequence[Batch],
     store: Folder | Memory,
     layout: Layout,
 ) -> pa.Table:
-    """Merge, and write the files of the whole when every part is there."""
-    tables = [store.read(part) for part in parts]
+    """Merge the batches; if all are done, write the files of the whole sweep."""
+    tables = [store.read(batch) for batch in batches]
     present = [table for table in tables if table is not None]
-    if len(present) < len(parts):
-        numbers = {part.number for part in mine}
+    if len(present) < len(batches):
+        numbers = {batch.number for batch in mine}
         own = [
             table
-            for part, table in zip(parts, tables, strict=True)
-            if table is not None and part.number in numbers
+            for batch, table in zip(batches, tables, strict=True)
+            if table is not None and batch.number in numbers
         ]
         return layout.merged(own)
     table = layout.merged(present)
     _refuse_all_invalid(table)
     if isinstance(store, Folder):
-        makers = {part.schema.metadata[b"made_by"].decode() for part in present}
+        makers = {found.schema.metadata[b"made_by"].decode() for found in present}
         _write(sweep, table, store, makers)
     return table
 
 
 def _write(sweep: Sweep, table: pa.Table, folder: Folder, makers: set[str]) -> None:
-    """The files of the whole."""
+    """Write the files of the whole sweep."""
     folder.finish(table, summarise_sweep(sweep, table, makers), lambda: draw_map(sweep, table))
 
 
@@ -192,7 +202,7 @@ def _successes(table: pa.Table) -> int:
 
 
 class _Pool:
-    """An executor, or one after the other of a callable that makes them."""
+    """An executor that was given, or executors that a callable makes, one after the other."""
 
     def __init__(self, executor: Executor | MakeExecutor):
         self._given = executor if isinstance(executor, Executor) else None
@@ -210,23 +220,25 @@ class _Pool:
         if self._make is not None and self._now is not None:
             self._now.shutdown(wait=wait, cancel_futures=not wait)
 
-    def submit(self, part: Part) -> Future:
+    def submit(self, batch: Batch) -> Future:
         assert self._now is not None
-        return self._now.submit(run_part, part)
+        return self._now.submit(run_trials, batch)
 
     @property
     def room(self) -> int | None:
-        """How many batches run at a time, where the executor tells: no more are handed out, so that
-        when it breaks only batches that ran come under suspicion."""
+        """How many batches run at a time; None where the executor does not tell.
+
+        No more are handed out, so that only batches that ran are suspected when the executor
+        breaks.
+        """
         return getattr(self._now, "_max_workers", None)
 
     def renew(self) -> None:
         """Replace an executor that has lost its workers."""
         if self._make is None:
             raise WorkersLost(
-                "the workers of the given executor are gone; the finished parts are kept. Give a "
-                "callable that makes "
-                "an executor, which is then made anew"
+                "the workers of the given executor are gone; the finished batches are kept. Give a "
+                "callable that makes an executor, which is then made anew"
             )
         for _ in range(DEATHS):
             self._end(wait=False)
@@ -236,81 +248,81 @@ class _Pool:
                 return
             except (BrokenExecutor, CancelledError):
                 continue
-        raise WorkersLost("the workers die before they run anything; the finished parts are kept")
+        raise WorkersLost("the workers die before they run anything; the finished batches are kept")
 
 
 @dataclass(eq=False)
 class _Whole:
-    """A part whose trials may come back one by one."""
+    """A batch whose trials may come back one by one."""
 
-    part: Part
+    batch: Batch
     rows: dict[int, Row] = field(default_factory=dict)
     made_by: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
 class _Task:
-    """Something to hand out: a part, or a single trial of it."""
+    """Something to hand out: a batch, or a single trial of it."""
 
-    part: Part
+    batch: Batch
     whole: _Whole
     deaths: int = 0
 
     def singles(self) -> list[_Task]:
         """A task for each trial."""
         return [
-            _Task(replace(self.part, trials=(trial,)), self.whole) for trial in self.part.trials
+            _Task(replace(self.batch, trials=(trial,)), self.whole) for trial in self.batch.trials
         ]
 
 
 class _Dispatch:
-    """Hands out parts and takes rows back.
+    """Hands out batches and takes rows back.
 
-    A task whose worker dies is handed out again. After ``DEATHS`` it is a suspect: suspects run
-    last, each alone in the pool and split into single trials, so that no other can be to blame; a
+    A task whose worker dies is handed out again. After ``DEATHS`` it is a suspect. Suspects run
+    last, each alone in the pool and split into single trials, so that no other can be to blame. A
     trial that still loses its worker as often becomes a row ``error``.
     """
 
     def __init__(
         self,
-        parts: Iterable[Part],
+        batches: Iterable[Batch],
         pool: _Pool,
-        keep: Callable[[Part, Sequence[Row], Mapping[str, Any], int], None],
+        keep: Callable[[Batch, Sequence[Row], Mapping[str, Any], int], None],
     ):
         self.pool, self.keep = pool, keep
-        self.waiting = deque(_Task(part, _Whole(part)) for part in parts)
+        self.waiting = deque(_Task(batch, _Whole(batch)) for batch in batches)
         self.suspects: deque[_Task] = deque()
         self.flying: dict[Future, _Task] = {}
         self.lost = 0
 
     def run(self) -> None:
-        """Until every part is kept."""
+        """Go on until every batch is kept."""
         while self.waiting or self.flying or self.suspects:
             broken = self._hand_out()
             if self.flying:
                 broken |= self._take_back()
             if broken:
                 self.lost += 1
-                while self.flying:  # a broken executor ends them all
+                while self.flying:  # a broken executor ends all of its tasks
                     self._take_back()
                 self.pool.renew()
 
     def _hand_out(self) -> bool:
-        """Fill the pool; whether it turned out to be broken."""
+        """Fill the pool; returns whether it turned out to be broken."""
         if not self.waiting and not self.flying:
             self.waiting.append(self.suspects.popleft())
         room = self.pool.room
         while self.waiting and (room is None or len(self.flying) < room):
             task = self.waiting.popleft()
             try:
-                self.flying[self.pool.submit(task.part)] = task
+                self.flying[self.pool.submit(task.batch)] = task
             except (BrokenExecutor, RuntimeError):
                 self.waiting.appendleft(task)
                 return True
         return False
 
     def _take_back(self) -> bool:
-        """Wait for some task; whether the pool is broken."""
+        """Wait for some task to end; returns whether the pool is broken."""
         finished, _ = wait(self.flying, return_when=FIRST_COMPLETED)
         broken = False
         for future in finished:
@@ -330,13 +342,13 @@ class _Dispatch:
         return broken
 
     def _bury(self, task: _Task, deaths: int) -> None:
-        """A task has lost its worker, ``deaths`` times."""
+        """Note that a task has lost its worker ``deaths`` times, and decide what becomes of it."""
         task.deaths += deaths
-        alone = task.part is not task.whole.part
+        alone = task.batch is not task.whole.batch
         if task.deaths < DEATHS:
             (self.suspects if alone else self.waiting).appendleft(task)
         elif alone:
-            row = failed_row(task.part.trials[0].index, ERROR, "the worker died")
+            row = failed_row(task.batch.trials[0].index, ERROR, "the worker died")
             self._add(task, [row], {})
         else:
             self.suspects.extend(task.singles())
@@ -345,6 +357,6 @@ class _Dispatch:
         whole = task.whole
         whole.rows |= {row["trial"]: row for row in rows}
         whole.made_by = made_by or whole.made_by
-        if len(whole.rows) == len(whole.part.trials):
-            ordered = [whole.rows[trial.index] for trial in whole.part.trials]
-            self.keep(whole.part, ordered, whole.made_by, self.lost)
+        if len(whole.rows) == len(whole.batch.trials):
+            ordered = [whole.rows[trial.index] for trial in whole.batch.trials]
+            self.keep(whole.batch, ordered, whole.made_by, self.lost)

@@ -1,5 +1,7 @@
-"""A sweep's folder: parts while it runs, the table when all are there. Several processes may work
-in one."""
+"""A sweep's folder: part files while it runs, the table when all are there.
+
+A part file holds the rows of one batch. Several processes may work in one folder.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ from omnitrack_sim.errors import OutputError
 from omnitrack_sim.sim.result import environment
 from omnitrack_sim.sweep.spec import FOR_THE_RECORD, Sweep
 from omnitrack_sim.sweep.table import Layout, from_parquet, to_csv, to_parquet
-from omnitrack_sim.sweep.trials import Part
+from omnitrack_sim.sweep.trials import Batch
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -33,12 +35,14 @@ PARTS = "parts"
 _OURS = {SWEEP_FILE, TABLE_FILE, CSV_FILE, SUMMARY_FILE, MAP_FILE, PARTS}
 _TEMPORARY = re.compile(r"\..+\.tmp")
 _MOST_TOLD = 5
-"""Differences of two sweeps that a message names."""
+"""How many differences of two sweeps a message names."""
 
 
 class Folder:
-    """The folder of one sweep. ``renamed``: its name, groups or labels have changed since it was
-    begun.
+    """The folder of one sweep.
+
+    Attributes:
+        renamed: whether name, groups or labels of the sweep have changed since it was begun.
 
     Raises:
         OutputError: it holds another sweep or other files, or cannot be written.
@@ -69,7 +73,7 @@ class Folder:
             write_whole(self.path / SWEEP_FILE, self._description)
 
     def _there(self) -> dict[str, Any] | None:
-        """What ``sweep.json`` says; None in a folder that holds nothing yet, or parts only."""
+        """What ``sweep.json`` says; None in a folder that holds nothing yet, or part files only."""
         strange = [
             p.name
             for p in self.path.iterdir()
@@ -91,31 +95,31 @@ class Folder:
                 f"{file}: is no description of a sweep ({error}); choose another folder"
             ) from error
 
-    def read(self, part: Part) -> pa.Table | None:
-        """The rows of a part; None where there is no file yet, or a damaged one."""
+    def read(self, batch: Batch) -> pa.Table | None:
+        """The rows of a batch; None where its file is missing or damaged."""
         import pyarrow as pa
 
         try:
-            table = from_parquet(self._file(part).read_bytes())
+            table = from_parquet(self._file(batch).read_bytes())
         except (OSError, pa.ArrowException):
             return None
-        whole = (table.schema.metadata or {}).get(b"part") == part.hash.encode()
+        whole = (table.schema.metadata or {}).get(b"part") == batch.hash.encode()
         whole = whole and table.schema.remove_metadata().equals(
             self.layout.schema.remove_metadata()
         )
         return (
             table
-            if whole and table["trial"].to_pylist() == [trial.index for trial in part.trials]
+            if whole and table["trial"].to_pylist() == [trial.index for trial in batch.trials]
             else None
         )
 
-    def write(self, part: Part, table: pa.Table) -> None:
-        """Keep the rows of a part."""
+    def write(self, batch: Batch, table: pa.Table) -> None:
+        """Keep the rows of a batch."""
         with told(self.path):
-            write_whole(self._file(part), to_parquet(table))
+            write_whole(self._file(batch), to_parquet(table))
 
     def finished(self) -> pa.Table | None:
-        """The whole table, when the sweep is finished and all its files are there."""
+        """The whole table, if the sweep is finished and all its files are there."""
         import pyarrow as pa
 
         if not all((self.path / name).is_file() for name in (CSV_FILE, SUMMARY_FILE, MAP_FILE)):
@@ -131,7 +135,7 @@ class Folder:
         return table if ours else None
 
     def makers(self) -> set[str]:
-        """What made the parts of a finished sweep, as JSON."""
+        """What made the batches of a finished sweep, as JSON."""
         try:
             summary = json.loads((self.path / SUMMARY_FILE).read_text(encoding="utf-8"))
             return {json.dumps(maker, sort_keys=True) for maker in summary["provenance"]["made_by"]}
@@ -152,23 +156,23 @@ class Folder:
                 write_whole(self.path / SWEEP_FILE, self._description)
             write_whole(self.path / TABLE_FILE, to_parquet(table))
 
-    def _file(self, part: Part) -> Path:
-        return self.path / PARTS / f"{part.number:06d}-{part.hash}.parquet"
+    def _file(self, batch: Batch) -> Path:
+        return self.path / PARTS / f"{batch.number:06d}-{batch.hash}.parquet"
 
 
 class Memory:
-    """The parts of a sweep that is not written."""
+    """The batches of a sweep that is not written to a folder."""
 
     def __init__(self) -> None:
         self._tables: dict[int, pa.Table] = {}
 
-    def read(self, part: Part) -> pa.Table | None:
-        """The rows of a part that is done."""
-        return self._tables.get(part.number)
+    def read(self, batch: Batch) -> pa.Table | None:
+        """The rows of a batch; None where it is not done."""
+        return self._tables.get(batch.number)
 
-    def write(self, part: Part, table: pa.Table) -> None:
-        """Keep the rows of a part."""
-        self._tables[part.number] = table
+    def write(self, batch: Batch, table: pa.Table) -> None:
+        """Keep the rows of a batch."""
+        self._tables[batch.number] = table
 
 
 def holds_sweep(directory: str | Path) -> bool:
@@ -178,14 +182,13 @@ def holds_sweep(directory: str | Path) -> bool:
 
 @contextlib.contextmanager
 def told(path: Path) -> Iterator[None]:
-    """Turn what the system says into an error that tells what to do."""
+    """Turn an error of the system into an ``OutputError`` that says what to do."""
     try:
         yield
     except OSError as error:
         raise OutputError(
-            f"{path}: cannot be written: {error.strerror or error}; the finished parts are kept, "
-            "and the same command "
-            "goes on from there"
+            f"{path}: cannot be written: {error.strerror or error}; the finished batches are kept, "
+            "and the same command goes on from there"
         ) from error
 
 
@@ -215,12 +218,14 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def _temporary(path: Path) -> tuple[int, str]:
-    """A new file beside ``path``, open and locked: the lock tells other processes that its writer
-    lives."""
+    """A new file beside ``path``, open and locked.
+
+    The lock tells other processes that the writer of the file is alive.
+    """
     while True:
         descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
         fcntl.flock(descriptor, fcntl.LOCK_EX)
-        if os.path.exists(name):  # no one has swept it out before it was locked
+        if os.path.exists(name):  # nobody removed it before it was locked
             return descriptor, name
         os.close(descriptor)
 
@@ -236,7 +241,7 @@ def _sweep_out(place: Path) -> None:
 
 
 def _told_differences(there: Any, ours: Any) -> str:
-    """Where two sweeps differ, in words."""
+    """Where two sweeps differ, as text."""
     found = list(_differences(there, ours, ""))
     more = f" and {len(found) - _MOST_TOLD} more" if len(found) > _MOST_TOLD else ""
     return (", ".join(found[:_MOST_TOLD]) or "it was made by another version of the program") + more

@@ -12,7 +12,7 @@ from omnitrack_sim.plots.sweep import Spread, sweep_figure
 from omnitrack_sim.rotations import Array, unit
 from omnitrack_sim.schema.tables import unit_of
 from omnitrack_sim.sweep.axes import DirectionAxis
-from omnitrack_sim.sweep.part import ERROR, INVALID
+from omnitrack_sim.sweep.batch import ERROR, INVALID
 from omnitrack_sim.sweep.spec import Sweep
 from omnitrack_sim.theory.singularity import TurnCase
 
@@ -20,8 +20,10 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 ALONG = 1 / 3
-"""Component along the run axis, of a unit vector, that parts the angle classes: each has a third of
-the sphere."""
+"""Components of a unit vector along the run axis, from - to + this, that count as across.
+
+Each of the three classes has a third of the sphere.
+"""
 CLASSES = ("against the run axis", "across", "along")
 
 
@@ -37,7 +39,7 @@ def draw_map(sweep: Sweep, table: pa.Table) -> bytes:
 
 
 def spreads(sweep: Sweep) -> list[Spread]:
-    """The axes as numbers or words, one a trial."""
+    """The axes with their values, as numbers or words, one for each trial."""
     found = []
     axis_of = {axis.name: axis for axis in sweep.axes}
     for name, values in sweep.trials().items():
@@ -56,7 +58,7 @@ def spreads(sweep: Sweep) -> list[Spread]:
 
 
 def turn_case(sweep: Sweep) -> TurnCase | None:
-    """Robot and tee of the first base; None if it does not turn in a tee."""
+    """Robot and tee of the first base; None if its route does not turn in a tee."""
     scenario = next(iter(sweep.bases.values()))
     for passage in scenario.route.fittings if scenario.pipes else ():
         if passage.manoeuvre == "tee_turn":
@@ -71,7 +73,7 @@ def turn_case(sweep: Sweep) -> TurnCase | None:
 
 
 def _classes(sweep: Sweep, vectors: list[list[float]]) -> list[str]:
-    """The angle class of each vector to the run axis of the first base."""
+    """The class of each vector by its angle to the run axis of the first base."""
     axis: Array = unit(next(iter(sweep.bases.values())).start.axis)
     v = np.array(vectors)
     component = v @ axis / np.linalg.norm(v, axis=-1)

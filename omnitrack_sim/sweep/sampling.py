@@ -10,13 +10,14 @@ from omnitrack_sim.rotations import Array
 
 Sampling = Literal["random", "latin_hypercube", "sobol"]
 Draws = Literal["common", "independent"]
-"""Whether all combinations of the crossed axes get the same draws, which compares them best, or
-each its own, which spreads over the random axes best."""
+"""Whether all combinations of the crossed axes share their draws, or each has its own.
+
+``common`` compares the combinations best, ``independent`` covers the random axes best.
+"""
 
 
 def unit_points(count: int, dimensions: int, sampling: Sampling, seed: int) -> Array:
-    """``count`` points (count, dimensions) of the open unit cube; the same for the same
-    arguments."""
+    """Points (count, dimensions) of the open unit cube; the same arguments give the same points."""
     if dimensions == 0:
         return np.empty((count, 0))
     if sampling == "random":
@@ -34,18 +35,17 @@ def unit_points(count: int, dimensions: int, sampling: Sampling, seed: int) -> A
 
 
 def uniform(u: Array, low: float, high: float) -> Array:
-    """Values (n,) between ``low`` and ``high`` of points ``u`` (n,) of the unit interval."""
+    """Values (n,) between ``low`` and ``high``, made of ``u`` (n,) in the unit interval."""
     return np.clip(low + (high - low) * u, low, high)
 
 
 def normal(u: Array, mean: float, std: float, low: float | None, high: float | None) -> Array:
-    """Normal values (n,) of points ``u`` (n,), truncated to ``low`` and ``high`` where these are
-    given."""
+    """Normal values (n,) made of uniform ``u`` (n,), truncated to ``low`` and ``high`` if given."""
     from scipy.special import ndtr, ndtri
 
     a = -np.inf if low is None else (low - mean) / std
     b = np.inf if high is None else (high - mean) / std
-    # The lower tail has the finer numbers: an interval above the mean is mirrored.
+    # Numbers are finer near 0 than near 1, so an interval above the mean is mirrored.
     mirrored = a > 0
     if mirrored:
         a, b, u = -b, -a, 1 - u
@@ -54,8 +54,10 @@ def normal(u: Array, mean: float, std: float, low: float | None, high: float | N
 
 
 def direction(u: Array, v: Array, magnitude: float) -> Array:
-    """Vectors (n, 3) of one length, uniform on the sphere, of two points (n,) each of the unit
-    interval."""
+    """Vectors (n, 3) of one length, uniform on the sphere.
+
+    Each is made of a point of ``u`` (n,) and one of ``v`` (n,), both in the unit interval.
+    """
     z, angle = 2 * u - 1, 2 * np.pi * v
     across = np.sqrt(1 - z**2)
     return magnitude * np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=-1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,15 +15,15 @@ from omnitrack_sim.errors import Fault, ScenarioError, SweepError
 from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
 from omnitrack_sim.schema.reading import NAME_PATTERN, fault_of, read_toml, shipped_sweeps
 from omnitrack_sim.sweep import trials
-from omnitrack_sim.sweep.axes import AXES, BASE, Axis, AxisTable, DirectionAxis, GridAxis, ListAxis
+from omnitrack_sim.sweep.axes import AXES, Axis, GridAxis, ListAxis
+from omnitrack_sim.sweep.checks import MOST_TRIALS, axis_faults, clashes
 from omnitrack_sim.sweep.sampling import Draws, Sampling
 from omnitrack_sim.table import Table
 
-MOST_TRIALS = 1_000_000
 MOST_LISTED, MOST_GRID = 12, 24
-"""Values up to which a list or grid axis makes groups of the summary when the file names none."""
+"""Up to how many values a list or grid axis makes groups in the summary if the file names none."""
 FOR_THE_RECORD = ("name", "group_by", "set")
-"""Keys of a resolved sweep that the table does not depend on."""
+"""Keys of a resolved sweep that its table does not depend on."""
 _SAMPLINGS = ("latin_hypercube", "sobol")
 
 
@@ -41,7 +41,7 @@ class _Plan(Table):
 
 
 class SweepFile(_Plan):
-    """A sweep file as it is written. Keys: see docs/sweeps.md."""
+    """A sweep file as it is written. docs/sweeps.md explains the keys."""
 
     base: str | Annotated[tuple[str, ...], Field(min_length=1)]
     set: dict[str, Any] = Field(default_factory=dict)
@@ -59,8 +59,10 @@ class Sweep(_Plan):
     set: dict[str, Any]
 
     def trials(self) -> dict[str, list[Any]]:
-        """The axis values, one a trial, by the axis' first path; ``base`` first where there are
-        several."""
+        """The values of each axis, one for each trial, by the first path of the axis.
+
+        ``base`` comes first where there are several.
+        """
         return {name: list(values) for name, values in self._columns.items()}
 
     def scenario(self, index: int) -> Scenario:
@@ -75,9 +77,9 @@ class Sweep(_Plan):
         one = trials.trial_of(trials.places_of(self._plain, self.axes), self._columns, index)
         return validate(trials.changed(self._plain[one.base], one.changes))
 
-    def parts(self) -> list[trials.Part]:
-        """The trials in batches."""
-        return trials.parts_of(self._plain, self.axes, self._columns, self.batch)
+    def batches(self) -> list[trials.Batch]:
+        """The trials in batches that run together."""
+        return trials.batches_of(self._plain, self.axes, self._columns, self.batch)
 
     @property
     def size(self) -> int:
@@ -86,7 +88,7 @@ class Sweep(_Plan):
 
     @property
     def hash(self) -> str:
-        """SHA-256 of what the table depends on: all but the name, the groups and the labels."""
+        """SHA-256 of everything that the table depends on: all but name, groups and labels."""
         left_out = dict.fromkeys(FOR_THE_RECORD, True) | {"axes": {"__all__": {"labels"}}}
         told = self.model_dump(mode="json", exclude=left_out)
         return hashlib.sha256(
@@ -111,7 +113,7 @@ class Sweep(_Plan):
         )
 
     def label(self, name: str, value: Any) -> str:
-        """A value of a crossed axis in words: its label, the text itself, nine digits, or JSON."""
+        """A value of a crossed axis as text: its label, the text itself, nine digits, or JSON."""
         for axis in self.axes:
             if axis.name == name and isinstance(axis, ListAxis) and axis.labels is not None:
                 return axis.labels[axis.values.index(value)]
@@ -166,9 +168,9 @@ def resolve(
     bases, faults = _bases(file, folder, changes or {})
     if bases:
         faults += [
-            fault for i in range(len(file.axes)) for fault in _axis_faults(i, file.axes, bases)
+            fault for i in range(len(file.axes)) for fault in axis_faults(i, file.axes, bases)
         ]
-        faults += _clashes(file, bases, changes or {})
+        faults += clashes(file, bases, changes or {})
     if faults:
         raise SweepError(faults)
     fields = {name: getattr(file, name) for name in _Plan.model_fields}
@@ -176,8 +178,10 @@ def resolve(
 
 
 def _faults_of(error: ValidationError) -> Iterator[Fault]:
-    """pydantic's errors as faults. A key that takes two kinds of value has an error for each, which
-    is told once."""
+    """Errors of pydantic as faults.
+
+    A key that takes two kinds of value has an error for each; it becomes one fault.
+    """
     told: set[str] = set()
     for item in error.errors():
         places, context = item["loc"], item.get("ctx", {})
@@ -242,8 +246,10 @@ def _bases(
 
 
 def _spread(scenario: Scenario, changes: Mapping[str, Any], origin: str) -> dict[str, Any]:
-    """Changes with ``*`` written out; faults of single ones and of all together are named by
-    ``origin``."""
+    """Changes with every ``*`` written out.
+
+    Faults, of a single change or of all together, are told with ``origin`` before their path.
+    """
     data = scenario.model_dump(mode="json")
     spread = {
         place: value
@@ -257,141 +263,3 @@ def _spread(scenario: Scenario, changes: Mapping[str, Any], origin: str) -> dict
             [Fault(origin + f.where, f.problem, f.choices) for f in error.faults]
         ) from None
     return spread
-
-
-def _axis_faults(
-    number: int, axes: Sequence[AxisTable], bases: Mapping[str, Scenario]
-) -> Iterator[Fault]:
-    """What is wrong with one of the axes in the light of the base scenarios."""
-    where, axis = f"axes.{number}", axes[number]
-    others = [other for other in axes if other is not axis and isinstance(other, ListAxis)]
-    for i, path in enumerate(axis.paths):
-        at = f"{where}.path" if isinstance(axis.path, str) else f"{where}.path.{i}"
-        for name, scenario in bases.items():
-            data = scenario.model_dump(mode="json")
-            found = trials.matches(data, path)
-            if not found:
-                yield _missing(at, path, data, name if len(bases) > 1 else None)
-                break
-            value = trials.value_at(data, found[0])
-            inner = (
-                value if isinstance(value, dict) else value[0] if isinstance(value, list) else None
-            )
-            if isinstance(inner, dict) and not _names_tables(axis, value):
-                keys = value if isinstance(value, dict) else [*map(str, range(len(value))), "*"]
-                yield Fault(at, f"{path!r} is a table; name one value in it", tuple(keys))
-                break
-            problem = _misfit(axis, value)
-            if problem:
-                yield Fault(at, f"{path!r} {problem}")
-                break
-            if isinstance(axis, ListAxis):
-                yield from _misspelt(where, axis, scenario, found, others)
-
-
-def _names_tables(axis: AxisTable, present: Any) -> bool:
-    """Whether the axis sets a table by names, such as the robot's motor."""
-    return (
-        isinstance(axis, ListAxis)
-        and isinstance(present, dict)
-        and all(isinstance(value, str) for value in axis.values)
-    )
-
-
-def _missing(at: str, path: str, data: Mapping[str, Any], base: str | None) -> Fault:
-    """Where a path leaves the scenario, and what there is instead."""
-    keys = path.split(".")
-    depth = next(i for i in range(len(keys)) if not trials.matches(data, ".".join(keys[: i + 1])))
-    before = trials.matches(data, ".".join(keys[:depth])) if depth else [""]
-    inside = trials.value_at(data, before[0])
-    choices = tuple(inside) if isinstance(inside, dict) else ()
-    choices = (*map(str, range(len(inside))), "*") if isinstance(inside, list) else choices
-    of = f" in base {base!r}" if base else ""
-    return Fault(at, f"is {path!r}; there is no {keys[depth]!r}{of}", choices)
-
-
-def _misfit(axis: AxisTable, present: Any) -> str | None:
-    """Why an axis of numbers or vectors cannot set a value such as ``present``."""
-    vector = isinstance(present, list)
-    if isinstance(axis, DirectionAxis):
-        return None if vector else "takes no vector"
-    if isinstance(axis, ListAxis):
-        return None
-    if isinstance(present, bool | str):
-        return f"is {json.dumps(present)}, not a number; use a list axis"
-    if vector:
-        return "is a vector; use a list or direction axis, or one of its numbers"
-    whole = isinstance(axis, GridAxis) and all(value.is_integer() for value in axis.values_of())
-    return "takes whole numbers only" if isinstance(present, int) and not whole else None
-
-
-def _misspelt(
-    where: str, axis: ListAxis, scenario: Scenario, places: list[str], others: Sequence[ListAxis]
-) -> Iterator[Fault]:
-    """Words and truth values that the scenario does not know, whatever value one of the ``others``
-    has.
-
-    Numbers out of range, and values that do not go together, make invalid trials instead.
-    """
-    data = scenario.model_dump(mode="json")
-    for i, value in enumerate(axis.values):
-        present = trials.value_at(data, places[0])
-        if not isinstance(value, bool | str) and not isinstance(present, bool | str):
-            continue
-        try:
-            override(scenario, dict.fromkeys(places, value))
-        except ScenarioError as error:
-            found = [fault for fault in error.faults if fault.where in places]
-            if found and not _goes_with_another(scenario, dict.fromkeys(places, value), others):
-                yield from (
-                    Fault(f"{where}.values.{i}", fault.problem, fault.choices) for fault in found
-                )
-
-
-def _goes_with_another(
-    scenario: Scenario, changes: Mapping[str, Any], others: Sequence[ListAxis]
-) -> bool:
-    """Whether changes are valid together with some value of one of the axes ``others``."""
-    data = scenario.model_dump(mode="json")
-    for other in others:
-        places = [place for path in other.paths for place in trials.matches(data, path)]
-        for value in other.values:
-            try:
-                override(scenario, dict(changes) | dict.fromkeys(places, value))
-            except ScenarioError:
-                continue
-            return True
-    return False
-
-
-def _clashes(
-    file: SweepFile, bases: Mapping[str, Scenario], changes: Mapping[str, Any]
-) -> Iterator[Fault]:
-    """Two that set the same value, groups that are no crossed axes, and too many trials."""
-    data = next(iter(bases.values())).model_dump(mode="json")
-    taken: dict[str, str] = {}
-    for i, axis in enumerate(file.axes):
-        for path in axis.paths:
-            for place in trials.matches(data, path):
-                if place in taken and taken[place] != f"axes.{i}":
-                    yield Fault(f"axes.{i}.path", f"{place!r} is set by {taken[place]} too")
-                taken.setdefault(place, f"axes.{i}")
-    for origin, given in (("set.", file.set), ("--set ", changes)):
-        for path in given:
-            clash = next(
-                (taken[place] for place in trials.matches(data, path) if place in taken), None
-            )
-            if clash:
-                yield Fault(origin + path, f"is set by {clash} too")
-    if not file.axes and len(bases) < 2:
-        yield Fault("axes", "is missing: a sweep has at least one axis, or several bases")
-    groups = (
-        *([BASE] if len(bases) > 1 else []),
-        *(axis.name for axis in file.axes if axis.crossed),
-    )
-    for i, name in enumerate(file.group_by or ()):
-        if name not in groups:
-            yield Fault(f"group_by.{i}", f"{name!r} is no grid or list axis of this sweep", groups)
-    size = trials.count(len(bases), file.axes, file.samples)
-    if size > MOST_TRIALS:
-        yield Fault("axes", f"make {size} trials; at most {MOST_TRIALS}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.sweep.part import ERROR, INVALID
+from omnitrack_sim.sweep.batch import ERROR, INVALID
 from omnitrack_sim.sweep.spec import Sweep
 
 if TYPE_CHECKING:
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 def summarise_sweep(sweep: Sweep, table: pa.Table, makers: Collection[str]) -> dict[str, Any]:
     """The contents of ``summary.json``.
 
-    Rates are over the trials that ran to an outcome: ``invalid`` and ``error`` are left out, and
-    counted.
+    Rates are over the trials that ran to an outcome: ``invalid`` and ``error`` are counted, but not
+    in the rates.
 
     Args:
-        sweep: that ran.
+        sweep: the sweep that ran.
         table: all trials.
-        makers: JSON of the versions and commits that the parts were made by.
+        makers: versions and commits that the batches were made by, as JSON.
     """
     outcomes = table["outcome"].to_pylist()
     columns = sweep.trials()
@@ -53,8 +53,10 @@ def summarise_sweep(sweep: Sweep, table: pa.Table, makers: Collection[str]) -> d
 
 
 def _rate(outcomes: Collection[str]) -> dict[str, Any]:
-    """Trials, those that count, successes, and the success rate with its Wilson 95 % interval; None
-    of no trial."""
+    """Numbers of trials and successes, and the success rate with its Wilson 95 % interval.
+
+    The rate is None if no trial counts.
+    """
     counts = Counter(outcomes)
     counted = len(outcomes) - counts[INVALID] - counts[ERROR]
     passed = counts[Outcome.REACHED_GOAL]

@@ -11,9 +11,9 @@ from omnitrack_sim.record.metrics import METRICS, Metric
 from omnitrack_sim.robot import MODULES
 from omnitrack_sim.schema.tables import unit_of
 from omnitrack_sim.sweep.axes import BASE, DirectionAxis
-from omnitrack_sim.sweep.part import Row
+from omnitrack_sim.sweep.batch import Row
 from omnitrack_sim.sweep.spec import Sweep
-from omnitrack_sim.sweep.trials import Part
+from omnitrack_sim.sweep.trials import Batch
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -27,14 +27,15 @@ PARQUET: dict[str, Any] = {
     "row_group_size": 65536,
     "write_page_checksum": True,
 }
-"""Fixed, so that the same rows give the same bytes."""
+"""Settings of the files. They are fixed, so that the same rows give the same bytes."""
 
 
 class Layout:
-    """The columns of a sweep's table and the axis values in them.
+    """The columns of a sweep's table, and the axis values in them.
 
     Attributes:
-        schema: of the table; ``sha256`` of the sweep in its metadata, units in the fields'.
+        schema: of the table, with the ``sha256`` of the sweep in its metadata and the units in
+            those of the fields.
         total: number of rows.
     """
 
@@ -68,8 +69,8 @@ class Layout:
         ]
         self.schema = pa.schema(fields, metadata={"sweep_sha256": sweep.hash})
 
-    def table(self, part: Part, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
-        """The rows of a part; its hash and what made it in the metadata."""
+    def table(self, batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
+        """The rows of a batch, with its hash and what made it in the metadata."""
         import pyarrow as pa
 
         columns = []
@@ -78,14 +79,14 @@ class Layout:
                 values = [self._values[field.name][row["trial"]] for row in rows]
             else:
                 values = [
-                    part.model if field.name == "model" else row.get(field.name) for row in rows
+                    batch.model if field.name == "model" else row.get(field.name) for row in rows
                 ]
             columns.append(pa.array(values, field.type))
-        metadata = {"part": part.hash, "made_by": json.dumps(made_by, sort_keys=True)}
+        metadata = {"part": batch.hash, "made_by": json.dumps(made_by, sort_keys=True)}
         return pa.Table.from_arrays(columns, schema=self.schema.with_metadata(metadata))
 
     def merged(self, tables: Sequence[pa.Table]) -> pa.Table:
-        """The parts' rows in the order of the trials, in one piece."""
+        """The rows of all batches in the order of the trials, in one piece."""
         import pyarrow as pa
 
         plain = [table.replace_schema_metadata(self.schema.metadata) for table in tables]
@@ -95,7 +96,7 @@ class Layout:
 
 
 def metric_columns(metric: Metric) -> list[str]:
-    """The columns of a metric: one, or one a module."""
+    """The columns of a metric: one, or one for each module."""
     if not metric.per_module:
         return [metric.name]
     return [f"{metric.name}_{i}" for i in range(1, MODULES + 1)]
@@ -132,7 +133,7 @@ def to_csv(table: pa.Table) -> bytes:
 
 
 def axis_columns(sweep: Sweep, name: str) -> list[str]:
-    """The columns of an axis: itself, or x, y and z of a vector."""
+    """The columns of an axis: one, or x, y and z of a vector."""
     vector = any(axis.name == name and isinstance(axis, DirectionAxis) for axis in sweep.axes)
     if vector or (name in sweep.crossed and _are_vectors(sweep.crossed[name])):
         return [f"{name}_{letter}" for letter in XYZ]
@@ -140,8 +141,10 @@ def axis_columns(sweep: Sweep, name: str) -> list[str]:
 
 
 def _columns_of(name: str, values: Sequence[Any]) -> dict[str, Sequence[Any]]:
-    """An axis' values as plain columns: vectors as x, y, z; what is neither number, text nor truth
-    value as JSON."""
+    """The values of an axis as plain columns.
+
+    Vectors become x, y and z; what is neither number, text nor truth value becomes JSON.
+    """
     if _are_vectors(values):
         return {
             f"{name}_{letter}": [float(value[i]) for value in values]

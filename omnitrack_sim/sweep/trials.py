@@ -1,5 +1,7 @@
-"""From axes to trials, and from trials to batches. Only plain values: nothing is validated, no
-route is built."""
+"""From axes to trials, and from trials to batches.
+
+All values are plain ones: nothing is validated here, and no route is built.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +20,20 @@ from omnitrack_sim.sweep.axes import BASE, AxisTable
 from omnitrack_sim.sweep.sampling import Draws, Sampling, unit_points
 
 FORMAT = 1
-"""Number of the form of parts and table; parts of another form are not taken over."""
+"""Version of the form of part files and table; part files of another version are not used."""
 Columns = dict[str, list[Any]]
-"""Values of each axis, one a trial."""
+"""Values of each axis, one for each trial."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One trial: its number, its base, and what it changes there, by dotted path."""
+    """One trial.
+
+    Attributes:
+        index: its number, from 0.
+        base: name of its base scenario.
+        changes: what it changes there, by dotted path.
+    """
 
     index: int
     base: str
@@ -33,8 +41,8 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Part:
-    """The trials of one batch, with all that a worker needs.
+class Batch:
+    """Trials that share a model and run together, with all that a worker needs.
 
     Attributes:
         number: from 0, in the order of the batches.
@@ -56,8 +64,10 @@ class Part:
 
 
 def matches(data: Mapping[str, Any], path: str) -> list[str]:
-    """The paths in a plain scenario that ``path`` means: itself, or with ``*`` one for each item
-    that has the key."""
+    """The paths in a plain scenario that ``path`` stands for.
+
+    That is the path itself; with ``*`` in it, one path for each item of the list that has the key.
+    """
     found = [""]
     for key in path.split("."):
         longer = []
@@ -74,7 +84,7 @@ def matches(data: Mapping[str, Any], path: str) -> list[str]:
 
 
 def has(place: Any, key: str) -> bool:
-    """Whether there is a ``key`` in a table or list."""
+    """Whether a table or list has ``key``."""
     return (
         key in place
         if isinstance(place, dict)
@@ -83,15 +93,17 @@ def has(place: Any, key: str) -> bool:
 
 
 def value_at(data: Any, path: str) -> Any:
-    """The value at a path that exists; the whole for the empty path."""
+    """The value at a path that exists; for the empty path, all of ``data``."""
     for key in filter(None, path.split(".")):
         data = data[int(key)] if isinstance(data, list) else data[key]
     return data
 
 
 def fitted(value: Any, present: Any) -> Any:
-    """``value`` as the kind of number that stands in its place now, so that 1 and 1.0 are one
-    trial."""
+    """``value`` as the kind of number that it takes the place of.
+
+    So 1 and 1.0 make the same trial.
+    """
     if type(value) is int and isinstance(present, float):
         return float(value)
     if isinstance(value, float) and value.is_integer() and type(present) is int:
@@ -109,12 +121,16 @@ def expand(
     draws: Draws,
     seed: int,
 ) -> Columns:
-    """The values of all axes, one a trial: crossed axes with the first slowest, ``samples`` draws
-    for each combination.
+    """The values of all axes, one for each trial.
+
+    Crossed axes are combined with the first one slowest, and each combination has ``samples`` draws
+    of the random axes.
 
     Args:
         bases: plain base scenarios by name; several make the first axis, ``BASE``.
-        axes: of the sweep. samples, sampling, draws, seed: of the random ones.
+        axes: of the sweep.
+        samples: draws for each combination.
+        sampling, draws, seed: how the random axes are drawn.
     """
     random = [axis for axis in axes if not axis.crossed]
     crossed = crossed_values(bases, axes)
@@ -159,7 +175,7 @@ def count(bases: int, axes: Sequence[AxisTable], samples: int) -> int:
 def places_of(
     bases: Mapping[str, Mapping[str, Any]], axes: Sequence[AxisTable]
 ) -> dict[str, list[tuple[str, str]]]:
-    """For each base, (axis name, single path) of all that the axes set there."""
+    """For each base, (axis name, path) of every single value that the axes set there."""
     return {
         base: [
             (axis.name, place)
@@ -174,26 +190,26 @@ def places_of(
 def trial_of(
     places: Mapping[str, Sequence[tuple[str, str]]], columns: Columns, index: int
 ) -> Trial:
-    """Trial ``index`` with its changes by single paths; ``places`` of ``places_of``."""
+    """Trial ``index`` with its changes by single paths; ``places`` as ``places_of`` gives them."""
     base = columns[BASE][index] if BASE in columns else next(iter(places))
     return Trial(index, base, {place: columns[name][index] for name, place in places[base]})
 
 
 def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """A copy of a plain scenario with changes by path, unchecked."""
+    """A copy of a plain scenario with changes by path; the result is not checked."""
     plain = copy.deepcopy(dict(data))
     for path, value in changes.items():
         set_value(plain, path, value)
     return plain
 
 
-def parts_of(
-    bases: Mapping[str, Mapping[str, Any]], axes: Sequence[AxisTable], columns: Columns, batch: int
-) -> list[Part]:
-    """The trials in batches of at most ``batch``: those that share a model together, in order."""
+def batches_of(
+    bases: Mapping[str, Mapping[str, Any]], axes: Sequence[AxisTable], columns: Columns, size: int
+) -> list[Batch]:
+    """The trials in batches of at most ``size``; the trials of a batch share a model."""
     texts = {name: json.dumps(data) for name, data in bases.items()}
     places = places_of(bases, axes)
-    # One copy of each base is changed in place, trial after trial: every trial sets the same paths.
+    # Every trial of a base sets the same paths, so one copy is changed in place for all of them.
     plain = {name: copy.deepcopy(dict(data)) for name, data in bases.items()}
     groups: dict[str, list[Trial]] = {}
     for index in range(len(next(iter(columns.values())))):
@@ -201,13 +217,13 @@ def parts_of(
         for path, value in one.changes.items():
             set_value(plain[one.base], path, value)
         groups.setdefault(batch_key(plain[one.base]), []).append(one)
-    parts: list[Part] = []
+    batches: list[Batch] = []
     for key, members in groups.items():
-        for start in range(0, len(members), batch):
-            chosen = tuple(members[start : start + batch])
+        for start in range(0, len(members), size):
+            chosen = tuple(members[start : start + size])
             used = {name: texts[name] for name in sorted({one.base for one in chosen})}
-            parts.append(Part(len(parts), _sha256(key)[:12], used, chosen))
-    return parts
+            batches.append(Batch(len(batches), _sha256(key)[:12], used, chosen))
+    return batches
 
 
 def _sha256(value: Any) -> str:

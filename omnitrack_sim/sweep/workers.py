@@ -19,12 +19,14 @@ _PR_SET_PDEATHSIG = 1
 
 
 class WorkersLost(OmnitrackError):
-    """The workers are gone and cannot be had again."""
+    """The workers are gone and cannot be replaced."""
 
 
 class LocalPool(ProcessPoolExecutor):
-    """Worker processes that die with this one, and at once when the pool is shut down without
-    waiting."""
+    """Worker processes that die with this one.
+
+    They are killed at once if the pool is shut down without waiting.
+    """
 
     def __init__(self, workers: int):
         self._others = set(multiprocessing.active_children())
@@ -36,7 +38,7 @@ class LocalPool(ProcessPoolExecutor):
         )
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """As the parent's; without ``wait`` the workers are killed."""
+        """End the pool; without ``wait`` the workers are killed."""
         if not wait:
             for process in set(multiprocessing.active_children()) - self._others:
                 process.kill()
@@ -48,12 +50,12 @@ def begin_worker(parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # gone before the line above
+    if os.getppid() != parent:  # the parent had died before prctl was called
         os._exit(1)
 
 
 class DaskPool(Executor):
-    """A Dask cluster. Its client is closed with it."""
+    """The workers of a Dask cluster. Shutting it down closes its client."""
 
     def __init__(self, address: str):
         try:
@@ -75,13 +77,13 @@ class DaskPool(Executor):
         return self._executor.submit(fn, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End; without ``wait`` batches under way are given up."""
+        """End the pool; without ``wait`` batches under way are given up."""
         self._executor.shutdown(wait)
         self._client.close()
 
 
 def killed_its_worker(error: BaseException) -> bool:
-    """Whether Dask gave up a batch because workers died of it."""
+    """Whether Dask gave up a batch because the workers that ran it died."""
     if "distributed" not in sys.modules:
         return False
     from distributed import KilledWorker

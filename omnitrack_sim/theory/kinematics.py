@@ -25,16 +25,15 @@ from omnitrack_sim.rotations import Array, cross, length
 
 _COS, _SIN = np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES)  # (3,)
 _ROOT3 = np.sqrt(3.0)
-_OUTWARD = np.stack(
-    [_COS, _SIN, np.zeros(3)], axis=-1
-)  # (3, 3) unit vectors from the robot axis to the modules
-_TANGENT = np.stack([-_SIN, _COS, np.zeros(3)], axis=-1)  # (3, 3) k x outward
+# (3, 3) unit vectors from the robot axis to the modules, and k x these
+_OUTWARD = np.stack([_COS, _SIN, np.zeros(3)], axis=-1)
+_TANGENT = np.stack([-_SIN, _COS, np.zeros(3)], axis=-1)
 
 Module = Literal["two_track", "ball_lug"]
 MODULE_KINDS: tuple[Module, ...] = ("two_track", "ball_lug")
-"""``two_track``: two crawler chains; either the upper or the lower one is at the wall and moves it
-fully. ``ball_lug``: balls that turn about the module's cross axis, as in a lumped model: the wall
-gets the component cos(roll)."""
+"""``two_track`` has two crawler chains: either the upper or the lower one is at the wall and moves
+it fully. ``ball_lug`` has balls that turn about the module's cross axis, as in a lumped model: the
+wall gets the component cos(roll)."""
 _ON_THE_LINE = 1e-9
 """Size of cos(roll) on the no-motion line: the rounding of 90 degrees, not a tolerance."""
 
@@ -50,8 +49,7 @@ def wall_speed(shaft_speed: ArrayLike, lug_radius: ArrayLike) -> Array:
 
 
 def inertial_rate(rate: ArrayLike, omega: ArrayLike, vector: ArrayLike) -> Array:
-    """Eq. 4, Coriolis's theorem: df/dt in the inertial frame = df/dt in the rotating frame + omega
-    x f.
+    """Eq. 4, Coriolis's theorem: df/dt (inertial frame) = df/dt (rotating frame) + omega x f.
 
     Args:
         rate: df/dt (..., 3) as seen in the rotating frame.
@@ -62,10 +60,9 @@ def inertial_rate(rate: ArrayLike, omega: ArrayLike, vector: ArrayLike) -> Array
 
 
 def module_velocities(speeds: ArrayLike, theta4_dot: ArrayLike, arms: ArrayLike) -> Array:
-    """Eqs. 5-7: velocities (..., 3, 3) m/s of the module centres in the inertial frame, module by
-    component.
+    """Eqs. 5-7: velocities (..., 3, 3) m/s of the module centres, module by component.
 
-    V_i k + theta4_dot k x l_i e_i, with e_i from the robot axis to module i.
+    In the inertial frame: V_i k + theta4_dot k x l_i e_i, with e_i from the robot axis to module i.
 
     Args:
         speeds: V_i (..., 3), m/s along the robot axis.
@@ -80,20 +77,20 @@ def module_velocities(speeds: ArrayLike, theta4_dot: ArrayLike, arms: ArrayLike)
 
 
 def mean_velocity(speeds: ArrayLike, theta4_dot: ArrayLike, arms: ArrayLike) -> Array:
-    """Eq. 8: velocity (..., 3) m/s of the robot, the mean of ``module_velocities``, for arms of any
-    lengths."""
+    """Eq. 8: velocity (..., 3) m/s of the robot, the mean of ``module_velocities``."""
     return module_velocities(speeds, theta4_dot, arms).mean(axis=-2)
 
 
 def forward_speed(speeds: ArrayLike) -> Array:
-    """Eq. 9: V_cz (...,) m/s, the mean of the module speeds (..., 3). With equal arms it is all of
-    Eq. 8."""
+    """Eq. 9: V_cz (...,) m/s, the mean of the module speeds (..., 3).
+
+    With equal arms it is all that Eq. 8 gives.
+    """
     return np.asarray(speeds, float).mean(axis=-1)
 
 
 def cross_velocity(theta4_dot: ArrayLike, arms: ArrayLike) -> Array:
-    """What Eq. 8 has beyond Eq. 9: velocity (..., 2) m/s across the robot axis while it rolls with
-    unequal arms.
+    """Velocity (..., 2) m/s across the robot axis: what Eq. 8 has beyond Eq. 9.
 
     theta4_dot / 3 times the sum of l_i k x e_i; zero for equal arms. The walls do not let the robot
     go there, so this is the speed at which lugs scrub sideways when a robot that sags in a
@@ -108,8 +105,7 @@ def cross_velocity(theta4_dot: ArrayLike, arms: ArrayLike) -> Array:
 
 
 def rotation_by_module(speeds: ArrayLike, lever: ArrayLike) -> Array:
-    """Eqs. 10-12: angular velocity (..., 3, 3) rad/s that each module alone gives, module by
-    component.
+    """Eqs. 10-12: angular velocity (..., 3, 3) rad/s by each module alone, module by component.
 
     The robot turns about the line through the other two modules, at a = l/2 beyond the centre, so
     the rate is V_i / (a + l) = 2 V_i / (3 l).
@@ -123,8 +119,9 @@ def rotation_by_module(speeds: ArrayLike, lever: ArrayLike) -> Array:
 
 
 def angular_velocity(speeds: ArrayLike, theta4_dot: ArrayLike, lever: ArrayLike) -> Array:
-    """Eqs. 13-16: angular velocity (..., 3) rad/s of the robot, robot frame: Eqs. 10-12 added, and
-    theta4_dot about z.
+    """Eqs. 13-16: angular velocity (..., 3) rad/s of the robot, robot frame.
+
+    The sum of Eqs. 10-12, and theta4_dot about z.
 
     Args:
         speeds: V_i (..., 3), m/s.
@@ -137,8 +134,9 @@ def angular_velocity(speeds: ArrayLike, theta4_dot: ArrayLike, lever: ArrayLike)
 
 
 def jacobian(lug_radius: ArrayLike, lever: ArrayLike) -> Array:
-    """J (..., 4, 4) of Eqs. 17-18: (omega_x, omega_y, omega_z, V_cz) = J (theta_dot_1, ..._2,
-    ..._3, theta_dot_4).
+    """J (..., 4, 4) of Eqs. 17-18.
+
+    (omega_x, omega_y, omega_z, V_cz) = J (theta_dot_1, theta_dot_2, theta_dot_3, theta_dot_4).
 
     Args:
         lug_radius: r, m.
@@ -170,8 +168,9 @@ def inverse_jacobian(lug_radius: ArrayLike, lever: ArrayLike) -> Array:
 def module_speeds(
     forward_speed: ArrayLike, omega_x: ArrayLike, omega_y: ArrayLike, lever: ArrayLike
 ) -> Array:
-    """Wall speeds (..., 3) m/s for a wanted motion: the first three rows of ``inverse_jacobian``
-    times r.
+    """Wall speeds (..., 3) m/s for a wanted motion.
+
+    The first three rows of ``inverse_jacobian`` times r.
 
     Args:
         forward_speed: V_cz (...,), m/s.
@@ -234,8 +233,7 @@ def elbow_radii(theta5: ArrayLike, mean_radius: ArrayLike, module_distance: Arra
 def elbow_speeds(
     forward_speed: ArrayLike, theta5: ArrayLike, mean_radius: ArrayLike, module_distance: ArrayLike
 ) -> Array:
-    """Wall speeds (..., 3) m/s that take the centre through an elbow at ``forward_speed``: Eq. 20,
-    scaled to its mean.
+    """Wall speeds (..., 3) m/s through an elbow: Eq. 20, scaled to the mean ``forward_speed``.
 
     They equal ``module_speeds`` with lever d and a rotation of forward_speed / R_e towards the
     turning direction.
@@ -251,25 +249,26 @@ def elbow_speeds(
 def elbow_paths(
     elbow_angle: ArrayLike, theta5: ArrayLike, mean_radius: ArrayLike, module_distance: ArrayLike
 ) -> Array:
-    """Length (..., 3) m of each module's path through an elbow of ``elbow_angle`` rad: angle times
-    ``elbow_radii``."""
+    """Lengths (..., 3) m of the modules' paths through an elbow of ``elbow_angle`` rad.
+
+    The angle times ``elbow_radii``.
+    """
     return np.asarray(elbow_angle, float)[..., None] * elbow_radii(
         theta5, mean_radius, module_distance
     )
 
 
 def turn_from_roll(roll: ArrayLike, lug_radius: ArrayLike, pipe_radius: ArrayLike) -> Array:
-    """Turn (...,) rad of the robot about its z axis when all modules roll by ``roll`` rad without
-    slip: -roll r / R.
+    """Turn (...,) rad of the robot about its z axis when all modules roll without slip.
 
-    The modules roll on the inside of the pipe. In rates: theta4_dot = -omega_z r / R.
+    For a roll of ``roll`` rad it is -roll r / R. The modules roll on the inside of the pipe. In
+    rates: theta4_dot = -omega_z r / R.
     """
     return -np.asarray(roll, float) * np.asarray(lug_radius, float) / np.asarray(pipe_radius, float)
 
 
 def belt_sign(roll: ArrayLike) -> Array:
-    """Direction (...,) in which a positive belt speed drives a module rolled by ``roll`` rad: the
-    sign of cos(roll).
+    """Direction (...,) in which a positive belt speed drives a module: the sign of cos(roll).
 
     The upper track is at the wall for |roll| < 90 degrees, the lower one, running backward, beyond.
     Zero at the no-motion line (Fig. 18).
@@ -279,8 +278,9 @@ def belt_sign(roll: ArrayLike) -> Array:
 
 
 def wall_per_belt(roll: ArrayLike, module: Module = "two_track") -> Array:
-    """Wall speed per belt speed (...,): ``belt_sign`` for ``two_track``, cos(roll) for
-    ``ball_lug``; see MODULE_KINDS.
+    """Wall speed over belt speed (...,) at ``roll`` rad.
+
+    It is ``belt_sign`` for ``two_track`` and cos(roll) for ``ball_lug``; see MODULE_KINDS.
 
     Raises:
         InputError: there is no such kind of module.
@@ -292,10 +292,10 @@ def wall_per_belt(roll: ArrayLike, module: Module = "two_track") -> Array:
 
 
 def belt_speed(wall_speed: ArrayLike, roll: ArrayLike, module: Module = "two_track") -> Array:
-    """Belt speed (...,) m/s that gives a module the wall speed (...,) m/s at ``roll`` rad; 0 on the
-    no-motion line.
+    """Belt speed (...,) m/s that gives a module ``wall_speed`` (...,) m/s at ``roll`` rad.
 
-    No belt speed moves the robot there: see ``belt_sign``. The inverse of ``wall_per_belt``.
+    It is 0 on the no-motion line. No belt speed moves the robot there: see ``belt_sign``. The
+    inverse of ``wall_per_belt``.
     """
     factor = wall_per_belt(roll, module)
     moves = factor != 0

@@ -56,7 +56,7 @@ class TurnCase:
     bend_radius: float | None = None
 
     def __post_init__(self) -> None:
-        safe_margin(self.sector, self.modules)  # looks at every value of the closed form
+        safe_margin(self.sector, self.modules)  # raises if a value is out of range
 
     @cached_property
     def sector(self) -> float:
@@ -81,7 +81,7 @@ class TurnCase:
         )
 
     def real_map(self, orientations: int = 241, poses: int = 181) -> ContactMap:
-        """Contact along the turn over one period of theta5, ``best`` in the middle."""
+        """Contact along the turn over one period of theta5, with ``best`` in the middle."""
         half = np.pi / self.modules
         theta5 = self.best + np.linspace(-half, half, orientations)
         path = self._path(poses)
@@ -98,7 +98,7 @@ class TurnCase:
         return turn_path(self.path_radius, self.turn_angle, poses)
 
     def summary(self) -> dict[str, Any]:
-        """Every figure with its unit in the name, for JSON."""
+        """Every number with its unit in the name, for JSON."""
         state = self.real_map(orientations=481, poses=361)
         one_period = state.keeps_contact[:-1]  # the last theta5 repeats the first
         return {

@@ -21,9 +21,8 @@ from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.rotations import Array
 
 _Y = np.array([0.0, 1.0, 0.0])
-_OFFSETS = np.radians(
-    np.concatenate([np.arange(0, 100, 0.25), np.arange(100, 181, 2)])
-)  # from the outer direction
+# Angles from the outer direction.
+_OFFSETS = np.radians(np.concatenate([np.arange(0, 100, 0.25), np.arange(100, 181, 2)]))
 
 
 @dataclass(frozen=True)
@@ -61,11 +60,11 @@ class TeePath:
 
 
 def turn_path(bend_radius: float, turn_angle: float = np.pi / 2, poses: int = 721) -> TeePath:
-    """The arc of radius ``bend_radius`` m from the run's axis to the branch's, in ``poses`` equal
-    steps of angle.
+    """The arc of radius ``bend_radius`` m from the axis of the run to that of the branch.
 
-    With bend_radius = R the centre of the arc is the inner vertex of the tee's edge: the robot
-    pivots about the crotch at the distance R. Larger radii cut the corner.
+    Its ``poses`` are equal steps of angle apart. With bend_radius = R the centre of the arc is the
+    inner vertex of the tee's edge: the robot pivots about the crotch at the distance R. Larger
+    radii cut the corner.
 
     Raises:
         InputError: bend_radius is not positive, turn_angle not between 0 and pi rad, or poses below
@@ -81,8 +80,9 @@ def turn_path(bend_radius: float, turn_angle: float = np.pi / 2, poses: int = 72
 
 
 def straight_path(pipe_radius: float, turn_angle: float = np.pi / 2, poses: int = 721) -> TeePath:
-    """Straight over the tee along the run's axis, from 2 R before the branch's axis to 2 R behind
-    it.
+    """Straight over the tee along the axis of the run.
+
+    From 2 R before the axis of the branch to 2 R behind it.
 
     Raises:
         InputError: pipe_radius is not positive, or poses below 2.
@@ -121,8 +121,10 @@ class ContactMap:
 
     @property
     def contact_rate(self) -> float:
-        """Share of the orientations that keep contact; a success rate if theta5 covers a period
-        evenly."""
+        """Share of the orientations that keep contact.
+
+        It is a success rate if theta5 covers a period evenly.
+        """
         return float(self.keeps_contact.mean())
 
 
@@ -156,15 +158,13 @@ def contact_map(
 def outer_sector(
     path: TeePath, reach: ArrayLike, pipe_radius: float, contact_length: float
 ) -> Array:
-    """Angle (...,) rad of the sector about the outer direction in which a module loses the wall
-    somewhere on the path.
+    """Angle (...,) rad of the sector about the outer direction in which a module loses the wall.
 
-    The counterpart of ``region.sector_angle``. Between directions a quarter of a degree apart the
-    needed reach is
-    interpolated. It has a sharp peak along the turn: with 721 poses of a right angle the sector is
-    within 0.05 degrees
-    of its limit, with 181 within 0.5. There may be further directions without contact, apart from
-    this sector: see ``contact_map``.
+    A module in it has no wall somewhere on the path. The counterpart of ``region.sector_angle``.
+    Between directions a quarter of a degree apart the needed reach is interpolated. It has a sharp
+    peak along the turn: with 721 poses of a right angle the sector is within 0.05 degrees of its
+    limit, with 181 within 0.5. There may be further directions without contact, apart from this
+    sector: see ``contact_map``.
 
     Args:
         path: T poses.
@@ -198,12 +198,11 @@ def _count(name: str, value: int, least: int = 2) -> int:
 def wall_distance(
     path: TeePath, module_angle: ArrayLike, pipe_radius: float, contact_length: float
 ) -> Array:
-    """Distance (T, *A) m from the robot axis at which a module first meets the wall; infinite
-    through an open end.
+    """Distance (T, *A) m from the robot axis at which a module first meets the wall.
 
-    Along the module the distance to the wall is concave except where it crosses the edge, so its
-    least value is at an end of the line or on the edge. These few points are tried; nothing is
-    sampled.
+    It is infinite where the module looks through an open end. Along the module the distance to the
+    wall is concave except where it crosses the edge, so its least value is at an end of the line or
+    on the edge. These few points are tried; nothing is sampled.
 
     Args:
         path: T poses.
@@ -238,30 +237,30 @@ def wall_distance(
 
 
 class _Bores:
-    """Union of the run's and the branch's bore, radius 1."""
+    """Union of the bores of run and branch, radius 1."""
 
     def __init__(self, turn_angle: float):
-        self.across_run = np.array(
-            [1.0, 0.0, 0.0]
-        )  # unit vector across the run's axis, in the plane of the turn
+        # Unit vectors across the axes in the plane of the turn, and along the branch.
+        self.across_run = np.array([1.0, 0.0, 0.0])
         self.across_branch = np.array([np.cos(turn_angle), 0.0, -np.sin(turn_angle)])
         self.branch = np.array([np.sin(turn_angle), 0.0, np.cos(turn_angle)])
 
     def exit(self, start: Array, direction: Array) -> Array:
-        """Length (...,) of rays from ``start`` (..., 3) to where they first leave the union; 0
-        outside it."""
+        """Length (...,) of rays from ``start`` (..., 3) to where they leave the union.
+
+        It is 0 for rays that start outside.
+        """
         run_in, run_out = _through_cylinder(start, direction, self.across_run)
         branch_in, branch_out = self._through_branch(start, direction)
         in_run, in_branch = (run_in <= 0) & (run_out >= 0), (branch_in <= 0) & (branch_out >= 0)
         first = np.where(in_run, run_out, np.where(in_branch, branch_out, 0.0))
-        # The ray may go on in the other bore if it is in there when it leaves the first one.
+        # The ray goes on in the other bore if it is inside that one when it leaves the first.
         on_in_branch = in_run & (branch_in <= first) & (branch_out > first)
         on_in_run = ~in_run & in_branch & (run_in <= first) & (run_out > first)
         return np.where(on_in_branch, branch_out, np.where(on_in_run, run_out, first))
 
     def _through_branch(self, start: Array, direction: Array) -> tuple[Array, Array]:
-        """Where rays enter and leave the half of the branch's cylinder on its side of the run's
-        axis."""
+        """Where rays enter and leave the branch's half of its cylinder."""
         enter, leave = _through_cylinder(start, direction, self.across_branch)
         height, slope = start @ self.branch, direction @ self.branch
         safe = np.where(slope == 0, 1.0, slope)
@@ -274,17 +273,17 @@ class _Bores:
     def edge_crossings(
         self, centre: Array, axis: Array, outward: Array
     ) -> list[tuple[Array, Array]]:
-        """Where the plane of axis and module meets the edge: pairs (along the axis, outward),
-        infinite where not.
+        """Where the plane of axis and module meets the edge.
 
-        On the edge the point is as far across the run as across the branch: it lies in one of the
-        two planes that bisect them, which the plane (centre + s axis + q outward) meets in a line,
-        and on the run's cylinder.
+        Pairs (along the axis, outward); infinite where they do not meet. On the edge the point is
+        as far across the run as across the branch: it lies in one of the two planes that bisect
+        them, which the plane (centre + s axis + q outward) meets in a line, and on the run's
+        cylinder.
         """
         crossings = []
         for normal in (self.across_run - self.across_branch, self.across_run + self.across_branch):
-            # normal . (centre + s axis + q outward) = 0: a point of the line and its direction in
-            # (s, q).
+            # A point and the direction, in (s, q), of the line normal . (centre + s axis +
+            # q outward) = 0.
             a, b, c = axis @ normal, outward @ normal, centre @ normal
             size = a * a + b * b
             ok = size > 1e-24
@@ -304,10 +303,10 @@ class _Bores:
 
 
 def _through_cylinder(start: Array, direction: Array, across: Array) -> tuple[Array, Array]:
-    """Where lines start + t direction enter and leave the cylinder of radius 1 with ``across`` and
-    y across its axis.
+    """Where lines start + t direction enter and leave a cylinder of radius 1.
 
-    A line that misses it gives (inf, -inf), one along the axis inside it (-inf, inf).
+    ``across`` and y are the directions across its axis. A line that misses it gives (inf, -inf),
+    one along the axis inside it (-inf, inf).
     """
     sx, sy, dx, dy = start @ across, start[..., 1], direction @ across, direction[..., 1]
     a, b, c = dx * dx + dy * dy, sx * dx + sy * dy, sx * sx + sy * sy - 1.0

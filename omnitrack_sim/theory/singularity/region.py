@@ -3,8 +3,8 @@
 A pipe of radius R is cut at half the turn angle delta by the mitre plane. The section is an
 ellipse, with semi-axes a = R / cos(delta/2) in the plane of the turn and R across it. A robot whose
 modules reach rho > R from its axis touches it only where the ellipse is within rho. The part
-beyond, projected along the pipe onto the circle at its end, is a
-sector centred on the outer direction, opposite the turn: a module in it has no wall.
+beyond, projected along the pipe onto the circle at its end, is a sector centred on the outer
+direction, opposite the turn: a module in it has no wall.
 
 The authors' derivation is not public. ``ellipse`` is the literal reading of the text; ``crotch``
 and ``strip`` are two rivals. docs/singularity.md derives all three. Angles are in rad, lengths in
@@ -24,23 +24,24 @@ from omnitrack_sim.rotations import Array
 
 Definition = Literal["ellipse", "crotch", "strip"]
 DEFINITIONS: tuple[Definition, ...] = get_args(Definition)
-"""``ellipse``: circle of radius rho concentric with the mitre ellipse. ``crotch``: circle of radius
-rho through the ellipse's inner vertex, where the crotch is. ``strip``: a point contact needs the
-outermost |y| = R of the bores."""
+"""``ellipse``: a circle of radius rho about the centre of the mitre ellipse. ``crotch``: a circle
+of radius rho through the ellipse's inner vertex, where the crotch is. ``strip``: a point contact
+needs the outermost |y| = R of the bores."""
 
 PAPER_SECTOR = np.radians(96.54)
 """Sector of the paper's robot (Section IV)."""
 
 
 def mitre_ellipse(pipe_radius: ArrayLike, turn_angle: ArrayLike = np.pi / 2) -> tuple[Array, Array]:
-    """Semi-axes of the section that the mitre plane cuts: in the plane of the turn, R /
-    cos(delta/2), and across, R."""
+    """Semi-axes of the section in the mitre plane.
+
+    In the plane of the turn R / cos(delta/2), and across it R.
+    """
     return section_ellipse(pipe_radius, _turn_angle(turn_angle) / 2)
 
 
 def section_ellipse(pipe_radius: ArrayLike, tilt: ArrayLike) -> tuple[Array, Array]:
-    """Semi-axes of the section of a pipe cut by a plane tilted by ``tilt`` from square: R /
-    cos(tilt) and R (Fig. 7).
+    """Semi-axes R / cos(tilt) and R of a pipe cut by a plane ``tilt`` rad from square (Fig. 7).
 
     Its eccentricity is sin(tilt).
 
@@ -59,11 +60,11 @@ def section_ellipse(pipe_radius: ArrayLike, tilt: ArrayLike) -> tuple[Array, Arr
 def mitre_intersection(
     pipe_radius: ArrayLike, reach: ArrayLike, turn_angle: ArrayLike = np.pi / 2
 ) -> tuple[Array, Array]:
-    """Where the circle of radius rho meets the concentric mitre ellipse: (u, v) >= 0, u in the
-    plane of the turn.
+    """Where the circle of radius rho meets the concentric mitre ellipse.
 
-    u^2 = (rho^2 - R^2) / sin^2(delta/2). The other three points are its mirror images. NaN where
-    the circle lies inside (rho < R) or outside (rho > a).
+    (u, v) >= 0, with u in the plane of the turn. u^2 = (rho^2 - R^2) / sin^2(delta/2). The other
+    three points are its mirror images. NaN where the circle lies inside (rho < R) or outside (rho >
+    a).
     """
     radius, rho, half = np.broadcast_arrays(
         _positive(pipe_radius, "pipe_radius"),
@@ -81,8 +82,9 @@ def sector_angle(
     turn_angle: ArrayLike = np.pi / 2,
     definition: Definition = "ellipse",
 ) -> Array:
-    """Angle Phi of the singular sector, rad: 2 pi below rho = R, where nothing touches; 0 where all
-    directions touch.
+    """Angle Phi of the singular sector, rad.
+
+    It is 2 pi below rho = R, where nothing touches, and 0 where all directions touch.
 
     With T = tan(delta/2) and c = cos(delta/2), cos(Phi/2) is
 
@@ -128,10 +130,10 @@ def reach_from_sector(
     turn_angle: ArrayLike = np.pi / 2,
     definition: Definition = "ellipse",
 ) -> Array:
-    """Reach rho at which the sector is Phi: the inverse of ``sector_angle``, in the unit of
-    ``pipe_radius``.
+    """Reach rho, in the unit of ``pipe_radius``, that gives the sector Phi.
 
-    ``ellipse``: R sqrt(1 + T^2 cos^2(Phi/2)). Phi = 0 gives the least reach that has no sector.
+    The inverse of ``sector_angle``. ``ellipse``: R sqrt(1 + T^2 cos^2(Phi/2)). Phi = 0 gives the
+    least reach that has no sector.
 
     Raises:
         InputError: Phi is not between 0 and the sector at rho = R (for ``strip``, 0 itself has no
@@ -159,16 +161,17 @@ def reach_from_sector(
 
 
 def safe_margin(sector: ArrayLike, modules: ArrayLike = 3) -> Array:
-    """Half-width of the safe range of theta5 about its best value, rad: (period - Phi) / 2, not
-    below 0."""
+    """Half-width of the safe range of theta5 about its best value, rad.
+
+    (period - Phi) / 2, at least 0.
+    """
     return np.maximum(0.0, (2 * np.pi / _modules(modules) - np.asarray(sector, float)) / 2)
 
 
 def failure_rate(sector: ArrayLike, modules: ArrayLike = 3) -> Array:
-    """Share of all orientations that have a module in the sector: Phi over the period 2 pi /
-    modules, at most 1.
+    """Share of all orientations that have a module in the sector.
 
-    The paper's 80.45 % is 96.54 / 120 (Section VI).
+    Phi over the period 2 pi / modules, at most 1. The paper's 80.45 % is 96.54 / 120 (Section VI).
     """
     return np.minimum(1.0, np.asarray(sector, float) * _modules(modules) / (2 * np.pi))
 
@@ -189,24 +192,23 @@ def is_singular(theta5: ArrayLike, sector: ArrayLike, modules: ArrayLike = 3) ->
 
 
 def best_theta5(modules: ArrayLike = 3) -> Array:
-    """theta5 of the best orientation, modulo the period: the outer direction lies midway between
-    two modules.
+    """theta5 of the best orientation, modulo the period.
 
-    0 for an odd number of modules (one points into the turn), half a period for an even one.
+    The outer direction then lies midway between two modules. 0 for an odd number of modules (one
+    points into the turn), half a period for an even one.
     """
     modules = _modules(modules)
     return np.where(modules % 2 == 1, 0.0, np.pi / modules)
 
 
 def worst_theta5(modules: ArrayLike = 3) -> Array:
-    """theta5 of the worst orientation, modulo the period: a module points in the outer
-    direction."""
+    """theta5 of the worst orientation, modulo the period: a module points outward."""
     modules = _modules(modules)
     return np.where(modules % 2 == 1, np.pi / modules, 0.0)
 
 
 def _require(holds: Any, name: str, value: Any, wanted: str, *, angle: bool = False) -> None:
-    """Complain about the first value that is out of range; an angle is told in degrees."""
+    """Raise an error about the first value that is out of range; angles are told in degrees."""
     if not np.all(holds):
         first = np.broadcast_to(value, np.shape(holds))[~np.asarray(holds)].flat[0]
         told = f"{np.degrees(first):g} degrees" if angle else f"{first:g}"

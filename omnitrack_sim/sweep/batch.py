@@ -1,4 +1,4 @@
-"""What a worker does: run the trials of a batch and say how they ended. It writes nothing."""
+"""What a worker does: run the trials of a batch and tell how they ended. It writes nothing."""
 
 from __future__ import annotations
 
@@ -12,32 +12,33 @@ from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.result import Result, environment
 from omnitrack_sim.sim.run import run_batch
-from omnitrack_sim.sweep.trials import Part, changed
+from omnitrack_sim.sweep.trials import Batch, changed
 
 INVALID, ERROR = "invalid", "error"
-"""Outcomes of trials that have no outcome: values that do not fit, and a fault of the program or
-its worker."""
+"""Outcomes of trials without a run: values that do not fit, a fault of program or worker."""
 Row = dict[str, Any]
-"""Result columns of a trial by name, and ``trial``; what is missing is null."""
+"""Result columns of a trial by name, and ``trial``; a column that is not there is null."""
 
 
-def run_part(part: Part) -> tuple[list[Row], dict[str, Any]]:
-    """Run the trials of a part on one thread; rows in their order, and what made them (versions,
-    commit).
+def run_trials(batch: Batch) -> tuple[list[Row], dict[str, Any]]:
+    """Run the trials of a batch on one thread.
 
     A trial whose values do not fit becomes a row ``invalid``. After an exception the trials are run
     again, each alone, which gives the same numbers; one that fails alone becomes a row ``error``.
+
+    Returns:
+        Rows in the order of the trials, and what made them (versions, commit).
     """
     rows: dict[int, Row] = {}
     scenarios: dict[int, Scenario] = {}
-    plain = {name: json.loads(text) for name, text in part.bases.items()}
-    for trial in part.trials:
+    plain = {name: json.loads(text) for name, text in batch.bases.items()}
+    for trial in batch.trials:
         try:
             scenarios[trial.index] = validate(changed(plain[trial.base], trial.changes))
         except ScenarioError as error:
             rows[trial.index] = failed_row(trial.index, INVALID, "; ".join(str(error).splitlines()))
     rows |= _together(scenarios)
-    return [rows[trial.index] for trial in part.trials], environment()
+    return [rows[trial.index] for trial in batch.trials], environment()
 
 
 def failed_row(index: int, outcome: str, reason: str) -> Row:
@@ -84,5 +85,5 @@ def _row(index: int, result: Result) -> Row:
 
 
 def _finite(value: float) -> float | None:
-    """None for what a diverged run has left of a number."""
+    """A number, or None where a diverged run has left no finite one."""
     return value if math.isfinite(value) else None
