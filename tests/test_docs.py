@@ -31,7 +31,7 @@ ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(("block", "lines"), [(0, 2), (1, 12)])
+@pytest.mark.parametrize(("block", "lines"), [(0, 2), (1, 1), (2, 12)])
 def test_python_of_the_readme_runs(capsys, block, lines):
     """The README's Python blocks run as they stand: two outcomes; a mission's outcome, legs, visits
     of fittings."""
