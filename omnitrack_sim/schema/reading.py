@@ -149,7 +149,18 @@ def fault_of(
             where,
             f"is {item['input']!r}; it names a folder: not empty, no leading dot, no separators",
         )
-    message = item["msg"].removeprefix("Value error, ")
+    message = _in_words_of_files(item["msg"])
+    given = (
+        ""
+        if isinstance(item["input"], dict) or kind == "missing"
+        else f" (given: {item['input']!r})"
+    )
+    return Fault(where, message[0].lower() + message[1:] + given)
+
+
+def _in_words_of_files(message: str) -> str:
+    """A message of pydantic's without words that no file has."""
+    message = message.removeprefix("Value error, ")
     for pydantics, ours in (
         ("valid tuple", "list"),
         ("valid array", "list"),
@@ -157,12 +168,7 @@ def fault_of(
         ("Tuple", "List"),
     ):
         message = message.replace(pydantics, ours)
-    given = (
-        ""
-        if isinstance(item["input"], dict) or kind == "missing"
-        else f" (given: {item['input']!r})"
-    )
-    return Fault(where, message[0].lower() + message[1:] + given)
+    return message
 
 
 def _scenario_folder() -> Path:
