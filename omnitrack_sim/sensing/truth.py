@@ -108,13 +108,13 @@ def _module_speed(state: State) -> Array:
 def _slip_velocity(state: State) -> Array:
     count = state["contact_count"]
     touching = np.maximum(count[..., 0], count[..., 1]) > 0
-    return (state["wall_speed"] - state["module_speed"]) * touching + 0.0  # no -0.0
+    return np.where(touching, state["wall_speed"] - state["module_speed"], 0.0)
 
 
 def _slip_ratio(state: State) -> Array:
     scale = np.maximum(np.abs(state["wall_speed"]), np.abs(state["module_speed"]))
     ratio = state["slip_velocity"] / np.maximum(scale, AT_REST)
-    return np.minimum(np.maximum(ratio, -1.0), 1.0) * (scale > AT_REST) + 0.0  # no -0.0
+    return np.where(scale > AT_REST, np.minimum(np.maximum(ratio, -1.0), 1.0), 0.0)
 
 
 def _slide(state: State) -> Array:

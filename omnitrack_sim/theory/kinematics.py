@@ -274,7 +274,7 @@ def belt_sign(roll: ArrayLike) -> Array:
     Zero at the no-motion line (Fig. 18).
     """
     cosine = np.cos(roll)
-    return np.sign(cosine) * (np.abs(cosine) >= _ON_THE_LINE)
+    return np.where(np.abs(cosine) < _ON_THE_LINE, 0.0, np.sign(cosine))
 
 
 def wall_per_belt(roll: ArrayLike, module: Module = "two_track") -> Array:
