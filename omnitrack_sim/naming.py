@@ -49,7 +49,10 @@ def named(name: str, where: str, shipped: Mapping[str, Any]) -> Any:
     try:
         found: Any = importlib.import_module(module_name)
     except Exception as error:  # whatever a user's module does while it is imported
-        problem = f"is {name!r}: module {module_name!r} cannot be imported ({error})"
+        problem = (
+            f"is {name!r}: module {module_name!r} cannot be imported ({error}); it is looked for "
+            f"on Python's path and in {folder}"
+        )
         raise InputError(Fault(where, problem, choices)) from error
     own = _own(found)
     for part in path.split("."):

@@ -287,3 +287,38 @@ def test_a_sweep_over_controllers_and_their_parameters(drivers: ModuleType) -> N
     (fault,) = caught.value.faults
     assert fault.where == "axes.0.values.0"
     assert "drivers:Plain" in fault.choices
+
+
+def test_a_class_that_the_scenario_names_keeps_its_parameters(tmp_path, monkeypatch) -> None:
+    """Handed over, the class that ``control.kind`` names already runs with the scenario's own
+    parameters."""
+    code = """
+import numpy as np
+from pydantic import BaseModel
+import omnitrack_sim as ot
+
+class Part(BaseModel):
+    speed: float = 0.1
+
+class Steady:
+    Parameters = Part
+
+    def __init__(self, setup):
+        self.speed = setup.each("speed")
+
+    def step(self, observation):
+        return ot.Command(belt_speed=np.repeat(self.speed[:, None], 3, axis=1))
+"""
+    (tmp_path / "steady_control.py").write_text(code, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    changes = {
+        "physics.time_limit": 0.5,
+        "control.kind": "steady_control:Steady",
+        "control.parameters.speed": 0.05,
+    }
+    scenario = ot.override(ot.load_scenario("straight"), changes)
+    from steady_control import Steady  # type: ignore[import-not-found]
+
+    named, handed = ot.run(scenario), ot.run(scenario, controller=Steady)
+    assert handed.scenario.control.parameters == {"speed": 0.05}
+    assert named.metrics["distance_m"] == handed.metrics["distance_m"]

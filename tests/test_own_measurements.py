@@ -293,3 +293,35 @@ def test_a_sensor_may_add_up() -> None:
     np.testing.assert_allclose(every["work"], period * np.cumsum(every["power"]), rtol=1e-12)
     coarse = ot.run(base, sensors=[power, work]).trajectory
     np.testing.assert_array_equal(coarse["work"], every["work"][::2])
+
+
+@pytest.mark.parametrize("name", ["pitch", "battery"])
+def test_a_channel_that_is_there_already_is_refused(name: str) -> None:
+    """A sensor with a shipped name, or with the name of another own one, is an input error."""
+    sensor = ot.Sensor(ot.Channel(name, (), "1", "a gauge"), lambda state: state.time)
+    base = ot.override(ot.load_scenario("straight"), {"physics.time_limit": 0.05})
+    with pytest.raises(InputError, match=f"'{name}' is taken"):
+        ot.Simulation([base], sensors=[sensor, sensor])
+
+
+def test_a_metric_that_is_there_already_is_refused() -> None:
+    """A metric with a shipped name is an input error."""
+    metric = ot.Metric("energy_j", "J", "another energy", lambda run: 0.0)
+    base = ot.override(ot.load_scenario("straight"), {"physics.time_limit": 0.05})
+    with pytest.raises(InputError, match="'energy_j' is taken"):
+        ot.run(base, metrics=[metric])
+
+
+def test_a_list_without_per_module_is_refused() -> None:
+    """A metric says whether it gives one number or one a module."""
+    metric = ot.Metric("three", "1", "a list", lambda run: [1.0, 2.0, 3.0])
+    base = ot.override(ot.load_scenario("straight"), {"physics.time_limit": 0.05})
+    with pytest.raises(ValueError, match="per_module is False"):
+        ot.run(base, metrics=[metric])
+
+
+@pytest.mark.parametrize(("shape", "how"), [((), "swapped"), ((3,), "flip"), ((3,), "facing")])
+def test_mirroring_fits_the_shape(shape: tuple[int, ...], how: str) -> None:
+    """A channel is refused where its way of mirroring is unknown or does not fit its shape."""
+    with pytest.raises(ValueError, match="tail_first"):
+        ot.Channel("gauge", shape, "1", "", tail_first=how)  # type: ignore[arg-type]

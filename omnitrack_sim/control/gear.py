@@ -73,6 +73,8 @@ def _mirrored(values: Array, back: NDArray[np.bool_], how: str) -> Array:
     elif how == "behind":
         w, x, y, z = values.T
         turned = np.stack([-x, w, z, -y], axis=-1)
+    elif values.ndim == 1:
+        turned = -values
     else:
         turned = values[:, SWAPPED] * (-1.0 if how == "negated" else 1.0)
     return np.where(back.reshape(-1, *[1] * (values.ndim - 1)), turned, values)

@@ -19,6 +19,17 @@ TailFirst = Literal["same", "swapped", "negated", "turned", "facing", "behind"]
 Source = Literal["plant", "route", "command", "leg"]
 
 
+_SHAPES: Mapping[str, tuple[tuple[int, ...], ...]] = {
+    "same": ((),),
+    "swapped": ((MODULE_COUNT,),),
+    "negated": ((),),
+    "turned": ((3,),),
+    "facing": ((3, 3),),
+    "behind": ((4,),),
+}
+"""How a sample has to begin for each way of mirroring."""
+
+
 @dataclass(frozen=True)
 class Channel:
     """One measured quantity.
@@ -33,7 +44,8 @@ class Channel:
             is what the controller asked for, "leg" is where the robot is in its mission.
         tail_first: how a robot that drives tail first sees the quantity, so that it may take itself
             for one that drives nose first. Its frame is then turned by 180 degrees about x:
-            "swapped" exchanges modules 2 and 3, "negated" exchanges them and changes the sign,
+            "swapped" exchanges modules 2 and 3, "negated" changes the sign and, where there is a
+            value a module, exchanges them too,
             "turned" changes the sign of a vector's y and z, "facing" those columns of a rotation
             matrix, "behind" multiplies a quaternion by the half turn, "same" leaves all as it is.
         recorded: it stands in the trajectory and its file.
@@ -49,6 +61,14 @@ class Channel:
     tail_first: TailFirst = "same"
     recorded: bool = True
     whole: bool = False
+
+    def __post_init__(self) -> None:
+        if self.tail_first not in _SHAPES:
+            choices = ", ".join(_SHAPES)
+            raise ValueError(f"tail_first is {self.tail_first!r} (choose from: {choices})")
+        wanted = _SHAPES[self.tail_first]
+        if not any(self.shape[: len(shape)] == shape for shape in wanted):
+            raise ValueError(f"{self.name}: tail_first {self.tail_first!r} needs shape {wanted}")
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -221,9 +221,20 @@ def summarise(
     """The figures of a run by the names of ``metrics``; arguments as in ``Run``.
 
     Means are over time, by the trapezoidal rule. Slip counts only where a module touches the wall.
+
+    Raises:
+        ValueError: a metric gives a list and does not say ``per_module``, or the other way round.
     """
     run = Run(trajectory, no_load_slip, lug_radius, torque_limit)
-    return {metric.name: _plain(metric.compute(run)) for metric in metrics}
+    return {metric.name: _figure(metric, run) for metric in metrics}
+
+
+def _figure(metric: Metric, run: Run) -> Figure:
+    value = _plain(metric.compute(run))
+    if isinstance(value, list) != metric.per_module:
+        given, said = type(value).__name__, metric.per_module
+        raise ValueError(f"metric {metric.name!r} gives a {given}, and per_module is {said}")
+    return value
 
 
 def _plain(value: Any) -> Figure:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Collection
 from functools import cached_property
 from typing import Annotated, Any, Self, TypeVar
 
@@ -17,7 +18,8 @@ from omnitrack_sim.naming import name_of, named
 from omnitrack_sim.network import Mission, Network, Planner
 from omnitrack_sim.network.mission import NOSE_ROOM
 from omnitrack_sim.pipes import Route, route
-from omnitrack_sim.record.metrics import Metric
+from omnitrack_sim.record.channels import CHANNELS
+from omnitrack_sim.record.metrics import METRICS, Metric
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Pose, frame_along
 from omnitrack_sim.scenario.checks import faults_of
@@ -41,6 +43,7 @@ from omnitrack_sim.sensing import Sensor
 from omnitrack_sim.table import Table
 
 _Thing = TypeVar("_Thing")
+METRIC_NAMES = {metric.name for metric in METRICS}
 
 
 class Scenario(Table):
@@ -116,7 +119,9 @@ class Scenario(Table):
         Raises:
             InputError: there is no such sensor.
         """
-        return _of_kind("record.sensors", self.record.sensors, Sensor)
+        found = _of_kind("record.sensors", self.record.sensors, Sensor)
+        refuse_taken("record.sensors", [sensor.channel.name for sensor in found], CHANNELS)
+        return found
 
     @property
     def own_metrics(self) -> tuple[Metric, ...]:
@@ -125,10 +130,21 @@ class Scenario(Table):
         Raises:
             InputError: there is no such metric.
         """
-        return _of_kind("record.metrics", self.record.metrics, Metric)
+        found = _of_kind("record.metrics", self.record.metrics, Metric)
+        refuse_taken("record.metrics", [metric.name for metric in found], METRIC_NAMES)
+        return found
 
     def driven_by(self, controller: type[Controller]) -> Scenario:
-        """The same run under a controller class of a user's own, with its default parameters."""
+        """The same run under a controller class of a user's own.
+
+        Where ``control.kind`` names that class already, its parameters stay; otherwise they are the
+        class's defaults.
+        """
+        try:
+            if self.controller_class is controller:
+                return self
+        except InputError:
+            pass  # the name leads nowhere here; the class has been handed over instead
         defaults = parameters_model(controller)().model_dump(mode="json")
         changes = {"kind": name_of(controller), "parameters": defaults}
         return self.model_copy(update={"control": self.control.model_copy(update=changes)})
@@ -165,6 +181,13 @@ class Scenario(Table):
     def hash(self) -> str:
         """SHA-256 of the resolved scenario, hexadecimal."""
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()
+
+
+def refuse_taken(where: str, names: list[str], shipped: Collection[str]) -> None:
+    """Refuse names that something else has already."""
+    for i, name in enumerate(names):
+        if name in shipped or name in names[:i]:
+            raise InputError(Fault(f"{where}.{i}", f"{name!r} is taken; give it another name"))
 
 
 def _of_kind(where: str, names: tuple[str, ...], kind: type[_Thing]) -> tuple[_Thing, ...]:

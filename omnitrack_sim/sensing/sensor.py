@@ -101,6 +101,8 @@ class State(dict[str, Array]):
             self.last("contact_position")
 
     def __missing__(self, name: str) -> Array:
+        if name not in self._read:
+            raise KeyError(f"no sensor reads {name!r} (choose from: {', '.join(self._read)})")
         value = self[name] = self._read[name](self)
         if name == "contact_position":
             # The one shipped sensor that looks back has done so: earlier moments may be forgotten.

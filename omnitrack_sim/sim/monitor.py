@@ -173,5 +173,5 @@ class Monitor:
         return (
             f"at {place.distance[robot]:.3f} m of {length:.3f} m after {time:.2f} s; tilt "
             f"{np.degrees(place.tilt[robot]):.1f} deg, normal force {forces} N, slip ratio {slips} "
-            f"(means of the last {self._memory:g} s)"
+            f"(means of the last {self._memory:.2g} s)"
         )

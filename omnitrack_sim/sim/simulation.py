@@ -19,6 +19,7 @@ from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.robot.drive import Drive
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.scenario.model import METRIC_NAMES, refuse_taken
 from omnitrack_sim.sensing import SENSORS, Sensor
 from omnitrack_sim.sim.builder import (
     collider_of,
@@ -96,6 +97,7 @@ class Simulation:
         settings, notes = settings_of(self.scenarios, self.legs.routes, self.legs.way)
         self.collider = collider_of(first)
         sensors = (*first.own_sensors, *sensors)
+        refuse_taken("sensors", [sensor.channel.name for sensor in sensors], CHANNELS)
         every = (*SENSORS, *sensors)
         self.channels: tuple[Channel, ...] = (
             *CHANNELS.values(),
@@ -120,6 +122,10 @@ class Simulation:
         """Make the parts that need the first place: controller, monitor, recorder."""
         first, robot = self.scenarios[0], self.scenarios[0].robot
         readings = self.plant.read()
+        for channel in self.channels[len(CHANNELS) :]:
+            value, shape = readings[channel.name], (self.n, *channel.shape)
+            if np.shape(value) != shape:
+                raise ValueError(f"sensor {channel.name!r} reads {np.shape(value)}, not {shape}")
         place = self._locate(readings)
         self.controller: Controller = first.controller_class(
             ControlSetup(
@@ -182,6 +188,9 @@ class Simulation:
         """
         if command is None:
             command = self.controller.step(self.observation)
+        if not isinstance(command, Command):
+            maker = type(self.controller).__name__
+            raise TypeError(f"{maker}.step returned {command!r}, which is no ot.Command")
         self._take(carried_out(_checked(command, self.n), self.legs.gear))
         readings = self._readings
         drive = self.drive.advance(
@@ -271,6 +280,8 @@ class Simulation:
 
     def _record(self) -> None:
         place, legs = self._place, self.legs
+        if self._phase.max() >= len(self.phases):
+            raise ValueError(f"command.phase is {self._phase.max()}; phases are {self.phases}")
         self.recorder.sample(
             self.plant.qpos,
             {
@@ -313,6 +324,8 @@ class Simulation:
         if self.active.any():
             raise RuntimeError(f"{int(self.active.sum())} of {self.n} robots still run")
         slips = [math.nan] * self.n if no_load_slip is None else no_load_slip
+        own = [*self.scenarios[0].own_metrics, *metrics]
+        refuse_taken("metrics", [metric.name for metric in own], METRIC_NAMES)
         trajectories = self.recorder.trajectories(self.end_time)
         results = []
         for i, (scenario, trajectory) in enumerate(zip(self.scenarios, trajectories, strict=True)):
