@@ -1,6 +1,6 @@
 """How often a robot gets through a wye: into its branch, out of it, straight over it.
 
-python benchmarks/wye.py [--quick] [--workers N] [--trials N]
+python benchmarks/wye.py [--quick] [--workers N] [--trials N] [--figure FILE.svg]
 
 A wye's branch leans by an angle towards one end of its run. So there are two turns into the branch:
 the turn by that angle, and the sharp one, by 180 degrees less it, for a robot that comes from the
@@ -10,8 +10,9 @@ any direction of gravity, a preload of 20 to 35 N, friction of a dry wall (0.8 t
 and of a wet one (0.6 to 0.8) in the other. The controller rolls the robot first, and backs off to
 try again where it gets stuck. Straight over, trials go both ways in turn.
 
-Prints how many passed with Wilson's 95 % interval, and how the others ended. Trial i has the same
-draw in every cell, so cells differ only by wye and way.
+Prints how many passed with Wilson's 95 % interval, and how the others ended; then the same by the
+direction of gravity. Trial i has the same draw in every cell, so cells differ only by wye and way.
+--figure draws the wye with its ways, and the sharp turns over gravity and friction.
 """
 
 from __future__ import annotations
@@ -24,13 +25,20 @@ from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from multiprocessing import get_context
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from omnitrack_sim import Result, Scenario, override, run_batch
 from omnitrack_sim.model.collider import why_not
+from omnitrack_sim.pipes.assembly import Part
+from omnitrack_sim.pipes.fittings.wye import Wye
+from omnitrack_sim.plots.style import save_figure, styled
 from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.rotations import Pose
 from omnitrack_sim.scenario import validate
 
 WAYS = {
@@ -52,6 +60,8 @@ PRELOAD = (20.0, 35.0)
 """N a module."""
 TRIALS, QUICK_TRIALS = 60, 12
 """Of a cell, half of them on either wall."""
+DOWNWARD = {"up": (-1.0, -1 / 3), "across": (-1 / 3, 1 / 3), "down": (1 / 3, 1.0)}
+"""Gravity's component along the way into the wye, in g: a third of all directions each."""
 PIPE = 0.4
 """Length of the straight before and after the wye, m."""
 
@@ -76,10 +86,17 @@ class Cell(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """What came of one trial: the wall it ran on, its outcome, how often it backed off, and how
-    long it took, s."""
+    """What came of one trial.
+
+    Attributes:
+        wall: it ran on. friction: its coefficient. downward: gravity's component along the way into
+            the wye, in g.
+        outcome, passed: how it ended. retries: how often it backed off. duration: s.
+    """
 
     wall: str
+    friction: float
+    downward: float
     outcome: str
     passed: bool
     retries: int
@@ -93,8 +110,8 @@ def cells() -> list[Cell]:
         for way, angle in product(WAYS, ANGLES_DEG)
         if not (way.startswith("sharp") and angle == 90)
     ]
-    smaller = [Cell(way, REDUCING_DEG, bore) for bore, way in product(REDUCING, WAYS)]
-    return angles + [cell for cell in smaller if cell.way != "over"]
+    ways = ("turn", "merge")
+    return angles + [Cell(way, REDUCING_DEG, bore) for way, bore in product(ways, REDUCING)]
 
 
 def wall_of(index: int) -> str:
@@ -143,7 +160,17 @@ def drive(task: tuple[Cell, Sequence[int]]) -> list[Ended]:
 def ended(index: int, result: Result) -> Ended:
     """What came of trial ``index``."""
     retries = sum(visit.retries for visit in result.timeline())
-    return Ended(wall_of(index), result.outcome.value, result.success, retries, result.duration_s)
+    scenario = result.scenario
+    forward = scenario.route.centreline.frame(np.zeros(1))[0, :, 2]
+    return Ended(
+        wall=wall_of(index),
+        friction=scenario.contact.friction,
+        downward=float(np.dot(scenario.world.gravity, forward)) / 9.81,
+        outcome=result.outcome.value,
+        passed=result.success,
+        retries=retries,
+        duration=result.duration_s,
+    )
 
 
 def rate(trials: Iterable[Ended]) -> str:
@@ -173,6 +200,61 @@ def row(cell: Cell, trials: Sequence[Ended]) -> str:
     return f"| {' | '.join(columns)} |"
 
 
+def downward_row(way: str, trials: Sequence[Ended]) -> str:
+    """One row of the table over the direction of gravity."""
+    rates = [rate(t for t in trials if low <= t.downward < high) for low, high in DOWNWARD.values()]
+    return f"| {way} | {' | '.join(rates)} |"
+
+
+def figure(sharp: Sequence[Ended]) -> Figure:
+    """The wye with its ways, and the ``sharp`` turns over gravity and friction."""
+    page = Figure((8.0, 3.6), layout="constrained")
+    left, right = page.subplots(1, 2, width_ratios=(1, 1.2))
+    _draw_wye(left)
+    for passed, colour, marker in ((True, "tab:blue", "o"), (False, "tab:red", "x")):
+        found = [t for t in sharp if t.passed == passed]
+        label = f"{'passed' if passed else 'failed'} ({len(found)})"
+        right.scatter(
+            [t.downward for t in found],
+            [t.friction for t in found],
+            c=colour,
+            marker=marker,
+            s=18,
+            label=label,
+        )
+    right.set(
+        title="Sharp turns, all angles",
+        xlabel="gravity along the way in (-1: climbs, 1: drives down)",
+        ylabel="friction coefficient",
+        xlim=(-1.05, 1.05),
+    )
+    right.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, frameon=False)
+    return page
+
+
+def _draw_wye(axes: Axes) -> None:
+    """Section of a wye at 45 degrees in the plane of its axes, with the ways through it, mm."""
+    wye, mm = Wye(), 1000.0
+    part = Part("wye", wye, Pose())
+    low, high = wye.bounds
+    x, z = np.meshgrid(*(np.linspace(low[i], high[i], 400) for i in (0, 2)))
+    points = np.stack([x, np.zeros_like(x), z], axis=-1)
+    bore = (wye.signed_distance(points)[0] > 0) & (wye.extent(points) > 0)
+    axes.contourf(mm * x, mm * z, bore, levels=(0.5, 1.5), colors=["0.88"])
+    axes.contour(mm * x, mm * z, bore, levels=(0.5,), colors=["0.3"], linewidths=1.0)
+    colours = {"turn": "tab:blue", "over": "tab:green", "sharp turn": "tab:red"}
+    for way, colour in colours.items():
+        enter, leave = WAYS[way][0]
+        centreline = part.axis(enter, leave)
+        line = centreline.at(np.linspace(0, centreline.length, 200))[0]
+        axes.plot(mm * line[:, 0], mm * line[:, 2], colour, label=way)
+    for port in wye.port_names:
+        place = mm * wye.ports[port].position
+        axes.annotate(port, place[[0, 2]], ha="center", va="center", fontsize="small")
+    axes.set(aspect="equal", title="A wye at 45 degrees", xlabel="x, mm", ylabel="z, mm")
+    axes.legend(loc="lower right", frameon=False, fontsize="small")
+
+
 HEADS = (
     "way",
     "branch at",
@@ -193,20 +275,37 @@ def main() -> None:
     parser.add_argument(
         "--workers", type=int, default=os.cpu_count() or 1, help="processes; default: all cores"
     )
+    parser.add_argument("--figure", type=Path, help="file to draw, such as docs/figures/wye.svg")
     asked = parser.parse_args()
     count = asked.trials or (QUICK_TRIALS if asked.quick else TRIALS)
     tasks = [(cell, range(count)) for cell in cells()]
     begin = time.perf_counter()
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
-        found = list(pool.map(drive, tasks))
+        found = dict(zip(cells(), pool.map(drive, tasks), strict=True))
     print(
         f"{count * len(tasks)} trials in {time.perf_counter() - begin:.0f} s; collider: "
         f"{'exact' if why_not() is None else 'primitives'}\n"
     )
     print(f"| {' | '.join(HEADS)} |")
     print("|---" * len(HEADS) + "|")
-    for (cell, _), trials in zip(tasks, found, strict=True):
+    for cell, trials in found.items():
         print(row(cell, trials))
+    equal = {
+        way: [
+            t
+            for cell, trials in found.items()
+            if cell.way == way and cell.branch == BORE
+            for t in trials
+        ]
+        for way in WAYS
+    }
+    print(f"\n| way, all angles | {' | '.join(DOWNWARD)} |")
+    print("|---" * (1 + len(DOWNWARD)) + "|")
+    for way, trials in equal.items():
+        print(downward_row(way, trials))
+    if asked.figure is not None:
+        save_figure(styled(lambda: figure(equal["sharp turn"])), asked.figure)
+        print(f"\nsaved {asked.figure}")
 
 
 if __name__ == "__main__":
