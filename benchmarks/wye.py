@@ -14,7 +14,7 @@ Prints how many passed with Wilson's 95 % interval, and how the others ended; th
 direction of gravity. Trial i has the same draw in every cell, so cells differ only by wye and way.
 --margin-deg gives the controller another safe margin than that of a right-angled corner; with 60
 any orientation counts as safe. --figure draws the wye with its ways, and the sharp turns over
-gravity and friction.
+gravity, friction and angle.
 """
 
 from __future__ import annotations
@@ -66,6 +66,8 @@ DOWNWARD = {"up": (-1.0, -1 / 3), "across": (-1 / 3, 1 / 3), "down": (1 / 3, 1.0
 """Gravity's component along the way into the wye, in g: a third of all directions each."""
 PIPE = 0.4
 """Length of the straight before and after the wye, m."""
+SPREAD_DEG = 22.0
+"""Height of a row of the figure for each unit of friction."""
 LABEL_MM = 30.0
 """From a port to its name in the figure."""
 
@@ -210,27 +212,32 @@ def downward_row(way: str, trials: Sequence[Ended]) -> str:
     return f"| {way} | {' | '.join(rates)} |"
 
 
-def figure(sharp: Sequence[Ended]) -> Figure:
-    """The wye with its ways, and the ``sharp`` turns over gravity and friction."""
+def figure(found: Mapping[Cell, Sequence[Ended]]) -> Figure:
+    """The wye with its ways, and the sharp turns over gravity, in a row for each angle."""
     page = Figure((8.0, 3.6), layout="constrained")
     left, right = page.subplots(1, 2, width_ratios=(1, 1.2))
     _draw_wye(left)
     for passed, colour, marker in ((True, "tab:blue", "o"), (False, "tab:red", "x")):
-        found = [t for t in sharp if t.passed == passed]
-        label = f"{'passed' if passed else 'failed'} ({len(found)})"
+        dots = [
+            (t.downward, cell.turn_deg + SPREAD_DEG * (t.friction - 0.8))
+            for cell, trials in found.items()
+            for t in trials
+            if cell.way == "sharp turn" and t.passed == passed
+        ]
+        label = f"{'passed' if passed else 'failed'} ({len(dots)})"
         right.scatter(
-            [t.downward for t in found],
-            [t.friction for t in found],
+            *np.reshape(dots, (-1, 2)).T,
             c=colour,
             marker=marker,
             s=18,
             label=label,
         )
     right.set(
-        title="Sharp turns, all angles",
+        title="Sharp turns",
         xlabel="gravity along the way in (-1: climbs, 1: drives down)",
-        ylabel="friction coefficient",
+        ylabel="turn, deg (in a row: friction 0.6 to 1)",
         xlim=(-1.05, 1.05),
+        yticks=sorted({cell.turn_deg for cell in found if cell.way == "sharp turn"}),
     )
     right.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
     return page
@@ -320,7 +327,7 @@ def main() -> None:
     for way, trials in equal.items():
         print(downward_row(way, trials))
     if asked.figure is not None:
-        save_figure(styled(lambda: figure(equal["sharp turn"])), asked.figure)
+        save_figure(styled(lambda: figure(found)), asked.figure)
         print(f"\nsaved {asked.figure}")
 
 
