@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
+from omnitrack_sim.control.jacobian import JacobianController
 from omnitrack_sim.errors import InputError
 from omnitrack_sim.model.meshes import THICKNESS, fitting_mesh
 from omnitrack_sim.model.walls import add_walls
@@ -124,6 +125,14 @@ def test_descriptions_are_of_one_cloth(fitting):
         length = fitting.axis_curve(enter, leave, Arcs()).length
         middle, half = told.opening or (length / 2, 0.0)
         assert 0 < middle - half <= middle + half < 2 * length
+
+
+def test_the_turn_angle_is_between_the_axes_of_the_ports(fitting):
+    """A way turns by the angle from the axis it comes in along to the one it goes out along."""
+    for enter, leave in itertools.permutations(fitting.port_names, 2):
+        inward, outward = -fitting.ports[enter].rotation[:, 2], fitting.ports[leave].rotation[:, 2]
+        sine, cosine = np.linalg.norm(np.cross(inward, outward)), inward @ outward
+        assert fitting.describe(enter, leave).turn_angle == pytest.approx(np.arctan2(sine, cosine))
 
 
 def test_gradient_is_the_derivative(fitting):
@@ -291,16 +300,39 @@ def test_a_robot_drives_through_a_fitting_from_outside(collider):
 
 
 @pytest.mark.parametrize("collider", ["primitives", "exact"])
-@pytest.mark.parametrize("way", [("run_start", "branch"), ("branch", "run_end")])
-def test_a_robot_turns_in_a_wye(collider, way):
-    """Into a branch at 45 degrees, and out of it by 135 degrees, with either collider."""
+@pytest.mark.parametrize(
+    ("name", "words", "turn_deg"),
+    [
+        ("wye_turn", "run to branch", 45),
+        ("wye_merge", "branch to run", 45),
+        ("wye_straight", "over the run", 0),
+        ("wye_sharp", "run to branch", 135),
+    ],
+)
+def test_a_robot_passes_a_wye(collider, name, words, turn_deg):
+    """The shipped scenarios of a wye end as they expect, with either collider."""
     if collider == "exact":
         pytest.importorskip("numba")
-    pipe = {"kind": "straight", "length": 0.4}
-    wye = {"kind": "wye", "enter": way[0], "leave": way[1]}
-    result = ot.run(validate({"pipes": [pipe, wye, pipe], "physics": {"collider": collider}}))
-    assert result.success
-    assert result.timeline()[1].manoeuvre in ("run to branch", "branch to run")
+    scenario = ot.override(ot.load_scenario(name), {"physics.collider": collider})
+    passage = scenario.route.fittings[1]
+    assert (passage.words, passage.turn_angle) == (words, pytest.approx(np.radians(turn_deg)))
+    assert ot.run(scenario).outcome == scenario.expect.outcome
+
+
+def test_a_corner_has_the_same_size_both_ways():
+    """Into a smaller branch and out of it, the corner counts with the bore of the run, in which the
+    wall is lost; the robot prepares for it in the bore it comes from."""
+    run, branch = ({"kind": "straight", "length": 0.4, "inner_diameter": d} for d in (0.16, 0.14))
+    wye = {"kind": "wye", "angle_deg": 60.0, "branch_diameter": 0.14}
+    into = [run, wye | {"enter": "run_start", "leave": "branch"}, branch]
+    out = [branch, wye | {"enter": "branch", "leave": "run_start"}, run]
+    scenarios = [validate({"pipes": pipes}) for pipes in (into, out)]
+    passages = [scenario.route.fittings[1] for scenario in scenarios]
+    assert [p.radius for p in passages] == [0.08, 0.07]
+    assert [p.corner_radius for p in passages] == [0.08, 0.08]
+    controllers = [ot.Simulation([scenario]).controller for scenario in scenarios]
+    turn, merge = (c.aligner.aim[:, 0, 0] for c in controllers if isinstance(c, JacobianController))
+    assert turn == pytest.approx(merge)
 
 
 def test_a_network_has_a_fitting_from_outside():

@@ -124,11 +124,17 @@ class Aligner:
         self.aligned = np.where(self.settings.align, self.routes.first[setup.place.way], everything)
 
     def learn(self) -> None:
-        """What each passage wants of theta5, together with those that follow it closely."""
+        """What each passage wants of theta5, together with those that follow it closely.
+
+        The safe margin is that of a right-angled corner, whatever the angle of the branch. With the
+        angle put in, the region has no sector below 67 degrees and no safe orientation above 106,
+        while wyes are passed, at 60 degrees as at 135, by about the orientations that pass a tee
+        (docs/wye.md).
+        """
         routes, asked = self.routes, manoeuvres(self.routes)
-        given, reach = self.settings.safe_margin, self.settings.reach
-        derived = safe_margin(sector_angle(routes.radius, reach[:, None]))  # (n, Q) rad
-        margin = np.where(np.isnan(given)[:, None], derived, given[:, None])
+        given = self.settings.safe_margin[:, None]
+        sector = sector_angle(routes.corner_radius, self.settings.reach[:, None], np.pi / 2)
+        margin = np.where(np.isnan(given), safe_margin(sector), given)  # (n, Q) rad
         self.best = np.zeros((AIMS, *margin.shape))  # (AIMS, n, Q) rad
         self.aim = np.zeros(self.best.shape)  # (AIMS, n, Q) rad, half-width of the range about it
         # (Q,) goes with any orientation

@@ -69,7 +69,7 @@ class RouteMap:
         way_of: (Q,) route of each passage.
         is_turn: (Q,) bool, the route bends there. is_tee_turn, into_branch, out_of_branch: (Q,)
             bool.
-        radius: (Q,) m, of the bore there.
+        radius: (Q,) m, of the bore there. corner_radius: (Q,) m, see ``Passage``.
         directions: (Q, 3) turning directions at the fitting's entry, world frame.
     """
 
@@ -114,6 +114,12 @@ class RouteMap:
         ends = [(p.turn_direction, p.radius) if p is not None else next(at_end) for p in passages]
         self.directions = np.array([direction for direction, _ in ends])
         self.radius = np.array([radius for _, radius in ends])
+        self.corner_radius = np.array(
+            [
+                p.corner_radius if p is not None else radius
+                for p, (_, radius) in zip(passages, ends, strict=True)
+            ]
+        )
         self._ends = np.full((len(first), int(self.count.max())), np.inf)  # (W, most passages) m
         for way, (begin, count) in enumerate(zip(self.first, self.count, strict=True)):
             self._ends[way, :count] = self.end[begin : begin + count]

@@ -34,14 +34,15 @@ class Passage:
 
     Attributes:
         index: of the part. kind, enter, leave: of the fitting and its ports. radius: bore radius at
-            the entry, m.
+            the entry, m. corner_radius: the larger bore radius of both ports, m.
         s_enter, s_leave: port planes, m.
         s_bend_start, s_bend_end, bend_radius: of the centreline's arc, m; nan where it does not
             bend. Of several arcs the first one's start, the last one's end, the least radius.
         opening: first and last arc length beside a branch's opening, m; nan elsewhere.
         turn_direction: (3,) unit vector at the entry, world frame: where the route bends to, or
             where the branch opens.
-        words, manoeuvre, into_branch, out_of_branch: see ``pipes.fittings.Description``.
+        words, manoeuvre, into_branch, out_of_branch, turn_angle: see
+            ``pipes.fittings.Description``.
     """
 
     index: int
@@ -49,6 +50,7 @@ class Passage:
     enter: str
     leave: str
     radius: float
+    corner_radius: float
     s_enter: float
     s_leave: float
     s_bend_start: float
@@ -60,6 +62,7 @@ class Passage:
     manoeuvre: Manoeuvre | None
     into_branch: bool
     out_of_branch: bool
+    turn_angle: float
 
     @property
     def is_turn(self) -> bool:
@@ -209,6 +212,7 @@ def _passage(
         enter=enter,
         leave=leave,
         radius=fitting.port_radius(enter),
+        corner_radius=max(fitting.port_radius(enter), fitting.port_radius(leave)),
         s_enter=distance,
         s_leave=float(starts[-1]),
         s_bend_start=float(starts[bends[0]]) if bends else np.nan,
@@ -220,4 +224,5 @@ def _passage(
         manoeuvre=told.manoeuvre,
         into_branch=told.into_branch,
         out_of_branch=told.out_of_branch,
+        turn_angle=told.turn_angle,
     )

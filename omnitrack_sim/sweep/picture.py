@@ -63,8 +63,8 @@ def turn_case(sweep: Sweep) -> TurnCase | None:
     for passage in scenario.route.fittings if scenario.pipes else ():
         if passage.manoeuvre == "tee_turn":
             return TurnCase(
-                pipe_radius=passage.radius,
-                turn_angle=(passage.s_bend_end - passage.s_bend_start) / passage.bend_radius,
+                pipe_radius=passage.corner_radius,
+                turn_angle=passage.turn_angle,
                 reach=scenario.robot.reach,
                 contact_length=scenario.robot.contact_length,
                 bend_radius=scenario.control.tee_turn_radius,

@@ -96,6 +96,8 @@ class Description:
         into_branch, out_of_branch: whether the way leads round the corner of a branch.
         opening: arc length, m, from the port that is entered to the middle of an opening in the
             wall, and half of its length, m; None without one.
+        turn_angle: by how much the way turns, rad; 0 straight on. The aligner derives from it how
+            a robot has to be turned about its axis before the corner of a branch.
     """
 
     words: str
@@ -103,6 +105,7 @@ class Description:
     into_branch: bool = False
     out_of_branch: bool = False
     opening: tuple[float, float] | None = None
+    turn_angle: float = 0.0
 
 
 Bore = Annotated[Size, Unit("m")]

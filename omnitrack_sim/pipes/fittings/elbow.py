@@ -117,7 +117,7 @@ class Elbow(Fitting):
 
     def describe(self, enter: str, leave: str) -> Description:
         """See ``Fitting``."""
-        return Description(self.kind, "elbow")
+        return Description(self.kind, "elbow", turn_angle=self.angle)
 
     def bends_at(self, port: str) -> bool:
         """See ``Fitting``: at both ports."""

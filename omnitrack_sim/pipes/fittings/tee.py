@@ -213,13 +213,19 @@ class Tee(Fitting):
     def describe(self, enter: str, leave: str) -> Description:
         """See ``Fitting``. The opening is as wide as the branch, about the point where the axes
         meet."""
-        into = self.branch_length if enter == "branch" else self.run_length / 2
-        opening = (into, self.radius)
-        if leave == "branch":
-            return Description("run to branch", "tee_turn", into_branch=True, opening=opening)
-        if enter == "branch":
-            return Description("branch to run", "tee_turn", out_of_branch=True, opening=opening)
-        return Description("over the run", "tee_straight", opening=opening)
+        middle = self.branch_length if enter == "branch" else self.run_length / 2
+        opening = (middle, self.radius)
+        if "branch" not in (enter, leave):
+            return Description("over the run", "tee_straight", opening=opening)
+        into = leave == "branch"
+        return Description(
+            "run to branch" if into else "branch to run",
+            "tee_turn",
+            into_branch=into,
+            out_of_branch=not into,
+            opening=opening,
+            turn_angle=math.pi / 2,
+        )
 
     def signed_distance(self, points: Array) -> tuple[Array, Array]:
         """See ``Fitting``; the rounded rim included."""

@@ -275,11 +275,17 @@ class Wye(Fitting):
         """See ``Fitting``."""
         first, last = self.opening(enter)
         opening = ((first + last) / 2, (last - first) / 2)
-        if leave == "branch":
-            return Description("run to branch", "tee_turn", into_branch=True, opening=opening)
-        if enter == "branch":
-            return Description("branch to run", "tee_turn", out_of_branch=True, opening=opening)
-        return Description("over the run", "tee_straight", opening=opening)
+        if "branch" not in (enter, leave):
+            return Description("over the run", "tee_straight", opening=opening)
+        into = leave == "branch"
+        return Description(
+            "run to branch" if into else "branch to run",
+            "tee_turn",
+            into_branch=into,
+            out_of_branch=not into,
+            opening=opening,
+            turn_angle=self.turn_angle(enter, leave),
+        )
 
     def add_walls(self, pieces: Pieces, tolerance: float, staves: int | None) -> None:
         """See ``Fitting``: staves cut back along the rim, strips along it, capsules as the rim."""

@@ -1,0 +1,335 @@
+"""How often a robot gets through a wye: into its branch, out of it, straight over it.
+
+python benchmarks/wye.py [--quick] [--workers N] [--trials N] [--margin-deg A] [--figure FILE.svg]
+
+A wye's branch leans by an angle towards one end of its run. So there are two turns into the branch:
+the turn by that angle, and the sharp one, by 180 degrees less it, for a robot that comes from the
+other end; and the same two out of it, the merge and the sharp merge. Every cell of the table is a
+batch of random trials with the exact collider where it loads (extra fast): any start orientation,
+any direction of gravity, a preload of 20 to 35 N, friction of a dry wall (0.8 to 1.0) in one half
+and of a wet one (0.6 to 0.8) in the other. The controller rolls the robot first, and backs off to
+try again where it gets stuck. Straight over, trials go both ways in turn.
+
+Prints how many passed with Wilson's 95 % interval, and how the others ended; then the same by the
+direction of gravity. Trial i has the same draw in every cell, so cells differ only by wye and way.
+--margin-deg gives the controller another safe margin than that of a right-angled corner; with 60
+any orientation counts as safe. --figure draws the wye with its ways, and the sharp turns over
+gravity, friction and angle.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from omnitrack_sim import Result, Scenario, override, run_batch
+from omnitrack_sim.model.collider import why_not
+from omnitrack_sim.pipes.assembly import Part
+from omnitrack_sim.pipes.fittings.wye import Wye
+from omnitrack_sim.plots.style import save_figure, styled
+from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.rotations import Pose
+from omnitrack_sim.scenario import validate
+
+WAYS = {
+    "turn": (("run_start", "branch"),),
+    "merge": (("branch", "run_start"),),
+    "over": (("run_start", "run_end"), ("run_end", "run_start")),
+    "sharp turn": (("run_end", "branch"),),
+    "sharp merge": (("branch", "run_end"),),
+}
+"""Ports that a wye is entered and left at; where there are two ways trials take them in turn."""
+ANGLES_DEG = (45.0, 60.0, 75.0, 90.0)
+BORE = 0.16
+REDUCING = (0.15, 0.14)
+"""Bores of smaller branches, m, tried at ``REDUCING_DEG``."""
+REDUCING_DEG = 60.0
+WALLS = {"dry": (0.8, 1.0), "wet": (0.6, 0.8)}
+"""Friction coefficients."""
+PRELOAD = (20.0, 35.0)
+"""N a module."""
+TRIALS, QUICK_TRIALS = 60, 12
+"""Of a cell, half of them on either wall."""
+DOWNWARD = {"up": (-1.0, -1 / 3), "across": (-1 / 3, 1 / 3), "down": (1 / 3, 1.0)}
+"""Gravity's component along the way into the wye, in g: a third of all directions each."""
+PIPE = 0.4
+"""Length of the straight before and after the wye, m."""
+SPREAD_DEG = 22.0
+"""Height of a row of the figure for each unit of friction."""
+LABEL_MM = 30.0
+"""From a port to its name in the figure."""
+
+
+class Cell(NamedTuple):
+    """A way through a wye.
+
+    Attributes:
+        way: one of ``WAYS``. angle_deg: between branch and run. branch: its bore, m.
+    """
+
+    way: str
+    angle_deg: float
+    branch: float = BORE
+
+    @property
+    def turn_deg(self) -> float:
+        """By how much the robot turns, deg."""
+        if self.way == "over":
+            return 0.0
+        return 180.0 - self.angle_deg if self.way.startswith("sharp") else self.angle_deg
+
+
+class Ended(NamedTuple):
+    """What came of one trial.
+
+    Attributes:
+        wall: it ran on. friction: its coefficient. downward: gravity's component along the way into
+            the wye, in g.
+        outcome, passed: how it ended. retries: how often it backed off. duration: s.
+    """
+
+    wall: str
+    friction: float
+    downward: float
+    outcome: str
+    passed: bool
+    retries: int
+    duration: float
+
+
+def cells() -> list[Cell]:
+    """All cells. At 90 degrees the sharp ways are the others mirrored, and are left out."""
+    angles = [
+        Cell(way, angle)
+        for way, angle in product(WAYS, ANGLES_DEG)
+        if not (way.startswith("sharp") and angle == 90)
+    ]
+    ways = ("turn", "merge")
+    return angles + [Cell(way, REDUCING_DEG, bore) for way, bore in product(ways, REDUCING)]
+
+
+def wall_of(index: int) -> str:
+    """The wall that trial ``index`` runs on."""
+    return tuple(WALLS)[index % len(WALLS)]
+
+
+def trial(cell: Cell, index: int, changes: Mapping[str, Any] | None = None) -> Scenario:
+    """Trial ``index`` of a cell; ``changes`` as ``override`` takes them."""
+    rng = np.random.default_rng(index)
+    gravity = rng.normal(size=3)
+    gravity *= 9.81 / np.linalg.norm(gravity)
+    ways = WAYS[cell.way]
+    enter, leave = ways[index // len(WALLS) % len(ways)]
+    straights = [
+        {"kind": "straight", "length": PIPE, "inner_diameter": bore}
+        for bore in (cell.branch if port == "branch" else BORE for port in (enter, leave))
+    ]
+    wye = {
+        "kind": "wye",
+        "angle_deg": cell.angle_deg,
+        "branch_diameter": cell.branch,
+        "enter": enter,
+        "leave": leave,
+    }
+    scenario = validate(
+        {
+            "pipes": [straights[0], wye, straights[1]],
+            "start": {"theta5_deg": float(rng.uniform(-180, 180)), "distance": 0.12},
+            "contact": {"friction": float(rng.uniform(*WALLS[wall_of(index)]))},
+            "robot": {"preload": float(rng.uniform(*PRELOAD))},
+            "world": {"gravity": gravity.tolist()},
+            "physics": {"collider": "exact" if why_not() is None else "primitives"},
+        }
+    )
+    return override(scenario, dict(changes)) if changes else scenario
+
+
+def drive(task: tuple[Cell, Sequence[int], Mapping[str, Any]]) -> list[Ended]:
+    """Run trials of a cell, with changes, as one batch."""
+    cell, indices, changes = task
+    results = run_batch([trial(cell, i, changes) for i in indices], threads=1, no_load=False)
+    return [ended(index, result) for index, result in zip(indices, results, strict=True)]
+
+
+def ended(index: int, result: Result) -> Ended:
+    """What came of trial ``index``."""
+    retries = sum(visit.retries for visit in result.timeline())
+    scenario = result.scenario
+    forward = scenario.route.centreline.frame(np.zeros(1))[0, :, 2]
+    return Ended(
+        wall=wall_of(index),
+        friction=scenario.contact.friction,
+        downward=float(np.dot(scenario.world.gravity, forward)) / 9.81,
+        outcome=result.outcome.value,
+        passed=result.success,
+        retries=retries,
+        duration=result.duration_s,
+    )
+
+
+def rate(trials: Iterable[Ended]) -> str:
+    """How many passed, and the interval of the rate."""
+    passed = [found.passed for found in trials]
+    low, high = wilson_interval(sum(passed), len(passed))
+    return f"{sum(passed)} of {len(passed)} ({100 * low:.0f} to {100 * high:.0f} %)"
+
+
+def row(cell: Cell, trials: Sequence[Ended]) -> str:
+    """One row of the table."""
+    walls = [rate(t for t in trials if t.wall == wall) for wall in WALLS]
+    failed = Counter(t.outcome for t in trials if not t.passed)
+    ends = ", ".join(f"{count} {name}" for name, count in failed.most_common()) or "-"
+    passed = [t for t in trials if t.passed]
+    again = sum(t.retries > 0 for t in passed)
+    columns = [
+        cell.way,
+        f"{cell.angle_deg:.0f} deg",
+        f"{cell.turn_deg:.0f} deg",
+        f"{1000 * cell.branch:.0f} mm",
+        *walls,
+        str(again),
+        f"{np.mean([t.duration for t in passed]):.1f} s" if passed else "-",
+        ends,
+    ]
+    return f"| {' | '.join(columns)} |"
+
+
+def downward_row(way: str, trials: Sequence[Ended]) -> str:
+    """One row of the table over the direction of gravity."""
+    rates = [rate(t for t in trials if low <= t.downward < high) for low, high in DOWNWARD.values()]
+    return f"| {way} | {' | '.join(rates)} |"
+
+
+def figure(found: Mapping[Cell, Sequence[Ended]]) -> Figure:
+    """The wye with its ways, and the sharp turns over gravity, in a row for each angle."""
+    page = Figure((8.0, 3.6), layout="constrained")
+    left, right = page.subplots(1, 2, width_ratios=(1, 1.2))
+    _draw_wye(left)
+    for passed, colour, marker in ((True, "tab:blue", "o"), (False, "tab:red", "x")):
+        dots = [
+            (t.downward, cell.turn_deg + SPREAD_DEG * (t.friction - 0.8))
+            for cell, trials in found.items()
+            for t in trials
+            if cell.way == "sharp turn" and t.passed == passed
+        ]
+        label = f"{'passed' if passed else 'failed'} ({len(dots)})"
+        right.scatter(
+            *np.reshape(dots, (-1, 2)).T,
+            c=colour,
+            marker=marker,
+            s=18,
+            label=label,
+        )
+    right.set(
+        title="Sharp turns",
+        xlabel="gravity along the way in (-1: climbs, 1: drives down)",
+        ylabel="turn, deg (in a row: friction 0.6 to 1)",
+        xlim=(-1.05, 1.05),
+        yticks=sorted({cell.turn_deg for cell in found if cell.way == "sharp turn"}),
+    )
+    right.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
+    return page
+
+
+def _draw_wye(axes: Axes) -> None:
+    """Section of a wye at 45 degrees in the plane of its axes, with the ways through it, mm."""
+    wye, mm = Wye(), 1000.0
+    part = Part("wye", wye, Pose())
+    low, high = wye.bounds
+    x, z = np.meshgrid(*(np.linspace(low[i] - 0.01, high[i] + 0.01, 400) for i in (0, 2)))
+    points = np.stack([x, np.zeros_like(x), z], axis=-1)
+    bore = (wye.signed_distance(points)[0] > 0) & (wye.extent(points) > 0)
+    axes.contourf(mm * x, mm * z, bore, levels=(0.5, 1.5), colors=["0.88"])
+    axes.contour(mm * x, mm * z, bore, levels=(0.5,), colors=["0.3"], linewidths=1.0)
+    colours = {"turn": "tab:blue", "over": "tab:green", "sharp turn": "tab:red"}
+    for way, colour in colours.items():
+        enter, leave = WAYS[way][0]
+        centreline = part.axis(enter, leave)
+        line = centreline.at(np.linspace(0, centreline.length, 200))[0]
+        axes.plot(mm * line[:, 0], mm * line[:, 2], colour, label=way)
+    for port in wye.port_names:
+        pose = wye.ports[port]
+        place = mm * pose.position + LABEL_MM * pose.rotation[:, 2]
+        axes.annotate(port, place[[0, 2]], ha="center", va="center", fontsize="small")
+    axes.set(
+        aspect="equal",
+        title="A wye at 45 degrees",
+        xlabel="x, mm",
+        ylabel="z, mm",
+        xlim=(-100, 260),
+        ylim=(-260, 260),
+    )
+    axes.grid(visible=False)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3, handlelength=1.0)
+
+
+HEADS = (
+    "way",
+    "branch at",
+    "turn",
+    "branch bore",
+    "dry",
+    "wet",
+    "after backing off",
+    "time",
+    "failures",
+)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--quick", action="store_true", help=f"{QUICK_TRIALS} trials a cell")
+    parser.add_argument("--trials", type=int, help=f"of a cell; default {TRIALS}")
+    parser.add_argument(
+        "--workers", type=int, default=os.cpu_count() or 1, help="processes; default: all cores"
+    )
+    parser.add_argument("--margin-deg", type=float, help="safe margin for the controller")
+    parser.add_argument("--figure", type=Path, help="file to draw, such as docs/figures/wye.svg")
+    asked = parser.parse_args()
+    count = asked.trials or (QUICK_TRIALS if asked.quick else TRIALS)
+    given = asked.margin_deg
+    changes = {} if given is None else {"control.safe_margin_deg": given}
+    tasks = [(cell, range(count), changes) for cell in cells()]
+    begin = time.perf_counter()
+    with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
+        found = dict(zip(cells(), pool.map(drive, tasks), strict=True))
+    print(
+        f"{count * len(tasks)} trials in {time.perf_counter() - begin:.0f} s; collider: "
+        f"{'exact' if why_not() is None else 'primitives'}\n"
+    )
+    print(f"| {' | '.join(HEADS)} |")
+    print("|---" * len(HEADS) + "|")
+    for cell, trials in found.items():
+        print(row(cell, trials))
+    equal = {
+        way: [
+            t
+            for cell, trials in found.items()
+            if cell.way == way and cell.branch == BORE
+            for t in trials
+        ]
+        for way in WAYS
+    }
+    print(f"\n| way, all angles | {' | '.join(DOWNWARD)} |")
+    print("|---" * (1 + len(DOWNWARD)) + "|")
+    for way, trials in equal.items():
+        print(downward_row(way, trials))
+    if asked.figure is not None:
+        save_figure(styled(lambda: figure(found)), asked.figure)
+        print(f"\nsaved {asked.figure}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,53 @@
+"""Pieces of the benchmark of the ways through a wye; the benchmark itself takes minutes."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+import wye
+
+
+def ended(**changes: object) -> wye.Ended:
+    first = wye.Ended("dry", 0.9, -0.5, "reached_goal", True, 0, 9.0)
+    return first._replace(**changes)
+
+
+@pytest.mark.parametrize("cell", wye.cells(), ids=str)
+def test_a_cell_turns_by_its_angle(cell):
+    """Each cell's first trial is a scenario whose way turns by the angle that the table names."""
+    passage = wye.trial(cell, 0).route.fittings[1]
+    assert np.degrees(passage.turn_angle) == pytest.approx(cell.turn_deg)
+    assert passage.corner_radius == wye.BORE / 2
+
+
+def test_trials_of_a_number_differ_only_by_wye_and_way():
+    """Start, friction, preload and gravity of a trial are the same in every cell; halves of the
+    trials are on a dry and a wet wall, and either half goes over the run both ways."""
+    for index in range(8):
+        first, *others = (wye.trial(cell, index) for cell in wye.cells())
+        for other in others:
+            assert other.model_dump(exclude={"pipes"}) == first.model_dump(exclude={"pipes"})
+        low, high = wye.WALLS[wye.wall_of(index)]
+        assert low <= first.contact.friction <= high
+    over = [wye.trial(wye.Cell("over", 45.0), index).route.fittings[1] for index in range(4)]
+    ways = {(wye.wall_of(index), passage.enter) for index, passage in enumerate(over)}
+    assert len(ways) == 4
+
+
+def test_the_tables_count_what_passed():
+    """Rates stand by wall and by gravity's component along the way; failures by their outcome."""
+    trials = [
+        ended(),
+        ended(wall="wet", retries=2),
+        ended(wall="wet", outcome="stuck", passed=False),
+    ]
+    cells = [cell.strip() for cell in wye.row(wye.Cell("turn", 45.0), trials).split("|")]
+    assert [text.partition(" (")[0] for text in cells[5:7]] == ["1 of 1", "1 of 2"]
+    assert cells[7:10] == ["1", "9.0 s", "1 stuck"]
+    assert wye.downward_row("turn", trials).startswith("| turn | 2 of 3 ")
