@@ -3,7 +3,6 @@ all controllers."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
@@ -104,7 +103,7 @@ class Aligner:
         self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
         each = {name: setup.each(f"{path}.{name}") for name in AlignmentTable.model_fields}
         self._settled, self._most_attempts = each["roll_settled"], each["attempts"]
-        self._patience = each["patience"] * math.sqrt(setup.robot.nominal_pipe_radius / 0.08)
+        self._patience = each["patience"] * setup.robot.time_scale
         self._clearances = np.radians(each["clearances_deg"])  # (n, K) rad
         self._clearance_detours = np.radians(each["clearance_detours_deg"])
         self._aim_detour = np.radians(each["aim_detour_deg"])

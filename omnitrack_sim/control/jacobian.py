@@ -3,7 +3,6 @@ retry."""
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -74,7 +73,7 @@ class JacobianController:
         self.recovery = Recovery(setup, "recovery")
         self._legs = LegWatch(setup.routes)
         self._damping = {name: setup.each(f"damping.{name}") for name in DampingTable.model_fields}
-        time = self._damping["rate_filter"] * math.sqrt(setup.robot.nominal_pipe_radius / 0.08)
+        time = self._damping["rate_filter"] * setup.robot.time_scale
         self._smoothing = (setup.period / (time + setup.period))[:, None]
         self._rows, self._forward = np.arange(setup.n), np.ones(setup.n)
         self.resting = np.zeros(setup.n, bool)

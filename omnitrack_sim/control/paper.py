@@ -51,7 +51,7 @@ class PaperController:
 
     def __init__(self, setup: ControlSetup) -> None:
         self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
-        bore = 2 * setup.robot.nominal_pipe_radius
+        bore = setup.robot.nominal_bore
         self._elbow_delay = setup.each("elbow_delay") * bore  # (n,) m
         self._tee_trigger = setup.each("tee_trigger") * bore
         self._complete = np.radians(setup.each("complete_deg"))

@@ -54,7 +54,7 @@ class Recovery:
     def __init__(self, setup: ControlSetup, path: str) -> None:
         self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
         self.period = setup.period
-        bore, n = 2 * setup.robot.nominal_pipe_radius, setup.n
+        bore, n = setup.robot.nominal_bore, setup.n
         each = {name: setup.each(f"{path}.{name}") for name in RecoveryTable.model_fields}
         speed = setup.settings.cruise_speed
         self._most_retries, self._beside = each["retries"], each["beside"]

@@ -52,11 +52,11 @@ class Tracking:
 
     def __init__(self, setup: ControlSetup, path: str) -> None:
         self.routes = setup.routes
-        bore = 2 * setup.robot.nominal_pipe_radius
+        bore = setup.robot.nominal_bore
         each = {name: setup.each(f"{path}.{name}") for name in TrackingTable.model_fields}
         self.gain = each["gain"] / bore  # (n,) 1/m
         self.limit = each["rotation_limit"] / bore  # (n,) rad/m
-        self.centring = each["centring"] / (bore / REFERENCE_BORE)
+        self.centring = each["centring"] / setup.robot.length_scale
         self.steepest = each["steepest_return"]
         lead = each["heading_lead"] * bore
         lookahead = each["lookahead"] * bore
@@ -99,10 +99,6 @@ class Tracking:
             curvature = place.curvature * (nearest == 0)
             wanted = cross(place.tangent, place.normal) * curvature[:, None] + wanted
         return wanted * np.minimum(1.0, self.limit / np.maximum(length(wanted), 1e-12))[:, None]
-
-
-REFERENCE_BORE = 0.16
-"""Bore, m, for which numbers that carry a unit are given in tables of control parameters."""
 
 
 def wall_speeds(

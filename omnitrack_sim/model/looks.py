@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from omnitrack_sim.model.meshes import THICKNESS, cutaway_mesh, inside_mesh
 from omnitrack_sim.model.parts import coil, lug_row, triangular_prism
-from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.rotations import Array, quaternion_from_matrix, unit
@@ -212,17 +212,8 @@ def add_pipe_looks(
     for part in network.parts:
         local = part.pose.rotation.T @ towards
         for look, keep, group in (("pipe", True, PIPE_GROUP), ("front", False, FRONT_GROUP)):
-            name = f"{look}_{part.name}"
-            _add_mesh(spec, name, cutaway_mesh(part.fitting, local, keep=keep))
-            geom = _look(
-                spec.worldbody,
-                name,
-                "pipe",
-                mesh=name,
-                pos=part.pose.position,
-                quat=part.pose.quaternion,
-            )
-            geom.group = group
+            mesh = cutaway_mesh(part.fitting, local, keep=keep)
+            _add_pipe(spec, f"{look}_{part.name}", mesh, part, group)
 
 
 def add_pipe_insides(spec: mujoco.MjSpec, network: Assembly) -> None:
@@ -234,17 +225,7 @@ def add_pipe_insides(spec: mujoco.MjSpec, network: Assembly) -> None:
     """
     _add_materials(spec)
     for part in network.parts:
-        name = f"inside_{part.name}"
-        _add_mesh(spec, name, inside_mesh(part.fitting))
-        geom = _look(
-            spec.worldbody,
-            name,
-            "pipe",
-            mesh=name,
-            pos=part.pose.position,
-            quat=part.pose.quaternion,
-        )
-        geom.group = INSIDE_GROUP
+        _add_pipe(spec, f"inside_{part.name}", inside_mesh(part.fitting), part, INSIDE_GROUP)
 
 
 def follow_direction(network: Assembly) -> Array:
@@ -358,6 +339,16 @@ def _add_mesh(spec: mujoco.MjSpec, name: str, mesh: trimesh.Trimesh) -> None:
         userface=np.asarray(mesh.faces, np.int32).ravel(),
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
     )
+
+
+def _add_pipe(
+    spec: mujoco.MjSpec, name: str, mesh: trimesh.Trimesh, part: Part, group: int
+) -> None:
+    """Show ``mesh``, in the frame of a fitting, where that part of the network lies."""
+    _add_mesh(spec, name, mesh)
+    position, quaternion = part.pose.position, part.pose.quaternion
+    geom = _look(spec.worldbody, name, "pipe", mesh=name, pos=position, quat=quaternion)
+    geom.group = group
 
 
 def _look(

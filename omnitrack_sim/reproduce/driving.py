@@ -7,6 +7,7 @@ import numpy as np
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.reproduce.claim import Claim
 from omnitrack_sim.reproduce.runs import FRICTIONS, PRELOAD_FACTORS, Runs, least_preload
+from omnitrack_sim.robot import GRAVITY
 from omnitrack_sim.rotations import wrap_angle
 from omnitrack_sim.sim.result import Result
 
@@ -25,11 +26,11 @@ def climb(runs: Runs) -> Claim:
         statement="100 mm/s within 1 % straight up, traction equal to the weight within 1 %",
         measured=(
             f"{1e3 * speed:.2f} mm/s, traction {load:.2f} N for "
-            f"{9.81 * result.scenario.robot.mass:.2f} N"
+            f"{GRAVITY * result.scenario.robot.mass:.2f} N"
         ),
         uncertainty="fit after 1 s",
         holds=abs(speed - 0.1) < 0.001
-        and abs(load / (9.81 * result.scenario.robot.mass) - 1) < 0.01,
+        and abs(load / (GRAVITY * result.scenario.robot.mass) - 1) < 0.01,
         how="vertical_climb",
     )
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from omnitrack_sim.robot import Robot
+from omnitrack_sim.robot import GRAVITY, Robot
 from omnitrack_sim.scenario import Scenario, load_scenario, override
 from omnitrack_sim.sim.result import Result
 from omnitrack_sim.sim.run import run_batch
@@ -79,9 +79,7 @@ def _elbows(theta5_deg: np.ndarray) -> dict[str, list[Scenario]]:
             lists[f"elbow_{radius}_{kind}"] = _orientations(
                 load_scenario(name), theta5_deg, changes
             )
-    half = (
-        Robot().length / 2 / (2 * Robot().nominal_pipe_radius)
-    )  # from the head to the centre, in D
+    half = Robot().length / 2 / Robot().nominal_bore  # from the head to the centre, in D
     late = _UNAIDED | {"control.kind": "paper", "control.parameters.elbow_delay": half}
     lists["elbow_240_paper_late"] = _orientations(load_scenario("elbow"), theta5_deg, late)
     return lists
@@ -148,7 +146,7 @@ def _orientations(
 
 def least_preload(robot: Robot, friction: float) -> float:
     """Least preload of a module, N, at which friction can hold the robot's weight: m g / (3 mu)."""
-    return robot.mass * 9.81 / (3 * friction)
+    return robot.mass * GRAVITY / (3 * friction)
 
 
 def _preloads(base: Scenario) -> list[Scenario]:

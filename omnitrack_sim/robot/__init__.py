@@ -1,7 +1,16 @@
 """The robot as data: its parameters, its motors, the law that scales it, and the motors' drive."""
 
 from omnitrack_sim.robot.motors import MOTORS, Motor
-from omnitrack_sim.robot.parameters import MODULE_ANGLES, MODULES, Robot
+from omnitrack_sim.robot.parameters import GRAVITY, MODULE_ANGLES, MODULES, Robot
 from omnitrack_sim.robot.quantity import Parameter, Quantity
 
-__all__ = ["MODULES", "MODULE_ANGLES", "MOTORS", "Motor", "Parameter", "Quantity", "Robot"]
+__all__ = [
+    "GRAVITY",
+    "MODULES",
+    "MODULE_ANGLES",
+    "MOTORS",
+    "Motor",
+    "Parameter",
+    "Quantity",
+    "Robot",
+]

@@ -23,6 +23,8 @@ MODULE_ANGLES = (0.0, 2 * math.pi / 3, -2 * math.pi / 3)
 
 GRAVITY = 9.81
 """Weight of a mass, N/kg, where a figure of the robot asks for it."""
+REFERENCE_BORE = 0.16
+"""Bore of the paper's pipe, m, for which control parameters with a unit are stated."""
 Scale = Annotated[float, Field(ge=0.01, le=100)]
 
 
@@ -250,6 +252,22 @@ class Robot(BaseModel):
         motor = self.crawler_motor
         load = self.mass * GRAVITY / 3 * self.lug_radius
         return motor.no_load_speed * max(0.0, 1 - load / motor.stall_torque) * self.lug_radius
+
+    @property
+    def nominal_bore(self) -> float:
+        """Inner diameter of the pipe that the robot is made for, m."""
+        return 2 * self.nominal_pipe_radius
+
+    @property
+    def length_scale(self) -> float:
+        """Bore over the paper's, 1."""
+        return self.nominal_bore / REFERENCE_BORE
+
+    @property
+    def time_scale(self) -> float:
+        """Times over those in the paper's pipe, 1: the root of the lengths', at equal gravity
+        (``similarity.py``)."""
+        return math.sqrt(self.length_scale)
 
     @property
     def module_distance(self) -> float:

@@ -3,7 +3,6 @@ the simulation."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -12,12 +11,10 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.control.route_map import Place, RouteMap
 from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.robot import Robot
+from omnitrack_sim.robot import GRAVITY, Robot
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.schema.tables import MonitorTable
 
-GRAVITY = 9.81
-"""m/s², that turns the robot's mass into its weight."""
 # Rows of the averages that the cause of a failure is read from.
 NORMAL_FORCE, SLIP_RATIO, SATURATED, BELT_SPEED, BELT_COMMAND, ROLL_COSINE = range(6)
 
@@ -51,14 +48,13 @@ class Monitor:
         period: float,
         sample_period: float,
     ):
-        n, bore = len(start), 2 * robot.nominal_pipe_radius
-        longer = math.sqrt(robot.nominal_pipe_radius / 0.08)  # times scale with the root of D
+        n, bore = len(start), robot.nominal_bore
         self.routes, self.limits, self.period = routes, limits, period
         self._sample_period = sample_period
         self._progress, self._slide_back = limits.progress * bore, limits.slide_back * bore
         patience = limits.patience * bore / cruise_speed
-        self._patience = np.maximum(limits.patience_time * longer, patience)  # (n,) s
-        self._memory = limits.memory * longer
+        self._patience = np.maximum(limits.patience_time * robot.time_scale, patience)  # (n,) s
+        self._memory = limits.memory * robot.time_scale
         self._lost_contact = limits.lost_contact * robot.mass * GRAVITY
         self._exit = robot.length / 2
         self._time_limit = np.array(time_limit, float) - 1e-9

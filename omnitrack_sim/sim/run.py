@@ -70,11 +70,8 @@ def run_batch(
     if controller is not None:
         scenarios = [scenario.driven_by(controller) for scenario in scenarios]
     slips = no_load_slips(scenarios, sensors) if no_load else None
-    groups: dict[str, list[int]] = defaultdict(list)
-    for index, scenario in enumerate(scenarios):
-        groups[batch_key(scenario.model_dump(mode="json"))].append(index)
     results: dict[int, Result] = {}
-    for indices in groups.values():
+    for indices in _batches(scenarios):
         done = len(results) / len(scenarios)
         share = len(indices) / len(scenarios)
         report = (
@@ -99,19 +96,26 @@ def no_load_slips(scenarios: Sequence[Scenario], sensors: Sequence[Sensor] = ())
     look at them.
     """
     bare = [_unloaded(scenario) for scenario in scenarios]
-    distinct = {scenario.model_dump_json(): scenario for scenario in bare}
-    groups: dict[str, list[str]] = defaultdict(list)
-    for text, scenario in distinct.items():
-        groups[batch_key(scenario.model_dump(mode="json"))].append(text)
+    texts = [scenario.model_dump_json() for scenario in bare]
+    distinct = dict(zip(texts, bare, strict=True))
+    names, runs = list(distinct), list(distinct.values())
     slips: dict[str, float] = {}
-    for texts in groups.values():
-        simulation = Simulation([distinct[text] for text in texts], sensors=sensors)
+    for indices in _batches(runs):
+        simulation = Simulation([runs[i] for i in indices], sensors=sensors)
         simulation.advance()
         trajectories = simulation.recorder.trajectories(simulation.end_time)
-        for text, trajectory in zip(texts, trajectories, strict=True):
+        for index, trajectory in zip(indices, trajectories, strict=True):
             settled = trajectory.time >= BASELINE_SETTLED
-            slips[text] = float(np.abs(trajectory["slip_velocity"][settled]).mean())
-    return [slips[scenario.model_dump_json()] for scenario in bare]
+            slips[names[index]] = float(np.abs(trajectory["slip_velocity"][settled]).mean())
+    return [slips[text] for text in texts]
+
+
+def _batches(scenarios: Sequence[Scenario]) -> list[list[int]]:
+    """Indices of the scenarios that can be stepped together, in order of their first."""
+    groups: dict[str, list[int]] = defaultdict(list)
+    for index, scenario in enumerate(scenarios):
+        groups[batch_key(scenario.model_dump(mode="json"))].append(index)
+    return list(groups.values())
 
 
 def _unloaded(scenario: Scenario) -> Scenario:
