@@ -303,11 +303,11 @@ def test_a_small_step_carries_a_track_on_both_sides():
     "name", ["straight", "vertical_climb", "reducer", "elbow", "elbow_short", "tee_turn"]
 )
 def test_runs_agree_with_primitives(name):
-    """The shipped runs end alike, in the same time within 2 %, with normal forces within 15 %."""
+    """The shipped runs end alike, in the same time within 5 %, with normal forces within 15 %."""
     scenario = ot.load_scenario(name)
     ours, exact = ot.run_batch([scenario, ot.override(scenario, {"physics.collider": "exact"})])
     assert exact.outcome is ours.outcome
-    assert exact.duration_s == pytest.approx(ours.duration_s, rel=0.02)
+    assert exact.duration_s == pytest.approx(ours.duration_s, rel=0.05)
     np.testing.assert_allclose(
         exact.metrics["normal_force_mean_n"], ours.metrics["normal_force_mean_n"], rtol=0.15
     )

@@ -53,8 +53,8 @@ def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -
     (free), ``slide_i``, ``pitch_i``, ``roll_i``, ``belt_upper_i``, ``belt_lower_i`` (tied: the two
     runs of one chain). Tendons ``spring_front_i``, ``spring_rear_i``. Actuators ``roll_i``
     (position, rad) and ``belt_i`` (velocity servo, m/s; forces in N at the belt). Sensors
-    ``contact_upper_i``, ``contact_lower_i`` (net force of a track), ``velocity_i`` and ``spin_i``
-    of the modules.
+    ``contact_upper_i``, ``contact_lower_i`` (net force of a track), ``touch_upper_i``,
+    ``touch_lower_i`` (sum of its normal forces), ``velocity_i`` and ``spin_i`` of the modules.
     """
     chassis = spec.worldbody.add_body(name="chassis")
     chassis.add_freejoint(name="robot")
@@ -65,6 +65,7 @@ def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -
         for track, side in zip(TRACKS, (1.0, -1.0), strict=True):
             _add_track(module, robot, f"{track}_{number}", side, line_tracks)
             _add_contact_sensor(spec, f"{track}_{number}")
+            _add_touch_sensor(spec, robot, f"{track}_{number}")
         _add_springs(spec, robot, number)
         _add_roll_motor(spec, robot, number)
         _add_belt_motor(spec, robot, number)
@@ -273,4 +274,25 @@ def _add_contact_sensor(spec: mujoco.MjSpec, name: str) -> None:
         objtype=mujoco.mjtObj.mjOBJ_BODY,
         objname=f"track_{name}",
         intprm=[wanted, net_force, slots],
+    )
+
+
+def _add_touch_sensor(spec: mujoco.MjSpec, robot: Robot, name: str) -> None:
+    """Sum of the normal forces of all contacts of a track, N.
+
+    The net force does not tell it: where contacts have different normals, as at a rim, or where the
+    arm does not stand at right angles to the wall, friction has a share along the arm.
+    """
+    zone = spec.body(f"track_{name}").add_site(
+        name=f"touch_{name}",
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[robot.length, 0, 0],
+        group=COLLISION_GROUP,
+        rgba=[0, 0, 0, 0],
+    )
+    spec.add_sensor(
+        name=f"touch_{name}",
+        type=mujoco.mjtSensor.mjSENS_TOUCH,
+        objtype=mujoco.mjtObj.mjOBJ_SITE,
+        objname=zone.name,
     )

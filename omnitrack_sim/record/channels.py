@@ -222,7 +222,7 @@ CHANNELS: Mapping[str, Channel] = {
             "normal_force",
             (3,),
             "N",
-            "wall force on each module towards the robot axis",
+            "sum of the normal forces between wall and lugs, each module",
             tail_first="swapped",
         ),
         Channel(

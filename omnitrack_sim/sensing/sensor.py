@@ -32,11 +32,12 @@ class Addresses:
     """Where the parts of the robot are in MuJoCo's arrays; modules first, then tracks.
 
     Attributes:
-        slide, pitch, roll: (3,) in ``qpos``. belt_dofs: (3, 2) in ``qvel``.
+        slide, pitch, roll: (3,) in ``qpos``. slide_dofs: (3,) and belt_dofs: (3, 2) in ``qvel``.
         tracks: (3, 2) bodies.
         places: (3, 3) in ``xpos``, of the modules.
-        forward, outward: (3, 3) in ``xmat``: the modules' axes, and the arms' direction.
+        forward: (3, 3) in ``xmat``: the modules' axes.
         contact: (3, 2, 7) in ``sensordata``: found, force (3,), position (3,) of each track.
+        touch: (3, 2) in ``sensordata``: sum of the normal forces of each track.
         velocity, spin: (3, 3) in ``sensordata``, of the modules, world frame.
         belt_motors, roll_motors: (3,) actuators.
     """
@@ -44,12 +45,13 @@ class Addresses:
     slide: NDArray[np.intp]
     pitch: NDArray[np.intp]
     roll: NDArray[np.intp]
+    slide_dofs: NDArray[np.intp]
     belt_dofs: NDArray[np.intp]
     places: NDArray[np.intp]
     forward: NDArray[np.intp]
-    outward: NDArray[np.intp]
     tracks: NDArray[np.intp]
     contact: NDArray[np.intp]
+    touch: NDArray[np.intp]
     velocity: NDArray[np.intp]
     spin: NDArray[np.intp]
     belt_motors: NDArray[np.intp]

@@ -79,8 +79,8 @@ def _traction(state: State) -> Array:
 
 
 def _normal_force(state: State) -> Array:
-    force, outward = _force(state), state.xmat.take(state.at.outward, axis=1)
-    return -dot(force[:, :, 0] + force[:, :, 1], outward)
+    touch = state.sensordata.take(state.at.touch, axis=1)  # (n, 3, 2) N
+    return touch[..., 0] + touch[..., 1]
 
 
 def _contact_count(state: State) -> Array:

@@ -23,6 +23,12 @@ BOTH_TRACKS_COSINE = 0.5
 """Size of cos(roll) below which both tracks of a module can touch; beyond, the track away from the
 wall is left out."""
 
+SEATING_ROOM = 0.1
+"""How far an arm is moved at most before the first step, in radii of a lug."""
+SEATING_HALVINGS = 20
+"""Halvings of that room: a lug of 28 mm is placed to 5 nm. Much finer, rounding would decide, and
+robots of different sizes would not start alike."""
+
 
 @dataclass(frozen=True)
 class Start:
@@ -88,7 +94,7 @@ class Plant:
             "contact_position": np.repeat(start.position[:, None], 3, axis=1)
         }
         self.diverged = np.zeros(self.n, bool)
-        self._batch.forward()
+        self._seat_arms()
         self._warnings = self._count_warnings()
 
     def _bind(self) -> None:
@@ -123,6 +129,24 @@ class Plant:
         self.qpos[:, :3], self.qpos[:, 3:7] = start.position, start.quaternion
         self.qpos[:, at.slide], self.qpos[:, at.roll] = start.slide, start.roll
         self._ctrl[:, at.roll_motors] = start.roll
+
+    def _seat_arms(self) -> None:
+        """Move each arm to where its springs and the wall are in equilibrium, by bisection.
+
+        Nothing holds the springs of an arm whose lugs do not touch the wall or only just do: they
+        would throw it into the wall in the first step, the further the higher the preload.
+        """
+        slides, acceleration = self._at.slide, self._batch.bind("qacc")
+        room = SEATING_ROOM * self.robot.lug_radius
+        low = self.qpos[:, slides] - room
+        high = low + 2 * room
+        for _ in range(SEATING_HALVINGS):
+            self.qpos[:, slides] = middle = (low + high) / 2
+            self._batch.forward()
+            outward = acceleration[:, self._at.slide_dofs] > 0
+            low, high = np.where(outward, middle, low), np.where(outward, high, middle)
+        self.qpos[:, slides] = high  # on the side where the wall carries
+        self._batch.forward()
 
     def read(self) -> State:
         """Values of all sensors at this moment, (n, ...) by the names of their channels.
@@ -216,19 +240,22 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
     def bodies(kind: str) -> NDArray[np.intp]:
         return np.array([model.body(f"{kind}_{i}").id for i in NUMBERS])
 
-    contact = [[model.sensor(f"contact_{t}_{i}").adr[0] for t in TRACKS] for i in NUMBERS]
+    def of_tracks(kind: str) -> NDArray[np.intp]:
+        return np.array([[model.sensor(f"{kind}_{t}_{i}").adr[0] for t in TRACKS] for i in NUMBERS])
+
     return Addresses(
         slide=joints("slide"),
         pitch=joints("pitch"),
         roll=joints("roll"),
+        slide_dofs=np.array([model.joint(f"slide_{i}").dofadr[0] for i in NUMBERS]),
         belt_dofs=np.array(
             [[model.joint(f"belt_{t}_{i}").dofadr[0] for t in TRACKS] for i in NUMBERS]
         ),
         places=3 * bodies("module")[:, None] + np.arange(3),
         forward=9 * bodies("module")[:, None] + np.arange(2, 9, 3),
-        outward=9 * bodies("arm")[:, None] + np.arange(0, 9, 3),
         tracks=np.array([[model.body(f"track_{t}_{i}").id for t in TRACKS] for i in NUMBERS]),
-        contact=np.array(contact)[:, :, None] + np.arange(7),
+        contact=of_tracks("contact")[:, :, None] + np.arange(7),
+        touch=of_tracks("touch"),
         velocity=sensors("velocity"),
         spin=sensors("spin"),
         belt_motors=np.array([model.actuator(f"belt_{i}").id for i in NUMBERS]),
