@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from omnitrack_sim.errors import OutputError
 from omnitrack_sim.model.export import network_stl, network_xml
+from omnitrack_sim.model.writing import write_files
 from omnitrack_sim.pipes import Assembly
 
 SPACING = 0.01
@@ -38,7 +38,7 @@ def export_network(name: str, pipes: Assembly, folder: str | Path) -> list[Path]
         folder: where the files go.
 
     Raises:
-        OutputError: the folder cannot be written.
+        OutputError: a file cannot be written; then none is.
     """
     folder = Path(folder)
     files = {
@@ -46,13 +46,7 @@ def export_network(name: str, pipes: Assembly, folder: str | Path) -> list[Path]
         f"{name}.stl": network_stl(pipes),
         f"{name}_centrelines.csv": centreline_table(pipes).encode(),
     }
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for file, content in files.items():
-            (folder / file).write_bytes(content)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
-    return [folder / file for file in files]
+    return write_files({folder / file: content for file, content in files.items()})
 
 
 def centreline_table(pipes: Assembly) -> str:

@@ -65,6 +65,13 @@ class Motor(BaseModel):
         """Rotor inertia as felt at the output shaft, kg m²: J ratio²."""
         return self.rotor_inertia * self.gear_ratio**2
 
+    @property
+    def full_torque_speed(self) -> float:
+        """Fastest speed at which the torque-speed line leaves the whole torque limit, rad/s.
+
+        It is 0 where the limit is beyond the stall torque."""
+        return self.no_load_speed * max(0.0, 1 - self.torque_limit / self.stall_torque)
+
     def at_scale(self, scale: float) -> Self:
         """The motor in a robot of ``scale``: itself, or with all figures scaled from its own
         ``scale``."""
