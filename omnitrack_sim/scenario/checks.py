@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -21,12 +20,7 @@ if TYPE_CHECKING:
 
 def faults_of(scenario: Scenario) -> list[Fault]:
     """Every fault of a scenario whose tables are right, one by one."""
-    faults = [
-        Fault(f"robot.{field}", f"is {value}; must be finite")
-        for field, value in scenario.robot
-        if isinstance(value, float) and not math.isfinite(value)
-    ]
-    faults += [*_missing(scenario), *_impossible_pipes(scenario)]
+    faults = [*_missing(scenario), *_impossible_pipes(scenario)]
     if faults:
         return faults
     try:
