@@ -103,8 +103,9 @@ class Part:
         ``stretches`` only those beside them."""
         samples = []
         for number, (line, start_radius, end_radius) in enumerate(self.axes):
-            s = np.linspace(0, line.length, max(2, int(np.ceil(line.length / SAMPLE_SPACING)) + 1))
-            radius = np.linspace(start_radius, end_radius, len(s))
+            count = max(2, int(np.ceil(line.length / SAMPLE_SPACING)) + 1)
+            s: Array = np.linspace(0, line.length, count)
+            radius: Array = np.linspace(start_radius, end_radius, len(s))
             if stretches is not None:
                 wanted = np.zeros(len(s), bool)
                 for stretch in stretches:
@@ -125,7 +126,7 @@ class Part:
             widest = max(start_radius, end_radius)
             count = int(np.ceil(line.length / max(STRETCH, 4 * widest)))
             half = line.length / count / 2
-            middles = half * (2.0 * np.arange(count) + 1.0)
+            middles: Array = half * (2.0 * np.arange(count, dtype=float) + 1.0)
             found += [
                 Stretch(number, middle, half, centre, half + widest + room)
                 for middle, centre in zip(middles.tolist(), line.at(middles)[0], strict=True)
