@@ -41,8 +41,8 @@ TIE_DEPTH = 0.001
 """Travel over which ties and stops come to their full stiffness, m; MuJoCo's own default. At a
 pitch stop it is an angle, rad, which does not scale."""
 FREE_SPRING_LENGTH = 10.0
-"""Upper end of the springs' dead band, m: springs push only. Beyond all travel of any robot, so
-that it does not scale."""
+"""Upper end of the springs' dead band, m: springs push only. Beyond all travel of the robot, and
+beyond the longest free length that its preload may ask for."""
 
 
 def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -> mujoco.MjsBody:
@@ -235,7 +235,8 @@ def add_springs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
         spring.wrap_joint(f"slide_{number}", 1.0)
         spring.wrap_joint(f"pitch_{number}", side * robot.shaft_spacing / 2)
         spring.stiffness = [robot.module_stiffness / 2, 0, 0]
-        spring.springlength = [spring_free_length(robot, robot.preload), FREE_SPRING_LENGTH]
+        free = spring_free_length(robot, robot.preload)
+        spring.springlength = [free, _sized(robot, FREE_SPRING_LENGTH, "m")]
 
 
 def spring_free_length(robot: Robot, preload: float) -> float:

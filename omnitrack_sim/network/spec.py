@@ -78,9 +78,9 @@ class Network(Table):
         faults = self._naming_faults()
         if not faults:
             _ = self.pipes  # raises by itself
-            free = self.open_ends
+            free = dict.fromkeys(self.open_ends)
             faults = [
-                Fault(f"ports.{name}", f"{port!r} is no open end", free)
+                Fault(f"ports.{name}", f"{port!r} is no open end", tuple(free))
                 for name, port in self.ports.items()
                 if port not in free
             ]
@@ -131,17 +131,15 @@ class Network(Table):
         Raises:
             NetworkError: no such port, or none that is open; ``where`` names what asked for it.
         """
-        known = (*self.ports, *self.open_ends)
         name = self.ports.get(port, port)
-        if name not in self._ends:
-            raise NetworkError(Fault(where, f"there is no port {port!r}", known))
-        if name in self.joined_to:
-            raise NetworkError(
-                Fault(
-                    where, f"{port!r} is no open end: it is joined to {self.joined_to[name]}", known
-                )
-            )
-        return self._ends[name]
+        if name in self._ends and name not in self.joined_to:
+            return self._ends[name]
+        problem = (
+            f"{port!r} is no open end: it is joined to {self.joined_to[name]}"
+            if name in self._ends
+            else f"there is no port {port!r}"
+        )
+        raise NetworkError(Fault(where, problem, (*self.ports, *self.open_ends)))
 
     def port(self, port: str, where: str = "port") -> End:
         """Part index and port name of any port ``part.port``, or of an open end by its name in
@@ -188,13 +186,13 @@ class Network(Table):
         """Impossible sizes, names taken twice, joints of ports that do not exist or are joined
         already."""
         faults: list[Fault] = []
-        names: list[str] = []
+        names: set[str] = set()
         for i, part in enumerate(self.fittings):
             if part.name in names:
                 faults.append(
                     Fault(f"fittings.{i}.name", f"{part.name!r} is taken by an earlier fitting")
                 )
-            names.append(part.name)
+            names.add(part.name)
             try:
                 part.fitting()
             except GeometryError as error:
