@@ -13,6 +13,7 @@ from samples import sample_result, sample_trajectory
 from omnitrack_sim.errors import OutputError
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.record.trajectory import RECORDED
+from omnitrack_sim.scenario import override
 from omnitrack_sim.sim import result as result_module
 from omnitrack_sim.sim.result import load_result, run_folder
 
@@ -29,6 +30,27 @@ def test_every_outcome_has_advice():
     """Each outcome says in one sentence what happened or what to try."""
     assert all(outcome.advice.endswith(".") for outcome in Outcome)
     assert len({outcome.advice for outcome in Outcome}) == len(Outcome)
+
+
+@pytest.mark.parametrize(
+    ("expected", "outcome", "told"),
+    [
+        ("reached_goal", Outcome.REACHED_GOAL, True),
+        ("reached_goal", Outcome.STUCK, False),
+        ("stuck", Outcome.STUCK, True),
+        (None, Outcome.STUCK, None),
+    ],
+)
+def test_a_result_says_whether_it_was_expected(tmp_path, expected, outcome, told):
+    """True where the outcome is that of ``expect.outcome``, None where nothing is expected; so it
+    stands in result.json. Success is the goal, whatever was expected."""
+    plain = sample_result(outcome=outcome)
+    scenario = override(plain.scenario, {"expect.outcome": expected})
+    result = sample_result(outcome=outcome, scenario=scenario)
+    assert result.as_expected is told
+    summary = json.loads((result.save(tmp_path / "run") / "result.json").read_text())
+    assert summary["as_expected"] is told
+    assert summary["success"] is (outcome is Outcome.REACHED_GOAL)
 
 
 def test_round_trip(tmp_path):
