@@ -56,7 +56,9 @@ def test_every_model_opens_and_moves_without_warnings(folders):
 
 def test_scenes_start_with_every_module_on_the_wall(folders):
     """In the keyframe of a scene all three modules push on the wall after a moment."""
-    for path in sorted(folders[0].glob("scene_*.xml")):
+    scenes = sorted(folders[0].glob("scene_*.xml"))
+    assert len(scenes) == 3
+    for path in scenes:
         model = mujoco.MjModel.from_xml_path(str(path))
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, model.key("start").id)

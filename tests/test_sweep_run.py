@@ -1,60 +1,75 @@
 """A sweep's table does not depend on who ran it, and survives kills, damage, full disks and bad
 trials."""
 
+import contextlib
+import dataclasses
 import errno
 import json
+import math
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from sweep_samples import (
     DEADLY,
+    GATED,
     VALID,
     deadly_batch,
     no_worker,
     once_deadly_batch,
+    parts,
     small_sweep,
     write_sweep,
 )
 
 from omnitrack_sim import OutputError, SweepError, load_sweep, run, run_sweep
+from omnitrack_sim.record.events import BackedOff
 from omnitrack_sim.record.metrics import METRICS
+from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.sim.run import run_batch
 from omnitrack_sim.sweep import batch, engine, folder, workers
 from omnitrack_sim.sweep.summary import summarise_sweep
-from omnitrack_sim.sweep.table import metric_columns
+from omnitrack_sim.sweep.table import metric_columns, to_parquet
 from omnitrack_sim.sweep.workers import DaskPool, LocalPool, WorkersLost
 
 FILES = ("trials.parquet", "trials.csv", "summary.json", "success_map.png", "sweep.json")
 ALL = {*FILES, "parts"}
+PATIENCE = 300.0
+"""Seconds after which something that never comes is given up; nothing is measured by it."""
+
+
+def environment(**more: object) -> dict[str, str]:
+    """This process's, with the tests' own modules in the path."""
+    paths = [str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
+    given = {name: str(value) for name, value in more.items()}
+    return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))} | given
 
 
 def omnitrack(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess:
     command = [sys.executable, "-m", "omnitrack_sim.cli", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=120)
+    told = {"capture_output": True, "text": True, "cwd": cwd, "env": environment()}
+    return subprocess.run(command, timeout=PATIENCE, **told)
 
 
-def started(*arguments: object) -> subprocess.Popen:
+def started(*arguments: object, **more: object) -> subprocess.Popen:
     command = [sys.executable, "-m", "omnitrack_sim.cli", *map(str, arguments)]
-    pipe = subprocess.PIPE
+    pipe, env = subprocess.PIPE, environment(**more)
     # A shell's background jobs ignore Ctrl-C, and so would what the tests start from one.
     heed = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731
-    return subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, preexec_fn=heed)
+    return subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, preexec_fn=heed, env=env)
 
 
 def same(a: Path, b: Path, names=FILES) -> bool:
     return all((a / name).read_bytes() == (b / name).read_bytes() for name in names)
-
-
-def parts(place: Path) -> list[Path]:
-    return sorted((place / "parts").glob("[0-9]*.parquet"))
 
 
 def children(pid: int) -> list[int]:
@@ -71,21 +86,38 @@ def children(pid: int) -> list[int]:
     return found
 
 
-def gone(pids: list[int], seconds: float = 5.0) -> bool:
-    until = time.monotonic() + seconds
-    while time.monotonic() < until:
-        if not any((Path("/proc") / str(pid)).exists() for pid in pids):
-            return True
-        time.sleep(0.05)
-    return False
+def runs(pid: int) -> bool:
+    """Whether a process is there and no zombie."""
+    try:
+        return (Path("/proc") / str(pid) / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
-def wait_for_parts(process: subprocess.Popen, place: Path, count: int) -> None:
-    until = time.monotonic() + 60
-    while len(parts(place)) < count and process.poll() is None and time.monotonic() < until:
+def wait_until(holds: Callable[[], object], what: str) -> None:
+    """Wait for a state, as long as it takes."""
+    until = time.monotonic() + PATIENCE
+    while not holds():
+        assert time.monotonic() < until, what
         time.sleep(0.01)
+
+
+def wait_for_parts(process: subprocess.Popen, place: Path, count: int) -> list[int]:
+    """Wait until there are ``count`` parts of a sweep whose workers wait for each other at the
+    gate, so that it cannot end by itself; its workers."""
+    wait_until(lambda: len(parts(place)) >= count or process.poll() is not None, "no parts")
     assert process.poll() is None, process.communicate()
-    assert len(parts(place)) >= count
+    wait_until(lambda: len(children(process.pid)) >= 2, "no workers")
+    return children(process.pid)
+
+
+def wait_until_gone(pids: list[int]) -> None:
+    """Wait until workers have died by themselves; those that do not are ended for them."""
+    try:
+        wait_until(lambda: not any(map(runs, pids)), f"some of {pids} live on")
+    finally:
+        for pid in filter(runs, pids):
+            os.kill(pid, signal.SIGKILL)
 
 
 @pytest.fixture(scope="module")
@@ -145,6 +177,7 @@ def test_a_row_is_what_the_run_of_its_scenario_gives(table):
     result = run(small_sweep().scenario(index))
     assert row["scenario_sha256"] == result.scenario.hash
     assert (row["reason"], row["duration_s"]) == (result.reason, result.duration_s)
+    assert row["attempts"] == 1
     for metric in METRICS:
         if metric.in_tables:
             values = [row[column] for column in metric_columns(metric)]
@@ -259,9 +292,10 @@ def test_a_finished_sweep_runs_nothing_again(calm, monkeypatch):
     assert run_sweep(small_sweep(), calm).num_rows == 10
 
 
-@pytest.mark.parametrize("damage", ["cut", "flip", "empty", "other"])
+@pytest.mark.parametrize("damage", ["cut", "flip", "empty", "other", "foreign"])
 def test_a_damaged_part_is_run_again(calm, tmp_path, damage):
-    """A part that is cut, has a wrong byte, is empty or belongs to other trials is run again."""
+    """A part that is cut, has a wrong byte, is empty, belongs to other trials, or to trials of the
+    same numbers with other values, is run again."""
     place = tmp_path / "sweep"
     run_sweep(small_sweep(), place, shard=(1, 2))
     file = parts(place)[0]
@@ -269,7 +303,13 @@ def test_a_damaged_part_is_run_again(calm, tmp_path, damage):
     middle = len(whole) // 3
     flipped = whole[:middle] + bytes([whole[middle] ^ 0xFF]) + whole[middle + 1 :]
     other = parts(calm)[1].read_bytes()
-    file.write_bytes({"cut": whole[:-100], "flip": flipped, "empty": b"", "other": other}[damage])
+    table = pq.read_table(file)
+    zeros = pa.array([0.0] * table.num_rows)
+    at = table.schema.get_field_index("robot.preload")
+    foreign = table.set_column(at, table.schema.field(at), zeros)
+    foreign = foreign.replace_schema_metadata(table.schema.metadata | {b"part": b"0" * 16})
+    files = {"cut": whole[:-100], "flip": flipped, "empty": b"", "other": other}
+    file.write_bytes((files | {"foreign": to_parquet(foreign)})[damage])
     run_sweep(small_sweep(), place)
     assert same(calm, place)
     assert file.read_bytes() == whole
@@ -342,7 +382,33 @@ def test_an_exception_makes_one_row(calm, tmp_path, monkeypatch):
     )
     expected = pq.read_table(calm / "trials.parquet").to_pylist()
     assert rows[:VALID] + rows[VALID + 1 :] == expected[:VALID] + expected[VALID + 1 :]
-    assert json.loads((tmp_path / "sweep" / "summary.json").read_text())["error"] == 1
+    summary = json.loads((tmp_path / "sweep" / "summary.json").read_text())
+    assert summary["error"] == 1
+    assert summary["counted"] == 10 - summary["invalid"] - 1
+    assert summary["success_rate_95"][1] == wilson_interval(0, summary["counted"])[1]
+
+
+def test_a_row_tells_attempts_and_has_no_figure_that_is_not_finite(monkeypatch):
+    """Each time that a robot has backed off is a further attempt; of a diverged run the figures
+    that are not finite are null."""
+    usual = batch.run_batch
+
+    def run_batch(scenarios, **keys):
+        first, *others = usual(scenarios, **keys)
+        figures = {"energy_j": math.inf, "slip_distance_m": [math.nan, 0.0, -math.inf]}
+        events = [BackedOff(0, t, "tee_1", 0.5, 3.0) for t in (0.01, 0.05)]
+        broken = {"metrics": first.metrics | figures, "events": events, "duration_s": math.nan}
+        return [dataclasses.replace(first, **broken), *others]
+
+    monkeypatch.setattr(batch, "run_batch", run_batch)
+    rows = [row for row in run_sweep(small_sweep()).to_pylist() if row["outcome"] != "invalid"]
+    broken = [row for row in rows if row["attempts"] == 3]
+    assert 1 < len(broken) < len(rows)
+    assert {row["attempts"] for row in rows} == {1, 3}
+    for row in broken:
+        columns = ("energy_j", "slip_distance_m_1", "slip_distance_m_2", "slip_distance_m_3")
+        assert [row[column] for column in columns] == [None, None, 0.0, None]
+        assert row["duration_s"] is None
 
 
 def test_a_trial_that_kills_its_worker_makes_one_row(table, monkeypatch):
@@ -405,49 +471,49 @@ def test_a_sweep_of_invalid_trials_only_is_an_error(tmp_path):
 def test_kill_of_the_parent_and_ctrl_c(tmp_path):
     """Killed and interrupted on the way, workers die with their parent, and the same command ends
     with equal files."""
-    file = write_sweep(tmp_path, samples=30, time_limit=0.4)
+    file, killed = write_sweep(tmp_path, samples=12, kinds=GATED), tmp_path / "killed"
     run_sweep(load_sweep(file), tmp_path / "calm")
-    command = ("sweep", file, "--out", tmp_path / "killed", "--workers", 2)
+    command = ("sweep", file, "--out", killed, "--workers", 2)
     for moment in (1, 3):
-        process = started(*command)
-        wait_for_parts(process, tmp_path / "killed", moment)
-        under = children(process.pid)
+        process = started(*command, GATE_FOLDER=killed, GATE_PARTS=moment)
+        under = wait_for_parts(process, killed, moment)
         process.kill()
         process.communicate()
-        assert len(under) >= 2
-        assert gone(under)
-    before = {path: path.stat().st_mtime_ns for path in parts(tmp_path / "killed")}
-    process = started(*command, "--continue")
-    wait_for_parts(process, tmp_path / "killed", len(before) + 1)
-    under = children(process.pid)
+        wait_until_gone(under)
+    before = {path: path.stat().st_mtime_ns for path in parts(killed)}
+    assert 3 <= len(before) < 8
+    moment = len(before) + 1
+    process = started(*command, "--continue", GATE_FOLDER=killed, GATE_PARTS=moment)
+    under = wait_for_parts(process, killed, moment)
     process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=20)
+    _, told = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
-    assert "of 60 trials are done; the same command goes on" in told
+    assert "of 24 trials are done; the same command goes on" in told
     assert "Traceback" not in told
-    assert gone(under)
+    wait_until_gone(under)
     done = omnitrack(*command, "--json")
     assert done.returncode == 0, done.stderr
-    assert same(tmp_path / "calm", tmp_path / "killed")
-    assert json.loads(done.stdout)["trials"] == 60
+    assert same(tmp_path / "calm", killed)
+    assert json.loads(done.stdout)["trials"] == 24
     assert all(path.stat().st_mtime_ns == when for path, when in before.items())
 
 
-def test_a_dask_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path):
+def test_a_dask_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, monkeypatch):
     """A scheduler and two workers, one killed on the way: the files are those of one process."""
     file = write_sweep(tmp_path, samples=12, time_limit=0.3)
     sweep = load_sweep(file)
     run_sweep(sweep, tmp_path / "calm")
     address = tmp_path / "scheduler.json"
     common = ["--scheduler-file", str(address), "--no-dashboard", "--host", "127.0.0.1"]
-    one = ["--nthreads", "1", "--no-nanny", "--death-timeout", "60"]
+    one = ["--nthreads", "1", "--no-nanny", "--death-timeout", str(PATIENCE)]
+    monkeypatch.setattr(workers, "DASK_PATIENCE", PATIENCE)
+    monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", f"{PATIENCE:.0f}s")
     cluster = [_dask("scheduler", *common, "--port", "0", cwd=tmp_path)]
     cluster += [_dask("worker", *common, *one, "--name", name, cwd=tmp_path) for name in "ab"]
     try:
-        until = time.monotonic() + 30
-        while not address.exists() and time.monotonic() < until:
-            time.sleep(0.05)
-        contact = json.loads(address.read_text())["address"]
+        wait_until(lambda: contact_of(address), "no scheduler")
+        contact = contact_of(address)
+        assert contact is not None
 
         def kill_one(status):
             if status.done:
@@ -459,6 +525,13 @@ def test_a_dask_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path):
             process.kill()
             process.wait()
     assert same(tmp_path / "calm", tmp_path / "dask")
+
+
+def contact_of(address: Path) -> str | None:
+    """What a scheduler's file says, once it is written."""
+    with contextlib.suppress(OSError, ValueError, KeyError):
+        return json.loads(address.read_text())["address"]
+    return None
 
 
 def _dask(*arguments: str, cwd: Path) -> subprocess.Popen:
