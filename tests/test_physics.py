@@ -36,6 +36,15 @@ def test_belt_speed_is_climbing_speed(climb):
     assert speed == pytest.approx(0.1, rel=2e-3)
 
 
+def test_belts_creep_ahead_of_a_robot_that_climbs(climb):
+    """Friction that is solved with a finite stiffness lets the belts run ahead of the robot under
+    its weight: a little, and ahead. Without a load there is less of it."""
+    creep = _settled(climb, "slip_velocity")
+    assert (creep > 0).all()
+    assert (creep < 3e-5).all()
+    assert climb.metrics["no_load_slip_m_s"] < 0.5 * creep.min()
+
+
 def test_tractions_carry_the_weight(climb):
     """The sum of the tractions is the robot's weight, within 1 %; the mass of the compiled model is
     the robot's."""
