@@ -39,9 +39,9 @@ QUICK = (
     "turning_sign",
     "slip_turned_round",
     "tilt_at_the_start",
+    "braking_never_saturates",
     "no_cap_on_belts",
     "ways_counted_in_joints",
-    "engine_error_ignored",
 )
 """Changes of the quick form; their test files take seconds."""
 PATIENCE = 1800.0

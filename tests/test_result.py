@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import time
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -67,9 +68,12 @@ def test_round_trip(tmp_path):
         np.testing.assert_array_equal(loaded.trajectory[name], saved.trajectory[name], err_msg=name)
 
 
-def test_same_run_same_bytes(tmp_path):
-    """Two saves of equal runs are equal byte for byte: no clock enters."""
+def test_same_run_same_bytes(tmp_path, monkeypatch):
+    """Two saves of equal runs are equal byte for byte, a year apart: no clock enters."""
     sample_result().save(tmp_path / "a")
+    seconds, local, year = time.time, time.localtime, 365 * 86400.0
+    monkeypatch.setattr(time, "time", lambda: seconds() + year)
+    monkeypatch.setattr(time, "localtime", lambda at=None: local((at or seconds()) + year))
     sample_result().save(tmp_path / "b")
     assert set(contents(tmp_path / "a")) == FILES
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
