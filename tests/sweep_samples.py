@@ -97,11 +97,13 @@ def parts(place: Path) -> list[Path]:
 
 
 def wait_at_the_gate() -> None:
-    """Wait while the sweep in the folder ``GATE_FOLDER`` has ``GATE_PARTS`` parts or more, for
-    good: whoever set the gate kills who waits there. Without a gate nobody waits."""
-    folder = os.environ.get("GATE_FOLDER")
+    """Wait while the sweep in the folder ``GATE_FOLDER`` has ``GATE_PARTS`` parts or more: whoever
+    set the gate kills who waits there. Without a gate nobody waits."""
+    folder, until = os.environ.get("GATE_FOLDER"), time.monotonic() + 600.0
     while folder and len(parts(Path(folder))) >= int(os.environ["GATE_PARTS"]):
         time.sleep(0.01)
+        if time.monotonic() > until:
+            raise RuntimeError("nobody came to the gate")
 
 
 class Gated(JacobianController):

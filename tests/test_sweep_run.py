@@ -43,7 +43,7 @@ from omnitrack_sim.sweep.workers import DaskPool, LocalPool, WorkersLost
 
 FILES = ("trials.parquet", "trials.csv", "summary.json", "success_map.png", "sweep.json")
 ALL = {*FILES, "parts"}
-PATIENCE = 300.0
+PATIENCE = 120.0
 """Seconds after which something that never comes is given up; nothing is measured by it."""
 
 
@@ -478,19 +478,21 @@ def test_kill_of_the_parent_and_ctrl_c(tmp_path):
         process = started(*command, GATE_FOLDER=killed, GATE_PARTS=moment)
         under = wait_for_parts(process, killed, moment)
         process.kill()
+        process.wait()
+        wait_until_gone(under)  # before its pipes are read, which workers would hold open
         process.communicate()
-        wait_until_gone(under)
     before = {path: path.stat().st_mtime_ns for path in parts(killed)}
     assert 3 <= len(before) < 8
     moment = len(before) + 1
     process = started(*command, "--continue", GATE_FOLDER=killed, GATE_PARTS=moment)
     under = wait_for_parts(process, killed, moment)
     process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=PATIENCE)
+    process.wait(PATIENCE)
+    wait_until_gone(under)
+    _, told = process.communicate()
     assert process.returncode == 130
     assert "of 24 trials are done; the same command goes on" in told
     assert "Traceback" not in told
-    wait_until_gone(under)
     done = omnitrack(*command, "--json")
     assert done.returncode == 0, done.stderr
     assert same(tmp_path / "calm", killed)
