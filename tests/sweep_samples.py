@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -123,3 +125,24 @@ class GatedEqual(EqualController):
 
 
 GATED = ("sweep_samples:Gated", "sweep_samples:GatedEqual")
+
+FILES = ("trials.parquet", "trials.csv", "summary.json", "success_map.png", "sweep.json")
+PATIENCE = 120.0
+"""Seconds after which something that never comes is given up; nothing is measured by it."""
+
+
+def environment(**more: object) -> dict[str, str]:
+    """This process's, with the tests' own modules in the path."""
+    paths = [str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
+    given = {name: str(value) for name, value in more.items()}
+    return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))} | given
+
+
+def omnitrack(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "omnitrack_sim.cli", *map(str, arguments)]
+    told = {"capture_output": True, "text": True, "cwd": cwd, "env": environment()}
+    return subprocess.run(command, timeout=PATIENCE, **told)
+
+
+def same(a: Path, b: Path, names=FILES) -> bool:
+    return all((a / name).read_bytes() == (b / name).read_bytes() for name in names)

@@ -11,8 +11,7 @@ import pytest
 
 from omnitrack_sim import load_network, shortest_route
 from omnitrack_sim.errors import GeometryError
-from omnitrack_sim.network import Leg, Mission, Network, Planner, random_network, validate
-from omnitrack_sim.network.random import CLEARANCE
+from omnitrack_sim.network import Leg, Mission, Network, Planner, validate
 from omnitrack_sim.pipes import Assembly, Elbow, Part, Step, Straight, route
 from omnitrack_sim.pipes.centreline import SEARCH
 from omnitrack_sim.record.events import GaveUp, TakenForClosed
@@ -194,20 +193,3 @@ def test_an_overlap_is_seen_whichever_part_comes_first(depth: float, along: floa
             Assembly(parts)
     apart = Part("thin", thin.fitting, Pose(sideways, np.array([0.085, 0.0, along])))
     assert len(Assembly((wide, apart)).parts) == 2
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_pipes_of_random_networks_keep_clear_of_each_other(seed: int) -> None:
-    """Bores of parts that are not joined are at least ``CLEARANCE`` apart, so that a wall fits
-    between them."""
-    network = random_network(seed, 14)
-    parts, joints = network.pipes.parts, network.pipes.joints
-    joined = {frozenset((i, j)) for (i, _), (j, _) in joints}
-    samples = [part.bore_samples() for part in parts]
-    apart = [
-        (i, j)
-        for i, j in itertools.permutations(range(len(parts)), 2)
-        if frozenset((i, j)) not in joined
-    ]
-    assert len(apart) > 100
-    assert not any(parts[i].holds(samples[j], -CLEARANCE) for i, j in apart)

@@ -1,17 +1,11 @@
 """A sweep's table does not depend on who ran it, and survives kills, damage, full disks and bad
 trials."""
 
-import contextlib
 import dataclasses
 import errno
 import json
 import math
 import os
-import signal
-import subprocess
-import sys
-import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -20,117 +14,24 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from sweep_samples import (
-    DEADLY,
-    GATED,
+    FILES,
     VALID,
-    deadly_batch,
-    no_worker,
-    once_deadly_batch,
+    omnitrack,
     parts,
+    same,
     small_sweep,
-    write_sweep,
 )
 
-from omnitrack_sim import OutputError, SweepError, load_sweep, run, run_sweep
+from omnitrack_sim import OutputError, SweepError, run, run_sweep
 from omnitrack_sim.record.events import BackedOff
 from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.sim.run import run_batch
-from omnitrack_sim.sweep import batch, engine, folder, workers
+from omnitrack_sim.sweep import batch, engine, folder
 from omnitrack_sim.sweep.summary import summarise_sweep
 from omnitrack_sim.sweep.table import metric_columns, to_parquet
-from omnitrack_sim.sweep.workers import DaskPool, LocalPool, WorkersLost
 
-FILES = ("trials.parquet", "trials.csv", "summary.json", "success_map.png", "sweep.json")
 ALL = {*FILES, "parts"}
-PATIENCE = 120.0
-"""Seconds after which something that never comes is given up; nothing is measured by it."""
-
-
-def environment(**more: object) -> dict[str, str]:
-    """This process's, with the tests' own modules in the path."""
-    paths = [str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
-    given = {name: str(value) for name, value in more.items()}
-    return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))} | given
-
-
-def omnitrack(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "omnitrack_sim.cli", *map(str, arguments)]
-    told = {"capture_output": True, "text": True, "cwd": cwd, "env": environment()}
-    return subprocess.run(command, timeout=PATIENCE, **told)
-
-
-def started(*arguments: object, **more: object) -> subprocess.Popen:
-    command = [sys.executable, "-m", "omnitrack_sim.cli", *map(str, arguments)]
-    pipe, env = subprocess.PIPE, environment(**more)
-    # A shell's background jobs ignore Ctrl-C, and so would what the tests start from one.
-    heed = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731
-    return subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, preexec_fn=heed, env=env)
-
-
-def same(a: Path, b: Path, names=FILES) -> bool:
-    return all((a / name).read_bytes() == (b / name).read_bytes() for name in names)
-
-
-def children(pid: int) -> list[int]:
-    """Processes that ``pid`` has started, without zombies."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                state, parent = (entry / "stat").read_text().rpartition(")")[2].split()[:2]
-            except OSError:
-                continue
-            if int(parent) == pid and state != "Z":
-                found.append(int(entry.name))
-    return found
-
-
-def runs(pid: int) -> bool:
-    """Whether a process is there and no zombie."""
-    try:
-        return (Path("/proc") / str(pid) / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-def wait_until(holds: Callable[[], object], what: str) -> None:
-    """Wait for a state, as long as it takes."""
-    until = time.monotonic() + PATIENCE
-    while not holds():
-        assert time.monotonic() < until, what
-        time.sleep(0.01)
-
-
-def wait_for_parts(process: subprocess.Popen, place: Path, count: int) -> list[int]:
-    """Wait until there are ``count`` parts of a sweep whose workers wait for each other at the
-    gate, so that it cannot end by itself; its workers."""
-    wait_until(lambda: len(parts(place)) >= count or process.poll() is not None, "no parts")
-    assert process.poll() is None, process.communicate()
-    wait_until(lambda: len(children(process.pid)) >= 2, "no workers")
-    return children(process.pid)
-
-
-def wait_until_gone(pids: list[int]) -> None:
-    """Wait until workers have died by themselves; those that do not are ended for them."""
-    try:
-        wait_until(lambda: not any(map(runs, pids)), f"some of {pids} live on")
-    finally:
-        for pid in filter(runs, pids):
-            os.kill(pid, signal.SIGKILL)
-
-
-@pytest.fixture(scope="module")
-def calm(tmp_path_factory) -> Path:
-    """The small sweep, run in one process without interruption."""
-    place = tmp_path_factory.mktemp("sweeps") / "calm"
-    run_sweep(small_sweep(), place)
-    return place
-
-
-@pytest.fixture(scope="module")
-def table(calm):
-    return pq.read_table(calm / "trials.parquet")
 
 
 def test_the_folder_holds_its_files(calm, table):
@@ -249,15 +150,6 @@ def test_groups_of_every_kind_of_value():
         ["20", "30.5"],
     ]
     assert {row["counted"] for rows in groups.values() for row in rows} == {8}
-
-
-def test_two_workers_give_the_same_bytes(calm, tmp_path):
-    """All files of two worker processes are those of one process."""
-    told = []
-    run_sweep(small_sweep(), tmp_path / "two", executor=lambda: LocalPool(2), progress=told.append)
-    assert same(calm, tmp_path / "two")
-    assert [status.done for status in told] == sorted(status.done for status in told)
-    assert (told[0].done, told[-1].done, told[-1].total) == (0, 10, 10)
 
 
 def test_two_shards_in_one_folder_and_in_two(calm, tmp_path):
@@ -411,36 +303,6 @@ def test_a_row_tells_attempts_and_has_no_figure_that_is_not_finite(monkeypatch):
         assert row["duration_s"] is None
 
 
-def test_a_trial_that_kills_its_worker_makes_one_row(table, monkeypatch):
-    """Its batch is split after three deaths; it alone becomes a row, the others are as usual."""
-    monkeypatch.setattr(engine, "run_trials", deadly_batch)
-    told = []
-    rows = run_sweep(small_sweep(), executor=lambda: LocalPool(2), progress=told.append).to_pylist()
-    assert (rows[DEADLY]["outcome"], rows[DEADLY]["reason"]) == ("error", "the worker died")
-    expected = table.to_pylist()
-    assert rows[:DEADLY] + rows[DEADLY + 1 :] == expected[:DEADLY] + expected[DEADLY + 1 :]
-    assert told[-1].lost >= 5
-
-
-def test_a_worker_that_is_killed_once_costs_nothing(calm, tmp_path, monkeypatch):
-    """After one death the batch is run again, and the files are the usual ones."""
-    monkeypatch.setattr(engine, "run_trials", once_deadly_batch)
-    monkeypatch.setenv("ONCE_DEADLY", str(tmp_path / "mark"))
-    run_sweep(small_sweep(), tmp_path / "sweep", executor=lambda: LocalPool(2))
-    assert (tmp_path / "mark").exists()
-    assert same(calm, tmp_path / "sweep")
-
-
-def test_workers_that_never_work_are_told(monkeypatch):
-    """Workers that die at once, and a given executor that breaks, end with an error that says
-    so."""
-    monkeypatch.setattr(workers, "begin_worker", no_worker)
-    with pytest.raises(WorkersLost, match="before they run anything"):
-        run_sweep(small_sweep(), executor=lambda: LocalPool(1))
-    with LocalPool(1) as pool, pytest.raises(WorkersLost, match="callable"):
-        run_sweep(small_sweep(), executor=pool)
-
-
 def test_a_full_disk_keeps_the_finished_parts(calm, tmp_path, monkeypatch):
     """ENOSPC is told with what to do, leaves nothing half written, and the same call goes on."""
     usual, calls = os.fsync, []
@@ -468,79 +330,6 @@ def test_a_sweep_of_invalid_trials_only_is_an_error(tmp_path):
     assert not (tmp_path / "sweep" / "trials.parquet").exists()
 
 
-def test_kill_of_the_parent_and_ctrl_c(tmp_path):
-    """Killed and interrupted on the way, workers die with their parent, and the same command ends
-    with equal files."""
-    file, killed = write_sweep(tmp_path, samples=12, kinds=GATED), tmp_path / "killed"
-    run_sweep(load_sweep(file), tmp_path / "calm")
-    command = ("sweep", file, "--out", killed, "--workers", 2)
-    for moment in (1, 3):
-        process = started(*command, GATE_FOLDER=killed, GATE_PARTS=moment)
-        under = wait_for_parts(process, killed, moment)
-        process.kill()
-        process.wait()
-        wait_until_gone(under)  # before its pipes are read, which workers would hold open
-        process.communicate()
-    before = {path: path.stat().st_mtime_ns for path in parts(killed)}
-    assert 3 <= len(before) < 8
-    moment = len(before) + 1
-    process = started(*command, "--continue", GATE_FOLDER=killed, GATE_PARTS=moment)
-    under = wait_for_parts(process, killed, moment)
-    process.send_signal(signal.SIGINT)
-    process.wait(PATIENCE)
-    wait_until_gone(under)
-    _, told = process.communicate()
-    assert process.returncode == 130
-    assert "of 24 trials are done; the same command goes on" in told
-    assert "Traceback" not in told
-    done = omnitrack(*command, "--json")
-    assert done.returncode == 0, done.stderr
-    assert same(tmp_path / "calm", killed)
-    assert json.loads(done.stdout)["trials"] == 24
-    assert all(path.stat().st_mtime_ns == when for path, when in before.items())
-
-
-def test_a_dask_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, monkeypatch):
-    """A scheduler and two workers, one killed on the way: the files are those of one process."""
-    file = write_sweep(tmp_path, samples=12, time_limit=0.3)
-    sweep = load_sweep(file)
-    run_sweep(sweep, tmp_path / "calm")
-    address = tmp_path / "scheduler.json"
-    common = ["--scheduler-file", str(address), "--no-dashboard", "--host", "127.0.0.1"]
-    one = ["--nthreads", "1", "--no-nanny", "--death-timeout", str(PATIENCE)]
-    monkeypatch.setattr(workers, "DASK_PATIENCE", PATIENCE)
-    monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", f"{PATIENCE:.0f}s")
-    cluster = [_dask("scheduler", *common, "--port", "0", cwd=tmp_path)]
-    cluster += [_dask("worker", *common, *one, "--name", name, cwd=tmp_path) for name in "ab"]
-    try:
-        wait_until(lambda: contact_of(address), "no scheduler")
-        contact = contact_of(address)
-        assert contact is not None
-
-        def kill_one(status):
-            if status.done:
-                cluster[1].kill()
-
-        run_sweep(sweep, tmp_path / "dask", executor=lambda: DaskPool(contact), progress=kill_one)
-    finally:
-        for process in cluster:
-            process.kill()
-            process.wait()
-    assert same(tmp_path / "calm", tmp_path / "dask")
-
-
-def contact_of(address: Path) -> str | None:
-    """What a scheduler's file says, once it is written."""
-    with contextlib.suppress(OSError, ValueError, KeyError):
-        return json.loads(address.read_text())["address"]
-    return None
-
-
-def _dask(*arguments: str, cwd: Path) -> subprocess.Popen:
-    command = [sys.executable, "-m", "dask", *arguments]
-    return subprocess.Popen(command, cwd=cwd, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-
-
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
@@ -562,16 +351,6 @@ def test_bad_arguments_end_with_status_2(tmp_path, arguments, told):
     assert told in done.stderr
     assert "Traceback" not in done.stderr
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_missing_scheduler_or_package_is_told(monkeypatch):
-    """Where no scheduler answers, and without distributed, the error says what to do."""
-    monkeypatch.setattr(workers, "DASK_PATIENCE", 1)
-    with pytest.raises(Exception, match="no scheduler answers"):
-        DaskPool("tcp://127.0.0.1:9")
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(Exception, match="pip install"):
-        DaskPool("tcp://127.0.0.1:9")
 
 
 def test_list_shows_trials_and_runs_nothing(tmp_path):
