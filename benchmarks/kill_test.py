@@ -40,7 +40,7 @@ high = 1.0
 path = "world.gravity"
 kind = "direction"
 """
-GRACE = 5.0
+GRACE = 60.0
 """Seconds in which workers must be gone after their parent."""
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -86,6 +87,21 @@ def test_the_command_refuses_odd_places(tmp_path, monkeypatch, capsys, argument,
 
 def _denied(path: Path, **_: object) -> None:
     raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+
+def test_scenes_start_with_every_module_on_the_wall(folders):
+    """In the keyframe of a scene all three modules push on the wall after a moment."""
+    scenes = sorted(folders[0].glob("scene_*.xml"))
+    assert len(scenes) == 3
+    for path in scenes:
+        model = mujoco.MjModel.from_xml_path(str(path))
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, model.key("start").id)
+        for _ in range(50):
+            mujoco.mj_step(model, data)
+        lugs = [model.body(model.geom_bodyid[g]).name for c in data.contact for g in c.geom]
+        for module in (1, 2, 3):
+            assert any(lug.startswith(f"lug_{module}_") for lug in lugs), path.name
 
 
 def test_a_robot_of_another_size_looks_the_same():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import time
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -13,6 +14,7 @@ from samples import sample_result, sample_trajectory
 from omnitrack_sim.errors import OutputError
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.record.trajectory import RECORDED
+from omnitrack_sim.scenario import override
 from omnitrack_sim.sim import result as result_module
 from omnitrack_sim.sim.result import load_result, run_folder
 
@@ -31,6 +33,27 @@ def test_every_outcome_has_advice():
     assert len({outcome.advice for outcome in Outcome}) == len(Outcome)
 
 
+@pytest.mark.parametrize(
+    ("expected", "outcome", "told"),
+    [
+        ("reached_goal", Outcome.REACHED_GOAL, True),
+        ("reached_goal", Outcome.STUCK, False),
+        ("stuck", Outcome.STUCK, True),
+        (None, Outcome.STUCK, None),
+    ],
+)
+def test_a_result_says_whether_it_was_expected(tmp_path, expected, outcome, told):
+    """True where the outcome is that of ``expect.outcome``, None where nothing is expected; so it
+    stands in result.json. Success is the goal, whatever was expected."""
+    plain = sample_result(outcome=outcome)
+    scenario = override(plain.scenario, {"expect.outcome": expected})
+    result = sample_result(outcome=outcome, scenario=scenario)
+    assert result.as_expected is told
+    summary = json.loads((result.save(tmp_path / "run") / "result.json").read_text())
+    assert summary["as_expected"] is told
+    assert summary["success"] is (outcome is Outcome.REACHED_GOAL)
+
+
 def test_round_trip(tmp_path):
     """A loaded run equals the saved one: scenario, outcome, figures, every channel and the
     replay."""
@@ -45,9 +68,12 @@ def test_round_trip(tmp_path):
         np.testing.assert_array_equal(loaded.trajectory[name], saved.trajectory[name], err_msg=name)
 
 
-def test_same_run_same_bytes(tmp_path):
-    """Two saves of equal runs are equal byte for byte: no clock enters."""
+def test_same_run_same_bytes(tmp_path, monkeypatch):
+    """Two saves of equal runs are equal byte for byte, a year apart: no clock enters."""
     sample_result().save(tmp_path / "a")
+    seconds, local, year = time.time, time.localtime, 365 * 86400.0
+    monkeypatch.setattr(time, "time", lambda: seconds() + year)
+    monkeypatch.setattr(time, "localtime", lambda at=None: local((at or seconds()) + year))
     sample_result().save(tmp_path / "b")
     assert set(contents(tmp_path / "a")) == FILES
     assert contents(tmp_path / "a") == contents(tmp_path / "b")

@@ -236,7 +236,7 @@ def add_springs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
         spring.wrap_joint(f"pitch_{number}", side * robot.shaft_spacing / 2)
         spring.stiffness = [robot.module_stiffness / 2, 0, 0]
         free = spring_free_length(robot, robot.preload)
-        spring.springlength = [free, _sized(robot, FREE_SPRING_LENGTH, "m")]
+        spring.springlength = [free, sized(robot, FREE_SPRING_LENGTH, "m")]
 
 
 def spring_free_length(robot: Robot, preload: float) -> float:
