@@ -1,0 +1,148 @@
+"""Where a case is tried: an empty working folder, its output caught, its time limited."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+from fuzzing.faults import Fault, fault_of
+
+MOST_TOLD = 10_000
+"""Characters that a message or the output of a refused command may have."""
+_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+_Value = TypeVar("_Value")
+
+
+class Desk:
+    """A worker's place.
+
+    Attributes:
+        folder: working folder of the case, empty as it begins.
+        faults: found in the case so far.
+        output: what the last attempt wrote to standard output and standard error.
+    """
+
+    def __init__(self, place: Path) -> None:
+        self._place = place
+        self.folder = place / "here"
+        self.faults: list[Fault] = []
+        self.output = ("", "")
+
+    @contextmanager
+    def case(self) -> Iterator[None]:
+        """A clean desk for one case."""
+        import shutil
+
+        self.faults = []
+        shutil.rmtree(self.folder, ignore_errors=True)
+        self.folder.mkdir()
+        os.chdir(self.folder)
+        yield
+        os.chdir(self._place)
+
+    def attempt(
+        self, doing: str, seconds: float, call: Callable[[], _Value], allowed: type[Exception]
+    ) -> tuple[_Value | None, Exception | None]:
+        """Do something within a limit of processor time; what it gave, or the allowed error.
+
+        Any other exception, any warning, and all that is printed is a fault.
+        """
+        value, error = None, None
+        with self._caught(doing, seconds):
+            try:
+                value = call()
+            except allowed as refused:
+                error = refused
+                if len(str(refused)) > MOST_TOLD:
+                    self._add("long message", doing, f"{len(str(refused))} characters")
+            except Exception as other:
+                self.faults.append(fault_of(other, doing))
+        if any(self.output):
+            self._add("prints", doing, " | ".join(self.output))
+        return value, error
+
+    def command(
+        self, arguments: list[str], seconds: float, statuses: Collection[int] = (0, 2)
+    ) -> int | None:
+        """Run the command line in this process; its exit status, None where it raised."""
+        from omnitrack_sim.cli import main
+
+        doing, status = f"omnitrack {arguments[0]}", None
+        sys.argv = ["omnitrack", *arguments]
+        with self._caught(doing, seconds):
+            try:
+                main()
+                status = 0
+            except SystemExit as end:
+                status = end.code if isinstance(end.code, int) else int(end.code is not None)
+            except Exception as error:
+                self.faults.append(fault_of(error, doing))
+        self.judge(doing, status, statuses)
+        return status
+
+    def judge(self, doing: str, status: int | None, statuses: Collection[int]) -> None:
+        """Faults of exit status and output."""
+        if status is not None and status not in statuses:
+            self._add(f"exit status {status}", doing, self.output[1][-300:])
+        text = "".join(self.output)
+        for word in ("Traceback", "Warning"):
+            if word in text:
+                self._add(f"{word} on the screen", doing, text[:300])
+        if _CONTROL.search(text):
+            self._add("control characters on the screen", doing, repr(text[:300]))
+        if status == 2 and len(text) > MOST_TOLD:
+            self._add("long message", doing, f"{len(text)} characters")
+        if status == 2 and not self.output[1].strip():
+            self._add("no message", doing)
+
+    def only(self, doing: str, *names: str) -> None:
+        """The working folder holds nothing but files of these names."""
+        strange = sorted(path.name for path in self.folder.iterdir() if path.name not in names)
+        if strange:
+            self._add("left behind", doing, ", ".join(strange)[:300])
+
+    def _add(self, what: str, place: str, detail: str = "") -> None:
+        self.faults.append(Fault(what, place, detail))
+
+    @contextmanager
+    def _caught(self, doing: str, seconds: float) -> Iterator[None]:
+        """Output goes to files, warnings become faults, and processor time is limited."""
+        (self._place / "doing").write_text(doing)
+        paths = [self._place / name for name in ("out", "err")]
+        with warnings.catch_warnings(record=True) as seen, _redirected(paths):
+            warnings.simplefilter("always")
+            signal.setitimer(signal.ITIMER_PROF, seconds)
+            try:
+                yield
+            finally:
+                signal.setitimer(signal.ITIMER_PROF, 0)
+        self.output = (paths[0].read_text(errors="replace"), paths[1].read_text(errors="replace"))
+        for warning in seen:
+            file = str(warning.filename).rpartition("site-packages/")[2]
+            name = f"{doing}: {file.rpartition('omnitrack_sim/')[2]}:{warning.lineno}"
+            self._add(warning.category.__name__, name, str(warning.message)[:300])
+
+
+@contextmanager
+def _redirected(paths: list[Path]) -> Iterator[None]:
+    """Standard output and standard error of this process and what it calls go to two files."""
+    saved = [os.dup(1), os.dup(2)]
+    try:
+        for descriptor, path in enumerate(paths, start=1):
+            file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+            os.dup2(file, descriptor)
+            os.close(file)
+        yield
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+        for descriptor, old in enumerate(saved, start=1):
+            os.dup2(old, descriptor)
+            os.close(old)
