@@ -73,13 +73,18 @@ def try_all(part: str, numbers: Sequence[int], seed: int, keep: Path) -> list[tu
     """Try the cases of one part; the faults with the names of their cases."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from fuzzing import reading
+    from fuzzing import arguments, folders, reading
 
-    tries = {"files": reading}[part]
+    tries = {"files": reading, "folders": folders, "arguments": arguments}[part]
     tries.prepare()
-    found = []
+    found: list[tuple[str, Fault]] = []
+    seen = set[tuple[str, str]]()
     for number, faults in watched(lambda n, desk: tries.attempt(seed, n, desk), numbers):
         found += [(f"{part} {number}", fault) for fault in faults]
+        for fault in faults:
+            if (fault.what, fault.place) not in seen:
+                print(f"  {part} {number}: {fault.what} in {fault.place}", flush=True)
+            seen.add((fault.what, fault.place))
         if faults:
             tries.keep(seed, number, keep.resolve())
     return found

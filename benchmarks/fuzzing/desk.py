@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+import resource
+import shutil
 import signal
 import sys
 import warnings
@@ -38,8 +40,6 @@ class Desk:
     @contextmanager
     def case(self) -> Iterator[None]:
         """A clean desk for one case."""
-        import shutil
-
         self.faults = []
         shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.mkdir()
@@ -61,22 +61,33 @@ class Desk:
             except allowed as refused:
                 error = refused
                 if len(str(refused)) > MOST_TOLD:
-                    self._add("long message", doing, f"{len(str(refused))} characters")
+                    self.add("long message", doing, f"{len(str(refused))} characters")
             except Exception as other:
                 self.faults.append(fault_of(other, doing))
         if any(self.output):
-            self._add("prints", doing, " | ".join(self.output))
+            self.add("prints", doing, " | ".join(self.output))
         return value, error
 
     def command(
-        self, arguments: list[str], seconds: float, statuses: Collection[int] = (0, 2)
+        self,
+        arguments: list[str],
+        seconds: float,
+        statuses: Collection[int] = (0, 2),
+        largest: int | None = None,
     ) -> int | None:
-        """Run the command line in this process; its exit status, None where it raised."""
+        """Run the command line in this process; its exit status, None where it raised.
+
+        Args:
+            arguments: of the command line.
+            seconds: processor time that it may take.
+            statuses: with which it may end.
+            largest: bytes that a file may grow to, as if the disk were full then.
+        """
         from omnitrack_sim.cli import main
 
-        doing, status = f"omnitrack {arguments[0]}", None
+        doing, status = f"omnitrack {' '.join(arguments[:1])[:30]}", None
         sys.argv = ["omnitrack", *arguments]
-        with self._caught(doing, seconds):
+        with self._caught(doing, seconds), _disk(largest):
             try:
                 main()
                 status = 0
@@ -90,25 +101,26 @@ class Desk:
     def judge(self, doing: str, status: int | None, statuses: Collection[int]) -> None:
         """Faults of exit status and output."""
         if status is not None and status not in statuses:
-            self._add(f"exit status {status}", doing, self.output[1][-300:])
+            self.add(f"exit status {status}", doing, self.output[1][-300:])
         text = "".join(self.output)
         for word in ("Traceback", "Warning"):
             if word in text:
-                self._add(f"{word} on the screen", doing, text[:300])
+                self.add(f"{word} on the screen", doing, text[:300])
         if _CONTROL.search(text):
-            self._add("control characters on the screen", doing, repr(text[:300]))
+            self.add("control characters on the screen", doing, repr(text[:300]))
         if status == 2 and len(text) > MOST_TOLD:
-            self._add("long message", doing, f"{len(text)} characters")
+            self.add("long message", doing, f"{len(text)} characters")
         if status == 2 and not self.output[1].strip():
-            self._add("no message", doing)
+            self.add("no message", doing)
 
     def only(self, doing: str, *names: str) -> None:
         """The working folder holds nothing but files of these names."""
         strange = sorted(path.name for path in self.folder.iterdir() if path.name not in names)
         if strange:
-            self._add("left behind", doing, ", ".join(strange)[:300])
+            self.add("left behind", doing, ", ".join(strange)[:300])
 
-    def _add(self, what: str, place: str, detail: str = "") -> None:
+    def add(self, what: str, place: str, detail: str = "") -> None:
+        """Note a fault of the case."""
         self.faults.append(Fault(what, place, detail))
 
     @contextmanager
@@ -127,7 +139,21 @@ class Desk:
         for warning in seen:
             file = str(warning.filename).rpartition("site-packages/")[2]
             name = f"{doing}: {file.rpartition('omnitrack_sim/')[2]}:{warning.lineno}"
-            self._add(warning.category.__name__, name, str(warning.message)[:300])
+            self.add(warning.category.__name__, name, str(warning.message)[:300])
+
+
+@contextmanager
+def _disk(largest: int | None) -> Iterator[None]:
+    """A disk that no file of over ``largest`` bytes goes onto."""
+    if largest is None:
+        yield
+        return
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @contextmanager

@@ -57,6 +57,12 @@ def odd_file(seed: int, index: int) -> File:
     return File(read_as, f"odd.{ending}", contents, tuple(story))
 
 
+def changed(rng: random.Random, data: dict[str, Any], times: int) -> tuple[bytes, list[str]]:
+    """Plain data with so many odd changes, as JSON, and what was done."""
+    story = [_change(rng, data) for _ in range(times)]
+    return as_json(data).encode("utf-8", "replace"), story
+
+
 @cache
 def _bases() -> dict[str, list[tuple[str, dict[str, Any]]]]:
     """Names and contents of the shipped files of each kind, and once more with every key written

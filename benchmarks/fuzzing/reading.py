@@ -29,7 +29,6 @@ def prepare() -> None:
     import pyarrow.parquet  # noqa: F401
     import scipy.stats  # noqa: F401
 
-
     odd_file(0, 0)
 
 

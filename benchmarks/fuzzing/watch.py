@@ -15,6 +15,7 @@ import select
 import shutil
 import signal
 import tempfile
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import IO
@@ -109,6 +110,8 @@ def _work(task: Task, numbers: Sequence[int], place: Path, writer: int) -> None:
             told.write("\n")
             told.flush()
         code = 0
+    except BaseException:
+        (place / "dump").write_text(traceback.format_exc()[-1000:])
     finally:
         os._exit(code)
 
@@ -122,4 +125,4 @@ def _death(status: int, place: Path) -> Fault:
         what = _NAMES.get(number, f"killed by {signal.Signals(number).name}")
     else:
         what = f"worker ended with status {os.WEXITSTATUS(status)}"
-    return Fault(what, f"{doing}: {place_in_dump(dump)}", dump[:300])
+    return Fault(what, f"{doing}: {place_in_dump(dump)}", dump[-600:])
