@@ -11,6 +11,7 @@ file, or a process that dies. Files of the faults are kept. Ends with status 1 w
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 import time
@@ -87,7 +88,15 @@ def try_all(part: str, numbers: Sequence[int], seed: int, keep: Path) -> list[tu
             seen.add((fault.what, fault.place))
         if faults:
             tries.keep(seed, number, keep.resolve())
+            _note(keep / "faults.jsonl", f"{part} {number}", faults)
     return found
+
+
+def _note(path: Path, case: str, faults: Sequence[Fault]) -> None:
+    """Add the faults of a case to a list, one line of JSON each."""
+    with path.open("a", encoding="utf-8") as file:
+        for fault in faults:
+            file.write(json.dumps({"case": case, **vars(fault)}) + "\n")
 
 
 if __name__ == "__main__":

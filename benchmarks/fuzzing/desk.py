@@ -110,7 +110,7 @@ class Desk:
             self.add("control characters on the screen", doing, repr(text[:300]))
         if status == 2 and len(text) > MOST_TOLD:
             self.add("long message", doing, f"{len(text)} characters")
-        if status == 2 and not self.output[1].strip():
+        if status == 2 and not text.strip():
             self.add("no message", doing)
 
     def only(self, doing: str, *names: str) -> None:

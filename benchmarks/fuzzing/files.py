@@ -13,8 +13,9 @@ from typing import Any
 from fuzzing import values
 from fuzzing.writing import as_json, toml
 
-SHAPED = 0.75
-"""Part of the cases that change values; in the others the text is damaged."""
+SHAPED, STRAINED = 0.6, 0.2
+"""Part of the cases that change values, and that change numbers only; in the others the text is
+damaged."""
 MOST_CHANGES = 4
 KINDS = {"scenario": 6, "sweep": 2, "network": 2}
 """How often which kind of file comes."""
@@ -45,9 +46,11 @@ def odd_file(seed: int, index: int) -> File:
     read_as = kind if rng.random() < 0.97 else rng.choice(list(KINDS))
     data, story = copy.deepcopy(data), [base]
     write, ending = (as_json, "json") if rng.random() < 0.15 else (toml, "toml")
-    if rng.random() < SHAPED:
+    way = rng.random()
+    if way < SHAPED + STRAINED:
+        change = _change if way < SHAPED else _strained
         for _ in range(rng.choice((1, 1, 1, 2, 3, MOST_CHANGES))):
-            story.append(_change(rng, data))
+            story.append(change(rng, data))
         contents = _encoded(rng, write(data))
     else:
         contents = write(data).encode()
@@ -155,6 +158,11 @@ def _set(rng: random.Random, data: Any, fits: Callable[[Any], bool], make: Calla
 
 def _new_number(rng: random.Random, data: Any) -> str:
     return _set(rng, data, _is_number, lambda old: values.number(rng, old))
+
+
+def _strained(rng: random.Random, data: Any) -> str:
+    """A number many times as large or as small, which may well be accepted."""
+    return _set(rng, data, _is_number, lambda old: values.strained(rng, old))
 
 
 def _new_text(rng: random.Random, data: Any) -> str:

@@ -103,6 +103,15 @@ def number(rng: random.Random, near: float | None = None) -> Any:
     return math.copysign(10 ** rng.uniform(-9, 9), rng.random() - 0.3)
 
 
+def strained(rng: random.Random, old: float) -> Any:
+    """A number like ``old``, many times as large or as small, or a limit."""
+    if rng.random() < 0.25:
+        return _beside(rng, rng.choice(limits()))
+    power = rng.choice((rng.uniform(-2, 2), rng.uniform(-12, 12), rng.uniform(-300, 300)))
+    value = (old or rng.choice((1.0, -1.0))) * 10.0**power
+    return round(value) if isinstance(old, int) and abs(value) < 1e18 else value
+
+
 def _beside(rng: random.Random, value: float) -> Any:
     """The value, as a whole number or not, or one of its neighbours."""
     above, below = math.nextafter(value, math.inf), math.nextafter(value, -math.inf)
