@@ -11,11 +11,14 @@ from pathlib import Path
 from fuzzing import bases, values
 from fuzzing.desk import Desk
 from fuzzing.values import Raw
+from fuzzing.writing import toml
 
 SECONDS = 30.0
 """Processor time that a command may take."""
 SMALL_FILES = 16 << 10
 """Largest file that may be written where the disk is to be full, bytes."""
+ODD_NAMES = 0.4
+"""Part of the cases whose files have odd names in them."""
 FULL = 0.15
 """Part of the cases whose disk is full."""
 PLACES = (
@@ -107,7 +110,7 @@ def command_of(seed: int, number: int) -> tuple[list[str], bool]:
 def attempt(seed: int, number: int, desk: Desk) -> None:
     """Run the command of that number among odd files; what is refused must leave nothing behind."""
     arguments, full = command_of(seed, number)
-    _furnish(desk.folder)
+    _furnish(desk.folder, random.Random(f"furniture {seed} {number}"))
     before = _files(desk.folder)
     statuses = (0, 1, 2) if arguments[:1] == ["models"] else (0, 2)
     status = desk.command(arguments, SECONDS, statuses, SMALL_FILES if full else None)
@@ -117,9 +120,9 @@ def attempt(seed: int, number: int, desk: Desk) -> None:
     ]
     left = [path for path in new if status != 0 or _is_leftover(path)]
     if left and not (arguments[0] == "models" and status == 1):
-        desk.add("left behind", f"omnitrack {arguments[0]}", ", ".join(left)[:300])
+        desk.add("left behind", f"omnitrack {' '.join(arguments[:1])}", ", ".join(left)[:300])
     if changed:
-        desk.add("files lost", f"omnitrack {arguments[0]}", ", ".join(changed)[:300])
+        desk.add("files lost", f"omnitrack {' '.join(arguments[:1])}", ", ".join(changed)[:300])
 
 
 def keep(seed: int, number: int, folder: Path) -> None:
@@ -131,8 +134,8 @@ def keep(seed: int, number: int, folder: Path) -> None:
     file.write_text(f"{text}\n", encoding="utf-8", errors="backslashreplace")
 
 
-def _furnish(folder: Path) -> None:
-    """Things that stand in the way."""
+def _furnish(folder: Path, rng: random.Random) -> None:
+    """Things that stand in the way, and two files whose names are odd now and then."""
     (folder / "file").write_text("a file")
     (folder / "others").mkdir()
     (folder / "others" / "thing.txt").write_text("a thing")
@@ -141,11 +144,18 @@ def _furnish(folder: Path) -> None:
     (folder / "loop").symlink_to("loop")
     (folder / "readonly").mkdir(mode=0o555)
     bases.lay_out(bases.runs()["plain"], folder / "earlier")
-    (folder / "small.toml").write_text(
-        'base = "straight"\nset = {"physics.time_limit" = 0.05}\n'
-        '[[axes]]\npath = "contact.friction"\nkind = "list"\nvalues = [0.5, 0.9]\n'
-    )
-    (folder / "pipe.toml").write_text('[[pipes]]\nkind = "straight"\nlength = 0.5\n')
+    odd = rng.random() < ODD_NAMES
+    name, part, label = (values.text(rng) if odd else word for word in ("pipe", "part", "slippery"))
+    axis = {
+        "path": "contact.friction",
+        "kind": "list",
+        "values": [0.5, 0.9],
+        "labels": [label, "b"],
+    }
+    sweep = {"base": "straight", "set": {"physics.time_limit": 0.05}, "axes": [axis]}
+    pipe = {"kind": "straight", "length": 0.5, "name": part}
+    (folder / "small.toml").write_text(toml(sweep), encoding="utf-8")
+    (folder / "pipe.toml").write_text(toml({"name": name, "pipes": [pipe]}), encoding="utf-8")
 
 
 def _files(folder: Path) -> dict[str, int]:

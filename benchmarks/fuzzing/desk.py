@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import resource
@@ -14,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
-from fuzzing.faults import Fault, fault_of
+from fuzzing.faults import Fault, below, fault_of
 
 MOST_TOLD = 10_000
 """Characters that a message or the output of a refused command may have."""
@@ -134,12 +135,14 @@ class Desk:
             try:
                 yield
             finally:
+                gc.collect()  # so that what is left open is told here
                 signal.setitimer(signal.ITIMER_PROF, 0)
         self.output = (paths[0].read_text(errors="replace"), paths[1].read_text(errors="replace"))
         for warning in seen:
-            file = str(warning.filename).rpartition("site-packages/")[2]
-            name = f"{doing}: {file.rpartition('omnitrack_sim/')[2]}:{warning.lineno}"
-            self.add(warning.category.__name__, name, str(warning.message)[:300])
+            where = f": {below(str(warning.filename))}:{warning.lineno}"
+            left_open = issubclass(warning.category, ResourceWarning)  # told at any later line
+            place = doing if left_open else f"{doing}{where}"
+            self.add(warning.category.__name__, place, str(warning.message)[:300])
 
 
 @contextmanager

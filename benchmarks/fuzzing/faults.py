@@ -37,7 +37,7 @@ class Fault:
 def fault_of(error: BaseException, doing: str) -> Fault:
     """An exception that should not have come out."""
     frames = [(f.filename, f.name) for f in traceback.extract_tb(error.__traceback__)]
-    inside = [f"{_below(file)}:{name}" for file, name in frames if PACKAGE in file]
+    inside = [f"{below(file)}:{name}" for file, name in frames if PACKAGE in file]
     place = f"{doing}: {inside[-1]}" if inside else doing
     return Fault(type(error).__name__, place, _short(str(error)))
 
@@ -48,7 +48,9 @@ def place_in_dump(dump: str) -> str:
     return f"{found[1]}:{found[2]}" if found else "?"
 
 
-def _below(file: str) -> str:
+def below(file: str) -> str:
+    """A path below the package or the folder of installed ones, or else the whole."""
+    file = file.rpartition("site-packages/")[2]
     return file.rpartition(PACKAGE)[2]
 
 

@@ -85,6 +85,8 @@ def _try_run(number: int, desk: Desk) -> None:
     }
     for name, use in uses.items():
         desk.attempt(f"a run that was read: {name}", READING, use, OmnitrackError)
+        if desk.faults:
+            return
     if number % PLOTTED == 0:
         desk.attempt(
             "a run that was read: plots", DRAWING, lambda: _draw(result, desk), OmnitrackError

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
+import gc
 import os
 import resource
 import select
@@ -37,6 +38,8 @@ _NAMES = {signal.SIGPROF: "too slow", signal.SIGXCPU: "too slow"}
 def watched(task: Task, numbers: Sequence[int]) -> Iterator[tuple[int, list[Fault]]]:
     """Number and faults of each case, in order."""
     left = list(numbers)
+    gc.collect()
+    gc.freeze()  # what is loaded is no matter of the cases
     while left:
         done = 0
         for number, faults in _one_worker(task, left[:SHARE]):
