@@ -45,7 +45,12 @@ SUBJECTS = {
         "render", (_run(0.9, *_PLAIN), (*_FILM, "onboard")), (*_FILM, "side"), _loads_run
     ),
     "reproduce": Subject(
-        "reproduce", ((*_PAPER, "png"),), (*_PAPER, "svg"), _loads_claims, remembers=True
+        "reproduce",
+        ((*_PAPER, "png"),),
+        (*_PAPER, "svg"),
+        _loads_claims,
+        remembers=True,
+        statuses=(0, 1),  # 1 where a claim does not hold
     ),
 }
 SHARES = {"run": 14, "film": 8, "render": 10, "reproduce": 8, "sweep": 20}

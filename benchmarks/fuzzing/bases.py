@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
 from collections.abc import Mapping
 from functools import cache
@@ -55,7 +56,8 @@ def _diverged(scenario: Scenario) -> Result:
     for _ in range(5):
         simulation.step()
     simulation.plant.qpos[0, 0] = np.inf
-    simulation.advance()
+    with tempfile.TemporaryDirectory() as place, contextlib.chdir(place):  # MuJoCo's log goes there
+        simulation.advance()
     return simulation.results()[0]
 
 

@@ -128,4 +128,4 @@ def _death(status: int, place: Path) -> Fault:
         what = _NAMES.get(number, f"killed by {signal.Signals(number).name}")
     else:
         what = f"worker ended with status {os.WEXITSTATUS(status)}"
-    return Fault(what, f"{doing}: {place_in_dump(dump)}", dump[-600:])
+    return Fault(what, f"{doing}: {place_in_dump(dump)}", dump[:600])

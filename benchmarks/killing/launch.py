@@ -2,20 +2,24 @@
 
 python launch.py FOLDER N COUNT_FILE RUNS ARGUMENT...
 
-With N = 0 it lives, and writes the number of its changes into COUNT_FILE. RUNS is a file that
-keeps the simulations of ``reproduce`` from the first start on, so that later ones need not wait
-for them; ``-`` where there are none.
+With N = 0 it lives, and writes the number of its changes into COUNT_FILE. RUNS is a folder
+that keeps the simulations of ``reproduce`` from the first start on, so that later ones need not
+wait for them; ``-`` where there are none.
 """
 
 from __future__ import annotations
 
 import atexit
 import os
-import pickle
 import signal
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from omnitrack_sim import Scenario
+    from omnitrack_sim.reproduce.runs import Runs
 
 CHANGES = {
     *("os.rename", "os.mkdir", "os.rmdir", "os.remove", "os.link", "os.symlink", "os.chmod"),
@@ -75,18 +79,24 @@ def _below(path: Any, folder: str) -> bool:
     return os.path.realpath(os.path.dirname(os.path.abspath(os.fsdecode(path)))).startswith(folder)
 
 
-def _remember(path: Path) -> None:
-    """Have ``reproduce`` take its runs from a file, which the first start writes."""
+def _remember(folder: Path) -> None:
+    """Have ``reproduce`` take its runs from a folder, which the first start writes."""
+    from omnitrack_sim import load_result
     from omnitrack_sim.reproduce import command
 
     simulate = command.run_all
 
-    def remembered(*given: Any, **more: Any) -> Any:
-        if path.is_file():
-            return pickle.loads(path.read_bytes())
-        runs = simulate(*given, **more)
-        path.write_bytes(pickle.dumps(runs))
-        return runs
+    def remembered(lists: Mapping[str, Sequence[Scenario]], progress: Any = None) -> Runs:
+        if not folder.is_dir():
+            new = folder.with_name("new_runs")
+            for name, results in simulate(lists, progress).items():
+                for i, result in enumerate(results):
+                    result.save(new / name / str(i))
+            new.rename(folder)
+        return {
+            name: [load_result(folder / name / str(i)) for i in range(len(scenarios))]
+            for name, scenarios in lists.items()
+        }
 
     command.run_all = remembered
 

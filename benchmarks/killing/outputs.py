@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import random
+import shlex
 import shutil
 import subprocess
 import sys
@@ -21,8 +22,8 @@ from killing.processes import kill_group, started
 LAUNCH = Path(__file__).with_name("launch.py")
 LAST = 0.4
 """Part of the kills by count that fall on the last changes, where the output takes its place."""
-PATIENCE = 600.0
-"""Seconds by the clock that one start may take."""
+PATIENCE = 3600.0
+"""Seconds by the clock that one start may take; the first one of ``reproduce`` takes minutes."""
 State = Mapping[str, str]
 """Digests of all files below a folder by path."""
 
@@ -37,6 +38,7 @@ class Subject:
         command: arguments of the one that is killed. It writes below the folder ``out``.
         loads: whether what is below ``out`` can be read.
         remembers: whether its simulations are kept from start to start.
+        statuses: with which it may end.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Subject:
     command: tuple[str, ...]
     loads: Callable[[Path], object]
     remembers: bool = False
+    statuses: tuple[int, ...] = (0,)
 
 
 class Trial:
@@ -85,7 +88,7 @@ class Trial:
             process.wait(PATIENCE)
         else:
             process = self._killed_in_time(life, rng)
-        if process.returncode == 0:
+        if process.returncode in self.subject.statuses:
             yield "was not killed"
         state = _state(self.out)
         if all(state.items() & known.items() != known.items() for known in self.states):
@@ -130,11 +133,10 @@ class Trial:
 
     def _start(self, arguments: tuple[str, ...]) -> int:
         """Let a command end; the number of its changes."""
-        line = self._line(arguments, 0)
-        quiet = subprocess.DEVNULL
-        subprocess.run(
-            line, check=True, cwd=self.place, stdout=quiet, stderr=quiet, timeout=PATIENCE
-        )
+        process = started(self._line(arguments, 0), cwd=self.place)
+        status = process.wait(PATIENCE)
+        if status not in self.subject.statuses:
+            raise subprocess.CalledProcessError(status, shlex.join(arguments))
         return int((self.place / "count").read_text())
 
     def _line(self, arguments: tuple[str, ...], deadly: int) -> list[str]:
