@@ -5,16 +5,23 @@ from __future__ import annotations
 import os
 import random
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from fuzzing import bases, values
 from fuzzing.desk import Desk
 from fuzzing.values import Raw
 from fuzzing.writing import toml
 
+if TYPE_CHECKING:
+    from omnitrack_sim import Simulation
+
 SECONDS = 30.0
 """Processor time that a command may take."""
+REAL = 15
+"""Every which command is run as a process of its own."""
 SMALL_FILES = 16 << 10
 """Largest file that may be written where the disk is to be full, bytes."""
 ODD_NAMES = 0.4
@@ -112,8 +119,12 @@ def attempt(seed: int, number: int, desk: Desk) -> None:
     arguments, full = command_of(seed, number)
     _furnish(desk.folder, random.Random(f"furniture {seed} {number}"))
     before = _files(desk.folder)
+    desk.real = number % REAL == 0
     statuses = (0, 1, 2) if arguments[:1] == ["models"] else (0, 2)
-    status = desk.command(arguments, SECONDS, statuses, SMALL_FILES if full else None)
+    with _steps() as taken:
+        status = desk.command(arguments, SECONDS, statuses, SMALL_FILES if full else None)
+    if status == 2 and taken and not full:
+        desk.add("refused after the run", f"omnitrack {arguments[0]}", desk.output[1][:300])
     new = {path: data for path, data in _files(desk.folder).items() if path not in before}
     changed = [
         p for p, size in before.items() if not os.path.lexists(desk.folder / p) and size >= 0
@@ -123,6 +134,24 @@ def attempt(seed: int, number: int, desk: Desk) -> None:
         desk.add("left behind", f"omnitrack {' '.join(arguments[:1])}", ", ".join(left)[:300])
     if changed:
         desk.add("files lost", f"omnitrack {' '.join(arguments[:1])}", ", ".join(changed)[:300])
+
+
+@contextmanager
+def _steps() -> Iterator[list[float]]:
+    """A list that the simulations of this process fill while they run."""
+    from omnitrack_sim import Simulation
+
+    step, taken = Simulation.step, list[float]()
+
+    def counted(simulation: Simulation, *given: Any) -> None:
+        taken[:] = [simulation.period]
+        step(simulation, *given)
+
+    Simulation.step = counted
+    try:
+        yield taken
+    finally:
+        Simulation.step = step
 
 
 def keep(seed: int, number: int, folder: Path) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import gc
+import math
 import os
 import re
 import resource
 import shutil
 import signal
+import subprocess
 import sys
 import warnings
 from collections.abc import Callable, Collection, Iterator
@@ -17,6 +19,10 @@ from typing import TypeVar
 
 from fuzzing.faults import Fault, below, fault_of
 
+STARTING = 4.0
+"""Processor time that Python and the package may take to start, s."""
+PATIENCE = 300.0
+"""Seconds by the clock that a process may take."""
 MOST_TOLD = 10_000
 """Characters that a message or the output of a refused command may have."""
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")
@@ -29,6 +35,7 @@ class Desk:
     Attributes:
         folder: working folder of the case, empty as it begins.
         faults: found in the case so far.
+        real: whether commands are run as processes, as a user does; in this process otherwise.
         output: what the last attempt wrote to standard output and standard error.
     """
 
@@ -36,12 +43,13 @@ class Desk:
         self._place = place
         self.folder = place / "here"
         self.faults: list[Fault] = []
+        self.real = False
         self.output = ("", "")
 
     @contextmanager
     def case(self) -> Iterator[None]:
         """A clean desk for one case."""
-        self.faults = []
+        self.faults, self.real = [], False
         shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.mkdir()
         os.chdir(self.folder)
@@ -76,7 +84,7 @@ class Desk:
         statuses: Collection[int] = (0, 2),
         largest: int | None = None,
     ) -> int | None:
-        """Run the command line in this process; its exit status, None where it raised.
+        """Run the command line; its exit status, None where it raised.
 
         Args:
             arguments: of the command line.
@@ -84,16 +92,11 @@ class Desk:
             statuses: with which it may end.
             largest: bytes that a file may grow to, as if the disk were full then.
         """
-        from omnitrack_sim.cli import main
-
         doing, status = f"omnitrack {' '.join(arguments[:1])[:30]}", None
-        sys.argv = ["omnitrack", *arguments]
+        call = _process if self.real else _called
         with self._caught(doing, seconds), _disk(largest):
             try:
-                main()
-                status = 0
-            except SystemExit as end:
-                status = end.code if isinstance(end.code, int) else int(end.code is not None)
+                status = call(arguments, seconds)
             except Exception as error:
                 self.faults.append(fault_of(error, doing))
         self.judge(doing, status, statuses)
@@ -143,6 +146,30 @@ class Desk:
             left_open = issubclass(warning.category, ResourceWarning)  # told at any later line
             place = doing if left_open else f"{doing}{where}"
             self.add(warning.category.__name__, place, str(warning.message)[:300])
+
+
+def _called(arguments: list[str], seconds: float) -> int:
+    """Exit status of the command line in this process."""
+    from omnitrack_sim.cli import main
+
+    sys.argv = ["omnitrack", *arguments]
+    try:
+        main()
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else int(end.code is not None)
+    return 0
+
+
+def _process(arguments: list[str], seconds: float) -> int:
+    """Exit status of the command line as a process of its own, without a terminal or UTF-8."""
+    most = math.ceil(seconds + STARTING)
+    return subprocess.run(
+        [sys.executable, "-m", "omnitrack_sim.cli", *arguments],
+        stdin=subprocess.DEVNULL,
+        env={**os.environ, "LC_ALL": "POSIX", "PYTHONCOERCECLOCALE": "0"},
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (most, most + 1)),
+        timeout=PATIENCE,
+    ).returncode
 
 
 @contextmanager

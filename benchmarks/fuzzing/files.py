@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from fuzzing import values
@@ -42,9 +43,10 @@ def odd_file(seed: int, index: int) -> File:
     """The file of that number; the same at every call."""
     rng = random.Random(f"file {seed} {index}")
     kind = rng.choices(list(KINDS), list(KINDS.values()))[0]
-    base, data = rng.choice(_bases()[kind])
+    base, in_full = rng.choice(_bases(kind))
+    data = _contents(kind, base, in_full)
     read_as = kind if rng.random() < 0.97 else rng.choice(list(KINDS))
-    data, story = copy.deepcopy(data), [base]
+    data, story = copy.deepcopy(data), [f"{base}{', in full' if in_full else ''}"]
     write, ending = (as_json, "json") if rng.random() < 0.15 else (toml, "toml")
     way = rng.random()
     if way < SHAPED + STRAINED:
@@ -67,32 +69,29 @@ def changed(rng: random.Random, data: dict[str, Any], times: int) -> tuple[bytes
 
 
 @cache
-def _bases() -> dict[str, list[tuple[str, dict[str, Any]]]]:
-    """Names and contents of the shipped files of each kind, and once more with every key written
-    out."""
-    from omnitrack_sim import (
-        load_network,
-        load_scenario,
-        shipped_networks,
-        shipped_scenarios,
-        shipped_sweeps,
-    )
+def _bases(kind: str) -> tuple[tuple[str, bool], ...]:
+    """Names of the shipped files of a kind, and of those that can be written out in full once
+    more."""
+    names = [(name, False) for name in _shipped(kind)]
+    return (*names, *((name, True) for name, _ in names if kind != "sweep"))
 
-    lists = {
-        "scenario": shipped_scenarios(),
-        "sweep": shipped_sweeps(),
-        "network": shipped_networks(),
-    }
-    found = {
-        kind: [
-            (name, tomllib.loads(path.read_text(encoding="utf-8"))) for name, path in files.items()
-        ]
-        for kind, files in lists.items()
-    }
-    for kind, load in (("scenario", load_scenario), ("network", load_network)):
-        for name in lists[kind]:
-            found[kind].append((f"{name}, in full", load(name).model_dump(mode="json")))
-    return found
+
+def _shipped(kind: str) -> dict[str, Path]:
+    from omnitrack_sim import shipped_networks, shipped_scenarios, shipped_sweeps
+
+    lists = {"scenario": shipped_scenarios, "sweep": shipped_sweeps, "network": shipped_networks}
+    return lists[kind]()
+
+
+@cache
+def _contents(kind: str, name: str, in_full: bool) -> dict[str, Any]:
+    """What a shipped file says, or with every key written out."""
+    from omnitrack_sim import load_network, load_scenario
+
+    if in_full:
+        load = load_scenario if kind == "scenario" else load_network
+        return load(name).model_dump(mode="json")
+    return tomllib.loads(_shipped(kind)[name].read_text(encoding="utf-8"))
 
 
 def _encoded(rng: random.Random, text: str) -> bytes:

@@ -17,6 +17,8 @@ READING = 5.0
 BUILDING = 20.0
 """Seconds that the model and the first control steps of an accepted scenario may take."""
 STEPS = 5
+REAL = 40
+"""Every which file is also given to commands that are processes of their own."""
 SAMPLE = 8
 """Every which accepted scenario also goes through the whole of ``omnitrack run``."""
 
@@ -46,6 +48,7 @@ def attempt(seed: int, number: int, desk: Desk) -> None:
     path = desk.folder / file.name
     path.write_bytes(file.data)
     tries = {"scenario": _try_scenario, "sweep": _try_sweep, "network": _try_network}
+    desk.real = number % REAL == 0
     tries[file.kind](file, path, number, desk)
     if file.kind != "scenario":
         desk.only(f"reading a {file.kind}", file.name)
