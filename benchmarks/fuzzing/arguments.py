@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import random
 import shlex
 from collections.abc import Callable, Iterator
@@ -125,15 +124,16 @@ def attempt(seed: int, number: int, desk: Desk) -> None:
         status = desk.command(arguments, SECONDS, statuses, SMALL_FILES if full else None)
     if status == 2 and taken and not full:
         desk.add("refused after the run", f"omnitrack {arguments[0]}", desk.output[1][:300])
-    new = {path: data for path, data in _files(desk.folder).items() if path not in before}
-    changed = [
-        p for p, size in before.items() if not os.path.lexists(desk.folder / p) and size >= 0
-    ]
-    left = [path for path in new if status != 0 or _is_leftover(path)]
-    if left and not (arguments[0] == "models" and status == 1):
-        desk.add("left behind", f"omnitrack {' '.join(arguments[:1])}", ", ".join(left)[:300])
-    if changed:
-        desk.add("files lost", f"omnitrack {' '.join(arguments[:1])}", ", ".join(changed)[:300])
+    now = _files(desk.folder)
+    refused = status in (None, 2)
+    lost = [p for p, size in before.items() if now.get(p, size if size < 0 else None) is None]
+    changed = [p for p, size in before.items() if refused and now.get(p, size) != size]
+    # A sweep keeps what it has, to go on from.
+    whole = refused and arguments[:1] != ["sweep"]
+    left = [path for path in now if path not in before and (whole or _is_leftover(path))]
+    for what, paths in (("left behind", left), ("files lost", lost), ("files changed", changed)):
+        if paths:
+            desk.add(what, f"omnitrack {' '.join(arguments[:1])}", ", ".join(paths)[:300])
 
 
 @contextmanager

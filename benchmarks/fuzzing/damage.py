@@ -18,22 +18,31 @@ from fuzzing.files import changed
 from fuzzing.values import text, thing
 
 
-def damaged(rng: random.Random, folder: Path, others: Mapping[str, bytes]) -> str:
-    """Damage one file of a folder; what was done, in words.
+def damaged(rng: random.Random, folder: Path, others: Mapping[str, bytes], count: int) -> list[str]:
+    """Damage so many files of a folder; what was done, in words.
 
     Args:
         rng: decides what is done.
         folder: holds a run or a sweep.
-        others: files of another folder, by path.
+        others: files of another folder, by name.
+        count: of files.
     """
-    path = rng.choice(sorted(p for p in folder.rglob("*") if p.is_file() and not p.is_symlink()))
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return [
+        f"{path.relative_to(folder)}: {_one(rng, path, others)}"
+        for path in rng.sample(files, count)
+    ]
+
+
+def _one(rng: random.Random, path: Path, others: Mapping[str, bytes]) -> str:
+    """Damage a file that is whole so far."""
     inner = {".json": _json, ".parquet": _parquet, ".npz": _npz}.get(path.suffix)
     ways: list[Callable[[random.Random, Path], str]] = [_bytes, _file]
     if inner is not None:
         ways += [inner, inner, inner]
     if path.name in others:
         ways.append(lambda rng, path: _write(path, others[path.name], "of another run"))
-    return f"{path.relative_to(folder)}: {rng.choice(ways)(rng, path)}"
+    return rng.choice(ways)(rng, path)
 
 
 def _write(path: Path, data: bytes, what: str) -> str:
@@ -53,7 +62,8 @@ def _bytes(rng: random.Random, path: Path) -> str:
     for _ in range(3):
         if ends:
             ends[-rng.randrange(1, min(len(ends), 200) + 1)] = rng.randrange(256)
-    siblings = sorted(p for p in path.parent.iterdir() if p.is_file())
+    files = (p for p in path.parent.iterdir() if p.is_file() and not p.is_symlink())
+    siblings = sorted(files)
     choices = {
         "cut off": data[:at],
         "head cut off": data[at:],

@@ -42,7 +42,7 @@ def laid_out(seed: int, number: int, folder: Path) -> tuple[str, str]:
     if rng.random() < WHOLE:
         return kind, f"{name}: {removed(rng, folder)}"
     others = {Path(path).name: data for path, data in known[other].items()}
-    story = [damaged(rng, folder, others) for _ in range(rng.choice((1, 1, 1, 2)))]
+    story = damaged(rng, folder, others, rng.choice((1, 1, 1, 2)))
     return kind, f"{name}: {'; '.join(story)}"
 
 
