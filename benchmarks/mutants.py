@@ -20,6 +20,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -27,6 +28,7 @@ import time
 import tomllib
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Queue
@@ -211,23 +213,42 @@ class Trial:
         paths = [f"tests/{name}" for name in files]
         with tempfile.TemporaryDirectory(prefix="tmp.", dir=self._place) as base:
             command = [sys.executable, "-m", "pytest", *options, f"--basetemp={base}/t", *paths]
-            try:
-                done = subprocess.run(
-                    command,
-                    cwd=copy,
-                    env=self._environment(copy),
-                    capture_output=True,
-                    text=True,
-                    timeout=PATIENCE,
-                )
-            except subprocess.TimeoutExpired:
-                return f"tests that did not end in {PATIENCE:.0f} s"
-        if done.returncode == 0:
+            status, told = run_in_a_group(command, copy, self._environment(copy))
+        if status is None:
+            return f"tests that did not end in {PATIENCE:.0f} s"
+        if status == 0:
             return ""
-        failed = re.search(r"^(?:FAILED|ERROR) tests/(\S+)", done.stdout, flags=re.MULTILINE)
-        if done.returncode not in NOTICED or failed is None:
-            raise RuntimeError(f"pytest ended with {done.returncode}:\n{done.stdout}{done.stderr}")
+        failed = re.search(r"^(?:FAILED|ERROR) tests/(\S+)", told, flags=re.MULTILINE)
+        if status not in NOTICED or failed is None:
+            raise RuntimeError(f"pytest ended with {status}:\n{told}")
         return failed[1]
+
+
+def run_in_a_group(
+    command: Sequence[str], folder: Path, environment: dict[str, str]
+) -> tuple[int | None, str]:
+    """Exit status of a command, None where it took too long, and what it printed. Whatever it has
+    started ends with it: a changed program may forget its workers."""
+    # To a file: a pipe would be held open by those that are left.
+    with tempfile.TemporaryFile("w+") as told:
+        process = subprocess.Popen(
+            command,
+            cwd=folder,
+            env=environment,
+            stdout=told,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        status: int | None = None
+        try:
+            with suppress(subprocess.TimeoutExpired):
+                status = process.wait(PATIENCE)
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+        told.seek(0)
+        return status, told.read()
 
 
 def every_test_file() -> list[str]:
