@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import av
+import imageio.v3 as imageio
 import numpy as np
 import pytest
 from samples import drive, two_legs, two_legs_result
@@ -74,6 +75,40 @@ def test_film_has_the_length_size_and_codec_asked_for(result, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["run.mp4"]
 
 
+def test_a_gif_is_a_gif(result, tmp_path):
+    """One second at 10 frames a second is 11 frames of 0.1 s that repeat, and look as they should;
+    nothing else stays."""
+    path = render_video(result, tmp_path / "run.gif", width=319, height=179, fps=10)
+    assert path.read_bytes()[:6] == b"GIF89a"
+    with imageio.imopen(path, "r", plugin="pillow") as film:
+        frames = film.read(index=...)
+        assert film.metadata(index=0)["duration"] == 100
+        assert film.metadata(index=0)["loop"] == 0
+    assert frames.shape == (11, 180, 320, 3)
+    for frame, time in ((0, 0.0), (10, 1.0)):
+        still = render_frame(result, time, "side", *SIZE)
+        assert np.abs(frames[frame].astype(int) - still).mean() < 2
+    assert [p.name for p in tmp_path.iterdir()] == ["run.gif"]
+
+
+@pytest.mark.parametrize("ending", ["mp4", "gif"])
+def test_same_run_same_film(result, tmp_path, ending):
+    """Rendered twice, the files are the same byte for byte."""
+    films = [
+        render_video(result, tmp_path / f"{k}.{ending}", width=64, height=36, fps=10)
+        for k in range(2)
+    ]
+    assert films[0].read_bytes() == films[1].read_bytes()
+
+
+@pytest.mark.parametrize("name", ["run.png", "run", "run.avi", "run.mp4.part", ".mp4"])
+def test_other_formats_are_refused_before_anything_is_read(tmp_path, name):
+    """With those there are."""
+    with pytest.raises(InputError, match="choose from: mp4, gif") as caught:
+        render_video("nowhere", tmp_path / name)
+    assert name in str(caught.value)
+
+
 @pytest.mark.parametrize("camera", ["side", "follow", "onboard"])
 def test_every_camera_sees_something_that_changes(result, camera):
     """Each camera gives a picture of the size asked for, not of one colour, and another one later
@@ -94,6 +129,16 @@ def test_modules_show_in_three_colours(result):
     teal = (green > red + 50) & (green > blue + 15)
     sky = (blue > red + 70) & (blue > green + 30)
     assert sorted(bool(c.sum() > 300) for c in (orange, teal, sky))[1:] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("ending", "size"),
+    [("mp4", {"fps": 241}), ("gif", {"fps": 51}), ("mp4", {"width": 7681}), ("gif", {"height": 0})],
+)
+def test_sizes_and_rates_have_limits(tmp_path, ending, size):
+    """Refused before anything is read."""
+    with pytest.raises(InputError, match=rf"{next(iter(size))}: is .* must be from 1 to"):
+        render_video("nowhere", tmp_path / f"run.{ending}", **size)
 
 
 def test_all_faults_of_a_request_are_named():

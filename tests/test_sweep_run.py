@@ -24,13 +24,14 @@ from sweep_samples import (
     write_sweep,
 )
 
-from omnitrack_sim import OutputError, SweepError, load_sweep, run, run_sweep
+from omnitrack_sim import OutputError, SweepError, load_sweep, run, run_sweep, writing
 from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.sim.run import run_batch
-from omnitrack_sim.sweep import batch, engine, folder, workers
+from omnitrack_sim.sweep import batch, engine, workers
 from omnitrack_sim.sweep.summary import summarise_sweep
 from omnitrack_sim.sweep.table import metric_columns
 from omnitrack_sim.sweep.workers import DaskPool, LocalPool, WorkersLost
+from omnitrack_sim.writing import whole_file
 
 FILES = ("trials.parquet", "trials.csv", "summary.json", "success_map.png", "sweep.json")
 ALL = {*FILES, "parts"}
@@ -309,18 +310,16 @@ def test_a_folder_with_other_files_is_refused(tmp_path):
 
 
 def test_leftovers_of_killed_runs_go_but_not_those_of_living_ones(tmp_path):
-    """A temporary file whose writer lives stays; others are removed."""
+    """What a writer that lives is at stays; others' is removed."""
     place = tmp_path / "sweep"
-    (place / "parts").mkdir(parents=True)
-    dead = place / "parts" / ".000000-0.parquet.abc.tmp"
-    dead.write_bytes(b"half")
-    descriptor, name = folder._temporary(place / "parts" / "000001-1.parquet")
-    run_sweep(small_sweep(), place, shard=(1, 4))
-    assert not dead.exists()
-    assert Path(name).exists()
-    os.close(descriptor)
-    run_sweep(small_sweep(), place, shard=(1, 4))
-    assert not Path(name).exists()
+    dead = place / "parts" / ".omnitrack-00000000.tmp"
+    dead.mkdir(parents=True)
+    (dead / "new").write_bytes(b"half")
+    with whole_file(place / "parts" / "000001-1.parquet"):
+        run_sweep(small_sweep(), place, shard=(1, 4))
+        assert not dead.exists()
+        (alive,) = (place / "parts").glob(".omnitrack-*.tmp")
+        (alive / "new").touch()
 
 
 def test_an_exception_makes_one_row(calm, tmp_path, monkeypatch):
@@ -385,7 +384,7 @@ def test_a_full_disk_keeps_the_finished_parts(calm, tmp_path, monkeypatch):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         usual(descriptor)
 
-    monkeypatch.setattr(folder.os, "fsync", fsync)
+    monkeypatch.setattr(writing.os, "fsync", fsync)
     with pytest.raises(OutputError, match=r"No space left on device.*goes on"):
         run_sweep(small_sweep(), tmp_path / "sweep")
     assert len(parts(tmp_path / "sweep")) == 2
