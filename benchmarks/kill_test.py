@@ -102,9 +102,9 @@ def kill_often(command: list[str], folder: Path, kills: int, seed: int) -> int:
         alive = survivors(children)
         parts = {path.name: path.read_bytes() for path in (folder / "parts").glob("[0-9]*.parquet")}
         lost = [name for name, data in before.items() if parts.get(name) != data]
-        left = len(list(folder.rglob(".*.tmp")))
+        left = len(list(folder.rglob(".omnitrack-*.tmp")))
         print(
-            f"kill {done}: {len(parts)} batches, {len(children)} workers, {left} temporary files",
+            f"kill {done}: {len(parts)} batches, {len(children)} workers, {left} temporary folders",
             flush=True,
         )
         if alive or lost:

@@ -19,6 +19,7 @@ from omnitrack_sim import Result, load_scenario, override
 from omnitrack_sim.errors import OutputError
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.events import NotAligned
+from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.sim.builder import scene_of
 from omnitrack_sim.sim.loading import load_result
@@ -266,6 +267,15 @@ def test_own_channels_that_no_sensor_has_are_refused(run, changes):
     """Shapes beyond the table, names that are taken or no text, unknown keys."""
     own_channels(run, json.dumps([CHANNEL | changes]))
     assert refused(run, "trajectory.parquet")
+
+
+def test_a_run_that_diverged_comes_back(tmp_path):
+    """Its clock has begun anew, and its numbers are none."""
+    broken = sample_trajectory(tilt=np.full(201, np.nan), distance=np.full(201, np.nan))
+    saved = sample_result(broken, outcome=Outcome.DIVERGED, duration_s=0.004)
+    loaded = load_result(saved.save(tmp_path / "run"))
+    assert loaded.outcome is Outcome.DIVERGED
+    assert loaded.timeline()[0].name == saved.timeline()[0].name
 
 
 def test_a_users_own_channel_and_a_number_that_is_none_come_back(tmp_path):

@@ -149,6 +149,27 @@ def test_all_faults_of_a_request_are_named():
     assert "follow" in str(caught.value)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+@pytest.mark.parametrize("camera", ["side", "follow", "onboard"])
+def test_a_run_that_diverged_stops_in_its_film(result, camera, value):
+    """A sample without a pose shows the one before it."""
+    plain = result.trajectory
+    channels = {name: np.array(values) for name, values in plain.channels.items()}
+    qpos = np.array(plain.qpos)
+    for values in (channels["position"], channels["distance"], channels["belt_speed"], qpos):
+        values[-5:] = value
+    broken = SimpleNamespace(
+        scenario=result.scenario,
+        trajectory=Trajectory(plain.time, channels, plain.phases, qpos),
+        routes=result.routes,
+    )
+    end, sound = (
+        render_frame(run, time, camera, 64, 36).astype(int)
+        for run, time in ((broken, 1.0), (result, plain.time[-6]))
+    )
+    assert np.abs(end - sound).mean() < 8  # the camera that follows turns a little earlier
+
+
 def test_unwritable_film_is_a_clean_error(result, tmp_path):
     """A film into a folder that does not exist is an OutputError that names the file."""
     with pytest.raises(OutputError, match=r"missing/run.mp4"):

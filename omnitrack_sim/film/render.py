@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +36,8 @@ It is darker than for the other cameras, because it throws no shadows there.
 """
 APT_LINE = "sudo apt-get install -y libegl1 libgl1-mesa-dri libopengl0"
 """What headless rendering needs on Debian and Ubuntu."""
+FARTHEST = 1e5
+"""Size of positions, m, and of all that is shown beside them, beyond which a sample is unsound."""
 MOST_PIXELS = 7680
 """Longest side of a picture."""
 MOST_FPS = 240
@@ -138,15 +141,15 @@ class _Stage:
         self.camera, routes = camera, result.routes()
         self.model = _compiled(result, camera, width, height)
         self.data = mj.MjData(self.model)
-        self.trajectory = result.trajectory
-        self._qpos = _smooth_belts(self.model, result.trajectory, look_pitch(result.scenario.robot))
+        self.trajectory = _shown(result.trajectory)
+        self._qpos = _smooth_belts(self.model, self.trajectory, look_pitch(result.scenario.robot))
         self._scene = mj.MjvScene(self.model, maxgeom=2000)
         self._gpu = mj.MjrContext(self.model, mj.mjtFontScale.mjFONTSCALE_100)
         mj.mjr_setBuffer(mj.mjtFramebuffer.mjFB_OFFSCREEN, self._gpu)
         self._area = mj.MjrRect(0, 0, width, height)
         self._pixels = np.zeros((height, width, 3), np.uint8)
         self._overlay = Overlay(width, height)
-        self._fittings = _fitting_names(result.trajectory, routes)
+        self._fittings = _fitting_names(self.trajectory, routes)
         self._inset = _inset(result, width, height) if inset and camera != "side" else None
         if camera == "follow":
             self._prepare_following(routes)
@@ -216,6 +219,27 @@ class _Stage:
         return eye
 
 
+def _shown(trajectory: Trajectory) -> Trajectory:
+    """The trajectory with the last sound sample in the place of each that physics which has
+    diverged left without a pose.
+
+    Raises:
+        RenderError: no sample is sound.
+    """
+    names = ("position", "distance", "tilt", "belt_speed")
+    values = [trajectory.qpos, *(trajectory[name] for name in names)]
+    far = [np.abs(value.reshape(len(trajectory), -1)).max(axis=1) for value in values]
+    sound = np.all([distance < FARTHEST for distance in far], axis=0)  # NaN is not less either
+    if sound.all():
+        return trajectory
+    if not sound.any():
+        raise RenderError("the run has no pose that can be shown")
+    first = int(np.argmax(sound))
+    rows = np.maximum.accumulate(np.where(sound, np.arange(len(trajectory)), first))
+    channels = {name: values[rows] for name, values in trajectory.channels.items()}
+    return replace(trajectory, channels=channels, qpos=trajectory.qpos[rows])
+
+
 def _compiled(result: Result, camera: str, width: int, height: int) -> mujoco.MjModel:
     """The scene of a run with everything that is only looked at, for pictures of this size."""
     from omnitrack_sim.model.looks import FIELD_OF_VIEW, add_pipe_insides
@@ -241,7 +265,7 @@ def _inset(result: Result, width: int, height: int) -> Inset | None:
     if not needs_map(routes):
         return None
     goals, plates = result.goal_points(), result.plate_rims()
-    return Inset(result.trajectory, routes, goals, plates, width, height)
+    return Inset(_shown(result.trajectory), routes, goals, plates, width, height)
 
 
 def _fitting_names(trajectory: Trajectory, routes: Sequence[Route]) -> list[str]:

@@ -70,8 +70,11 @@ def styled(draw: Callable[[], Figure]) -> Figure:
 @contextmanager
 def _style() -> Iterator[None]:
     import matplotlib
+    import numpy as np
 
-    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
+    # Of physics that has diverged, numbers may be none or too large.
+    quiet = np.errstate(invalid="ignore", over="ignore")
+    with matplotlib.rc_context(STYLE), warnings.catch_warnings(), quiet:
         for beginning in _NOT_TOLD:
             warnings.filterwarnings("ignore", beginning, UserWarning)
         yield
