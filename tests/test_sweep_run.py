@@ -7,7 +7,6 @@ import json
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -22,14 +21,15 @@ from sweep_samples import (
     small_sweep,
 )
 
-from omnitrack_sim import OutputError, SweepError, run, run_sweep
+from omnitrack_sim import OutputError, SweepError, run, run_sweep, writing
 from omnitrack_sim.record.events import BackedOff
 from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.sim.run import run_batch
-from omnitrack_sim.sweep import batch, engine, folder
+from omnitrack_sim.sweep import batch, engine
 from omnitrack_sim.sweep.summary import summarise_sweep
 from omnitrack_sim.sweep.table import metric_columns, to_parquet
+from omnitrack_sim.writing import whole_file
 
 ALL = {*FILES, "parts"}
 
@@ -241,18 +241,16 @@ def test_a_folder_with_other_files_is_refused(tmp_path):
 
 
 def test_leftovers_of_killed_runs_go_but_not_those_of_living_ones(tmp_path):
-    """A temporary file whose writer lives stays; others are removed."""
+    """What a writer that lives is at stays; others' is removed."""
     place = tmp_path / "sweep"
-    (place / "parts").mkdir(parents=True)
-    dead = place / "parts" / ".000000-0.parquet.abc.tmp"
-    dead.write_bytes(b"half")
-    descriptor, name = folder._temporary(place / "parts" / "000001-1.parquet")
-    run_sweep(small_sweep(), place, shard=(1, 4))
-    assert not dead.exists()
-    assert Path(name).exists()
-    os.close(descriptor)
-    run_sweep(small_sweep(), place, shard=(1, 4))
-    assert not Path(name).exists()
+    dead = place / "parts" / ".omnitrack-00000000.tmp"
+    dead.mkdir(parents=True)
+    (dead / "new").write_bytes(b"half")
+    with whole_file(place / "parts" / "000001-1.parquet"):
+        run_sweep(small_sweep(), place, shard=(1, 4))
+        assert not dead.exists()
+        (alive,) = (place / "parts").glob(".omnitrack-*.tmp")
+        (alive / "new").touch()
 
 
 def test_an_exception_makes_one_row(calm, tmp_path, monkeypatch):
@@ -313,7 +311,7 @@ def test_a_full_disk_keeps_the_finished_parts(calm, tmp_path, monkeypatch):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         usual(descriptor)
 
-    monkeypatch.setattr(folder.os, "fsync", fsync)
+    monkeypatch.setattr(writing.os, "fsync", fsync)
     with pytest.raises(OutputError, match=r"No space left on device.*goes on"):
         run_sweep(small_sweep(), tmp_path / "sweep")
     assert len(parts(tmp_path / "sweep")) == 2

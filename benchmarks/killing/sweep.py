@@ -79,10 +79,10 @@ def _kill_often(command: list[str], folder: Path, kills: int, seed: int) -> list
         alive = survivors(children)
         parts = {path.name: path.read_bytes() for path in (folder / "parts").glob("[0-9]*.parquet")}
         lost = [name for name, data in before.items() if parts.get(name) != data]
-        left = len(list(folder.rglob(".*.tmp")))
+        left = len(list(folder.rglob(".omnitrack-*.tmp")))
         print(
             f"sweep, kill {done}: {len(parts)} batches, {len(children)} workers, "
-            f"{left} temporary files",
+            f"{left} temporary folders",
             flush=True,
         )
         faults += [f"sweep, kill {done}: workers live on: {alive}"] if alive else []

@@ -17,7 +17,6 @@ from omnitrack_sim.model.robot import spring_free_length
 from omnitrack_sim.model.spec import new_spec
 from omnitrack_sim.model.turning import add_turning_robot
 from omnitrack_sim.model.walls import add_walls
-from omnitrack_sim.model.writing import write_files
 from omnitrack_sim.pipes import (
     Assembly,
     Elbow,
@@ -31,6 +30,7 @@ from omnitrack_sim.pipes import (
 )
 from omnitrack_sim.robot import MODULES, Robot
 from omnitrack_sim.rotations import Pose
+from omnitrack_sim.writing import write_files
 
 FITTINGS: Mapping[str, Fitting] = {
     "straight": Straight(0.5),

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from omnitrack_sim.model.export import network_stl, network_xml
-from omnitrack_sim.model.writing import write_files
 from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.writing import check_folder, write_files
 
 SPACING = 0.01
 """Greatest distance of neighbouring points of the centreline table, m."""
@@ -30,7 +30,7 @@ COLUMNS = (
 def export_network(name: str, pipes: Assembly, folder: str | Path) -> list[Path]:
     """Write ``NAME.xml`` (MJCF), ``NAME.stl`` and ``NAME_centrelines.csv``; returns their paths.
 
-    The folder is made when missing; files of these names are overwritten.
+    The folder is made when missing; files of these names are replaced, all or none.
 
     Args:
         name: of the files and of the model in them.
@@ -40,13 +40,13 @@ def export_network(name: str, pipes: Assembly, folder: str | Path) -> list[Path]
     Raises:
         OutputError: a file cannot be written; then none is.
     """
-    folder = Path(folder)
-    files = {
-        f"{name}.xml": network_xml(pipes, name).encode(),
-        f"{name}.stl": network_stl(pipes),
-        f"{name}_centrelines.csv": centreline_table(pipes).encode(),
+    makers = {
+        f"{name}.xml": lambda: network_xml(pipes, name).encode(),
+        f"{name}.stl": lambda: network_stl(pipes),
+        f"{name}_centrelines.csv": lambda: centreline_table(pipes).encode(),
     }
-    return write_files({folder / file: content for file, content in files.items()})
+    check_folder(folder, files=makers)
+    return write_files({Path(folder) / file: make() for file, make in makers.items()})
 
 
 def centreline_table(pipes: Assembly) -> str:

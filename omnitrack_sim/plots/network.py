@@ -36,7 +36,7 @@ def plot_network(
     """Write the figure of ``network_figure``.
 
     Raises:
-        InputError: no such format. OSError: the file cannot be written.
+        InputError: no such format. OutputError: the file cannot be written.
     """
     save_figure(network_figure(network, route), path, format)
 

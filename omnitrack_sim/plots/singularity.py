@@ -50,7 +50,7 @@ def plot_singularity(
 
     Raises:
         InputError: no such figure or format.
-        OSError: the file cannot be written.
+        OutputError: the file cannot be written.
     """
     save_figure(singularity_figure(case, figure), path, format)
 

@@ -9,10 +9,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.record.channels import CHANNELS, Channel, recorded
+from omnitrack_sim.record.channels import CHANNELS, MODULE_COUNT, Channel, recorded
 
 RECORDED = recorded(CHANNELS.values())
 """The channels of every trajectory, by name, in the order of the file."""
+JOINT_POSITIONS = 7 + 5 * MODULE_COUNT
+"""Width of the joint positions: the chassis' pose, and of each module slide, pitch, roll and the
+travel of its two belts."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +26,7 @@ class Trajectory:
         time: (T,) s, strictly increasing.
         channels: one array (T, *shape) for each name in ``schema``.
         phases: names that the codes of ``phase`` index.
-        qpos: (T, nq), MuJoCo's joint positions, for the replay.
+        qpos: (T, ``JOINT_POSITIONS``), MuJoCo's joint positions, for the replay.
         schema: what the channels hold: ``RECORDED``, and those of a user's own sensors.
     """
 

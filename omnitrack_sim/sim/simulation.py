@@ -30,8 +30,9 @@ from omnitrack_sim.sim.builder import (
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.monitor import Monitor, Verdict
 from omnitrack_sim.sim.plant import Plant, Start
+from omnitrack_sim.sim.provenance import provenance_of
 from omnitrack_sim.sim.recorder import Recorder
-from omnitrack_sim.sim.result import Result, provenance_of
+from omnitrack_sim.sim.result import Result
 
 Progress = Callable[[float, str], None]
 """Called with the part done, 0 to 1, and a word about the run."""
