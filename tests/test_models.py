@@ -61,7 +61,7 @@ def test_the_published_models_are_those_of_the_package(folders):
         ("--check", "n" * 300, "cannot be read: File name too long"),
         ("--write", "file", "cannot be written: Not a directory"),
         ("--write", "n" * 300, "cannot be written: File name too long"),
-        ("--write", "taken", "robot.xml: cannot be written: is a folder"),
+        ("--write", "taken", "robot.xml: is a folder; choose a file"),
         ("--write", "closed", "cannot be written: Permission denied"),
     ],
 )
