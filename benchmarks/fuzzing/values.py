@@ -149,6 +149,7 @@ def _inside(annotation: Any) -> Iterator[float]:
 
 
 def _bounds(item: Any) -> Iterator[float]:
+    yield from getattr(item, "within", None) or ()
     for key in ("ge", "gt", "le", "lt"):
         for holder in (item, *getattr(item, "metadata", ())):
             bound = getattr(holder, key, None)
