@@ -267,7 +267,7 @@ def _checked(network: Network, mission: Mission) -> tuple[list[End], tuple[End, 
             faults += error.faults
     names = tuple(part.name for part in network.fittings)
     faults += [
-        Fault(f"avoid.{i}", f"there is no fitting {name!r}", names)
+        Fault(f"avoid.{i}", f"there is no fitting {name!r}", names, given=name)
         for i, name in enumerate(mission.avoid)
         if name not in names
     ]

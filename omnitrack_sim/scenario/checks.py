@@ -35,7 +35,7 @@ def faults_of(scenario: Scenario) -> list[Fault]:
     except GeometryError as error:
         return list(error.faults)
     except NetworkError as error:
-        return [Fault(f"mission.{f.where}", f.problem, f.choices) for f in error.faults]
+        return [fault.at(f"mission.{fault.where}") for fault in error.faults]
     names = [part.name for part in line.network.parts] if scenario.pipes else []
     faults = [
         Fault(f"pipes.{i}.name", f"{name!r} is taken by an earlier pipe")
@@ -81,10 +81,7 @@ def _impossible_pipes(scenario: Scenario) -> list[Fault]:
         try:
             pipe.step(i)
         except GeometryError as error:
-            faults += [
-                Fault(f"pipes.{i}.{f.where.rpartition('.')[2]}", f.problem, f.choices)
-                for f in error.faults
-            ]
+            faults += [f.at(f"pipes.{i}.{f.where.rpartition('.')[2]}") for f in error.faults]
     return faults
 
 
