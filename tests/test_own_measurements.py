@@ -110,7 +110,9 @@ def test_a_controller_sees_what_is_measured() -> None:
     told = np.array([observation.belt_power[0] for observation in Watcher.seen[::every]])
     assert np.array_equal(told, result.trajectory["belt_power"][: len(told)])
     assert Watcher.seen[0].turns.tolist() == [0.0]
-    with pytest.raises(AttributeError, match=r"no channel 'belt_pwer' is observed .*belt_speed"):
+    with pytest.raises(
+        AttributeError, match=r"no channel 'belt_pwer' is observed; did .*belt_speed"
+    ):
         _ = Watcher.seen[0].belt_pwer
 
 

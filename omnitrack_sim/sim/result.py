@@ -6,7 +6,6 @@ import csv
 import dataclasses
 import io
 import json
-import math
 import os
 import platform
 import shutil
@@ -24,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.errors import OutputError
+from omnitrack_sim.naming import ByName
 from omnitrack_sim.network import Leg
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.record.channels import CHANNELS, Channel, Vector
@@ -34,6 +34,7 @@ from omnitrack_sim.record.timeline import Visit, timeline
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.scenario import Scenario, read_back
+from omnitrack_sim.text import strict_json
 
 RESULT_FILE = "result.json"
 
@@ -62,6 +63,14 @@ class Result:
     provenance: dict[str, Any]
     events: list[Event] = field(default_factory=list)
     legs: tuple[Leg, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "metrics", ByName(self.metrics))
+
+    def __repr__(self) -> str:
+        name, record = self.scenario.name, len(self.trajectory)
+        ended = f"{self.outcome.value} after {self.duration_s:.6g} s"
+        return f"Result({name!r}: {ended}; {len(self.metrics)} metrics, {record} samples)"
 
     @property
     def success(self) -> bool:
@@ -130,8 +139,7 @@ class Result:
         (folder / "scenario.json").write_text(
             self.scenario.model_dump_json(indent=2) + "\n", encoding="utf-8"
         )
-        summary = json.dumps(_finite(self.summary()), indent=2, allow_nan=False)
-        (folder / RESULT_FILE).write_text(summary + "\n", encoding="utf-8")
+        (folder / RESULT_FILE).write_text(strict_json(self.summary()) + "\n", encoding="utf-8")
         _write_timeline(self.timeline(), folder / "timeline.csv")
         _write_parquet(self.trajectory, folder / "trajectory.parquet")
         _write_npz(folder / "replay.npz", time=self.trajectory.time, qpos=self.trajectory.qpos)
@@ -145,15 +153,6 @@ class Result:
         with run_folder(directory) as folder:
             self.write(folder)
         return Path(directory)
-
-
-def _finite(value: Any) -> Any:
-    """``value`` with None for numbers that JSON cannot hold (the figures of a diverged run)."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @contextmanager
@@ -266,13 +265,10 @@ def _write_parquet(trajectory: Trajectory, path: Path) -> None:
 
     fields = [pa.field("time", pa.float64(), metadata={"unit": "s", "meaning": "simulated time"})]
     columns = [pa.array(trajectory.time)]
-    for name, channel in trajectory.schema.items():
-        flat = np.asarray(trajectory[name]).reshape(len(trajectory), -1)
-        kind = pa.int32() if channel.whole else pa.float64()
+    for name, channel, values in trajectory.columns():
         about = {"unit": channel.unit, "meaning": channel.meaning, "frame": channel.frame}
-        for column, values in zip(channel.columns, flat.T, strict=True):
-            fields.append(pa.field(column, kind, metadata=about))
-            columns.append(pa.array(np.ascontiguousarray(values).astype(kind.to_pandas_dtype())))
+        columns.append(pa.array(values))
+        fields.append(pa.field(name, columns[-1].type, metadata=about))
     own = [
         {**dataclasses.asdict(channel), "vector": isinstance(channel, Vector)}
         for name, channel in trajectory.schema.items()
