@@ -64,7 +64,7 @@ def parameters(
     table = Table("parameter", "value", "unit", "provenance", "source", box=None, padding=(0, 1))
     for row in rows:
         value = f"{row.value:.6g}" if isinstance(row.value, float) else str(row.value)
-        table.add_row(row.name, value, row.unit, row.provenance, plain(row.source))
+        table.add_row(row.name, plain(value), row.unit, row.provenance, plain(row.source))
     out.print(table)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,6 +18,7 @@ from omnitrack_sim.cli.common import (
     load,
     out,
     plain,
+    print_json,
     progress,
 )
 from omnitrack_sim.errors import Fault, RenderError, ScenarioError
@@ -72,7 +72,7 @@ def run(
         if video:
             _try_video(result, temporary / "video.mp4", camera, as_json)
     if as_json:
-        print(json.dumps(result.summary(), indent=2))
+        print_json(result.summary())
     else:
         _print_result(result, target)
 
@@ -81,7 +81,7 @@ def _check_camera(camera: str) -> None:
     from omnitrack_sim.film.render import CAMERAS
 
     if camera not in CAMERAS:
-        raise ScenarioError(Fault("--camera", f"is {camera!r}", CAMERAS))
+        raise ScenarioError(Fault("--camera", f"is {camera!r}", CAMERAS, given=camera))
 
 
 def _try_video(result: Result, path: Path, camera: str, quiet: bool) -> None:
@@ -120,7 +120,7 @@ def _print_result(result: Result, target: Path) -> None:
         f"load {metrics['no_load_slip_m_s']:.1e} m/s",
         soft_wrap=True,
     )
-    out.print(f"  saved in {target}", soft_wrap=True)
+    out.print(f"  saved in {plain(str(target))}", soft_wrap=True)
 
 
 def _is_mission(result: Result) -> bool:
@@ -213,7 +213,7 @@ def render(
     result = load_result(run_dir)
     with progress("video", False) as report:
         render_video(result, target, camera=camera, progress=report)
-    out.print(f"saved {target}")
+    out.print(f"saved {plain(str(target))}", soft_wrap=True)
 
 
 @app.command()

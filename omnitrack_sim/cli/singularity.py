@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from omnitrack_sim.cli.common import app, out
+from omnitrack_sim.cli.common import app, out, plain, print_json
 from omnitrack_sim.errors import Fault, InputError, OutputError
 
 if TYPE_CHECKING:
@@ -129,11 +128,11 @@ def _report(
     if plot is not None:
         _write_plot(case, plot, figure)
     if as_json:
-        print(json.dumps(summary, indent=2))
+        print_json(summary)
     else:
         _print_singularity(summary)
         if plot is not None:
-            out.print(f"saved {plot}")
+            out.print(f"saved {plain(str(plot))}", soft_wrap=True)
 
 
 def _write_plot(case: TurnCase, path: Path, figure: str) -> None:
