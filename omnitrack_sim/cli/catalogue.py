@@ -67,7 +67,7 @@ def parameters(
     for row in rows:
         value = f"{row.value:.6g}" if isinstance(row.value, float) else str(row.value)
         within = "" if row.within is None else "{:.6g} to {:.6g}".format(*row.within)
-        table.add_row(row.name, value, within, row.unit, row.provenance, plain(row.source))
+        table.add_row(row.name, plain(value), within, row.unit, row.provenance, plain(row.source))
     out.print(table)
 
 

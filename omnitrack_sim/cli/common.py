@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
 
-from omnitrack_sim.errors import Fault, ScenarioError
+from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.text import printable, strict_json
 
 if TYPE_CHECKING:
     from omnitrack_sim.scenario import Scenario
@@ -22,19 +25,38 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Simulate the Omnidirectional Tractable Three Module Robot in pipes.",
 )
-out = Console(highlight=False)
-err = Console(stderr=True, highlight=False)
+_Loaded = TypeVar("_Loaded")
+
+
+class Screen(Console):
+    """A console that shows control characters instead of sending them: what a user has named may
+    hold any, and only the lines and colours of the messages are to reach the terminal."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        return super().render_str("\n".join(map(printable, text.split("\n"))), **options)
+
+
+out = Screen(highlight=False, emoji=False)
+err = Screen(stderr=True, highlight=False, emoji=False)
 
 
 def plain(text: str) -> str:
-    """``text`` with its markup characters escaped, so that it is printed as it is."""
-    from rich.markup import escape
+    """``text`` as it is printed in one line and as it is: without control characters, and with its
+    markup characters escaped."""
+    return escape(printable(text))
 
-    return escape(text)
+
+def print_json(value: Any) -> None:
+    """Print JSON for machines, and nothing in it that is none."""
+    print(strict_json(value))
 
 
 ScenarioArgument = Annotated[
-    str, typer.Argument(metavar="SCENARIO", help="A scenario file, or the name of a shipped one.")
+    str,
+    typer.Argument(
+        metavar="SCENARIO",
+        help="A scenario file (TOML, or the scenario.json of a run), or the name of a shipped one.",
+    ),
 ]
 SetOption = Annotated[
     list[str] | None,
@@ -55,29 +77,56 @@ FAST = 'physics.collider="exact"'
 """What ``--fast`` sets."""
 
 
-def load(source: str, assignments: list[str] | None) -> Scenario:
-    """The scenario of a file or name, with the overrides of ``--set``."""
-    from omnitrack_sim.scenario import load_scenario, override
+def load(source: str, assignments: Sequence[str] | None) -> Scenario:
+    """The scenario of a file or name, with the values of ``--set``."""
+    from omnitrack_sim.scenario import load_scenario
 
-    scenario = load_scenario(source)
-    return (
-        override(scenario, dict(assignment(text) for text in assignments))
-        if assignments
-        else scenario
-    )
+    return with_changes(lambda changes: load_scenario(source, changes), assignments)
+
+
+def with_changes(
+    load: Callable[[dict[str, Any]], _Loaded], assignments: Sequence[str] | None
+) -> _Loaded:
+    """What ``load`` makes of the changes by path that ``--set`` asks for.
+
+    Raises:
+        InputError: every fault that ``load`` finds, and every text that is no assignment.
+    """
+    changes: dict[str, Any] = {}
+    faults: list[Fault] = []
+    for text in assignments or ():
+        try:
+            path, value = assignment(text)
+        except InputError as error:
+            faults += error.faults
+        else:
+            changes[path] = value
+    try:
+        loaded = load(changes)
+    except InputError as error:
+        raise type(error)([*faults, *error.faults]) from None
+    if faults:
+        raise InputError(faults)
+    return loaded
 
 
 def assignment(text: str) -> tuple[str, Any]:
     """Path and value of PATH=VALUE. The value is read as in TOML, a bare word as a string."""
-    path, equals, value = text.partition("=")
+    from omnitrack_sim.schema.files import parsed
+
+    path, equals, value = (part.strip() for part in text.partition("="))
     if not equals or not path:
-        raise ScenarioError(
+        raise InputError(
             Fault(f"--set {text}", "is not PATH=VALUE, such as control.cruise_speed=0.12")
         )
     try:
-        return path.strip(), tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        return path.strip(), value.strip()
+        table = parsed(f"value = {value}", "TOML")
+    except ValueError as reason:
+        if not isinstance(reason.__cause__, tomllib.TOMLDecodeError):
+            raise InputError(Fault(f"--set {path}", str(reason))) from reason
+        return path, value
+    # Of a text of several lines, further ones could be read as further keys.
+    return path, table["value"] if len(table) == 1 else value
 
 
 @contextmanager
@@ -96,7 +145,7 @@ def progress(title: str, quiet: bool) -> Iterator[Any]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=err, transient=True) as bar:
-        task = bar.add_task(title, total=1.0)
+        task = bar.add_task(plain(title), total=1.0)
         yield lambda part, text="": bar.update(
-            task, completed=part, description=f"{title} {text}".strip()
+            task, completed=part, description=plain(f"{title} {text}".strip())
         )

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
-from omnitrack_sim.cli.common import app, out, plain
+from omnitrack_sim.cli.common import app, out, plain, print_json
 from omnitrack_sim.errors import Fault, NetworkError
 
 if TYPE_CHECKING:
@@ -64,7 +63,7 @@ def network(
     route = _asked_route(found, start, goal, avoid or [])
     written = _save(found, route, to_file, plot, export)
     if as_json:
-        print(json.dumps(_summary(found, route), indent=2))
+        print_json(_summary(found, route))
     else:
         _print_all(found, route, written)
 
@@ -114,8 +113,7 @@ def _asked_route(
     try:
         return shortest_route(found, start, goal, avoid)
     except NetworkError as error:
-        faults = [Fault(options.get(f.where, f.where), f.problem, f.choices) for f in error.faults]
-        raise NetworkError(faults) from None
+        raise NetworkError([f.at(options.get(f.where, f.where)) for f in error.faults]) from None
 
 
 def _save(

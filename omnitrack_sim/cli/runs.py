@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,6 +17,7 @@ from omnitrack_sim.cli.common import (
     load,
     out,
     plain,
+    print_json,
     progress,
 )
 from omnitrack_sim.errors import Fault, RenderError, ScenarioError
@@ -68,7 +68,7 @@ def run(
     result.save(target)
     _draw(result, target, camera if video else None, as_json)
     if as_json:
-        print(json.dumps(result.summary(), indent=2))
+        print_json(result.summary())
     else:
         _print_result(result, target)
 
@@ -77,7 +77,7 @@ def _check_camera(camera: str) -> None:
     from omnitrack_sim.film.render import CAMERAS
 
     if camera not in CAMERAS:
-        raise ScenarioError(Fault("--camera", f"is {camera!r}", CAMERAS))
+        raise ScenarioError(Fault("--camera", f"is {camera!r}", CAMERAS, given=camera))
 
 
 def _draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
@@ -122,7 +122,7 @@ def _print_result(result: Result, target: Path) -> None:
         f"load {metrics['no_load_slip_m_s']:.1e} m/s",
         soft_wrap=True,
     )
-    out.print(f"  saved in {target}", soft_wrap=True)
+    out.print(f"  saved in {plain(str(target))}", soft_wrap=True)
 
 
 def _is_mission(result: Result) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from omnitrack_sim.cli.common import app, out, plain
+from omnitrack_sim.cli.common import app, out, plain, print_json
 from omnitrack_sim.errors import Fault, InputError
 
 if TYPE_CHECKING:
@@ -139,7 +138,7 @@ def _report(
     if plot is not None:
         plot_singularity(case, plot, figure)
     if as_json:
-        print(json.dumps(summary, indent=2))
+        print_json(summary)
     else:
         _print_singularity(summary)
         if plot is not None:

@@ -6,7 +6,7 @@ import math
 import re
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -125,4 +125,7 @@ def _in_file(faults: Iterable[Fault], order: Sequence[int]) -> list[Fault]:
     def renamed(text: str) -> str:
         return re.sub(r"\bpipes\.(\d+)", lambda match: f"fittings.{order[int(match[1])]}", text)
 
-    return [Fault(renamed(fault.where), renamed(fault.problem), fault.choices) for fault in faults]
+    return [
+        replace(fault, where=renamed(fault.where), problem=renamed(fault.problem))
+        for fault in faults
+    ]

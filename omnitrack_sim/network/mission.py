@@ -294,7 +294,7 @@ def _checked(network: Network, mission: Mission) -> tuple[list[End], tuple[End, 
             faults += error.faults
     names = dict.fromkeys(part.name for part in network.fittings)
     faults += [
-        Fault(f"avoid.{i}", f"there is no fitting {name!r}", tuple(names))
+        Fault(f"avoid.{i}", f"there is no fitting {name!r}", tuple(names), given=name)
         for i, name in enumerate(mission.avoid)
         if name not in names
     ]

@@ -71,7 +71,7 @@ def shortest_route(
     names = [part.name for part in network.fittings]
     avoided = set(avoid)
     faults += [
-        Fault("avoid", f"there is no fitting {name!r}", tuple(names))
+        Fault("avoid", f"there is no fitting {name!r}", tuple(names), given=name)
         for name in sorted(avoided)
         if name not in names
     ]

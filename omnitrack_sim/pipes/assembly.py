@@ -50,6 +50,9 @@ class Part:
     fitting: Fitting
     pose: Pose
 
+    def __repr__(self) -> str:
+        return f"Part({self.name!r}, {self.fitting!r})"
+
     def signed_distance(self, points: Array) -> tuple[Array, Array]:
         """As ``Fitting.signed_distance``, for points and gradient in the world frame."""
         distance, gradient = self.fitting.signed_distance(self.pose.inverse().apply(points))
@@ -151,6 +154,9 @@ class Assembly:
 
     parts: tuple[Part, ...]
     joints: tuple[tuple[tuple[int, str], tuple[int, str]], ...] = ()
+
+    def __repr__(self) -> str:
+        return f"Assembly({len(self.parts)} parts, {len(self.joints)} joints)"
 
     def __post_init__(self) -> None:
         faults = [*self._mismatches(), *self._overlaps(), *self._closures()]

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Self
 from pydantic import BeforeValidator, Field, ValidationError
 from pydantic_core import InitErrorDetails, PydanticKnownError
 
+from omnitrack_sim.naming import ByName
 from omnitrack_sim.robot.quantity import Figures, Quantity, quantity_of
 from omnitrack_sim.robot.similarity import SCALES, similar
 
@@ -99,8 +100,8 @@ _PUBLISHED_RATIO = 986.41
 _ROTOR_INERTIA = 0.0088 / _PUBLISHED_RATIO**2
 
 MOTORS: Mapping[str, Motor] = MappingProxyType(
-    {
-        motor.name: motor
+    ByName(
+        (motor.name, motor)
         for motor in (
             Motor(
                 name="simulation",
@@ -126,7 +127,7 @@ MOTORS: Mapping[str, Motor] = MappingProxyType(
                 torque_limit=0.245,
             ),
         )
-    }
+    )
 )
 """The motors that come with the package, by name."""
 

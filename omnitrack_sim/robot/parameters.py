@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Any, Self
 
 from pydantic import (
@@ -250,6 +251,16 @@ class Robot(Figures):
         robot = stated if values == dict(stated) else handler(values)
         refuse_misfits(robot)
         return robot
+
+    def __repr_args__(self) -> Iterator[tuple[str, Any]]:
+        """The size, and what differs from the standard robot of that size."""
+        standard = type(self)(scale=self.scale)
+        for name, value in self:
+            if name == "scale" or value != getattr(standard, name):
+                yield name, value
+
+    def __str__(self) -> str:
+        return repr(self)
 
     def scaled(self, factor: float) -> Self:
         """The same robot, ``factor`` times as large: every value scaled by the law of similarity.

@@ -29,7 +29,7 @@ def faults_of(scenario: Scenario) -> list[Fault]:
     except GeometryError as error:
         return list(error.faults)
     except NetworkError as error:
-        return [Fault(f"mission.{f.where}", f.problem, f.choices) for f in error.faults]
+        return [fault.at(f"mission.{fault.where}") for fault in error.faults]
     ports = {(p.index, port): None for p in line.fittings for port in (p.enter, p.leave)}
     ports |= {(i, port): None for way in ways for i, *both in way for port in both}
     return [
@@ -86,10 +86,7 @@ def _impossible_pipes(scenario: Scenario) -> list[Fault]:
         try:
             pipe.step(i)
         except GeometryError as error:
-            faults += [
-                Fault(f"pipes.{i}.{f.where.rpartition('.')[2]}", f.problem, f.choices)
-                for f in error.faults
-            ]
+            faults += [f.at(f"pipes.{i}.{f.where.rpartition('.')[2]}") for f in error.faults]
     return faults
 
 

@@ -91,11 +91,8 @@ def _write_parquet(trajectory: Trajectory, path: Path) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    columns = [pa.array(trajectory.time)]
-    for name, channel in trajectory.schema.items():
-        kind = _kind(channel).to_pandas_dtype()
-        flat = np.asarray(trajectory[name]).reshape(len(trajectory), -1)
-        columns += [pa.array(np.ascontiguousarray(values).astype(kind)) for values in flat.T]
+    columns = [pa.array(values) for _, _, values in trajectory.columns()]
+    columns.insert(0, pa.array(trajectory.time))
     own = [
         {**dataclasses.asdict(channel), "vector": isinstance(channel, Vector)}
         for name, channel in trajectory.schema.items()

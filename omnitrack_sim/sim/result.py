@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import json
-import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from omnitrack_sim.naming import ByName
 from omnitrack_sim.network import Leg
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.record.events import Event
@@ -27,6 +26,7 @@ from omnitrack_sim.sim.files import (
     write_timeline,
     write_trajectory,
 )
+from omnitrack_sim.text import strict_json
 from omnitrack_sim.writing import whole_folder
 
 
@@ -54,6 +54,14 @@ class Result:
     provenance: dict[str, Any]
     events: list[Event] = field(default_factory=list)
     legs: tuple[Leg, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "metrics", ByName(self.metrics))
+
+    def __repr__(self) -> str:
+        name, record = self.scenario.name, len(self.trajectory)
+        ended = f"{self.outcome.value} after {self.duration_s:.6g} s"
+        return f"Result({name!r}: {ended}; {len(self.metrics)} metrics, {record} samples)"
 
     @property
     def success(self) -> bool:
@@ -126,17 +134,8 @@ class Result:
         with whole_folder(directory, RESULT_FILE) as folder:
             scenario = self.scenario.model_dump_json(indent=2)
             (folder / SCENARIO_FILE).write_text(scenario + "\n", encoding="utf-8")
-            summary = json.dumps(_finite(self.summary()), indent=2, allow_nan=False)
+            summary = strict_json(self.summary())
             (folder / RESULT_FILE).write_text(summary + "\n", encoding="utf-8")
             write_timeline(self.timeline(), folder / TIMELINE_FILE)
             write_trajectory(self.trajectory, folder)
         return Path(directory)
-
-
-def _finite(value: Any) -> Any:
-    """``value`` with None for numbers that JSON cannot hold (the figures of a diverged run)."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
