@@ -16,9 +16,10 @@ computing."""
 SHORTEST_STEP = 1e-6
 """Time step, s: a thousandth of the fastest contact of the smallest robot. The short run that
 measures the slip without load takes 0.8 simulated seconds at this step too."""
-MOST_SAMPLES = 1_000_000
+MOST_SAMPLES = 2_000_000
 """Samples of all robots of one batch up to their time limits, which stay in memory, 0.7 kB each,
-until the run is over and is then written: 5.5 simulated hours of one robot at 20 ms."""
+until the run is over and twice that while it is written: 11 simulated hours of one robot at
+20 ms."""
 MOST_LENGTH = 10_000.0
 """Length of all pipes, m. Parts are searched for overlaps along all of it: a second for a
 kilometre in pieces of half a metre."""
@@ -32,15 +33,20 @@ MOST_GOALS = 200
 """Goals of a mission: each has legs of its own, whose routes stay in memory."""
 MOST_TRIALS = 1_000_000
 """Trials of a sweep: each is a row of its table, and a run of a second or more."""
-MOST_VALUES = 10_000_000
-"""Values that the axes of a sweep set, trials times axes; they are drawn before the first run."""
 MOST_AXES = 50
 """Axes of a sweep."""
+MOST_VALUES = 10_000_000
+"""Values that a sweep sets, trials times axes: they are drawn before the first run."""
+MOST_WORDS = 200
+"""Texts and truth values on an axis of a sweep: each is tried in the scenario before the first
+run."""
 MOST_BATCH = 4_096
 """Trials of a sweep that run together in one batch."""
-MOST_OVERLAPS = 20
-"""Parts that run into each other and are told; where there are more, the rest is not looked for. A
-route that goes round in a circle a hundred times would have as many as pairs of parts."""
+LARGEST = 1e15
+"""Size of a number on an axis of a sweep: what is drawn between two of them stays finite."""
+MOST_TOLD = 20
+"""Faults of one kind that are told where each takes time to find, such as parts that run into each
+other: a route that goes round in a circle a hundred times has thousands of them."""
 FARTHEST = 1e5
 """Distance of a network's place from the origin, m: there a position is still exact to 1e-11 m."""
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnitrack_sim.bounds import MOST_OVERLAPS
+from omnitrack_sim.bounds import MOST_TOLD
 from omnitrack_sim.errors import Fault, GeometryError
 from omnitrack_sim.pipes.centreline import Centreline, Segment
 from omnitrack_sim.pipes.fittings import ARCS, Arcs, AxisCurve, Fitting
@@ -211,7 +211,7 @@ class Assembly:
         return faults
 
     def _overlaps(self) -> list[Fault]:
-        """Parts that share space and are not joined, up to ``MOST_OVERLAPS``."""
+        """Parts that share space and are not joined, up to ``MOST_TOLD``."""
         joined = {frozenset((i, j)) for (i, _), (j, _) in self.joints}
         found: set[tuple[int, int]] = set()
         for i, j, of_i, of_j in _close(self.parts):
@@ -221,7 +221,7 @@ class Assembly:
                 and _share_space(self.parts[i], self.parts[j], of_i, of_j)
             ):
                 found.add((i, j))
-                if len(found) == MOST_OVERLAPS:
+                if len(found) == MOST_TOLD:
                     break
         names = [part.name for part in self.parts]
         return [
@@ -235,9 +235,7 @@ class Assembly:
         places = np.array([self.parts[i].port(port).position for i, port in ends])
         radii = np.full(len(ends), JOINED / 2)
         pairs = (pair for block in touching(places.reshape(-1, 3), radii) for pair in block)
-        found = islice(
-            (pair for pair in pairs if ends[pair[0]][0] != ends[pair[1]][0]), MOST_OVERLAPS
-        )
+        found = islice((pair for pair in pairs if ends[pair[0]][0] != ends[pair[1]][0]), MOST_TOLD)
         return [
             self._closed(ends[first], ends[second]) for first, second in sorted(map(tuple, found))
         ]

@@ -7,13 +7,16 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
+from omnitrack_sim.bounds import LARGEST, MOST_TRIALS
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.sweep import sampling
-from omnitrack_sim.table import Positive, Table
+from omnitrack_sim.table import Table
 
 BASE = "base"
 """Name of the axis that a list of base scenarios makes."""
 Path = Annotated[str, Field(min_length=1)]
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Spread = Annotated[float, Field(ge=1 / LARGEST, le=LARGEST)]
 
 
 class AxisTable(Table):
@@ -46,9 +49,14 @@ class GridAxis(AxisTable):
     """Evenly spaced values, both ends included."""
 
     kind: Literal["grid"]
-    start: float
-    stop: float
-    count: Annotated[int, Field(ge=1, le=1_000_000)]
+    start: Number
+    stop: Number
+    count: Annotated[int, Field(ge=1, le=MOST_TRIALS)]
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return self.count
 
     def values_of(self) -> list[Any]:
         """The values in order."""
@@ -59,7 +67,7 @@ class ListAxis(AxisTable):
     """Values as written."""
 
     kind: Literal["list"]
-    values: Annotated[tuple[Any, ...], Field(min_length=1)]
+    values: Annotated[tuple[Any, ...], Field(min_length=1, max_length=MOST_TRIALS)]
     labels: tuple[str, ...] | None = None
 
     @field_validator("labels")
@@ -72,6 +80,11 @@ class ListAxis(AxisTable):
             raise ValueError(f"needs {count} different labels, one for each value")
         return labels
 
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return len(self.values)
+
     def values_of(self) -> list[Any]:
         """The values in order."""
         return list(self.values)
@@ -82,8 +95,8 @@ class UniformAxis(AxisTable):
 
     dimensions: ClassVar[int] = 1
     kind: Literal["uniform"]
-    low: float
-    high: float
+    low: Number
+    high: Number
 
     @field_validator("high")
     @classmethod
@@ -100,10 +113,10 @@ class NormalAxis(AxisTable):
 
     dimensions: ClassVar[int] = 1
     kind: Literal["normal"]
-    mean: float
-    std: Positive
-    low: float | None = None
-    high: float | None = None
+    mean: Number
+    std: Spread
+    low: Number | None = None
+    high: Number | None = None
 
     @field_validator("high")
     @classmethod
@@ -120,7 +133,7 @@ class DirectionAxis(AxisTable):
 
     dimensions: ClassVar[int] = 2
     kind: Literal["direction"]
-    magnitude: Positive = 9.81
+    magnitude: Spread = 9.81
 
     def draw(self, points: Array) -> list[Any]:
         """Vectors, lists of three numbers, made of points (n, 2) of the unit square."""
