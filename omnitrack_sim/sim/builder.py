@@ -71,6 +71,11 @@ def batch_key(data: Mapping[str, Any]) -> str:
     return json.dumps(_without(data, own), sort_keys=True)
 
 
+def is_shared(path: str) -> bool:
+    """Whether a value at a dotted path is among those that the scenarios of a batch share."""
+    return not any(f"{path}.".startswith(f"{own}.") for own in (*EACH.values(), *CARRIED))
+
+
 def _without(data: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
     """``data`` less the keys of ``own``, table by table."""
     shared = {}

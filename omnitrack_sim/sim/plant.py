@@ -94,6 +94,7 @@ class Plant:
             "contact_position": np.repeat(start.position[:, None], 3, axis=1)
         }
         self.diverged = np.zeros(self.n, bool)
+        self._leave_out_far_tracks()
         self._seat_arms()
         self._warnings = self._count_warnings()
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from omnitrack_sim.scenario import set_value
-from omnitrack_sim.sim.builder import batch_key
+from omnitrack_sim.sim.builder import batch_key, is_shared
 from omnitrack_sim.sweep.axes import BASE, AxisTable
 from omnitrack_sim.sweep.sampling import Draws, Sampling, unit_points
 
@@ -212,11 +212,16 @@ def batches_of(
     # Every trial of a base sets the same paths, so one copy is changed in place for all of them.
     plain = {name: copy.deepcopy(dict(data)) for name, data in bases.items()}
     groups: dict[str, list[Trial]] = {}
+    keys: dict[str, str] = {}  # of batches, by what trials share of the values that are set
     for index in range(len(next(iter(columns.values())))):
         one = trial_of(places, columns, index)
-        for path, value in one.changes.items():
-            set_value(plain[one.base], path, value)
-        groups.setdefault(batch_key(plain[one.base]), []).append(one)
+        shared = {path: value for path, value in one.changes.items() if is_shared(path)}
+        told = json.dumps([one.base, shared], default=str)
+        if told not in keys:
+            for path, value in shared.items():
+                set_value(plain[one.base], path, value)
+            keys[told] = batch_key(plain[one.base])
+        groups.setdefault(keys[told], []).append(one)
     batches: list[Batch] = []
     for key, members in groups.items():
         for start in range(0, len(members), size):
