@@ -27,7 +27,7 @@ from sweep_samples import (
 from omnitrack_sim import OutputError, SweepError, load_sweep, run, run_sweep
 from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.sim.run import run_batch
-from omnitrack_sim.sweep import batch, engine, folder, workers
+from omnitrack_sim.sweep import batch, dispatch, folder, workers
 from omnitrack_sim.sweep.summary import summarise_sweep
 from omnitrack_sim.sweep.table import metric_columns
 from omnitrack_sim.sweep.workers import DaskPool, LocalPool, WorkersLost
@@ -255,7 +255,7 @@ def test_nothing_is_written_without_a_folder(table, tmp_path, monkeypatch):
 
 def test_a_finished_sweep_runs_nothing_again(calm, monkeypatch):
     """The same call on a finished folder reads the table."""
-    monkeypatch.setattr(engine, "run_trials", None)
+    monkeypatch.setattr(dispatch, "run_trials", None)
     assert run_sweep(small_sweep(), calm).num_rows == 10
 
 
@@ -289,7 +289,7 @@ def test_a_renamed_sweep_is_told_anew_and_not_run_again(calm, tmp_path, monkeypa
     run."""
     place = tmp_path / "sweep"
     run_sweep(small_sweep(), place)
-    monkeypatch.setattr(engine, "run_trials", None)
+    monkeypatch.setattr(dispatch, "run_trials", None)
     run_sweep(small_sweep(name="renamed", group_by=[]), place)
     summary = json.loads((place / "summary.json").read_text())
     assert (summary["name"], summary["groups"]) == ("renamed", {})
@@ -347,7 +347,7 @@ def test_an_exception_makes_one_row(calm, tmp_path, monkeypatch):
 
 def test_a_trial_that_kills_its_worker_makes_one_row(table, monkeypatch):
     """Its batch is split after three deaths; it alone becomes a row, the others are as usual."""
-    monkeypatch.setattr(engine, "run_trials", deadly_batch)
+    monkeypatch.setattr(dispatch, "run_trials", deadly_batch)
     told = []
     rows = run_sweep(small_sweep(), executor=lambda: LocalPool(2), progress=told.append).to_pylist()
     assert (rows[DEADLY]["outcome"], rows[DEADLY]["reason"]) == ("error", "the worker died")
@@ -358,7 +358,7 @@ def test_a_trial_that_kills_its_worker_makes_one_row(table, monkeypatch):
 
 def test_a_worker_that_is_killed_once_costs_nothing(calm, tmp_path, monkeypatch):
     """After one death the batch is run again, and the files are the usual ones."""
-    monkeypatch.setattr(engine, "run_trials", once_deadly_batch)
+    monkeypatch.setattr(dispatch, "run_trials", once_deadly_batch)
     monkeypatch.setenv("ONCE_DEADLY", str(tmp_path / "mark"))
     run_sweep(small_sweep(), tmp_path / "sweep", executor=lambda: LocalPool(2))
     assert (tmp_path / "mark").exists()

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 import sys
 
-from omnitrack_sim.cli import catalogue, network, reproduce, runs, singularity, sweep
+from omnitrack_sim.cli import catalogue, network, optimise, reproduce, runs, singularity, sweep
 from omnitrack_sim.cli.common import app, err, plain
 from omnitrack_sim.errors import OmnitrackError
 
-__all__ = ["app", "catalogue", "main", "network", "reproduce", "runs", "singularity", "sweep"]
+__all__ = [
+    "app",
+    "catalogue",
+    "main",
+    "network",
+    "optimise",
+    "reproduce",
+    "runs",
+    "singularity",
+    "sweep",
+]
 
 
 def main() -> None:

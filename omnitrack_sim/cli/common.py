@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -39,7 +40,9 @@ ScenarioArgument = Annotated[
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="PATH=VALUE", help="Override a value, such as control.cruise_speed=0.12."
+        "--set",
+        metavar="PATH=VALUE",
+        help="Override a value, such as control.cruise_speed=0.12; @FILE overrides many.",
     ),
 ]
 
@@ -60,11 +63,41 @@ def load(source: str, assignments: list[str] | None) -> Scenario:
     from omnitrack_sim.scenario import load_scenario, override
 
     scenario = load_scenario(source)
-    return (
-        override(scenario, dict(assignment(text) for text in assignments))
-        if assignments
-        else scenario
-    )
+    return override(scenario, changes_of(assignments)) if assignments else scenario
+
+
+def changes_of(assignments: list[str] | None) -> dict[str, Any]:
+    """The overrides of ``--set`` by path: each a PATH=VALUE, or @FILE with many of them."""
+    changes: dict[str, Any] = {}
+    for text in assignments or ():
+        if text.startswith("@"):
+            changes |= settings_of(Path(text[1:]))
+        else:
+            path, value = assignment(text)
+            changes[path] = value
+    return changes
+
+
+def settings_of(file: Path) -> dict[str, Any]:
+    """The overrides of a TOML file by path, such as a study's ``best.toml``: ``"a.b" = 1``, or
+    tables."""
+    try:
+        tables = tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as reason:
+        problem = f"cannot be read: {reason.strerror}"
+        raise ScenarioError(Fault(f"--set @{file}", problem)) from reason
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as reason:
+        raise ScenarioError(Fault(f"--set @{file}", f"is not valid TOML: {reason}")) from reason
+    return dict(_leaves(tables, ""))
+
+
+def _leaves(table: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any]]:
+    """The values in a table and the tables in it, by dotted path."""
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{above}{key}.")
+        else:
+            yield f"{above}{key}", value
 
 
 def assignment(text: str) -> tuple[str, Any]:

@@ -15,7 +15,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 
-from omnitrack_sim.cli.common import FAST, FastOption, SetOption, app, assignment, err, out, plain
+from omnitrack_sim.cli.common import FAST, FastOption, SetOption, app, changes_of, err, out, plain
 from omnitrack_sim.errors import Fault, InputError, OutputError
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def sweep(
     from omnitrack_sim.sweep import load_sweep
     from omnitrack_sim.sweep.folder import holds_sweep
 
-    changes = dict(assignment(text) for text in [*(assignments or []), *([FAST] if fast else [])])
+    changes = changes_of([*(assignments or []), *([FAST] if fast else [])])
     loaded = load_sweep(source, changes)
     if only_list:
         _print_trials(loaded)
@@ -75,7 +75,7 @@ def sweep(
         raise OutputError(
             f"{target}: holds no sweep to go on with; leave out --continue to begin one"
         )
-    done = _run(loaded, target, _executor(workers, dask), share, as_json)
+    done = _run(loaded, target, make_workers(workers, dask), share, as_json)
     _print_outcome(loaded, target, done, as_json)
 
 
@@ -139,7 +139,7 @@ def _share(text: str | None) -> tuple[int, int] | None:
     return int(found[1]), int(found[2])
 
 
-def _executor(workers: int | None, dask: str | None) -> Callable[[], Executor] | None:
+def make_workers(workers: int | None, dask: str | None) -> Callable[[], Executor] | None:
     """A function that makes the workers; None for a sweep in this process."""
     from omnitrack_sim.sweep.workers import DaskPool, LocalPool
 
@@ -172,7 +172,7 @@ def _bar(title: str, quiet: bool) -> Iterator[Callable[[Status], None]]:
             text = f"{status.successes} passed"
             if ran and elapsed:
                 left = (status.total - status.done) * elapsed / ran
-                text = f"{ran / elapsed:.2f} trials/s, {_duration(left)} left, {text}"
+                text = f"{ran / elapsed:.2f} trials/s, {duration(left)} left, {text}"
             if status.lost:
                 text += f", {status.lost} times workers lost"
             bar.update(task, completed=status.done, total=status.total, text=text)
@@ -180,7 +180,8 @@ def _bar(title: str, quiet: bool) -> Iterator[Callable[[Status], None]]:
         yield show
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """Seconds as hours, minutes and seconds."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{rest:02d}"

@@ -194,6 +194,11 @@ def shipped_sweeps() -> dict[str, Path]:
     return {path.stem: path for path in sorted((_scenario_folder() / "sweeps").glob("*.toml"))}
 
 
+def shipped_studies() -> dict[str, Path]:
+    """Study files that come with the package, by name."""
+    return {path.stem: path for path in sorted((_scenario_folder() / "studies").glob("*.toml"))}
+
+
 def shipped_networks() -> dict[str, Path]:
     """Network files that come with the package, by name."""
     return {path.stem: path for path in sorted((_scenario_folder() / "networks").glob("*.toml"))}

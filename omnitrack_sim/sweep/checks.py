@@ -30,7 +30,7 @@ def axis_faults(
             data = scenario.model_dump(mode="json")
             found = trials.matches(data, path)
             if not found:
-                yield _missing(at, path, data, name if len(bases) > 1 else None)
+                yield missing(at, path, data, name if len(bases) > 1 else None)
                 break
             value = trials.value_at(data, found[0])
             inner = (
@@ -57,7 +57,7 @@ def _names_tables(axis: AxisTable, present: Any) -> bool:
     )
 
 
-def _missing(at: str, path: str, data: Mapping[str, Any], base: str | None) -> Fault:
+def missing(at: str, path: str, data: Mapping[str, Any], base: str | None) -> Fault:
     """The fault of a path that leads nowhere: where it leaves the scenario, and what there is."""
     keys = path.split(".")
     depth = next(i for i in range(len(keys)) if not trials.matches(data, ".".join(keys[: i + 1])))

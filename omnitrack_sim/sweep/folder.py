@@ -11,7 +11,7 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,12 +61,12 @@ class Folder:
         if there is not None and there["sha256"] != ours["sha256"]:
             raise OutputError(
                 f"{self.path}: holds a different sweep: "
-                f"{_told_differences(there['sweep'], ours['sweep'])}; choose "
+                f"{told_differences(there['sweep'], ours['sweep'], FOR_THE_RECORD)}; choose "
                 "another folder with --out, or remove this one to begin anew"
             )
         (self.path / PARTS).mkdir(parents=True, exist_ok=True)
         for place in (self.path, self.path / PARTS):
-            _sweep_out(place)
+            sweep_out(place)
         self._description = (json.dumps(ours | environment(), indent=2) + "\n").encode()
         self.renamed = there is not None and there["sweep"] != ours["sweep"]
         if there is None:
@@ -230,7 +230,7 @@ def _temporary(path: Path) -> tuple[int, str]:
         os.close(descriptor)
 
 
-def _sweep_out(place: Path) -> None:
+def sweep_out(place: Path) -> None:
     """Remove temporary files whose writers are gone."""
     for path in place.iterdir():
         if not _TEMPORARY.fullmatch(path.name):
@@ -240,9 +240,10 @@ def _sweep_out(place: Path) -> None:
             path.unlink()
 
 
-def _told_differences(there: Any, ours: Any) -> str:
-    """Where two sweeps differ, as text."""
-    found = list(_differences(there, ours, ""))
+def told_differences(there: Any, ours: Any, free: Collection[str]) -> str:
+    """Where two tables of plain data differ, as text; their own keys of ``free`` may differ."""
+    first, second = ({k: v for k, v in table.items() if k not in free} for table in (there, ours))
+    found = list(_differences(first, second, ""))
     more = f" and {len(found) - _MOST_TOLD} more" if len(found) > _MOST_TOLD else ""
     return (", ".join(found[:_MOST_TOLD]) or "it was made by another version of the program") + more
 
@@ -250,10 +251,9 @@ def _told_differences(there: Any, ours: Any) -> str:
 def _differences(there: Any, ours: Any, path: str) -> Iterator[str]:
     if isinstance(there, dict) and isinstance(ours, dict):
         for key in [*there, *(key for key in ours if key not in there)]:
-            if path or key not in FOR_THE_RECORD:
-                yield from _differences(
-                    there.get(key, _Nothing), ours.get(key, _Nothing), f"{path}.{key}".lstrip(".")
-                )
+            yield from _differences(
+                there.get(key, _Nothing), ours.get(key, _Nothing), f"{path}.{key}".lstrip(".")
+            )
     elif isinstance(there, list) and isinstance(ours, list):
         for i in range(max(len(there), len(ours))):
             pair = [items[i] if i < len(items) else _Nothing for items in (there, ours)]
