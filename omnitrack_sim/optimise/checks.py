@@ -85,7 +85,7 @@ def _path_faults(number: int, variable: Variable, bases: Sequence[Scenario]) -> 
 def _clashes(
     number: int, variables: Sequence[Variable], sweeps: Mapping[int, Sweep]
 ) -> Iterator[Fault]:
-    """Values that something else sets as well."""
+    """A value that something else sets as well: the first one found."""
     own = variables[number]
     for i, sweep in sweeps.items():
         data = next(iter(sweep.bases.values())).model_dump(mode="json")
@@ -97,6 +97,7 @@ def _clashes(
             taken = {place for path in paths for place in matches(data, path)} & places
             if taken:
                 yield Fault(f"variables.{number}.path", f"{min(taken)!r} is set by {origin} too")
+                return
 
 
 def _bound_faults(

@@ -122,8 +122,10 @@ def resolve(
     try:
         file = checked(StudyFile, data, "", _fault, StudyError)
     except StudyError as error:
-        raise StudyError(list(dict.fromkeys([*error.faults, *faults]))) from None
-    sweeps = {i: sweep for i, sweep in sweeps.items() if isinstance(sweep, Sweep)}
+        # pydantic calls a list with a fault in it too short as well.
+        places = [fault.where for fault in error.faults]
+        own = [f for f in error.faults if not any(one.startswith(f"{f.where}.") for one in places)]
+        raise StudyError(list(dict.fromkeys([*own, *faults]))) from None
     faults += faults_of(file, file.final, sweeps)
     if faults:
         raise StudyError(list(dict.fromkeys(faults)))
