@@ -204,7 +204,7 @@ def _named(study: Study, values: tuple[float, ...]) -> dict[str, float | None]:
 def _write(
     folder: Folder, result: StudyResult, history: History, checked: History | None, best: Candidate
 ) -> None:
-    """Write all files of a study that is finished, the summary last."""
+    """Write all files of a study that is finished; the figure last, for it holds nothing new."""
     study = result.study
     _write_table(folder, "history", result.history)
     folder.write_file("front.csv", to_csv(result.front))
@@ -214,8 +214,8 @@ def _write(
         {f"{one.number}.toml": _settings(study, one) for one, _ in checked or [(best, None)]}
     )
     folder.write_file(BEST_FILE, _settings(study, best))
-    folder.write_file("front.png", draw_front(study, history, checked, best))
     folder.write_file(SUMMARY_FILE, json.dumps(result.summary, indent=2) + "\n")
+    folder.write_file("front.png", draw_front(study, history, checked, best))
 
 
 def _write_table(folder: Folder, name: str, table: pa.Table) -> None:
