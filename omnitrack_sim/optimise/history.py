@@ -25,7 +25,7 @@ def history_table(study: Study, rows: Rows) -> pa.Table:
     """One row a candidate: its number, generation and search, values, objectives, limits."""
     import pyarrow as pa
 
-    return pa.table(_columns(study, rows), _schema(study, rows, ()))
+    return pa.table(_columns(study, rows), _schema(study, ()))
 
 
 def front_table(study: Study, rows: Rows) -> pa.Table:
@@ -51,7 +51,7 @@ def final_table(study: Study, rows: Rows) -> pa.Table:
             columns |= {f"{name}_high": [end[1] for end in ends]}
     columns |= {"on_front": [place in on_front for place in range(len(rows))]}
     columns |= {"best": [place == best for place in range(len(rows))]}
-    return pa.table(columns, _schema(study, rows, tuple(columns)))
+    return pa.table(columns, _schema(study, tuple(columns)))
 
 
 def counted(study: Study, objective: Objective) -> int:
@@ -81,7 +81,7 @@ def _columns(study: Study, rows: Rows) -> dict[str, list[Any]]:
     return columns
 
 
-def _schema(study: Study, rows: Rows, extra: Sequence[str]) -> pa.Schema:
+def _schema(study: Study, extra: Sequence[str]) -> pa.Schema:
     """Columns with their units; those of ``extra`` that are no others come last."""
     import pyarrow as pa
 

@@ -76,13 +76,12 @@ class Trials:
         self.layout = Layout(sweeps)
         self.measure = Measure(study, sweeps)
         self.makers: set[str] = set()
-        self._seen = False
 
     def __call__(self, candidates: Sequence[Candidate]) -> list[Measured]:
         """What the candidates have shown.
 
         Raises:
-            StudyError: no trial of the first candidates could run, or gave an objective.
+            StudyError: no trial of the first generation could run, or gave an objective.
         """
         import pyarrow as pa
 
@@ -92,10 +91,9 @@ class Trials:
         self.makers |= {table.schema.metadata[b"made_by"].decode() for table in tables}
         plain = [table.replace_schema_metadata(None) for table in tables]
         table = pa.concat_tables(plain).sort_by("trial")
-        if not self._seen:
+        if candidates[0].number == 0 and self.sweeps is self.study.trials:
             _refuse_all_invalid(table)
             self.measure.refuse_unmeasured(table)
-            self._seen = True
         return self.measure(table, len(candidates))
 
 
