@@ -41,7 +41,8 @@ if TYPE_CHECKING:
         shipped_sweeps,
     )
     from omnitrack_sim.sensing import Sensor
-    from omnitrack_sim.sim.result import Result, load_result
+    from omnitrack_sim.sim.loading import load_result
+    from omnitrack_sim.sim.result import Result
     from omnitrack_sim.sim.run import run, run_batch
     from omnitrack_sim.sim.simulation import Simulation
     from omnitrack_sim.sweep import Sweep, load_sweep, run_sweep
@@ -74,7 +75,8 @@ _HOME = {
     "film.render": ("render_frame", "render_video"),
     "robot": ("MOTORS", "Motor", "Robot"),
     "scenario": ("Scenario", "load_scenario", "override"),
-    "sim.result": ("Result", "load_result"),
+    "sim.loading": ("load_result",),
+    "sim.result": ("Result",),
     "sim.run": ("run", "run_batch"),
     "sim.simulation": ("Simulation",),
     "control.interface": ("Command", "ControlSetup", "Controller", "Observation"),

@@ -1,4 +1,4 @@
-"""Objects of a user's own, by the name ``module:Object``."""
+"""Things by their names, and objects of a user's own by the name ``module:Object``."""
 
 from __future__ import annotations
 
@@ -7,11 +7,20 @@ import os
 import sys
 from collections.abc import Mapping
 from types import ModuleType
-from typing import Any
+from typing import Any, NoReturn, TypeVar
 
 from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.text import no_such
 
 _HANDED_OVER: dict[str, Any] = {}
+_Value = TypeVar("_Value")
+
+
+class ByName(dict[str, _Value]):
+    """Values by name. Asked for another name it raises a KeyError that lists those there are."""
+
+    def __missing__(self, name: str) -> NoReturn:
+        raise KeyError(no_such(name, list(self)))
 
 
 def name_of(thing: Any) -> str:
@@ -42,13 +51,13 @@ def named(name: str, where: str, shipped: Mapping[str, Any]) -> Any:
     choices = (*shipped, "module:Object")
     module_name, colon, path = name.partition(":")
     if not (colon and module_name and path):
-        raise InputError(Fault(where, f"is {name!r}", choices))
+        raise InputError(Fault(where, f"is {name!r}", choices, given=name))
     folder = os.getcwd()
     if folder not in sys.path and "" not in sys.path:
         sys.path.append(folder)
     try:
         found: Any = importlib.import_module(module_name)
-    except Exception as error:  # whatever a user's module does while it is imported
+    except (Exception, SystemExit) as error:  # whatever a module does while it is imported
         problem = (
             f"is {name!r}: module {module_name!r} cannot be imported ({error}); it is looked for "
             f"on Python's path and in {folder}"
@@ -58,7 +67,7 @@ def named(name: str, where: str, shipped: Mapping[str, Any]) -> Any:
     for part in path.split("."):
         if not hasattr(found, part):
             problem = f"is {name!r}: there is no {part!r} in module {module_name!r}"
-            raise InputError(Fault(where, problem, (*shipped, *own)))
+            raise InputError(Fault(where, problem, (*shipped, *own), given=name))
         found = getattr(found, part)
     return found
 

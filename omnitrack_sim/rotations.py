@@ -19,6 +19,18 @@ def unit(vector: ArrayLike) -> Array:
     return vector / (norm + (norm == 0))[..., None]
 
 
+def direction_of(vector: ArrayLike) -> Array:
+    """Unit vectors (..., 3) along vectors of any size; a zero vector stays zero.
+
+    Users may give a direction with components such as 1e300 or 1e-300, whose squares overflow or
+    vanish. The vector is first divided by a power of two near its largest component, which is
+    exact: for any other vector the result is that of ``unit``, bit for bit.
+    """
+    vector = np.asarray(vector, float)
+    _, exponent = np.frexp(np.abs(vector).max(axis=-1, keepdims=True))
+    return unit(np.ldexp(vector, -exponent))
+
+
 def dot(a: Array, b: Array) -> Array:
     """Dot products (...,) of vectors (..., 3).
 
@@ -53,7 +65,7 @@ def frame_along(axis: ArrayLike, turn: float) -> Array:
     Its x is the reference's x made square to the axis; for an axis close to that, -z or z instead.
     Then it is turned by ``turn`` rad about the axis.
     """
-    z = unit(axis)
+    z = direction_of(axis)
     helper = (
         np.array([1.0, 0, 0]) if abs(z[0]) < 0.9 else np.array([0, 0, -1.0 if z[0] > 0 else 1.0])
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 
 from omnitrack_sim import Result, Scenario, load_scenario, override
 from omnitrack_sim.model.collider import why_not
@@ -71,3 +72,6 @@ def same_result(a: Result, b: Result) -> bool:
 
 def _figures(result: Result) -> dict[str, Any]:
     return {key: value for key, value in result.metrics.items() if key != "no_load_slip_m_s"}
+
+
+needs_exact = pytest.mark.skipif(why_not() is not None, reason="the exact collider does not load")

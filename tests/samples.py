@@ -11,10 +11,11 @@ from omnitrack_sim.pipes import Route
 from omnitrack_sim.record.events import Remark
 from omnitrack_sim.record.metrics import summarise
 from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.record.trajectory import RECORDED, Trajectory
+from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
 from omnitrack_sim.rotations import quaternion_from_matrix
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.sim.result import Result, provenance_of
+from omnitrack_sim.sim.provenance import provenance_of
+from omnitrack_sim.sim.result import Result
 
 LUG_RADIUS, TORQUE_LIMIT = 0.0276, 0.245
 
@@ -38,14 +39,16 @@ def sample_trajectory(samples: int = 201, end: float = 4.0, **changes: np.ndarra
     channels["slip_ratio"] = channels["slip_velocity"] / 0.1
     channels["contact_count"][:, :, 0] = 17
     channels["slide"] = 0.01 * wave[:, None] * factors
-    qpos = np.stack([np.cos(time), np.sin(time)], axis=1)
+    qpos = np.outer(np.cos(time), np.arange(JOINT_POSITIONS))
     return Trajectory(time, channels | changes, ("straight", "turn", "leave"), qpos)
 
 
 def sample_result(trajectory: Trajectory | None = None, **changes: object) -> Result:
     """A result around ``trajectory`` in a 1 m straight pipe; ``changes`` replace fields."""
     trajectory = sample_trajectory() if trajectory is None else trajectory
-    scenario = validate({"name": "sample", "pipes": [{"kind": "straight", "length": 1.0}]})
+    scenario = changes.get("scenario") or validate(
+        {"name": "sample", "pipes": [{"kind": "straight", "length": 1.0}]}
+    )
     fields: dict = {
         "scenario": scenario,
         "outcome": Outcome.REACHED_GOAL,

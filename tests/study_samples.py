@@ -22,9 +22,10 @@ base = "straight"
 samples = 2
 batch = {batch}
 [trials.set]
-"physics.time_limit" = {time_limit}
+"physics.time_limit" = 0.02
 "physics.wall_tolerance" = 0.002
 "robot.lugs_per_track" = 3
+"control.kind" = "{kind}"
 [[trials.axes]]
 path = "contact.friction"
 kind = "uniform"
@@ -56,7 +57,7 @@ samples = 3
 
 def study_data() -> dict[str, Any]:
     """The small study as plain data."""
-    return {"name": "small"} | tomllib.loads(TEXT.format(time_limit=0.02, batch=10))
+    return {"name": "small"} | tomllib.loads(TEXT.format(kind="jacobian", batch=10))
 
 
 def small_study(**changes: Any) -> Study:
@@ -64,10 +65,10 @@ def small_study(**changes: Any) -> Study:
     return resolve(study_data() | changes)
 
 
-def write_study(folder: Path, time_limit: float = 0.02, batch: int = 10) -> Path:
-    """The file of the same, or of one that takes longer."""
+def write_study(folder: Path, kind: str = "jacobian", batch: int = 10) -> Path:
+    """The file of the same, or of one with another controller and other batches."""
     path = folder / "small.toml"
-    path.write_text(TEXT.format(time_limit=time_limit, batch=batch), encoding="utf-8")
+    path.write_text(TEXT.format(kind=kind, batch=batch), encoding="utf-8")
     return path
 
 

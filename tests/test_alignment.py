@@ -6,6 +6,8 @@ import pytest
 from omnitrack_sim.control.alignment import (
     NO_MOTION_MARGIN,
     Obstacle,
+    Wish,
+    agreed,
     no_motion_distance,
     orientation_error,
     plan_roll,
@@ -170,3 +172,20 @@ def test_bad_values_are_named():
         plan_roll(0.0, 0.0, 0.0, 0.1, 0.0)
     with pytest.raises(InputError, match="turn_limit"):
         plan_roll(0.0, 0.0, 0.0, 0.1, RATIO, turn_limit=-1.0)
+
+
+def test_wishes_agree_on_what_they_have_in_common():
+    """The common range of two wishes, the first one's where they have none, modulo the period of
+    the modules."""
+    margin = np.radians([10.0])
+    best, width = agreed([Wish(0.0, margin), Wish(np.radians(12.0), margin)])
+    assert np.degrees([best[0], width[0]]) == pytest.approx([6.0, 4.0])
+    best, width = agreed([Wish(0.0, margin), Wish(np.radians(132.0), margin)])
+    assert np.degrees([best[0], width[0]]) == pytest.approx([6.0, 4.0])
+    best, width = agreed(
+        [Wish(0.0, margin), Wish(np.radians(60.0), margin), Wish(np.radians(-8.0), margin)]
+    )
+    assert np.degrees([best[0], width[0]]) == pytest.approx([-4.0, 6.0])
+    best, width = agreed([Wish(0.3, np.array([0.1, 0.2])), Wish(0.5, np.array([0.05, 0.1]))])
+    assert best == pytest.approx([0.3, 0.45])
+    assert width == pytest.approx([0.1, 0.05])

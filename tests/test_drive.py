@@ -46,6 +46,19 @@ def test_integral_grows_only_while_the_motor_can_follow():
     assert not free.saturated.any()
 
 
+def test_a_motor_is_the_same_in_both_directions():
+    """Turned round in command, speed and torque it gives the same set points, forces and verdict,
+    turned round: it is saturated, and does not wind up, at its lower limit as well."""
+    for command, speed, torque in ((0.1, 0.0, 0.1), (0.1, 0.02, 0.05), (0.1, 0.05, 0.02)):
+        one, other = _drive(limit=0.1), _drive(limit=0.1)
+        for _ in range(5):
+            set_point, lowest, highest = _advance(one, command, speed, torque)
+            turned = _advance(other, -command, -speed, -torque)
+        assert np.array_equal(turned, (-set_point, -highest, -lowest))
+        assert np.array_equal(one.saturated, other.saturated)
+        assert one.saturated.all() == (torque == 0.1)
+
+
 def test_recommended_torque_carries_a_third_of_the_robot():
     """The recommended 0.245 N m at the belt is more than a third of a 1 kg robot's weight, as
     climbing needs."""

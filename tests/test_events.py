@@ -61,6 +61,8 @@ def test_an_unknown_kind_is_read_as_a_remark() -> None:
     event = event_of(table)
     assert type(event) is Remark
     assert (event.time, event.text, str(event)) == (1.5, "sneezed, loudly", table["text"])
+    table["text"] = "1.50 s, sneezed for 0.2 s, loudly"
+    assert event_of(table).text == "sneezed for 0.2 s, loudly"
 
 
 def test_events_of_two_robots_are_equal_where_they_say_the_same() -> None:

@@ -44,7 +44,8 @@ def test_every_public_name_is_there():
 
 
 def test_the_wheel_works_alone(tmp_path):
-    """The built wheel, installed elsewhere, lists its scenarios and runs one by name."""
+    """The built wheel, installed elsewhere, runs a scenario by name, and says that the published
+    models are not with it."""
     build = [
         sys.executable,
         "-m",
@@ -90,6 +91,10 @@ def test_the_wheel_works_alone(tmp_path):
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out" / "tee_turn" / "result.json").is_file()
+    check = [*command[:3], "models", "--check"]
+    done = subprocess.run(check, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "checkout of the project" in " ".join(done.stderr.split())
     where = subprocess.run(
         [python, "-c", "import omnitrack_sim; print(omnitrack_sim.__file__)"],
         cwd=tmp_path,

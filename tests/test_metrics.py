@@ -76,11 +76,13 @@ def test_slip_counts_in_both_directions():
 
 
 def test_stall_needs_full_torque_and_standstill():
-    """Full torque while running, and standstill with little torque, are no stall; both together
-    are."""
-    torque, speed = each(TORQUE_LIMIT, TORQUE_LIMIT, 0.1), each(0.1, 0.0, 0.0)
-    stall = figures(sample_trajectory(T, motor_torque=torque, belt_speed=speed))["stall_time_s"]
-    assert stall == pytest.approx([0.0, 4.0, 0.0])
+    """Full torque while running either way, and standstill with little torque, are no stall; full
+    torque at a standstill is, whichever way it pushes."""
+    for sign in (1.0, -1.0):
+        torque, speed = sign * each(TORQUE_LIMIT, TORQUE_LIMIT, 0.1), each(0.1, 0.0, 0.0)
+        for way in (1.0, -1.0):
+            run = sample_trajectory(T, motor_torque=torque, belt_speed=way * speed)
+            assert figures(run)["stall_time_s"] == pytest.approx([0.0, 4.0, 0.0])
 
 
 def test_torque_is_a_root_mean_square():
@@ -132,6 +134,35 @@ def test_spring_travel_is_counted_from_the_start():
     assert figures(sample_trajectory(T, slide=slide))["spring_travel_max_m"] == pytest.approx(
         [0.005, 0.0, 0.0]
     )
+
+
+def test_angles_are_the_largest_and_the_last_in_degrees():
+    """Tilt at its worst and at the end, and the largest pitch of each arm either way."""
+    tilt, pitch = np.linspace(0.1, 0.02, T), np.zeros((T, 3))
+    tilt[50], pitch[20, 0], pitch[30, 2] = 0.2, 0.03, -0.04
+    metrics = figures(sample_trajectory(T, tilt=tilt, pitch=pitch))
+    assert metrics["tilt_max_deg"] == pytest.approx(np.degrees(0.2))
+    assert metrics["tilt_exit_deg"] == pytest.approx(np.degrees(0.02))
+    assert metrics["pitch_max_deg"] == pytest.approx(np.degrees([0.03, 0.0, 0.04]))
+
+
+def test_the_largest_torque_counts_in_both_directions():
+    """A motor that brakes with 0.2 N m has given more than one that drives with 0.1."""
+    torque = each(0.1, 0.05, 0.0)
+    torque[80, 1] = -0.2
+    found = figures(sample_trajectory(T, motor_torque=torque))["motor_torque_max_n_m"]
+    assert found == pytest.approx([0.1, 0.2, 0.0])
+
+
+def test_headway_is_counted_leg_by_leg():
+    """On a new leg arc length begins anew, nose or tail first: 0.2 m on the first, from 0.1 m on,
+    and 0.3 m on the second, from 5 m on, are 0.5 m."""
+    half = T // 2
+    distance = np.concatenate([np.linspace(0.1, 0.3, half), np.linspace(5.0, 5.3, T - half)])
+    leg = (np.arange(T) >= half).astype(float)
+    metrics = figures(sample_trajectory(T, distance=distance, leg=leg))
+    assert metrics["distance_m"] == pytest.approx(0.5)
+    assert metrics["mean_speed_m_s"] == pytest.approx(0.5 / 4.0)
 
 
 def test_phase_times_add_up_to_the_duration():

@@ -165,6 +165,35 @@ def test_the_cause_is_read_from_what_was_measured(
     assert watching.cause(0, place([0.3])) is outcome
 
 
+@pytest.mark.parametrize(
+    ("share", "ahead", "outcome"),
+    [
+        (0.9, 0.0, ot.Outcome.MOTION_SINGULARITY),
+        (1.1, 0.0, ot.Outcome.STUCK),  # it still pushes on the wall
+        (0.9, 0.2, ot.Outcome.STUCK),  # its nose has not come to the branch yet
+    ],
+)
+def test_a_module_that_has_lost_the_wall_in_a_tee_turn_is_the_cause(
+    share: float, ahead: float, outcome: ot.Outcome
+) -> None:
+    """One of three whose mean normal force is below ``lost_contact`` weights of the robot, from
+    where the turn begins."""
+    robot, limits = ot.Robot(), MonitorTable()
+    routes = RouteMap([ot.load_scenario("tee_turn").route])
+    one = np.ones(1)
+    watching = Monitor(routes, robot, limits, 0.1 * one, SPEED * one, 1e3 * one, PERIOD, PERIOD)
+    weight = robot.mass * 9.81
+    force = np.array([[25.0, share * limits.lost_contact * weight, 25.0]])
+    for _ in range(100):
+        readings = {name: np.zeros((1, *channel.shape)) for name, channel in CHANNELS.items()}
+        readings |= {"normal_force": force, "belt_speed": np.full((1, 3), SPEED)}
+        watching.average(readings, np.full((1, 3), SPEED), np.zeros((1, 3), bool))
+    at = routes.start[:1] - ahead
+    way, line = np.zeros(1, np.intp), routes.routes[0].centreline
+    where = routes.locate(line.at(at)[0], line.frame(at), way, at)
+    assert watching.cause(0, where) is outcome
+
+
 def test_the_limits_of_the_cause_are_the_scenarios() -> None:
     """With ``slipping_ratio`` above what is measured the same robot counts as stuck."""
     watching = monitor(1, slipping_ratio=0.95)

@@ -80,7 +80,11 @@ def test_a_figure_of_a_motor_is_overridden_by_its_path():
         ({"motor": {"like": "pololu"}}, "robot.motor.like", "simulation, pololu_1000_hpcb"),
         ({"motor": {"gear_ratio": 100}}, "robot.motor.rotor_inertia", "required"),
         ({"motor": OWN | {"inertia": 1}}, "robot.motor.inertia", "rotor_inertia"),
-        ({"motor": OWN | {"torque_limit": 0}}, "robot.motor.torque_limit", "greater than 0"),
+        (
+            {"motor": OWN | {"torque_limit": 0}},
+            "robot.motor.torque_limit",
+            "from 1e-07 to 1e+07 N m",
+        ),
         ({"motor": 3}, "robot.motor", "a table"),
     ],
 )

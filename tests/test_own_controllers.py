@@ -214,7 +214,7 @@ def test_a_run_is_read_where_its_controller_is_unknown(drivers: ModuleType, tmp_
         env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == [
@@ -261,7 +261,7 @@ def test_modules_are_found_in_the_working_folder(tmp_path: Path) -> None:
         env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
     )
     assert done.returncode == 0, done.stderr
     result = ot.load_result(tmp_path / "out" / "straight")

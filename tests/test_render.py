@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import av
+import imageio.v3 as imageio
 import numpy as np
 import pytest
 from samples import drive, two_legs, two_legs_result
@@ -74,6 +75,40 @@ def test_film_has_the_length_size_and_codec_asked_for(result, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["run.mp4"]
 
 
+def test_a_gif_is_a_gif(result, tmp_path):
+    """One second at 10 frames a second is 11 frames of 0.1 s that repeat, and look as they should;
+    nothing else stays."""
+    path = render_video(result, tmp_path / "run.gif", width=319, height=179, fps=10)
+    assert path.read_bytes()[:6] == b"GIF89a"
+    with imageio.imopen(path, "r", plugin="pillow") as film:
+        frames = film.read(index=...)
+        assert film.metadata(index=0)["duration"] == 100
+        assert film.metadata(index=0)["loop"] == 0
+    assert frames.shape == (11, 180, 320, 3)
+    for frame, time in ((0, 0.0), (10, 1.0)):
+        still = render_frame(result, time, "side", *SIZE)
+        assert np.abs(frames[frame].astype(int) - still).mean() < 2
+    assert [p.name for p in tmp_path.iterdir()] == ["run.gif"]
+
+
+@pytest.mark.parametrize("ending", ["mp4", "gif"])
+def test_same_run_same_film(result, tmp_path, ending):
+    """Rendered twice, the files are the same byte for byte."""
+    films = [
+        render_video(result, tmp_path / f"{k}.{ending}", width=64, height=36, fps=10)
+        for k in range(2)
+    ]
+    assert films[0].read_bytes() == films[1].read_bytes()
+
+
+@pytest.mark.parametrize("name", ["run.png", "run", "run.avi", "run.mp4.part", ".mp4"])
+def test_other_formats_are_refused_before_anything_is_read(tmp_path, name):
+    """With those there are."""
+    with pytest.raises(InputError, match="choose from: mp4, gif") as caught:
+        render_video("nowhere", tmp_path / name)
+    assert name in str(caught.value)
+
+
 @pytest.mark.parametrize("camera", ["side", "follow", "onboard"])
 def test_every_camera_sees_something_that_changes(result, camera):
     """Each camera gives a picture of the size asked for, not of one colour, and another one later
@@ -96,12 +131,43 @@ def test_modules_show_in_three_colours(result):
     assert sorted(bool(c.sum() > 300) for c in (orange, teal, sky))[1:] == [True, True]
 
 
+@pytest.mark.parametrize(
+    ("ending", "size"),
+    [("mp4", {"fps": 241}), ("gif", {"fps": 51}), ("mp4", {"width": 7681}), ("gif", {"height": 0})],
+)
+def test_sizes_and_rates_have_limits(tmp_path, ending, size):
+    """Refused before anything is read."""
+    with pytest.raises(InputError, match=rf"{next(iter(size))}: is .* must be from 1 to"):
+        render_video("nowhere", tmp_path / f"run.{ending}", **size)
+
+
 def test_all_faults_of_a_request_are_named():
     """An unknown camera and a size of zero are both told, with the cameras there are."""
     with pytest.raises(InputError) as caught:
         render_frame("nowhere", 0.0, "above", width=0)  # refused before anything is read
     assert [f.where for f in caught.value.faults] == ["camera", "width"]
     assert "follow" in str(caught.value)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+@pytest.mark.parametrize("camera", ["side", "follow", "onboard"])
+def test_a_run_that_diverged_stops_in_its_film(result, camera, value):
+    """A sample without a pose shows the one before it."""
+    plain = result.trajectory
+    channels = {name: np.array(values) for name, values in plain.channels.items()}
+    qpos = np.array(plain.qpos)
+    for values in (channels["position"], channels["distance"], channels["belt_speed"], qpos):
+        values[-5:] = value
+    broken = SimpleNamespace(
+        scenario=result.scenario,
+        trajectory=Trajectory(plain.time, channels, plain.phases, qpos),
+        routes=result.routes,
+    )
+    end, sound = (
+        render_frame(run, time, camera, 64, 36).astype(int)
+        for run, time in ((broken, 1.0), (result, plain.time[-6]))
+    )
+    assert np.abs(end - sound).mean() < 8  # the camera that follows turns a little earlier
 
 
 def test_unwritable_film_is_a_clean_error(result, tmp_path):

@@ -2,6 +2,7 @@
 
 import html.parser
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ from samples import sample_result
 
 from omnitrack_sim import Outcome, override
 from omnitrack_sim.errors import OutputError
+from omnitrack_sim.plots import singularity_figure
+from omnitrack_sim.plots.style import PictureWarning
 from omnitrack_sim.reproduce import Claim, command, driving, theory, turning
 from omnitrack_sim.reproduce.command import _at, _by_friction
 from omnitrack_sim.reproduce.report import Picture, Strip, page
@@ -20,6 +23,7 @@ from omnitrack_sim.reproduce.runs import (
     scenarios,
 )
 from omnitrack_sim.robot import Robot
+from omnitrack_sim.theory.singularity import TurnCase
 
 CLAIM = Claim(
     "a_b", "Section V", 'says <b> & "c"', "true if", "1.0 mm", "one run", True, "scenario", "why"
@@ -156,6 +160,27 @@ def test_a_foreign_folder_is_refused_before_anything_runs(tmp_path, monkeypatch)
     with pytest.raises(OutputError, match="choose another folder"):
         command.reproduce(tmp_path, quick=True)
     assert (tmp_path / "thesis.tex").read_text() == "mine"
+
+
+def fails():
+    raise ValueError("no such colour")
+
+
+def test_pictures_that_fail_cost_no_claim(tmp_path, monkeypatch):
+    """Claims, page and the other figures are there; the page says what is missing."""
+    good = partial(singularity_figure, TurnCase(), "sector")
+    drawn = {"good": ("A sector.", good), "bad": ("Nothing.", fails)}
+    monkeypatch.setattr(command, "run_all", lambda *_: {})
+    monkeypatch.setattr(command, "measure", lambda _: [CLAIM])
+    monkeypatch.setattr(command, "_provenance", lambda *_: {"seed": 7})
+    monkeypatch.setattr(command, "figures", lambda _: drawn)
+    with pytest.warns(PictureWarning, match="no figure bad: no such colour"):
+        assert command.reproduce(tmp_path / "paper", quick=True) == [CLAIM]
+    found = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.*")}
+    assert found == {"paper/claims.json", "paper/figures/good.svg", "paper/report.html"}
+    text = (tmp_path / "paper" / "report.html").read_text()
+    assert "could not be drawn: bad." in text
+    assert "No frames" in text
 
 
 def _results(**changes):

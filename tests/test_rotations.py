@@ -5,6 +5,8 @@ import pytest
 
 from omnitrack_sim.rotations import (
     Pose,
+    direction_of,
+    frame_along,
     matrix_from_quaternion,
     quaternion_from_matrix,
     rotation_about,
@@ -52,3 +54,18 @@ def test_wrapped_angles_stay_in_half_a_period(period):
     assert ((wrapped >= -period / 2) & (wrapped < period / 2)).all()
     turns = (angles - wrapped) / period
     assert np.allclose(turns, np.round(turns))
+
+
+@pytest.mark.parametrize("size", [5e-324, 1e-300, 1e-160, 1e160, 1e300])
+def test_a_direction_of_any_size_has_length_one(size):
+    """Squares of its components overflow or vanish; frame and direction are those of the same
+    vector at a usual size."""
+    assert np.allclose(direction_of([0.0, -size, 0.0]), [0, -1, 0], atol=1e-12)
+    assert np.allclose(frame_along([size, 0.0, size], 0.3), frame_along([1.0, 0.0, 1.0], 0.3))
+
+
+def test_a_direction_of_a_usual_size_is_the_unit_vector_bit_for_bit():
+    """Dividing by a power of two first changes no bit; zero stays zero."""
+    vectors = RNG.normal(size=(500, 3)) * 10.0 ** RNG.integers(-9, 9, (500, 1))
+    assert np.array_equal(direction_of(vectors), unit(vectors))
+    assert not direction_of(np.zeros(3)).any()

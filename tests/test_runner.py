@@ -1,5 +1,8 @@
 """The batch: determinism, order, independence of neighbours, divergence."""
 
+from typing import Any
+
+import mujoco.batch
 import numpy as np
 import pytest
 
@@ -69,6 +72,44 @@ def test_a_diverging_trial_ends_alone():
     simulation.plant.qpos[0, 0] = np.nan
     simulation.advance()
     assert [r.outcome for r in simulation.results()] == [Outcome.DIVERGED, Outcome.TIMED_OUT]
+
+
+class RaisingBatch:
+    """The batch of a plant whose engine raises for one robot from some call on."""
+
+    def __init__(self, batch: Any, robot: int, calls: int) -> None:
+        self._batch, self._robot, self._calls = batch, robot, calls
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._batch, name)
+
+    def step(self, active: np.ndarray, nstep: int) -> None:
+        """As the engine does it: the robot keeps its state, the others are stepped."""
+        self._calls -= 1
+        if self._calls >= 0 or not active[self._robot]:
+            self._batch.step(active, nstep=nstep)
+            return
+        others = active.copy()
+        others[self._robot] = False
+        self._batch.step(others, nstep=nstep)
+        raise mujoco.batch.SimulationError(np.array([self._robot]), "singular", len(active))
+
+
+def test_a_trial_on_which_the_engine_raises_ends_alone():
+    """It ends as diverged at that step, with the record up to there; its neighbours go on, with
+    the bytes that they have without it."""
+    scenario = _short_tee(physics__time_limit=0.5)
+    plain, simulation = Simulation([scenario] * 2), Simulation([scenario] * 3)
+    simulation.plant._batch = RaisingBatch(simulation.plant._batch, 1, calls=20)
+    plain.advance()
+    simulation.advance()
+    first, broken, last = simulation.results()
+    assert broken.outcome is Outcome.DIVERGED
+    assert broken.duration_s == pytest.approx(0.2, abs=0.011)
+    assert len(broken.trajectory) == 11
+    for neighbour, expected in zip((first, last), plain.results(), strict=True):
+        assert neighbour.outcome is Outcome.TIMED_OUT
+        assert _equal(neighbour, expected)
 
 
 def test_time_is_strictly_increasing_and_samples_are_regular():

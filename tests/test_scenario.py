@@ -60,7 +60,7 @@ def test_scenarios_are_equal_by_their_keys():
         ({"robot": {"prelaod": 1.0}}, "robot.prelaod", "preload"),
         ({"control": {"cruise_speed": "fast"}}, "control.cruise_speed", "valid number"),
         ({"control": {"kind": "magic"}}, "control.kind", "jacobian"),
-        ({"robot": {"lug_radius": -0.01}}, "robot.lug_radius", "greater than 0"),
+        ({"robot": {"lug_radius": -0.01}}, "robot.lug_radius", "from 0.004 to 0.08 m"),
         ({"pipes": [{"kind": "bend"}]}, "pipes.0.kind", "elbow"),
         ({"pipes": [{"kind": "straight", "length": -1.0}]}, "pipes.0.length", "greater than 0"),
         (

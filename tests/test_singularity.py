@@ -189,13 +189,13 @@ def test_sections_of_a_pipe_grow_eccentric_with_tilt():
 
 
 def test_a_million_orientations_take_under_a_tenth_of_a_second():
-    """Best of five on one core."""
+    """Of the processor's time, the best of five: what else the machine does, does not count."""
     theta5, sector = np.random.default_rng(0).uniform(-9, 9, 10**6), sector_angle(R, RHO)
     times = []
     for _ in range(5):
-        start = time.perf_counter()
+        start = time.process_time()
         is_singular(theta5, sector)
-        times.append(time.perf_counter() - start)
+        times.append(time.process_time() - start)
     assert min(times) < 0.1
 
 

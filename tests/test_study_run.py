@@ -1,17 +1,19 @@
 """A study's history does not depend on who ran it, survives kills, and loses nothing."""
 
 import json
-import subprocess
-import time
+import shutil
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 from study_samples import small_study, study_data, write_study
-from test_sweep_run import children, gone, omnitrack, parts, started
+from sweep_samples import GATED, omnitrack, parts
+from test_sweep_workers import started, wait_for_parts, wait_until_gone
 
 from omnitrack_sim import OutputError, StudyError, load_scenario, load_study, override, run_study
-from omnitrack_sim.cli.common import changes_of
+from omnitrack_sim.cli.common import with_changes
+from omnitrack_sim.optimise import run as study_run
+from omnitrack_sim.plots.style import PictureWarning
 from omnitrack_sim.sweep import dispatch
 
 FILES = {
@@ -73,43 +75,34 @@ def test_two_workers_give_the_same_bytes(calm, tmp_path):
 
 
 def test_kills_at_any_moment_change_nothing(tmp_path):
-    """Killed again and again, the workers die with their parent, and the same command ends with the
-    files of a calm run."""
-    file = write_study(tmp_path, time_limit=0.05, batch=6)
-    place = tmp_path / "killed"
+    """Killed in the first generation and in the second, the workers die with their parent, and the
+    same command ends with the files of a calm run."""
+    file, place = write_study(tmp_path, GATED[0], batch=6), tmp_path / "killed"
     command = ("optimise", file, "--out", place, "--workers", 2)
-    for count in (1, 4):
-        process = started(*command)
-        wait_for_parts(process, place, count)
-        under = children(process.pid)
+    for moment in (1, 4):
+        process = started(*command, GATE_FOLDER=place, GATE_PARTS=moment)
+        under = wait_for_parts(process, place, moment)
         process.kill()
+        process.wait()
+        wait_until_gone(under)  # before its pipes are read, which workers would hold open
         process.communicate()
-        assert gone(under, 60)
     kept = {path: path.stat().st_mtime_ns for path in parts(place)}
     done = omnitrack(*command, "--json")
     assert done.returncode == 0, done.stderr
+    assert 4 <= len(kept) < len(parts(place))
     run_study(load_study(file), tmp_path / "calm")
     assert bytes_of(place) == bytes_of(tmp_path / "calm")
     assert json.loads(done.stdout) == json.loads((place / "summary.json").read_text())
     assert all(path.stat().st_mtime_ns == when for path, when in kept.items())
 
 
-def wait_for_parts(process: subprocess.Popen, place: Path, count: int) -> None:
-    """Wait until a study has kept ``count`` batches."""
-    until = time.monotonic() + 300
-    while len(parts(place)) < count and process.poll() is None and time.monotonic() < until:
-        time.sleep(0.01)
-    assert process.poll() is None, process.communicate()
-    assert len(parts(place)) >= count
-
-
 def test_a_finished_study_runs_nothing_again(calm, monkeypatch):
     """The same call on a finished folder reads its trials and writes nothing."""
-    before = {path: path.stat().st_mtime_ns for path in calm.rglob("*")}
+    before = {path: path.stat().st_mtime_ns for path in calm.rglob("*.*")}
     monkeypatch.setattr(dispatch, "run_trials", None)
     result = run_study(small_study(), calm, workers=2)
     assert result.history.num_rows == 19
-    assert {path: path.stat().st_mtime_ns for path in calm.rglob("*")} == before
+    assert {path: path.stat().st_mtime_ns for path in calm.rglob("*.*")} == before
 
 
 def test_without_a_folder_nothing_is_written(calm, tmp_path, monkeypatch):
@@ -156,28 +149,63 @@ def test_another_study_is_refused_and_the_difference_named(calm):
 
 def test_a_folder_with_other_files_is_refused(tmp_path):
     """A folder that is no study keeps its files; a file is no folder."""
-    (tmp_path / "thesis.txt").write_text("mine")
-    for place, told in ((tmp_path, "thesis.txt"), (tmp_path / "thesis.txt", "is a file")):
+    (tmp_path / "mine").mkdir()
+    thesis = tmp_path / "mine" / "thesis.txt"
+    thesis.write_text("mine")
+    (tmp_path / "other" / "best.toml").mkdir(parents=True)
+    for place, told in (
+        (tmp_path / "mine", "thesis.txt"),
+        (thesis, "is a file"),
+        (tmp_path / "other", "best.toml: is a folder"),
+    ):
         with pytest.raises(OutputError, match=told):
             run_study(small_study(), place)
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+    assert {path.name for path in tmp_path.rglob("*")} == {
+        "mine",
+        "thesis.txt",
+        "other",
+        "best.toml",
+    }
 
 
 def test_a_damaged_part_is_run_again(calm, tmp_path):
-    """A part that is cut is made anew, and all files are the usual ones."""
-    place = tmp_path / "study"
-    run_study(small_study(), place)
-    file = parts(place)[1]
-    file.write_bytes(file.read_bytes()[:-100])
+    """Parts that are cut, of other bytes or missing are made anew, and all files are the usual
+    ones."""
+    place = Path(shutil.copytree(calm, tmp_path / "study"))
+    cut, odd, lost, *_ = parts(place)
+    cut.write_bytes(cut.read_bytes()[:-100])
+    odd.write_bytes(bytes(byte ^ 1 for byte in odd.read_bytes()))
+    lost.unlink()
     run_study(small_study(), place)
     assert bytes_of(place) == bytes_of(calm)
+
+
+def test_a_figure_that_fails_costs_only_itself(calm, tmp_path, monkeypatch):
+    """All other files are there, the figure of an earlier run is not; the same command tries
+    again."""
+    place = Path(shutil.copytree(calm, tmp_path / "study"))
+    with monkeypatch.context() as patch:
+        patch.setattr(study_run, "draw_front", lambda *_: 1 / 0)
+        with pytest.warns(PictureWarning, match=r"no front\.png: division by zero"):
+            run_study(small_study(), place)
+    assert {path.name for path in place.iterdir()} == FILES - {"front.png"}
+    run_study(small_study(), place)
+    assert bytes_of(place) == bytes_of(calm)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", "[" * 100_000, '{"sha256": 1}'])
+def test_a_damaged_description_is_named(tmp_path, text):
+    """It cannot be known whose trials these are."""
+    (tmp_path / "study.json").write_text(text)
+    with pytest.raises(OutputError, match=r"study\.json: is no description of a study"):
+        run_study(small_study(), tmp_path)
 
 
 def test_the_best_values_can_be_set(calm, tmp_path):
     """best.toml goes through ``--set @FILE`` into a scenario, also for a sweep; the values of every
     checked candidate are there."""
     summary = json.loads((calm / "summary.json").read_text())
-    changes = changes_of([f"@{calm / 'best.toml'}", "robot.mass_unit=1"])
+    changes = with_changes(dict, [f"@{calm / 'best.toml'}", "robot.mass_unit=1"])
     assert changes.pop("robot.mass_unit") == 1
     assert changes == summary["best"]["values"]
     best = override(load_scenario("straight"), changes)
@@ -186,7 +214,10 @@ def test_the_best_values_can_be_set(calm, tmp_path):
     assert {path.stem for path in (calm / "values").iterdir()} == set(checked)
     tables = tmp_path / "tables.toml"
     tables.write_text("[robot]\npreload = 20.0\n[robot.motor]\nservo_time = 0.1\n")
-    assert changes_of([f"@{tables}"]) == {"robot.preload": 20.0, "robot.motor.servo_time": 0.1}
+    assert with_changes(dict, [f"@{tables}"]) == {
+        "robot.preload": 20.0,
+        "robot.motor.servo_time": 0.1,
+    }
 
 
 def test_values_that_do_not_fit_and_trials_that_break_are_the_worst(monkeypatch):

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 
 from omnitrack_sim.plots.manoeuvres import SINGULAR_COLOUR
 from omnitrack_sim.plots.style import save_figure
@@ -57,8 +58,8 @@ def test_orientations_have_the_sector_of_the_case_behind_them():
     case = TurnCase()
     ends = sorted(abs(end) for p in shades(case) for end in (p.get_x(), p.get_x() + p.get_width()))
     assert ends[:2] == pytest.approx([np.degrees(case.margin)] * 2)
+    assert {to_hex(patch.get_facecolor()) for patch in shades(case)} == {SINGULAR_COLOUR}
     assert shades(None) == []
-    assert SINGULAR_COLOUR.startswith("#")
 
 
 def test_a_map_has_a_cell_a_grid_point_and_bins_of_draws():

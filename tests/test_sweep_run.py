@@ -1,104 +1,37 @@
 """A sweep's table does not depend on who ran it, and survives kills, damage, full disks and bad
 trials."""
 
+import dataclasses
 import errno
 import json
+import math
 import os
-import signal
-import subprocess
-import sys
-import time
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from sweep_samples import (
-    DEADLY,
+    FILES,
     VALID,
-    deadly_batch,
-    no_worker,
-    once_deadly_batch,
+    omnitrack,
+    parts,
+    same,
     small_sweep,
-    write_sweep,
 )
 
-from omnitrack_sim import OutputError, SweepError, load_sweep, run, run_sweep
+from omnitrack_sim import OutputError, SweepError, run, run_sweep, writing
+from omnitrack_sim.record.events import BackedOff
 from omnitrack_sim.record.metrics import METRICS
+from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.sim.run import run_batch
-from omnitrack_sim.sweep import batch, dispatch, folder, workers
+from omnitrack_sim.sweep import batch, dispatch
 from omnitrack_sim.sweep.summary import summarise_sweep
-from omnitrack_sim.sweep.table import metric_columns
-from omnitrack_sim.sweep.workers import DaskPool, LocalPool, WorkersLost
+from omnitrack_sim.sweep.table import metric_columns, to_parquet
+from omnitrack_sim.writing import whole_file
 
-FILES = ("trials.parquet", "trials.csv", "summary.json", "success_map.png", "sweep.json")
 ALL = {*FILES, "parts"}
-
-
-def omnitrack(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "omnitrack_sim.cli", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=120)
-
-
-def started(*arguments: object) -> subprocess.Popen:
-    command = [sys.executable, "-m", "omnitrack_sim.cli", *map(str, arguments)]
-    pipe = subprocess.PIPE
-    # A shell's background jobs ignore Ctrl-C, and so would what the tests start from one.
-    heed = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731
-    return subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, preexec_fn=heed)
-
-
-def same(a: Path, b: Path, names=FILES) -> bool:
-    return all((a / name).read_bytes() == (b / name).read_bytes() for name in names)
-
-
-def parts(place: Path) -> list[Path]:
-    return sorted((place / "parts").glob("[0-9]*.parquet"))
-
-
-def children(pid: int) -> list[int]:
-    """Processes that ``pid`` has started, without zombies."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                state, parent = (entry / "stat").read_text().rpartition(")")[2].split()[:2]
-            except OSError:
-                continue
-            if int(parent) == pid and state != "Z":
-                found.append(int(entry.name))
-    return found
-
-
-def gone(pids: list[int], seconds: float = 5.0) -> bool:
-    until = time.monotonic() + seconds
-    while time.monotonic() < until:
-        if not any((Path("/proc") / str(pid)).exists() for pid in pids):
-            return True
-        time.sleep(0.05)
-    return False
-
-
-def wait_for_parts(process: subprocess.Popen, place: Path, count: int) -> None:
-    until = time.monotonic() + 60
-    while len(parts(place)) < count and process.poll() is None and time.monotonic() < until:
-        time.sleep(0.01)
-    assert process.poll() is None, process.communicate()
-    assert len(parts(place)) >= count
-
-
-@pytest.fixture(scope="module")
-def calm(tmp_path_factory) -> Path:
-    """The small sweep, run in one process without interruption."""
-    place = tmp_path_factory.mktemp("sweeps") / "calm"
-    run_sweep(small_sweep(), place)
-    return place
-
-
-@pytest.fixture(scope="module")
-def table(calm):
-    return pq.read_table(calm / "trials.parquet")
 
 
 def test_the_folder_holds_its_files(calm, table):
@@ -145,6 +78,7 @@ def test_a_row_is_what_the_run_of_its_scenario_gives(table):
     result = run(small_sweep().scenario(index))
     assert row["scenario_sha256"] == result.scenario.hash
     assert (row["reason"], row["duration_s"]) == (result.reason, result.duration_s)
+    assert row["attempts"] == 1
     for metric in METRICS:
         if metric.in_tables:
             values = [row[column] for column in metric_columns(metric)]
@@ -167,9 +101,9 @@ def test_every_metric_is_in_the_table(table):
 def test_every_metric_says_what_it_is():
     """Each shipped metric has a meaning of its own, and its name ends in its unit."""
     assert len({metric.meaning for metric in METRICS}) == len(METRICS)
-    endings = {"m/s": "_m_s", "N m": ("_n_m", "_nm"), "N m/s": "_nm_s", "1": ""}
+    endings = {"m/s": "m_s", "N m": ("n_m", "nm"), "N m/s": "nm_s", "1": ""}
     for metric in METRICS:
-        assert metric.name.endswith(endings.get(metric.unit, f"_{metric.unit.lower()}")), metric
+        assert metric.name.endswith(endings.get(metric.unit, metric.unit.lower())), metric.name
 
 
 def test_summary_counts_without_the_invalid(calm, table):
@@ -218,15 +152,6 @@ def test_groups_of_every_kind_of_value():
     assert {row["counted"] for rows in groups.values() for row in rows} == {8}
 
 
-def test_two_workers_give_the_same_bytes(calm, tmp_path):
-    """All files of two worker processes are those of one process."""
-    told = []
-    run_sweep(small_sweep(), tmp_path / "two", executor=lambda: LocalPool(2), progress=told.append)
-    assert same(calm, tmp_path / "two")
-    assert [status.done for status in told] == sorted(status.done for status in told)
-    assert (told[0].done, told[-1].done, told[-1].total) == (0, 10, 10)
-
-
 def test_two_shards_in_one_folder_and_in_two(calm, tmp_path):
     """Shards in one folder finish it; parts of two folders copied together do too."""
     sweep = small_sweep()
@@ -259,9 +184,10 @@ def test_a_finished_sweep_runs_nothing_again(calm, monkeypatch):
     assert run_sweep(small_sweep(), calm).num_rows == 10
 
 
-@pytest.mark.parametrize("damage", ["cut", "flip", "empty", "other"])
+@pytest.mark.parametrize("damage", ["cut", "flip", "empty", "other", "foreign"])
 def test_a_damaged_part_is_run_again(calm, tmp_path, damage):
-    """A part that is cut, has a wrong byte, is empty or belongs to other trials is run again."""
+    """A part that is cut, has a wrong byte, is empty, belongs to other trials, or to trials of the
+    same numbers with other values, is run again."""
     place = tmp_path / "sweep"
     run_sweep(small_sweep(), place, shard=(1, 2))
     file = parts(place)[0]
@@ -269,7 +195,13 @@ def test_a_damaged_part_is_run_again(calm, tmp_path, damage):
     middle = len(whole) // 3
     flipped = whole[:middle] + bytes([whole[middle] ^ 0xFF]) + whole[middle + 1 :]
     other = parts(calm)[1].read_bytes()
-    file.write_bytes({"cut": whole[:-100], "flip": flipped, "empty": b"", "other": other}[damage])
+    table = pq.read_table(file)
+    zeros = pa.array([0.0] * table.num_rows)
+    at = table.schema.get_field_index("robot.preload")
+    foreign = table.set_column(at, table.schema.field(at), zeros)
+    foreign = foreign.replace_schema_metadata(table.schema.metadata | {b"part": b"0" * 16})
+    files = {"cut": whole[:-100], "flip": flipped, "empty": b"", "other": other}
+    file.write_bytes((files | {"foreign": to_parquet(foreign)})[damage])
     run_sweep(small_sweep(), place)
     assert same(calm, place)
     assert file.read_bytes() == whole
@@ -309,18 +241,16 @@ def test_a_folder_with_other_files_is_refused(tmp_path):
 
 
 def test_leftovers_of_killed_runs_go_but_not_those_of_living_ones(tmp_path):
-    """A temporary file whose writer lives stays; others are removed."""
+    """What a writer that lives is at stays; others' is removed."""
     place = tmp_path / "sweep"
-    (place / "parts").mkdir(parents=True)
-    dead = place / "parts" / ".000000-0.parquet.abc.tmp"
-    dead.write_bytes(b"half")
-    descriptor, name = folder._temporary(place / "parts" / "000001-1.parquet")
-    run_sweep(small_sweep(), place, shard=(1, 4))
-    assert not dead.exists()
-    assert Path(name).exists()
-    os.close(descriptor)
-    run_sweep(small_sweep(), place, shard=(1, 4))
-    assert not Path(name).exists()
+    dead = place / "parts" / ".omnitrack-00000000.tmp"
+    dead.mkdir(parents=True)
+    (dead / "new").write_bytes(b"half")
+    with whole_file(place / "parts" / "000001-1.parquet"):
+        run_sweep(small_sweep(), place, shard=(1, 4))
+        assert not dead.exists()
+        (alive,) = (place / "parts").glob(".omnitrack-*.tmp")
+        (alive / "new").touch()
 
 
 def test_an_exception_makes_one_row(calm, tmp_path, monkeypatch):
@@ -342,37 +272,33 @@ def test_an_exception_makes_one_row(calm, tmp_path, monkeypatch):
     )
     expected = pq.read_table(calm / "trials.parquet").to_pylist()
     assert rows[:VALID] + rows[VALID + 1 :] == expected[:VALID] + expected[VALID + 1 :]
-    assert json.loads((tmp_path / "sweep" / "summary.json").read_text())["error"] == 1
+    summary = json.loads((tmp_path / "sweep" / "summary.json").read_text())
+    assert summary["error"] == 1
+    assert summary["counted"] == 10 - summary["invalid"] - 1
+    assert summary["success_rate_95"][1] == wilson_interval(0, summary["counted"])[1]
 
 
-def test_a_trial_that_kills_its_worker_makes_one_row(table, monkeypatch):
-    """Its batch is split after three deaths; it alone becomes a row, the others are as usual."""
-    monkeypatch.setattr(dispatch, "run_trials", deadly_batch)
-    told = []
-    rows = run_sweep(small_sweep(), executor=lambda: LocalPool(2), progress=told.append).to_pylist()
-    assert (rows[DEADLY]["outcome"], rows[DEADLY]["reason"]) == ("error", "the worker died")
-    expected = table.to_pylist()
-    assert rows[:DEADLY] + rows[DEADLY + 1 :] == expected[:DEADLY] + expected[DEADLY + 1 :]
-    assert told[-1].lost >= 5
+def test_a_row_tells_attempts_and_has_no_figure_that_is_not_finite(monkeypatch):
+    """Each time that a robot has backed off is a further attempt; of a diverged run the figures
+    that are not finite are null."""
+    usual = batch.run_batch
 
+    def run_batch(scenarios, **keys):
+        first, *others = usual(scenarios, **keys)
+        figures = {"energy_j": math.inf, "slip_distance_m": [math.nan, 0.0, -math.inf]}
+        events = [BackedOff(0, t, "tee_1", 0.5, 3.0) for t in (0.01, 0.05)]
+        broken = {"metrics": first.metrics | figures, "events": events, "duration_s": math.nan}
+        return [dataclasses.replace(first, **broken), *others]
 
-def test_a_worker_that_is_killed_once_costs_nothing(calm, tmp_path, monkeypatch):
-    """After one death the batch is run again, and the files are the usual ones."""
-    monkeypatch.setattr(dispatch, "run_trials", once_deadly_batch)
-    monkeypatch.setenv("ONCE_DEADLY", str(tmp_path / "mark"))
-    run_sweep(small_sweep(), tmp_path / "sweep", executor=lambda: LocalPool(2))
-    assert (tmp_path / "mark").exists()
-    assert same(calm, tmp_path / "sweep")
-
-
-def test_workers_that_never_work_are_told(monkeypatch):
-    """Workers that die at once, and a given executor that breaks, end with an error that says
-    so."""
-    monkeypatch.setattr(workers, "begin_worker", no_worker)
-    with pytest.raises(WorkersLost, match="before they run anything"):
-        run_sweep(small_sweep(), executor=lambda: LocalPool(1))
-    with LocalPool(1) as pool, pytest.raises(WorkersLost, match="callable"):
-        run_sweep(small_sweep(), executor=pool)
+    monkeypatch.setattr(batch, "run_batch", run_batch)
+    rows = [row for row in run_sweep(small_sweep()).to_pylist() if row["outcome"] != "invalid"]
+    broken = [row for row in rows if row["attempts"] == 3]
+    assert 1 < len(broken) < len(rows)
+    assert {row["attempts"] for row in rows} == {1, 3}
+    for row in broken:
+        columns = ("energy_j", "slip_distance_m_1", "slip_distance_m_2", "slip_distance_m_3")
+        assert [row[column] for column in columns] == [None, None, 0.0, None]
+        assert row["duration_s"] is None
 
 
 def test_a_full_disk_keeps_the_finished_parts(calm, tmp_path, monkeypatch):
@@ -385,7 +311,7 @@ def test_a_full_disk_keeps_the_finished_parts(calm, tmp_path, monkeypatch):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         usual(descriptor)
 
-    monkeypatch.setattr(folder.os, "fsync", fsync)
+    monkeypatch.setattr(writing.os, "fsync", fsync)
     with pytest.raises(OutputError, match=r"No space left on device.*goes on"):
         run_sweep(small_sweep(), tmp_path / "sweep")
     assert len(parts(tmp_path / "sweep")) == 2
@@ -400,70 +326,6 @@ def test_a_sweep_of_invalid_trials_only_is_an_error(tmp_path):
     with pytest.raises(SweepError, match=r"all 2 trials are invalid\nrobot\.preload"):
         run_sweep(small_sweep(axes=[axis]), tmp_path / "sweep")
     assert not (tmp_path / "sweep" / "trials.parquet").exists()
-
-
-def test_kill_of_the_parent_and_ctrl_c(tmp_path):
-    """Killed and interrupted on the way, workers die with their parent, and the same command ends
-    with equal files."""
-    file = write_sweep(tmp_path, samples=30, time_limit=0.4)
-    run_sweep(load_sweep(file), tmp_path / "calm")
-    command = ("sweep", file, "--out", tmp_path / "killed", "--workers", 2)
-    for moment in (1, 3):
-        process = started(*command)
-        wait_for_parts(process, tmp_path / "killed", moment)
-        under = children(process.pid)
-        process.kill()
-        process.communicate()
-        assert len(under) >= 2
-        assert gone(under)
-    before = {path: path.stat().st_mtime_ns for path in parts(tmp_path / "killed")}
-    process = started(*command, "--continue")
-    wait_for_parts(process, tmp_path / "killed", len(before) + 1)
-    under = children(process.pid)
-    process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=20)
-    assert process.returncode == 130
-    assert "of 60 trials are done; the same command goes on" in told
-    assert "Traceback" not in told
-    assert gone(under)
-    done = omnitrack(*command, "--json")
-    assert done.returncode == 0, done.stderr
-    assert same(tmp_path / "calm", tmp_path / "killed")
-    assert json.loads(done.stdout)["trials"] == 60
-    assert all(path.stat().st_mtime_ns == when for path, when in before.items())
-
-
-def test_a_dask_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path):
-    """A scheduler and two workers, one killed on the way: the files are those of one process."""
-    file = write_sweep(tmp_path, samples=12, time_limit=0.3)
-    sweep = load_sweep(file)
-    run_sweep(sweep, tmp_path / "calm")
-    address = tmp_path / "scheduler.json"
-    common = ["--scheduler-file", str(address), "--no-dashboard", "--host", "127.0.0.1"]
-    one = ["--nthreads", "1", "--no-nanny", "--death-timeout", "60"]
-    cluster = [_dask("scheduler", *common, "--port", "0", cwd=tmp_path)]
-    cluster += [_dask("worker", *common, *one, "--name", name, cwd=tmp_path) for name in "ab"]
-    try:
-        until = time.monotonic() + 30
-        while not address.exists() and time.monotonic() < until:
-            time.sleep(0.05)
-        contact = json.loads(address.read_text())["address"]
-
-        def kill_one(status):
-            if status.done:
-                cluster[1].kill()
-
-        run_sweep(sweep, tmp_path / "dask", executor=lambda: DaskPool(contact), progress=kill_one)
-    finally:
-        for process in cluster:
-            process.kill()
-            process.wait()
-    assert same(tmp_path / "calm", tmp_path / "dask")
-
-
-def _dask(*arguments: str, cwd: Path) -> subprocess.Popen:
-    command = [sys.executable, "-m", "dask", *arguments]
-    return subprocess.Popen(command, cwd=cwd, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 @pytest.mark.parametrize(
@@ -487,16 +349,6 @@ def test_bad_arguments_end_with_status_2(tmp_path, arguments, told):
     assert told in done.stderr
     assert "Traceback" not in done.stderr
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_missing_scheduler_or_package_is_told(monkeypatch):
-    """Where no scheduler answers, and without distributed, the error says what to do."""
-    monkeypatch.setattr(workers, "DASK_PATIENCE", 1)
-    with pytest.raises(Exception, match="no scheduler answers"):
-        DaskPool("tcp://127.0.0.1:9")
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(Exception, match="pip install"):
-        DaskPool("tcp://127.0.0.1:9")
 
 
 def test_list_shows_trials_and_runs_nothing(tmp_path):

@@ -3,7 +3,6 @@
 import json
 import math
 import re
-import time
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from omnitrack_sim import (
     shipped_sweeps,
 )
 from omnitrack_sim.pipes.fittings import shipped_fittings
+from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.schema.tables import UNITS, unit_of
 from omnitrack_sim.sim.builder import batch_key
 from omnitrack_sim.sweep.spec import resolve
@@ -84,12 +84,20 @@ def test_values_that_only_go_together_are_no_fault():
         )
 
 
-def test_ten_thousand_trials_are_expanded_in_seconds():
-    """Expanding and batching the Monte Carlo validates no scenario: it takes seconds."""
-    start = time.perf_counter()
-    batches = load_sweep("tee_monte_carlo").batches()
-    assert time.perf_counter() - start < 10
-    assert len(batches) == 313
+def test_ten_thousand_trials_are_expanded_without_a_scenario(monkeypatch):
+    """Expanding and batching the Monte Carlo validates no scenario and lays no route, which would
+    take minutes."""
+    sweep = load_sweep("tee_monte_carlo")
+
+    def refuse(*_args, **_keys):
+        raise AssertionError("a scenario is made")
+
+    monkeypatch.setattr(Scenario, "__init__", refuse)
+    monkeypatch.setattr(Scenario, "model_validate_json", refuse)
+    monkeypatch.setattr(Scenario, "route", property(refuse))
+    assert len(sweep.batches()) == 313
+    with pytest.raises(AssertionError, match="a scenario is made"):
+        sweep.scenario(0)
 
 
 def test_crossed_axes_run_first_slowest_and_share_their_draws():
@@ -223,6 +231,25 @@ def test_the_hash_tells_what_the_table_depends_on():
         _sweep(GRID).hash,
         _sweep(KIND, set={"control.align": False}).hash,
     }
+
+
+def test_parts_are_known_by_all_that_their_rows_depend_on():
+    """Another value of the base, of an axis or of the seed gives part files of other names; another
+    name of the sweep does not."""
+
+    def hashes(*axes, **keys):
+        return [batch.hash for batch in _sweep(*axes, batch=2, **keys).batches()]
+
+    usual = hashes(GRID, UNIFORM)
+    assert len(set(usual)) == len(usual) == 2
+    assert hashes(GRID, UNIFORM, name="other", group_by=[]) == usual
+    for others in (
+        hashes(GRID, UNIFORM, set={"robot.reach": 0.0965}),
+        hashes(GRID | {"start": 0.3, "stop": 0.9}, UNIFORM),
+        hashes(GRID, UNIFORM, seed=1),
+        hashes(GRID, UNIFORM, base="tee_straight"),
+    ):
+        assert not set(others) & set(usual)
 
 
 def test_whole_numbers_and_decimals_are_one_value():

@@ -96,7 +96,7 @@ def inner_mesh(fitting: Fitting, settings: BulletSettings) -> trimesh.Trimesh:
 def _swept(fitting: Fitting, sections: int, along: int) -> trimesh.Trimesh:
     """Rings along the one axis of a fitting, ``along`` in a right angle, joined by triangles;
     corners on the exact surface."""
-    line, first, last = Part("part", fitting, Pose()).axes()[0]
+    line, first, last = Part("part", fitting, Pose()).axes[0]
     ends = line.at(np.array([0.0, line.length]))
     bend = line.length * float(ends[3].max())
     turns = max(2, math.ceil(along * bend / (math.pi / 2))) if bend else 1

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import sys
+import warnings
+from typing import Annotated, Any
 
+import typer
+
+import omnitrack_sim
 from omnitrack_sim.cli import catalogue, network, optimise, reproduce, runs, singularity, sweep
 from omnitrack_sim.cli.common import app, err, plain
 from omnitrack_sim.errors import OmnitrackError
+from omnitrack_sim.text import clipped
 
 __all__ = [
     "app",
@@ -19,15 +25,66 @@ __all__ = [
     "singularity",
     "sweep",
 ]
+_LONGEST = 4000
+"""Characters of a line of a message; a list of faults bounds its lines itself."""
+
+
+def _tell_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"omnitrack_sim {omnitrack_sim.__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_tell_version, is_eager=True, help="Print the version and exit."
+        ),
+    ] = False,
+) -> None:
+    """Options of the command line as a whole."""
+
+
+def _show(message: Warning | str, *_: object) -> None:
+    """Print a warning as the commands print everything, without the line of code it came from."""
+    for line in str(message).splitlines():
+        err.print(f"[yellow]warning:[/yellow] {plain(line)}", soft_wrap=True)
 
 
 def main() -> None:
     """Entry point: every error that the user can mend ends with status 2 and says what to mend."""
+    warnings.showwarning = _show
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal that lacks a character gets its code, not a traceback.
+        getattr(stream, "reconfigure", lambda errors: None)(errors="backslashreplace")
     try:
-        app()
+        status = app(standalone_mode=False)
     except OmnitrackError as error:
-        for line in str(error).splitlines():
-            err.print(f"[red]error:[/red] {plain(line)}", soft_wrap=True)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        sys.exit(130)
+        _tell(str(error))
+        status = 2
+    except (KeyboardInterrupt, typer.Abort):
+        status = 130
+    except Exception as error:
+        if not hasattr(error, "format_message"):
+            raise
+        status = _tell_usage(error)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _tell(message: str) -> None:
+    for line in message.splitlines():
+        err.print(f"[red]error:[/red] {plain(clipped(line, _LONGEST))}", soft_wrap=True)
+
+
+def _tell_usage(error: Any) -> int:
+    """Tell what is wrong with the options, which Typer has found; returns the exit status.
+
+    Typer's errors have no public class in common, and it would print them in full, however long.
+    """
+    if type(error).__name__ != "NoArgsIsHelpError":  # which has printed the help already
+        _tell(error.format_message())
+        if error.ctx is not None:
+            err.print(f"`{error.ctx.command_path} --help` lists the options", soft_wrap=True)
+    return error.exit_code

@@ -66,7 +66,7 @@ def parameters(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
 ) -> None:
-    """The robot's parameters with unit, provenance and source."""
+    """The robot's parameters with unit, range, provenance and source."""
     from omnitrack_sim.robot import Robot
 
     robot = load(scenario, None).robot if scenario else Robot()
@@ -74,10 +74,13 @@ def parameters(
     if as_json:
         print(json.dumps([vars(row) for row in rows], indent=2))
         return
-    table = Table("parameter", "value", "unit", "provenance", "source", box=None, padding=(0, 1))
+    columns = ("parameter", "value", "range", "unit", "provenance", "source")
+    table = Table(*columns, box=None, padding=(0, 1))
+    table.columns[0].overflow = "fold"
     for row in rows:
         value = f"{row.value:.6g}" if isinstance(row.value, float) else str(row.value)
-        table.add_row(row.name, value, row.unit, row.provenance, plain(row.source))
+        within = "" if row.within is None else "{:.6g} to {:.6g}".format(*row.within)
+        table.add_row(row.name, plain(value), within, row.unit, row.provenance, plain(row.source))
     out.print(table)
 
 

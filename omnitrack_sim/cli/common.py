@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
 
-from omnitrack_sim.errors import Fault, ScenarioError
+from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.text import printable, strict_json
 
 if TYPE_CHECKING:
     from omnitrack_sim.scenario import Scenario
@@ -23,19 +26,38 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Simulate the Omnidirectional Tractable Three Module Robot in pipes.",
 )
-out = Console(highlight=False)
-err = Console(stderr=True, highlight=False)
+_Loaded = TypeVar("_Loaded")
+
+
+class Screen(Console):
+    """A console that shows control characters instead of sending them: what a user has named may
+    hold any, and only the lines and colours of the messages are to reach the terminal."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        return super().render_str("\n".join(map(printable, text.split("\n"))), **options)
+
+
+out = Screen(highlight=False, emoji=False)
+err = Screen(stderr=True, highlight=False, emoji=False)
 
 
 def plain(text: str) -> str:
-    """``text`` with its markup characters escaped, so that it is printed as it is."""
-    from rich.markup import escape
+    """``text`` as it is printed in one line and as it is: without control characters, and with its
+    markup characters escaped."""
+    return escape(printable(text))
 
-    return escape(text)
+
+def print_json(value: Any) -> None:
+    """Print JSON for machines, and nothing in it that is none."""
+    print(strict_json(value))
 
 
 ScenarioArgument = Annotated[
-    str, typer.Argument(metavar="SCENARIO", help="A scenario file, or the name of a shipped one.")
+    str,
+    typer.Argument(
+        metavar="SCENARIO",
+        help="A scenario file (TOML, or the scenario.json of a run), or the name of a shipped one.",
+    ),
 ]
 SetOption = Annotated[
     list[str] | None,
@@ -58,37 +80,55 @@ FAST = 'physics.collider="exact"'
 """What ``--fast`` sets."""
 
 
-def load(source: str, assignments: list[str] | None) -> Scenario:
-    """The scenario of a file or name, with the overrides of ``--set``."""
-    from omnitrack_sim.scenario import load_scenario, override
+def load(source: str, assignments: Sequence[str] | None) -> Scenario:
+    """The scenario of a file or name, with the values of ``--set``."""
+    from omnitrack_sim.scenario import load_scenario
 
-    scenario = load_scenario(source)
-    return override(scenario, changes_of(assignments)) if assignments else scenario
+    return with_changes(lambda changes: load_scenario(source, changes), assignments)
 
 
-def changes_of(assignments: list[str] | None) -> dict[str, Any]:
-    """The overrides of ``--set`` by path: each a PATH=VALUE, or @FILE with many of them."""
+def with_changes(
+    load: Callable[[dict[str, Any]], _Loaded], assignments: Sequence[str] | None
+) -> _Loaded:
+    """What ``load`` makes of the changes by path that ``--set`` asks for.
+
+    Raises:
+        InputError: every fault that ``load`` finds, and every text that is no assignment.
+    """
     changes: dict[str, Any] = {}
+    faults: list[Fault] = []
     for text in assignments or ():
-        if text.startswith("@"):
-            changes |= settings_of(Path(text[1:]))
-        else:
-            path, value = assignment(text)
-            changes[path] = value
-    return changes
-
-
-def settings_of(file: Path) -> dict[str, Any]:
-    """The overrides of a TOML file by path, such as a study's ``best.toml``: ``"a.b" = 1``, or
-    tables."""
+        try:
+            changes |= settings_of(text)
+        except InputError as error:
+            faults += error.faults
     try:
-        tables = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as reason:
-        problem = f"cannot be read: {reason.strerror}"
-        raise ScenarioError(Fault(f"--set @{file}", problem)) from reason
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as reason:
-        raise ScenarioError(Fault(f"--set @{file}", f"is not valid TOML: {reason}")) from reason
-    return dict(_leaves(tables, ""))
+        loaded = load(changes)
+    except InputError as error:
+        raise type(error)([*faults, *error.faults]) from None
+    if faults:
+        raise InputError(faults)
+    return loaded
+
+
+def settings_of(text: str) -> dict[str, Any]:
+    """The values by path of one ``--set``: PATH=VALUE, or @FILE with many of them."""
+    if text.startswith("@"):
+        return _settings_in(Path(text[1:]), f"--set {text}")
+    path, value = assignment(text)
+    return {path: value}
+
+
+def _settings_in(file: Path, where: str) -> dict[str, Any]:
+    """The values in a file by path, such as a study's ``best.toml``: ``"a.b" = 1``, or tables."""
+    from omnitrack_sim.schema.files import is_file, table_of
+
+    if not is_file(file):
+        raise InputError(Fault(where, "cannot be read: there is no such file"))
+    try:
+        return dict(_leaves(table_of(file, "file of values", InputError), ""))
+    except InputError as error:
+        raise InputError([fault.at(where) for fault in error.faults]) from None
 
 
 def _leaves(table: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any]]:
@@ -102,15 +142,21 @@ def _leaves(table: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any]]:
 
 def assignment(text: str) -> tuple[str, Any]:
     """Path and value of PATH=VALUE. The value is read as in TOML, a bare word as a string."""
-    path, equals, value = text.partition("=")
+    from omnitrack_sim.schema.files import parsed
+
+    path, equals, value = (part.strip() for part in text.partition("="))
     if not equals or not path:
-        raise ScenarioError(
+        raise InputError(
             Fault(f"--set {text}", "is not PATH=VALUE, such as control.cruise_speed=0.12")
         )
     try:
-        return path.strip(), tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        return path.strip(), value.strip()
+        table = parsed(f"value = {value}", "TOML")
+    except ValueError as reason:
+        if not isinstance(reason.__cause__, tomllib.TOMLDecodeError):
+            raise InputError(Fault(f"--set {path}", str(reason))) from reason
+        return path, value
+    # Of a text of several lines, further ones could be read as further keys.
+    return path, table["value"] if len(table) == 1 else value
 
 
 @contextmanager
@@ -129,7 +175,7 @@ def progress(title: str, quiet: bool) -> Iterator[Any]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=err, transient=True) as bar:
-        task = bar.add_task(title, total=1.0)
+        task = bar.add_task(plain(title), total=1.0)
         yield lambda part, text="": bar.update(
-            task, completed=part, description=f"{title} {text}".strip()
+            task, completed=part, description=plain(f"{title} {text}".strip())
         )

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
-from omnitrack_sim.cli.common import app, out, plain
-from omnitrack_sim.errors import Fault, NetworkError, OutputError
+from omnitrack_sim.cli.common import app, out, plain, print_json
+from omnitrack_sim.errors import Fault, NetworkError
 
 if TYPE_CHECKING:
     from omnitrack_sim.network import Network
@@ -59,13 +58,28 @@ def network(
 ) -> None:
     """A pipe network: its parts and open ends, the shortest route between two of these, figures and
     exports."""
+    _check_outputs(to_file, plot, export)
     found = _network(source, random, fittings)
     route = _asked_route(found, start, goal, avoid or [])
     written = _save(found, route, to_file, plot, export)
     if as_json:
-        print(json.dumps(_summary(found, route), indent=2))
+        print_json(_summary(found, route))
     else:
         _print_all(found, route, written)
+
+
+def _check_outputs(to_file: Path | None, plot: Path | None, export: Path | None) -> None:
+    """Refuse places that cannot be written, before anything is read or made."""
+    from omnitrack_sim.plots.style import figure_format
+    from omnitrack_sim.writing import check_file, check_folder
+
+    if plot is not None:
+        figure_format(plot)
+    for file in (to_file, plot):
+        if file is not None:
+            check_file(file)
+    if export is not None:
+        check_folder(export)
 
 
 def _network(source: str | None, seed: int | None, fittings: int | None) -> Network:
@@ -99,8 +113,7 @@ def _asked_route(
     try:
         return shortest_route(found, start, goal, avoid)
     except NetworkError as error:
-        faults = [Fault(options.get(f.where, f.where), f.problem, f.choices) for f in error.faults]
-        raise NetworkError(faults) from None
+        raise NetworkError([f.at(options.get(f.where, f.where)) for f in error.faults]) from None
 
 
 def _save(
@@ -111,36 +124,20 @@ def _save(
     export: Path | None,
 ) -> list[Path]:
     """Write what the options ask for; returns the files written."""
+    from omnitrack_sim.writing import write_file
+
     if to_file is not None:
-        _write(to_file, lambda path: path.write_text(found.to_toml(), encoding="utf-8"))
+        write_file(to_file, found.to_toml().encode())
     if plot is not None:
-        _plot(found, plot, route)
+        from omnitrack_sim.plots.network import plot_network
+
+        plot_network(found, plot, route)
     written = [path for path in (to_file, plot) if path is not None]
     if export is not None:
         from omnitrack_sim.model.network_export import export_network
 
         written += export_network(found.name, found.pipes, export)
     return written
-
-
-def _plot(found: Network, path: Path, route: Route | None) -> None:
-    from omnitrack_sim.plots.network import plot_network
-    from omnitrack_sim.plots.style import figure_format
-
-    format = figure_format(path)
-    _write(path, lambda part: plot_network(found, part, route, format=format))
-
-
-def _write(path: Path, save: Any) -> None:
-    """Write a file in full or not at all; ``save`` is called with the path to write to."""
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        save(temporary)
-        temporary.replace(path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _summary(found: Network, route: Route | None) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,7 +11,17 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 
-from omnitrack_sim.cli.common import FAST, FastOption, SetOption, app, changes_of, err, out, plain
+from omnitrack_sim.cli.common import (
+    FAST,
+    FastOption,
+    SetOption,
+    app,
+    err,
+    out,
+    plain,
+    print_json,
+    with_changes,
+)
 from omnitrack_sim.cli.sweep import duration, make_workers
 
 if TYPE_CHECKING:
@@ -49,15 +58,17 @@ def optimise(
     """Search for the best values of a scenario; the same command goes on after an interruption."""
     from omnitrack_sim.optimise import load_study
 
-    changes = changes_of([*(assignments or []), *([FAST] if fast else [])])
-    study = load_study(source, changes)
+    study = with_changes(
+        lambda changes: load_study(source, changes),
+        [*(assignments or []), *([FAST] if fast else [])],
+    )
     if only_list:
         _print_plan(study)
         return
     target = folder or Path("out") / study.name
     result = _run(study, target, make_workers(workers, dask), as_json)
     if as_json:
-        print(json.dumps(result.summary, indent=2))
+        print_json(result.summary)
     else:
         _print_result(result, target)
 
@@ -96,7 +107,7 @@ def _bar(title: str, quiet: bool) -> Iterator[Callable[[StudyStatus], None]]:
         TextColumn("{task.fields[text]}"),
     )
     with Progress(*columns, console=err, transient=True) as bar:
-        task = bar.add_task(f"optimise {title}", total=None, text="")
+        task = bar.add_task(plain(f"optimise {title}"), total=None, text="")
 
         def show(status: StudyStatus) -> None:
             ran, elapsed = status.done - status.found, bar.tasks[0].elapsed or 0.0
@@ -134,6 +145,8 @@ def _print_plan(study: Study) -> None:
 
 def _print_result(result: StudyResult, target: Path) -> None:
     """The start and the best beside each other."""
+    from omnitrack_sim.optimise.folder import BEST_FILE
+
     summary, study = result.summary, result.study
     table = Table("", "start", "best", box=None, padding=(0, 2))
     for name in study.columns:
@@ -150,7 +163,8 @@ def _print_result(result: StudyResult, target: Path) -> None:
         f"{summary['on_front']} on the front",
         soft_wrap=True,
     )
-    out.print(f"  saved in {target}; its values: --set @{target / 'best.toml'}", soft_wrap=True)
+    place, file = plain(str(target)), plain(str(target / BEST_FILE))
+    out.print(f"  saved in {place}; its values: --set @{file}", soft_wrap=True)
 
 
 def _shown(value: Any) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.table import Table
 
-from omnitrack_sim.cli.common import app, out, plain, progress
+from omnitrack_sim.cli.common import app, out, plain, print_json, progress
 from omnitrack_sim.errors import Fault, InputError
 
 
@@ -31,20 +30,18 @@ def reproduce(
     from omnitrack_sim.reproduce import reproduce as reproduce_paper
 
     if format not in FORMATS:
-        raise InputError(Fault("--format", f"is {format!r}", FORMATS))
+        raise InputError(Fault("--format", f"is {format!r}", FORMATS, given=format))
     with progress("reproduce", as_json) as report:
         claims = reproduce_paper(folder, quick=quick, format=format, progress=report)
     failed = sum(not claim.holds for claim in claims)
     if as_json:
-        print(json.dumps([claim.row() for claim in claims], indent=2))
+        print_json([claim.row() for claim in claims])
     else:
         table = Table("verdict", "claim", "measured", box=None, padding=(0, 2))
         for claim in claims:
             colour = "green" if claim.holds else "red"
             table.add_row(f"[{colour}]{claim.verdict}[/]", claim.id, plain(claim.measured))
         out.print(table)
-        out.print(
-            f"{len(claims) - failed} of {len(claims)} claims hold; {folder / 'report.html'}",
-            soft_wrap=True,
-        )
+        page = plain(str(folder / "report.html"))
+        out.print(f"{len(claims) - failed} of {len(claims)} claims hold; {page}", soft_wrap=True)
     raise typer.Exit(1 if failed else 0)

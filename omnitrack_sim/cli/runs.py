@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
@@ -15,16 +14,19 @@ from omnitrack_sim.cli.common import (
     ScenarioArgument,
     SetOption,
     app,
-    err,
     load,
     out,
     plain,
+    print_json,
     progress,
 )
 from omnitrack_sim.errors import Fault, RenderError, ScenarioError
 
 if TYPE_CHECKING:
     from omnitrack_sim.sim.result import Result
+
+GIF: dict[str, Any] = {"width": 640, "height": 360, "fps": 10}
+"""What ``render`` makes of a GIF, which has no such compression as an MP4."""
 
 
 @app.command()
@@ -51,28 +53,22 @@ def run(
     ] = False,
 ) -> None:
     """Run one scenario and save result, timeline, trajectory, plots and video."""
-    from omnitrack_sim.film.inset import needs_map
-    from omnitrack_sim.plots import plot_mission, plot_summary
-    from omnitrack_sim.sim.result import check_output, run_folder
+    from omnitrack_sim.sim.files import RESULT_FILE
     from omnitrack_sim.sim.run import run as run_scenario
+    from omnitrack_sim.writing import check_folder
 
     loaded = load(scenario, [*(assignments or []), *([FAST] if fast else [])])
     camera = camera or ("side" if loaded.mission is None else "follow")
     if video:
         _check_camera(camera)
     target = folder or Path("out") / loaded.name
-    check_output(target)
+    check_folder(target, RESULT_FILE)
     with progress(f"run {loaded.name}", as_json) as report:
         result = run_scenario(loaded, progress=report)
-    with run_folder(target) as temporary:
-        result.write(temporary)
-        plot_summary(result, temporary / "summary.png")
-        if needs_map(result.routes()):
-            plot_mission(result, temporary / "map.png")
-        if video:
-            _try_video(result, temporary / "video.mp4", camera, as_json)
+    result.save(target)
+    _draw(result, target, camera if video else None, as_json)
     if as_json:
-        print(json.dumps(result.summary(), indent=2))
+        print_json(result.summary())
     else:
         _print_result(result, target)
 
@@ -81,18 +77,24 @@ def _check_camera(camera: str) -> None:
     from omnitrack_sim.film.render import CAMERAS
 
     if camera not in CAMERAS:
-        raise ScenarioError(Fault("--camera", f"is {camera!r}", CAMERAS))
+        raise ScenarioError(Fault("--camera", f"is {camera!r}", CAMERAS, given=camera))
 
 
-def _try_video(result: Result, path: Path, camera: str, quiet: bool) -> None:
-    """Render the film, or print why it cannot be: the run is not lost for want of OpenGL."""
+def _draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
+    """Add the plots to a saved run, and the film where a camera is given; one that cannot be made
+    is told as a warning and costs only itself."""
+    from omnitrack_sim.film.inset import needs_map
     from omnitrack_sim.film.render import render_video
+    from omnitrack_sim.plots import plot_mission, plot_summary
+    from omnitrack_sim.plots.style import attempt
 
-    try:
+    attempt("summary.png", lambda: plot_summary(result, target / "summary.png"))
+    if needs_map(result.routes()):
+        attempt("map.png", lambda: plot_mission(result, target / "map.png"))
+    if camera is not None:
+        film = target / "video.mp4"
         with progress("video", quiet) as report:
-            render_video(result, path, camera=camera, progress=report)
-    except RenderError as error:
-        err.print(f"[yellow]no video:[/yellow] {plain(str(error))}", soft_wrap=True)
+            attempt("video", lambda: render_video(result, film, camera=camera, progress=report))
 
 
 def _print_result(result: Result, target: Path) -> None:
@@ -120,7 +122,7 @@ def _print_result(result: Result, target: Path) -> None:
         f"load {metrics['no_load_slip_m_s']:.1e} m/s",
         soft_wrap=True,
     )
-    out.print(f"  saved in {target}", soft_wrap=True)
+    out.print(f"  saved in {plain(str(target))}", soft_wrap=True)
 
 
 def _is_mission(result: Result) -> bool:
@@ -204,19 +206,28 @@ def render(
     camera: Annotated[str, typer.Option(help="side, follow or onboard.")] = "side",
     file: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE.mp4", help="RUN_DIR/CAMERA.mp4 when not given."),
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help="A .mp4, or a smaller .gif; RUN_DIR/CAMERA.mp4 when not given.",
+        ),
     ] = None,
 ) -> None:
-    """Render a saved run from another camera."""
+    """Render a saved run from another camera, as MP4 or GIF."""
+    from omnitrack_sim.film.encoding import film_format
     from omnitrack_sim.film.render import render_video
-    from omnitrack_sim.sim.result import load_result
+    from omnitrack_sim.sim.loading import load_result
+    from omnitrack_sim.writing import check_file
 
     _check_camera(camera)
     target = file or run_dir / f"{camera}.mp4"
+    size = GIF if film_format(target) == "gif" else {}
+    if file is not None:
+        check_file(file)
     result = load_result(run_dir)
     with progress("video", False) as report:
-        render_video(result, target, camera=camera, progress=report)
-    out.print(f"saved {target}")
+        render_video(result, target, camera=camera, progress=report, **size)
+    out.print(f"saved {plain(str(target))}", soft_wrap=True)
 
 
 @app.command()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,11 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from omnitrack_sim.cli.common import app, out
-from omnitrack_sim.errors import Fault, InputError, OutputError
+from omnitrack_sim.cli.common import app, out, plain, print_json
+from omnitrack_sim.errors import Fault, InputError
 
 if TYPE_CHECKING:
     from omnitrack_sim.theory.singularity import TurnCase
+
+MOST_DEGREES = 1e6
+"""Largest angle of an orientation or a roll, degrees."""
 
 
 @app.command()
@@ -58,6 +60,11 @@ def singularity(
 ) -> None:
     """The motion singularity region: sector, safe margin, success rate, real geometry, and the roll
     out of it."""
+    _check_output(plot, figure)
+    for option, degrees in (("--theta5-deg", theta5_deg), ("--roll-deg", roll_deg)):
+        if degrees is not None and not abs(degrees) <= MOST_DEGREES:
+            problem = f"is {degrees:g}; it must lie between {-MOST_DEGREES:g} and {MOST_DEGREES:g}"
+            raise InputError(Fault(option, problem))
     robot = {"modules": modules, "definition": definition, "contact_length": contact_length}
     given = robot | {"bend_radius": bend_radius, "reach": reach}
     case = _case(pipe_diameter / 2, math.radians(turn_angle_deg), sector_deg, given)
@@ -123,33 +130,32 @@ def _report(
     as_json: bool,
 ) -> None:
     """Write the figure if one is asked for, and print everything as a table or as JSON."""
+    from omnitrack_sim.plots import plot_singularity
+
     summary = case.summary()
     if orientation is not None:
         summary["orientation"] = orientation
     if plot is not None:
-        _write_plot(case, plot, figure)
+        plot_singularity(case, plot, figure)
     if as_json:
-        print(json.dumps(summary, indent=2))
+        print_json(summary)
     else:
         _print_singularity(summary)
         if plot is not None:
-            out.print(f"saved {plot}")
+            out.print(f"saved {plain(str(plot))}", soft_wrap=True)
 
 
-def _write_plot(case: TurnCase, path: Path, figure: str) -> None:
-    """Write the figure whole or not at all."""
-    from omnitrack_sim.plots import plot_singularity
+def _check_output(plot: Path | None, figure: str) -> None:
+    """Refuse a figure that cannot be drawn or written, before anything is computed."""
+    from omnitrack_sim.plots import FIGURES
     from omnitrack_sim.plots.style import figure_format
+    from omnitrack_sim.writing import check_file
 
-    format = figure_format(path)
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        plot_singularity(case, temporary, figure, format=format)
-        temporary.replace(path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    if figure not in ("all", *FIGURES):
+        raise InputError(Fault("--figure", f"is {figure!r}", ("all", *FIGURES)))
+    if plot is not None:
+        figure_format(plot)
+        check_file(plot)
 
 
 def _print_singularity(summary: dict[str, Any]) -> None:

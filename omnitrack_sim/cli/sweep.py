@@ -15,8 +15,19 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 
-from omnitrack_sim.cli.common import FAST, FastOption, SetOption, app, changes_of, err, out, plain
+from omnitrack_sim.cli.common import (
+    FAST,
+    FastOption,
+    SetOption,
+    app,
+    err,
+    out,
+    plain,
+    print_json,
+    with_changes,
+)
 from omnitrack_sim.errors import Fault, InputError, OutputError
+from omnitrack_sim.text import clipped
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -25,6 +36,8 @@ if TYPE_CHECKING:
 
 LISTED = 10
 """How many trials --list shows."""
+_LONGEST = 1000
+"""Characters of the values of a trial that it shows."""
 
 
 @app.command()
@@ -64,8 +77,10 @@ def sweep(
     from omnitrack_sim.sweep import load_sweep
     from omnitrack_sim.sweep.folder import holds_sweep
 
-    changes = changes_of([*(assignments or []), *([FAST] if fast else [])])
-    loaded = load_sweep(source, changes)
+    loaded = with_changes(
+        lambda changes: load_sweep(source, changes),
+        [*(assignments or []), *([FAST] if fast else [])],
+    )
     if only_list:
         _print_trials(loaded)
         return
@@ -115,12 +130,12 @@ def _print_outcome(loaded: Sweep, target: Path, done: int, as_json: bool) -> Non
         else None
     )
     if as_json:
-        print(json.dumps(summary, indent=2))
+        print_json(summary)
     elif summary is None:
         out.print(
             (
                 f"{done} trials of this share are done; the table follows when all "
-                f"{loaded.size} are in {target}"
+                f"{loaded.size} are in {plain(str(target))}"
             ),
             soft_wrap=True,
         )
@@ -165,7 +180,7 @@ def _bar(title: str, quiet: bool) -> Iterator[Callable[[Status], None]]:
         TextColumn("{task.fields[text]}"),
     )
     with Progress(*columns, console=err, transient=True) as bar:
-        task = bar.add_task(f"sweep {title}", total=None, text="")
+        task = bar.add_task(plain(f"sweep {title}"), total=None, text="")
 
         def show(status: Status) -> None:
             ran, elapsed = status.done - status.found, bar.tasks[0].elapsed or 0.0
@@ -195,7 +210,7 @@ def _print_trials(loaded: Sweep) -> None:
     table = Table("trial", "values", box=None, padding=(0, 2))
     for i in range(min(LISTED, loaded.size)):
         values = ", ".join(f"{name} = {_shown(column[i])}" for name, column in columns.items())
-        table.add_row(str(i), plain(values))
+        table.add_row(str(i), plain(clipped(values, _LONGEST)))
     out.print(table)
     if loaded.size > LISTED:
         out.print(f"and {loaded.size - LISTED} more")
@@ -221,7 +236,7 @@ def _print_summary(summary: dict[str, Any], target: Path) -> None:
             f"  not in the rates: {summary['invalid']} invalid, {summary['error']} error",
             soft_wrap=True,
         )
-    out.print(f"  saved in {target}", soft_wrap=True)
+    out.print(f"  saved in {plain(str(target))}", soft_wrap=True)
 
 
 def _rate(row: dict[str, Any]) -> list[str]:

@@ -111,7 +111,7 @@ def preferred_theta5(manoeuvre: Manoeuvre, modules: int = MODULES) -> float:
         "tee_straight": np.pi / modules,
     }
     if manoeuvre not in orientations:
-        raise InputError(Fault("manoeuvre", f"is {manoeuvre!r}", tuple(orientations)))
+        raise InputError(Fault("manoeuvre", f"is {manoeuvre!r}", tuple(orientations), manoeuvre))
     return orientations[manoeuvre]
 
 

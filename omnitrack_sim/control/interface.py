@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.control.route_map import Place, RouteMap
-from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.events import Event
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Array
+from omnitrack_sim.text import did_you_mean
 
 
 class Observation:
@@ -47,10 +47,14 @@ class Observation:
         try:
             value = self.__dict__[name] = self.__dict__["_readings"][name]
         except KeyError:
-            known = ", ".join(c.name for c in CHANNELS.values() if c.source == "plant")
-            message = f"no channel {name!r} is observed (choose from: {known})"
+            known = list(self.__dict__.get("_readings", ()))
+            near = did_you_mean(name, known)
+            message = f"no channel {name!r} is observed{near} (choose from: {', '.join(known)})"
             raise AttributeError(message) from None
         return value
+
+    def __repr__(self) -> str:
+        return f"Observation({len(self.leg)} robots, {len(self._readings)} channels)"
 
 
 class Command(NamedTuple):
@@ -70,6 +74,10 @@ class Command(NamedTuple):
     phase: NDArray | None = None
     resting: NDArray[np.bool_] | None = None
     events: Sequence[Event] = ()
+
+    def __repr__(self) -> str:
+        given = [name for name, value in zip(self._fields, self, strict=True) if value is not None]
+        return f"Command({len(self.belt_speed)} robots: {', '.join(given)})"
 
 
 @dataclass(frozen=True)

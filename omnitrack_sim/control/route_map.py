@@ -40,6 +40,9 @@ class Place:
     turning: Array
     frame: Array
 
+    def __repr__(self) -> str:
+        return f"Place({len(self.way)} robots)"
+
     @cached_property
     def tilt(self) -> Array:
         """Robot axis against the centreline's tangent (n,), rad."""

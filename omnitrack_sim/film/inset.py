@@ -226,7 +226,7 @@ def _lines(part: Part) -> list[Array]:
     """Axes of a part, points (n, 3) m."""
     return [
         line.at(np.linspace(0, line.length, max(2, round(line.length / SPACING) + 1)))[0]
-        for line, _, _ in part.axes()
+        for line, _, _ in part.axes
     ]
 
 

@@ -59,7 +59,8 @@ class Overlay:
         return np.asarray(image)
 
     def _cut(self, text: str, width: int) -> str:
-        """The text, cut so that it is at most ``width`` pixels long."""
+        """The text on one line, cut so that it is at most ``width`` pixels long."""
+        text = " ".join(text.split())
         if self._small.getlength(text) <= width:
             return text
         while text and self._small.getlength(text + "\N{HORIZONTAL ELLIPSIS}") > width:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.errors import Fault, InputError, OutputError, RenderError
+from omnitrack_sim.errors import Fault, InputError, RenderError
+from omnitrack_sim.film.encoding import MOST_GIF_FPS, Image, film, film_format
 from omnitrack_sim.film.viewpoint import DISTANCE, in_the_way, view_directions
 from omnitrack_sim.record.timeline import passage_indices
 from omnitrack_sim.rotations import unit
+from omnitrack_sim.writing import check_file
 
 if TYPE_CHECKING:
     import mujoco
@@ -34,8 +36,12 @@ It is darker than for the other cameras, because it throws no shadows there.
 """
 APT_LINE = "sudo apt-get install -y libegl1 libgl1-mesa-dri libopengl0"
 """What headless rendering needs on Debian and Ubuntu."""
+FARTHEST = 1e5
+"""Size of positions, m, and of all that is shown beside them, beyond which a sample is unsound."""
+MOST_PIXELS = 7680
+"""Longest side of a picture."""
+MOST_FPS = 240
 Progress = Callable[[float, str], None]
-Image = NDArray[np.uint8]
 
 
 def render_video(
@@ -48,42 +54,41 @@ def render_video(
     progress: Progress | None = None,
     inset: bool = True,
 ) -> Path:
-    """Film a run in real time, as H.264 that plays while it loads.
+    """Film a run in real time.
 
     Args:
         result: a ``Result``, or the folder of a saved one.
-        path: MP4 file to write; nothing half-written stays.
+        path: file to write: ``.mp4``, H.264 that plays while it loads, or ``.gif``, which repeats;
+            nothing half-written stays.
         camera: one of ``CAMERAS``.
         width, height: pixels; odd numbers grow by one.
-        fps: frames a second.
+        fps: frames a second, at most 50 of a GIF.
         progress: called with the fraction done (0 to 1) and a text.
         inset: draw a map of the pipes into the pictures of ``follow`` and ``onboard``, if the route
             has more than three fittings.
 
     Raises:
-        InputError: unknown camera, or a size or frame rate that is not positive.
+        InputError: unknown camera or format, or a size or frame rate that is out of range.
         RenderError: no offscreen OpenGL on this machine; the message says what to install.
-        OutputError: the film could not be written.
+        OutputError: the film cannot be written.
     """
-    _check(camera, width, height, fps)
+    path = Path(path)
+    most = MOST_GIF_FPS if film_format(path) == "gif" else MOST_FPS
+    _check(camera, width, height, fps, most)
+    check_file(path)
     width, height = width + width % 2, height + height % 2
     result = _loaded(result)
     trajectory = result.trajectory
     count = max(1, int(np.floor((trajectory.time[-1] - trajectory.time[0]) * fps)) + 1)
     times = trajectory.time[0] + np.arange(count) / fps
-    path = Path(path)
-    partial = path.with_name(f".{path.stem}.partial.mp4")
-    try:
-        with _Stage(result, width, height, camera, inset) as stage, _writer(partial, fps) as append:
-            for index, time in enumerate(times):
-                append(stage.picture(float(time)))
-                if progress:
-                    progress((index + 1) / count, "rendering")
-        partial.replace(path)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error}") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    with (
+        _Stage(result, width, height, camera, inset) as stage,
+        film(path, width, height, fps) as append,
+    ):
+        for index, time in enumerate(times):
+            append(stage.picture(float(time)))
+            if progress:
+                progress((index + 1) / count, "rendering")
     return path
 
 
@@ -100,7 +105,7 @@ def render_frame(
     A time before the start or after the end shows the first or the last sample.
 
     Raises:
-        InputError: unknown camera, or a size that is not positive.
+        InputError: unknown camera, or a size that is out of range.
         RenderError: no offscreen OpenGL on this machine; the message says what to install.
     """
     _check(camera, width, height)
@@ -136,15 +141,15 @@ class _Stage:
         self.camera, routes = camera, result.routes()
         self.model = _compiled(result, camera, width, height)
         self.data = mj.MjData(self.model)
-        self.trajectory = result.trajectory
-        self._qpos = _smooth_belts(self.model, result.trajectory, look_pitch(result.scenario.robot))
+        self.trajectory = _shown(result.trajectory)
+        self._qpos = _smooth_belts(self.model, self.trajectory, look_pitch(result.scenario.robot))
         self._scene = mj.MjvScene(self.model, maxgeom=2000)
         self._gpu = mj.MjrContext(self.model, mj.mjtFontScale.mjFONTSCALE_100)
         mj.mjr_setBuffer(mj.mjtFramebuffer.mjFB_OFFSCREEN, self._gpu)
         self._area = mj.MjrRect(0, 0, width, height)
         self._pixels = np.zeros((height, width, 3), np.uint8)
         self._overlay = Overlay(width, height)
-        self._fittings = _fitting_names(result.trajectory, routes)
+        self._fittings = _fitting_names(self.trajectory, routes)
         self._inset = _inset(result, width, height) if inset and camera != "side" else None
         if camera == "follow":
             self._prepare_following(routes)
@@ -214,6 +219,27 @@ class _Stage:
         return eye
 
 
+def _shown(trajectory: Trajectory) -> Trajectory:
+    """The trajectory with the last sound sample in the place of each that physics which has
+    diverged left without a pose.
+
+    Raises:
+        RenderError: no sample is sound.
+    """
+    names = ("position", "distance", "tilt", "belt_speed")
+    values = [trajectory.qpos, *(trajectory[name] for name in names)]
+    far = [np.abs(value.reshape(len(trajectory), -1)).max(axis=1) for value in values]
+    sound = np.all([distance < FARTHEST for distance in far], axis=0)  # NaN is not less either
+    if sound.all():
+        return trajectory
+    if not sound.any():
+        raise RenderError("the run has no pose that can be shown")
+    first = int(np.argmax(sound))
+    rows = np.maximum.accumulate(np.where(sound, np.arange(len(trajectory)), first))
+    channels = {name: values[rows] for name, values in trajectory.channels.items()}
+    return replace(trajectory, channels=channels, qpos=trajectory.qpos[rows])
+
+
 def _compiled(result: Result, camera: str, width: int, height: int) -> mujoco.MjModel:
     """The scene of a run with everything that is only looked at, for pictures of this size."""
     from omnitrack_sim.model.looks import FIELD_OF_VIEW, add_pipe_insides
@@ -239,7 +265,7 @@ def _inset(result: Result, width: int, height: int) -> Inset | None:
     if not needs_map(routes):
         return None
     goals, plates = result.goal_points(), result.plate_rims()
-    return Inset(result.trajectory, routes, goals, plates, width, height)
+    return Inset(_shown(result.trajectory), routes, goals, plates, width, height)
 
 
 def _fitting_names(trajectory: Trajectory, routes: Sequence[Route]) -> list[str]:
@@ -314,48 +340,23 @@ def _open_context(width: int, height: int) -> tuple[Any, Any]:
     )
 
 
-@contextlib.contextmanager
-def _writer(path: Path, fps: int) -> Iterator[Callable[[Image], None]]:
-    """A function that appends frames to an MP4 file; the file's index is written at its front."""
-    import av
-
-    with av.open(str(path), "w", format="mp4", options={"movflags": "faststart"}) as container:
-        stream: Any = None
-
-        def append(image: Image) -> None:
-            nonlocal stream
-            if stream is None:
-                stream = container.add_stream(
-                    "libx264", rate=fps, options={"crf": "20", "preset": "veryfast"}
-                )
-                stream.height, stream.width = image.shape[:2]
-                stream.pix_fmt = "yuv420p"
-            container.mux(
-                stream.encode(
-                    av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
-                )
-            )
-
-        yield append
-        if stream is not None:
-            container.mux(stream.encode())
-
-
 def _loaded(result: Result | str | os.PathLike[str]) -> Result:
     if isinstance(result, (str, os.PathLike)):
-        from omnitrack_sim.sim.result import load_result
+        from omnitrack_sim.sim.loading import load_result
 
         return load_result(Path(result))
     return result
 
 
-def _check(camera: str, width: int, height: int, fps: int = 1) -> None:
+def _check(camera: str, width: int, height: int, fps: int = 1, most: int = 1) -> None:
     faults = (
         [] if camera in CAMERAS else [Fault("camera", f"there is no camera {camera!r}", CAMERAS)]
     )
-    sizes = {"width": width, "height": height, "fps": fps}
+    sizes = {"width": (width, MOST_PIXELS), "height": (height, MOST_PIXELS), "fps": (fps, most)}
     faults += [
-        Fault(name, f"must be positive, is {value}") for name, value in sizes.items() if value <= 0
+        Fault(name, f"is {value}; must be from 1 to {limit}")
+        for name, (value, limit) in sizes.items()
+        if not 1 <= value <= limit
     ]
     if faults:
         raise InputError(faults)

@@ -10,11 +10,12 @@ import mujoco
 import numpy as np
 import trimesh
 
+from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.model.looks import add_cameras, add_pipe_looks, add_robot_looks
 from omnitrack_sim.model.meshes import fitting_mesh, network_mesh
-from omnitrack_sim.model.robot import add_robot
-from omnitrack_sim.model.scene import build_scene
+from omnitrack_sim.model.robot import spring_free_length
 from omnitrack_sim.model.spec import new_spec
+from omnitrack_sim.model.turning import add_turning_robot
 from omnitrack_sim.model.walls import add_walls
 from omnitrack_sim.pipes import (
     Assembly,
@@ -27,8 +28,9 @@ from omnitrack_sim.pipes import (
     Tee,
     route,
 )
-from omnitrack_sim.robot import Robot
-from omnitrack_sim.rotations import Pose, quaternion_from_matrix
+from omnitrack_sim.robot import MODULES, Robot
+from omnitrack_sim.rotations import Pose
+from omnitrack_sim.writing import write_files
 
 FITTINGS: Mapping[str, Fitting] = {
     "straight": Straight(0.5),
@@ -42,25 +44,48 @@ SCENES: Mapping[str, str] = {"straight": "straight", "elbow": "elbow_1.5d", "tee
 START_DISTANCE = 0.10
 """Robot's centre from the start of the route in a scene's keyframe ``start``, m."""
 
+SETTLING_TIME = 0.3
+"""For which the robot of a scene stands before its keyframe is taken, s."""
+
 
 def write_models(models_dir: Path, assets_dir: Path) -> list[Path]:
     """Write every published file; returns their paths. The folders are made when missing.
 
-    XML keeps six digits, so simulations build their models in memory and these files are for
-    viewing and for others.
+    Simulations build their models in memory; these files are for other programs, in which nobody
+    moves travelling lugs back. So their robot is that of ``model.turning``.
+
+    Raises:
+        OutputError: a file cannot be written; then none is.
     """
-    written = []
-    for path, content in _files(Path(models_dir), Path(assets_dir)).items():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
-        written.append(path)
-    return written
+    return write_files(_files(Path(models_dir), Path(assets_dir)))
 
 
 def check_models(models_dir: Path, assets_dir: Path) -> list[str]:
     """Names of files that are missing, differ from what ``write_models`` would write, or are no
-    longer generated."""
-    files = _files(Path(models_dir), Path(assets_dir))
+    longer generated.
+
+    Raises:
+        InputError: there are no published models, as beside a package that was installed from a
+            wheel, or a file cannot be read.
+    """
+    try:
+        if not (Path(models_dir).is_dir() or Path(assets_dir).is_dir()):
+            raise InputError(
+                Fault(
+                    f"{models_dir}, {assets_dir}",
+                    "no such folders; the published models live in a checkout of the project, not "
+                    "in the installed package: name the checkout with --root, or write them with "
+                    "--write",
+                )
+            )
+        return _different(Path(models_dir), Path(assets_dir))
+    except OSError as error:
+        place = error.filename or models_dir
+        raise InputError(Fault(str(place), f"cannot be read: {error.strerror or error}")) from error
+
+
+def _different(models_dir: Path, assets_dir: Path) -> list[str]:
+    files = _files(models_dir, assets_dir)
     wrong = [
         path.name
         for path, content in files.items()
@@ -70,7 +95,7 @@ def check_models(models_dir: Path, assets_dir: Path) -> list[str]:
         p
         for folder, ends in ((models_dir, ("xml",)), (assets_dir, ("obj", "stl")))
         for e in ends
-        for p in Path(folder).glob(f"*.{e}")
+        for p in folder.glob(f"*.{e}")
     }
     return sorted([*wrong, *(p.name for p in strays - set(files))])
 
@@ -117,11 +142,11 @@ def _specs() -> dict[str, mujoco.MjSpec]:
 
 
 def _robot_spec() -> mujoco.MjSpec:
-    """The robot alone, at rest where nothing pulls on it."""
+    """The robot alone where nothing pulls on it: keyframe ``start`` with its springs free."""
     spec = new_spec("omnitrack_robot")
     robot = Robot()
     spec.option.gravity = [0, 0, 0]
-    chassis = add_robot(spec, robot)
+    chassis = add_turning_robot(spec, robot)
     add_robot_looks(spec, robot)
     light = spec.worldbody.add_light(name="sun", pos=[0.5, -1, 1], dir=[-0.5, 1, -1])
     light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
@@ -137,6 +162,8 @@ def _robot_spec() -> mujoco.MjSpec:
         xyaxes=[1, 0, 0, 0, 0, 1],
         mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
     )
+    free = min(spring_free_length(robot, robot.preload), robot.slide_range[1])
+    _add_start(spec, Pose(), free)
     return spec
 
 
@@ -162,19 +189,39 @@ def _scene_route(fitting: Fitting) -> Route:
 
 
 def _scene_spec(name: str, fitting: Fitting) -> mujoco.MjSpec:
-    """A pipe run with the robot in its entry: keyframe ``start``."""
+    """A pipe run that begins upward, with the robot in its entry: keyframe ``start``."""
     way, robot = _scene_route(fitting), Robot()
-    spec = build_scene(way.network, robot, looks=True)
-    spec.modelname = f"omnitrack_scene_{name}"
+    spec = new_spec(f"omnitrack_scene_{name}")
+    add_walls(spec, way.network)
+    chassis = add_turning_robot(spec, robot)
+    add_robot_looks(spec, robot)
+    add_pipe_looks(spec, way.network)
+    add_cameras(spec, way.network)
+    distance = np.array([START_DISTANCE])
+    start = Pose(way.centreline.frame(distance)[0], way.centreline.at(distance)[0][0])
+    chassis.pos, chassis.quat = start.position, start.quaternion
+    _add_start(spec, start, _settled_slide(spec))
+    return spec
+
+
+def _settled_slide(spec: mujoco.MjSpec) -> float:
+    """Travel of the arms, m, at which the springs and the lugs' contacts hold each other, to a
+    micrometre."""
     model = spec.copy().compile()
     data = mujoco.MjData(model)
-    start = np.array([START_DISTANCE])
-    data.qpos[:3] = way.centreline.at(start)[0][0]
-    data.qpos[3:7] = quaternion_from_matrix(way.centreline.frame(start)[0])
-    spec.add_key(name="start", qpos=data.qpos.copy())
-    chassis = spec.body("chassis")
-    chassis.pos, chassis.quat = data.qpos[:3], data.qpos[3:7]
-    return spec
+    while data.time < SETTLING_TIME:
+        mujoco.mj_step(model, data)
+    travel = [data.joint(f"slide_{number}").qpos[0] for number in range(1, MODULES + 1)]
+    return round(float(np.mean(travel)), 6)
+
+
+def _add_start(spec: mujoco.MjSpec, pose: Pose, slide: float) -> None:
+    """Keyframe ``start``: the robot at ``pose``, its arms out by ``slide`` m, at rest."""
+    data = mujoco.MjData(spec.copy().compile())
+    data.joint("robot").qpos[:] = [*pose.position, *pose.quaternion]
+    for number in range(1, MODULES + 1):
+        data.joint(f"slide_{number}").qpos[:] = slide
+    spec.add_key(name="start", qpos=data.qpos)
 
 
 def _published(

@@ -80,7 +80,7 @@ def view_direction(network: Assembly) -> Array:
 
 def add_robot_looks(spec: mujoco.MjSpec, robot: Robot) -> None:
     """Clothe the bodies of ``model.robot.add_robot``: chassis, shafts, springs, arms, modules and
-    lugs (group 2).
+    lugs (group 2). Lugs are drawn on their tracks, or on the module of a robot that has none.
 
     Everything is drawn on a robot of scale 1, and then made as large as this one.
     """
@@ -103,7 +103,7 @@ def add_robot_looks(spec: mujoco.MjSpec, robot: Robot) -> None:
         _dress_arm(spec.body(f"arm_{number}"), robot, number, shaft)
         _dress_module(spec.body(f"module_{number}"), robot, number)
         for track, flip in zip(TRACKS, ([1, 0, 0, 0], [0, 0, 0, 1]), strict=True):
-            body = spec.body(f"track_{track}_{number}")
+            body = spec.body(f"track_{track}_{number}") or spec.body(f"module_{number}")
             _look(body, f"lugs_{track}_{number}", f"{track}_{number}", mesh="lugs", quat=flip)
     seen = [geom for geom in spec.body("chassis").find_all("geom") if geom.group == ROBOT_GROUP]
     for geom in seen if size != 1 else ():

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from omnitrack_sim.errors import OutputError
 from omnitrack_sim.model.export import network_stl, network_xml
 from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.writing import check_folder, write_files
 
 SPACING = 0.01
 """Greatest distance of neighbouring points of the centreline table, m."""
@@ -30,7 +30,7 @@ COLUMNS = (
 def export_network(name: str, pipes: Assembly, folder: str | Path) -> list[Path]:
     """Write ``NAME.xml`` (MJCF), ``NAME.stl`` and ``NAME_centrelines.csv``; returns their paths.
 
-    The folder is made when missing; files of these names are overwritten.
+    The folder is made when missing; files of these names are replaced, all or none.
 
     Args:
         name: of the files and of the model in them.
@@ -38,21 +38,15 @@ def export_network(name: str, pipes: Assembly, folder: str | Path) -> list[Path]
         folder: where the files go.
 
     Raises:
-        OutputError: the folder cannot be written.
+        OutputError: a file cannot be written; then none is.
     """
-    folder = Path(folder)
-    files = {
-        f"{name}.xml": network_xml(pipes, name).encode(),
-        f"{name}.stl": network_stl(pipes),
-        f"{name}_centrelines.csv": centreline_table(pipes).encode(),
+    makers = {
+        f"{name}.xml": lambda: network_xml(pipes, name).encode(),
+        f"{name}.stl": lambda: network_stl(pipes),
+        f"{name}_centrelines.csv": lambda: centreline_table(pipes).encode(),
     }
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for file, content in files.items():
-            (folder / file).write_bytes(content)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
-    return [folder / file for file in files]
+    check_folder(folder, files=makers)
+    return write_files({Path(folder) / file: make() for file, make in makers.items()})
 
 
 def centreline_table(pipes: Assembly) -> str:

@@ -12,6 +12,7 @@ belts in one pipe are coupled rigidly.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -25,6 +26,8 @@ from omnitrack_sim.rotations import quaternion_from_matrix, rotation_about
 COLLISION_GROUP = 3
 LUG_CONTYPE, LUG_CONAFFINITY = 1, 2
 """Lugs touch walls (2, 1) and nothing else."""
+FRICTION = 0.9
+"""Of a lug on the wall in a model as it is built; the plant sets each robot's own."""
 LUG_IMPEDANCE = (0.95, 0.99)
 """Impedance of a lug's contact at its surface and from the robot's ``contact_depth`` on."""
 LINE_IMPEDANCE = (0.993, 0.9987)
@@ -38,8 +41,8 @@ TIE_DEPTH = 0.001
 """Travel over which ties and stops come to their full stiffness, m; MuJoCo's own default. At a
 pitch stop it is an angle, rad, which does not scale."""
 FREE_SPRING_LENGTH = 10.0
-"""Upper end of the springs' dead band, m: springs push only. Beyond all travel of any robot, so
-that it does not scale."""
+"""Upper end of the springs' dead band, m: springs push only. Beyond all travel of the robot, and
+beyond the longest free length that its preload may ask for."""
 
 
 def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -> mujoco.MjsBody:
@@ -56,31 +59,30 @@ def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -
     ``contact_upper_i``, ``contact_lower_i`` (net force of a track), ``touch_upper_i``,
     ``touch_lower_i`` (sum of its normal forces), ``velocity_i`` and ``spin_i`` of the modules.
     """
-    chassis = spec.worldbody.add_body(name="chassis")
-    chassis.add_freejoint(name="robot")
-    _set_cylinder_inertia(chassis, robot.chassis_mass, robot.chassis_radius, robot.chassis_length)
+    chassis = add_chassis(spec, robot)
     for number, angle in enumerate(MODULE_ANGLES, start=1):
-        arm = _add_arm(chassis, robot, number, angle)
-        module = _add_module(arm, robot, number)
+        arm = add_arm(chassis, robot, number, angle)
+        module = add_module(arm, robot, number)
         for track, side in zip(TRACKS, (1.0, -1.0), strict=True):
             _add_track(module, robot, f"{track}_{number}", side, line_tracks)
-            _add_contact_sensor(spec, f"{track}_{number}")
+            add_contact_sensor(spec, f"contact_{track}_{number}", f"track_{track}_{number}")
             _add_touch_sensor(spec, robot, f"{track}_{number}")
-        _add_springs(spec, robot, number)
+        add_springs(spec, robot, number)
         _add_roll_motor(spec, robot, number)
         _add_belt_motor(spec, robot, number)
-        for kind in (mujoco.mjtSensor.mjSENS_FRAMELINVEL, mujoco.mjtSensor.mjSENS_FRAMEANGVEL):
-            name = "velocity" if kind == mujoco.mjtSensor.mjSENS_FRAMELINVEL else "spin"
-            spec.add_sensor(
-                name=f"{name}_{number}",
-                type=kind,
-                objtype=mujoco.mjtObj.mjOBJ_XBODY,
-                objname=f"module_{number}",
-            )
+        add_motion_sensors(spec, number)
     return chassis
 
 
-def _set_cylinder_inertia(body: mujoco.MjsBody, mass: float, radius: float, length: float) -> None:
+def add_chassis(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
+    """The chassis with the robot's free joint."""
+    chassis = spec.worldbody.add_body(name="chassis")
+    chassis.add_freejoint(name="robot")
+    set_cylinder_inertia(chassis, robot.chassis_mass, robot.chassis_radius, robot.chassis_length)
+    return chassis
+
+
+def set_cylinder_inertia(body: mujoco.MjsBody, mass: float, radius: float, length: float) -> None:
     """Mass and inertia of a solid cylinder along z, kg and kg m²."""
     across = mass * (3 * radius**2 + length**2) / 12
     body.mass, body.ipos = mass, [0, 0, 0]
@@ -88,15 +90,16 @@ def _set_cylinder_inertia(body: mujoco.MjsBody, mass: float, radius: float, leng
     body.explicitinertial = True
 
 
-def _add_arm(chassis: mujoco.MjsBody, robot: Robot, number: int, angle: float) -> mujoco.MjsBody:
+def add_arm(chassis: mujoco.MjsBody, robot: Robot, number: int, angle: float) -> mujoco.MjsBody:
+    """The arm of a module at ``angle`` rad: it slides radially and pitches on its shafts."""
     turn = rotation_about([0, 0, 1], angle)
     arm = chassis.add_body(
         name=f"arm_{number}",
         pos=turn @ [robot.module_distance, 0, 0],
         quat=quaternion_from_matrix(turn),
     )
-    _set_cylinder_inertia(arm, robot.arm_mass, robot.arm_radius, robot.shaft_spacing)
-    stop_time = [_sized(robot, STOP_TIME, "s"), 1.0]
+    set_cylinder_inertia(arm, robot.arm_mass, robot.arm_radius, robot.shaft_spacing)
+    stop_time = [sized(robot, STOP_TIME, "s"), 1.0]
     arm.add_joint(
         name=f"slide_{number}",
         type=mujoco.mjtJoint.mjJNT_SLIDE,
@@ -105,7 +108,7 @@ def _add_arm(chassis: mujoco.MjsBody, robot: Robot, number: int, angle: float) -
         range=robot.slide_range,
         damping=[robot.slide_damping, 0, 0],
         solref_limit=stop_time,
-        solimp_limit=_impedance(0.9, 0.95, _sized(robot, TIE_DEPTH, "m")),
+        solimp_limit=impedance(0.9, 0.95, sized(robot, TIE_DEPTH, "m")),
     )
     arm.add_joint(
         name=f"pitch_{number}",
@@ -119,9 +122,10 @@ def _add_arm(chassis: mujoco.MjsBody, robot: Robot, number: int, angle: float) -
     return arm
 
 
-def _add_module(arm: mujoco.MjsBody, robot: Robot, number: int) -> mujoco.MjsBody:
+def add_module(arm: mujoco.MjsBody, robot: Robot, number: int) -> mujoco.MjsBody:
+    """A module without tracks: it rolls about its own axis, z."""
     module = arm.add_body(name=f"module_{number}")
-    _set_cylinder_inertia(module, robot.module_mass, robot.lug_radius, robot.length)
+    set_cylinder_inertia(module, robot.module_mass, robot.lug_radius, robot.length)
     module.add_joint(
         name=f"roll_{number}",
         type=mujoco.mjtJoint.mjJNT_HINGE,
@@ -152,39 +156,48 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, lin
         armature=belt_inertia(robot) / 2,
     )
     places, radius = lug_places(robot), robot.lug_radius - robot.track_offset
-    row = {
-        "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
-        "size": [radius, places[-1], 0],
-        "solimp": _impedance(*LINE_IMPEDANCE, robot.contact_depth),
-        "userdata": line_record(lug_pitch(robot), robot.scale),
-    }
-    lug = {
-        "type": mujoco.mjtGeom.mjGEOM_SPHERE,
-        "size": [radius, 0, 0],
-        "solimp": _impedance(*LUG_IMPEDANCE, robot.contact_depth),
-    }
-    for index, z in enumerate([0.0] if line else places):
+    if line:
         track.add_geom(
-            name=f"line_{name}" if line else f"lug_{name}_{index}",
+            name=f"line_{name}",
+            pos=[side * robot.track_offset, 0, 0],
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            size=[radius, places[-1], 0],
+            solimp=impedance(*LINE_IMPEDANCE, robot.contact_depth),
+            userdata=line_record(lug_pitch(robot), robot.scale),
+            **contact_of_lugs(robot),
+        )
+        return
+    for index, z in enumerate(places):
+        track.add_geom(
+            name=f"lug_{name}_{index}",
             pos=[side * robot.track_offset, 0, z],
-            **(row if line else lug),
-            contype=LUG_CONTYPE,
-            conaffinity=LUG_CONAFFINITY,
-            condim=3,
-            priority=1,
-            friction=[0.9, 0, 0],
-            solref=[robot.contact_time, 1.0],
-            mass=0,
-            group=COLLISION_GROUP,
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[radius, 0, 0],
+            solimp=impedance(*LUG_IMPEDANCE, robot.contact_depth),
+            **contact_of_lugs(robot),
         )
 
 
-def _sized(robot: Robot, value: float, unit: str) -> float:
+def contact_of_lugs(robot: Robot) -> dict[str, Any]:
+    """What every geom that touches the wall has in common: masks, friction, stiffness in time."""
+    return {
+        "contype": LUG_CONTYPE,
+        "conaffinity": LUG_CONAFFINITY,
+        "condim": 3,
+        "priority": 1,
+        "friction": [FRICTION, 0, 0],
+        "solref": [robot.contact_time, 1.0],
+        "mass": 0,
+        "group": COLLISION_GROUP,
+    }
+
+
+def sized(robot: Robot, value: float, unit: str) -> float:
     """A constant of this module, which is for a robot of scale 1, in a robot of its own scale."""
     return similar(value, unit, robot.scale)
 
 
-def _impedance(surface: float, deep: float, depth: float) -> list[float]:
+def impedance(surface: float, deep: float, depth: float) -> list[float]:
     """MuJoCo's solimp: impedance from ``surface`` to ``deep`` over ``depth`` (m or rad), along a
     parabola on either side of the middle."""
     return [surface, deep, depth, 0.5, 2.0]
@@ -206,7 +219,12 @@ def belt_inertia(robot: Robot) -> float:
     return robot.motor.reflected_inertia / robot.lug_radius**2
 
 
-def _add_springs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
+def belt_force(robot: Robot) -> float:
+    """Largest force of a crawler motor at the belt, N: its torque limit over the lug radius."""
+    return robot.crawler_motor.torque_limit / robot.lug_radius
+
+
+def add_springs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
     """Front and rear springs of an arm (Fig. 2): each pushes on the arm at its own shafts, and only
     pushes.
 
@@ -217,7 +235,8 @@ def _add_springs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
         spring.wrap_joint(f"slide_{number}", 1.0)
         spring.wrap_joint(f"pitch_{number}", side * robot.shaft_spacing / 2)
         spring.stiffness = [robot.module_stiffness / 2, 0, 0]
-        spring.springlength = [spring_free_length(robot, robot.preload), FREE_SPRING_LENGTH]
+        free = spring_free_length(robot, robot.preload)
+        spring.springlength = [free, sized(robot, FREE_SPRING_LENGTH, "m")]
 
 
 def spring_free_length(robot: Robot, preload: float) -> float:
@@ -240,12 +259,13 @@ def _add_roll_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
 
 def _add_belt_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
     """Velocity servo on the upper run, and the lower run tied to it."""
+    limit = belt_force(robot)
     motor = spec.add_actuator(
         name=f"belt_{number}",
         trntype=mujoco.mjtTrn.mjTRN_JOINT,
         target=f"belt_upper_{number}",
         forcelimited=True,
-        forcerange=[-1.0, 1.0],
+        forcerange=[-limit, limit],
     )
     motor.set_to_velocity(kv=belt_inertia(robot) / robot.motor.servo_time)
     spec.add_equality(
@@ -255,24 +275,36 @@ def _add_belt_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
         name1=f"belt_lower_{number}",
         name2=f"belt_upper_{number}",
         data=[0, 1, *[0] * 10],
-        solref=[_sized(robot, CHAIN_TIME, "s"), 1.0],
-        solimp=_impedance(0.9, 0.95, _sized(robot, TIE_DEPTH, "m")),
+        solref=[sized(robot, CHAIN_TIME, "s"), 1.0],
+        solimp=impedance(0.9, 0.95, sized(robot, TIE_DEPTH, "m")),
     )
 
 
-def _add_contact_sensor(spec: mujoco.MjSpec, name: str) -> None:
-    """Net contact of a track: (found, force (3,), position (3,)), world axes; the force is that on
-    the wall."""
+def add_motion_sensors(spec: mujoco.MjSpec, number: int) -> None:
+    """Velocity ``velocity_i`` and angular velocity ``spin_i`` of a module, world axes."""
+    for kind in (mujoco.mjtSensor.mjSENS_FRAMELINVEL, mujoco.mjtSensor.mjSENS_FRAMEANGVEL):
+        name = "velocity" if kind == mujoco.mjtSensor.mjSENS_FRAMELINVEL else "spin"
+        spec.add_sensor(
+            name=f"{name}_{number}",
+            type=kind,
+            objtype=mujoco.mjtObj.mjOBJ_XBODY,
+            objname=f"module_{number}",
+        )
+
+
+def add_contact_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
+    """Net contact of all that hangs on a body: (found, force (3,), position (3,)), world axes; the
+    force is that on the wall."""
     fields = mujoco.mjtConDataField
     wanted = sum(
         1 << int(f) for f in (fields.mjCONDATA_FOUND, fields.mjCONDATA_FORCE, fields.mjCONDATA_POS)
     )
     net_force, slots = 3, 1
     spec.add_sensor(
-        name=f"contact_{name}",
+        name=name,
         type=mujoco.mjtSensor.mjSENS_CONTACT,
-        objtype=mujoco.mjtObj.mjOBJ_BODY,
-        objname=f"track_{name}",
+        objtype=mujoco.mjtObj.mjOBJ_XBODY,
+        objname=body,
         intprm=[wanted, net_force, slots],
     )
 

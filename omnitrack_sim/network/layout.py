@@ -6,7 +6,7 @@ import math
 import re
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -79,19 +79,22 @@ def _placed(
 ) -> tuple[dict[int, Pose], set[int]]:
     """Poses by part, and the joints that placed a part; the others close loops or lie apart from
     the first part."""
+    at_part: list[list[tuple[int, Joined, End, End]]] = [[] for _ in kinds]
+    for k, joint in enumerate(joints):
+        for here, there in (joint.ends, joint.ends[::-1]):
+            at_part[here[0]].append((k, joint, here, there))
     poses = {0: attached(first, kinds[0], kinds[0].port_names[0], 0.0)}
     used: set[int] = set()
     queue = deque([0])
     while queue:
         part = queue.popleft()
-        for k, joint in enumerate(joints):
-            for (here, port), (there, other) in (joint.ends, joint.ends[::-1]):
-                if here == part and there not in poses:
-                    poses[there] = attached(
-                        poses[here] @ kinds[here].ports[port], kinds[there], other, joint.turn
-                    )
-                    used.add(k)
-                    queue.append(there)
+        for k, joint, (here, port), (there, other) in at_part[part]:
+            if there not in poses:
+                poses[there] = attached(
+                    poses[here] @ kinds[here].ports[port], kinds[there], other, joint.turn
+                )
+                used.add(k)
+                queue.append(there)
     return poses, used
 
 
@@ -122,4 +125,7 @@ def _in_file(faults: Iterable[Fault], order: Sequence[int]) -> list[Fault]:
     def renamed(text: str) -> str:
         return re.sub(r"\bpipes\.(\d+)", lambda match: f"fittings.{order[int(match[1])]}", text)
 
-    return [Fault(renamed(fault.where), renamed(fault.problem), fault.choices) for fault in faults]
+    return [
+        replace(fault, where=renamed(fault.where), problem=renamed(fault.problem))
+        for fault in faults
+    ]

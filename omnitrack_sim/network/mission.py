@@ -11,22 +11,26 @@ equal. To a goal that is the mission's start it backs out all the way.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field
 
 from omnitrack_sim.errors import Fault, NetworkError
+from omnitrack_sim.network.along import Along, Passed
 from omnitrack_sim.network.layout import End
 from omnitrack_sim.network.planning import Way, port_graph, route_of, shortest_way, unreachable
 from omnitrack_sim.network.spec import Network
+from omnitrack_sim.network.to_go import ToGo
 from omnitrack_sim.pipes import ARCS, Arcs, Route
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.table import Table
 
 NOSE_ROOM = 0.005
 """Room between the robot's nose and the port of a goal when it arrives, m."""
+ROUNDING = 1e-9
+"""Difference of two travels, m, that may come from rounding."""
 AT_THE_NOSE = 0.02
 """How far behind the nose an obstacle may seem to be that stops a robot, m."""
 
@@ -90,6 +94,8 @@ class Planner:
         self.network, self.mission, self.robot, self.arcs = network, mission, robot, arcs
         self.ends, self.plates = _checked(network, mission)
         self._graph = port_graph(network, arcs, mission.avoid)
+        self._known_passed: dict[tuple[int, str, str], Passed] = {}
+        self._known_to_go: tuple[Any, ToGo] = None, ToGo(self._graph, self.ends[0], ())
         way = shortest_way(self._graph, self.ends[0], self.ends[1])
         if way is None:
             raise NetworkError(_unreachable(0, mission))
@@ -116,9 +122,7 @@ class Planner:
     def obstacle(self, leg: Leg, distance: float) -> End:
         """The port (part index, port) that stops a robot at arc length ``distance`` m of a leg."""
         nose = distance + self.robot.length / 2 - AT_THE_NOSE
-        fittings = self.route(leg).fittings
-        index = next((i for i, p in enumerate(fittings) if nose < p.s_leave), len(fittings) - 1)
-        part, _, leave = leg.way[index]
+        part, _, leave = leg.way[self._along(leg.way).at(nose)]
         return part, leave
 
     def onward(
@@ -135,21 +139,16 @@ class Planner:
             goal: number of the goal.
             closed: ports (part index, port) found to be closed.
         """
-        import networkx
-
         closed = tuple(closed)
-        graph = networkx.restricted_view(self._graph, closed, [])
         at_the_start = self.robot.length / 2 + NOSE_ROOM
         if leg.gear < 0:
-            way = shortest_way(graph, self.ends[0], self.ends[goal + 1])
+            way = self._shortest(self.ends[0], goal, closed)
             return None if way is None else [self._forward(way, at_the_start, goal)]
-        old = self.route(leg)
-        here = next(
-            (i for i, p in enumerate(old.fittings) if distance < p.s_leave), len(leg.way) - 1
-        )
+        old = self._along(leg.way)
+        here = old.at(distance)
         if self.ends[goal + 1] == self.ends[0]:
             return [self._backing(old, leg.way, here, distance, at_the_start, goal)]
-        found = self._turn_off(leg.way[: here + 1], distance, goal, closed)
+        found = self._turn_off(old, leg.way[: here + 1], distance, goal, closed)
         if found is None:
             return None
         way, stand = found
@@ -159,12 +158,13 @@ class Planner:
         return [self._backing(old, leg.way, here, distance, stand), forward]
 
     def _turn_off(
-        self, old: Way, distance: float, goal: int, closed: tuple[End, ...]
+        self, along: Along, old: Way, distance: float, goal: int, closed: tuple[End, ...]
     ) -> tuple[Way, float] | None:
         """The way to a goal, nose first, that asks for the least travel back and on.
 
         Args:
-            old: the way up to the fitting that the robot is in, at arc length ``distance`` m.
+            along: the way that the robot is on, in numbers.
+            old: that way up to the fitting that the robot is in, at arc length ``distance`` m.
             goal: number of the goal.
             closed: ports (part index, port) found to be closed.
 
@@ -172,44 +172,90 @@ class Planner:
             The new way, and the arc length in m up to which the robot has to back out, at most
             ``distance``; None where there is no way.
         """
-        import networkx
-
-        best: tuple[float, Way, float] | None = None
-        for index in range(len(old) - 1, -1, -1):
-            part, enter, _ = old[index]
-            # Nose first, the robot cannot leave through the port that it came in by.
-            back = self.network.joined_to.get(f"{self.network.fittings[part].name}.{enter}")
-            cut = [] if back is None else [((part, enter), self.network.port(back))]
-            graph = networkx.restricted_view(self._graph, closed, cut)
-            onward = shortest_way(graph, (part, enter), self.ends[goal + 1])
+        to_go = self._to_go(goal, closed)
+        best: tuple[float, int, Way, float] | None = None
+        for least, behind, index in self._turns(along, old, distance, to_go):
+            if best is not None and least > best[0] + ROUNDING:
+                break
+            onward = to_go.way(old[index][:2]) or self._around(old[index], goal, closed)
             if onward is None:
                 continue
             way = (*old[:index], *onward)
-            new = route_of(self.network, way, self.arcs)
-            stand = min(distance, self._stand(new, index))
-            cost = distance - stand + new.centreline.length - stand
-            if best is None or cost < best[0]:
-                best = (cost, way, stand)
-        return None if best is None else best[1:]
+            stand = min(distance, self._stand(along, index, self._passed(*onward[0])))
+            cost = distance - stand + self._along(way).length - stand
+            if best is None or (cost, behind) < best[:2]:
+                best = (cost, behind, way, stand)
+        return None if best is None else best[2:]
+
+    def _turns(
+        self, along: Along, old: Way, distance: float, to_go: ToGo
+    ) -> list[tuple[float, int, int]]:
+        """The fittings of the way ``old`` from which there is a way to the goal, those first that
+        ask for little travel: the least travel back and on, m, how many fittings behind the
+        robot's one it is, and its index."""
+        found = []
+        for index, (part, enter, _) in enumerate(old):
+            travels = [
+                distance
+                - 2 * min(distance, self._stand(along, index, self._passed(part, enter, leave)))
+                + along.begins[index]
+                + length
+                for (_, leave), length in to_go.options((part, enter))
+            ]
+            if travels:
+                found.append((min(travels), len(old) - 1 - index, index))
+        return sorted(found)
+
+    def _around(self, step: tuple[int, str, str], goal: int, closed: tuple[End, ...]) -> Way | None:
+        """The shortest way to a goal that comes to no port twice from the port that a part is
+        entered by, where the robot cannot leave by it."""
+        part, enter, _ = step
+        back = self.network.joined_to.get(f"{self.network.fittings[part].name}.{enter}")
+        cut = [] if back is None else [((part, enter), self.network.port(back))]
+        return self._shortest((part, enter), goal, closed, cut)
+
+    def _shortest(
+        self,
+        start: End,
+        goal: int,
+        closed: Collection[End],
+        cut: Collection[tuple[End, End]] = (),
+    ) -> Way | None:
+        import networkx
+
+        graph = networkx.restricted_view(self._graph, closed, cut)
+        return shortest_way(graph, start, self.ends[goal + 1])
+
+    def _to_go(self, goal: int, closed: tuple[End, ...]) -> ToGo:
+        key = self.ends[goal + 1], closed
+        if self._known_to_go[0] != key:
+            self._known_to_go = key, ToGo(self._graph, *key)
+        return self._known_to_go[1]
+
+    def _passed(self, part: int, enter: str, leave: str) -> Passed:
+        key = part, enter, leave
+        if key not in self._known_passed:
+            fitting = self.network.pipes.parts[part].fitting
+            self._known_passed[key] = Passed.of(fitting, enter, leave, self.arcs)
+        return self._known_passed[key]
+
+    def _along(self, way: Way) -> Along:
+        return Along.of([self._passed(*step) for step in way])
+
+    def _stand(self, along: Along, index: int, other: Passed) -> float:
+        return along.stand(index, other, self.robot.length, self.robot.standing_room)
 
     def _forward(self, way: Way, begin: float, goal: int) -> Leg:
-        length = route_of(self.network, way, self.arcs).centreline.length
-        return Leg(
-            way,
-            1,
-            begin,
-            length - self.robot.length / 2 - NOSE_ROOM,
-            goal,
-            f"to {self.mission.goals[goal]}",
-        )
+        end = self._along(way).length - self.robot.length / 2 - NOSE_ROOM
+        return Leg(way, 1, begin, end, goal, f"to {self.mission.goals[goal]}")
 
     def _backing(
-        self, old: Route, way: Way, here: int, distance: float, stand: float, goal: int = -1
+        self, old: Along, way: Way, here: int, distance: float, stand: float, goal: int = -1
     ) -> Leg:
         """The leg that backs out of a way.
 
         Args:
-            old: route of the way.
+            old: the way in numbers.
             way: the way.
             here: index of the part that the robot is in.
             distance: m, arc length on it where the robot is.
@@ -217,33 +263,14 @@ class Planner:
             goal: number of the goal that is there; -1 if there is none.
         """
         reverse: Way = tuple((part, leave, enter) for part, enter, leave in way[here::-1])
-        route = route_of(self.network, reverse, self.arcs)
-        at = next(i for i, p in enumerate(old.fittings) if stand < p.s_leave)
-        begin = old.fittings[here].s_leave - distance
+        at = old.at(stand)
+        begin = old.ends[here] - distance
         # The arcs into and out of a branch differ in length, so lengths are counted from the port
         # that both ways share.
-        end = route.fittings[here - at].s_leave - (stand - old.fittings[at].s_enter)
+        end = self._along(reverse).ends[here - at] - (stand - old.begins[at])
         name = self.network.fittings[way[here][0]].name
         to = "" if goal < 0 else f", to {self.mission.goals[goal]}"
         return Leg(reverse, -1, begin, end, goal, f"backs out of {name}{to}")
-
-    def _stand(self, route: Route, index: int) -> float:
-        """Arc length, m, where a robot stands to pass fitting ``index`` of a route another way."""
-        first, length, room = index, self.robot.length, self.robot.standing_room
-        while first > 0 and _start(route, first) - _end(route, first - 1) < length + room:
-            first -= 1
-        return max(_start(route, first) - length / 2 - room, length / 2)
-
-
-def _start(route: Route, index: int) -> float:
-    """Arc length, m, where a fitting's bend or opening begins; its end if it has neither."""
-    passage = route.fittings[index]
-    return passage.span[0] if passage.asks_orientation else passage.s_leave
-
-
-def _end(route: Route, index: int) -> float:
-    """Arc length, m, where the last bend or opening up to fitting ``index`` ends."""
-    return next((p.span[1] for p in route.fittings[index::-1] if p.asks_orientation), -float("inf"))
 
 
 def _unreachable(goal: int, mission: Mission) -> Fault:
@@ -265,9 +292,9 @@ def _checked(network: Network, mission: Mission) -> tuple[list[End], tuple[End, 
                 faults.append(Fault(where, f"{port!r} is where the robot is already"))
         except NetworkError as error:
             faults += error.faults
-    names = tuple(part.name for part in network.fittings)
+    names = dict.fromkeys(part.name for part in network.fittings)
     faults += [
-        Fault(f"avoid.{i}", f"there is no fitting {name!r}", names)
+        Fault(f"avoid.{i}", f"there is no fitting {name!r}", tuple(names), given=name)
         for i, name in enumerate(mission.avoid)
         if name not in names
     ]

@@ -36,7 +36,8 @@ def port_graph(
     for a, b in network.pipes.joints:
         graph.add_edge(a, b, length=0.0)
         graph.add_edge(b, a, length=0.0)
-    graph.remove_nodes_from([node for node in graph if network.fittings[node[0]].name in avoid])
+    left_out = set(avoid)
+    graph.remove_nodes_from([node for node in graph if network.fittings[node[0]].name in left_out])
     return graph
 
 
@@ -70,7 +71,7 @@ def shortest_route(
     names = [part.name for part in network.fittings]
     avoided = set(avoid)
     faults += [
-        Fault("avoid", f"there is no fitting {name!r}", tuple(names))
+        Fault("avoid", f"there is no fitting {name!r}", tuple(names), given=name)
         for name in sorted(avoided)
         if name not in names
     ]

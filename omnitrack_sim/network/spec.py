@@ -11,20 +11,16 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, Field, SerializeAsAny, WrapValidator, model_validator
+from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
 
 from omnitrack_sim.errors import Fault, GeometryError, NetworkError
 from omnitrack_sim.network.layout import End, Joined, lay_out
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.rotations import Pose, frame_along
-from omnitrack_sim.schema.fittings import FittingEntry, by_kind, choices_of
-from omnitrack_sim.schema.reading import (
-    NAME_PATTERN,
-    checked,
-    fault_of,
-    read_toml,
-    shipped_networks,
-)
+from omnitrack_sim.schema.files import NETWORK, read_file
+from omnitrack_sim.schema.fittings import FittingEntry, by_kind
+from omnitrack_sim.schema.paths import keys_at
+from omnitrack_sim.schema.reading import NAME_PATTERN, checked, fault_of
 from omnitrack_sim.schema.tables import Direction
 from omnitrack_sim.table import Table
 
@@ -78,15 +74,21 @@ class Network(Table):
         faults = self._naming_faults()
         if not faults:
             _ = self.pipes  # raises by itself
-            free = self.open_ends
+            free = dict.fromkeys(self.open_ends)
             faults = [
-                Fault(f"ports.{name}", f"{port!r} is no open end", free)
+                Fault(f"ports.{name}", f"{port!r} is no open end", tuple(free), given=port)
                 for name, port in self.ports.items()
                 if port not in free
             ]
         if faults:
             raise NetworkError(faults)
         return self
+
+    def __repr__(self) -> str:
+        counts = f"{len(self.fittings)} fittings, {len(self.joints)} joints"
+        return f"Network({self.name!r}: {counts})"
+
+    __str__ = __repr__
 
     def __eq__(self, other: object) -> bool:
         """Whether both say the same; what was derived from it does not count."""
@@ -131,17 +133,16 @@ class Network(Table):
         Raises:
             NetworkError: no such port, or none that is open; ``where`` names what asked for it.
         """
-        known = (*self.ports, *self.open_ends)
         name = self.ports.get(port, port)
-        if name not in self._ends:
-            raise NetworkError(Fault(where, f"there is no port {port!r}", known))
-        if name in self.joined_to:
-            raise NetworkError(
-                Fault(
-                    where, f"{port!r} is no open end: it is joined to {self.joined_to[name]}", known
-                )
-            )
-        return self._ends[name]
+        if name in self._ends and name not in self.joined_to:
+            return self._ends[name]
+        problem = (
+            f"{port!r} is no open end: it is joined to {self.joined_to[name]}"
+            if name in self._ends
+            else f"there is no port {port!r}"
+        )
+        asked = "" if name in self._ends else port
+        raise NetworkError(Fault(where, problem, (*self.ports, *self.open_ends), given=asked))
 
     def port(self, port: str, where: str = "port") -> End:
         """Part index and port name of any port ``part.port``, or of an open end by its name in
@@ -188,20 +189,17 @@ class Network(Table):
         """Impossible sizes, names taken twice, joints of ports that do not exist or are joined
         already."""
         faults: list[Fault] = []
-        names: list[str] = []
+        names: set[str] = set()
         for i, part in enumerate(self.fittings):
             if part.name in names:
                 faults.append(
                     Fault(f"fittings.{i}.name", f"{part.name!r} is taken by an earlier fitting")
                 )
-            names.append(part.name)
+            names.add(part.name)
             try:
                 part.fitting()
             except GeometryError as error:
-                faults += [
-                    Fault(f"fittings.{i}.{f.where.rpartition('.')[2]}", f.problem, f.choices)
-                    for f in error.faults
-                ]
+                faults += [f.at(f"fittings.{i}.{f.where.rpartition('.')[2]}") for f in error.faults]
         taken: dict[str, int] = {}
         for k, joint in enumerate(self.joints):
             for which, port in enumerate(joint.ports):
@@ -225,23 +223,29 @@ class Network(Table):
         fittings."""
         name = port.partition(".")[0]
         of_part = tuple(end for end in self._ends if end.startswith(f"{name}."))
-        problem = (
-            f"there is no port {port!r}"
-            if of_part
-            else f"there is no fitting {name!r} (given: {port!r})"
-        )
-        return Fault(where, problem, of_part or tuple(part.name for part in self.fittings))
+        if of_part:
+            return Fault(where, f"there is no port {port!r}", of_part, given=port)
+        problem = f"there is no fitting {name!r} (given: {port!r})"
+        return Fault(where, problem, tuple(part.name for part in self.fittings), given=name)
 
 
 def load_network(source: str | Path) -> Network:
     """Read a network file, or a shipped network by name.
 
     Raises:
-        NetworkError: no such file, bad TOML, or any fault in it; every fault is listed with its
-            path in the file.
+        NetworkError: no such file, bad TOML or JSON, or any fault in it; every fault is listed with
+            its path in the file.
     """
-    _, data = read_toml(source, "network", shipped_networks(), NetworkError)
-    return validate(data)
+    return validate(network_data(source))
+
+
+def network_data(source: str | Path) -> dict[str, Any]:
+    """The plain data of a network file, or of a shipped network by name, as yet unchecked.
+
+    Raises:
+        NetworkError: there is no such file, or it cannot be read.
+    """
+    return read_file(source, NETWORK, NetworkError)[1]
 
 
 def validate(data: Mapping[str, Any]) -> Network:
@@ -260,17 +264,7 @@ def _fault(item: Any, data: Mapping[str, Any]) -> Fault:
             where,
             f"is {item['input']!r}; a part's name has no dot, space or separator and is not empty",
         )
-    return fault_of(item, "fittings", (), lambda places: _choices_at(places, data))
-
-
-def _choices_at(places: list[str], data: Mapping[str, Any]) -> tuple[str, ...]:
-    """Valid keys of the table at a pydantic path into plain data."""
-    if not places:
-        return tuple(Network.model_fields)
-    if places[0] == "fittings":
-        return choices_of(NetworkFitting, data["fittings"], places[1])
-    tables: dict[str, type[BaseModel]] = {"place": Place, "joints": Joint}
-    return tuple(tables[places[0]].model_fields) if places[0] in tables else ()
+    return fault_of(item, "fittings", (), lambda places: keys_at(Network, data, places))
 
 
 def _key(name: str) -> str:

@@ -118,7 +118,7 @@ def _bound_faults(
                 for other in _ENDS
             ):
                 at = f"variables.{number}.{end}"
-                yield from dict.fromkeys(Fault(at, f.problem, f.choices) for f in found)
+                yield from dict.fromkeys(fault.at(at) for fault in found)
                 break
 
 
@@ -173,7 +173,8 @@ def _objective_faults(
         yield Fault(f"{where}.name", f"{name!r} is the name of an earlier objective; give another")
     chosen = tuple(sweep.name for sweep in sweeps)
     if objective.trials is not None and sweeps and objective.trials not in chosen:
-        yield Fault(f"{where}.trials", f"is {objective.trials!r}", chosen)
+        problem = f"is {objective.trials!r}"
+        yield Fault(f"{where}.trials", problem, chosen, given=objective.trials)
         return
     if objective.metric == SUCCESS_RATE:
         for key in ("module", "aggregate", "failed", "worst"):
@@ -191,7 +192,8 @@ def _metric_faults(where: str, objective: Objective, sweeps: Sequence[Sweep]) ->
     given = [name for name, metric in known.items() if metric.in_tables]
     if objective.metric not in known and objective.metric not in OF_TRIALS and bases:
         choices = (SUCCESS_RATE, *OF_TRIALS, *given)
-        yield Fault(f"{where}.metric", f"is {objective.metric!r}", choices)
+        problem = f"is {objective.metric!r}"
+        yield Fault(f"{where}.metric", problem, choices, given=objective.metric)
         return
     metric = known.get(objective.metric)
     if metric is not None and not metric.in_tables:

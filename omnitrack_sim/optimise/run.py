@@ -13,7 +13,16 @@ from typing import TYPE_CHECKING, Any
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.optimise.choice import best_of, to_be_checked
 from omnitrack_sim.optimise.explore import Candidate, History, explore
-from omnitrack_sim.optimise.folder import BEST_FILE, SUMMARY_FILE, Folder, Memory
+from omnitrack_sim.optimise.folder import (
+    BEST_FILE,
+    FINAL_FILE,
+    FRONT_FILE,
+    HISTORY_CSV,
+    HISTORY_FILE,
+    SUMMARY_FILE,
+    Folder,
+    Memory,
+)
 from omnitrack_sim.optimise.history import final_table, front_table, history_table
 from omnitrack_sim.optimise.picture import draw_front
 from omnitrack_sim.optimise.spec import Study
@@ -163,7 +172,7 @@ class _Run:
         stage = f"generation {number + 1} of {of}" if number < of else "centres of the searches"
         self.before = self.status = replace(self.status, stage=stage)
         if self.folder is not None and ran:
-            _write_table(self.folder, "history", history_table(self.study, history))
+            _write_history(self.folder, history_table(self.study, history))
 
     def _summary(
         self, history: History, checked: History | None, best: Candidate, on_front: int
@@ -206,21 +215,23 @@ def _write(
 ) -> None:
     """Write all files of a study that is finished; the figure last, for it holds nothing new."""
     study = result.study
-    _write_table(folder, "history", result.history)
-    folder.write_file("front.csv", to_csv(result.front))
-    if result.final is not None:
-        folder.write_file("final.csv", to_csv(result.final))
+    _write_history(folder, result.history)
+    folder.write_file(FRONT_FILE, to_csv(result.front))
+    if result.final is None:
+        folder.remove(FINAL_FILE)
+    else:
+        folder.write_file(FINAL_FILE, to_csv(result.final))
     folder.write_values(
         {f"{one.number}.toml": _settings(study, one) for one, _ in checked or [(best, None)]}
     )
     folder.write_file(BEST_FILE, _settings(study, best))
     folder.write_file(SUMMARY_FILE, json.dumps(result.summary, indent=2) + "\n")
-    folder.write_file("front.png", draw_front(study, history, checked, best))
+    folder.write_figure(lambda: draw_front(study, history, checked, best))
 
 
-def _write_table(folder: Folder, name: str, table: pa.Table) -> None:
-    folder.write_file(f"{name}.csv", to_csv(table))
-    folder.write_file(f"{name}.parquet", to_parquet(table))
+def _write_history(folder: Folder, table: pa.Table) -> None:
+    folder.write_file(HISTORY_CSV, to_csv(table))
+    folder.write_file(HISTORY_FILE, to_parquet(table))
 
 
 def _settings(study: Study, candidate: Candidate) -> str:

@@ -14,13 +14,8 @@ from pydantic import BaseModel, Field
 from omnitrack_sim.errors import Fault, StudyError, SweepError
 from omnitrack_sim.optimise.checks import faults_of
 from omnitrack_sim.optimise.tables import Final, Objective, Plan, Variable
-from omnitrack_sim.schema.reading import (
-    NAME_PATTERN,
-    checked,
-    fault_of,
-    read_toml,
-    shipped_studies,
-)
+from omnitrack_sim.schema.files import STUDY, read_file
+from omnitrack_sim.schema.reading import NAME_PATTERN, checked, fault_of
 from omnitrack_sim.sweep import Sweep
 from omnitrack_sim.sweep.spec import resolve as resolve_sweep
 from omnitrack_sim.sweep.trials import FORMAT, matches, value_at
@@ -95,20 +90,21 @@ def load_study(source: str | Path, changes: Mapping[str, Any] | None = None) -> 
 
     Args:
         source: the file or name.
-        changes: of the base scenarios by dotted path; they come after those of the file's ``set``.
+        changes: of the base scenarios by dotted path; they come after those of the file's ``set``,
+            and both are set before the base scenarios are checked.
 
     Raises:
-        StudyError: no such file, bad TOML, or any fault in it; every fault is listed with its path
-            in the file.
+        StudyError: no such file, bad TOML or JSON, or any fault in it; every fault is listed with
+            its path in the file.
     """
-    path, data = read_toml(source, "study", shipped_studies(), StudyError)
+    path, data = read_file(source, STUDY, StudyError)
     return resolve(data, path.parent, changes)
 
 
 def resolve(
     data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str, Any] | None = None
 ) -> Study:
-    """A study from plain data as read from TOML.
+    """A study from plain data as read from TOML or JSON.
 
     Args:
         data: of the file.
@@ -165,7 +161,7 @@ def _placed(fault: Fault, number: int) -> Fault:
     """A fault of a sweep, with its place in the study."""
     if fault.where.startswith("--set "):
         return fault
-    return Fault(f"trials.{number}.{fault.where}", fault.problem, fault.choices)
+    return fault.at(f"trials.{number}.{fault.where}")
 
 
 def _started(variable: Variable, base: Mapping[str, Any]) -> Variable:

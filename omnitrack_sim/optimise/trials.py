@@ -13,7 +13,7 @@ from omnitrack_sim.optimise.spec import Study
 from omnitrack_sim.sweep import Sweep
 from omnitrack_sim.sweep.batch import INVALID, Row
 from omnitrack_sim.sweep.dispatch import Pool, Progress, Store, run_missing
-from omnitrack_sim.sweep.table import result_fields
+from omnitrack_sim.sweep.table import made_by, result_fields
 from omnitrack_sim.sweep.trials import (
     Batch,
     Trial,
@@ -88,7 +88,7 @@ class Trials:
         batches = batches_of(self.study, self.sweeps, candidates)
         run_missing(batches, self.store, self.layout, self.pool, self.progress)
         tables = [table for batch in batches if (table := self.store.read(batch)) is not None]
-        self.makers |= {table.schema.metadata[b"made_by"].decode() for table in tables}
+        self.makers |= {made_by(table) for table in tables}
         plain = [table.replace_schema_metadata(None) for table in tables]
         table = pa.concat_tables(plain).sort_by("trial")
         if candidates[0].number == 0 and self.sweeps is self.study.trials:

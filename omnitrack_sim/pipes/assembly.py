@@ -2,24 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from omnitrack_sim.errors import Fault, GeometryError
 from omnitrack_sim.pipes.centreline import Centreline, Segment
 from omnitrack_sim.pipes.fittings import ARCS, Arcs, AxisCurve, Fitting
+from omnitrack_sim.pipes.near import touching
 from omnitrack_sim.rotations import Array, Pose, rotation_about
 
 SAMPLE_SPACING = 0.02
 """Spacing of the samples along the axis that overlaps are looked for with, m."""
+STRETCH = 0.5
+"""Length of the stretches that are first compared as a whole, m."""
 OVERLAP = 1e-3
 """Depth by which two bores may share space unnoticed, m."""
 JOINED = 1e-6
 """Distance within which two open ports are the same place, m."""
 BORE_TOLERANCE = 1e-3
 """Difference of the diameters of joined bores that passes as manufacturing tolerance, m."""
+
+
+class Stretch(NamedTuple):
+    """A stretch of one of a part's axes, and a ball around the bore there.
+
+    Attributes:
+        axis: number of the axis. middle, half: m, arc length of its middle, and half its length.
+        centre: (3,) m, world frame. reach: m, radius of the ball, with room for rounded rims.
+    """
+
+    axis: int
+    middle: float
+    half: float
+    centre: Array
+    reach: float
 
 
 @dataclass(frozen=True)
@@ -29,6 +49,9 @@ class Part:
     name: str
     fitting: Fitting
     pose: Pose
+
+    def __repr__(self) -> str:
+        return f"Part({self.name!r}, {self.fitting!r})"
 
     def signed_distance(self, points: Array) -> tuple[Array, Array]:
         """As ``Fitting.signed_distance``, for points and gradient in the world frame."""
@@ -41,18 +64,23 @@ class Part:
 
     def port(self, name: str) -> Pose:
         """A port in the world frame."""
-        return self.pose @ self.fitting.ports[name]
+        return self.pose @ self._ports[name]
+
+    @cached_property
+    def _ports(self) -> Mapping[str, Pose]:
+        return self.fitting.ports
 
     def axis(self, enter: str, leave: str, arcs: Arcs = ARCS) -> Centreline:
         """The axis curve from one port to another, world frame."""
         return self._placed(self.fitting.axis_curve(enter, leave, arcs))
 
-    def axes(self) -> list[tuple[Centreline, float, float]]:
+    @cached_property
+    def axes(self) -> tuple[tuple[Centreline, float, float], ...]:
         """``Fitting.axes`` in the world frame, each with the bore radius at its ends, m."""
-        return [
+        return tuple(
             (self._placed(axis.curve), axis.start_radius, axis.end_radius)
             for axis in self.fitting.axes
-        ]
+        )
 
     def _placed(self, curve: AxisCurve) -> Centreline:
         segments = self.segments(curve)
@@ -73,18 +101,40 @@ class Part:
                 t, n = t * cos + n * sin, n * cos - t * sin
         return segments
 
-    def bore_samples(self) -> Array:
-        """Points (k, 3) m on the fitting's axes and near its inner surface, world frame."""
+    def bore_samples(self, stretches: Sequence[Stretch] | None = None) -> Array:
+        """Points (k, 3) m on the fitting's axes and near its inner surface, world frame; with
+        ``stretches`` only those beside them."""
         samples = []
-        for line, start_radius, end_radius in self.axes():
-            s = np.linspace(0, line.length, max(2, int(np.ceil(line.length / SAMPLE_SPACING)) + 1))
+        for number, (line, start_radius, end_radius) in enumerate(self.axes):
+            count = max(2, int(np.ceil(line.length / SAMPLE_SPACING)) + 1)
+            s: Array = np.linspace(0, line.length, count)
+            radius: Array = np.linspace(start_radius, end_radius, len(s))
+            if stretches is not None:
+                wanted = np.zeros(len(s), bool)
+                for stretch in stretches:
+                    if stretch.axis == number:
+                        wanted |= np.abs(s - stretch.middle) <= stretch.half + SAMPLE_SPACING
+                s, radius = s[wanted], radius[wanted]
             point, frame = line.at(s)[0], line.frame(s)
             around = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-            radius = np.linspace(start_radius, end_radius, len(s))
             ring = np.stack([np.cos(around), np.sin(around), 0 * around], axis=-1)
             rings = 0.95 * radius[:, None, None] * np.einsum("sij,kj->ski", frame, ring)
             samples += [point, (point[:, None] + rings).reshape(-1, 3)]
         return np.concatenate(samples)
+
+    def stretches(self) -> list[Stretch]:
+        """Its axes in stretches of about ``STRETCH`` m, or of two bores where that is more."""
+        found, room = [], self.fitting.largest_radius
+        for number, (line, start_radius, end_radius) in enumerate(self.axes):
+            widest = max(start_radius, end_radius)
+            count = int(np.ceil(line.length / max(STRETCH, 4 * widest)))
+            half = line.length / count / 2
+            middles: Array = half * (2.0 * np.arange(count, dtype=float) + 1.0)
+            found += [
+                Stretch(number, middle, half, centre, half + widest + room)
+                for middle, centre in zip(middles.tolist(), line.at(middles)[0], strict=True)
+            ]
+        return found
 
     def holds(self, points: Array, margin: float) -> bool:
         """Whether any of ``points`` (n, 3) m, world frame, lies in this bore by more than
@@ -104,6 +154,9 @@ class Assembly:
 
     parts: tuple[Part, ...]
     joints: tuple[tuple[tuple[int, str], tuple[int, str]], ...] = ()
+
+    def __repr__(self) -> str:
+        return f"Assembly({len(self.parts)} parts, {len(self.joints)} joints)"
 
     def __post_init__(self) -> None:
         faults = [*self._mismatches(), *self._overlaps(), *self._closures()]
@@ -160,43 +213,51 @@ class Assembly:
         return faults
 
     def _overlaps(self) -> list[Fault]:
+        """Parts that share space and are not joined."""
         joined = {frozenset((i, j)) for (i, _), (j, _) in self.joints}
-        samples = [part.bore_samples() for part in self.parts]
-        centres = np.array([(s.max(axis=0) + s.min(axis=0)) / 2 for s in samples])  # (P, 3) m
-        extents = np.array(
-            [np.linalg.norm(s - c, axis=1).max() for s, c in zip(samples, centres, strict=True)]
-        )
         faults = []
-        for i in range(len(self.parts)):
-            apart = np.linalg.norm(centres - centres[i], axis=1)
-            # The samples stand at 0.95 R: twice that room covers the bores themselves.
-            room = extents + extents[i] + 0.1 * (self.parts[i].fitting.largest_radius + extents)
-            for j in np.flatnonzero(apart < room).tolist():
-                if j > i and frozenset((i, j)) not in joined:
-                    self._overlap(i, j, samples, faults)
+        for (i, j), (of_i, of_j) in _close(self.parts).items():
+            a, b = self.parts[i], self.parts[j]
+            if frozenset((i, j)) not in joined and (
+                a.holds(b.bore_samples(of_j), OVERLAP) or b.holds(a.bore_samples(of_i), OVERLAP)
+            ):
+                faults.append(Fault(f"pipes.{j}", f"{b.name!r} runs into {a.name!r} (pipes.{i})"))
         return faults
-
-    def _overlap(self, i: int, j: int, samples: list[Array], faults: list[Fault]) -> None:
-        """Add the fault of two parts that share space."""
-        a, b = self.parts[i], self.parts[j]
-        if a.holds(samples[j], OVERLAP) or b.holds(samples[i], OVERLAP):
-            faults.append(Fault(f"pipes.{j}", f"{b.name!r} runs into {a.name!r} (pipes.{i})"))
 
     def _closures(self) -> list[Fault]:
         """Open ends of two parts in one place: the pipe closes on itself without being joined."""
+        ends = self.open_ends
+        places = np.array([self.parts[i].port(port).position for i, port in ends])
         faults = []
-        for (i, port_i), (j, port_j) in combinations(self.open_ends, 2):
+        for first, second in touching(places.reshape(-1, 3), np.full(len(ends), JOINED / 2)):
+            (i, port_i), (j, port_j) = ends[first], ends[second]
             a, b = self.parts[i], self.parts[j]
-            if (
-                i != j
-                and np.linalg.norm(a.port(port_i).position - b.port(port_j).position) < JOINED
-            ):
+            if i != j:
                 problem = (
                     f"{b.name!r} ({port_j}) ends where {a.name!r} ({port_i}, pipes.{i}) does, and "
                     "is not joined to it"
                 )
                 faults.append(Fault(f"pipes.{j}", problem))
         return faults
+
+
+def _close(
+    parts: Sequence[Part],
+) -> dict[tuple[int, int], tuple[list[Stretch], list[Stretch]]]:
+    """Pairs of parts that come close to each other, and the stretches of both that do."""
+    every = [(i, stretch) for i, part in enumerate(parts) for stretch in part.stretches()]
+    centres = np.array([stretch.centre for _, stretch in every]).reshape(-1, 3)
+    radii = np.array([stretch.reach for _, stretch in every])
+    found: dict[tuple[int, int], tuple[dict[int, Stretch], dict[int, Stretch]]] = {}
+    for first, second in touching(centres, radii).tolist():
+        (i, one), (j, other) = every[first], every[second]
+        if i != j:
+            of_i, of_j = found.setdefault((i, j), ({}, {}))
+            of_i[first], of_j[second] = one, other
+    return {
+        pair: (list(of_i.values()), list(of_j.values()))
+        for pair, (of_i, of_j) in sorted(found.items(), key=lambda item: item[0])
+    }
 
 
 def attached(port: Pose, fitting: Fitting, enter: str, turn: float) -> Pose:

@@ -95,6 +95,9 @@ class Route:
     centreline: Centreline
     fittings: tuple[Passage, ...]
 
+    def __repr__(self) -> str:
+        return f"Route({len(self.fittings)} fittings, {self.centreline.length:.6g} m)"
+
     def bore_radius(self, s: Array) -> Array:
         """Bore radius (n,) m at arc lengths (n,) m along the centreline; beyond its ends that at
         the ends.

@@ -36,7 +36,7 @@ def plot_network(
     """Write the figure of ``network_figure``.
 
     Raises:
-        InputError: no such format. OSError: the file cannot be written.
+        InputError: no such format. OutputError: the file cannot be written.
     """
     save_figure(network_figure(network, route), path, format)
 
@@ -224,12 +224,12 @@ def _way(route: Route) -> Array:
 
 def _lines(part: Part) -> list[Array]:
     """Axes of a part, points (n, 3) m."""
-    return [line.at(_places(line))[0] for line, _, _ in part.axes()]
+    return [line.at(_places(line))[0] for line, _, _ in part.axes]
 
 
 def middle(part: Part) -> Array:
     """Where a part's name stands (3,) m."""
-    line, _, _ = part.axes()[0]
+    line, _, _ = part.axes[0]
     return line.at(np.array([line.length / 2]))[0][0]
 
 
@@ -249,7 +249,7 @@ def _quads(part: Part) -> Array:
     found = []
     angle = np.linspace(0, 2 * np.pi, AROUND + 1)
     circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
-    for line, first, last in part.axes():
+    for line, first, last in part.axes:
         s = _places(line)
         ring = np.einsum("sij,kj->ski", line.frame(s), circle)  # (n, AROUND + 1, 3)
         ring = line.at(s)[0][:, None] + np.linspace(first, last, len(s))[:, None, None] * ring

@@ -50,7 +50,7 @@ def plot_singularity(
 
     Raises:
         InputError: no such figure or format.
-        OSError: the file cannot be written.
+        OutputError: the file cannot be written.
     """
     save_figure(singularity_figure(case, figure), path, format)
 
@@ -60,7 +60,7 @@ def singularity_figure(case: TurnCase, figure: str = "all") -> Figure:
     from matplotlib.figure import Figure
 
     if figure != "all" and figure not in FIGURES:
-        raise InputError(Fault("figure", f"is {figure!r}", ("all", *FIGURES)))
+        raise InputError(Fault("figure", f"is {figure!r}", ("all", *FIGURES), figure))
 
     def draw() -> Figure:
         if figure == "all":

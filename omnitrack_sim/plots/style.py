@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.writing import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,15 +35,49 @@ STYLE: dict[Any, Any] = {
     "lines.linewidth": 1.1,
     "legend.frameon": False,
     "svg.hashsalt": "omnitrack_sim",
+    # Names come from users. They are drawn as they are, whatever they mean to TeX.
+    "text.parse_math": False,
+    "text.usetex": False,
 }
+_NOT_TOLD = ("Glyph .* missing from font", "constrained_layout not applied")
+"""Beginnings of warnings about names that have letters the font lacks, or hundreds of them."""
+_Drawn = TypeVar("_Drawn")
+
+
+class PictureWarning(UserWarning):
+    """A picture could not be made; what it shows is saved all the same."""
+
+
+def attempt(what: str, draw: Callable[[], _Drawn]) -> _Drawn | None:
+    """What ``draw`` returns; None, with a ``PictureWarning``, if it raises anything.
+
+    For pictures of what has been computed: whatever is wrong with one, the data are not lost.
+    """
+    try:
+        return draw()
+    except Exception as error:
+        cause = f"{error}" or type(error).__name__
+        warnings.warn(f"no {what}: {cause}", PictureWarning, stacklevel=2)
+        return None
 
 
 def styled(draw: Callable[[], Figure]) -> Figure:
     """The figure that ``draw`` makes, in the package's style."""
-    import matplotlib
-
-    with matplotlib.rc_context(STYLE):
+    with _style():
         return draw()
+
+
+@contextmanager
+def _style() -> Iterator[None]:
+    import matplotlib
+    import numpy as np
+
+    # Of physics that has diverged, numbers may be none or too large.
+    quiet = np.errstate(invalid="ignore", over="ignore")
+    with matplotlib.rc_context(STYLE), warnings.catch_warnings(), quiet:
+        for beginning in _NOT_TOLD:
+            warnings.filterwarnings("ignore", beginning, UserWarning)
+        yield
 
 
 def figure_format(path: str | Path | BinaryIO, format: str | None = None) -> str:
@@ -56,7 +93,7 @@ def figure_format(path: str | Path | BinaryIO, format: str | None = None) -> str
 
 
 def save_figure(figure: Figure, path: str | Path | BinaryIO, format: str | None = None) -> None:
-    """Write a figure.
+    """Write a figure, whole or not at all.
 
     Neither date nor program is written into the file, so the same data gives the same bytes.
 
@@ -68,15 +105,18 @@ def save_figure(figure: Figure, path: str | Path | BinaryIO, format: str | None 
 
     Raises:
         InputError: no such format.
-        OSError: the file cannot be written.
+        OutputError: the file cannot be written.
     """
-    import matplotlib
-
     chosen = figure_format(path, format)
     stampless = {
         "png": {"Software": None},
         "pdf": {"CreationDate": None, "Producer": None},
         "svg": {"Date": None},
     }
-    with matplotlib.rc_context(STYLE):
-        figure.savefig(path, format=chosen, dpi=140, metadata=stampless[chosen])
+    options: dict[str, Any] = {"format": chosen, "dpi": 140, "metadata": stampless[chosen]}
+    with _style():
+        if isinstance(path, str | Path):
+            with whole_file(path) as part:
+                figure.savefig(part, **options)
+        else:
+            figure.savefig(path, **options)

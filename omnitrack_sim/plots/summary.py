@@ -45,7 +45,7 @@ def plot_summary(result: Result, path: str | Path, format: str | None = None) ->
 
     Raises:
         InputError: no such format.
-        OSError: the file cannot be written.
+        OutputError: the file cannot be written.
     """
     save_figure(summary_figure(result), path, format)
 

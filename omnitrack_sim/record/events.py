@@ -5,6 +5,7 @@ them: ``str(event)``.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -165,11 +166,14 @@ def event_of(table: Mapping[str, Any]) -> Event:
     """An event from the plain data of ``Event.to_table``.
 
     A kind that is not known here, because the module that defines it has not been imported, is read
-    as a ``Remark`` with its text.
+    as a ``Remark`` with its text. A number that is null, because files hold none that is not
+    finite, is not a number.
     """
-    fields = {k: v for k, v in table.items() if k not in ("kind", "text")}
     kind = Event.kinds.get(table["kind"])
     if kind is not None:
-        return kind(robot=0, **fields)
+        types = {field.name: field.type for field in dataclasses.fields(kind)}
+        fields = {k: v for k, v in table.items() if k not in ("kind", "text")}
+        numbers = {k: math.nan for k, v in fields.items() if v is None and types.get(k) == "float"}
+        return kind(robot=0, **(fields | numbers))
     words = str(table["text"]).partition(" s, ")[2] or str(table["text"])
     return Remark(0, float(table["time"]), words)

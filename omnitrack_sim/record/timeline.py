@@ -75,6 +75,7 @@ class Visit:
     retries: int
 
 
+@np.errstate(invalid="ignore", over="ignore")  # of physics that has diverged
 def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float) -> list[Visit]:
     """One visit for each fitting the robot's centre was in, in order of the first entry.
 

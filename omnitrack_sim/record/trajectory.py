@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.record.channels import CHANNELS, Channel, recorded
+from omnitrack_sim.record.channels import CHANNELS, MODULE_COUNT, Channel, recorded
+from omnitrack_sim.text import no_such
+
+if TYPE_CHECKING:
+    import pandas
 
 RECORDED = recorded(CHANNELS.values())
 """The channels of every trajectory, by name, in the order of the file."""
+JOINT_POSITIONS = 7 + 5 * MODULE_COUNT
+"""Width of the joint positions: the chassis' pose, and of each module slide, pitch, roll and the
+travel of its two belts."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +30,7 @@ class Trajectory:
         time: (T,) s, strictly increasing.
         channels: one array (T, *shape) for each name in ``schema``.
         phases: names that the codes of ``phase`` index.
-        qpos: (T, nq), MuJoCo's joint positions, for the replay.
+        qpos: (T, ``JOINT_POSITIONS``), MuJoCo's joint positions, for the replay.
         schema: what the channels hold: ``RECORDED``, and those of a user's own sensors.
     """
 
@@ -44,14 +51,44 @@ class Trajectory:
 
     def __getitem__(self, name: str) -> NDArray:
         if name not in self.channels:
-            near = difflib.get_close_matches(name, self.channels, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            choices = ", ".join(self.channels)
-            raise KeyError(f"there is no channel {name!r}{hint} (choose from: {choices})")
+            raise KeyError(no_such(name, list(self.schema), "channel "))
         return self.channels[name]
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def __repr__(self) -> str:
+        end = f", {self.time[-1]:.6g} s" if len(self) else ""
+        return f"Trajectory({len(self)} samples{end}, {len(self.schema)} channels)"
+
+    def columns(self) -> Iterator[tuple[str, Channel, NDArray]]:
+        """Name, channel and values (T,) of each column of ``trajectory.parquet`` after ``time``: a
+        channel has one for each of its numbers."""
+        for name, channel in self.schema.items():
+            kind = np.int32 if channel.whole else np.float64
+            flat = np.asarray(self[name]).reshape(len(self), -1).astype(kind)
+            for column, values in zip(channel.columns, flat.T, strict=True):
+                yield column, channel, np.ascontiguousarray(values)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The record as a table of pandas: one row a sample, columns as in ``trajectory.parquet``.
+
+        ``frame.attrs["units"]`` has the unit of each column by its name, and
+        ``frame.attrs["phases"]`` the names that the column ``phase`` indexes.
+
+        Raises:
+            ImportError: pandas is not installed; it is no dependency of this package.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise ImportError("to_pandas needs pandas: pip install pandas") from error
+        columns, units = {"time": self.time}, {"time": CHANNELS["time"].unit}
+        for name, channel, values in self.columns():
+            columns[name], units[name] = values, channel.unit
+        frame = pandas.DataFrame(columns)
+        frame.attrs.update(units=units, phases=list(self.phases))
+        return frame
 
     def phase_spans(self) -> list[tuple[str, float, float]]:
         """The phases in order: (name, start, end) with times in s."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from omnitrack_sim.errors import RenderError
 from omnitrack_sim.plots.manoeuvres import (
     along_figure,
     angular_velocity_figure,
@@ -19,13 +19,14 @@ from omnitrack_sim.plots.manoeuvres import (
     success_figure,
 )
 from omnitrack_sim.plots.singularity import singularity_figure
-from omnitrack_sim.plots.style import save_figure
+from omnitrack_sim.plots.style import attempt, save_figure
 from omnitrack_sim.reproduce import driving, theory, turning
 from omnitrack_sim.reproduce.claim import Claim
 from omnitrack_sim.reproduce.report import Picture, Strip, page
 from omnitrack_sim.reproduce.runs import SEED, Runs, run_all, scenarios
-from omnitrack_sim.sim.result import check_output, provenance_of, run_folder
+from omnitrack_sim.sim.provenance import provenance_of
 from omnitrack_sim.theory.singularity import TurnCase
+from omnitrack_sim.writing import check_folder, told, whole_folder, write_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -74,6 +75,7 @@ STRIPS = {
     "elbow_short": ("elbow_90_jacobian", "Elbow of 90 mm"),
 }
 FRAMES = 6
+_Figures: TypeAlias = "dict[str, tuple[str, Callable[[], Figure]]]"
 TEE_TURNS = {
     "aligned": "aligned, friction 0.8 to 1.0",
     "slippery": "aligned, friction 0.6 to 0.8",
@@ -95,7 +97,8 @@ def reproduce(
     """Run the paper and write ``claims.json``, ``report.html`` and ``figures/`` into ``directory``.
 
     Args:
-        directory: made, or replaced if it holds an earlier reproduction.
+        directory: made, or replaced if it holds an earlier reproduction. The claims are there
+            first; a figure that cannot be drawn is told as a warning and left out.
         quick: fewer orientations and trials.
         format: of the files in ``figures/``: ``svg``, ``pdf`` or ``png``.
         progress: called with the fraction done, 0 to 1, and a word about the run.
@@ -106,26 +109,39 @@ def reproduce(
     Raises:
         OutputError: ``directory`` holds something else, or cannot be written.
     """
-    check_output(directory, CLAIMS_FILE)
+    check_folder(directory, CLAIMS_FILE)
     lists = scenarios(quick)
     runs = run_all(lists, progress)
     claims = measure(runs)
     provenance = _provenance(runs, quick)
-    drawn = figures(runs)
-    with run_folder(directory, CLAIMS_FILE) as folder:
-        rows = {"provenance": provenance, "claims": [claim.row() for claim in claims]}
+    rows = {"provenance": provenance, "claims": [claim.row() for claim in claims]}
+    with whole_folder(directory, CLAIMS_FILE) as folder:
         (folder / CLAIMS_FILE).write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
-        (folder / "figures").mkdir()
-        for name, (_, figure) in drawn.items():
-            save_figure(figure, folder / "figures" / f"{name}.{format}")
-        pictures = [
-            Picture(name, caption, _file(figure), "svg")
-            for name, (caption, figure) in drawn.items()
-        ]
-        strips, remarks = _strips(runs)
-        text = page(claims, pictures, strips, provenance, [*_lead(quick), *remarks])
-        (folder / "report.html").write_text(text, encoding="utf-8")
+    pictures, missing = _draw(figures(runs), Path(directory) / "figures", format)
+    strips, remarks = _strips(runs)
+    text = page(claims, pictures, strips, provenance, [*_lead(quick), *missing, *remarks])
+    write_file(Path(directory) / "report.html", text.encode())
     return claims
+
+
+def _draw(figures: _Figures, folder: Path, format: str) -> tuple[list[Picture], list[str]]:
+    """Write the figures into a folder; those that can be drawn, for the page, and a sentence about
+    the others."""
+
+    def draw(name: str, caption: str, make: Callable[[], Figure]) -> Picture:
+        figure = make()
+        save_figure(figure, folder / f"{name}.{format}")
+        return Picture(name, caption, _file(figure), "svg")
+
+    with told(folder):
+        folder.mkdir(exist_ok=True)
+    made = {
+        name: attempt(f"figure {name}", partial(draw, name, caption, make))
+        for name, (caption, make) in figures.items()
+    }
+    missing = ", ".join(name for name, picture in made.items() if picture is None)
+    sentences = [f"These figures could not be drawn: {missing}."] if missing else []
+    return [picture for picture in made.values() if picture is not None], sentences
 
 
 def measure(runs: Runs) -> list[Claim]:
@@ -137,8 +153,8 @@ def measure(runs: Runs) -> list[Claim]:
     return found
 
 
-def figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
-    """Caption and figure by file name, in the order of the page."""
+def figures(runs: Runs) -> _Figures:
+    """Caption, and what draws the figure, by file name, in the order of the page."""
     return (
         _region_figures()
         | _success_figures(runs)
@@ -148,20 +164,23 @@ def figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
     )
 
 
-def _region_figures() -> dict[str, tuple[str, Figure]]:
+def _region_figures() -> _Figures:
     """The singular region in closed form and in the exact geometry."""
     case = TurnCase()
     return {
-        "fig9_sector": ("Fig. 9: the singular sector.", singularity_figure(case, "sector")),
+        "fig9_sector": (
+            "Fig. 9: the singular sector.",
+            partial(singularity_figure, case, "sector"),
+        ),
         "contact_map_geometry": (
             "Contact over orientation and turn in the exact geometry of two pipes; red: a module "
             "has no wall.",
-            singularity_figure(case, "map"),
+            partial(singularity_figure, case, "map"),
         ),
     }
 
 
-def _success_figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
+def _success_figures(runs: Runs) -> _Figures:
     """Tee turns that pass, over the start orientation and in groups."""
     case = TurnCase()
     theta5 = np.array([r.scenario.start.theta5_deg for r in runs["map_jacobian"]])
@@ -177,68 +196,77 @@ def _success_figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
         "success_map": (
             "Tee turns without alignment over the start orientation, and the singular range of the "
             "formula.",
-            success_figure(theta5, passed, float(np.degrees(case.sector)), real_margin_deg=margin),
+            partial(
+                success_figure,
+                theta5,
+                passed,
+                float(np.degrees(case.sector)),
+                real_margin_deg=margin,
+            ),
         ),
         "success_rates": (
             "Success rates of tee turns with Wilson 95 % intervals; dashed: the paper's 19.55 %.",
-            rates_figure(groups, reference=0.1955),
+            partial(rates_figure, groups, reference=0.1955),
         ),
     }
 
 
-def _turn_figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
+def _turn_figures(runs: Runs) -> _Figures:
     """Single tee turns, as written and with feedback."""
     misaligned, written = runs["tee_turn_misaligned"][0], runs["tee_turn_as_written"][0]
     return {
         "fig13_as_written": (
             "Fig. 13: shaft speeds with the paper's open-loop speeds.",
-            angular_velocity_figure(written),
+            partial(angular_velocity_figure, written),
         ),
         "fig13_feedback": (
             "The same turn with feedback along the centreline.",
-            angular_velocity_figure(misaligned),
+            partial(angular_velocity_figure, misaligned),
         ),
         "unrolled_contacts": (
             "The unrolled pipe: where the modules touch and how hard, tee turn from the worst "
             "orientation.",
-            contact_map_figure(misaligned, misaligned.scenario.route),
+            partial(contact_map_figure, misaligned, misaligned.scenario.route),
         ),
         "forces_along_the_way": (
             "Traction, normal force and slip over arc length.",
-            along_figure(misaligned),
+            partial(along_figure, misaligned),
         ),
     }
 
 
-def _elbow_figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
+def _elbow_figures(runs: Runs) -> _Figures:
     """Elbows by controller."""
     return {
         "fig10_speeds": (
             "Fig. 10(b): shaft speeds through the 90 mm elbow by Eq. 20, open loop, preferred "
             "orientation.",
-            angular_velocity_figure(_at(runs["elbow_90_paper"], 0.0)),
+            partial(angular_velocity_figure, _at(runs["elbow_90_paper"], 0.0)),
         ),
         "elbow_240": (
             "Fig. 10: elbow of 240 mm by controller.",
-            elbow_figure(_elbows(runs, "240")),
+            partial(elbow_figure, _elbows(runs, "240")),
         ),
-        "elbow_90": ("Fig. 15: elbow of 90 mm by controller.", elbow_figure(_elbows(runs, "90"))),
+        "elbow_90": (
+            "Fig. 15: elbow of 90 mm by controller.",
+            partial(elbow_figure, _elbows(runs, "90")),
+        ),
     }
 
 
-def _friction_figures(runs: Runs) -> dict[str, tuple[str, Figure]]:
+def _friction_figures(runs: Runs) -> _Figures:
     """What friction does to tee turns with alignment."""
     slippery = runs["slippery_downward"][0]
     friction = slippery.scenario.contact.friction
     return {
         "success_by_friction": (
             "Success of aligned tee turns by friction, with Wilson 95 % intervals.",
-            rates_figure(_by_friction([*runs["slippery"], *runs["aligned"]])),
+            partial(rates_figure, _by_friction([*runs["slippery"], *runs["aligned"]])),
         ),
         "slippery_turn": (
             f"Downward at friction {friction:.2f}, without retry: {slippery.outcome.value}, "
             f"{slippery.reason}.",
-            along_figure(slippery),
+            partial(along_figure, slippery),
         ),
     }
 
@@ -275,22 +303,17 @@ def _file(figure: Figure) -> bytes:
 
 
 def _strips(runs: Runs) -> tuple[list[Strip], list[str]]:
-    """Frames of a few runs; without OpenGL no frames, and a sentence that says so."""
+    """Frames of a few runs; where they cannot be made, as without OpenGL, a sentence that says
+    so."""
     from omnitrack_sim.film.render import render_frames
 
     strips = []
     try:
         for name, title in STRIPS.values():
             result = runs[name][len(runs[name]) // 2]
-            times = np.linspace(0.0, result.duration_s, FRAMES)
-            strips.append(
-                Strip(
-                    title,
-                    render_frames(result, times.tolist(), width=640, height=360),
-                    times.tolist(),
-                )
-            )
-    except RenderError as error:
+            times = np.linspace(0.0, result.duration_s, FRAMES).tolist()
+            strips.append(Strip(title, render_frames(result, times, width=640, height=360), times))
+    except Exception as error:  # as of ``attempt``
         return [], [f"No frames: {error}"]
     return strips, []
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import html
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -173,8 +172,8 @@ def _strip(strip: Strip) -> str:
 
 
 def _jpeg(frame: NDArray) -> str:
-    from PIL import Image
+    import imageio.v3 as imageio
 
-    buffer = io.BytesIO()
-    Image.fromarray(frame).save(buffer, "JPEG", quality=82)
-    return base64.b64encode(buffer.getvalue()).decode()
+    data = imageio.imwrite("<bytes>", frame, plugin="pillow", extension=".jpg", quality=82)
+    assert data is not None  # it is for files only
+    return base64.b64encode(data).decode()

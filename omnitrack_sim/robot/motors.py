@@ -6,57 +6,67 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError
 from pydantic_core import InitErrorDetails, PydanticKnownError
 
-from omnitrack_sim.robot.quantity import Quantity, quantity_of
-from omnitrack_sim.robot.similarity import similar
+from omnitrack_sim.naming import ByName
+from omnitrack_sim.robot.quantity import Figures, Quantity, quantity_of
+from omnitrack_sim.robot.similarity import SCALES, similar
 
-Positive = Annotated[float, Field(gt=0)]
 
-
-class Motor(BaseModel):
+class Motor(Figures):
     """A gearmotor with its speed servo. Speeds and torques are those of the output shaft.
 
     SI units, radians. Frozen: change by ``motor.model_copy(update=...)`` or a scenario override.
     Speed, torque and inertia are figures of their own: another ``gear_ratio`` alone changes the
-    reflected inertia and nothing else.
+    reflected inertia and nothing else. Ranges are those of motors for robots of every scale.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     name: Annotated[
         str, Field(min_length=1), Quantity("", "assumed", "what messages call the motor")
     ] = "custom"
     source: Annotated[str, Quantity("", "assumed", "where the motor's figures come from")] = ""
     gear_ratio: Annotated[
-        Positive, Quantity("1", "published", "turns of the rotor in one turn of the output shaft")
+        float,
+        Quantity(
+            "1", "published", "turns of the rotor in one turn of the output shaft", (0.1, 1e5)
+        ),
     ]
     rotor_inertia: Annotated[
-        Positive, Quantity("kg m²", "assumed", "about the rotor's own axis, before the gears")
+        float,
+        Quantity(
+            "kg m²", "assumed", "about the rotor's own axis, before the gears", (1e-16, 100.0)
+        ),
     ]
     no_load_speed: Annotated[
-        Positive, Quantity("rad/s", "assumed", "where the torque-speed line meets zero torque")
+        float,
+        Quantity("rad/s", "assumed", "where the torque-speed line meets zero torque", (1e-3, 1e5)),
     ]
     stall_torque: Annotated[
-        Positive, Quantity("N m", "assumed", "where the torque-speed line meets zero speed")
+        float,
+        Quantity("N m", "assumed", "where the torque-speed line meets zero speed", (1e-7, 1e7)),
     ]
     torque_limit: Annotated[
-        Positive, Quantity("N m", "assumed", "what the motor or its current limit gives at most")
+        float,
+        Quantity(
+            "N m", "assumed", "what the motor or its current limit gives at most", (1e-7, 1e7)
+        ),
     ]
     servo_time: Annotated[
-        Positive, Quantity("s", "assumed", "time constant of the speed loop without load")
+        float,
+        Quantity("s", "assumed", "time constant of the speed loop without load", (1e-5, 100.0)),
     ] = 0.02
     servo_integral_time: Annotated[
-        Positive, Quantity("s", "assumed", "integral time of the speed loop")
+        float, Quantity("s", "assumed", "integral time of the speed loop", (1e-4, 1e6))
     ] = 0.1
     scale: Annotated[
-        Positive | None,
+        float | None,
         Quantity(
             "",
             "assumed",
             "robot.scale that the figures are for, which then scale with the robot; none: a "
             "product, which has its figures in a robot of any size",
+            SCALES,
         ),
     ] = None
 
@@ -65,16 +75,23 @@ class Motor(BaseModel):
         """Rotor inertia as felt at the output shaft, kg m²: J ratio²."""
         return self.rotor_inertia * self.gear_ratio**2
 
+    @property
+    def full_torque_speed(self) -> float:
+        """Fastest speed at which the torque-speed line leaves the whole torque limit, rad/s.
+
+        It is 0 where the limit is beyond the stall torque."""
+        return self.no_load_speed * max(0.0, 1 - self.torque_limit / self.stall_torque)
+
     def at_scale(self, scale: float) -> Self:
         """The motor in a robot of ``scale``: itself, or with all figures scaled from its own
-        ``scale``."""
+        ``scale``. The result is not checked."""
         if self.scale is None or self.scale == scale:
             return self
         figures = {
             name: similar(getattr(self, name), quantity_of(info).unit, scale / self.scale)
             for name, info in type(self).model_fields.items()
         }
-        return type(self).model_validate(figures | {"scale": scale})
+        return self.model_copy(update=figures | {"scale": scale})
 
 
 # The rotor's inertia is stated at the output, as 0.0088 kg m²: two digits of 9e-9 kg m² (a rotor of
@@ -83,8 +100,8 @@ _PUBLISHED_RATIO = 986.41
 _ROTOR_INERTIA = 0.0088 / _PUBLISHED_RATIO**2
 
 MOTORS: Mapping[str, Motor] = MappingProxyType(
-    {
-        motor.name: motor
+    ByName(
+        (motor.name, motor)
         for motor in (
             Motor(
                 name="simulation",
@@ -110,7 +127,7 @@ MOTORS: Mapping[str, Motor] = MappingProxyType(
                 torque_limit=0.245,
             ),
         )
-    }
+    )
 )
 """The motors that come with the package, by name."""
 

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Any, Self
 
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
     ModelWrapValidatorHandler,
     model_validator,
 )
 
+from omnitrack_sim.robot.fit import refuse_misfits
 from omnitrack_sim.robot.motors import MOTORS, Motor, NamedMotor
-from omnitrack_sim.robot.quantity import Parameter, Quantity, parameter_rows, quantity_of
-from omnitrack_sim.robot.similarity import similar
+from omnitrack_sim.robot.quantity import (
+    Figures,
+    Parameter,
+    Quantity,
+    parameter_rows,
+    quantity_of,
+)
+from omnitrack_sim.robot.similarity import SCALES, similar
 
 MODULES = 3
 MODULE_ANGLES = (0.0, 2 * math.pi / 3, -2 * math.pi / 3)
@@ -25,10 +31,9 @@ GRAVITY = 9.81
 """Weight of a mass, N/kg, where a figure of the robot asks for it."""
 REFERENCE_BORE = 0.16
 """Bore of the paper's pipe, m, for which control parameters with a unit are stated."""
-Scale = Annotated[float, Field(ge=0.01, le=100)]
 
 
-class Robot(BaseModel):
+class Robot(Figures):
     """Omnidirectional Tractable Three Module Robot, lumped as in the paper's simulation.
 
     SI units, radians. Frozen: change by ``robot.model_copy(update=...)`` or a scenario override,
@@ -40,134 +45,149 @@ class Robot(BaseModel):
     and says so, ``values_at_scale == scale``, so that reading what it dumped changes nothing.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
     scale: Annotated[
-        Scale, Quantity("1", "assumed", "size of the robot; 1 is the one for 160 mm pipes")
+        float,
+        Quantity("1", "assumed", "size of the robot; 1 is the one for 160 mm pipes", SCALES),
     ] = 1.0
     values_at_scale: Annotated[
-        Scale,
+        float,
         Quantity(
             "1",
             "assumed",
             "size that the given values are for; they are scaled from it to `scale`, once",
+            SCALES,
         ),
     ] = 1.0
     lug_radius: Annotated[
         float,
-        Field(gt=0),
-        Quantity("m", "derived", "r = V / theta_dot: 100 mm/s at the motor's no-load 3.62 rad/s"),
+        Quantity(
+            "m",
+            "derived",
+            "r = V / theta_dot: 100 mm/s at the motor's no-load 3.62 rad/s",
+            (0.004, 0.08),
+        ),
     ] = 0.0276
     reach: Annotated[
         float,
-        Field(gt=0),
         Quantity(
             "m",
             "inferred",
             "axis to lug surface, springs extended; what the 96.54 degree sector needs",
+            (0.03, 0.4),
         ),
     ] = 0.0961
     nominal_pipe_radius: Annotated[
         float,
-        Field(gt=0),
-        Quantity("m", "published", "Section II.A: 160 mm pipe; the slide coordinate is zero here"),
+        Quantity(
+            "m",
+            "published",
+            "Section II.A: 160 mm pipe; the slide coordinate is zero here",
+            (0.02, 0.3),
+        ),
     ] = 0.080
     slide_travel_inward: Annotated[
         float,
-        Field(gt=0),
-        Quantity("m", "assumed", "arm travel from the nominal pipe towards the axis"),
+        Quantity("m", "assumed", "arm travel from the nominal pipe towards the axis", (1e-4, 0.25)),
     ] = 0.018
     contact_length: Annotated[
         float,
-        Field(gt=0),
-        Quantity("m", "assumed", "length of the contact line of a track; see docs/design-study.md"),
+        Quantity(
+            "m",
+            "assumed",
+            "length of the contact line of a track; see docs/design-study.md",
+            (0.01, 1.0),
+        ),
     ] = 0.090
     lugs_per_track: Annotated[
         int,
-        Field(ge=1, le=200),
-        Quantity("1", "numerical", "fine limit of the contact line; see docs/design-study.md"),
+        Quantity(
+            "1", "numerical", "fine limit of the contact line; see docs/design-study.md", (2, 200)
+        ),
     ] = 15
     track_offset: Annotated[
         float,
-        Field(gt=0),
         Quantity(
             "m",
             "numerical",
             "lug centres of the two tracks lie this far above and below the module axis",
+            (1e-5, 0.02),
         ),
     ] = 0.001
     spring_stiffness: Annotated[
-        float, Field(gt=0), Quantity("N/m", "published", "Section VI: 0.5 N/mm, each spring")
+        float, Quantity("N/m", "published", "Section VI: 0.5 N/mm, each spring", (1.0, 1e5))
     ] = 500.0
     springs_per_module: Annotated[
         int,
-        Field(ge=2, multiple_of=2),
-        Quantity("1", "derived", "Section II.A: four shafts a module, a spring on each"),
+        Field(multiple_of=2),
+        Quantity("1", "derived", "Section II.A: four shafts a module, a spring on each", (2, 20)),
     ] = 4
     preload: Annotated[
         float,
-        Field(ge=0),
-        Quantity("N", "assumed", "force of a module's springs in the nominal pipe"),
+        Quantity("N", "assumed", "force of a module's springs in the nominal pipe", (0.0, 2000.0)),
     ] = 25.0
     shaft_spacing: Annotated[
         float,
-        Field(gt=0),
-        Quantity("m", "assumed", "front to rear shafts; sets the pitch stiffness of an arm"),
+        Quantity(
+            "m", "assumed", "front to rear shafts; sets the pitch stiffness of an arm", (0.01, 1.0)
+        ),
     ] = 0.140
     pitch_limit: Annotated[
         float,
-        Field(gt=0, lt=0.5),
-        Quantity("rad", "assumed", "slot clearance on the shafts (Section II.A)"),
+        Quantity("rad", "assumed", "slot clearance on the shafts (Section II.A)", (1e-3, 0.5)),
     ] = math.radians(4.0)
     slide_damping: Annotated[
-        float, Field(ge=0), Quantity("N s/m", "assumed", "sliding friction of an arm on its shafts")
+        float, Quantity("N s/m", "assumed", "sliding friction of an arm on its shafts", (0.0, 1e4))
     ] = 20.0
     pitch_damping: Annotated[
         float,
-        Field(ge=0),
-        Quantity("N m s/rad", "assumed", "as slide_damping, about the pitch axis"),
+        Quantity("N m s/rad", "assumed", "as slide_damping, about the pitch axis", (0.0, 100.0)),
     ] = 0.05
     chassis_mass: Annotated[
-        float, Field(gt=0), Quantity("kg", "assumed", "ABS chassis and steel shafts")
+        float, Quantity("kg", "assumed", "ABS chassis and steel shafts", (0.01, 50.0))
     ] = 0.28
     chassis_length: Annotated[
-        float, Field(gt=0), Quantity("m", "assumed", "centre chassis along the robot axis")
+        float, Quantity("m", "assumed", "centre chassis along the robot axis", (0.01, 1.0))
     ] = 0.150
     chassis_radius: Annotated[
-        float, Field(gt=0), Quantity("m", "assumed", "of the cylinder with the chassis's inertia")
+        float, Quantity("m", "assumed", "of the cylinder with the chassis's inertia", (0.002, 0.2))
     ] = 0.025
     arm_mass: Annotated[
-        float, Field(gt=0), Quantity("kg", "assumed", "one arm pair, without its module")
+        float, Quantity("kg", "assumed", "one arm pair, without its module", (1e-3, 10.0))
     ] = 0.04
     arm_radius: Annotated[
         float,
-        Field(gt=0),
-        Quantity("m", "assumed", "of the cylinder with the inertia of an arm pair"),
+        Quantity("m", "assumed", "of the cylinder with the inertia of an arm pair", (1e-3, 0.1)),
     ] = 0.01
     module_mass: Annotated[
-        float, Field(gt=0), Quantity("kg", "assumed", "one module: two gearmotors, chains, lugs")
+        float, Quantity("kg", "assumed", "one module: two gearmotors, chains, lugs", (0.01, 20.0))
     ] = 0.20
     track_mass: Annotated[
         float,
-        Field(gt=0),
         Quantity(
-            "kg", "numerical", "one run of lugs; small, for module_mass counts the chain already"
+            "kg",
+            "numerical",
+            "one run of lugs; small, for module_mass counts the chain already",
+            (1e-5, 1.0),
         ),
     ] = 1e-3
     contact_time: Annotated[
         float,
-        Field(gt=0),
         Quantity(
             "s",
             "numerical",
             "time constant of a lug's contact; at 4 ms lugs bounce on a tee's rim, see "
             "docs/design-study.md",
+            (5e-4, 0.2),
         ),
     ] = 0.01
     contact_depth: Annotated[
         float,
-        Field(gt=0),
-        Quantity("m", "numerical", "depth over which a lug's contact comes to its full stiffness"),
+        Quantity(
+            "m",
+            "numerical",
+            "depth over which a lug's contact comes to its full stiffness",
+            (1e-6, 0.01),
+        ),
     ] = 0.0005
     motor: Annotated[
         NamedMotor,
@@ -175,8 +195,7 @@ class Robot(BaseModel):
     ] = MOTORS["simulation"]
     torque_limit: Annotated[
         float | None,
-        Field(gt=0),
-        Quantity("N m", "assumed", "limit on a crawler motor; none: the motor's own"),
+        Quantity("N m", "assumed", "limit on a crawler motor; none: the motor's own", (1e-4, 1e4)),
     ] = None
     roll_motor: Annotated[
         NamedMotor | None,
@@ -188,24 +207,30 @@ class Robot(BaseModel):
     ] = None
     roll_stiffness: Annotated[
         float,
-        Field(gt=0),
         Quantity(
             "N m/rad",
             "assumed",
             "position gain of the rotary motor's servo, damped critically for its own inertia",
+            (0.01, 1e5),
         ),
     ] = 20.0
     roll_rate: Annotated[
         float,
-        Field(gt=0),
         Quantity(
-            "rad/s", "assumed", "largest speed of the rotary motor (same gearmotor: 3.62 no-load)"
+            "rad/s",
+            "assumed",
+            "largest speed of the rotary motor (same gearmotor: 3.62 no-load)",
+            (0.01, 100.0),
         ),
     ] = 1.5
     roll_torque: Annotated[
         float,
-        Field(gt=0),
-        Quantity("N m", "assumed", "limit on a rotary motor (same gearmotor as the crawler's)"),
+        Quantity(
+            "N m",
+            "assumed",
+            "limit on a rotary motor (same gearmotor as the crawler's)",
+            (1e-3, 1e4),
+        ),
     ] = 1.2
 
     @model_validator(mode="wrap")
@@ -218,12 +243,24 @@ class Robot(BaseModel):
             origin = stated.values_at_scale if name in stated.model_fields_set else 1.0
             value = getattr(stated, name)
             values[name] = (
-                value.at_scale(stated.scale)
+                _plain_if_scaled(value, stated.scale)
                 if isinstance(value, Motor)
                 else similar(value, quantity_of(info).unit, stated.scale / origin)
             )
         values["values_at_scale"] = stated.scale
-        return stated if values == dict(stated) else handler(values)
+        robot = stated if values == dict(stated) else handler(values)
+        refuse_misfits(robot)
+        return robot
+
+    def __repr_args__(self) -> Iterator[tuple[str, Any]]:
+        """The size, and what differs from the standard robot of that size."""
+        standard = type(self)(scale=self.scale)
+        for name, value in self:
+            if name == "scale" or value != getattr(standard, name):
+                yield name, value
+
+    def __str__(self) -> str:
+        return repr(self)
 
     def scaled(self, factor: float) -> Self:
         """The same robot, ``factor`` times as large: every value scaled by the law of similarity.
@@ -246,12 +283,17 @@ class Robot(BaseModel):
         return self.motor if self.roll_motor is None else self.roll_motor
 
     @property
+    def climbing_torque(self) -> float:
+        """Torque of a third of the robot's weight at a module's shaft, N m: the worst steady
+        climb."""
+        return self.mass * GRAVITY / 3 * self.lug_radius
+
+    @property
     def feasible_belt_speed(self) -> float:
-        """Belt speed that the crawler motor holds against a third of the robot's weight, m/s: the
-        worst steady climb."""
+        """Belt speed that the crawler motor holds against ``climbing_torque``, m/s."""
         motor = self.crawler_motor
-        load = self.mass * GRAVITY / 3 * self.lug_radius
-        return motor.no_load_speed * max(0.0, 1 - load / motor.stall_torque) * self.lug_radius
+        part = max(0.0, 1 - self.climbing_torque / motor.stall_torque)
+        return motor.no_load_speed * part * self.lug_radius
 
     @property
     def nominal_bore(self) -> float:
@@ -310,3 +352,9 @@ class Robot(BaseModel):
         """The parameter table: every field, and those of its motors as ``motor.NAME``, with value,
         unit, provenance and source."""
         return parameter_rows(self)
+
+
+def _plain_if_scaled(motor: Motor, scale: float) -> Motor | dict[str, Any]:
+    """The motor in a robot of ``scale``; as a table, which is checked, where it is another one."""
+    scaled = motor.at_scale(scale)
+    return motor if scaled is motor else scaled.model_dump()

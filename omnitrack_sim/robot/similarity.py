@@ -10,6 +10,9 @@ from __future__ import annotations
 
 from typing import TypeVar
 
+SCALES = (0.1, 20.0)
+"""Smallest and largest robot: for pipes of 16 mm and of 3.2 m. In a smaller one the inertia of a
+run of lugs, which falls with the fifth power, is no longer a number that MuJoCo takes."""
 _EXPONENTS = {"1": 0.0, "rad": 0.0, "m": 1.0, "kg": 3.0, "s": 0.5, "N": 3.0}
 _POWERS = {"": 1, "²": 2, "³": 3}
 _Value = TypeVar("_Value")

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from omnitrack_sim.errors import Fault, GeometryError, NetworkError
-from omnitrack_sim.pipes import Route
+from omnitrack_sim.network.layout import End
 from omnitrack_sim.schema.reading import (
     shipped_networks,
 )
@@ -21,28 +20,34 @@ if TYPE_CHECKING:
 
 def faults_of(scenario: Scenario) -> list[Fault]:
     """Every fault of a scenario whose tables are right, one by one."""
-    faults = [
-        Fault(f"robot.{field}", f"is {value}; must be finite")
-        for field, value in scenario.robot
-        if isinstance(value, float) and not math.isfinite(value)
-    ]
-    faults += [*_missing(scenario), *_impossible_pipes(scenario)]
+    faults = [*_missing(scenario), *_impossible_pipes(scenario)]
     if faults:
         return faults
     try:
         line, planner = scenario.route, scenario.planner
-        routes = [line] if planner is None else [planner.route(leg) for leg in planner.plan()]
+        ways = () if planner is None else [leg.way for leg in planner.plan()]
     except GeometryError as error:
         return list(error.faults)
     except NetworkError as error:
-        return [Fault(f"mission.{f.where}", f.problem, f.choices) for f in error.faults]
-    names = [part.name for part in line.network.parts] if scenario.pipes else []
-    faults = [
+        return [fault.at(f"mission.{fault.where}") for fault in error.faults]
+    ports = {(p.index, port): None for p in line.fittings for port in (p.enter, p.leave)}
+    ports |= {(i, port): None for way in ways for i, *both in way for port in both}
+    return [
+        *_taken_names(scenario),
+        *_bores_out_of_reach(scenario, ports),
+        *_misplaced(scenario),
+    ]
+
+
+def _taken_names(scenario: Scenario) -> list[Fault]:
+    """Names of pipes that an earlier pipe has."""
+    names = [part.name for part in scenario.route.network.parts] if scenario.pipes else []
+    first: dict[str, int] = {}
+    return [
         Fault(f"pipes.{i}.name", f"{name!r} is taken by an earlier pipe")
         for i, name in enumerate(names)
-        if name in names[:i]
+        if first.setdefault(name, i) != i
     ]
-    return [*faults, *_bores_out_of_reach(scenario, routes), *_misplaced(scenario)]
 
 
 def _missing(scenario: Scenario) -> list[Fault]:
@@ -81,30 +86,25 @@ def _impossible_pipes(scenario: Scenario) -> list[Fault]:
         try:
             pipe.step(i)
         except GeometryError as error:
-            faults += [
-                Fault(f"pipes.{i}.{f.where.rpartition('.')[2]}", f.problem, f.choices)
-                for f in error.faults
-            ]
+            faults += [f.at(f"pipes.{i}.{f.where.rpartition('.')[2]}") for f in error.faults]
     return faults
 
 
-def _bores_out_of_reach(scenario: Scenario, routes: Sequence[Route]) -> list[Fault]:
-    """The first bore on the routes that the arms do not reach."""
+def _bores_out_of_reach(scenario: Scenario, ports: Iterable[End]) -> list[Fault]:
+    """The first bore, at the ports that are passed, that the arms do not reach."""
     robot = scenario.robot
     low, high = (robot.nominal_pipe_radius + travel for travel in robot.slide_range)
     where = "pipes" if scenario.pipes else "network.fittings"
-    for driven in routes:
-        for passage in driven.fittings:
-            fitting = driven.network.parts[passage.index].fitting
-            for port in (passage.enter, passage.leave):
-                radius = fitting.port_radius(port)
-                if not low < radius < high:
-                    key = f"{where}.{passage.index}.{fitting.bore_key(port)}"
-                    problem = (
-                        f"is {2 * radius:.4g} m; the arms reach bores from {2 * low:.4g} to "
-                        f"{2 * high:.4g} m (robot.scale makes the robot for other bores)"
-                    )
-                    return [Fault(key, problem)]
+    for index, port in ports:
+        fitting = scenario.route.network.parts[index].fitting
+        radius = fitting.port_radius(port)
+        if not low < radius < high:
+            key = f"{where}.{index}.{fitting.bore_key(port)}"
+            problem = (
+                f"is {2 * radius:.4g} m; the arms reach bores from {2 * low:.4g} to "
+                f"{2 * high:.4g} m (robot.scale makes the robot for other bores)"
+            )
+            return [Fault(key, problem)]
     return []
 
 

@@ -73,6 +73,15 @@ class Scenario(Table):
             raise ScenarioError(faults)
         return self
 
+    def __repr__(self) -> str:
+        if self.network is None or self.mission is None:
+            where = f"{len(self.pipes)} pipes"
+        else:
+            where = f"{len(self.mission.goals)} goals in {self.network!r}"
+        return f"Scenario({self.name!r}: {where}, controller {self.control.kind!r})"
+
+    __str__ = __repr__
+
     def __eq__(self, other: object) -> bool:
         """By the keys alone, not by what has been derived from them so far."""
         if not isinstance(other, Scenario):

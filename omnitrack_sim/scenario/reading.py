@@ -2,68 +2,141 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from omnitrack_sim.control.catalogue import controller_of, parameters_model
 from omnitrack_sim.errors import Fault, InputError, NetworkError, ScenarioError
-from omnitrack_sim.network import Network, load_network
+from omnitrack_sim.network import Network
 from omnitrack_sim.network import validate as validate_network
+from omnitrack_sim.network.spec import network_data
+from omnitrack_sim.robot import Robot
 from omnitrack_sim.scenario.model import Scenario
-from omnitrack_sim.scenario.paths import choices_at, set_value
-from omnitrack_sim.schema.reading import (
-    checked,
-    fault_of,
-    fields_at,
-    read_toml,
-    shipped_scenarios,
-)
-from omnitrack_sim.schema.tables import (
-    Control,
-)
+from omnitrack_sim.scenario.paths import choices_at, set_value, spread
+from omnitrack_sim.schema.files import SCENARIO, beside, read_file
+from omnitrack_sim.schema.paths import keys_at
+from omnitrack_sim.schema.reading import checked, fault_of
+from omnitrack_sim.schema.tables import Control, RecordTable
+from omnitrack_sim.text import finite, shown
 
 
-def load_scenario(source: str | Path) -> Scenario:
-    """Read a scenario file, or a shipped scenario by name.
+def load_scenario(source: str | Path, changes: Mapping[str, Any] | None = None) -> Scenario:
+    """Read a scenario file, or a shipped scenario by name; the ``scenario.json`` of a saved run is
+    such a file.
+
+    Args:
+        source: the file or name.
+        changes: values by dotted path, set before anything is checked, so that they may mend what
+            the file has wrong; otherwise as ``override`` sets them.
 
     Raises:
-        ScenarioError: no such file, bad TOML, or any fault in it; every fault is listed with its
-            path in the file.
+        ScenarioError: no such file, bad TOML or JSON, or any fault in it or in the changes; every
+            fault is listed with its path in the file.
     """
-    path, data = read_toml(source, "scenario", shipped_scenarios(), ScenarioError)
-    return validate(data, path.parent)
+    path, data = read_file(source, SCENARIO, ScenarioError)
+    return validate(data, path.parent, changes)
 
 
-def validate(data: Mapping[str, Any], folder: Path = Path()) -> Scenario:
+def validate(
+    data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str, Any] | None = None
+) -> Scenario:
     """A scenario from plain data, as read from TOML or JSON; a network may be a table, a file or a
     shipped one's name.
 
     Args:
         data: of the file.
         folder: that the path of a network is relative to.
+        changes: values by dotted path, set before anything is checked.
 
     Raises:
         ScenarioError: lists every fault with its dotted path.
     """
-    network = data.get("network")
-    if isinstance(network, str | Mapping):
-        data = {**data, "network": _network(network, folder)}
-    data, faults = _with_parameters(data)
+    data, unset = _changed(data, folder, changes) if changes else (data, [])
+    data, networks = _with_network(data, folder)
+    data, parameters = _with_parameters(data)
+    faults = [*unset, *networks, *parameters, *_own_faults(data)]
     try:
         scenario = read_back(data)
     except ScenarioError as error:
-        raise ScenarioError([*error.faults, *faults]) from None
-    for own in ("own_sensors", "own_metrics"):
-        try:
-            getattr(scenario, own)
-        except InputError as error:
-            faults = [*faults, *error.faults]
+        # A network with faults of its own is left out here, and is not missing for that.
+        told = [f for f in error.faults if not (networks and f.where == "network")]
+        raise ScenarioError([*told, *faults]) from None
     if faults:
         raise ScenarioError(faults)
     return scenario
+
+
+def _own_faults(data: Mapping[str, Any]) -> list[Fault]:
+    """What is wrong with the sensors and metrics of a user's own that a scenario names."""
+    try:
+        record = RecordTable.model_validate(data.get("record", {}))
+    except ValidationError:
+        return []  # told elsewhere
+    faults: list[Fault] = []
+    for own in ("own_sensors", "own_metrics"):
+        try:
+            getattr(Scenario.model_construct(record=record), own)
+        except InputError as error:
+            faults += error.faults
+    return faults
+
+
+def _changed(
+    data: Mapping[str, Any], folder: Path, changes: Mapping[str, Any]
+) -> tuple[dict[str, Any], list[Fault]]:
+    """A copy of a scenario's data with values changed by dotted path, and the paths that lead
+    nowhere."""
+    plain, faults = copy.deepcopy(dict(data)), []
+    if any(path.startswith("robot.") for path in changes):
+        plain["robot"] = _at_its_scale(plain.get("robot", {}), changes)
+    for path, value in changes.items():
+        network = plain.get("network")
+        if path.startswith("network.") and isinstance(network, str):
+            try:
+                plain["network"] = network_data(beside(folder, network))
+            except NetworkError:
+                continue  # told when the network is read
+        for place in spread(plain, path):
+            fault = set_value(plain, place, value)
+            faults += [fault] if fault else []
+    return plain, faults
+
+
+def _at_its_scale(robot: Any, changes: Mapping[str, Any]) -> Any:
+    """A robot's table with all values, those of its own size, for that is what changes mean; the
+    table as it is where even without the values to be changed it is no robot."""
+    if not isinstance(robot, Mapping):
+        return robot
+    changed = {path.split(".")[1] for path in changes if path.startswith("robot.")}
+    for table in (robot, {key: value for key, value in robot.items() if key not in changed}):
+        try:
+            return Robot.model_validate(table, strict=True).model_dump(mode="json")
+        except (ValidationError, RecursionError):
+            continue
+    return robot
+
+
+def _with_network(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, Any], list[Fault]]:
+    """A scenario's data with its network read, or without it and what is wrong with it."""
+    source = data.get("network")
+    if not isinstance(source, str | Mapping):
+        return data, []
+    try:
+        return {**data, "network": _network(source, folder)}, []
+    except NetworkError as error:
+        where = "network: " if isinstance(source, str) else "network."
+        faults = [fault.at(where + fault.where) for fault in error.faults]
+        return {key: value for key, value in data.items() if key != "network"}, faults
+
+
+def _network(source: str | Mapping[str, Any], folder: Path) -> Network:
+    """The network of a scenario: a table, a file or a shipped one's name."""
+    table = source if isinstance(source, Mapping) else network_data(beside(folder, source))
+    return validate_network(table)
 
 
 def _with_parameters(data: Mapping[str, Any]) -> tuple[Mapping[str, Any], list[Fault]]:
@@ -86,13 +159,28 @@ def _with_parameters(data: Mapping[str, Any]) -> tuple[Mapping[str, Any], list[F
     except ScenarioError as error:
         return {**data, "control": {**control, "parameters": {}}}, list(error.faults)
     known = parameters.model_dump(mode="json")
-    return {**data, "control": {**control, "parameters": known}}, _unread(where, given, known)
+    faults = [*_unread(where, given, known), *_endless(where, known)]
+    return {**data, "control": {**control, "parameters": known}}, faults
+
+
+def _endless(where: str, known: Mapping[str, Any]) -> list[Fault]:
+    """Parameters that a user's own model lets be infinite or no number, as faults."""
+    faults = []
+    for key, value in known.items():
+        if isinstance(value, Mapping):
+            faults += _endless(f"{where}.{key}", value)
+        elif finite(value) != value:
+            problem = f"is {shown(value)}; it must be finite, for scenario.json to say it"
+            faults.append(Fault(f"{where}.{key}", problem))
+    return faults
 
 
 def _unread(where: str, given: Mapping[str, Any], known: Mapping[str, Any]) -> list[Fault]:
     """Keys that a model passes over because it does not forbid others, as faults."""
     faults = [
-        Fault(f"{where}.{key}", "unknown key", tuple(known)) for key in given if key not in known
+        Fault(f"{where}.{key}", "unknown key", tuple(known), given=key)
+        for key in given
+        if key not in known
     ]
     for key, value in given.items():
         inner = known.get(key)
@@ -103,8 +191,8 @@ def _unread(where: str, given: Mapping[str, Any], known: Mapping[str, Any]) -> l
 
 def _fault_below(where: str, model: type[BaseModel], item: Any) -> Fault:
     """One of pydantic's errors in a table that stands at the path ``where``."""
-    fault = fault_of(item, "", (), lambda places: fields_at(model, places))
-    return Fault(f"{where}.{fault.where}", fault.problem, fault.choices)
+    fault = fault_of(item, "", (), lambda places: keys_at(model, {}, places))
+    return fault.at(f"{where}.{fault.where}".rstrip("."))
 
 
 def read_back(data: Mapping[str, Any]) -> Scenario:
@@ -119,31 +207,11 @@ def read_back(data: Mapping[str, Any]) -> Scenario:
     )
 
 
-def _network(source: str | Mapping[str, Any], folder: Path) -> Network:
-    """The network of a scenario: a table, a file or a shipped one's name."""
-    try:
-        if isinstance(source, Mapping):
-            return validate_network(source)
-        return load_network(folder / source if (folder / source).is_file() else source)
-    except NetworkError as error:
-        where = "network: " if isinstance(source, str) else "network."
-        raise ScenarioError(
-            [Fault(where + f.where, f.problem, f.choices) for f in error.faults]
-        ) from None
-
-
 def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     """A copy with values changed by dotted path, such as ``{"control.cruise_speed": 0.12,
-    "pipes.0.length": 1.0}``.
+    "pipes.0.length": 1.0}``; ``*`` stands for every item of a list, as in ``"pipes.*.turn_deg"``.
 
     Raises:
         ScenarioError: unknown paths (with the choices at that place) or values that do not fit.
     """
-    data = scenario.model_dump(mode="json")
-    faults = []
-    for path, value in changes.items():
-        fault = set_value(data, path, value)
-        faults += [fault] if fault else []
-    if faults:
-        raise ScenarioError(faults)
-    return validate(data)
+    return validate(scenario.model_dump(mode="json"), changes=changes)

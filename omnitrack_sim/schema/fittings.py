@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal, TypeVar
 from pydantic import ValidationInfo, ValidatorFunctionWrapHandler, create_model
 from pydantic_core import PydanticCustomError
 
-from omnitrack_sim.errors import InputError
+from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.pipes import Fitting
 from omnitrack_sim.pipes.fittings import FittingTable, fitting_class, shipped_fittings
 from omnitrack_sim.table import Table
@@ -79,9 +79,9 @@ def by_kind(
         try:
             table = table_of(str(data["kind"]), entry)
         except KeyError:
-            raise _kind_fault("is missing", tuple(shipped_fittings())) from None
+            raise _kind_fault(Fault("kind", "is missing", tuple(shipped_fittings()))) from None
         except InputError as error:
-            raise _kind_fault(error.faults[0].problem, error.faults[0].choices) from error
+            raise _kind_fault(error.faults[0]) from error
         if info.mode == "json":  # strict, as ``reading.checked`` is
             return table.model_validate_json(json.dumps(data), strict=True)
         return table.model_validate(data)
@@ -89,10 +89,6 @@ def by_kind(
     return opened
 
 
-def choices_of(entry: type[FittingEntry], entries: Any, place: str) -> tuple[str, ...]:
-    """Valid keys of the table at a ``place`` of a list, as plain data of a file."""
-    return tuple(table_of(entries[int(place)]["kind"], entry).model_fields)
-
-
-def _kind_fault(problem: str, choices: tuple[str, ...]) -> PydanticCustomError:
-    return PydanticCustomError(KIND_FAULT, "{problem}", {"problem": problem, "choices": choices})
+def _kind_fault(fault: Fault) -> PydanticCustomError:
+    told = {"problem": fault.problem, "choices": fault.choices, "given": fault.given}
+    return PydanticCustomError(KIND_FAULT, "{problem}", told)

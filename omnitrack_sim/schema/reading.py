@@ -1,13 +1,10 @@
-"""Reading files that a user writes: scenarios, sweeps and networks.
-
-They are found by path or name, read as TOML and checked as a whole; faults are told with their
-place in the file.
-"""
+"""From the plain data of a file to a model, checked as a whole; faults are told with their place
+in the file. And where the shipped files are."""
 
 from __future__ import annotations
 
+import datetime
 import json
-import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,45 +13,17 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.naming import ByName
 from omnitrack_sim.schema.fittings import KIND_FAULT
+from omnitrack_sim.text import shown
 
-NAME_PATTERN = r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$"
+NAME_PATTERN = r"^[^./\\\x00-\x1f\x7f-\x9f][^/\\\x00-\x1f\x7f-\x9f]*$"
 """A scenario's name is also that of a folder: not empty, not hidden, no separators."""
+LARGEST_INTEGER = 2**63 - 1
+"""What TOML promises and other readers of JSON take."""
+MOST_LEVELS = 32
+"""How deep tables and lists may stand in each other."""
 _Model = TypeVar("_Model", bound=BaseModel)
-
-
-def read_toml(
-    source: str | Path, what: str, shipped: Mapping[str, Path], error: type[InputError]
-) -> tuple[Path, dict[str, Any]]:
-    """Path and contents of a file that is given by its path or by the name of a shipped one.
-
-    If the file has no ``name``, its own name without the ending is used.
-
-    Args:
-        source: path of the file, or a name.
-        what: noun for the thing being read, used in messages ("scenario", "network").
-        shipped: paths of the shipped files by name.
-        error: exception class to raise for faults.
-
-    Raises:
-        InputError: of class ``error``: there is no such file, it cannot be read, or it is no TOML.
-    """
-    path = Path(source)
-    if not path.is_file():
-        if str(source) not in shipped:
-            problem = (
-                f"is a folder, not a {what} file"
-                if path.is_dir()
-                else f"no such file, nor a shipped {what} of that name"
-            )
-            raise error(Fault(str(source), problem, tuple(shipped)))
-        path = shipped[str(source)]
-    try:
-        return path, {"name": path.stem} | tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as reason:
-        raise error(Fault(str(path), f"is not valid TOML: {reason}")) from reason
-    except OSError as reason:
-        raise error(Fault(str(path), f"cannot be read: {reason.strerror}")) from reason
 
 
 def checked(
@@ -76,29 +45,64 @@ def checked(
     Raises:
         InputError: of class ``error``, with every fault.
     """
+    data, odd = _tidied(data)
     try:
         # From JSON, pydantic's strict mode takes lists for tuples and names for enums, but no
         # "0.5" for 0.5.
-        return model.model_validate_json(json.dumps(data, default=plain_value), strict=True)
+        found = model.model_validate_json(json.dumps(data, default=plain_value), strict=True)
     except ValidationError as reason:
-        items = reason.errors()
+        items = reason.errors(include_url=False)
         # pydantic does not count a table with a fault as an item, and then calls the list too
         # short, too.
         inside = any(item["loc"][:1] == (union,) and len(item["loc"]) > 1 for item in items)
-        raise error(
-            [fault(item) for item in items if not (inside and item["type"] == "too_short")]
-        ) from None
+        faults = [fault(item) for item in items if not (inside and item["type"] == "too_short")]
+        places = {one.where for one in odd}
+        faults = [one for one in dict.fromkeys(faults) if one.where not in places]
+        raise error([*odd, *faults]) from None
+    if odd:
+        raise error(odd)
+    return found
 
 
-def fields_at(model: type[BaseModel], places: list[str]) -> tuple[str, ...]:
-    """Names of the fields of the table at a path below a model; none if there is no table."""
-    for place in places:
-        info = model.model_fields.get(place)
-        inner = None if info is None else info.annotation
-        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
-            return ()
-        model = inner
-    return tuple(model.model_fields)
+def _tidied(data: Any) -> tuple[Any, list[Fault]]:
+    """Plain data without values that no file of ours can hold, and these as faults."""
+    faults: list[Fault] = []
+
+    def tidy(value: Any, place: tuple[str, ...]) -> Any:
+        problem = _oddity(value, len(place))
+        if problem is not None:
+            faults.append(Fault(".".join(place), problem))
+            return None
+        if isinstance(value, Mapping):
+            return {_key(key): tidy(item, (*place, _key(key))) for key, item in value.items()}
+        if isinstance(value, list | tuple):
+            return [tidy(item, (*place, str(i))) for i, item in enumerate(value)]
+        return value
+
+    return tidy(data, ()), faults
+
+
+def _oddity(value: Any, depth: int) -> str | None:
+    """What is wrong with a value whatever its place; None for all that is common."""
+    if isinstance(value, str) and not _is_text(value):
+        return f"is {shown(value)}, which has bytes or halves of characters that are no text"
+    if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+        return "is an integer of more than 64 bits"
+    if isinstance(value, datetime.date | datetime.time):
+        return f"is the date or time {value}; a text stands in quotes"
+    if isinstance(value, Mapping | list | tuple) and depth > MOST_LEVELS:
+        return f"is nested too deeply: at most {MOST_LEVELS} levels of tables and lists"
+    return None
+
+
+def _is_text(text: str) -> bool:
+    """Whether a text is without lone surrogates, in which nothing can be written."""
+    return text.isascii() or not any("\ud800" <= character <= "\udfff" for character in text)
+
+
+def _key(key: Any) -> str:
+    """A key of a table as text that can be written."""
+    return str(key).encode("utf-8", "backslashreplace").decode()
 
 
 def plain_value(value: Any) -> Any:
@@ -132,28 +136,29 @@ def fault_of(
     )
     kind, context = item["type"], item.get("ctx", {})
     if kind == "extra_forbidden":
-        return Fault(where, "unknown key", choices_at(places[:-1]))
+        return Fault(where, "unknown key", choices_at(places[:-1]), given=places[-1])
     if kind == "union_tag_invalid":
-        return Fault(f"{where}.kind", f"is {context['tag']!r}", tuple(sorted(kinds)))
+        tag = str(context["tag"])
+        return Fault(f"{where}.kind", f"is {tag!r}", tuple(sorted(kinds)), given=tag)
     if kind == "union_tag_not_found":
         return Fault(f"{where}.kind", "is missing", tuple(sorted(kinds)))
     if kind == KIND_FAULT:
-        return Fault(f"{where}.kind", context["problem"], tuple(context["choices"]))
+        choices, given = tuple(context["choices"]), str(context["given"])
+        return Fault(f"{where}.kind", context["problem"], choices, given)
     if kind in ("literal_error", "enum"):
         choices = tuple(
             part.strip(" '") for part in str(context["expected"]).replace(" or ", ",").split(",")
         )
-        return Fault(where, f"is {item['input']!r}", choices)
+        given = item["input"]
+        return Fault(where, f"is {shown(given)}", choices, given if isinstance(given, str) else "")
     if kind == "string_pattern_mismatch":
-        return Fault(
-            where,
-            f"is {item['input']!r}; it names a folder: not empty, no leading dot, no separators",
-        )
+        rule = "it names a folder: not empty, no leading dot, no separators, no control characters"
+        return Fault(where, f"is {shown(item['input'])}; {rule}")
     message = _in_words_of_files(item["msg"])
     given = (
         ""
         if isinstance(item["input"], dict) or kind == "missing"
-        else f" (given: {item['input']!r})"
+        else f" (given: {shown(item['input'])})"
     )
     return Fault(where, message[0].lower() + message[1:] + given)
 
@@ -178,7 +183,7 @@ def _scenario_folder() -> Path:
     return inside if inside.is_dir() else package.parent / "scenarios"
 
 
-def shipped_scenarios() -> dict[str, Path]:
+def shipped_scenarios() -> ByName[Path]:
     """Scenarios that come with the package, by name.
 
     The name is the file's path below ``scenarios/`` without its ending.
@@ -186,19 +191,22 @@ def shipped_scenarios() -> dict[str, Path]:
     folder = _scenario_folder()
     groups = ("*.toml", "paper/*.toml", "missions/*.toml")
     files = [path for group in groups for path in sorted(folder.glob(group))]
-    return {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
+    return ByName((path.relative_to(folder).with_suffix("").as_posix(), path) for path in files)
 
 
-def shipped_sweeps() -> dict[str, Path]:
+def shipped_sweeps() -> ByName[Path]:
     """Sweep files that come with the package, by name."""
-    return {path.stem: path for path in sorted((_scenario_folder() / "sweeps").glob("*.toml"))}
+    files = sorted((_scenario_folder() / "sweeps").glob("*.toml"))
+    return ByName((path.stem, path) for path in files)
 
 
-def shipped_studies() -> dict[str, Path]:
+def shipped_studies() -> ByName[Path]:
     """Study files that come with the package, by name."""
-    return {path.stem: path for path in sorted((_scenario_folder() / "studies").glob("*.toml"))}
+    files = sorted((_scenario_folder() / "studies").glob("*.toml"))
+    return ByName((path.stem, path) for path in files)
 
 
-def shipped_networks() -> dict[str, Path]:
+def shipped_networks() -> ByName[Path]:
     """Network files that come with the package, by name."""
-    return {path.stem: path for path in sorted((_scenario_folder() / "networks").glob("*.toml"))}
+    files = sorted((_scenario_folder() / "networks").glob("*.toml"))
+    return ByName((path.stem, path) for path in files)

@@ -91,8 +91,10 @@ class Pipe(FittingEntry):
     @classmethod
     def _leaves_by_the_other(cls, data: Any) -> Any:
         """Of two ports, the one that is not entered is left by."""
+        if not isinstance(data, dict) or "leave" in data:
+            return data
         ports = cls.of.port_names
-        if isinstance(data, dict) and "leave" not in data and len(ports) == 2:
+        if len(ports) == 2:
             others = [port for port in ports if port != data.get("enter", cls.of.default_way[0])]
             return {**data, "leave": others[0]}
         return data

@@ -30,8 +30,10 @@ from omnitrack_sim.sim.builder import (
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.monitor import Monitor, Verdict
 from omnitrack_sim.sim.plant import Plant, Start
+from omnitrack_sim.sim.provenance import provenance_of
 from omnitrack_sim.sim.recorder import Recorder
-from omnitrack_sim.sim.result import Result, provenance_of
+from omnitrack_sim.sim.result import Result
+from omnitrack_sim.text import shown
 
 Progress = Callable[[float, str], None]
 """Called with the part done, 0 to 1, and a word about the run."""
@@ -117,6 +119,11 @@ class Simulation:
         self.end_time: Array = np.full(self.n, np.nan)
         self._tick = 0
         self._settle()
+
+    def __repr__(self) -> str:
+        names = ", ".join(dict.fromkeys(scenario.name for scenario in self.scenarios))
+        running = f"{np.count_nonzero(self.active)} of {self.n} robots run"
+        return f"Simulation({running}, at {self.time.max():.6g} s: {shown(names)})"
 
     def _begin(self, settings: Settings, start: Start) -> None:
         """Make the parts that need the first place: controller, monitor, recorder."""

@@ -10,6 +10,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.sweep import sampling
 from omnitrack_sim.table import Positive, Table
+from omnitrack_sim.text import finite
 
 BASE = "base"
 """Name of the axis that a list of base scenarios makes."""
@@ -61,6 +62,13 @@ class ListAxis(AxisTable):
     kind: Literal["list"]
     values: Annotated[tuple[Any, ...], Field(min_length=1)]
     labels: tuple[str, ...] | None = None
+
+    @field_validator("values")
+    @classmethod
+    def _are_finite(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
+        if finite(values) != list(values):
+            raise ValueError("must be finite")
+        return values
 
     @field_validator("labels")
     @classmethod

@@ -10,7 +10,8 @@ from omnitrack_sim.errors import ScenarioError
 from omnitrack_sim.record.events import BackedOff
 from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.scenario import Scenario, validate
-from omnitrack_sim.sim.result import Result, environment
+from omnitrack_sim.sim.provenance import environment
+from omnitrack_sim.sim.result import Result
 from omnitrack_sim.sim.run import run_batch
 from omnitrack_sim.sweep.trials import Batch, changed
 

@@ -66,7 +66,8 @@ def missing(at: str, path: str, data: Mapping[str, Any], base: str | None) -> Fa
     choices = tuple(inside) if isinstance(inside, dict) else ()
     choices = (*map(str, range(len(inside))), "*") if isinstance(inside, list) else choices
     of = f" in base {base!r}" if base else ""
-    return Fault(at, f"is {path!r}; there is no {keys[depth]!r}{of}", choices)
+    problem = f"is {path!r}; there is no {keys[depth]!r}{of}"
+    return Fault(at, problem, choices, given=keys[depth])
 
 
 def _misfit(axis: AxisTable, present: Any) -> str | None:
@@ -101,9 +102,7 @@ def _misspelt(
         except ScenarioError as error:
             found = [fault for fault in error.faults if fault.where in places]
             if found and not _goes_with_another(scenario, dict.fromkeys(places, value), others):
-                yield from (
-                    Fault(f"{where}.values.{i}", fault.problem, fault.choices) for fault in found
-                )
+                yield from (fault.at(f"{where}.values.{i}") for fault in found)
 
 
 def _goes_with_another(
@@ -149,7 +148,8 @@ def clashes(
     )
     for i, name in enumerate(file.group_by or ()):
         if name not in groups:
-            yield Fault(f"group_by.{i}", f"{name!r} is no grid or list axis of this sweep", groups)
+            problem = f"{name!r} is no grid or list axis of this sweep"
+            yield Fault(f"group_by.{i}", problem, groups, given=name)
     size = trials.count(len(bases), file.axes, file.samples)
     if size > MOST_TRIALS:
         yield Fault("axes", f"make {size} trials; at most {MOST_TRIALS}")

@@ -15,7 +15,7 @@ from concurrent.futures import (
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
-from omnitrack_sim.sim.result import environment
+from omnitrack_sim.sim.provenance import environment
 from omnitrack_sim.sweep.batch import ERROR, Row, failed_row, run_trials
 from omnitrack_sim.sweep.trials import Batch
 from omnitrack_sim.sweep.workers import WorkersLost, killed_its_worker

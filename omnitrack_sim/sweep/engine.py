@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path
@@ -14,7 +15,7 @@ from omnitrack_sim.sweep.folder import Folder, Memory
 from omnitrack_sim.sweep.picture import draw_map
 from omnitrack_sim.sweep.spec import Sweep
 from omnitrack_sim.sweep.summary import summarise_sweep
-from omnitrack_sim.sweep.table import Layout
+from omnitrack_sim.sweep.table import Layout, made_by
 from omnitrack_sim.sweep.trials import Batch
 
 if TYPE_CHECKING:
@@ -57,14 +58,27 @@ def run_sweep(
     mine = batches if shard is None else batches[_checked(shard)[0] - 1 :: shard[1]]
     store: Folder | Memory = Memory() if directory is None else Folder(directory, sweep, layout)
     if isinstance(store, Folder):
-        table = store.finished()
+        table = _finished(sweep, store)
         if table is not None:
-            if store.renamed:
-                _write(sweep, table, store, store.makers())
             return table
     with Pool(executor) as pool:
         run_missing(mine, store, layout, pool, progress)
     return _finish(sweep, batches, mine, store, layout)
+
+
+def _finished(sweep: Sweep, folder: Folder) -> pa.Table | None:
+    """The table of a sweep that is finished, with a summary that tells it as it is now; None where
+    it has to be made from the batches."""
+    table, there = folder.finished(), folder.summary()
+    try:
+        makers = {json.dumps(maker, sort_keys=True) for maker in there["provenance"]["made_by"]}
+    except (KeyError, TypeError):
+        return None
+    if table is not None:
+        summary = summarise_sweep(sweep, table, makers)
+        if folder.renamed or json.loads(json.dumps(summary)) != there:
+            folder.finish(table, summary, lambda: draw_map(sweep, table))
+    return table
 
 
 def _checked(shard: tuple[int, int]) -> tuple[int, int]:
@@ -99,14 +113,9 @@ def _finish(
     table = layout.merged(present)
     _refuse_all_invalid(table)
     if isinstance(store, Folder):
-        makers = {found.schema.metadata[b"made_by"].decode() for found in present}
-        _write(sweep, table, store, makers)
+        summary = summarise_sweep(sweep, table, {made_by(found) for found in present})
+        store.finish(table, summary, lambda: draw_map(sweep, table))
     return table
-
-
-def _write(sweep: Sweep, table: pa.Table, folder: Folder, makers: set[str]) -> None:
-    """Write the files of the whole sweep."""
-    folder.finish(table, summarise_sweep(sweep, table, makers), lambda: draw_map(sweep, table))
 
 
 def _refuse_all_invalid(table: pa.Table) -> None:

@@ -6,20 +6,18 @@ A part file holds the rows of one batch. Several processes may work in one folde
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
-import os
-import re
-import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.errors import OutputError
-from omnitrack_sim.sim.result import environment
+from omnitrack_sim.plots.style import attempt
+from omnitrack_sim.sim.provenance import environment
 from omnitrack_sim.sweep.spec import FOR_THE_RECORD, Sweep
-from omnitrack_sim.sweep.table import Layout, from_parquet, to_csv, to_parquet
+from omnitrack_sim.sweep.table import Layout, from_parquet, made_by, to_csv, to_parquet
 from omnitrack_sim.sweep.trials import Batch
+from omnitrack_sim.writing import check_folder, is_workshop, told, write_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -33,7 +31,6 @@ SWEEP_FILE, TABLE_FILE, CSV_FILE, SUMMARY_FILE, MAP_FILE = (
 )
 PARTS = "parts"
 _OURS = {SWEEP_FILE, TABLE_FILE, CSV_FILE, SUMMARY_FILE, MAP_FILE, PARTS}
-_TEMPORARY = re.compile(r"\..+\.tmp")
 _MOST_TOLD = 5
 """How many differences of two sweeps a message names."""
 
@@ -50,12 +47,11 @@ class Folder:
 
     def __init__(self, directory: str | Path, sweep: Sweep, layout: Layout):
         self.path, self.layout = Path(directory), layout
+        check_folder(self.path)
         with told(self.path):
             self._open(sweep)
 
     def _open(self, sweep: Sweep) -> None:
-        if self.path.exists() and not self.path.is_dir():
-            raise OutputError(f"{self.path}: is a file; choose a folder")
         ours = {"sha256": sweep.hash, "sweep": sweep.model_dump(mode="json")}
         there = self._there() if self.path.is_dir() else None
         if there is not None and there["sha256"] != ours["sha256"]:
@@ -65,19 +61,16 @@ class Folder:
                 "another folder with --out, or remove this one to begin anew"
             )
         (self.path / PARTS).mkdir(parents=True, exist_ok=True)
-        for place in (self.path, self.path / PARTS):
-            sweep_out(place)
+        check_folder(self.path / PARTS)
         self._description = (json.dumps(ours | environment(), indent=2) + "\n").encode()
         self.renamed = there is not None and there["sweep"] != ours["sweep"]
         if there is None:
-            write_whole(self.path / SWEEP_FILE, self._description)
+            write_file(self.path / SWEEP_FILE, self._description)
 
     def _there(self) -> dict[str, Any] | None:
         """What ``sweep.json`` says; None in a folder that holds nothing yet, or part files only."""
         strange = [
-            p.name
-            for p in self.path.iterdir()
-            if p.name not in _OURS and not _TEMPORARY.fullmatch(p.name)
+            p.name for p in self.path.iterdir() if p.name not in _OURS and not is_workshop(p.name)
         ]
         file = self.path / SWEEP_FILE
         if not file.is_file():
@@ -90,43 +83,27 @@ class Folder:
         try:
             data = json.loads(file.read_text(encoding="utf-8"))
             return {"sha256": data["sha256"], "sweep": data["sweep"]}
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError, MemoryError) as error:
             raise OutputError(
                 f"{file}: is no description of a sweep ({error}); choose another folder"
             ) from error
 
     def read(self, batch: Batch) -> pa.Table | None:
         """The rows of a batch; None where its file is missing or damaged."""
-        import pyarrow as pa
-
-        try:
-            table = from_parquet(self._file(batch).read_bytes())
-        except (OSError, pa.ArrowException):
-            return None
-        whole = (table.schema.metadata or {}).get(b"part") == batch.hash.encode()
-        whole = whole and table.schema.remove_metadata().equals(
-            self.layout.schema.remove_metadata()
-        )
-        return (
-            table
-            if whole and table["trial"].to_pylist() == [trial.index for trial in batch.trials]
-            else None
-        )
+        return read_part(self._file(batch), batch, self.layout.schema)
 
     def write(self, batch: Batch, table: pa.Table) -> None:
         """Keep the rows of a batch."""
-        with told(self.path):
-            write_whole(self._file(batch), to_parquet(table))
+        with kept(self.path):
+            write_file(self._file(batch), to_parquet(table))
 
     def finished(self) -> pa.Table | None:
         """The whole table, if the sweep is finished and all its files are there."""
-        import pyarrow as pa
-
         if not all((self.path / name).is_file() for name in (CSV_FILE, SUMMARY_FILE, MAP_FILE)):
             return None
         try:
             table = from_parquet((self.path / TABLE_FILE).read_bytes())
-        except (OSError, pa.ArrowException):
+        except Exception:  # as in ``read``; the table is made again from the batches
             return None
         ours = (
             table.schema.equals(self.layout.schema, check_metadata=True)
@@ -134,27 +111,28 @@ class Folder:
         )
         return table if ours else None
 
-    def makers(self) -> set[str]:
-        """What made the batches of a finished sweep, as JSON."""
+    def summary(self) -> Any:
+        """What ``summary.json`` says; None where it is missing or damaged."""
         try:
-            summary = json.loads((self.path / SUMMARY_FILE).read_text(encoding="utf-8"))
-            return {json.dumps(maker, sort_keys=True) for maker in summary["provenance"]["made_by"]}
-        except (ValueError, KeyError, TypeError) as error:
-            raise OutputError(
-                f"{self.path / SUMMARY_FILE}: is damaged ({error}); remove it to have it anew"
-            ) from error
+            return json.loads((self.path / SUMMARY_FILE).read_bytes())
+        except (OSError, ValueError, RecursionError, MemoryError):
+            return None
 
     def finish(
         self, table: pa.Table, summary: Mapping[str, Any], draw: Callable[[], bytes]
     ) -> None:
-        """Write the files of a finished sweep, the table last."""
-        with told(self.path):
-            write_whole(self.path / CSV_FILE, to_csv(table))
-            write_whole(self.path / SUMMARY_FILE, (json.dumps(summary, indent=2) + "\n").encode())
-            write_whole(self.path / MAP_FILE, draw())
+        """Write the files of a finished sweep, the table before the figure: one that cannot be
+        drawn is told as a warning, and the same command tries again."""
+        with kept(self.path):
+            write_file(self.path / CSV_FILE, to_csv(table))
+            write_file(self.path / SUMMARY_FILE, (json.dumps(summary, indent=2) + "\n").encode())
             if self.renamed:
-                write_whole(self.path / SWEEP_FILE, self._description)
-            write_whole(self.path / TABLE_FILE, to_parquet(table))
+                write_file(self.path / SWEEP_FILE, self._description)
+            (self.path / MAP_FILE).unlink(missing_ok=True)
+            write_file(self.path / TABLE_FILE, to_parquet(table))
+            figure = attempt(MAP_FILE, draw)
+            if figure is not None:
+                write_file(self.path / MAP_FILE, figure)
 
     def _file(self, batch: Batch) -> Path:
         return self.path / PARTS / f"{batch.number:06d}-{batch.hash}.parquet"
@@ -180,64 +158,36 @@ def holds_sweep(directory: str | Path) -> bool:
     return (Path(directory) / SWEEP_FILE).is_file()
 
 
+def read_part(file: Path, batch: Batch, schema: pa.Schema) -> pa.Table | None:
+    """The rows of a batch from its part file; None where this is missing, damaged, or of other
+    trials.
+
+    Args:
+        file: of the batch.
+        batch: whose rows they shall be.
+        schema: of tables of batches; its own metadata do not count.
+    """
+    try:
+        table = from_parquet(file.read_bytes())
+        made_by(table)
+    except Exception:  # decoders raise anything on damaged bytes; the batch is run again
+        return None
+    whole = (table.schema.metadata or {}).get(b"part") == batch.hash.encode()
+    whole = whole and table.schema.remove_metadata().equals(schema.remove_metadata())
+    numbers = [trial.index for trial in batch.trials]
+    return table if whole and table["trial"].to_pylist() == numbers else None
+
+
 @contextlib.contextmanager
-def told(path: Path) -> Iterator[None]:
-    """Turn an error of the system into an ``OutputError`` that says what to do."""
+def kept(path: Path) -> Iterator[None]:
+    """Say what to do when something cannot be written into the folder of a sweep or study."""
     try:
-        yield
-    except OSError as error:
+        with told(path):
+            yield
+    except OutputError as error:
         raise OutputError(
-            f"{path}: cannot be written: {error.strerror or error}; the finished batches are kept, "
-            "and the same command goes on from there"
+            f"{error}; the finished batches are kept, and the same command goes on from there"
         ) from error
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file so that it is there in full or not at all, even if the machine stops.
-
-    Raises:
-        OSError: it cannot be written; nothing is left behind.
-    """
-    descriptor, temporary = _temporary(path)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-            os.fchmod(file.fileno(), 0o644)
-            os.replace(temporary, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(temporary)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
-
-
-def _temporary(path: Path) -> tuple[int, str]:
-    """A new file beside ``path``, open and locked.
-
-    The lock tells other processes that the writer of the file is alive.
-    """
-    while True:
-        descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        if os.path.exists(name):  # nobody removed it before it was locked
-            return descriptor, name
-        os.close(descriptor)
-
-
-def sweep_out(place: Path) -> None:
-    """Remove temporary files whose writers are gone."""
-    for path in place.iterdir():
-        if not _TEMPORARY.fullmatch(path.name):
-            continue
-        with contextlib.suppress(OSError), path.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            path.unlink()
 
 
 def told_differences(there: Any, ours: Any, free: Collection[str]) -> str:

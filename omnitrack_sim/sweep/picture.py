@@ -9,7 +9,7 @@ import numpy as np
 
 from omnitrack_sim.plots.style import save_figure
 from omnitrack_sim.plots.sweep import Spread, sweep_figure
-from omnitrack_sim.rotations import Array, unit
+from omnitrack_sim.rotations import Array, direction_of
 from omnitrack_sim.schema.tables import unit_of
 from omnitrack_sim.sweep.axes import DirectionAxis
 from omnitrack_sim.sweep.batch import ERROR, INVALID
@@ -74,7 +74,6 @@ def turn_case(sweep: Sweep) -> TurnCase | None:
 
 def _classes(sweep: Sweep, vectors: list[list[float]]) -> list[str]:
     """The class of each vector by its angle to the run axis of the first base."""
-    axis: Array = unit(next(iter(sweep.bases.values())).start.axis)
-    v = np.array(vectors)
-    component = v @ axis / np.linalg.norm(v, axis=-1)
+    axis: Array = direction_of(next(iter(sweep.bases.values())).start.axis)
+    component = direction_of(vectors) @ axis
     return [CLASSES[k] for k in np.digitize(component, (-ALONG, ALONG))]

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field
 
 from omnitrack_sim.errors import Fault, ScenarioError, SweepError
-from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
-from omnitrack_sim.schema.reading import NAME_PATTERN, fault_of, read_toml, shipped_sweeps
+from omnitrack_sim.scenario import Scenario, load_scenario, validate
+from omnitrack_sim.schema.files import SWEEP, beside, read_file
+from omnitrack_sim.schema.reading import NAME_PATTERN, checked, fault_of
 from omnitrack_sim.sweep import trials
 from omnitrack_sim.sweep.axes import AXES, Axis, GridAxis, ListAxis
 from omnitrack_sim.sweep.checks import MOST_TRIALS, axis_faults, clashes
@@ -57,6 +58,12 @@ class Sweep(_Plan):
 
     bases: dict[str, Scenario]
     set: dict[str, Any]
+
+    def __repr__(self) -> str:
+        axes = ", ".join(axis.name for axis in self.axes) or "no axes"
+        return f"Sweep({self.name!r}: {self.size} trials of {', '.join(self.bases)}; {axes})"
+
+    __str__ = __repr__
 
     def trials(self) -> dict[str, list[Any]]:
         """The values of each axis, one for each trial, by the first path of the axis.
@@ -138,20 +145,20 @@ def load_sweep(source: str | Path, changes: Mapping[str, Any] | None = None) -> 
     Args:
         source: the file or name.
         changes: of the base scenarios by dotted path; they come after those of the file's
-            ``[set]``.
+            ``[set]``. Both are set before the base scenarios are checked.
 
     Raises:
-        SweepError: no such file, bad TOML, or any fault in it; every fault is listed with its path
-            in the file.
+        SweepError: no such file, bad TOML or JSON, or any fault in it; every fault is listed with
+            its path in the file.
     """
-    path, data = read_toml(source, "sweep", shipped_sweeps(), SweepError)
+    path, data = read_file(source, SWEEP, SweepError)
     return resolve(data, path.parent, changes)
 
 
 def resolve(
     data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str, Any] | None = None
 ) -> Sweep:
-    """A sweep from plain data as read from TOML.
+    """A sweep from plain data as read from TOML or JSON.
 
     Args:
         data: of the file.
@@ -161,10 +168,7 @@ def resolve(
     Raises:
         SweepError: lists every fault with its dotted path.
     """
-    try:
-        file = SweepFile.model_validate_json(json.dumps(data, default=str), strict=True)
-    except ValidationError as error:
-        raise SweepError(_faults_of(error)) from None
+    file = checked(SweepFile, data, "", _fault, SweepError)
     bases, faults = _bases(file, folder, changes or {})
     if bases:
         faults += [
@@ -177,36 +181,25 @@ def resolve(
     return Sweep(**fields, bases=bases, set=file.set | dict(changes or {}))
 
 
-def _faults_of(error: ValidationError) -> Iterator[Fault]:
-    """Errors of pydantic as faults.
+def _fault(item: Mapping[str, Any]) -> Fault:
+    """One of pydantic's errors as a fault.
 
-    A key that takes two kinds of value has an error for each; it becomes one fault.
+    A key that takes two kinds of value has an error for each; they become the same fault.
     """
-    told: set[str] = set()
-    for item in error.errors():
-        places, context = item["loc"], item.get("ctx", {})
-        if item["type"] == "union_tag_invalid" and context["tag"] in _SAMPLINGS:
-            where = ".".join(map(str, (*places, "kind")))
-            tag = context["tag"]
-            said = f'is {tag!r}, which is no kind of axis: write sampling = "{tag}" at the top'
-            yield Fault(where, f"{said} and a distribution here", tuple(sorted(AXES)))
-        elif set(places) & {"path", "base"}:
-            where = places[
-                : 1 + max(places.index(key) for key in ("path", "base") if key in places)
-            ]
-            plain = ".".join(
-                str(place) for i, place in enumerate(where) if not (i == 2 and place in AXES)
-            )
-            problem = (
-                "is missing"
-                if item["type"] == "missing"
-                else "is neither a text nor a list of texts"
-            )
-            if plain not in told:
-                yield Fault(plain, problem)
-            told.add(plain)
-        else:
-            yield fault_of(item, "axes", tuple(AXES), _choices_at)
+    places, context = item["loc"], item.get("ctx", {})
+    if item["type"] == "union_tag_invalid" and context["tag"] in _SAMPLINGS:
+        where = ".".join(map(str, (*places, "kind")))
+        tag = context["tag"]
+        said = f'is {tag!r}, which is no kind of axis: write sampling = "{tag}" at the top'
+        return Fault(where, f"{said} and a distribution here", tuple(sorted(AXES)))
+    if set(places) & {"path", "base"}:
+        where = places[: 1 + max(places.index(key) for key in ("path", "base") if key in places)]
+        plain = ".".join(
+            str(place) for i, place in enumerate(where) if not (i == 2 and place in AXES)
+        )
+        missing = item["type"] == "missing"
+        return Fault(plain, "is missing" if missing else "is neither a text nor a list of texts")
+    return fault_of(item, "axes", tuple(AXES), _choices_at)
 
 
 def _choices_at(places: list[str]) -> tuple[str, ...]:
@@ -224,42 +217,52 @@ def _bases(
     bases: dict[str, Scenario] = {}
     faults: list[Fault] = []
     many = not isinstance(file.base, str)
+    given = {**file.set, **changes}
     for i, source in enumerate([file.base] if isinstance(file.base, str) else file.base):
         where = f"base.{i}" if many else "base"
-        try:
-            scenario = load_scenario(folder / source if (folder / source).is_file() else source)
-        except ScenarioError as error:
-            faults += [
-                Fault(f"{where}: {fault.where}", fault.problem, fault.choices)
-                for fault in error.faults
-            ]
+        scenario, found = _base(beside(folder, source), given)
+        faults += [_in_sweep(fault, where, file.set, changes) for fault in found]
+        if scenario is None:
             continue
         if scenario.name in bases:
             faults.append(Fault(where, f"{scenario.name!r} is the name of an earlier base"))
-        try:
-            given = _spread(scenario, file.set, "set.") | _spread(scenario, changes, "--set ")
-            bases[scenario.name] = override(scenario, given) if given else scenario
-        except ScenarioError as error:
-            bases[scenario.name] = scenario
-            faults += error.faults
+        bases[scenario.name] = scenario
     return bases, list(dict.fromkeys(faults))
 
 
-def _spread(scenario: Scenario, changes: Mapping[str, Any], origin: str) -> dict[str, Any]:
-    """Changes with every ``*`` written out.
-
-    Faults, of a single change or of all together, are told with ``origin`` before their path.
-    """
-    data = scenario.model_dump(mode="json")
-    spread = {
-        place: value
+def _base(
+    source: str | Path, changes: Mapping[str, Any]
+) -> tuple[Scenario | None, Sequence[Fault]]:
+    """A base scenario with the changes, and what is wrong. Where changes are, it comes without
+    them, so that the rest of the sweep can be looked at as well."""
+    try:
+        return load_scenario(source, changes), ()
+    except ScenarioError as error:
+        faults = error.faults
+    sound = {
+        path: value
         for path, value in changes.items()
-        for place in trials.matches(data, path) or [path]
+        if not any(_covers(path, fault.where) for fault in faults)
     }
     try:
-        override(scenario, spread)
-    except ScenarioError as error:
-        raise ScenarioError(
-            [Fault(origin + f.where, f.problem, f.choices) for f in error.faults]
-        ) from None
-    return spread
+        return load_scenario(source, sound), faults
+    except ScenarioError:
+        return None, faults
+
+
+def _in_sweep(
+    fault: Fault, base: str, of_file: Mapping[str, Any], of_call: Mapping[str, Any]
+) -> Fault:
+    """A fault of a base scenario, told with where its value comes from: a change or the base."""
+    for origin, changes in (("--set ", of_call), ("set.", of_file)):
+        if any(_covers(path, fault.where) for path in changes):
+            return fault.at(origin + fault.where)
+    return fault.at(f"{base}: {fault.where}")
+
+
+def _covers(path: str, place: str) -> bool:
+    """Whether a path, in which ``*`` may stand, leads to a place or to a table that it is in."""
+    keys, places = path.split("."), place.split(".")
+    return len(keys) <= len(places) and all(
+        key in ("*", at) for key, at in zip(keys, places, strict=False)
+    )

@@ -131,6 +131,16 @@ def from_parquet(data: bytes) -> pa.Table:
     return pq.read_table(pa.BufferReader(data), page_checksum_verification=True)
 
 
+def made_by(table: pa.Table) -> str:
+    """What made the rows of a batch, as JSON.
+
+    Raises:
+        KeyError, ValueError: its file is damaged.
+    """
+    text = table.schema.metadata[b"made_by"].decode()
+    return json.dumps(json.loads(text), sort_keys=True)
+
+
 def to_csv(table: pa.Table) -> bytes:
     """A table as the bytes of a CSV file."""
     from pyarrow import csv

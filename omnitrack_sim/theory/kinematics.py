@@ -286,7 +286,7 @@ def wall_per_belt(roll: ArrayLike, module: Module = "two_track") -> Array:
         InputError: there is no such kind of module.
     """
     if module not in MODULE_KINDS:
-        raise InputError(Fault("module", f"is {module!r}", MODULE_KINDS))
+        raise InputError(Fault("module", f"is {module!r}", MODULE_KINDS, module))
     sign = belt_sign(roll)
     return sign if module == "two_track" else np.where(sign == 0, 0.0, np.cos(roll))
 

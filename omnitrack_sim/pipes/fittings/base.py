@@ -24,7 +24,7 @@ from omnitrack_sim.errors import Fault, GeometryError
 from omnitrack_sim.pipes.compiled import Wall
 from omnitrack_sim.pipes.kit import Kit, Solid
 from omnitrack_sim.pipes.pieces import Pieces
-from omnitrack_sim.rotations import Array, Pose
+from omnitrack_sim.rotations import Array, Pose, cross
 from omnitrack_sim.table import Size, Table, Unit
 
 BORE = 0.16
@@ -322,7 +322,7 @@ def positive(size: float) -> tuple[bool, str]:
 
 def port_pose(z: Array, x: Array, position: Array) -> Pose:
     """A port frame: ``z`` (3,) out of the fitting, ``x`` (3,) across it, ``position`` (3,) m."""
-    return Pose(np.stack([x, np.cross(z, x), z], axis=-1), position)
+    return Pose(np.stack([x, cross(z, x), z], axis=-1), position)
 
 
 def bore_distance(from_axis: Array, radius: float) -> tuple[Array, Array]:

@@ -51,7 +51,7 @@ def fitting_class(kind: str) -> type[Fitting]:
     choices = tuple(shipped_fittings())
     found = named(kind, "kind", shipped_fittings())
     if not _is_kind(found):
-        raise InputError(Fault("kind", f"is {kind!r}, which is no fitting", choices))
+        raise InputError(Fault("kind", f"is {kind!r}, which is no fitting", choices, given=kind))
     _brought[kind] = found
     return found
 

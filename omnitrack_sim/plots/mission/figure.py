@@ -28,7 +28,7 @@ def plot_mission(result: Result, path: str | Path, format: str | None = None) ->
     """Write the figure of ``mission_figure``.
 
     Raises:
-        InputError: no such format. OSError: the file cannot be written.
+        InputError: no such format. OutputError: the file cannot be written.
     """
     save_figure(mission_figure(result), path, format)
 

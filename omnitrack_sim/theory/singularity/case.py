@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.robot import MODULES, Robot
 from omnitrack_sim.theory.singularity.contact import (
     ContactMap,
@@ -27,6 +28,12 @@ from omnitrack_sim.theory.singularity.region import (
 )
 
 _DEFAULT = Robot()
+SHORTEST, LONGEST = 1e-6, 1000.0
+"""Least and largest length of robot and tee, m."""
+LEAST_TURN = 1e-6
+"""Least angle between run and branch, rad."""
+MOST_MODULES = 12
+"""The contact map takes time and memory in proportion to the number of modules."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +63,22 @@ class TurnCase:
     bend_radius: float | None = None
 
     def __post_init__(self) -> None:
+        lengths = {name: getattr(self, name) for name in ("pipe_radius", "reach", "bend_radius")}
+        faults = [
+            Fault(name, f"is {value:g}; it must be positive, from {SHORTEST:g} to {LONGEST:g} m")
+            for name, value in lengths.items()
+            if value is not None and not SHORTEST <= value <= LONGEST
+        ]
+        if not 0 <= self.contact_length <= LONGEST:
+            wanted = f"it must be from 0 to {LONGEST:g} m"
+            faults.append(Fault("contact_length", f"is {self.contact_length:g}; {wanted}"))
+        if not 1 <= self.modules <= MOST_MODULES:
+            wanted = f"it must be a whole number from 1 to {MOST_MODULES}"
+            faults.append(Fault("modules", f"is {self.modules:g}; {wanted}"))
+        if 0 < self.turn_angle < LEAST_TURN:
+            faults.append(Fault("turn_angle", "is too small for a turn"))
+        if faults:
+            raise InputError(faults)
         safe_margin(self.sector, self.modules)  # raises if a value is out of range
 
     @cached_property

@@ -111,7 +111,7 @@ def sector_angle(
     )
     ratio = np.maximum(rho / radius, 1.0)
     if definition not in DEFINITIONS:
-        raise InputError(Fault("definition", f"is {definition!r}", DEFINITIONS))
+        raise InputError(Fault("definition", f"is {definition!r}", DEFINITIONS, definition))
     if definition == "strip":
         half_sector = np.arcsin(1.0 / ratio)
     else:

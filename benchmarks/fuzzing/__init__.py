@@ -1,0 +1,1 @@
+"""A seeded fuzzer: odd files, damaged folders and odd arguments, and what comes of them."""

@@ -1,0 +1,90 @@
+"""Films as files, written frame by frame with imageio."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.writing import whole_file
+
+Image = NDArray[np.uint8]
+Append = Callable[[Image], None]
+FORMATS = ("mp4", "gif")
+"""H.264 that plays while it loads, and animated GIF, which repeats."""
+MOST_GIF_FPS = 50
+"""Players show faster GIFs slower than they are."""
+
+
+def film_format(path: str | Path) -> str:
+    """The format of a film by the ending of its path.
+
+    Raises:
+        InputError: it is none of ``FORMATS``.
+    """
+    ending = Path(path).suffix[1:].lower()
+    if ending not in FORMATS:
+        raise InputError(Fault(str(path), f"has the film format {ending!r}", FORMATS))
+    return ending
+
+
+@contextmanager
+def film(path: str | Path, width: int, height: int, fps: int) -> Iterator[Append]:
+    """A function that appends frames (height, width, 3) to a film, which is written whole or not
+    at all.
+
+    Args:
+        path: of the film; its ending is one of ``FORMATS``.
+        width, height: pixels, even.
+        fps: frames a second.
+
+    Raises:
+        InputError: no such format.
+        OutputError: the file cannot be written.
+    """
+    import imageio.v3
+
+    imopen: Any = imageio.v3.imopen  # its types know no names of plugins
+    format = film_format(path)
+    options = {"movflags": "faststart"} if format == "mp4" else {}
+    with (
+        whole_file(path) as part,
+        imopen(
+            part, "w", plugin="pyav", extension=f".{format}", container=format, options=options
+        ) as file,
+    ):
+        begin = _begin_mp4 if format == "mp4" else _begin_gif
+        begin(file, width, height, fps)
+        yield file.write_frame
+
+
+def _begin_mp4(file: Any, width: int, height: int, fps: int) -> None:
+    file.init_video_stream("libx264", fps=fps, pixel_format="yuv420p")
+    # imageio has no parameter for the encoder's options, and its own take three times as long.
+    file._video_stream.options = {"crf": "20", "preset": "veryfast"}
+
+
+def _begin_gif(file: Any, width: int, height: int, fps: int) -> None:
+    """Each frame gets the 256 colours that suit it; frames are not kept in memory."""
+    file.init_video_stream("gif", fps=fps, pixel_format="rgb24")
+    stream = file._video_stream  # what the filters take in; without a size they cannot begin
+    stream.width, stream.height = width, height
+    nodes = {
+        "both": ("split", ""),
+        "colours": ("palettegen", "stats_mode=single"),
+        "coloured": ("paletteuse", "new=1"),
+    }
+    edges = [
+        ("video_in", "both", 0, 0),
+        ("both", "coloured", 0, 0),
+        ("both", "colours", 1, 0),
+        ("colours", "coloured", 0, 1),
+        ("coloured", "video_out", 0, 0),
+    ]
+    file.set_video_filter(filter_graph=(nodes, edges))
+    stream.pix_fmt = "pal8"  # what they give

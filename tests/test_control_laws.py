@@ -1,0 +1,268 @@
+"""Laws of the shipped controllers, asked one observation at a time: no physics."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import omnitrack_sim as ot
+from omnitrack_sim.control.aligner import AIMS, Aligner
+from omnitrack_sim.control.alignment import orientation_error
+from omnitrack_sim.control.interface import Command, Controller, ControlSetup, Observation
+from omnitrack_sim.control.jacobian import JacobianController
+from omnitrack_sim.control.route_map import RouteMap, angle_between
+from omnitrack_sim.control.tracking import Tracking
+from omnitrack_sim.record.channels import CHANNELS
+from omnitrack_sim.record.events import BackedOff, Rolled
+from omnitrack_sim.rotations import Array, cross, dot, length, rotation_about
+from omnitrack_sim.scenario import validate
+from omnitrack_sim.sim.builder import settings_of
+from omnitrack_sim.theory.kinematics import module_speeds
+
+PERIOD, BORE = 0.01, 0.16
+STRAIGHT = {"kind": "straight", "length": 0.5}
+WAYS = {
+    "elbow": {"kind": "elbow", "mean_radius": 0.24},
+    "tee_turn": {"kind": "tee", "enter": "run_start", "leave": "branch"},
+    "tee_straight": {"kind": "tee", "enter": "run_start", "leave": "run_end"},
+    "merge": {"kind": "tee", "enter": "branch", "leave": "run_end"},
+}
+"""A fitting passed in each way, by the name of its damping."""
+
+
+def scenario_of(*middle: str | dict[str, Any], **changes: Any) -> ot.Scenario:
+    """A straight, the fittings ``middle``, a straight."""
+    pipes = [WAYS[m] if isinstance(m, str) else m for m in middle]
+    scenario = validate({"pipes": [STRAIGHT, *pipes, STRAIGHT]})
+    return ot.override(scenario, {"control.align": False, "control.retry": False} | changes)
+
+
+class Bench:
+    """One controller on one route, and robots put where a test wants them."""
+
+    def __init__(self, scenario: ot.Scenario) -> None:
+        self.scenario, self.time = scenario, 0.0
+        self.routes, self.way = RouteMap([scenario.route]), np.zeros(1, np.intp)
+        settings, _ = settings_of([scenario], self.routes, self.way)
+        self.setup = ControlSetup(
+            self.routes,
+            scenario.robot,
+            settings,
+            [scenario.control_parameters],
+            self.observe(0.1).place,
+            np.zeros((1, 3)),
+            PERIOD,
+        )
+        self.controller: Controller = scenario.controller_class(self.setup)
+
+    def observe(
+        self, distance: float, theta5_deg: float = 0.0, tilt: Array | None = None, **more: Any
+    ) -> Observation:
+        """What a robot measures at arc length ``distance`` m, on the centreline or ``aside`` (3,) m
+        from it, tilted by the rotation vector ``tilt`` (3,) rad, with other readings as given."""
+        at, theta5 = np.array([distance]), np.radians([theta5_deg])
+        position, rotation = self.routes.start_poses(self.way, at, theta5)
+        if tilt is not None:
+            rotation = rotation_about(tilt, np.linalg.norm(tilt)) @ rotation
+        aside = np.asarray(more.pop("aside", np.zeros(3)))
+        place = self.routes.locate(position + aside, rotation, self.way, at)
+        readings = {c.name: np.zeros((1, *c.shape)) for c in CHANNELS.values()}
+        readings |= {"rotation": rotation, "time": np.array([self.time])}
+        readings |= {name: np.asarray(value, float)[None] for name, value in more.items()}
+        return Observation(readings, place, np.zeros(1, int), np.ones(1, int))
+
+    def step(self, distance: float, *place: Any, **more: Any) -> Command:
+        """The command for an observation, a period after the one before."""
+        self.time += PERIOD
+        return self.controller.step(self.observe(distance, *place, **more))
+
+    def inside(self, number: int = 0) -> float:
+        """Arc length, m, in the middle of the bend or opening of a passage."""
+        return float((self.routes.start[number] + self.routes.end[number]) / 2)
+
+
+@pytest.mark.parametrize("gain", [0.0, 1.0, 4.0])
+@pytest.mark.parametrize("name", WAYS)
+def test_each_fitting_has_its_own_damping(name: str, gain: float) -> None:
+    """In a fitting the belts turn the robot against its rotation rate by as much as the damping of
+    that way says, and the dampings of the other ways do not matter; before it there is none."""
+    changes = {f"control.parameters.damping.{other}": 0.7 for other in WAYS}
+    changes |= {f"control.parameters.damping.{name}": gain, "control.cruise_speed": 0.02}
+    changes |= {"control.parameters.damping.rate_filter": 0.0}
+    scenario = scenario_of(name, **changes)
+    rate = np.array([0.03, -0.02, 0.5])
+    for distance, expected in ((Bench(scenario).inside(), gain), (0.2, 0.0)):
+        still, turning = Bench(scenario), Bench(scenario)
+        for _ in range(50):  # until the filter of the rate has settled
+            a = still.step(distance)
+            b = turning.step(distance, angular_velocity=rate)
+        against = -expected * rate
+        wanted = module_speeds(0.0, against[0], against[1], BORE / 2)
+        assert (b.belt_speed - a.belt_speed)[0] == pytest.approx(wanted, abs=1e-6)
+
+
+def test_the_rotation_rate_is_filtered() -> None:
+    """A low pass of the first order, whose time constant is ``rate_filter``."""
+    bench = Bench(scenario_of("elbow", **{"control.parameters.damping.rate_filter": 0.03}))
+    assert isinstance(bench.controller, JacobianController)
+    rate, left = np.array([0.3, -0.2, 0.5]), 1.0
+    for _ in range(5):
+        bench.step(0.2, angular_velocity=rate)
+        left *= 0.03 / (0.03 + PERIOD)
+        assert bench.controller.angular_velocity[0] == pytest.approx((1 - left) * rate)
+
+
+@pytest.mark.parametrize("kind", ["jacobian", "paper", "equal"])
+@pytest.mark.parametrize("name", WAYS)
+def test_no_belt_is_asked_for_more_than_the_limit(name: str, kind: str) -> None:
+    """However the robot lies and turns, every belt speed is within the speed limit, forward and
+    backward, and some belt is at it."""
+    limit = 0.06
+    changes = {"control.kind": kind, "control.speed_limit": limit, "control.cruise_speed": 0.1}
+    bench, rng = Bench(scenario_of(name, **changes)), np.random.default_rng(5)
+    asked = []
+    for distance in np.linspace(0.1, bench.routes.lengths[0] - 0.1, 25).tolist():
+        for _ in range(4):
+            where = {"tilt": rng.normal(scale=0.3, size=3), "aside": rng.normal(scale=0.01, size=3)}
+            rate, roll = rng.normal(scale=2.0, size=3), rng.uniform(-4.0, 4.0, 3)
+            asked.append(bench.step(distance, 30.0, **where, angular_velocity=rate, roll=roll))
+    speeds = np.array([command.belt_speed for command in asked])
+    assert np.abs(speeds).max() == limit
+    assert speeds.min() == -limit
+
+
+def test_the_limit_of_the_belts_is_what_the_motor_holds() -> None:
+    """A limit beyond what the motor holds against a third of the robot's weight is cut to that."""
+    changes = {"robot.motor": "pololu_1000_hpcb", "control.speed_limit": 0.5}
+    bench = Bench(scenario_of("elbow", **changes))
+    held = bench.scenario.robot.feasible_belt_speed
+    assert bench.setup.settings.speed_limit == pytest.approx([held])
+    slow = Bench(scenario_of("elbow", **changes | {"control.speed_limit": 0.05}))
+    assert slow.setup.settings.speed_limit == pytest.approx([0.05])
+
+
+def test_a_robot_is_turned_by_its_heading_error_up_to_a_limit() -> None:
+    """On a straight the rotation a metre is gain times error, towards the tangent, and never more
+    than ``rotation_limit``."""
+    scenario = scenario_of("elbow")
+    bench, table = Bench(scenario), scenario.control_parameters.tracking
+    tracking, one = Tracking(bench.setup, "tracking"), np.ones(1)
+    for error in (0.01, 0.1, 0.3, 0.6, 1.2):
+        observation = bench.observe(0.15, tilt=np.array([error, 0.0, 0.0]))
+        wanted = tracking.wanted_rotation(observation.place, observation.rotation, one, 0 * one)
+        size = min(table.gain * error, table.rotation_limit) / BORE
+        assert wanted[0] == pytest.approx([-size, 0.0, 0.0], abs=1e-9)
+    assert table.gain * 0.3 < table.rotation_limit < table.gain * 0.6
+
+
+def test_a_robot_that_backs_off_follows_the_centreline_behind_it() -> None:
+    """Just past an elbow a robot in line with the pipe has nothing to turn for on its way forward;
+    backward it is turned, as it goes, towards the tangents in the bend behind."""
+    bench = Bench(scenario_of("elbow"))
+    tracking = Tracking(bench.setup, "tracking")
+    observation = bench.observe(float(bench.routes.end[0]) + 0.01)
+    place, rotation = observation.place, observation.rotation
+    ahead, back = (
+        tracking.wanted_rotation(place, rotation, np.array([way]), np.zeros(1))
+        for way in (1.0, -1.0)
+    )
+    assert length(ahead) == pytest.approx([0.0], abs=1e-9)
+    # Backward is a negative speed: the rotation that comes of it is the opposite of ``back``.
+    behind = bench.routes.tangents(place.distance[:, None] - 0.05, place.way)[:, 0]
+    assert angle_between(rotation[:, :, 2], behind) > 0.1
+    assert dot(cross(rotation[:, :, 2], behind), -back) > 0.1
+
+
+@pytest.mark.parametrize("name", ["elbow", "tee_straight", "tee_turn"])
+def test_a_stop_inside_is_worth_it_before_a_tee_turn_only(name: str) -> None:
+    """With its nose in the fitting already, a robot from the worst orientation stops to roll for a
+    tee turn; where any orientation goes it drives on."""
+    worst = {"elbow": 60.0, "tee_straight": 0.0, "tee_turn": 60.0}[name]
+    bench = Bench(scenario_of(name, **{"control.align": True}))
+    nose_in = float(bench.routes.start[0]) - bench.scenario.robot.length / 2 + 0.005
+    commands = [bench.step(nose_in, worst) for _ in range(200)]
+    stops = any(command.resting.any() for command in commands[150:])  # type: ignore[union-attr]
+    rolls = [event for command in commands for event in command.events]
+    assert stops == (name == "tee_turn")
+    assert bool(rolls) == (name == "tee_turn")
+
+
+@pytest.mark.parametrize("attempts", [1, 3])
+def test_a_robot_whose_rolls_do_not_help_gives_up_after_its_attempts(attempts: int) -> None:
+    """Before a tee, with modules that do not turn, it plans as many rolls as it may, and goes
+    on."""
+    alignment = {"attempts": attempts, "patience": 0.1, "roll_settled": 0.001}
+    changes = {f"control.parameters.alignment.{key}": value for key, value in alignment.items()}
+    changes |= {"control.align": True, "robot.roll_rate": 10.0}
+    bench = Bench(scenario_of("tee_turn", **changes))
+    before = float(bench.routes.start[0]) - bench.scenario.robot.length / 2 - 0.01
+    commands = [bench.step(before, 60.0) for _ in range(300)]
+    events = [event for command in commands for event in command.events]
+    assert [type(event) for event in events] == [Rolled] * attempts
+    assert commands[10].resting.all()  # type: ignore[union-attr]
+    assert not commands[-1].resting.any()  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("turn_deg", [-130.0, -10.0, 10.0, 130.0])
+def test_two_elbows_close_together_are_prepared_for_at_once(turn_deg: float) -> None:
+    """A robot oriented as the aligner wants it before the first of two elbows, turned against each
+    other, comes into both of them within the range that each asks for."""
+    pipes = [WAYS["elbow"], WAYS["elbow"] | {"turn_deg": turn_deg}]
+    bench = Bench(scenario_of(*pipes, **{"control.align": True}))
+    aligner = Aligner(bench.setup, "alignment")
+    best, margin = aligner.best[:, 0, 0], aligner.aim[:, 0, 0]
+    assert best.shape == margin.shape == (AIMS,)
+    start, frame = bench.routes.start[:2], bench.scenario.route.centreline.frame
+    # Without twist: a direction keeps its coordinates in the frame of the centreline.
+    towards = [bench.routes.directions[i] @ frame(start[i : i + 1])[0] for i in (0, 1)]
+    later = np.arctan2(towards[0][1], towards[0][0]) - np.arctan2(towards[1][1], towards[1][0])
+    single = Bench(scenario_of("elbow", **{"control.align": True}))
+    asked = Aligner(single.setup, "alignment").aim[:, 0, 0]
+    assert (np.abs(orientation_error(best, 0.0)) <= asked + 1e-9).all()
+    assert (np.abs(orientation_error(best + later, 0.0)) <= asked + 1e-9).all()
+    assert (margin < asked).all()
+
+
+@pytest.mark.parametrize(("name", "backs"), [("tee_turn", True), ("merge", False)])
+def test_a_robot_that_has_gone_past_a_branch_backs_off(name: str, backs: bool) -> None:
+    """Beside the centreline by more than ``beside`` radii it backs off at once; out of a branch
+    there is nothing to go past, and up to there it drives on."""
+    for share, off in ((0.5, False), (0.7, backs)):
+        bench = Bench(scenario_of(name, **{"control.retry": True}))
+        observation = bench.observe(bench.inside())
+        out = -cross(observation.place.tangent, observation.place.normal)[0]
+        command = bench.step(bench.inside(), aside=share * BORE / 2 * out)
+        assert [type(event) for event in command.events] == [BackedOff] * off
+        assert command.resting.tolist() == [off]  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("retries", [0, 1, 3])
+def test_a_robot_backs_off_as_often_as_it_may(retries: int) -> None:
+    """In a turn in which it hangs for good, whatever it tries."""
+    recovery = {"retries": retries, "patience": 0.1, "back_off": 0.2}
+    changes = {f"control.parameters.recovery.{key}": value for key, value in recovery.items()}
+    bench = Bench(scenario_of("elbow", **changes | {"control.retry": True}))
+    commands = [bench.step(bench.inside()) for _ in range(400)]
+    events = [event for command in commands for event in command.events]
+    assert [type(event) for event in events] == [BackedOff] * retries
+
+
+def test_the_state_of_a_controller_turns_round_with_the_robot() -> None:
+    """A robot sent back the way it came goes on with the rolls of its modules, and its rotation
+    rate, as they are seen from behind; one sent on nose first keeps them as they are."""
+    for gear, expected in ((-1, [-0.1, -0.3, -0.2]), (1, [0.1, 0.2, 0.3])):
+        bench = Bench(scenario_of("tee_turn"))
+        controller, rate = bench.controller, np.array([0.3, -0.2, 0.5])
+        assert isinstance(controller, JacobianController)
+        aligner = controller.aligner
+        aligner.roll[0] = aligner.roll_target[0] = [0.1, 0.2, 0.3]
+        for _ in range(20):
+            bench.step(0.2, angular_velocity=rate)
+        seen = rate * [1.0, gear, gear]
+        after = bench.observe(0.2, angular_velocity=seen)
+        after.leg, after.gear = np.ones(1, int), np.array([gear])
+        command = controller.step(after)
+        assert command.roll == pytest.approx(np.array([expected]))
+        assert controller.angular_velocity[0] == pytest.approx(seen)

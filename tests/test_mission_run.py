@@ -1,0 +1,174 @@
+"""Robots that drive missions through networks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from runs import needs_exact
+
+from omnitrack_sim import (
+    Outcome,
+    Simulation,
+    load_result,
+    load_scenario,
+    override,
+    run_batch,
+)
+from omnitrack_sim.network import Planner
+from omnitrack_sim.network.mission import NOSE_ROOM
+from omnitrack_sim.record.events import GoalReached
+from omnitrack_sim.robot import Robot
+from omnitrack_sim.scenario import Scenario, validate
+from omnitrack_sim.sim.result import Result
+
+LENGTH = Robot().length
+
+
+def mission_of(network, start: str, /, *goals: str, **tables) -> Scenario:
+    """A mission on exact walls."""
+    mission = {"start": start, "goals": list(goals)} | tables.pop("mission", {})
+    physics = {"collider": "exact"} | tables.pop("physics", {})
+    return validate({"network": network, "mission": mission, "physics": physics, **tables})
+
+
+def driven(scenario: Scenario) -> Result:
+    return run_batch([scenario], threads=1, no_load=False)[0]
+
+
+@pytest.fixture(scope="module")
+def dead_end() -> Result:
+    # At theta5 = 0 the last merge, against gravity, is close: some processors' sines decide it.
+    changes = {"physics.collider": "exact", "start.theta5_deg": 10.0}
+    return driven(override(load_scenario("missions/dead_end"), changes))
+
+
+@needs_exact
+def test_a_robot_before_a_plate_backs_out_and_goes_round(dead_end):
+    """It takes the port for closed, backs out tail first, goes round the loop and arrives."""
+    assert dead_end.success, dead_end.reason
+    assert [leg.gear for leg in dead_end.legs] == [1, -1, 1]
+    assert any("takes riser_2.end for closed" in str(event) for event in dead_end.events)
+    trajectory = dead_end.trajectory
+    assert np.unique(trajectory["leg"]).tolist() == [0, 1, 2]
+    assert (trajectory["gear"] == np.array([1, -1, 1])[trajectory["leg"].astype(int)]).all()
+    jump = np.linalg.norm(np.diff(trajectory["position"], axis=0), axis=1)
+    assert jump.max() < 0.02
+    visits = dead_end.timeline()
+    assert [visit.name for visit in visits if visit.leg == 1] == ["riser_2", "tee_low", "riser_1"]
+    assert visits[-1].name == "riser_3"
+    assert sum(visit.duration_s for visit in visits) == pytest.approx(dead_end.duration_s)
+    way = sum(
+        abs(trajectory["distance"][trajectory["leg"] == leg][[0, -1]] @ [-1, 1]) for leg in range(3)
+    )
+    assert dead_end.metrics["distance_m"] == pytest.approx(way)
+    end = dead_end.goal_points()[-1] - trajectory["position"][-1]
+    assert np.linalg.norm(end) == pytest.approx(LENGTH / 2 + NOSE_ROOM, abs=0.005)
+
+
+@needs_exact
+def test_a_mission_is_saved_and_read_back(dead_end, tmp_path):
+    """Legs, events, routes and plates come back as they were."""
+    again = load_result(dead_end.save(tmp_path / "run"))
+    assert again.legs == dead_end.legs
+    assert again.events == dead_end.events
+    assert again.scenario == dead_end.scenario
+    assert again.timeline() == dead_end.timeline()
+    assert [r.centreline.length for r in again.routes()] == [
+        r.centreline.length for r in dead_end.routes()
+    ]
+    assert again.plate_rims().shape == (1, 25, 3)
+    assert np.allclose(
+        np.linalg.norm(
+            again.plate_rims() - again.plate_rims().mean(axis=1, keepdims=True), axis=-1
+        ),
+        0.08,
+        atol=0.01,
+    )
+
+
+@needs_exact
+def test_a_robot_with_no_other_way_gives_up():
+    """A plate in the only way: the run ends there, and the events tell why."""
+    pipes = [{"kind": "straight", "name": name, "length": 0.4} for name in ("a", "b")]
+    network = {"fittings": pipes, "joints": [{"ports": ["a.end", "b.start"]}]}
+    result = driven(mission_of(network, "a.start", "b.end", mission={"blocked": ["a.end"]}))
+    assert result.outcome in (Outcome.STUCK, Outcome.SLIPPING, Outcome.STALLED)
+    assert str(result.events[-1]).endswith("no other way: gives up")
+    assert len(result.legs) == 1
+
+
+@needs_exact
+def test_a_goal_that_is_cut_off_on_the_way_is_no_success(monkeypatch):
+    """At the first goal with the second one out of reach by what was found closed: not arrived, and
+    told so."""
+    scenario = mission_of("fig14", "top", "far", "low")
+    run = Simulation([scenario])
+    assert run.legs.missed(0) == ("low",)
+    onward = Planner.onward
+    closed = [scenario.network.port("drop.end")]  # type: ignore[union-attr]
+    monkeypatch.setattr(
+        Planner, "onward", lambda self, leg, at, goal, _: onward(self, leg, at, goal, closed)
+    )
+    run.advance()
+    (result,) = run.results()
+    assert result.outcome is Outcome.STUCK
+    assert result.reason.startswith("no way to low is left; ")
+    assert str(result.events[-2]).endswith("reached far")
+
+
+@needs_exact
+def test_two_goals_one_after_the_other():
+    """The robot tells each goal it reaches and backs out of the first."""
+    result = driven(mission_of("house_sewer", "sewer", "yard", "kitchen"))
+    assert result.success, result.reason
+    assert [leg.goal for leg in result.legs] == [0, -1, 1]
+    assert any(isinstance(event, GoalReached) and event.goal == "yard" for event in result.events)
+    assert result.goal_points().shape == (2, 3)
+
+
+@needs_exact
+def test_fittings_close_together_are_passed():
+    """An S-bend, then a tee right after an elbow."""
+    sizes = [
+        ("straight", 0.3),
+        ("elbow", 0.09),
+        ("elbow", 0.09),
+        ("straight", 0.3),
+        ("elbow", 0.09),
+        ("tee", None),
+    ]
+    sizes.append(("straight", 0.3))
+    keys = {"straight": "length", "elbow": "mean_radius"}
+    fittings = [
+        {"kind": kind, "name": f"p{i}"} | ({keys[kind]: size} if size else {})
+        for i, (kind, size) in enumerate(sizes)
+    ]
+    joints = [{"ports": [f"p{i}.end", f"p{i + 1}.start"]} for i in range(4)]
+    joints[1]["turn_deg"] = 180.0
+    joints += [
+        {"ports": ["p4.end", "p5.run_start"], "turn_deg": 90.0},
+        {"ports": ["p5.branch", "p6.start"]},
+    ]
+    result = driven(mission_of({"fittings": fittings, "joints": joints}, "p0.start", "p6.end"))
+    assert result.success, result.reason
+    assert [visit.name for visit in result.timeline()] == [f"p{i}" for i in range(7)]
+
+
+@needs_exact
+def test_a_mission_does_not_depend_on_its_batch():
+    """Missions with other starts and goals share a batch, one with a leg added on the way: same
+    bits as alone."""
+    scenarios = [
+        mission_of("fig14", "top", "far"),
+        mission_of("fig14", "far", "top", start={"theta5_deg": 20.0}),
+        mission_of("fig14", "top", "far", "top"),
+    ]
+    together = run_batch(scenarios, threads=1, no_load=False)
+    assert [len(result.legs) for result in together] == [1, 1, 2]
+    for scenario, result in zip(scenarios, together, strict=True):
+        alone = driven(scenario)
+        assert alone.events == result.events
+        assert alone.legs == result.legs
+        assert np.array_equal(alone.trajectory.time, result.trajectory.time)
+        for name, values in alone.trajectory.channels.items():
+            assert np.array_equal(values, result.trajectory[name], equal_nan=True), name

@@ -1,0 +1,208 @@
+"""The published models in plain MuJoCo and in Gymnasium: they drive, within the robot's limits."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+from gymnasium.envs.mujoco import MujocoEnv
+from gymnasium.utils.env_checker import check_env
+from scipy.stats import qmc
+
+import omnitrack_sim as ot
+from omnitrack_sim.robot import Robot
+from omnitrack_sim.theory.kinematics import elbow_speeds, wall_per_belt
+
+MODELS = Path(__file__).parents[1] / "models"
+NUMBERS = (1, 2, 3)
+EVERY = sorted(path.name for path in MODELS.glob("*.xml"))
+SCENES = [name for name in EVERY if name.startswith("scene_")]
+DRIVEN = ["robot.xml", *SCENES]
+
+
+def opened(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A model in its keyframe ``start``, where it has one."""
+    model = mujoco.MjModel.from_xml_path(str(MODELS / name))
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, model.key("start").id)
+    return model, data
+
+
+def drive(model, data, seconds: float, belts=(0.0, 0.0, 0.0), roll: float = 0.0) -> None:
+    """Nothing but ``mj_step`` under constant controls."""
+    for number, speed in zip(NUMBERS, belts, strict=True):
+        data.actuator(f"belt_{number}").ctrl = speed
+        data.actuator(f"roll_{number}").ctrl = roll
+    mujoco.mj_step(model, data, nstep=round(seconds / model.opt.timestep))
+
+
+def belt_forces(data) -> np.ndarray:
+    """What the motors give at the belts, (3,) N."""
+    return np.array([data.actuator(f"belt_{number}").force[0] for number in NUMBERS])
+
+
+def test_there_are_the_models_that_the_documents_name():
+    """A robot, four fittings and three scenes."""
+    assert len(EVERY) == 8
+    assert SCENES == ["scene_elbow.xml", "scene_straight.xml", "scene_tee.xml"]
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_contract_of_every_model(name):
+    """It compiles and has a camera. What moves has the robot's mass, a keyframe and six bounded
+    controls, and runs under quasi-random ones without a warning and the same again."""
+    ends = []
+    for _ in range(2 if name == "robot.xml" else 1):
+        model, data = opened(name)
+        assert model.ncam >= 1
+        assert model.nkey == (model.nq > 0)
+        assert model.nu == (6 if name in DRIVEN else 0)
+        assert model.actuator_ctrllimited.all()
+        assert (model.actuator_ctrlrange[:, 0] < model.actuator_ctrlrange[:, 1]).all()
+        if model.nu:
+            assert model.body_mass.sum() == pytest.approx(Robot().mass, rel=0.01)
+            low, high = model.actuator_ctrlrange.T
+            for sample in qmc.Sobol(model.nu, seed=1).random_base2(3):
+                data.ctrl[:] = low + (high - low) * sample
+                mujoco.mj_step(model, data, nstep=50)
+        assert np.isfinite(data.qpos).all()
+        assert not data.warning.number.any()
+        ends.append(data.qpos.tobytes())
+    assert len(set(ends)) == 1
+
+
+@pytest.mark.parametrize("name", DRIVEN)
+def test_limits_are_those_of_the_robot(name):
+    """Belt force is torque limit over lug radius; belts run as fast as the motor does at that
+    torque; rolls go half a turn either way with the rotary motor's torque."""
+    model, _ = opened(name)
+    robot = Robot()
+    force = robot.motor.torque_limit / robot.lug_radius
+    speed = robot.motor.full_torque_speed * robot.lug_radius
+    line = robot.motor.stall_torque * (1 - speed / robot.lug_radius / robot.motor.no_load_speed)
+    assert line == pytest.approx(robot.motor.torque_limit)
+    for number in NUMBERS:
+        belt, roll = model.actuator(f"belt_{number}"), model.actuator(f"roll_{number}")
+        assert belt.forcerange == pytest.approx([-force, force], rel=1e-5)
+        assert belt.ctrlrange == pytest.approx([-speed, speed], rel=1e-5)
+        assert roll.forcerange == pytest.approx([-robot.roll_torque, robot.roll_torque])
+        assert roll.ctrlrange == pytest.approx([-math.pi, math.pi], rel=1e-5)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_scenes_start_in_equilibrium(name):
+    """In the keyframe the modules press with their preload, and the robot stands by itself."""
+    model, data = opened(name)
+    start = data.qpos.copy()
+    mujoco.mj_step(model, data)
+    slides = [data.joint(f"slide_{number}").qvel[0] for number in NUMBERS]
+    assert np.abs(slides).max() < 1e-3
+    drive(model, data, 0.5)
+    for number in NUMBERS:
+        found, *force = data.sensor(f"contact_{number}").data[:4]
+        assert found == Robot().lugs_per_track
+        assert math.hypot(*force[:2]) == pytest.approx(Robot().preload, rel=0.01)
+    moved = np.abs(data.qpos - start)
+    assert moved[:2].max() < 1e-6
+    assert moved[2] < 4e-4  # the servos hold by a speed error, 0.6 mm/s under a third of the weight
+
+
+def test_the_straight_scene_climbs_as_the_package_does():
+    """With ``mj_step`` alone the robot climbs a vertical pipe more than six times as far as its
+    tracks are long, at the speed and with the belt force of the package's own run, within 1 %."""
+    scenario = ot.override(ot.load_scenario("vertical_climb"), {"physics.time_limit": 1.5})
+    there = ot.run(scenario).trajectory
+    late = there.time > 1.0
+    speed = np.polyfit(there.time[late], there["position"][late, 2], 1)[0]
+    force = there["motor_torque"][late].mean() / Robot().lug_radius
+
+    model, data = opened("scene_straight.xml")
+    assert model.opt.gravity.tolist() == [0, 0, -9.81]
+    drive(model, data, 0.5, belts=(0.1, 0.1, 0.1))
+    begun = data.qpos[2]
+    drive(model, data, 6.0, belts=(0.1, 0.1, 0.1))
+    assert data.qpos[2] - begun == pytest.approx(6.0 * speed, rel=0.01)
+    assert belt_forces(data) == pytest.approx(force, rel=0.01)
+    assert np.abs(data.qpos[:2]).max() < 1e-5
+    assert not data.warning.number.any()
+
+
+def test_a_rolled_module_drives_as_the_theory_of_balls_says():
+    """At 60 degrees of roll the wall passes at half of the belt speed, at 180 backward, as far as
+    the 7.5 degrees that a piece of the wall spans let it; the roll motor keeps its speed."""
+    for roll in (math.pi / 3, math.pi):
+        model, data = opened("scene_straight.xml")
+        model.opt.gravity[:] = 0
+        drive(model, data, 1.0, roll=roll)
+        rates = [data.joint(f"roll_{number}").qvel[0] for number in NUMBERS]
+        assert max(rates) < 1.02 * Robot().roll_rate
+        drive(model, data, 2.0, roll=roll)
+        rolls = np.array([data.joint(f"roll_{number}").qpos[0] for number in NUMBERS])
+        assert rolls == pytest.approx(roll, abs=2e-3)
+        belts = np.full(3, 0.1)
+        drive(model, data, 0.5, belts=belts, roll=roll)
+        begun = data.qpos[2]
+        drive(model, data, 0.5, belts=belts, roll=roll)
+        ratio = (data.qpos[2] - begun) / 0.05
+        within = wall_per_belt([roll - math.radians(3.75), roll + math.radians(3.75)], "ball_lug")
+        assert min(within) - 0.01 < ratio < max(within) + 0.01
+
+
+def test_the_elbow_scene_turns():
+    """Module speeds by Eq. 20 take the robot into the scene's elbow, 30 degrees round its arc."""
+    model, data = opened("scene_elbow.xml")
+    drive(model, data, 1.6, belts=np.full(3, 0.2))
+    turned, speeds = 0.0, elbow_speeds(0.2, 0.0, 0.24, 0.08)
+    while turned < 30 and data.time < 3.0:
+        drive(model, data, 0.05, belts=speeds)
+        forward = data.body("chassis").xmat.reshape(3, 3)[:, 2]
+        turned = math.degrees(math.atan2(forward[0], forward[2]))
+    assert turned >= 30
+    x, y, z = data.body("chassis").xpos
+    assert math.hypot(x - 0.24, z - 0.4) == pytest.approx(0.24, abs=0.01)
+    assert abs(y) < 1e-3
+    assert not data.warning.number.any()
+
+
+class Climb(MujocoEnv):
+    """The least that makes an environment of a scene: as high as it can."""
+
+    metadata = {"render_modes": ["human", "rgb_array", "depth_array", "rgbd_tuple"]}  # noqa: RUF012
+
+    def __init__(self, render_mode: str | None = None):
+        super().__init__(
+            str(MODELS / "scene_straight.xml"), 10, observation_space=None, render_mode=render_mode
+        )
+        size = self.model.nq + self.model.nv
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float64)
+
+    def step(self, action):
+        before = self.data.qpos[2]
+        self.do_simulation(action, self.frame_skip)
+        return self.state_vector(), (self.data.qpos[2] - before) / self.dt, False, False, {}
+
+    def reset_model(self):
+        start = self.model.key("start")
+        self.set_state(start.qpos, start.qvel)
+        return self.state_vector()
+
+
+@pytest.mark.filterwarnings("ignore:.*recommend using a symmetric and normalized space")
+@pytest.mark.filterwarnings("ignore:.*observation space m[a-z]+ value is -?infinity")
+def test_gymnasium_has_six_bounded_actions():
+    """Gymnasium's MujocoEnv takes its action space from the model, passes Gymnasium's own check,
+    and climbs."""
+    env = Climb()
+    assert env.action_space.shape == (6,)
+    assert env.action_space.is_bounded()
+    check_env(env, skip_render_check=True)
+    env.reset(seed=1)
+    names = [env.model.actuator(index).name for index in range(6)]
+    action = np.array([0.1 if name.startswith("belt") else 0 for name in names], np.float32)
+    rewards = [env.step(action)[1] for _ in range(50)]
+    assert np.mean(rewards[10:]) == pytest.approx(0.1, rel=0.01)

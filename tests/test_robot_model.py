@@ -1,0 +1,127 @@
+"""Laws of the compiled robot: inertias, springs, rows of lugs, servos; and how robots start."""
+
+from __future__ import annotations
+
+import functools
+
+import mujoco
+import numpy as np
+import pytest
+
+import omnitrack_sim as ot
+from omnitrack_sim.model.robot import add_robot, lug_pitch
+from omnitrack_sim.model.spec import new_spec
+from omnitrack_sim.robot import Robot
+from omnitrack_sim.scenario import validate
+
+ROBOT = Robot()
+
+
+@functools.cache
+def model() -> mujoco.MjModel:
+    """The robot alone, in free space."""
+    spec = new_spec("robot")
+    add_robot(spec, ROBOT)
+    spec.option.gravity = [0.0, 0.0, 0.0]
+    return spec.compile()
+
+
+@pytest.mark.parametrize(
+    ("body", "mass", "radius", "length"),
+    [
+        ("chassis", ROBOT.chassis_mass, ROBOT.chassis_radius, ROBOT.chassis_length),
+        ("arm_1", ROBOT.arm_mass, ROBOT.arm_radius, ROBOT.shaft_spacing),
+        ("module_2", ROBOT.module_mass, ROBOT.lug_radius, ROBOT.length),
+    ],
+)
+def test_bodies_have_the_inertia_of_a_cylinder(
+    body: str, mass: float, radius: float, length: float
+) -> None:
+    """As MuJoCo itself gives it to a cylinder of that mass and size along z."""
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_body(name="b").add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[radius, length / 2, 0], mass=mass
+    )
+    expected, found = spec.compile().body("b"), model().body(body)
+    assert found.mass == pytest.approx(expected.mass)
+    assert found.inertia == pytest.approx(expected.inertia)
+
+
+def passive(**joints: float) -> dict[str, float]:
+    """Forces of springs, N and N m, on slide and pitch of arm 1 with its joints as given."""
+    data = mujoco.MjData(model())
+    for name, value in joints.items():
+        data.joint(name).qpos = value
+    mujoco.mj_forward(model(), data)
+    return {name: float(data.joint(f"{name}_1").qfrc_passive[0]) for name in ("slide", "pitch")}
+
+
+def test_springs_push_outward_and_upright() -> None:
+    """Preload in the nominal pipe, stiffness about it, and about the pitch axis; neither feels the
+    other, for a spring stands at either end of an arm."""
+    free = ROBOT.preload / ROBOT.module_stiffness
+    for travel in (-0.01, 0.0, 0.005):
+        pushed = passive(slide_1=travel)
+        assert pushed["slide"] == pytest.approx(ROBOT.module_stiffness * (free - travel))
+        assert pushed["pitch"] == pytest.approx(0.0, abs=1e-9)
+    for pitch in (-0.03, 0.05):
+        tipped = passive(pitch_1=pitch)
+        assert tipped["pitch"] == pytest.approx(-ROBOT.pitch_stiffness * pitch)
+        assert tipped["slide"] == pytest.approx(ROBOT.preload)
+    assert passive(slide_1=2 * free)["slide"] == 0.0  # springs do not pull
+
+
+def test_rows_of_lugs_are_the_same_from_either_end() -> None:
+    """Lugs stand at one pitch, as far ahead of the module's middle as behind it."""
+    for track in ("upper_1", "lower_3"):
+        names = [f"lug_{track}_{i}" for i in range(ROBOT.lugs_per_track)]
+        z = np.array([model().geom(name).pos[2] for name in names])
+        assert np.diff(z) == pytest.approx(lug_pitch(ROBOT))
+        assert z == pytest.approx(-z[::-1], abs=1e-12)
+
+
+def test_the_rotary_servo_does_not_overshoot() -> None:
+    """A module that is asked for a roll of 0.02 rad, within its torque, comes to it from below, and
+    as fast as it can without passing it: critically damped for the rotor's inertia."""
+    assert 0.02 * ROBOT.roll_stiffness < ROBOT.roll_torque
+    roll = model().actuator("roll_1")
+    inertia = ROBOT.rotary_motor.reflected_inertia
+    stiffness, damping = roll.gainprm[0], -roll.biasprm[2]
+    assert stiffness == -roll.biasprm[1] == ROBOT.roll_stiffness
+    roots = np.roots([inertia, damping, stiffness])
+    assert roots == pytest.approx([-damping / (2 * inertia)] * 2, rel=1e-5)
+    data = mujoco.MjData(model())
+    data.ctrl[model().actuator("roll_1").id] = 0.02
+    reached = []
+    for _ in range(500):
+        mujoco.mj_step(model(), data)
+        reached.append(float(data.joint("roll_1").qpos[0]))
+    assert max(reached) < 0.02 * 1.01  # the module's own inertia comes to that of the rotor
+    assert reached[-1] == pytest.approx(0.02, rel=1e-3)
+
+
+@pytest.mark.parametrize("bore", [0.150, 0.160, 0.170])
+def test_robots_start_with_their_arms_at_the_wall(bore: float) -> None:
+    """In a bore wider or narrower than the nominal one the arms stand where the wall is, and do
+    not jump from there."""
+    pipe = {"kind": "straight", "length": 0.6, "inner_diameter": bore}
+    scenario = validate({"pipes": [pipe], "physics": {"time_limit": 0.1}})
+    simulation = ot.Simulation([scenario])
+    simulation.advance()
+    (result,) = simulation.results()
+    slide = result.trajectory["slide"]
+    assert slide[0] == pytest.approx([(bore - ROBOT.nominal_bore) / 2] * 3, abs=3e-4)
+    assert np.abs(slide - slide[0]).max() < 5e-4
+    assert result.trajectory["contact_count"][1:].sum(axis=-1).min() > 0
+
+
+def test_the_tracks_that_face_the_wall_touch_it() -> None:
+    """The upper one, the lower one, and both near the no-motion line."""
+    expected = {0: [True, False], 45: [True, False], 90: [True, True], 180: [False, True]}
+    base = validate({"pipes": [{"kind": "straight", "length": 0.6}], "start": {"distance": 0.2}})
+    brief = {"world.gravity": [0.0, 0.0, 0.0], "physics.time_limit": 0.1}
+    scenarios = [ot.override(base, brief | {"start.roll_deg": float(roll)}) for roll in expected]
+    results = ot.run_batch(scenarios, no_load=False)
+    for result, tracks in zip(results, expected.values(), strict=True):
+        touched = (result.trajectory["contact_count"] > 0).any(axis=0)
+        assert touched.tolist() == [tracks] * 3

@@ -1,0 +1,111 @@
+"""A sweep's folder: damaged files are told or made anew, and a figure that fails costs no trial."""
+
+from __future__ import annotations
+
+import json
+import random
+import shutil
+from pathlib import Path
+
+import pytest
+from sweep_samples import small_sweep
+
+from omnitrack_sim import OutputError, run_sweep
+from omnitrack_sim.plots.style import PictureWarning
+from omnitrack_sim.sweep import dispatch, engine
+
+FILES = ("trials.parquet", "trials.csv", "summary.json", "success_map.png", "sweep.json")
+
+
+def tiny_sweep():
+    return small_sweep(samples=2)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in FILES}
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory) -> Path:
+    place = tmp_path_factory.mktemp("sweeps") / "done"
+    run_sweep(tiny_sweep(), place)
+    return place
+
+
+@pytest.fixture
+def place(done, tmp_path) -> Path:
+    """A copy to be damaged."""
+    return Path(shutil.copytree(done, tmp_path / "sweep"))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[]", "[" * 100_000, '{"provenance": {"made_by": 3}}', "\x00", "9" * 9000]
+)
+def test_a_damaged_summary_is_made_anew(place, done, text):
+    """From the batches, without running one."""
+    (place / "summary.json").write_text(text)
+    run_sweep(tiny_sweep(), place)
+    assert contents(place) == contents(done)
+
+
+def test_a_summary_that_tells_something_else_is_made_anew(place, done):
+    """A number or a key of it is another one."""
+    data = json.loads((place / "summary.json").read_text())
+    for wrong in (data | {"successes": 99}, {**data, "grouqs": data["groups"]}):
+        (place / "summary.json").write_text(json.dumps(wrong))
+        run_sweep(tiny_sweep(), place)
+        assert contents(place) == contents(done)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", "[" * 100_000, "9" * 9000, '{"sha256": 1}'])
+def test_a_damaged_description_is_named(place, text):
+    """It cannot be known whose batches these are."""
+    (place / "sweep.json").write_text(text)
+    with pytest.raises(OutputError, match=r"sweep\.json"):
+        run_sweep(tiny_sweep(), place)
+
+
+def test_damaged_tables_are_made_anew(place, done, monkeypatch):
+    """Wherever a few bytes of the table are other ones, it is made from the batches again."""
+    draw, data = random.Random(1), (place / "trials.parquet").read_bytes()
+    figure = (place / "success_map.png").read_bytes()
+    monkeypatch.setattr(dispatch, "run_trials", None)
+    monkeypatch.setattr(engine, "draw_map", lambda *_: figure)  # drawing takes a second
+    for size in (0, 10, len(data) // 2, len(data) - 1):
+        (place / "trials.parquet").write_bytes(data[:size])
+        run_sweep(tiny_sweep(), place)
+        assert contents(place) == contents(done), size
+    for _ in range(20):
+        damaged = bytearray(data)
+        damaged[draw.randrange(len(data))] ^= 1 << draw.randrange(8)
+        (place / "trials.parquet").write_bytes(bytes(damaged))
+        assert run_sweep(tiny_sweep(), place).num_rows == 4
+
+
+def test_damaged_batches_are_run_again(place, done):
+    """Of bytes that are other ones in the words of a batch about itself, too."""
+    part = next((place / "parts").glob("*.parquet"))
+    data = part.read_bytes()
+    for word in (b"made_by", b"part"):
+        (place / "trials.parquet").unlink(missing_ok=True)
+        part.write_bytes(data.replace(word, word[:-1] + b"?"))
+        run_sweep(tiny_sweep(), place)
+        assert contents(place) == contents(done)
+
+
+def test_a_figure_that_fails_costs_no_trial(tmp_path, done, monkeypatch):
+    """All other files are there; the same command tries the figure again."""
+
+    def fails(*_):
+        raise ValueError("no such colour")
+
+    draw_map = engine.draw_map
+    monkeypatch.setattr(engine, "draw_map", fails)
+    with pytest.warns(PictureWarning, match=r"no success_map\.png: no such colour"):
+        table = run_sweep(tiny_sweep(), tmp_path / "sweep")
+    assert table.num_rows == 4
+    names = {path.name for path in (tmp_path / "sweep").iterdir()}
+    assert names == {*FILES, "parts"} - {"success_map.png"}
+    monkeypatch.setattr(engine, "draw_map", draw_map)
+    run_sweep(tiny_sweep(), tmp_path / "sweep")
+    assert contents(tmp_path / "sweep") == contents(done)
