@@ -37,6 +37,9 @@ def units_of(table: type[BaseModel]) -> dict[str, Unit]:
 
 
 Positive = Annotated[float, Field(gt=0)]
-Size = Annotated[float, Field(gt=0, le=1000)]
-"""A length of a pipe, m. The upper limit catches millimetres and keeps the samples of a route in
-memory."""
+Part = Annotated[float, Field(ge=1e-6, le=1e6)]
+"""A figure counted in something of about its own size, such as a bore, a second or a ratio."""
+Angle = Annotated[float, Field(ge=-3600, le=3600)]
+"""An angle in degrees, up to ten turns either way."""
+Size = Annotated[float, Field(ge=1e-5, le=1000)]
+"""A length of a pipe, m. The limits catch millimetres and keep the samples of a route in memory."""

@@ -82,7 +82,6 @@ def test_the_fuzzer_sees_faults(tmp_path):
     assert done.stdout.splitlines() == [f"{i} {seen}" for i, seen in enumerate(SEEN)], done.stderr
 
 
-@pytest.mark.xfail(reason="known: nesting, long numbers, long messages and names", strict=True)
 def test_a_few_odd_inputs_are_refused_cleanly(tmp_path):
     """Odd files, damaged folders and odd arguments of a fixed seed: no traceback, no warning, no
     hang, nothing left behind."""

@@ -18,16 +18,18 @@ THREE = np.arange(3)
 MATRICES = 9 * THREE[:, None]
 CONTACT = np.arange(42).reshape(3, 2, 7)
 VELOCITY, SPIN = 42 + np.arange(9).reshape(3, 3), 51 + np.arange(9).reshape(3, 3)
+TOUCH = 60 + np.arange(6).reshape(3, 2)
 AT = Addresses(
     slide=THREE,
     pitch=THREE,
     roll=7 + THREE,
+    slide_dofs=THREE,
     belt_dofs=np.stack([6 + THREE, 9 + THREE], axis=-1),
     places=np.arange(9).reshape(3, 3),
     forward=MATRICES + np.arange(2, 9, 3),
-    outward=MATRICES + np.arange(0, 9, 3),
     tracks=np.zeros((3, 2), int),
     contact=CONTACT,
+    touch=TOUCH,
     velocity=VELOCITY,
     spin=SPIN,
     belt_motors=THREE,
@@ -42,14 +44,15 @@ def made(before: dict[str, Array] | None = None, **given: Any) -> State:
 
     Args:
         before: values of sensors at the moment before.
-        given: force (3, 2, 3) N that each track puts on the wall, contact (3, 2, 3) m where;
-            velocity and spin (3, 3) of the modules, their frames (3, 3, 3), belts (3,) m/s,
-            roll (3,) rad.
+        given: force (3, 2, 3) N that each track puts on the wall, contact (3, 2, 3) m where, touch
+            (3, 2) N its normal forces; velocity and spin (3, 3) of the modules, their frames
+            (3, 3, 3), belts (3,) m/s, roll (3,) rad.
     """
-    sensors, qpos, qvel = np.zeros((1, 60)), np.zeros((1, 20)), np.zeros((1, 20))
+    sensors, qpos, qvel = np.zeros((1, 66)), np.zeros((1, 20)), np.zeros((1, 20))
     force = np.asarray(given.get("force", np.zeros((3, 2, 3))), float)
     sensors[:, CONTACT[..., 0]] = (np.linalg.norm(force, axis=-1) > 0)[None]
     sensors[:, CONTACT[..., 1:4]] = force
+    sensors[:, TOUCH] = given.get("touch", np.zeros((3, 2)))
     sensors[:, CONTACT[..., 4:7]] = given.get("contact", np.zeros((3, 2, 3)))
     sensors[:, VELOCITY] = given.get("velocity", np.zeros((3, 3)))
     sensors[:, SPIN] = given.get("spin", np.zeros((3, 3)))
@@ -77,9 +80,11 @@ def on_track(track: int, *vector: float) -> Array:
 
 @pytest.mark.parametrize("track", [0, 1], ids=["upper", "lower"])
 def test_forces_count_on_either_track(track: int) -> None:
-    """What a module puts on the wall outward is its normal force, and what it pushes back along its
+    """What a module's touch sensors read is its normal force, and what it pushes back along its
     axis its traction, whichever track it stands on."""
-    state = made(force=on_track(track, 20.0, 0.0, -3.0))
+    touch = np.zeros((3, 2))
+    touch[:, track] = 20.0
+    state = made(force=on_track(track, 20.0, 0.0, -3.0), touch=touch)
     assert state["normal_force"][0] == pytest.approx([20.0] * 3)
     assert state["traction"][0] == pytest.approx([3.0] * 3)
 
@@ -89,7 +94,6 @@ def test_forces_are_taken_along_the_module_and_across_it() -> None:
     turned = rotation_about([0.3, -1.0, 0.5], 1.1)
     force = on_track(0, 20.0, 0.0, -3.0) @ turned.T
     state = made(force=force, frames=np.tile(turned, (3, 1, 1)))
-    assert state["normal_force"][0] == pytest.approx([20.0] * 3)
     assert state["traction"][0] == pytest.approx([3.0] * 3)
 
 

@@ -17,6 +17,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from omnitrack_sim.bounds import MOST_GOALS, MOST_PARTS
 from omnitrack_sim.errors import Fault, NetworkError
 from omnitrack_sim.network.along import Along, Passed
 from omnitrack_sim.network.layout import End
@@ -39,9 +40,12 @@ class Mission(Table):
     """Where to go in a network."""
 
     start: str  # open end
-    goals: Annotated[tuple[str, ...], Field(min_length=1)]  # open ends, in order
-    avoid: tuple[str, ...] = ()  # fittings that are not entered
-    blocked: tuple[str, ...] = ()  # ports closed by a plate that the robot does not know of
+    # open ends, in order
+    goals: Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_GOALS)]
+    # fittings that are not entered
+    avoid: Annotated[tuple[str, ...], Field(max_length=MOST_PARTS)] = ()
+    # ports closed by a plate that the robot does not know of
+    blocked: Annotated[tuple[str, ...], Field(max_length=MOST_PARTS)] = ()
 
 
 @dataclass(frozen=True)
@@ -100,10 +104,15 @@ class Planner:
         if way is None:
             raise NetworkError(_unreachable(0, mission))
         self.first = self._forward(way, distance, 0)
+        self._planned = [self.first]
 
     def route(self, leg: Leg) -> Route:
         """The route of a leg: its way with the centreline."""
         return route_of(self.network, leg.way, self.arcs)
+
+    def length(self, leg: Leg) -> float:
+        """Length of the whole way of a leg, m."""
+        return self._along(leg.way).length
 
     def plan(self) -> tuple[Leg, ...]:
         """The legs to all goals if nothing is in the way.
@@ -111,13 +120,12 @@ class Planner:
         Raises:
             NetworkError: a goal cannot be reached from the one before it.
         """
-        planned = [self.first]
-        for goal in range(1, len(self.mission.goals)):
-            legs = self.onward(planned[-1], planned[-1].end, goal, ())
+        for goal in range(self._planned[-1].goal + 1, len(self.mission.goals)):
+            legs = self.onward(self._planned[-1], self._planned[-1].end, goal, ())
             if legs is None:
                 raise NetworkError(_unreachable(goal, self.mission))
-            planned += legs
-        return tuple(planned)
+            self._planned += legs
+        return tuple(self._planned)
 
     def obstacle(self, leg: Leg, distance: float) -> End:
         """The port (part index, port) that stops a robot at arc length ``distance`` m of a leg."""

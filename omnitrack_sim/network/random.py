@@ -6,11 +6,13 @@ They are grown from open ends, with a straight between any two other fittings.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from omnitrack_sim.bounds import MOST_LENGTH, MOST_PARTS
 from omnitrack_sim.errors import Fault, GeometryError, NetworkError
 from omnitrack_sim.network.spec import Network, validate
 from omnitrack_sim.pipes import Elbow, Fitting, Part, Reducer, Straight, Tee, attached
@@ -23,6 +25,8 @@ REDUCER_ANGLE = math.radians(10)
 """Largest half cone angle of the reducers, rad."""
 SHORTEST_REDUCER = 0.1
 """Least length of the reducers, m."""
+SHORTEST_STRAIGHT = 0.01
+"""Least length of the straights, m, which are drawn in multiples of it."""
 _TRIES, _STARTS = 60, 100
 
 
@@ -57,14 +61,10 @@ def random_network(
         NetworkError: the arguments make no sense, or no network of that size was found.
     """
     low, high = (fittings, fittings) if isinstance(fittings, int) else fittings
-    if not 1 <= low <= high:
-        raise NetworkError(
-            Fault("fittings", f"is {fittings}; at least 1, and the least number first")
-        )
-    if seed < 0:
-        raise NetworkError(Fault("seed", f"is {seed}; at least 0"))
-    _check_bores(diameters or (), mean_radii)
     supply = _Supply(lengths, mean_radii, tee_share, inner_diameter, diameters or (), reducer_share)
+    faults = [*_bad_numbers(seed, low, high, supply), *_bad_bores(supply)]
+    if faults:
+        raise NetworkError(faults)
     rng = np.random.default_rng(seed)
     count = int(rng.integers(low, high, endpoint=True))
     for _ in range(_STARTS):
@@ -76,19 +76,41 @@ def random_network(
     )
 
 
-def _check_bores(diameters: tuple[float, ...], mean_radii: tuple[float, ...]) -> None:
-    """Refuse bores that no tee, or none of the elbows, can have."""
-    faults = []
-    for diameter in diameters:
+def _bad_numbers(seed: int, low: int, high: int, supply: _Supply) -> Iterator[Fault]:
+    """Numbers that make no sense, or ask for too large a network."""
+    if not 1 <= low <= high <= MOST_PARTS:
+        problem = f"is from {low} to {high}; from 1 to {MOST_PARTS}, and the least number first"
+        yield Fault("fittings", problem)
+    if seed < 0:
+        yield Fault("seed", f"is {seed}; at least 0")
+    shortest, longest = supply.lengths
+    if not SHORTEST_STRAIGHT <= shortest <= longest:
+        problem = (
+            f"is from {shortest} to {longest} m; at least {SHORTEST_STRAIGHT} m, and the least"
+        )
+        yield Fault("lengths", f"{problem} first")
+    elif not high * longest <= MOST_LENGTH:
+        problem = f"{high} fittings of up to {longest} m may make {high * longest:.6g} m of pipe"
+        yield Fault("lengths", f"{problem}; at most {MOST_LENGTH:.6g} m")
+    for name in ("tee_share", "reducer_share"):
+        share = getattr(supply, name)
+        if not 0 <= share <= 1:
+            yield Fault(name, f"is {share}; from 0 to 1")
+    if not supply.mean_radii:
+        yield Fault("mean_radii", "is empty; name at least one mean radius")
+
+
+def _bad_bores(supply: _Supply) -> Iterator[Fault]:
+    """Bores that no tee, or none of the elbows, can have."""
+    largest = max(supply.mean_radii, default=math.inf)
+    bores = [("inner_diameter", supply.inner_diameter)]
+    for where, diameter in bores + [("diameters", bore) for bore in supply.diameters]:
         try:
             Tee(inner_diameter=diameter)
-            Elbow(max(mean_radii, default=math.inf), inner_diameter=diameter)
+            Elbow(largest, inner_diameter=diameter)
         except GeometryError as error:
-            faults += [
-                Fault("diameters", f"{diameter} m does not go: {fault}") for fault in error.faults
-            ]
-    if faults:
-        raise NetworkError(faults)
+            for fault in error.faults:
+                yield Fault(where, f"{diameter} m does not go: {fault}")
 
 
 @dataclass(frozen=True)
@@ -160,7 +182,7 @@ class _Growth:
     def __init__(self, rng: np.random.Generator, supply: _Supply) -> None:
         self._rng, self._supply = rng, supply
         first = Part("straight_1", Straight(supply.length(rng), supply.inner_diameter), Pose())
-        self.parts, self._samples = [first], [first.bore_samples()]
+        self.parts, self._surroundings = [first], [_Surroundings.of(first)]
         self.joints: list[dict[str, Any]] = []
         self._free = [(0, "start"), (0, "end")]
 
@@ -210,14 +232,53 @@ class _Growth:
 
     def _take(self, new: list[Part], index: int) -> bool:
         """Keep new parts, the first of them joined to part ``index``, if there is room for all."""
-        samples = [part.bore_samples() for part in new]
-        for i, (part, points) in enumerate(zip(new, samples, strict=True)):
+        around = [_Surroundings.of(part) for part in new]
+        for i, (part, surroundings) in enumerate(zip(new, around, strict=True)):
             joined = index if i == 0 else None
-            if not _has_room(self.parts, self._samples, joined, part, points):
+            if not self._has_room(part, surroundings, joined):
                 return False
         self.parts += new
-        self._samples += samples
+        self._surroundings += around
         return True
+
+    def _has_room(self, new: Part, surroundings: _Surroundings, joined: int | None) -> bool:
+        """Whether a new part keeps clear of all ``parts`` but the one it is joined to."""
+        centres = np.array([one.centre for one in self._surroundings])
+        reaches = np.array([one.reach for one in self._surroundings])
+        centre, samples = surroundings.centre, surroundings.samples
+        apart = np.linalg.norm(centres - centre, axis=1)
+        for index in np.flatnonzero(apart < reaches + surroundings.reach).tolist():
+            if index == joined:
+                continue
+            others = self._surroundings[index].samples
+            near = others[np.linalg.norm(others - centre, axis=1) < surroundings.reach]
+            if self.parts[index].holds(samples, -CLEARANCE) or (
+                len(near) and new.holds(near, -CLEARANCE)
+            ):
+                return False
+        return True
+
+
+@dataclass(frozen=True)
+class _Surroundings:
+    """Where a part is.
+
+    Attributes:
+        samples: (k, 3) m, points of its bore, world frame.
+        centre, reach: (3,) m and m, a ball that holds the bore and the room to keep around it.
+    """
+
+    samples: Array
+    centre: Array
+    reach: float
+
+    @classmethod
+    def of(cls, part: Part) -> _Surroundings:
+        samples = part.bore_samples()
+        centre = (samples.max(axis=0) + samples.min(axis=0)) / 2
+        # Samples stand at 0.95 of the radius.
+        room = 0.1 * part.fitting.largest_radius + 2 * CLEARANCE
+        return cls(samples, centre, float(np.linalg.norm(samples - centre, axis=1).max()) + room)
 
 
 def _joint(part: Part, port: str, new: Part, enter: str, turn_deg: float) -> dict[str, Any]:
@@ -231,22 +292,3 @@ def _joined_to(
     """A fitting placed at a port of a part, named by its kind and number."""
     pose = attached(part.port(port), fitting, enter, np.radians(turn_deg))
     return Part(f"{fitting.kind}_{index + 1}", fitting, pose)
-
-
-def _has_room(
-    parts: list[Part], samples_of: list[Array], joined: int | None, new: Part, samples: Array
-) -> bool:
-    """Whether a new part keeps clear of all ``parts`` but the one it is joined to.
-
-    ``samples_of`` has points of the bore of each part, ``samples`` those of the new one.
-    """
-    centre = (samples.max(axis=0) + samples.min(axis=0)) / 2
-    reach = float(np.linalg.norm(samples - centre, axis=1).max()) + 2 * CLEARANCE
-    for index, part in enumerate(parts):
-        if index == joined:
-            continue
-        others = samples_of[index]
-        near = others[np.linalg.norm(others - centre, axis=1) < reach]
-        if part.holds(samples, -CLEARANCE) or (len(near) and new.holds(near, -CLEARANCE)):
-            return False
-    return True

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
 
+from omnitrack_sim.bounds import FARTHEST, MOST_PARTS, too_long
 from omnitrack_sim.errors import Fault, GeometryError, NetworkError
 from omnitrack_sim.network.layout import End, Joined, lay_out
 from omnitrack_sim.pipes import Assembly
@@ -22,10 +23,13 @@ from omnitrack_sim.schema.fittings import FittingEntry, by_kind
 from omnitrack_sim.schema.paths import keys_at
 from omnitrack_sim.schema.reading import NAME_PATTERN, checked, fault_of
 from omnitrack_sim.schema.tables import Direction
-from omnitrack_sim.table import Table
+from omnitrack_sim.table import Angle, Table
 
 PartName = Annotated[str, Field(pattern=r"^[^\s./\\\x00-\x1f]+$")]
 """A part's name is also one of a port and of a geom: no dot, no space, no separator."""
+
+
+Coordinate = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
 
 
 class NetworkFitting(FittingEntry):
@@ -39,15 +43,15 @@ class Place(Table):
     frame."""
 
     axis: Direction = (0.0, 0.0, 1.0)  # direction into the pipe
-    turn_deg: float = 0.0  # rotation of the whole network about that axis
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
+    turn_deg: Angle = 0.0  # rotation of the whole network about that axis
+    position: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)  # m
 
 
 class Joint(Table):
     """Two ports in one place."""
 
     ports: tuple[str, str]  # such as ("riser.end", "t1.run_start")
-    turn_deg: float = 0.0  # rotation about the joint's axis
+    turn_deg: Angle = 0.0  # rotation about the joint's axis
 
 
 class Network(Table):
@@ -64,14 +68,15 @@ class Network(Table):
         tuple[
             Annotated[SerializeAsAny[NetworkFitting], WrapValidator(by_kind(NetworkFitting))], ...
         ],
-        Field(min_length=1),
+        Field(min_length=1, max_length=MOST_PARTS),
     ]
-    joints: tuple[Joint, ...] = ()
+    joints: Annotated[tuple[Joint, ...], Field(max_length=2 * MOST_PARTS)] = ()
     ports: dict[str, str] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         faults = self._naming_faults()
+        faults = faults or too_long(self.length, "fittings")
         if not faults:
             _ = self.pipes  # raises by itself
             free = dict.fromkeys(self.open_ends)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
+from omnitrack_sim.bounds import MOST_TOLD
 from omnitrack_sim.errors import Fault, GeometryError
 from omnitrack_sim.pipes.centreline import Centreline, Segment
 from omnitrack_sim.pipes.fittings import ARCS, Arcs, AxisCurve, Fitting
@@ -19,6 +21,8 @@ SAMPLE_SPACING = 0.02
 """Spacing of the samples along the axis that overlaps are looked for with, m."""
 STRETCH = 0.5
 """Length of the stretches that are first compared as a whole, m."""
+TOGETHER = 20
+"""Stretches whose samples are looked at together."""
 OVERLAP = 1e-3
 """Depth by which two bores may share space unnoticed, m."""
 JOINED = 1e-6
@@ -213,51 +217,71 @@ class Assembly:
         return faults
 
     def _overlaps(self) -> list[Fault]:
-        """Parts that share space and are not joined."""
+        """Parts that share space and are not joined, up to ``MOST_TOLD``."""
         joined = {frozenset((i, j)) for (i, _), (j, _) in self.joints}
-        faults = []
-        for (i, j), (of_i, of_j) in _close(self.parts).items():
-            a, b = self.parts[i], self.parts[j]
-            if frozenset((i, j)) not in joined and (
-                a.holds(b.bore_samples(of_j), OVERLAP) or b.holds(a.bore_samples(of_i), OVERLAP)
+        found: set[tuple[int, int]] = set()
+        for i, j, of_i, of_j in _close(self.parts):
+            if (
+                (i, j) not in found
+                and frozenset((i, j)) not in joined
+                and _share_space(self.parts[i], self.parts[j], of_i, of_j)
             ):
-                faults.append(Fault(f"pipes.{j}", f"{b.name!r} runs into {a.name!r} (pipes.{i})"))
-        return faults
+                found.add((i, j))
+                if len(found) == MOST_TOLD:
+                    break
+        names = [part.name for part in self.parts]
+        return [
+            Fault(f"pipes.{j}", f"{names[j]!r} runs into {names[i]!r} (pipes.{i})")
+            for i, j in sorted(found)
+        ]
 
     def _closures(self) -> list[Fault]:
         """Open ends of two parts in one place: the pipe closes on itself without being joined."""
         ends = self.open_ends
         places = np.array([self.parts[i].port(port).position for i, port in ends])
-        faults = []
-        for first, second in touching(places.reshape(-1, 3), np.full(len(ends), JOINED / 2)):
-            (i, port_i), (j, port_j) = ends[first], ends[second]
-            a, b = self.parts[i], self.parts[j]
-            if i != j:
-                problem = (
-                    f"{b.name!r} ({port_j}) ends where {a.name!r} ({port_i}, pipes.{i}) does, and "
-                    "is not joined to it"
-                )
-                faults.append(Fault(f"pipes.{j}", problem))
-        return faults
+        radii = np.full(len(ends), JOINED / 2)
+        pairs = (pair for block in touching(places.reshape(-1, 3), radii) for pair in block)
+        found = islice((pair for pair in pairs if ends[pair[0]][0] != ends[pair[1]][0]), MOST_TOLD)
+        return [
+            self._closed(ends[first], ends[second]) for first, second in sorted(map(tuple, found))
+        ]
+
+    def _closed(self, first: tuple[int, str], second: tuple[int, str]) -> Fault:
+        (i, port_i), (j, port_j) = first, second
+        problem = (
+            f"{self.parts[j].name!r} ({port_j}) ends where {self.parts[i].name!r} ({port_i}, "
+            f"pipes.{i}) does, and is not joined to it"
+        )
+        return Fault(f"pipes.{j}", problem)
 
 
 def _close(
     parts: Sequence[Part],
-) -> dict[tuple[int, int], tuple[list[Stretch], list[Stretch]]]:
-    """Pairs of parts that come close to each other, and the stretches of both that do."""
+) -> Iterator[tuple[int, int, list[Stretch], list[Stretch]]]:
+    """Parts that come close to each other, by their indices, and stretches of both that do; two
+    parts may come several times, with other stretches."""
     every = [(i, stretch) for i, part in enumerate(parts) for stretch in part.stretches()]
     centres = np.array([stretch.centre for _, stretch in every]).reshape(-1, 3)
     radii = np.array([stretch.reach for _, stretch in every])
-    found: dict[tuple[int, int], tuple[dict[int, Stretch], dict[int, Stretch]]] = {}
-    for first, second in touching(centres, radii).tolist():
-        (i, one), (j, other) = every[first], every[second]
-        if i != j:
-            of_i, of_j = found.setdefault((i, j), ({}, {}))
-            of_i[first], of_j[second] = one, other
-    return {
-        pair: (list(of_i.values()), list(of_j.values()))
-        for pair, (of_i, of_j) in sorted(found.items(), key=lambda item: item[0])
-    }
+    for block in touching(centres, radii):
+        found: dict[tuple[int, int], tuple[dict[int, Stretch], dict[int, Stretch]]] = {}
+        for first, second in block.tolist():
+            (i, one), (j, other) = every[first], every[second]
+            if i != j:
+                of_i, of_j = found.setdefault((i, j), ({}, {}))
+                of_i[first], of_j[second] = one, other
+        for (i, j), (of_i, of_j) in found.items():
+            yield i, j, list(of_i.values()), list(of_j.values())
+
+
+def _share_space(a: Part, b: Part, of_a: list[Stretch], of_b: list[Stretch]) -> bool:
+    """Whether two bores overlap on some of their stretches."""
+    for mine, other, stretches in ((a, b, of_b), (b, a, of_a)):
+        for start in range(0, len(stretches), TOGETHER):
+            points = other.bore_samples(stretches[start : start + TOGETHER])
+            if mine.holds(points, OVERLAP):
+                return True
+    return False
 
 
 def attached(port: Pose, fitting: Fitting, enter: str, turn: float) -> Pose:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from omnitrack_sim.bounds import too_long
 from omnitrack_sim.errors import Fault, GeometryError, NetworkError
 from omnitrack_sim.network.layout import End
+from omnitrack_sim.scenario.work import too_much_work
 from omnitrack_sim.schema.reading import (
     shipped_networks,
 )
@@ -21,6 +23,9 @@ if TYPE_CHECKING:
 def faults_of(scenario: Scenario) -> list[Fault]:
     """Every fault of a scenario whose tables are right, one by one."""
     faults = [*_missing(scenario), *_impossible_pipes(scenario)]
+    if not faults and scenario.pipes:
+        lengths = (pipe.step(i).fitting.length_of_axes for i, pipe in enumerate(scenario.pipes))
+        faults += too_long(sum(lengths), "pipes")
     if faults:
         return faults
     try:
@@ -36,6 +41,7 @@ def faults_of(scenario: Scenario) -> list[Fault]:
         *_taken_names(scenario),
         *_bores_out_of_reach(scenario, ports),
         *_misplaced(scenario),
+        *too_much_work(scenario),
     ]
 
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Self, TypeVar
 import numpy as np
 from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
 
+from omnitrack_sim.bounds import MOST_PARTS
 from omnitrack_sim.control.catalogue import controller_of, parameters_model
 from omnitrack_sim.control.interface import Controller
 from omnitrack_sim.errors import Fault, InputError, ScenarioError
@@ -51,7 +52,10 @@ class Scenario(Table):
     docs/scenarios.md."""
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)] = "scenario"
-    pipes: tuple[Annotated[SerializeAsAny[Pipe], WrapValidator(by_kind(Pipe))], ...] = ()
+    pipes: Annotated[
+        tuple[Annotated[SerializeAsAny[Pipe], WrapValidator(by_kind(Pipe))], ...],
+        Field(max_length=MOST_PARTS),
+    ] = ()
     network: Network | None = None
     mission: Mission | None = None
     start: Start = Start()
@@ -64,7 +68,7 @@ class Scenario(Table):
     monitor: MonitorTable = MonitorTable()
     record: RecordTable = RecordTable()
     expect: Expect = Expect()
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

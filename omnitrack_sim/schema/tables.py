@@ -7,12 +7,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
+from omnitrack_sim.bounds import SHORTEST_STEP
 from omnitrack_sim.pipes import ARCS, Arcs, Fitting, Step
 from omnitrack_sim.pipes.fittings import known_fittings
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.schema.fittings import FittingEntry
-from omnitrack_sim.table import Positive, Table, units_of
+from omnitrack_sim.table import Angle, Part, Positive, Table, units_of
 
 
 def _has_a_direction(axis: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -78,7 +79,7 @@ class Pipe(FittingEntry):
     name: str | None = None
     enter: str  # one of the fitting's ports
     leave: str  # another one
-    turn_deg: float = 0.0  # rotation about the joint's axis
+    turn_deg: Angle = 0.0  # rotation about the joint's axis
 
     @classmethod
     def keys_for(cls, fitting: type[Fitting]) -> dict[str, Any]:
@@ -118,17 +119,21 @@ class Pipe(FittingEntry):
 class Start(Table):
     """Where and how the robot begins, and how the route lies in the world."""
 
-    theta5_deg: float = 0.0  # module 1 from the turning direction of the next fitting
+    theta5_deg: Angle = 0.0  # module 1 from the turning direction of the next fitting
     distance: float = 0.10  # m along the centreline from the start port to the robot's centre
-    roll_deg: float = 0.0  # roll of all modules; 0: upper track at the wall
+    roll_deg: Angle = 0.0  # roll of all modules; 0: upper track at the wall
     axis: Direction = (0.0, 0.0, 1.0)  # direction of the route's first axis, world frame
-    turn_deg: float = 0.0  # rotation of the whole route about that axis
+    turn_deg: Angle = 0.0  # rotation of the whole route about that axis
+
+
+Acceleration = Annotated[float, Field(ge=-1000, le=1000)]
+"""m/s², up to a hundred times that of the earth."""
 
 
 class World(Table):
     """Gravity, world frame."""
 
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)  # m/s²
+    gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)  # m/s²
 
 
 class Contact(Table):
@@ -139,17 +144,21 @@ class Contact(Table):
     )
 
 
+Radius = Annotated[float, Field(ge=1e-3, le=1000)]
+"""Of an arc, m."""
+
+
 class Control(Table):
     """The controller, and what every controller is asked for."""
 
     kind: str = "jacobian"  # a shipped controller, or module:Class
-    cruise_speed: Annotated[float, Field(gt=0, le=1)] = 0.1  # m/s
+    cruise_speed: Annotated[float, Field(ge=1e-6, le=1)] = 0.1  # m/s
     align: bool = True  # roll to a safe orientation before a fitting
     retry: bool = True  # back off and try again where a turn makes no headway
-    speed_limit: Positive = 0.2  # m/s, of a belt
+    speed_limit: Annotated[float, Field(ge=1e-6, le=100)] = 0.2  # m/s, of a belt
     # m, centreline's arc from run to branch, as far as it fits the tee
-    tee_turn_radius: Positive = ARCS.turn
-    tee_merge_radius: Positive = ARCS.merge  # m, likewise from branch to run
+    tee_turn_radius: Radius = ARCS.turn
+    tee_merge_radius: Radius = ARCS.merge  # m, likewise from branch to run
     # of theta5; none: by the robot's reach
     safe_margin_deg: Annotated[float, Field(gt=0, le=60)] | None = None
     # The controller's own table, see docs/scenarios.md; all its keys stand here once it is checked.
@@ -164,25 +173,25 @@ class Control(Table):
 class MonitorTable(Table):
     """When a run is over. D is the bore that the robot is made for."""
 
-    progress: Positive = 0.0125  # D, advance beyond the farthest point so far that is progress
+    progress: Part = 0.0125  # D, advance beyond the farthest point so far that is progress
     # Without progress for both of these a run is over: s at D = 160 mm (with the square root of D
     # at others), and D that cruising would have taken the robot.
-    patience_time: Positive = 3.0
-    patience: Positive = 1.875
-    slide_back: Positive = 0.625  # D, fall behind the farthest point that ends a run
+    patience_time: Part = 3.0
+    patience: Part = 1.875
+    slide_back: Part = 0.625  # D, fall behind the farthest point that ends a run
     # s at D = 160 mm, with the square root of D at others: time constant of the averages that the
     # cause of a failure is read from.
-    memory: Positive = 0.5
+    memory: Part = 0.5
     # Offset from the centreline, in pipe radii, beyond which a robot has gone astray in a tee turn;
     # 1 elsewhere.
-    tee_room: Positive = 1.5
+    tee_room: Part = 1.5
     # Mean normal force, in weights of the robot, below which a module counts as having lost the
     # wall.
-    lost_contact: Positive = 0.102
-    no_motion_cosine: Positive = 0.2  # size of cos(roll) below which modules are on the line
-    slipping_ratio: Positive = 0.5  # mean slip ratio of two modules above which a robot slips
+    lost_contact: Part = 0.102
+    no_motion_cosine: Part = 0.2  # size of cos(roll) below which modules are on the line
+    slipping_ratio: Part = 0.5  # mean slip ratio of two modules above which a robot slips
     # Part of the commanded belt speed below which a motor at its limit counts as stalled.
-    stalled_speed: Positive = 0.2
+    stalled_speed: Part = 0.2
 
 
 ColliderName = Literal["primitives", "exact"]
@@ -191,7 +200,7 @@ ColliderName = Literal["primitives", "exact"]
 class Physics(Table):
     """Numerics."""
 
-    timestep: Annotated[float, Field(gt=0, le=0.005)] = 0.002  # s
+    timestep: Annotated[float, Field(ge=SHORTEST_STEP, le=0.005)] = 0.002  # s
     control_period: Annotated[float, Field(gt=0, le=0.05)] = 0.01  # s
     record_period: Annotated[float, Field(gt=0, le=1)] = 0.02  # s
     time_limit: Positive | None = None  # s; none: four times the route at cruise speed, and 20 s
@@ -229,8 +238,10 @@ class Goal(Table):
 class RecordTable(Table):
     """Sensors and metrics of a user's own, by the name ``module:Object``; see docs/extending.md."""
 
-    sensors: tuple[str, ...] = ()  # values of ot.Sensor: their channels are observed and recorded
-    metrics: tuple[str, ...] = ()  # values of ot.Metric
+    sensors: Annotated[
+        tuple[str, ...], Field(max_length=100)
+    ] = ()  # values of ot.Sensor: their channels are observed and recorded
+    metrics: Annotated[tuple[str, ...], Field(max_length=100)] = ()  # values of ot.Metric
 
 
 class Expect(Table):

@@ -11,6 +11,10 @@ from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.rotations import Array
 
+BLOCK = 1024
+"""Samples that are put together into one array as soon as there are so many of them: an array of
+its own for each sample takes seven times the memory."""
+
 
 class Recorder:
     """Samples of n robots. Every sample is an array (n, ...) a channel; a robot's record ends where
@@ -19,16 +23,16 @@ class Recorder:
     Args:
         phases: names that the codes of the channel ``phase`` index.
         schema: the channels to keep, by name.
+
+    Attributes:
+        count: number of samples so far.
     """
 
     def __init__(self, phases: tuple[str, ...], schema: Mapping[str, Channel]):
         self.phases, self.schema = phases, schema
+        self.count = 0
         self._samples: dict[str, list[NDArray]] = {n: [] for n in ("time", "qpos", *schema)}
-
-    @property
-    def count(self) -> int:
-        """Number of samples so far."""
-        return len(self._samples["time"])
+        self._blocks: dict[str, list[NDArray]] = {name: [] for name in self._samples}
 
     def sample(self, qpos: Array, values: Mapping[str, NDArray]) -> None:
         """Add one sample.
@@ -41,10 +45,21 @@ class Recorder:
         samples["qpos"].append(np.array(qpos))
         for name in ("time", *self.schema):
             samples[name].append(values[name])
+        self.count += 1
+        if len(samples["time"]) == BLOCK:
+            self._put_together()
+
+    def _put_together(self) -> None:
+        """Make one array a channel of the samples since the last time."""
+        for name, values in self._samples.items():
+            if values:
+                self._blocks[name].append(np.array(values))
+                values.clear()
 
     def trajectories(self, end_time: Array) -> list[Trajectory]:
         """One trajectory a robot, up to ``end_time`` (n,) s."""
-        stacked = {name: np.array(samples) for name, samples in self._samples.items()}
+        self._put_together()
+        stacked = {name: np.concatenate(blocks) for name, blocks in self._blocks.items()}
         time, qpos = stacked.pop("time"), stacked.pop("qpos")  # (T, n), (T, n, nq)
         trajectories = []
         for i, end in enumerate(end_time):

@@ -7,14 +7,17 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
+from omnitrack_sim.bounds import LARGEST, MOST_TRIALS
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.sweep import sampling
-from omnitrack_sim.table import Positive, Table
+from omnitrack_sim.table import Table
 from omnitrack_sim.text import finite
 
 BASE = "base"
 """Name of the axis that a list of base scenarios makes."""
 Path = Annotated[str, Field(min_length=1)]
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Spread = Annotated[float, Field(ge=1 / LARGEST, le=LARGEST)]
 
 
 class AxisTable(Table):
@@ -47,9 +50,14 @@ class GridAxis(AxisTable):
     """Evenly spaced values, both ends included."""
 
     kind: Literal["grid"]
-    start: float
-    stop: float
-    count: Annotated[int, Field(ge=1, le=1_000_000)]
+    start: Number
+    stop: Number
+    count: Annotated[int, Field(ge=1, le=MOST_TRIALS)]
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return self.count
 
     def values_of(self) -> list[Any]:
         """The values in order."""
@@ -60,7 +68,7 @@ class ListAxis(AxisTable):
     """Values as written."""
 
     kind: Literal["list"]
-    values: Annotated[tuple[Any, ...], Field(min_length=1)]
+    values: Annotated[tuple[Any, ...], Field(min_length=1, max_length=MOST_TRIALS)]
     labels: tuple[str, ...] | None = None
 
     @field_validator("values")
@@ -80,6 +88,11 @@ class ListAxis(AxisTable):
             raise ValueError(f"needs {count} different labels, one for each value")
         return labels
 
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return len(self.values)
+
     def values_of(self) -> list[Any]:
         """The values in order."""
         return list(self.values)
@@ -90,8 +103,8 @@ class UniformAxis(AxisTable):
 
     dimensions: ClassVar[int] = 1
     kind: Literal["uniform"]
-    low: float
-    high: float
+    low: Number
+    high: Number
 
     @field_validator("high")
     @classmethod
@@ -108,10 +121,10 @@ class NormalAxis(AxisTable):
 
     dimensions: ClassVar[int] = 1
     kind: Literal["normal"]
-    mean: float
-    std: Positive
-    low: float | None = None
-    high: float | None = None
+    mean: Number
+    std: Spread
+    low: Number | None = None
+    high: Number | None = None
 
     @field_validator("high")
     @classmethod
@@ -128,7 +141,7 @@ class DirectionAxis(AxisTable):
 
     dimensions: ClassVar[int] = 2
     kind: Literal["direction"]
-    magnitude: Positive = 9.81
+    magnitude: Spread = 9.81
 
     def draw(self, points: Array) -> list[Any]:
         """Vectors, lists of three numbers, made of points (n, 2) of the unit square."""

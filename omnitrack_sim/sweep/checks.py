@@ -6,16 +6,15 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from omnitrack_sim.bounds import MOST_SAMPLES, MOST_TOLD, MOST_TRIALS, MOST_VALUES, MOST_WORDS
 from omnitrack_sim.errors import Fault, ScenarioError
 from omnitrack_sim.scenario import Scenario, override
+from omnitrack_sim.scenario.work import samples_of
 from omnitrack_sim.sweep import trials
 from omnitrack_sim.sweep.axes import BASE, AxisTable, DirectionAxis, GridAxis, ListAxis
 
 if TYPE_CHECKING:
     from omnitrack_sim.sweep.spec import SweepFile
-
-MOST_TRIALS = 1_000_000
-"""How many trials a sweep may have."""
 
 
 def axis_faults(
@@ -92,16 +91,26 @@ def _misspelt(
 
     Numbers out of range, and values that do not go together, make invalid trials instead.
     """
-    data = scenario.model_dump(mode="json")
-    for i, value in enumerate(axis.values):
-        present = trials.value_at(data, places[0])
-        if not isinstance(value, bool | str) and not isinstance(present, bool | str):
-            continue
+    present = trials.value_at(scenario.model_dump(mode="json"), places[0])
+    words = [
+        (i, value)
+        for i, value in enumerate(axis.values)
+        if isinstance(value, bool | str) or isinstance(present, bool | str)
+    ]
+    if len(words) > MOST_WORDS:
+        problem = f"has {len(words)} texts and truth values; at most {MOST_WORDS}"
+        yield Fault(f"{where}.values", problem)
+        return
+    told = 0
+    for i, value in words:
+        if told >= MOST_TOLD:
+            return
         try:
             override(scenario, dict.fromkeys(places, value))
         except ScenarioError as error:
             found = [fault for fault in error.faults if fault.where in places]
             if found and not _goes_with_another(scenario, dict.fromkeys(places, value), others):
+                told += 1
                 yield from (fault.at(f"{where}.values.{i}") for fault in found)
 
 
@@ -112,7 +121,7 @@ def _goes_with_another(
     data = scenario.model_dump(mode="json")
     for other in others:
         places = [place for path in other.paths for place in trials.matches(data, path)]
-        for value in other.values:
+        for value in other.values[:MOST_WORDS]:
             try:
                 override(scenario, dict(changes) | dict.fromkeys(places, value))
             except ScenarioError:
@@ -124,7 +133,7 @@ def _goes_with_another(
 def clashes(
     file: SweepFile, bases: Mapping[str, Scenario], changes: Mapping[str, Any]
 ) -> Iterator[Fault]:
-    """Values that are set twice, groups that are no crossed axes, and too many trials."""
+    """Values that are set twice, and groups that are no crossed axes."""
     data = next(iter(bases.values())).model_dump(mode="json")
     taken: dict[str, str] = {}
     for i, axis in enumerate(file.axes):
@@ -150,6 +159,24 @@ def clashes(
         if name not in groups:
             problem = f"{name!r} is no grid or list axis of this sweep"
             yield Fault(f"group_by.{i}", problem, groups, given=name)
+
+
+def too_much(file: SweepFile, bases: Mapping[str, Scenario]) -> Iterator[Fault]:
+    """More trials than a sweep may have, or more samples than a batch may keep in memory."""
     size = trials.count(len(bases), file.axes, file.samples)
     if size > MOST_TRIALS:
         yield Fault("axes", f"make {size} trials; at most {MOST_TRIALS}")
+    elif size * len(file.axes) > MOST_VALUES:
+        problem = f"set {size * len(file.axes)} values, {len(file.axes)} in {size} trials each"
+        yield Fault("axes", f"{problem}; at most {MOST_VALUES}")
+    together = min(file.batch, size)
+    for name, scenario in bases.items():
+        samples = samples_of(scenario)
+        if samples * together > MOST_SAMPLES:
+            problem = (
+                f"takes {together} trials together, each of {samples} samples up to the time limit "
+                f"of {name!r}: {samples * together} in memory; at most {MOST_SAMPLES}, "
+                f"{MOST_SAMPLES // samples} trials"
+            )
+            yield Fault("batch", problem)
+            return

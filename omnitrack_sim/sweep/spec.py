@@ -11,13 +11,14 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, Field
 
+from omnitrack_sim.bounds import MOST_AXES, MOST_BATCH, MOST_TRIALS, MOST_WORDS
 from omnitrack_sim.errors import Fault, ScenarioError, SweepError
 from omnitrack_sim.scenario import Scenario, load_scenario, validate
 from omnitrack_sim.schema.files import SWEEP, beside, read_file
 from omnitrack_sim.schema.reading import NAME_PATTERN, checked, fault_of
 from omnitrack_sim.sweep import trials
 from omnitrack_sim.sweep.axes import AXES, Axis, GridAxis, ListAxis
-from omnitrack_sim.sweep.checks import MOST_TRIALS, axis_faults, clashes
+from omnitrack_sim.sweep.checks import axis_faults, clashes, too_much
 from omnitrack_sim.sweep.sampling import Draws, Sampling
 from omnitrack_sim.table import Table
 
@@ -32,19 +33,19 @@ class _Plan(Table):
     """What a sweep file and a resolved sweep share."""
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)]
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     samples: Annotated[int, Field(ge=1, le=MOST_TRIALS)] = 1
     sampling: Sampling = "random"
     draws: Draws = "common"
-    batch: Annotated[int, Field(ge=1, le=4096)] = 32
+    batch: Annotated[int, Field(ge=1, le=MOST_BATCH)] = 32
     group_by: tuple[str, ...] | None = None
-    axes: tuple[Axis, ...] = ()
+    axes: Annotated[tuple[Axis, ...], Field(max_length=MOST_AXES)] = ()
 
 
 class SweepFile(_Plan):
     """A sweep file as it is written. docs/sweeps.md explains the keys."""
 
-    base: str | Annotated[tuple[str, ...], Field(min_length=1)]
+    base: str | Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_WORDS)]
     set: dict[str, Any] = Field(default_factory=dict)
 
 
@@ -175,6 +176,7 @@ def resolve(
             fault for i in range(len(file.axes)) for fault in axis_faults(i, file.axes, bases)
         ]
         faults += clashes(file, bases, changes or {})
+        faults += too_much(file, bases)
     if faults:
         raise SweepError(faults)
     fields = {name: getattr(file, name) for name in _Plan.model_fields}

@@ -168,7 +168,7 @@ def crossed_values(bases: Mapping[str, Mapping[str, Any]], axes: Sequence[AxisTa
 
 def count(bases: int, axes: Sequence[AxisTable], samples: int) -> int:
     """Number of trials."""
-    combinations = bases * math.prod(len(axis.values_of()) for axis in axes if axis.crossed)
+    combinations = bases * math.prod(axis.size for axis in axes if axis.crossed)
     return combinations * (samples if any(not axis.crossed for axis in axes) else 1)
 
 

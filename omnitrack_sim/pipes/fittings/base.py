@@ -23,7 +23,7 @@ import numpy as np
 from omnitrack_sim.errors import Fault, GeometryError
 from omnitrack_sim.pipes.compiled import Wall
 from omnitrack_sim.pipes.kit import Kit, Solid
-from omnitrack_sim.pipes.pieces import Pieces
+from omnitrack_sim.pipes.pieces import Pieces, stave_count
 from omnitrack_sim.rotations import Array, Pose, cross
 from omnitrack_sim.table import Size, Table, Unit
 
@@ -283,6 +283,13 @@ class Fitting(ABC):
             tolerance: m, largest distance from the exact surface.
             staves: pieces around the bore, instead of what the tolerance asks for.
         """
+
+    def piece_count(self, tolerance: float, staves: int | None) -> int:
+        """About how many pieces ``add_walls`` adds, rather too many, without making them: a file
+        that asks for too many is refused. Here: staves along each of the
+        axes that lead from the first port to another."""
+        around = staves or stave_count(self.largest_radius, tolerance)
+        return around * (len(self.port_names) - 1)
 
     @abstractmethod
     def fill(self, kit: Kit, more: float) -> Solid:

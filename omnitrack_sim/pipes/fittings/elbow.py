@@ -74,7 +74,7 @@ class Elbow(Fitting):
         """Keys in files."""
 
         mean_radius: Annotated[Size, Unit("m", "Rm")] = 0.24
-        angle_deg: Annotated[float, Field(gt=0, le=180), Unit("deg", "")] = 90.0
+        angle_deg: Annotated[float, Field(ge=0.01, le=180), Unit("deg", "")] = 90.0
 
     def __post_init__(self) -> None:
         radius = self.inner_diameter / 2
@@ -162,22 +162,34 @@ class Elbow(Fitting):
     def add_walls(self, pieces: Pieces, tolerance: float, staves: int | None) -> None:
         """See ``Fitting``: rows of boxes along the bend, each row as fine as its own distance from
         the bend's axis asks for."""
+        ring, along_tolerance = self._ring(tolerance, staves)
+        for u in ring.azimuths:
+            self._add_row(pieces, ring, u, self._row_count(ring, u, along_tolerance))
+
+    def piece_count(self, tolerance: float, staves: int | None) -> int:
+        """See ``Fitting``."""
+        ring, along_tolerance = self._ring(tolerance, staves)
+        return sum(self._row_count(ring, u, along_tolerance) for u in ring.azimuths)
+
+    def _ring(self, tolerance: float, staves: int | None) -> tuple[Ring, float]:
+        """The rows around the bore, and what is left of the tolerance along them, m."""
         # Half of the tolerance for the facets around, half for those along.
         staves = staves or stave_count(self.radius, tolerance / 2)
-        ring = Ring.of(self.radius, staves)
         around = sagitta(self.radius, math.pi / staves) / 2
-        along_tolerance = max(0.8 * tolerance - around, tolerance / 4)
-        for u in ring.azimuths:
-            self._add_row(pieces, ring, u, along_tolerance)
+        return Ring.of(self.radius, staves), max(0.8 * tolerance - around, tolerance / 4)
 
-    def _add_row(self, pieces: Pieces, ring: Ring, u: float, along_tolerance: float) -> None:
-        """The boxes along the bend at azimuth ``u``, within ``along_tolerance`` m of the circle."""
+    def _row_count(self, ring: Ring, u: float, along_tolerance: float) -> int:
+        """How many boxes a row at azimuth ``u`` has, within ``along_tolerance`` m of the circle."""
         from_axis = self.mean_radius - ring.face * math.cos(u)
         # The facet leaves the surface by its sagitta times the part that points across it; the rest
         # slips sideways.
         least = min(2 * along_tolerance / max(abs(math.cos(u)), 1e-9), SIDE_SLIP)
         step = 2 * math.acos(1 / (1 + least / max(from_axis, 1e-6)))
-        count = max(2, math.ceil(self.angle / step))
+        return max(2, math.ceil(self.angle / step))
+
+    def _add_row(self, pieces: Pieces, ring: Ring, u: float, count: int) -> None:
+        """The ``count`` boxes along the bend at azimuth ``u``."""
+        from_axis = self.mean_radius - ring.face * math.cos(u)
         half = self.angle / count / 2
         shift = sagitta(from_axis, half) * math.cos(u) / 2
         back = from_axis - THICKNESS * math.cos(u)

@@ -278,6 +278,12 @@ class Tee(Fitting):
             pieces.facet(middle, np.array([0, side, 0]), Z, CROTCH_PATCH, CROTCH_PATCH)
         self._add_rim(pieces, rho)
 
+    def piece_count(self, tolerance: float, staves: int | None) -> int:
+        """See ``Fitting``: a stave of the run may be cut in two; a capsule of the rim has four
+        boxes beside it."""
+        around = staves or stave_count(self.radius, tolerance)
+        return 3 * around + 2 * 5 * RIM_SEGMENTS + 2
+
     def _add_rim(self, pieces: Pieces, rho: float) -> None:
         """The fillet as capsules, and two strips of boxes on either side of it."""
         t = np.linspace(-np.pi / 2, np.pi / 2, RIM_SEGMENTS + 1)

@@ -291,6 +291,10 @@ class Wye(Fitting):
         """See ``Fitting``: staves cut back along the rim, strips along it, capsules as the rim."""
         walls.add_walls(self, pieces, tolerance, staves)
 
+    def piece_count(self, tolerance: float, staves: int | None) -> int:
+        """See ``Fitting``."""
+        return walls.piece_count(self, tolerance, staves)
+
     def fill(self, kit: Kit, more: float) -> Solid:
         """See ``Fitting``."""
         return solids.fill(self, kit, more)

@@ -50,6 +50,16 @@ def add_walls(wye: Wye, pieces: Pieces, tolerance: float, staves: int | None) ->
         _add_rim(pieces, wye, q, run_ring, branch_ring, depth)
 
 
+def piece_count(wye: Wye, tolerance: float, staves: int | None) -> int:
+    """About how many pieces ``add_walls`` adds; see ``Fitting.piece_count``."""
+    around = staves or stave_count(wye.radius, tolerance)
+    _, small = _edge_radii(wye)
+    # The rim is about the ellipse in which a plane cuts the branch, bent round the run.
+    rim = 2 * math.pi * small * 1.3 / math.sin(wye.angle)
+    capsules = math.ceil(rim / min(RIM_STEP, math.sqrt(8 * RIM_SAGITTA * small)))
+    return 3 * around + (1 + 2 * STRIP_ROWS) * capsules + 2
+
+
 def rim_angles(wye: Wye) -> list[Array]:
     """Angles around the branch, rad, of the ends of the capsules: one closed line, or two where the
     bores are equal."""

@@ -1,0 +1,58 @@
+"""How much work one file may ask for: every bound at one place, with its reason.
+
+They are far beyond what the robot is for, pipes of some metres to some hundred metres driven in
+minutes to hours, and catch a figure of the wrong size (a time step of 1e-9 s, millimetres for
+metres) before it fills the memory or runs for years. Whoever needs more splits the work into
+several files. docs/scenarios.md lists them.
+"""
+
+from __future__ import annotations
+
+from omnitrack_sim.errors import Fault
+
+MOST_STEPS = 100_000_000
+"""Physics steps of a run up to its time limit: 55 simulated hours at 2 ms, some ten hours of
+computing."""
+SHORTEST_STEP = 1e-6
+"""Time step, s: a thousandth of the fastest contact of the smallest robot. The short run that
+measures the slip without load takes 0.8 simulated seconds at this step too."""
+MOST_SAMPLES = 2_000_000
+"""Samples of all robots of one batch up to their time limits, which stay in memory, 0.7 kB each,
+until the run is over and twice that while it is written: 11 simulated hours of one robot at
+20 ms."""
+MOST_LENGTH = 10_000.0
+"""Length of all pipes, m. Parts are searched for overlaps along all of it: a second for a
+kilometre in pieces of half a metre."""
+MOST_PARTS = 1_000
+"""Fittings of a route or network: checked and placed in some seconds, and a random network of so
+many is grown in about ten."""
+MOST_PIECES = 200_000
+"""Boxes and capsules of all walls of primitives: a minute to build, and 1 GB. The exact collider
+has one wall a fitting and no such bound."""
+MOST_GOALS = 200
+"""Goals of a mission: each has legs of its own, whose routes stay in memory."""
+MOST_TRIALS = 1_000_000
+"""Trials of a sweep: each is a row of its table, and a run of a second or more."""
+MOST_AXES = 50
+"""Axes of a sweep."""
+MOST_VALUES = 10_000_000
+"""Values that a sweep sets, trials times axes: they are drawn before the first run."""
+MOST_WORDS = 200
+"""Texts and truth values on an axis of a sweep: each is tried in the scenario before the first
+run."""
+MOST_BATCH = 4_096
+"""Trials of a sweep that run together in one batch."""
+LARGEST = 1e15
+"""Size of a number on an axis of a sweep: what is drawn between two of them stays finite."""
+MOST_TOLD = 20
+"""Faults of one kind that are told where each takes time to find, such as parts that run into each
+other: a route that goes round in a circle a hundred times has thousands of them."""
+FARTHEST = 1e5
+"""Distance of a network's place from the origin, m: there a position is still exact to 1e-11 m."""
+
+
+def too_long(length: float, where: str) -> list[Fault]:
+    """The fault of pipes that are longer together than ``MOST_LENGTH``; none where they are not."""
+    if length <= MOST_LENGTH:
+        return []
+    return [Fault(where, f"are {length:.6g} m long together; at most {MOST_LENGTH:.6g} m")]

@@ -1,0 +1,85 @@
+"""How much work a scenario asks for: physics steps, samples, pieces of wall, against their
+bounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from omnitrack_sim.bounds import MOST_PIECES, MOST_SAMPLES, MOST_STEPS
+from omnitrack_sim.errors import Fault
+from omnitrack_sim.schema.tables import Control, Physics
+
+if TYPE_CHECKING:
+    from omnitrack_sim.scenario.model import Scenario
+
+
+def samples_of(scenario: Scenario) -> int:
+    """Most samples that a run records, up to its time limit."""
+    return math.ceil(most_seconds(scenario) / scenario.physics.record_period)
+
+
+def most_seconds(scenario: Scenario) -> float:
+    """Simulated time limit of a run, s; of a mission that of all its legs if nothing is in the
+    way."""
+    planner = scenario.planner
+    more = [] if planner is None else planner.plan()[1:]
+    lengths = [] if planner is None else [planner.length(leg) for leg in more]
+    return scenario.time_limit_s + sum(scenario.time_for(length) for length in lengths)
+
+
+def too_much_work(scenario: Scenario) -> Iterator[Fault]:
+    """Figures of a scenario that go beyond the bounds, at the key that is to be changed."""
+    physics, seconds = scenario.physics, most_seconds(scenario)
+    asked = f"makes {{:.4g}} {{}} in a time limit of {seconds:.4g} s{_origin(scenario)}"
+    steps = seconds / physics.timestep
+    if steps > MOST_STEPS:
+        told = asked.format(steps, "time steps")
+        yield Fault(_unusual(scenario), f"{told}; at most {MOST_STEPS:,}")
+    elif (samples := samples_of(scenario)) > MOST_SAMPLES:
+        told = asked.format(samples, "samples")
+        yield Fault("physics.record_period", f"{told}; at most {MOST_SAMPLES:,}")
+    yield from too_many_pieces(scenario)
+
+
+def too_many_pieces(scenario: Scenario, primitives: bool = False) -> Iterator[Fault]:
+    """The fault of walls of primitives of too many pieces; with ``primitives`` also where the
+    scenario asks for the exact collider."""
+    physics = scenario.physics
+    if physics.collider != "primitives" and not primitives:
+        return
+    parts = scenario.route.network.parts
+    pieces = sum(part.fitting.piece_count(physics.wall_tolerance, physics.staves) for part in parts)
+    if pieces > MOST_PIECES:
+        where = (
+            "physics.staves"
+            if physics.staves is not None
+            else "physics.wall_tolerance"
+            if physics.wall_tolerance < Physics().wall_tolerance
+            else "pipes"
+            if scenario.pipes
+            else "network.fittings"
+        )
+        problem = f"makes walls of about {pieces:,} pieces; at most {MOST_PIECES:,}"
+        yield Fault(where, f'{problem} (physics.collider = "exact" makes one a fitting)')
+
+
+def _origin(scenario: Scenario) -> str:
+    """Where the time limit comes from."""
+    if scenario.physics.time_limit is not None:
+        return " (physics.time_limit)"
+    return f" at a cruise speed of {scenario.control.cruise_speed:.4g} m/s"
+
+
+def _unusual(scenario: Scenario) -> str:
+    """The key that is farthest from its default among those that make many time steps."""
+    slow = Control().cruise_speed / scenario.control.cruise_speed
+    fine = Physics().timestep / scenario.physics.timestep
+    if fine >= 10 and fine >= slow:
+        return "physics.timestep"
+    if scenario.physics.time_limit is not None:
+        return "physics.time_limit"
+    if slow >= 10:
+        return "control.cruise_speed"
+    return "pipes" if scenario.pipes else "mission.goals"
