@@ -9,8 +9,10 @@ import pytest
 from study_samples import small_study, study_data, write_study
 from sweep_samples import GATED, omnitrack, parts
 from test_sweep_workers import started, wait_for_parts, wait_until_gone
+from typer.testing import CliRunner
 
 from omnitrack_sim import OutputError, StudyError, load_scenario, load_study, override, run_study
+from omnitrack_sim.cli import app
 from omnitrack_sim.cli.common import with_changes
 from omnitrack_sim.optimise import run as study_run
 from omnitrack_sim.plots.style import PictureWarning
@@ -76,7 +78,7 @@ def test_two_workers_give_the_same_bytes(calm, tmp_path):
 
 def test_kills_at_any_moment_change_nothing(tmp_path):
     """Killed in the first generation and in the second, the workers die with their parent, and the
-    same command ends with the files of a calm run."""
+    next run ends with the files of a calm one."""
     file, place = write_study(tmp_path, GATED[0], batch=6), tmp_path / "killed"
     command = ("optimise", file, "--out", place, "--workers", 2)
     for moment in (1, 4):
@@ -87,12 +89,10 @@ def test_kills_at_any_moment_change_nothing(tmp_path):
         wait_until_gone(under)  # before its pipes are read, which workers would hold open
         process.communicate()
     kept = {path: path.stat().st_mtime_ns for path in parts(place)}
-    done = omnitrack(*command, "--json")
-    assert done.returncode == 0, done.stderr
+    run_study(load_study(file), place)
     assert 4 <= len(kept) < len(parts(place))
     run_study(load_study(file), tmp_path / "calm")
     assert bytes_of(place) == bytes_of(tmp_path / "calm")
-    assert json.loads(done.stdout) == json.loads((place / "summary.json").read_text())
     assert all(path.stat().st_mtime_ns == when for path, when in kept.items())
 
 
@@ -277,14 +277,21 @@ def test_list_and_result_of_the_command(calm):
     """--list shows what is varied and asked for and runs nothing; a finished study prints start and
     best, and where its values are; the catalogue names the studies."""
     file = write_study(calm.parent)
-    shown = omnitrack("optimise", file, "--list", cwd=calm.parent).stdout
+
+    def optimise(*options: object) -> str:
+        done = CliRunner().invoke(app, ["optimise", str(file), *map(str, options)])
+        assert done.exit_code == 0, done.output
+        return done.stdout
+
+    shown = optimise("--list")
     assert "2 searches of 2 generations of 4 candidates, 2 trials each: 38 trials" in shown
     assert "control.cruise_speed" in shown
     assert "torque_rms_nm" in shown
-    done = omnitrack("optimise", file, "--out", calm)
-    assert done.returncode == 0, done.stderr
-    assert "distance_m, other trials" in done.stdout
-    assert "best.toml" in done.stdout
+    printed = optimise("--out", calm)
+    assert "distance_m, other trials" in printed
+    assert "best.toml" in printed
+    summary = json.loads((calm / "summary.json").read_text())
+    assert json.loads(optimise("--out", calm, "--json")) == summary
     assert "studies/robot_design" in json.loads(omnitrack("scenarios", "--json").stdout)
 
 

@@ -8,6 +8,7 @@ import pytest
 from study_samples import small_study, study_data
 
 from omnitrack_sim import StudyError, load_study, override, shipped_studies
+from omnitrack_sim.optimise import checks
 from omnitrack_sim.optimise.explore import Candidate
 from omnitrack_sim.optimise.measure import Measure
 from omnitrack_sim.optimise.spec import Study, resolve
@@ -17,6 +18,7 @@ from omnitrack_sim.optimise.trials import batches_of
 SPEED, PRELOAD = study_data()["variables"]
 DISTANCE, TORQUE = study_data()["objectives"]
 TRIALS = study_data()["trials"][0]
+LONG = {"physics.time_limit": 9000.0}
 
 
 def _faults(**changes) -> dict[str, str]:
@@ -142,11 +144,25 @@ def test_all_faults_in_the_light_of_the_trials_are_told_at_once():
         ({"objectives": [DISTANCE], "directions": 2}, "directions", "one direction"),
         ({"final": {"seed": 0}}, "final.seed", "the very trials of trials.0"),
         ({"generations": 100_000, "population": 10_000}, "generations", "at most 1000000"),
+        ({"generations": 300, "trials": [TRIALS | {"samples": 9000}]}, "generations", "trials; at"),
+        ({"trials": [TRIALS | {"samples": 200_000}]}, "population", "makes 1600000 trials"),
+        ({"final": {"samples": 900_000}}, "final.samples", "makes 8100000 trials; at most"),
+        ({"trials": [TRIALS | {"batch": 4000, "set": LONG}]}, "trials.0.batch", "16 trials togeth"),
+        ({"variables": [PRELOAD | {"high": 1e300}]}, "variables.0.high", "1000000000000000"),
+        ({"variables": [SPEED | {"low": 1e-300}]}, "variables.0.scale", "bounds of 1e-15 or more"),
+        ({"step": 1e300}, "step", "less than or equal to 10"),
     ],
 )
 def test_single_faults(changes, where, told):
     """Faults of trials, weights and numbers."""
     assert told in _faults(**changes)[where]
+
+
+def test_too_many_bases_are_refused(monkeypatch):
+    """The bounds of every variable are tried in each of them."""
+    monkeypatch.setattr(checks, "MOST_BASES", 1)
+    told = _faults(trials=[TRIALS | {"base": ["straight", "tee_turn"], "batch": 1}])
+    assert told == {"trials": "trials: have 2 base scenarios; at most 1"}
 
 
 def test_a_bound_that_only_goes_with_others_is_no_fault():

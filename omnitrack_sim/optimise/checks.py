@@ -6,20 +6,14 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from omnitrack_sim.bounds import MOST_BASES, MOST_CANDIDATES, MOST_STUDY_TRIALS, MOST_TRIALS
 from omnitrack_sim.errors import Fault, ScenarioError
-from omnitrack_sim.optimise.tables import (
-    MOST_CANDIDATES,
-    SUCCESS_RATE,
-    Final,
-    Objective,
-    Plan,
-    Variable,
-)
+from omnitrack_sim.optimise.tables import SUCCESS_RATE, Final, Objective, Plan, Variable
 from omnitrack_sim.record.metrics import METRICS, Metric
 from omnitrack_sim.scenario import Scenario, override
 from omnitrack_sim.sweep import Sweep
-from omnitrack_sim.sweep.checks import missing
-from omnitrack_sim.sweep.trials import matches, value_at
+from omnitrack_sim.sweep.checks import missing, too_many_samples
+from omnitrack_sim.sweep.trials import count, matches, value_at
 
 OF_TRIALS = {"duration_s": "s", "attempts": "1"}
 """Figures of a trial beside its metrics, with their units."""
@@ -49,6 +43,8 @@ def faults_of(plan: Plan, final: Final, sweeps: Mapping[int, Sweep]) -> list[Fau
     """
     faults: list[Fault] = []
     bases = [base for sweep in sweeps.values() for base in sweep.bases.values()]
+    if len(bases) > MOST_BASES:
+        return [Fault("trials", f"have {len(bases)} base scenarios; at most {MOST_BASES}")]
     for i, variable in enumerate(plan.variables):
         found = [*_path_faults(i, variable, bases), *_clashes(i, plan.variables, sweeps)]
         faults += found or _bound_faults(i, plan.variables, bases)
@@ -57,7 +53,7 @@ def faults_of(plan: Plan, final: Final, sweeps: Mapping[int, Sweep]) -> list[Fau
     for i, objective in enumerate(plan.objectives):
         faults += _objective_faults(i, objective, list(sweeps.values()), names, taken)
         names.append(objective.name or objective.metric)
-    return [*faults, *_number_faults(plan, final, sweeps)]
+    return [*faults, *_number_faults(plan, final, sweeps), *_too_much(plan, final, sweeps)]
 
 
 def _path_faults(number: int, variable: Variable, bases: Sequence[Scenario]) -> Iterator[Fault]:
@@ -231,9 +227,34 @@ def _number_faults(plan: Plan, final: Final, sweeps: Mapping[int, Sweep]) -> Ite
     elif 1 < plan.search_count < weighed:
         problem = f"is {plan.directions}; must be 1, or at least the {weighed} objectives"
         yield Fault("directions", problem)
-    if weighed and plan.candidate_count > MOST_CANDIDATES:
-        problem = f"ask for {plan.candidate_count} candidates in all; at most {MOST_CANDIDATES}"
-        yield Fault("generations", problem)
     for i, (place, sweep) in enumerate(sweeps.items()):
         if final.candidates and final.seed + i == sweep.seed:
             yield Fault("final.seed", f"draws the very trials of trials.{place}; take another")
+
+
+def _too_much(plan: Plan, final: Final, sweeps: Mapping[int, Sweep]) -> Iterator[Fault]:
+    """More candidates or trials than a study may have, or more samples than a batch."""
+    if not plan.weighed:
+        return
+    if plan.candidate_count > MOST_CANDIDATES:
+        problem = f"ask for {plan.candidate_count} candidates in all; at most {MOST_CANDIDATES}"
+        yield Fault("generations", problem)
+        return
+    at_once = plan.search_count * plan.asked_each
+    chosen = 1 + plan.search_count * (final.candidates + 1) if final.candidates else 0
+    checked = {
+        i: chosen * count(len(sweep.bases), sweep.axes, final.samples or sweep.samples)
+        for i, sweep in sweeps.items()
+    }
+    size = sum(sweep.size for sweep in sweeps.values())
+    for where, trials, most in (
+        ("generations", plan.candidate_count * size, MOST_STUDY_TRIALS),
+        ("population", at_once * size, MOST_TRIALS),
+        ("final.samples", sum(checked.values()), MOST_TRIALS),
+    ):
+        if trials > most:
+            yield Fault(where, f"makes {trials} trials; at most {most}")
+    for i, sweep in sweeps.items():
+        together = min(sweep.batch, max(sweep.size * at_once, checked[i]))
+        for fault in too_many_samples(together, sweep.bases.values()):
+            yield fault.at(f"trials.{i}.{fault.where}")

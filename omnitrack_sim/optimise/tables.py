@@ -8,14 +8,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from omnitrack_sim.table import Positive, Table
+from omnitrack_sim.bounds import LARGEST, MOST_TRIALS
+from omnitrack_sim.sweep.axes import Number
+from omnitrack_sim.table import Table
 
 SUCCESS_RATE = "success_rate"
 """The objective that is no metric of a run: the part of the trials that reached the goal."""
 DIGITS = 9
 """Significant digits of the values that are tried, so that they read the same in every file."""
-MOST_CANDIDATES = 1_000_000
-"""How many candidates a study may try."""
 Path = Annotated[str, Field(min_length=1)]
 Name = Annotated[str, Field(min_length=1)]
 Module = Literal[1, 2, 3, "mean", "max", "min", "sum"]
@@ -35,8 +35,8 @@ class Variable(Table):
     """
 
     path: Path | Annotated[tuple[Path, ...], Field(min_length=1)]
-    low: float
-    high: float
+    low: Number
+    high: Number
     scale: Literal["linear", "log"] = "linear"
     start: float | None = None
     whole: bool | None = None
@@ -53,8 +53,8 @@ class Variable(Table):
     @classmethod
     def _has_a_logarithm(cls, scale: str, info: ValidationInfo) -> str:
         low = info.data.get("low")
-        if scale == "log" and low is not None and low <= 0:
-            raise ValueError(f"needs bounds over 0, and low is {low:g}")
+        if scale == "log" and low is not None and low < 1 / LARGEST:
+            raise ValueError(f"needs bounds of {1 / LARGEST:g} or more, and low is {low:g}")
         return scale
 
     @field_validator("start")
@@ -115,8 +115,8 @@ class Objective(Table):
     module: Module | None = None
     aggregate: str | None = None
     failed: Literal["leave_out", "count", "worst"] | None = None
-    worst: float | None = None
-    limit: float | None = None
+    worst: Number | None = None
+    limit: Number | None = None
     weight: Annotated[float, Field(ge=0, le=1e6)] = 1.0
 
     @field_validator("aggregate")
@@ -148,8 +148,8 @@ class Final(Table):
     """
 
     candidates: Annotated[int, Field(ge=0, le=100)] = 3
-    samples: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
-    seed: Annotated[int, Field(ge=0)] = 1_000_003
+    samples: Annotated[int, Field(ge=1, le=MOST_TRIALS)] | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**62)] = 1_000_003
 
 
 class Plan(Table):
@@ -171,8 +171,8 @@ class Plan(Table):
     generations: Annotated[int, Field(ge=1, le=100_000)] = 20
     population: Annotated[int, Field(ge=4, le=10_000)] | None = None
     directions: Annotated[int, Field(ge=1, le=100)] | None = None
-    step: Positive = 0.25
-    seed: Annotated[int, Field(ge=0)] = 0
+    step: Annotated[float, Field(ge=1e-6, le=10)] = 0.25
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
 
     @property
     def weighed(self) -> tuple[int, ...]:
