@@ -39,6 +39,8 @@ def units_of(table: type[BaseModel]) -> dict[str, Unit]:
 Positive = Annotated[float, Field(gt=0)]
 Part = Annotated[float, Field(ge=1e-6, le=1e6)]
 """A figure counted in something of about its own size, such as a bore, a second or a ratio."""
+NotNegative = Annotated[float, Field(ge=0, le=1e6)]
+"""The same where it may be zero, too."""
 Angle = Annotated[float, Field(ge=-3600, le=3600)]
 """An angle in degrees, up to ten turns either way."""
 Size = Annotated[float, Field(ge=1e-5, le=1000)]

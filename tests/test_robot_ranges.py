@@ -1,5 +1,7 @@
 """Ranges of the robot's parameters: what is refused, and that what is accepted can be simulated."""
 
+import math
+
 import pytest
 from random_robots import random_robots, standing
 
@@ -9,6 +11,7 @@ from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.robot.quantity import quantity_of
 from omnitrack_sim.robot.similarity import SCALES
 from omnitrack_sim.scenario import validate
+from omnitrack_sim.sim.run import no_load_slips
 
 COLLIDERS = ["primitives"] + (["exact"] if why_not() is None else [])
 
@@ -92,3 +95,23 @@ def test_every_robot_within_the_ranges_can_be_simulated(collider):
         simulation = ot.Simulation([validate(standing(robot, collider))])
         simulation.step()
         assert simulation.time[0] > 0
+
+
+def test_a_run_of_any_robot_ends_with_an_outcome_and_without_a_warning():
+    """Robots at the ends of their ranges may diverge or leave the pipe at once; their slip without
+    load is then not a number, and nothing divides by zero on the way."""
+    scenarios = [
+        validate(standing(robot, "primitives") | {"physics": {"time_limit": 0.1}})
+        for robot in random_robots(seed=3, count=4)
+    ]
+    results = ot.run_batch(scenarios)
+    assert any(math.isnan(result.metrics["no_load_slip_m_s"]) for result in results)
+    assert all(math.isfinite(result.metrics["energy_j"]) for result in results)
+
+
+@pytest.mark.parametrize("robot", [{"contact_length": 1.0}, {"scale": 0.1}])
+def test_slip_without_load_is_measured_for_long_and_for_small_robots(robot):
+    """The pipe that it is measured in holds the robot, and does not end before the measurement."""
+    made = ot.Robot(**robot)
+    slips = no_load_slips([validate(standing(made, "primitives"))])
+    assert all(0 <= slip < 0.1 for slip in slips)

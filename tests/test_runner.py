@@ -16,6 +16,7 @@ from omnitrack_sim import (
     run_batch,
 )
 from omnitrack_sim.record.trajectory import RECORDED
+from omnitrack_sim.sim import recorder
 
 
 def _short_tee(**changes):
@@ -125,3 +126,13 @@ def test_progress_reports_rise_to_the_end():
     assert len(parts) > 2
     assert parts == sorted(parts)
     assert 0 <= parts[0] <= parts[-1] <= 1
+
+
+def test_samples_are_kept_in_blocks_without_a_gap(monkeypatch):
+    """A record of several blocks, the last one not full, is that of a single block, bit for bit."""
+    scenario = override(load_scenario("straight"), {"physics.time_limit": 0.5})
+    whole = run(scenario)
+    monkeypatch.setattr(recorder, "BLOCK", 7)
+    pieces = run(scenario)
+    assert len(whole.trajectory.time) == 26
+    assert _equal(whole, pieces)

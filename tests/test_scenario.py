@@ -225,3 +225,13 @@ def test_not_toml_and_no_file_are_clear_errors(tmp_path):
         load_scenario(broken)
     with pytest.raises(ScenarioError, match="tee_turn"):
         load_scenario("no_such_scenario")
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e300])
+def test_the_route_s_axis_may_be_a_vector_of_any_size(size):
+    """Only its direction counts; its square would vanish or overflow."""
+    usual = validate({"pipes": PIPES, "start": {"axis": [1.0, 0.0, 2.0]}})
+    other = validate({"pipes": PIPES, "start": {"axis": [size, 0.0, 2 * size]}})
+    for s in (0.0, other.route.centreline.length):
+        here, there = (x.route.centreline.at(np.array([s]))[0] for x in (usual, other))
+        assert np.allclose(here, there, atol=1e-12)

@@ -27,23 +27,23 @@ from omnitrack_sim.control.interface import ControlSetup, Observation
 from omnitrack_sim.control.route_map import Place, RouteMap
 from omnitrack_sim.record.events import Event, NotAligned, Rolled
 from omnitrack_sim.rotations import Array
-from omnitrack_sim.table import Positive, Table
+from omnitrack_sim.table import NotNegative, Part, Table
 from omnitrack_sim.theory.kinematics import belt_sign
 from omnitrack_sim.theory.singularity import safe_margin, sector_angle
 
-Three = tuple[float, float, float]
+Three = tuple[NotNegative, NotNegative, NotNegative]
 _FIRST_COMES: tuple[Manoeuvre, ...] = ("tee_turn", "tee_straight", "elbow")
 
 
 class AlignmentTable(Table):
     """When a robot rolls its modules before a fitting, and how far."""
 
-    roll_settled: Positive = 0.02  # rad, error at which a roll counts as done
+    roll_settled: Part = 0.02  # rad, error at which a roll counts as done
     # Rolls in a row before one fitting; slip while rolling makes the first one fall short.
-    attempts: Annotated[int, Field(ge=1)] = 3
+    attempts: Annotated[int, Field(ge=1, le=1000)] = 3
     # s at D = 160 mm, with the square root of D at others: time beyond what a roll should take
     # after which it is looked at as it is. The belts' grip may hold a module off its target.
-    patience: Positive = 1.0
+    patience: Part = 1.0
     # Distances of the roll from the no-motion line, the best first, and the further roll that a
     # robot puts up with to have so much. Out of a branch 60 of 60 robots pass with 90 and 60
     # degrees, 58 with 40 and 11 with 30, where the track away from the wall touches and brakes;
@@ -51,7 +51,7 @@ class AlignmentTable(Table):
     clearances_deg: Three = (60.0, 45.0, 30.0)
     clearance_detours_deg: Three = (0.0, 90.0, 360.0)
     # Further roll that a robot puts up with to come into the next narrower range of the aims.
-    aim_detour_deg: Annotated[float, Field(ge=0)] = 90.0
+    aim_detour_deg: NotNegative = 90.0
     # Distance of the roll from the no-motion line with which an oriented robot drives on.
     clear_enough_deg: Annotated[float, Field(ge=0, le=90)] = 45.0
     # Size of cos(roll) below which the belts keep their direction: at the no-motion line its sign

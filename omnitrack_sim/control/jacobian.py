@@ -3,10 +3,9 @@ retry."""
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from pydantic import Field
 
 from omnitrack_sim.control.aligner import Aligner, AlignmentTable, manoeuvres
 from omnitrack_sim.control.gear import TURNED
@@ -14,11 +13,10 @@ from omnitrack_sim.control.interface import Command, ControlSetup, Observation
 from omnitrack_sim.control.leg_watch import LegWatch
 from omnitrack_sim.control.recovery import Recovery, RecoveryTable
 from omnitrack_sim.control.tracking import Tracking, TrackingTable, wall_speeds
-from omnitrack_sim.table import Table
+from omnitrack_sim.table import NotNegative, Table
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT, BACK_OFF = range(6)
 _PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT, None: CRUISE}
-NotNegative = Annotated[float, Field(ge=0)]
 
 
 class DampingTable(Table):

@@ -13,24 +13,24 @@ from omnitrack_sim.control.aligner import Aligner
 from omnitrack_sim.control.interface import ControlSetup, Observation
 from omnitrack_sim.record.events import BackedOff, Event
 from omnitrack_sim.rotations import Array
-from omnitrack_sim.table import Positive, Table
+from omnitrack_sim.table import Part, Table
 
 
 class RecoveryTable(Table):
     """When a turn has failed and is tried again. D is the bore that the robot is made for."""
 
     # How often a robot backs off at one fitting before it is left to hang.
-    retries: Annotated[int, Field(ge=0)] = 2
-    progress: Positive = 0.0125  # D, advance beyond the farthest point so far that is headway
+    retries: Annotated[int, Field(ge=0, le=1000)] = 2
+    progress: Part = 0.0125  # D, advance beyond the farthest point so far that is headway
     # D that cruising would have taken the robot without headway after which a turn has failed; half
     # of what ends the run. Out of a branch most robots that hang for a while get through.
-    patience: Positive = 0.9375
-    merge_patience: Positive = 1.6875
-    fallen: Positive = 0.25  # D, fall behind the farthest point after which a turn has failed
+    patience: Part = 0.9375
+    merge_patience: Part = 1.6875
+    fallen: Part = 0.25  # D, fall behind the farthest point after which a turn has failed
     # Offset from the centreline, in pipe radii, beyond which a robot has gone past the branch; at 1
     # the run ends.
-    beside: Positive = 0.6
-    back_off: Positive = 3.75  # D that cruising would take after which backing off is given up
+    beside: Part = 0.6
+    back_off: Part = 3.75  # D that cruising would take after which backing off is given up
 
 
 class Backing(NamedTuple):

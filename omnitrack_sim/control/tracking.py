@@ -9,15 +9,12 @@ points anywhere into that stretch is right.
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
-from pydantic import Field
 
 from omnitrack_sim.control.interface import ControlSetup
 from omnitrack_sim.control.route_map import Place, angle_between
 from omnitrack_sim.rotations import Array, cross, dot, length, unit
-from omnitrack_sim.table import Positive, Table
+from omnitrack_sim.table import NotNegative, Part, Table
 from omnitrack_sim.theory.kinematics import module_speeds
 
 LEADS = 7
@@ -27,17 +24,17 @@ LEADS = 7
 class TrackingTable(Table):
     """How the centreline is followed. D is the bore that the robot is made for."""
 
-    gain: Annotated[float, Field(ge=0)] = 6.4  # rad per D of travel, for 1 rad of heading error
-    lookahead: Annotated[float, Field(ge=0)] = 0.1875  # D
-    rotation_limit: Positive = 2.4  # rad per D of travel
+    gain: NotNegative = 6.4  # rad per D of travel, for 1 rad of heading error
+    lookahead: NotNegative = 0.1875  # D
+    rotation_limit: Part = 2.4  # rad per D of travel
     # D, how far the heading may be ahead of the lookahead point. In the open middle of a tee the
     # robot turns faster than the arc; turning it back would push it out of the branch again.
-    heading_lead: Annotated[float, Field(ge=0)] = 0.5625
+    heading_lead: NotNegative = 0.5625
     # 1/m at D = 160 mm, as 1/D at others: slope back to the centreline for each metre beside it, on
     # straights. Friction holds a robot that leaves a bend beside the centreline there: 10 mm take
     # all load off a module, and over an opening the robot falls.
-    centring: Annotated[float, Field(ge=0)] = 7.0
-    steepest_return: Positive = 0.1  # rad, of that slope
+    centring: NotNegative = 7.0
+    steepest_return: Part = 0.1  # rad, of that slope
 
 
 class Tracking:

@@ -160,7 +160,7 @@ class Control(Table):
     tee_turn_radius: Radius = ARCS.turn
     tee_merge_radius: Radius = ARCS.merge  # m, likewise from branch to run
     # of theta5; none: by the robot's reach
-    safe_margin_deg: Annotated[float, Field(gt=0, le=60)] | None = None
+    safe_margin_deg: Annotated[float, Field(ge=1e-3, le=60)] | None = None
     # The controller's own table, see docs/scenarios.md; all its keys stand here once it is checked.
     parameters: dict[str, Any] = Field(default_factory=dict)
 

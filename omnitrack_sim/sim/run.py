@@ -3,6 +3,7 @@ batch."""
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Sequence
 
@@ -92,7 +93,8 @@ def no_load_slips(scenarios: Sequence[Scenario], sensors: Sequence[Sensor] = ())
     gravity.
 
     Regularised friction creeps: this is what slip reads when nothing pulls. Measured by a short
-    run, one for each robot, physics, friction and speed. ``sensors`` are there for controllers that
+    run, one for each robot, physics, friction and speed; not a number where that run ends early, as
+    that of a robot that diverges does. ``sensors`` are there for controllers that
     look at them.
     """
     bare = [_unloaded(scenario) for scenario in scenarios]
@@ -105,8 +107,8 @@ def no_load_slips(scenarios: Sequence[Scenario], sensors: Sequence[Sensor] = ())
         simulation.advance()
         trajectories = simulation.recorder.trajectories(simulation.end_time)
         for index, trajectory in zip(indices, trajectories, strict=True):
-            settled = trajectory.time >= BASELINE_SETTLED
-            slips[names[index]] = float(np.abs(trajectory["slip_velocity"][settled]).mean())
+            slip = np.abs(trajectory["slip_velocity"][trajectory.time >= BASELINE_SETTLED])
+            slips[names[index]] = float(slip.mean()) if len(slip) else math.nan
     return [slips[text] for text in texts]
 
 
@@ -121,6 +123,10 @@ def _batches(scenarios: Sequence[Scenario]) -> list[list[int]]:
 def _unloaded(scenario: Scenario) -> Scenario:
     """The scenario's robot in a straight pipe without gravity."""
     first, size = scenario.route.fittings[0], scenario.robot.scale
+    start = max(0.15 * size, scenario.robot.length / 2)
+    # Long enough for any robot, and for it not to arrive before its slip is measured.
+    travel = scenario.control.cruise_speed * BASELINE_TIME
+    length = max(size, start + travel + scenario.robot.length)
     return validate(
         {
             "name": "no_load",
@@ -131,7 +137,7 @@ def _unloaded(scenario: Scenario) -> Scenario:
             "monitor": scenario.monitor.model_dump(),
             "record": scenario.record.model_dump(),
             "world": {"gravity": [0.0, 0.0, 0.0]},
-            "pipes": [{"kind": "straight", "length": size, "inner_diameter": 2 * first.radius}],
-            "start": {"distance": 0.15 * size},
+            "pipes": [{"kind": "straight", "length": length, "inner_diameter": 2 * first.radius}],
+            "start": {"distance": start},
         }
     )
