@@ -18,10 +18,12 @@ if TYPE_CHECKING:
         OutputError,
         RenderError,
         ScenarioError,
+        StudyError,
         SweepError,
     )
     from omnitrack_sim.film.render import render_frame, render_video
     from omnitrack_sim.network import Network, load_network, random_network, shortest_route
+    from omnitrack_sim.optimise import Study, StudyResult, load_study, run_study
     from omnitrack_sim.pipes import Assembly, Elbow, Reducer, Step, Straight, Tee, route
     from omnitrack_sim.plots import plot_mission, plot_singularity, plot_summary
     from omnitrack_sim.record.channels import Channel
@@ -32,7 +34,12 @@ if TYPE_CHECKING:
     from omnitrack_sim.record.trajectory import Trajectory
     from omnitrack_sim.robot import MOTORS, Motor, Robot
     from omnitrack_sim.scenario import Scenario, load_scenario, override
-    from omnitrack_sim.schema.reading import shipped_networks, shipped_scenarios, shipped_sweeps
+    from omnitrack_sim.schema.reading import (
+        shipped_networks,
+        shipped_scenarios,
+        shipped_studies,
+        shipped_sweeps,
+    )
     from omnitrack_sim.sensing import Sensor
     from omnitrack_sim.sim.loading import load_result
     from omnitrack_sim.sim.result import Result
@@ -52,9 +59,15 @@ _HOME = {
         "OutputError",
         "RenderError",
         "ScenarioError",
+        "StudyError",
         "SweepError",
     ),
-    "schema.reading": ("shipped_networks", "shipped_scenarios", "shipped_sweeps"),
+    "schema.reading": (
+        "shipped_networks",
+        "shipped_scenarios",
+        "shipped_studies",
+        "shipped_sweeps",
+    ),
     "network": ("Network", "load_network", "random_network", "shortest_route"),
     "record.outcome": ("Outcome",),
     "pipes": ("Elbow", "Assembly", "Reducer", "Step", "Straight", "Tee", "route"),
@@ -72,6 +85,7 @@ _HOME = {
     "record.metrics": ("Metric",),
     "sensing": ("Sensor",),
     "theory.singularity": ("TurnCase",),
+    "optimise": ("Study", "StudyResult", "load_study", "run_study"),
     "sweep": ("Sweep", "load_sweep", "run_sweep"),
     "record.timeline": ("Visit",),
     "record.trajectory": ("Trajectory",),
@@ -108,6 +122,9 @@ __all__ = [
     "Simulation",
     "Step",
     "Straight",
+    "Study",
+    "StudyError",
+    "StudyResult",
     "Sweep",
     "SweepError",
     "Tee",
@@ -117,6 +134,7 @@ __all__ = [
     "load_network",
     "load_result",
     "load_scenario",
+    "load_study",
     "load_sweep",
     "override",
     "plot_mission",
@@ -128,9 +146,11 @@ __all__ = [
     "route",
     "run",
     "run_batch",
+    "run_study",
     "run_sweep",
     "shipped_networks",
     "shipped_scenarios",
+    "shipped_studies",
     "shipped_sweeps",
     "shortest_route",
 ]

@@ -42,8 +42,16 @@ MOST_WORDS = 200
 run."""
 MOST_BATCH = 4_096
 """Trials of a sweep that run together in one batch."""
+MOST_CANDIDATES = 1_000_000
+"""Candidates of a study: each is a row of its history, which stays in memory."""
+MOST_STUDY_TRIALS = 10_000_000
+"""Trials of a study's search: each is a run of a second or more. Those of one generation, and
+those of the check, stay in memory until it is over, ``MOST_TRIALS`` at most."""
+MOST_BASES = 50
+"""Base scenarios of a study, of all its trials: the bounds of every variable are tried in each."""
 LARGEST = 1e15
-"""Size of a number on an axis of a sweep: what is drawn between two of them stays finite."""
+"""Size of a number on an axis of a sweep, and of a bound of a study: what is drawn between two of
+them stays finite."""
 MOST_TOLD = 20
 """Faults of one kind that are told where each takes time to find, such as parts that run into each
 other: a route that goes round in a circle a hundred times has thousands of them."""

@@ -66,6 +66,10 @@ class SweepError(InputError):
     """A sweep file cannot be used."""
 
 
+class StudyError(InputError):
+    """A study file cannot be used."""
+
+
 class NetworkError(InputError):
     """A network file, or a route asked for in it, cannot be used."""
 

@@ -16,13 +16,22 @@ from omnitrack_sim.control.jacobian import FeedbackTable
 from omnitrack_sim.control.paper import PaperTable
 from omnitrack_sim.network import Mission, Network
 from omnitrack_sim.network import validate as validate_network
+from omnitrack_sim.optimise.checks import RESERVED
+from omnitrack_sim.optimise.spec import StudyFile
+from omnitrack_sim.optimise.spec import resolve as resolve_study
+from omnitrack_sim.optimise.tables import Final, Objective, Variable
 from omnitrack_sim.pipes.fittings import shipped_fittings
 from omnitrack_sim.record import channels
 from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario import validate as validate_scenario
 from omnitrack_sim.schema.fittings import table_of
-from omnitrack_sim.schema.reading import shipped_networks, shipped_scenarios, shipped_sweeps
+from omnitrack_sim.schema.reading import (
+    shipped_networks,
+    shipped_scenarios,
+    shipped_studies,
+    shipped_sweeps,
+)
 from omnitrack_sim.schema.tables import MonitorTable, Pipe
 from omnitrack_sim.sweep.axes import AXES
 from omnitrack_sim.sweep.spec import SweepFile, resolve
@@ -71,6 +80,22 @@ def test_sweeps_and_their_keys_are_documented():
         *(key for axis in AXES.values() for key in axis.model_fields),
     }
     assert sorted(key for key in keys if f"`{key}`" not in text) == []
+
+
+def test_studies_and_their_keys_are_documented():
+    """The README names every shipped study, docs/optimise.md every key of a study file, every
+    column and file; its example is valid, and its Python has none but public names."""
+    text = (ROOT / "docs" / "optimise.md").read_text(encoding="utf-8")
+    for name in shipped_studies():
+        assert f"`{name}`" in README
+    keys = {key for table in (StudyFile, Variable, Objective, Final) for key in table.model_fields}
+    keys |= set(RESERVED) - {"on_front", "best"}
+    assert sorted(key for key in keys if f"`{key}`" not in text) == []
+    (example,) = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
+    study = resolve_study({"name": "example"} | tomllib.loads(example))
+    assert (study.size, study.search_count, study.asked_each) == (32, 5, 6)
+    for name in re.findall(r"\bot\.(\w+)", text):
+        assert name in omnitrack_sim.__all__
 
 
 def test_example_of_the_sweep_page_is_valid():

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from omnitrack_sim.errors import InputError, NetworkError, ScenarioError, SweepError
+from omnitrack_sim.cli.common import settings_of
+from omnitrack_sim.errors import InputError, NetworkError, ScenarioError, StudyError, SweepError
 from omnitrack_sim.network import load_network
+from omnitrack_sim.optimise import load_study
 from omnitrack_sim.scenario import load_scenario
 from omnitrack_sim.schema.files import MOST_BYTES
 from omnitrack_sim.sweep import load_sweep
@@ -97,6 +99,9 @@ def test_paths_that_cannot_be_looked_at_are_faults(tmp_path):
         (load_scenario, "fig14", "is a network, not a scenario; `omnitrack network fig14` takes"),
         (load_scenario, "tee_lugs", "is a sweep, not a scenario; `omnitrack sweep tee_lugs` takes"),
         (load_sweep, "straight", "is a scenario, not a sweep; `omnitrack run straight` takes it"),
+        (load_scenario, "robot_design", "is a study, not a scenario; `omnitrack optimise robot_d"),
+        (load_study, "tee_lugs", "is a sweep, not a study; `omnitrack sweep tee_lugs` takes it"),
+        (load_study, "controler_gains", "did you mean 'controller_gains'?"),
         (load_network, "missions/fig14", "is a scenario, not a network"),
         (load_scenario, "straigt", "did you mean 'straight'?"),
         (load_scenario, "tee_turn_misaligned", "did you mean 'paper/tee_turn_misaligned'?"),
@@ -115,10 +120,16 @@ def test_a_file_of_another_kind_names_the_command_that_takes_it(tmp_path):
     files = {
         "scenario": written(tmp_path, "pipes.toml", PIPE),
         "sweep": written(tmp_path, "many.toml", 'base = "straight"\n[[axes]]\nkind = "grid"\n'),
+        "study": written(tmp_path, "best.toml", '[[objectives]]\nmetric = "energy_j"\n'),
         "network": written(tmp_path, "net.toml", '[[fittings]]\nkind = "straight"\n'),
     }
-    commands = {"scenario": "run", "sweep": "sweep", "network": "network"}
-    readers = {"scenario": load_scenario, "sweep": load_sweep, "network": load_network}
+    commands = {"scenario": "run", "sweep": "sweep", "study": "optimise", "network": "network"}
+    readers = {
+        "scenario": load_scenario,
+        "sweep": load_sweep,
+        "study": load_study,
+        "network": load_network,
+    }
     for wanted, load in readers.items():
         for noun, path in files.items():
             if noun != wanted:
@@ -129,7 +140,9 @@ def test_a_file_of_another_kind_names_the_command_that_takes_it(tmp_path):
 
 
 def test_the_files_of_a_run_are_told_apart(tmp_path):
-    """result.json and the folder itself lead to scenario.json."""
+    """result.json and the folder itself lead to scenario.json, a study's record to its file."""
+    written(tmp_path, "study.json", '{"sha256": "1", "study": {}}')
+    assert "is the record of a study" in told(load_study, tmp_path / "study.json")
     written(tmp_path, "result.json", '{"outcome": "reached_goal", "metrics": {}}')
     written(tmp_path, "scenario.json", JSON + "}")
     assert "scenario.json" in told(load_scenario, tmp_path / "result.json")
@@ -144,12 +157,41 @@ def test_the_files_of_a_run_are_told_apart(tmp_path):
         (load_scenario, PIPE + "[contrl]\nkind = 1", ScenarioError),
         (load_network, '[[fittings]]\nkind = "straight"\nname = "a"\nlenght = 1', NetworkError),
         (load_sweep, 'base = "straight"\n[[axes]]\nkind = "grid"\npaht = "a"', SweepError),
+        (load_study, '[[trials]]\nbase = "straight"\n[[variables]]\npaht = "a"', StudyError),
     ],
 )
 def test_a_misspelt_key_is_asked_back(tmp_path, load, text, error):
-    """Unknown keys of all three kinds of files come with the nearest key there is."""
+    """Unknown keys of all kinds of files come with the nearest key there is."""
     with pytest.raises(error, match=r"unknown key; did you mean '(control|length|path)'\?"):
         load(written(tmp_path, "a.toml", text))
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("a.toml", "a = 1\na = 2", "is not valid TOML"),
+        ("a.toml", "x = " + "[" * 5000, "is nested too deeply"),
+        ("a.json", '{"a": 1, "a": 2}', "the key 'a' stands twice"),
+        ("a.json", "[1]", "holds no table; a file of values is a table"),
+        ("a.toml", "\ud800", "is not valid TOML"),
+        ("a.toml", "#" * (MOST_BYTES["TOML"] + 1), "is too large"),
+    ],
+)
+def test_a_file_of_values_that_cannot_be_used_is_a_fault(tmp_path, name, text, message):
+    """``--set @FILE`` reads files as all others are read, and names the option."""
+    path = written(tmp_path, name, text)
+    found = told(settings_of, f"@{path}")
+    assert found.startswith(f"--set @{path}: ")
+    assert message in found
+
+
+def test_a_file_of_values_is_a_regular_file(tmp_path):
+    """Of JSON as well; pipes, folders and files that are not there are refused."""
+    os.mkfifo(tmp_path / "fifo")
+    for source in (tmp_path / "fifo", tmp_path, tmp_path / "nowhere", "", "a\0b"):
+        assert "cannot be read: there is no such file" in told(settings_of, f"@{source}")
+    path = written(tmp_path, "a.json", '{"robot": {"preload": 7}, "pipes.*.length": 2}')
+    assert settings_of(f"@{path}") == {"robot.preload": 7, "pipes.*.length": 2}
 
 
 def test_time_to_read_grows_with_the_file_and_no_faster(tmp_path):

@@ -17,6 +17,9 @@ PER_MODULE = (
     "normal_force_mean_n",
     "contact_fraction",
     "spring_travel_max_m",
+    "torque_rms_nm",
+    "torque_change_nm_s",
+    "time_at_limit_s",
     "stall_time_s",
 )
 
@@ -80,6 +83,39 @@ def test_stall_needs_full_torque_and_standstill():
         for way in (1.0, -1.0):
             run = sample_trajectory(T, motor_torque=torque, belt_speed=way * speed)
             assert figures(run)["stall_time_s"] == pytest.approx([0.0, 4.0, 0.0])
+
+
+def test_torque_is_a_root_mean_square():
+    """A sine of amplitude 0.2 N m has 0.2/sqrt(2) N m, a constant -0.1 N m has 0.1 N m."""
+    time = np.linspace(0, 4, T)
+    torque = np.stack([0.2 * np.sin(2 * np.pi * time), np.full(T, -0.1), np.zeros(T)], axis=1)
+    assert figures(sample_trajectory(T, motor_torque=torque))["torque_rms_nm"] == pytest.approx(
+        [0.2 / 2**0.5, 0.1, 0], abs=1e-4
+    )
+
+
+def test_torque_change_is_the_mean_rate_up_and_down():
+    """A triangle wave of 0.2 N m that rises and falls at 0.4 N m/s changes by 0.4 N m/s, however
+    long the run and whatever its mean; a constant torque does not change; one step of 0.2 N m in 4
+    s is 0.05 N m/s."""
+    time = np.linspace(0, 4, T)
+    triangle = 0.2 * np.abs((2 * time + 1) % 2 - 1) - 0.7
+    step = np.where(time < 2, 0.0, -0.2)
+    torque = np.stack([triangle, np.full(T, -0.1), step], axis=1)
+    change = figures(sample_trajectory(T, motor_torque=torque))["torque_change_nm_s"]
+    assert change == pytest.approx([0.4, 0, 0.05])
+
+
+def test_time_at_the_limit_counts_in_both_directions_and_while_running():
+    """Full torque ahead for a quarter of 4 s and astern for another is 2 s, with the belt running;
+    98 % of the limit is not at it."""
+    quarter = np.arange(T) * 4 // T
+    full = np.select([quarter == 1, quarter == 3], [TORQUE_LIMIT, -TORQUE_LIMIT], 0.0)
+    torque = np.stack([full, np.full(T, 0.98 * TORQUE_LIMIT), np.full(T, TORQUE_LIMIT)], axis=1)
+    running = sample_trajectory(T, motor_torque=torque, belt_speed=each(0.1, 0.1, 0.0))
+    metrics = figures(running)
+    assert metrics["time_at_limit_s"] == pytest.approx([2.0, 0.0, 4.0], abs=0.03)
+    assert metrics["stall_time_s"] == pytest.approx([0.0, 0.0, 4.0])
 
 
 def test_contact_on_either_track_is_contact():
@@ -162,6 +198,7 @@ def test_a_single_sample_has_figures():
     )
     metrics = figures(one)
     assert metrics["mean_speed_m_s"] == 0.0
+    assert metrics["torque_change_nm_s"] == metrics["time_at_limit_s"] == [0.0] * 3
     assert metrics["normal_force_mean_n"] == pytest.approx([25.0] * 3)
 
 

@@ -37,7 +37,7 @@ def place(tmp_path, monkeypatch) -> Path:
         "omnitrack_sim.sim.run.run",
         "omnitrack_sim.sim.loading.load_result",
         "omnitrack_sim.reproduce.command.run_all",
-        "omnitrack_sim.sweep.engine.run_trials",
+        "omnitrack_sim.sweep.dispatch.run_trials",
     ):
         monkeypatch.setattr(target, work)
     monkeypatch.chdir(tmp_path)
@@ -127,9 +127,10 @@ def test_runs_and_reproductions(place, command, out, told):
 
 
 @pytest.mark.parametrize(("out", "told"), [("file", "is a file"), (LONG, "name too long")])
-def test_sweeps(place, out, told):
-    """Refused before the first trial."""
+def test_sweeps_and_studies(place, out, told):
+    """Refused before the first trial of a sweep or a study."""
     assert told in refused("sweep", "tee_orientation", "--workers", "1", "--out", out)
+    assert told in refused("optimise", "robot_design", "--workers", "1", "--out", out)
 
 
 @pytest.mark.parametrize(

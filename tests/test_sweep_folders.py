@@ -12,7 +12,7 @@ from sweep_samples import small_sweep
 
 from omnitrack_sim import OutputError, run_sweep
 from omnitrack_sim.plots.style import PictureWarning
-from omnitrack_sim.sweep import engine
+from omnitrack_sim.sweep import dispatch, engine
 
 FILES = ("trials.parquet", "trials.csv", "summary.json", "success_map.png", "sweep.json")
 
@@ -69,7 +69,7 @@ def test_damaged_tables_are_made_anew(place, done, monkeypatch):
     """Wherever a few bytes of the table are other ones, it is made from the batches again."""
     draw, data = random.Random(1), (place / "trials.parquet").read_bytes()
     figure = (place / "success_map.png").read_bytes()
-    monkeypatch.setattr(engine, "run_trials", None)
+    monkeypatch.setattr(dispatch, "run_trials", None)
     monkeypatch.setattr(engine, "draw_map", lambda *_: figure)  # drawing takes a second
     for size in (0, 10, len(data) // 2, len(data) - 1):
         (place / "trials.parquet").write_bytes(data[:size])

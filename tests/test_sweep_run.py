@@ -26,7 +26,7 @@ from omnitrack_sim.record.events import BackedOff
 from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.sim.run import run_batch
-from omnitrack_sim.sweep import batch, engine
+from omnitrack_sim.sweep import batch, dispatch
 from omnitrack_sim.sweep.summary import summarise_sweep
 from omnitrack_sim.sweep.table import metric_columns, to_parquet
 from omnitrack_sim.writing import whole_file
@@ -101,7 +101,7 @@ def test_every_metric_is_in_the_table(table):
 def test_every_metric_says_what_it_is():
     """Each shipped metric has a meaning of its own, and its name ends in its unit."""
     assert len({metric.meaning for metric in METRICS}) == len(METRICS)
-    endings = {"m/s": "m_s", "N m": "n_m", "1": ""}
+    endings = {"m/s": "m_s", "N m": ("n_m", "nm"), "N m/s": "nm_s", "1": ""}
     for metric in METRICS:
         assert metric.name.endswith(endings.get(metric.unit, metric.unit.lower())), metric.name
 
@@ -180,7 +180,7 @@ def test_nothing_is_written_without_a_folder(table, tmp_path, monkeypatch):
 
 def test_a_finished_sweep_runs_nothing_again(calm, monkeypatch):
     """The same call on a finished folder reads the table."""
-    monkeypatch.setattr(engine, "run_trials", None)
+    monkeypatch.setattr(dispatch, "run_trials", None)
     assert run_sweep(small_sweep(), calm).num_rows == 10
 
 
@@ -221,7 +221,7 @@ def test_a_renamed_sweep_is_told_anew_and_not_run_again(calm, tmp_path, monkeypa
     run."""
     place = tmp_path / "sweep"
     run_sweep(small_sweep(), place)
-    monkeypatch.setattr(engine, "run_trials", None)
+    monkeypatch.setattr(dispatch, "run_trials", None)
     run_sweep(small_sweep(name="renamed", group_by=[]), place)
     summary = json.loads((place / "summary.json").read_text())
     assert (summary["name"], summary["groups"]) == ("renamed", {})

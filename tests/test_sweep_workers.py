@@ -29,7 +29,7 @@ from sweep_samples import (
 )
 
 from omnitrack_sim import load_sweep, run_sweep
-from omnitrack_sim.sweep import engine, workers
+from omnitrack_sim.sweep import dispatch, workers
 from omnitrack_sim.sweep.workers import DaskPool, LocalPool, WorkersLost
 
 
@@ -100,7 +100,7 @@ def test_two_workers_give_the_same_bytes(calm, tmp_path):
 
 def test_a_trial_that_kills_its_worker_makes_one_row(table, monkeypatch):
     """Its batch is split after three deaths; it alone becomes a row, the others are as usual."""
-    monkeypatch.setattr(engine, "run_trials", deadly_batch)
+    monkeypatch.setattr(dispatch, "run_trials", deadly_batch)
     told = []
     rows = run_sweep(small_sweep(), executor=lambda: LocalPool(2), progress=told.append).to_pylist()
     assert (rows[DEADLY]["outcome"], rows[DEADLY]["reason"]) == ("error", "the worker died")
@@ -111,7 +111,7 @@ def test_a_trial_that_kills_its_worker_makes_one_row(table, monkeypatch):
 
 def test_a_worker_that_is_killed_once_costs_nothing(calm, tmp_path, monkeypatch):
     """After one death the batch is run again, and the files are the usual ones."""
-    monkeypatch.setattr(engine, "run_trials", once_deadly_batch)
+    monkeypatch.setattr(dispatch, "run_trials", once_deadly_batch)
     monkeypatch.setenv("ONCE_DEADLY", str(tmp_path / "mark"))
     run_sweep(small_sweep(), tmp_path / "sweep", executor=lambda: LocalPool(2))
     assert (tmp_path / "mark").exists()

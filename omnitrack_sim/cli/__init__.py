@@ -9,12 +9,22 @@ from typing import Annotated, Any
 import typer
 
 import omnitrack_sim
-from omnitrack_sim.cli import catalogue, network, reproduce, runs, singularity, sweep
+from omnitrack_sim.cli import catalogue, network, optimise, reproduce, runs, singularity, sweep
 from omnitrack_sim.cli.common import app, err, plain
 from omnitrack_sim.errors import OmnitrackError
 from omnitrack_sim.text import clipped
 
-__all__ = ["app", "catalogue", "main", "network", "reproduce", "runs", "singularity", "sweep"]
+__all__ = [
+    "app",
+    "catalogue",
+    "main",
+    "network",
+    "optimise",
+    "reproduce",
+    "runs",
+    "singularity",
+    "sweep",
+]
 _LONGEST = 4000
 """Characters of a line of a message; a list of faults bounds its lines itself."""
 

@@ -17,19 +17,32 @@ from omnitrack_sim.errors import Fault, ScenarioError
 def scenarios(
     as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
 ) -> None:
-    """List the scenarios, sweeps and networks of the package; `omnitrack run`, `sweep` and `network
-    NAME` find them."""
-    from omnitrack_sim.schema.reading import shipped_networks, shipped_scenarios, shipped_sweeps
+    """List the scenarios, sweeps, studies and networks of the package; `omnitrack run`, `sweep`,
+    `optimise` and `network NAME` find them."""
+    from omnitrack_sim.schema.reading import (
+        shipped_networks,
+        shipped_scenarios,
+        shipped_studies,
+        shipped_sweeps,
+    )
 
-    rows = {name: _comment(path) for name, path in shipped_scenarios().items()}
-    sweeps = {name: _comment(path) for name, path in shipped_sweeps().items()}
-    networks = {name: _comment(path) for name, path in shipped_networks().items()}
+    kinds = {
+        "scenario": shipped_scenarios(),
+        "sweep": shipped_sweeps(),
+        "study": shipped_studies(),
+        "network": shipped_networks(),
+    }
+    told = {
+        kind: {name: _comment(path) for name, path in files.items()}
+        for kind, files in kinds.items()
+    }
     if as_json:
-        others = {f"sweeps/{name}": text for name, text in sweeps.items()}
-        others |= {f"networks/{name}": text for name, text in networks.items()}
-        print(json.dumps(rows | others, indent=2))
+        rows = dict(told.pop("scenario"))
+        for folder, kind in (("sweeps", "sweep"), ("studies", "study"), ("networks", "network")):
+            rows |= {f"{folder}/{name}": text for name, text in told[kind].items()}
+        print(json.dumps(rows, indent=2))
         return
-    for title, found in (("scenario", rows), ("sweep", sweeps), ("network", networks)):
+    for title, found in told.items():
         table = Table(title, "what it shows", box=None, padding=(0, 2))
         for name, text in found.items():
             table.add_row(name, plain(text))
@@ -37,7 +50,7 @@ def scenarios(
 
 
 def _comment(path: Path) -> str:
-    """The comment at the head of a scenario, sweep or network file."""
+    """The comment at the head of a scenario, sweep, study or network file."""
     lines = path.read_text(encoding="utf-8").splitlines()
     head = lines[
         : next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
@@ -61,7 +62,9 @@ ScenarioArgument = Annotated[
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="PATH=VALUE", help="Override a value, such as control.cruise_speed=0.12."
+        "--set",
+        metavar="PATH=VALUE",
+        help="Override a value, such as control.cruise_speed=0.12; @FILE overrides many.",
     ),
 ]
 
@@ -96,11 +99,9 @@ def with_changes(
     faults: list[Fault] = []
     for text in assignments or ():
         try:
-            path, value = assignment(text)
+            changes |= settings_of(text)
         except InputError as error:
             faults += error.faults
-        else:
-            changes[path] = value
     try:
         loaded = load(changes)
     except InputError as error:
@@ -108,6 +109,35 @@ def with_changes(
     if faults:
         raise InputError(faults)
     return loaded
+
+
+def settings_of(text: str) -> dict[str, Any]:
+    """The values by path of one ``--set``: PATH=VALUE, or @FILE with many of them."""
+    if text.startswith("@"):
+        return _settings_in(Path(text[1:]), f"--set {text}")
+    path, value = assignment(text)
+    return {path: value}
+
+
+def _settings_in(file: Path, where: str) -> dict[str, Any]:
+    """The values in a file by path, such as a study's ``best.toml``: ``"a.b" = 1``, or tables."""
+    from omnitrack_sim.schema.files import is_file, table_of
+
+    if not is_file(file):
+        raise InputError(Fault(where, "cannot be read: there is no such file"))
+    try:
+        return dict(_leaves(table_of(file, "file of values", InputError), ""))
+    except InputError as error:
+        raise InputError([fault.at(where) for fault in error.faults]) from None
+
+
+def _leaves(table: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any]]:
+    """The values in a table and the tables in it, by dotted path."""
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{above}{key}.")
+        else:
+            yield f"{above}{key}", value
 
 
 def assignment(text: str) -> tuple[str, Any]:

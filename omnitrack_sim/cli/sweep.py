@@ -90,7 +90,7 @@ def sweep(
         raise OutputError(
             f"{target}: holds no sweep to go on with; leave out --continue to begin one"
         )
-    done = _run(loaded, target, _executor(workers, dask), share, as_json)
+    done = _run(loaded, target, make_workers(workers, dask), share, as_json)
     _print_outcome(loaded, target, done, as_json)
 
 
@@ -154,7 +154,7 @@ def _share(text: str | None) -> tuple[int, int] | None:
     return int(found[1]), int(found[2])
 
 
-def _executor(workers: int | None, dask: str | None) -> Callable[[], Executor] | None:
+def make_workers(workers: int | None, dask: str | None) -> Callable[[], Executor] | None:
     """A function that makes the workers; None for a sweep in this process."""
     from omnitrack_sim.sweep.workers import DaskPool, LocalPool
 
@@ -187,7 +187,7 @@ def _bar(title: str, quiet: bool) -> Iterator[Callable[[Status], None]]:
             text = f"{status.successes} passed"
             if ran and elapsed:
                 left = (status.total - status.done) * elapsed / ran
-                text = f"{ran / elapsed:.2f} trials/s, {_duration(left)} left, {text}"
+                text = f"{ran / elapsed:.2f} trials/s, {duration(left)} left, {text}"
             if status.lost:
                 text += f", {status.lost} times workers lost"
             bar.update(task, completed=status.done, total=status.total, text=text)
@@ -195,7 +195,8 @@ def _bar(title: str, quiet: bool) -> Iterator[Callable[[Status], None]]:
         yield show
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """Seconds as hours, minutes and seconds."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{rest:02d}"

@@ -14,6 +14,8 @@ from omnitrack_sim.record.trajectory import Trajectory
 
 STALL_SPEED = 0.005
 """Belt speed below which a motor at its limit counts as stalled, m/s."""
+AT_LIMIT = 0.99
+"""Part of the torque limit from which on a motor counts as at its limit."""
 Figure = float | list[float] | dict[str, float]
 Metrics = dict[str, Figure]
 
@@ -91,9 +93,19 @@ def _touching(run: Run) -> NDArray[np.float64]:
     return (run.trajectory["contact_count"].sum(axis=-1) > 0).astype(float)
 
 
+def _at_limit(run: Run) -> NDArray[np.bool_]:
+    return np.abs(run.trajectory["motor_torque"]) >= AT_LIMIT * run.torque_limit
+
+
 def _stalled(run: Run) -> NDArray[np.float64]:
-    at_limit = np.abs(run.trajectory["motor_torque"]) >= 0.99 * run.torque_limit
-    return (at_limit & (np.abs(run.trajectory["belt_speed"]) < STALL_SPEED)).astype(float)
+    return (_at_limit(run) & (np.abs(run.trajectory["belt_speed"]) < STALL_SPEED)).astype(float)
+
+
+def _torque_change(run: Run) -> list[float]:
+    if run.duration == 0:
+        return [0.0] * run.trajectory["motor_torque"].shape[1]
+    steps = np.abs(np.diff(run.trajectory["motor_torque"], axis=0))
+    return (steps.sum(axis=0) / run.duration).tolist()
 
 
 def _largest(values: NDArray) -> list[float]:
@@ -194,6 +206,27 @@ METRICS: tuple[Metric, ...] = (
         "N m",
         "largest torque of the crawler motor",
         lambda r: _largest(r.trajectory["motor_torque"]),
+        per_module=True,
+    ),
+    Metric(
+        "torque_rms_nm",
+        "N m",
+        "root mean square of the torque of the crawler motor",
+        lambda r: np.sqrt(r.mean(r.trajectory["motor_torque"] ** 2)).tolist(),
+        per_module=True,
+    ),
+    Metric(
+        "torque_change_nm_s",
+        "N m/s",
+        "mean absolute rate of the recorded torque of the crawler motor",
+        _torque_change,
+        per_module=True,
+    ),
+    Metric(
+        "time_at_limit_s",
+        "s",
+        "time at the torque limit, standing still or not",
+        lambda r: r.integral(_at_limit(r).astype(float)).tolist(),
         per_module=True,
     ),
     Metric(

@@ -16,6 +16,7 @@ from omnitrack_sim.schema.reading import (
     MOST_LEVELS,
     shipped_networks,
     shipped_scenarios,
+    shipped_studies,
     shipped_sweeps,
 )
 from omnitrack_sim.text import nearest
@@ -50,14 +51,18 @@ class Kind:
 SCENARIO = Kind("scenario", "run", frozenset({"pipes", "network", "mission"}), shipped_scenarios)
 SWEEP = Kind("sweep", "sweep", frozenset({"base", "axes"}), shipped_sweeps)
 NETWORK = Kind("network", "network", frozenset({"fittings", "joints"}), shipped_networks)
-KINDS = (SCENARIO, SWEEP, NETWORK)
+STUDY = Kind("study", "optimise", frozenset({"variables", "objectives", "trials"}), shipped_studies)
+KINDS = (SCENARIO, SWEEP, STUDY, NETWORK)
 _RECORDS = {
     frozenset({"outcome", "metrics"}): "is the result of a run; what was run stands beside it in "
     "scenario.json",
     frozenset({"sha256", "sweep"}): "is the record of a sweep; give the file that the sweep was "
     "run from",
+    frozenset({"sha256", "study"}): "is the record of a study; give the file that the study was "
+    "run from",
 }
-"""Files of saved runs and sweeps that are easily taken for another one, by some of their keys."""
+"""Files of saved runs, sweeps and studies that are easily taken for another one, by some of their
+keys."""
 
 
 def read_file(
@@ -73,6 +78,22 @@ def read_file(
             another kind.
     """
     path = _found(source, kind, error)
+    data = table_of(path, kind.noun, error)
+    _refuse_other_kinds(str(path), data, kind, error)
+    return path, {"name": path.stem} | data
+
+
+def table_of(path: Path, noun: str, error: type[InputError]) -> dict[str, Any]:
+    """The contents of a file: JSON if its name ends in ``.json``, else TOML.
+
+    Args:
+        path: a regular file.
+        noun: what messages call it.
+        error: exception class to raise for faults.
+
+    Raises:
+        InputError: of class ``error``: it cannot be read, is too large, or holds no table.
+    """
     language = "JSON" if path.suffix.lower() == ".json" else "TOML"
     most = MOST_BYTES[language]
     try:
@@ -82,15 +103,14 @@ def read_file(
             raise ValueError(f"is too large: at most {most} bytes of {language} are read")
         data = parsed(content.decode("utf-8-sig"), language)
         if not isinstance(data, dict):
-            raise ValueError(f"holds no table; a {kind.noun} is a table of keys and values")
+            raise ValueError(f"holds no table; a {noun} is a table of keys and values")
+        return data
     except OSError as reason:
         raise error(Fault(str(path), f"cannot be read: {reason.strerror}")) from reason
     except UnicodeDecodeError as reason:
         raise error(Fault(str(path), f"is not valid {language}: {reason}")) from reason
     except ValueError as reason:
         raise error(Fault(str(path), str(reason))) from reason
-    _refuse_other_kinds(str(path), data, kind, error)
-    return path, {"name": path.stem} | data
 
 
 def parsed(text: str, language: str) -> Any:

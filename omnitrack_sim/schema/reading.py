@@ -200,6 +200,12 @@ def shipped_sweeps() -> ByName[Path]:
     return ByName((path.stem, path) for path in files)
 
 
+def shipped_studies() -> ByName[Path]:
+    """Study files that come with the package, by name."""
+    files = sorted((_scenario_folder() / "studies").glob("*.toml"))
+    return ByName((path.stem, path) for path in files)
+
+
 def shipped_networks() -> ByName[Path]:
     """Network files that come with the package, by name."""
     files = sorted((_scenario_folder() / "networks").glob("*.toml"))

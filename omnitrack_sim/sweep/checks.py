@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.bounds import MOST_SAMPLES, MOST_TOLD, MOST_TRIALS, MOST_VALUES, MOST_WORDS
@@ -29,7 +29,7 @@ def axis_faults(
             data = scenario.model_dump(mode="json")
             found = trials.matches(data, path)
             if not found:
-                yield _missing(at, path, data, name if len(bases) > 1 else None)
+                yield missing(at, path, data, name if len(bases) > 1 else None)
                 break
             value = trials.value_at(data, found[0])
             inner = (
@@ -56,7 +56,7 @@ def _names_tables(axis: AxisTable, present: Any) -> bool:
     )
 
 
-def _missing(at: str, path: str, data: Mapping[str, Any], base: str | None) -> Fault:
+def missing(at: str, path: str, data: Mapping[str, Any], base: str | None) -> Fault:
     """The fault of a path that leads nowhere: where it leaves the scenario, and what there is."""
     keys = path.split(".")
     depth = next(i for i in range(len(keys)) if not trials.matches(data, ".".join(keys[: i + 1])))
@@ -169,13 +169,17 @@ def too_much(file: SweepFile, bases: Mapping[str, Scenario]) -> Iterator[Fault]:
     elif size * len(file.axes) > MOST_VALUES:
         problem = f"set {size * len(file.axes)} values, {len(file.axes)} in {size} trials each"
         yield Fault("axes", f"{problem}; at most {MOST_VALUES}")
-    together = min(file.batch, size)
-    for name, scenario in bases.items():
+    yield from too_many_samples(min(file.batch, size), bases.values())
+
+
+def too_many_samples(together: int, bases: Iterable[Scenario]) -> Iterator[Fault]:
+    """The fault of a batch of so many trials that has more samples than may be kept in memory."""
+    for scenario in bases:
         samples = samples_of(scenario)
         if samples * together > MOST_SAMPLES:
             problem = (
                 f"takes {together} trials together, each of {samples} samples up to the time limit "
-                f"of {name!r}: {samples * together} in memory; at most {MOST_SAMPLES}, "
+                f"of {scenario.name!r}: {samples * together} in memory; at most {MOST_SAMPLES}, "
                 f"{MOST_SAMPLES // samples} trials"
             )
             yield Fault("batch", problem)

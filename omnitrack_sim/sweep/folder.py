@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,7 +57,7 @@ class Folder:
         if there is not None and there["sha256"] != ours["sha256"]:
             raise OutputError(
                 f"{self.path}: holds a different sweep: "
-                f"{_told_differences(there['sweep'], ours['sweep'])}; choose "
+                f"{told_differences(there['sweep'], ours['sweep'], FOR_THE_RECORD)}; choose "
                 "another folder with --out, or remove this one to begin anew"
             )
         (self.path / PARTS).mkdir(parents=True, exist_ok=True)
@@ -90,24 +90,11 @@ class Folder:
 
     def read(self, batch: Batch) -> pa.Table | None:
         """The rows of a batch; None where its file is missing or damaged."""
-        try:
-            table = from_parquet(self._file(batch).read_bytes())
-            made_by(table)
-        except Exception:  # decoders raise anything on damaged bytes; the batch is run again
-            return None
-        whole = (table.schema.metadata or {}).get(b"part") == batch.hash.encode()
-        whole = whole and table.schema.remove_metadata().equals(
-            self.layout.schema.remove_metadata()
-        )
-        return (
-            table
-            if whole and table["trial"].to_pylist() == [trial.index for trial in batch.trials]
-            else None
-        )
+        return read_part(self._file(batch), batch, self.layout.schema)
 
     def write(self, batch: Batch, table: pa.Table) -> None:
         """Keep the rows of a batch."""
-        with _kept(self.path):
+        with kept(self.path):
             write_file(self._file(batch), to_parquet(table))
 
     def finished(self) -> pa.Table | None:
@@ -136,7 +123,7 @@ class Folder:
     ) -> None:
         """Write the files of a finished sweep, the table before the figure: one that cannot be
         drawn is told as a warning, and the same command tries again."""
-        with _kept(self.path):
+        with kept(self.path):
             write_file(self.path / CSV_FILE, to_csv(table))
             write_file(self.path / SUMMARY_FILE, (json.dumps(summary, indent=2) + "\n").encode())
             if self.renamed:
@@ -171,9 +158,29 @@ def holds_sweep(directory: str | Path) -> bool:
     return (Path(directory) / SWEEP_FILE).is_file()
 
 
+def read_part(file: Path, batch: Batch, schema: pa.Schema) -> pa.Table | None:
+    """The rows of a batch from its part file; None where this is missing, damaged, or of other
+    trials.
+
+    Args:
+        file: of the batch.
+        batch: whose rows they shall be.
+        schema: of tables of batches; its own metadata do not count.
+    """
+    try:
+        table = from_parquet(file.read_bytes())
+        made_by(table)
+    except Exception:  # decoders raise anything on damaged bytes; the batch is run again
+        return None
+    whole = (table.schema.metadata or {}).get(b"part") == batch.hash.encode()
+    whole = whole and table.schema.remove_metadata().equals(schema.remove_metadata())
+    numbers = [trial.index for trial in batch.trials]
+    return table if whole and table["trial"].to_pylist() == numbers else None
+
+
 @contextlib.contextmanager
-def _kept(path: Path) -> Iterator[None]:
-    """Say what to do when something cannot be written into the folder of a sweep."""
+def kept(path: Path) -> Iterator[None]:
+    """Say what to do when something cannot be written into the folder of a sweep or study."""
     try:
         with told(path):
             yield
@@ -183,9 +190,10 @@ def _kept(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _told_differences(there: Any, ours: Any) -> str:
-    """Where two sweeps differ, as text."""
-    found = list(_differences(there, ours, ""))
+def told_differences(there: Any, ours: Any, free: Collection[str]) -> str:
+    """Where two tables of plain data differ, as text; their own keys of ``free`` may differ."""
+    first, second = ({k: v for k, v in table.items() if k not in free} for table in (there, ours))
+    found = list(_differences(first, second, ""))
     more = f" and {len(found) - _MOST_TOLD} more" if len(found) > _MOST_TOLD else ""
     return (", ".join(found[:_MOST_TOLD]) or "it was made by another version of the program") + more
 
@@ -193,10 +201,9 @@ def _told_differences(there: Any, ours: Any) -> str:
 def _differences(there: Any, ours: Any, path: str) -> Iterator[str]:
     if isinstance(there, dict) and isinstance(ours, dict):
         for key in [*there, *(key for key in ours if key not in there)]:
-            if path or key not in FOR_THE_RECORD:
-                yield from _differences(
-                    there.get(key, _Nothing), ours.get(key, _Nothing), f"{path}.{key}".lstrip(".")
-                )
+            yield from _differences(
+                there.get(key, _Nothing), ours.get(key, _Nothing), f"{path}.{key}".lstrip(".")
+            )
     elif isinstance(there, list) and isinstance(ours, list):
         for i in range(max(len(there), len(ours))):
             pair = [items[i] if i < len(items) else _Nothing for items in (there, ours)]

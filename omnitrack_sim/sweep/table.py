@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.record.metrics import METRICS, Metric
 from omnitrack_sim.robot import MODULES
+from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.schema.tables import unit_of
 from omnitrack_sim.sweep.axes import BASE, DirectionAxis
 from omnitrack_sim.sweep.batch import Row
@@ -49,24 +50,7 @@ class Layout:
             for column, items in _columns_of(name, values).items():
                 self._values[column] = items
                 fields.append(_field(column, _type(items), None if name == BASE else unit_of(name)))
-        fields += [
-            _field("model", pa.string()),
-            _field("scenario_sha256", pa.string()),
-            _field("outcome", pa.string()),
-            _field("success", pa.bool_()),
-            _field("duration_s", pa.float64(), "s"),
-            _field("reason", pa.string()),
-        ]
-        own = {m.name: m for base in sweep.bases.values() for m in base.own_metrics}
-        for metric in (*METRICS, *own.values()):
-            if metric.in_tables:
-                columns = metric_columns(metric)
-                fields += [_field(column, pa.float64(), metric.unit) for column in columns]
-        fields += [
-            _field("attempts", pa.int64(), "1"),
-            _field("collider", pa.string()),
-            _field("events", pa.string()),
-        ]
+        fields += result_fields(sweep.bases.values())
         self.schema = pa.schema(fields, metadata={"sweep_sha256": sweep.hash})
 
     def table(self, batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
@@ -93,6 +77,30 @@ class Layout:
         if not plain:
             return self.schema.empty_table()
         return pa.concat_tables(plain).sort_by("trial").combine_chunks()
+
+
+def result_fields(bases: Iterable[Scenario]) -> list[pa.Field]:
+    """The columns that tell how trials of these scenarios ended."""
+    import pyarrow as pa
+
+    own = {metric.name: metric for base in bases for metric in base.own_metrics}
+    return [
+        _field("model", pa.string()),
+        _field("scenario_sha256", pa.string()),
+        _field("outcome", pa.string()),
+        _field("success", pa.bool_()),
+        _field("duration_s", pa.float64(), "s"),
+        _field("reason", pa.string()),
+        *(
+            _field(column, pa.float64(), metric.unit)
+            for metric in (*METRICS, *own.values())
+            if metric.in_tables
+            for column in metric_columns(metric)
+        ),
+        _field("attempts", pa.int64(), "1"),
+        _field("collider", pa.string()),
+        _field("events", pa.string()),
+    ]
 
 
 def metric_columns(metric: Metric) -> list[str]:

@@ -10,7 +10,7 @@ import hashlib
 import itertools
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -206,15 +206,29 @@ def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 def batches_of(
     bases: Mapping[str, Mapping[str, Any]], axes: Sequence[AxisTable], columns: Columns, size: int
 ) -> list[Batch]:
-    """The trials in batches of at most ``size``; the trials of a batch share a model."""
-    texts = {name: json.dumps(data) for name, data in bases.items()}
+    """The trials of a sweep in batches of at most ``size``; those of a batch share a model."""
     places = places_of(bases, axes)
+    count = len(next(iter(columns.values())))
+    return batched(bases, (trial_of(places, columns, index) for index in range(count)), size)
+
+
+def batched(
+    bases: Mapping[str, Mapping[str, Any]], trials: Iterable[Trial], size: int, first: int = 0
+) -> list[Batch]:
+    """Trials in batches of at most ``size``; those of a batch share a model.
+
+    Args:
+        bases: plain base scenarios by name.
+        trials: all trials of a base change the same paths.
+        size: of a batch, at most.
+        first: number of the first batch.
+    """
+    texts = {name: json.dumps(data) for name, data in bases.items()}
     # Every trial of a base sets the same paths, so one copy is changed in place for all of them.
     plain = {name: copy.deepcopy(dict(data)) for name, data in bases.items()}
     groups: dict[str, list[Trial]] = {}
     keys: dict[str, str] = {}  # of batches, by what trials share of the values that are set
-    for index in range(len(next(iter(columns.values())))):
-        one = trial_of(places, columns, index)
+    for one in trials:
         shared = {path: value for path, value in one.changes.items() if is_shared(path)}
         told = json.dumps([one.base, shared], default=str)
         if told not in keys:
@@ -227,7 +241,7 @@ def batches_of(
         for start in range(0, len(members), size):
             chosen = tuple(members[start : start + size])
             used = {name: texts[name] for name in sorted({one.base for one in chosen})}
-            batches.append(Batch(len(batches), _sha256(key)[:12], used, chosen))
+            batches.append(Batch(first + len(batches), _sha256(key)[:12], used, chosen))
     return batches
 
 

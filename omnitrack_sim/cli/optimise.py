@@ -1,0 +1,171 @@
+"""optimise: the values of a scenario that are best by what its trials show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.table import Table
+
+from omnitrack_sim.cli.common import (
+    FAST,
+    FastOption,
+    SetOption,
+    app,
+    err,
+    out,
+    plain,
+    print_json,
+    with_changes,
+)
+from omnitrack_sim.cli.sweep import duration, make_workers
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from omnitrack_sim.optimise import Study, StudyResult, StudyStatus
+
+
+@app.command()
+def optimise(
+    source: Annotated[
+        str, typer.Argument(metavar="STUDY", help="A study file, or the name of a shipped one.")
+    ],
+    assignments: SetOption = None,
+    fast: FastOption = False,
+    folder: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Where all files go; out/NAME when not given."),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Processes on this machine; as many as cores when not given."),
+    ] = None,
+    dask: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786.")
+    ] = None,
+    only_list: Annotated[
+        bool, typer.Option("--list", help="Show what is varied and asked for, run nothing.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print summary.json instead of the table.")
+    ] = False,
+) -> None:
+    """Search for the best values of a scenario; the same command goes on after an interruption."""
+    from omnitrack_sim.optimise import load_study
+
+    study = with_changes(
+        lambda changes: load_study(source, changes),
+        [*(assignments or []), *([FAST] if fast else [])],
+    )
+    if only_list:
+        _print_plan(study)
+        return
+    target = folder or Path("out") / study.name
+    result = _run(study, target, make_workers(workers, dask), as_json)
+    if as_json:
+        print_json(result.summary)
+    else:
+        _print_result(result, target)
+
+
+def _run(
+    study: Study, target: Path, executor: Callable[[], Executor] | None, quiet: bool
+) -> StudyResult:
+    """Run a study under a progress bar."""
+    from omnitrack_sim.optimise import run_study
+
+    seen: list[StudyStatus] = []
+    try:
+        with _bar(study.name, quiet) as show:
+
+            def report(status: StudyStatus) -> None:
+                seen[:] = [status]
+                show(status)
+
+            return run_study(study, target, executor=executor, progress=report)
+    except KeyboardInterrupt:
+        done = f"{seen[0].stage}, {seen[0].done} trials are done" if seen else "nothing is done"
+        err.print(f"interrupted: {done}; the same command goes on from there", soft_wrap=True)
+        raise typer.Exit(130) from None
+
+
+@contextmanager
+def _bar(title: str, quiet: bool) -> Iterator[Callable[[StudyStatus], None]]:
+    """A progress bar on standard error; yields the function that is told the status."""
+    if quiet:
+        yield lambda status: None
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[text]}"),
+    )
+    with Progress(*columns, console=err, transient=True) as bar:
+        task = bar.add_task(plain(f"optimise {title}"), total=None, text="")
+
+        def show(status: StudyStatus) -> None:
+            ran, elapsed = status.done - status.found, bar.tasks[0].elapsed or 0.0
+            text = status.stage
+            if ran and elapsed:
+                left = max(status.total - status.done, 0) * elapsed / ran
+                text += f", {ran / elapsed:.2f} trials/s, {duration(left)} left"
+            if status.lost:
+                text += f", {status.lost} times workers lost"
+            bar.update(task, completed=status.done, total=status.total, text=text)
+
+        yield show
+
+
+def _print_plan(study: Study) -> None:
+    """What is varied, what is asked for, and how much work that is."""
+    varied = Table("variable", "from", "to", "scale", "start", box=None, padding=(0, 2))
+    for one in study.variables:
+        varied.add_row(
+            plain(one.name), f"{one.low:g}", f"{one.high:g}", one.scale, f"{one.start:g}"
+        )
+    asked = Table("objective", "goal", "of", "trials", "limit", box=None, padding=(0, 2))
+    for name, one in zip(study.columns, study.objectives, strict=True):
+        of = "" if one.metric == "success_rate" else one.aggregate or "mean"
+        limit = "" if one.limit is None else f"{one.limit:g}"
+        asked.add_row(plain(name), one.goal, of, plain(one.trials or "all"), limit)
+    out.print(varied)
+    out.print(asked)
+    out.print(
+        f"{study.search_count} searches of {study.generations} generations of {study.asked_each} "
+        f"candidates, {study.size} trials each: {study.candidate_count * study.size} trials",
+        soft_wrap=True,
+    )
+
+
+def _print_result(result: StudyResult, target: Path) -> None:
+    """The start and the best beside each other."""
+    from omnitrack_sim.optimise.folder import BEST_FILE
+
+    summary, study = result.summary, result.study
+    table = Table("", "start", "best", box=None, padding=(0, 2))
+    for name in study.columns:
+        for key, of in (("search", name), ("check", f"{name}, other trials")):
+            pair = [summary[which][key] for which in ("start", "best")]
+            if pair[0] is not None:
+                table.add_row(plain(of), *(_shown(one[name]) for one in pair))
+    for path in result.best:
+        pair = [summary[which]["values"][path] for which in ("start", "best")]
+        table.add_row(plain(path), *map(_shown, pair), style="dim")
+    out.print(table)
+    out.print(
+        f"  candidate {summary['best']['number']} of {summary['candidates']}; "
+        f"{summary['on_front']} on the front",
+        soft_wrap=True,
+    )
+    place, file = plain(str(target)), plain(str(target / BEST_FILE))
+    out.print(f"  saved in {place}; its values: --set @{file}", soft_wrap=True)
+
+
+def _shown(value: Any) -> str:
+    return "-" if value is None else f"{value:.6g}"

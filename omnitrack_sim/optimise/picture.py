@@ -1,0 +1,30 @@
+"""From a study to its figure."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+
+from omnitrack_sim.optimise.choice import front
+from omnitrack_sim.optimise.explore import Candidate, History, values_of
+from omnitrack_sim.optimise.history import unit_of_objective
+from omnitrack_sim.optimise.search import violations_of
+from omnitrack_sim.optimise.spec import Study
+from omnitrack_sim.plots.study import Scale, Tried, study_figure
+from omnitrack_sim.plots.style import save_figure
+
+
+def draw_front(study: Study, history: History, checked: History | None, best: Candidate) -> bytes:
+    """``front.png``."""
+    scales = [
+        Scale(name, unit_of_objective(study, objective), objective.goal, objective.limit)
+        for name, objective in zip(study.columns, study.objectives, strict=True)
+    ]
+    values = values_of(history)
+    again = values_of(checked) if checked else np.empty((0, len(scales)))
+    feasible = violations_of(study, values) == 0
+    tried = Tried(values, feasible, front(study, history), best.number, again)
+    buffer = io.BytesIO()
+    save_figure(study_figure(scales, tried), buffer, "png")
+    return buffer.getvalue()

@@ -1,0 +1,178 @@
+"""The figure of a study: its front, or how one objective came down."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, styled
+from omnitrack_sim.rotations import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FRONT, CHECKED = MODULE_COLOURS[1], MODULE_COLOURS[0]
+_MOST_PANELS = 15
+"""Pairs of objectives that have a panel; of more only the first ones."""
+_BULK = (2, 98)
+"""Percentiles of the values between which a panel shows everything, beside front and start."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """One objective.
+
+    Attributes:
+        name: of its column.
+        unit: of its values.
+        goal: "minimise" or "maximise".
+        limit: the worst value allowed; None without one.
+    """
+
+    name: str
+    unit: str
+    goal: str
+    limit: float | None = None
+
+    @property
+    def label(self) -> str:
+        """Name, unit and which way is better."""
+        unit = "" if self.unit == "1" else f" [{self.unit}]"
+        return f"{self.name}{unit}, {'less' if self.goal == 'minimise' else 'more'} is better"
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """What was tried.
+
+    Attributes:
+        values: (C, m) of the objectives, in the order of the candidates, the start first; infinite
+            where there is none.
+        feasible: (C,) whether all limits are kept.
+        front: places of the candidates on the front.
+        best: place of the best one.
+        checked: (F, m) of the candidates that were checked, on trials of their own.
+    """
+
+    values: Array
+    feasible: NDArray[np.bool_]
+    front: Sequence[int]
+    best: int
+    checked: Array
+
+
+def study_figure(scales: Sequence[Scale], tried: Tried) -> Figure:
+    """The candidates over each pair of objectives with the front between them; with one objective
+    over the course of the search."""
+    if len(scales) == 1:
+        return styled(lambda: _course(scales[0], tried))
+    return styled(lambda: _fronts(scales, tried))
+
+
+def _course(scale: Scale, tried: Tried) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    axis = figure.subplots()
+    values = tried.values[:, 0]
+    number = np.arange(float(len(values)))
+    shown = np.isfinite(values) & tried.feasible
+    _dots(axis, number[shown], values[shown], number[~shown], values[~shown])
+    better = np.minimum if scale.goal == "minimise" else np.maximum
+    worst = np.inf if scale.goal == "minimise" else -np.inf
+    so_far = better.accumulate(np.where(shown, values, worst))
+    axis.plot(
+        number, np.where(np.isfinite(so_far), so_far, np.nan), color=FRONT, label="best so far"
+    )
+    if np.isfinite(values[0]):
+        axis.axhline(values[0], color=INK, lw=0.8, ls="--", label="start")
+    for i, row in enumerate(tried.checked[np.isfinite(tried.checked).all(axis=1)]):
+        label = "best ones on other trials" if i == 0 else None
+        axis.plot(number[-1], row[0], "D", ms=4, mfc="none", color=CHECKED, label=label)
+    _limits(axis, scale, None)
+    _bulk(axis.set_ylim, values, [values[0], *values[tried.front], *tried.checked[:, 0]])
+    axis.set_xlabel("candidate")
+    axis.set_ylabel(scale.label)
+    axis.legend(fontsize=8)
+    return figure
+
+
+def _fronts(scales: Sequence[Scale], tried: Tried) -> Figure:
+    from matplotlib.figure import Figure
+
+    pairs = list(itertools.combinations(range(len(scales)), 2))[:_MOST_PANELS]
+    columns = min(len(pairs), 3)
+    rows = -(-len(pairs) // columns)
+    size = (5.2 if len(pairs) == 1 else 3.8) * columns
+    figure = Figure(figsize=(size + 0.4, 3.6 * rows + 0.6), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False)
+    for panel, (i, k) in zip(panels.flat, pairs, strict=False):
+        _pair(panel, scales[i], scales[k], tried, i, k)
+    for panel in panels.flat[len(pairs) :]:
+        panel.set_visible(False)
+    handles, labels = panels.flat[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=8)
+    return figure
+
+
+def _pair(panel: Axes, x: Scale, y: Scale, tried: Tried, i: int, k: int) -> None:
+    """The candidates over two of the objectives."""
+    across, up = tried.values[:, i], tried.values[:, k]
+    shown = np.isfinite(across) & np.isfinite(up)
+    good, bad = shown & tried.feasible, shown & ~tried.feasible
+    _dots(panel, across[good], up[good], across[bad], up[bad])
+    front = list(tried.front)
+    order = np.lexsort((up[front], across[front]))
+    style = "-o" if tried.values.shape[1] == 2 else "o"
+    panel.plot(across[front][order], up[front][order], style, ms=4, color=FRONT, label="front")
+    known = tried.checked[np.isfinite(tried.checked[:, [i, k]]).all(axis=1)]
+    panel.plot(
+        known[:, i], known[:, k], "D", ms=5, mfc="none", color=CHECKED,
+        label="best ones on other trials",
+    )  # fmt: skip
+    if shown[0]:
+        panel.plot(across[0], up[0], "s", ms=6, color=INK, label="start")
+    if shown[tried.best]:
+        panel.plot(
+            across[tried.best], up[tried.best], "o", ms=10, mfc="none", color=ALARM, label="best"
+        )
+    for own, scale, place in ((panel.set_xlim, across, i), (panel.set_ylim, up, k)):
+        told = [scale[0], scale[tried.best], *scale[front], *tried.checked[:, place]]
+        _bulk(own, scale, told)
+    _limits(panel, y, x)
+    panel.set_xlabel(x.label)
+    panel.set_ylabel(y.label)
+
+
+def _dots(axis: Axes, x: Array, y: Array, x_refused: Array, y_refused: Array) -> None:
+    """All candidates, those beyond a limit hollow."""
+    axis.plot(x, y, "o", ms=2.5, color=GREY, alpha=0.6, label="candidates")
+    if len(x_refused):
+        axis.plot(
+            x_refused, y_refused, "o", ms=2.5, mfc="none", mew=0.5, color=GREY, alpha=0.6,
+            label="beyond a limit",
+        )  # fmt: skip
+
+
+def _limits(axis: Axes, up: Scale, across: Scale | None) -> None:
+    """Lines at the limits."""
+    if up.limit is not None:
+        axis.axhline(up.limit, color=ALARM, lw=0.8, ls=":")
+    if across is not None and across.limit is not None:
+        axis.axvline(across.limit, color=ALARM, lw=0.8, ls=":")
+
+
+def _bulk(set_range, values: Array, told: Sequence[float]) -> None:
+    """Show the bulk of the values and all that are ``told``; single wild ones fall outside."""
+    known = values[np.isfinite(values)]
+    ends = [value for value in told if np.isfinite(value)]
+    ends += np.percentile(known, _BULK).tolist() if len(known) else []
+    if ends:
+        room = 0.05 * (max(ends) - min(ends)) or 0.05 * max(abs(ends[0]), 1.0)
+        set_range(min(ends) - room, max(ends) + room)

@@ -1,0 +1,80 @@
+"""The figure of a study: which panels it has, and what is in them."""
+
+import io
+
+import numpy as np
+import pytest
+
+from omnitrack_sim.optimise.search import front_of
+from omnitrack_sim.plots.study import Scale, Tried, study_figure
+from omnitrack_sim.plots.style import save_figure
+
+
+def _tried(objectives: int, count: int = 60) -> Tried:
+    """Random candidates, some without a value and some beyond a limit."""
+    draws = np.random.default_rng(0)
+    values = draws.uniform(0, 1, (count, objectives)) ** 2
+    values[5, 0] = values[9] = np.inf
+    feasible = values[:, 0] < 0.8
+    front = front_of(values, 1.0 - feasible).tolist()
+    return Tried(values, feasible, front, front[0], values[front] * 1.05)
+
+
+def _scales(objectives: int) -> list[Scale]:
+    return [Scale(f"f{i}", "J", "minimise", 0.8 if i == 0 else None) for i in range(objectives)]
+
+
+@pytest.mark.parametrize(("objectives", "panels"), [(1, 1), (2, 1), (3, 3), (4, 6), (6, 15)])
+def test_each_pair_of_objectives_has_a_panel(objectives, panels):
+    """One panel for one or two objectives, else one a pair; no value that is infinite breaks it,
+    and the same study gives the same bytes."""
+    figure = study_figure(_scales(objectives), _tried(objectives))
+    shown = [axis for axis in figure.axes if axis.get_visible()]
+    assert len(shown) == panels
+    first, again = io.BytesIO(), io.BytesIO()
+    save_figure(figure, first, "png")
+    save_figure(study_figure(_scales(objectives), _tried(objectives)), again, "png")
+    assert first.getvalue() == again.getvalue()
+
+
+def test_the_front_is_drawn_where_it_is():
+    """The line of the front has its candidates in order, the start and the best are marked, and
+    a panel shows all of them."""
+    tried = _tried(2)
+    (axis,) = study_figure(_scales(2), tried).axes
+    lines = {str(line.get_label()): line for line in axis.get_lines()}
+    x, y = (np.asarray(values) for values in lines["front"].get_data())
+    assert (np.diff(x) >= 0).all()
+    assert (np.diff(y) <= 0).all()
+    assert sorted(x) == sorted(tried.values[tried.front, 0])
+    assert lines["start"].get_xydata().tolist() == [tried.values[0].tolist()]
+    assert lines["best"].get_xydata().tolist() == [tried.values[tried.best].tolist()]
+    low, high = axis.get_xlim()
+    assert low < min(x)
+    assert max(x) < high
+    assert axis.get_xlabel() == "f0 [J], less is better"
+
+
+@pytest.mark.parametrize(("goal", "sign"), [("minimise", 1.0), ("maximise", -1.0)])
+def test_the_course_of_one_objective_only_gets_better(goal, sign):
+    """The line of the best so far never gets worse, ends at the best feasible value, and leaves out
+    what is beyond the limit."""
+    tried = _tried(1)
+    tried = Tried(
+        sign * tried.values, tried.feasible, tried.front, tried.best, sign * tried.checked
+    )
+    (axis,) = study_figure([Scale("f", "1", goal)], tried).axes
+    lines = {str(line.get_label()): line for line in axis.get_lines()}
+    course = sign * np.asarray(lines["best so far"].get_ydata())
+    assert (np.diff(course[np.isfinite(course)]) <= 0).all()
+    kept = tried.feasible & np.isfinite(tried.values[:, 0])
+    assert course[-1] == (sign * tried.values[kept]).min()
+
+
+def test_a_study_without_any_value_has_a_figure():
+    """Where no candidate has a value nothing is drawn, and nothing breaks."""
+    values = np.full((5, 2), np.inf)
+    tried = Tried(values, np.zeros(5, bool), [], 0, np.empty((0, 2)))
+    save_figure(study_figure(_scales(2), tried), io.BytesIO(), "png")
+    one = Tried(values[:, :1], np.zeros(5, bool), [], 0, np.empty((0, 1)))
+    save_figure(study_figure(_scales(1), one), io.BytesIO(), "png")

@@ -1,0 +1,302 @@
+"""A study's history does not depend on who ran it, survives kills, and loses nothing."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from study_samples import small_study, study_data, write_study
+from sweep_samples import GATED, omnitrack, parts
+from test_sweep_workers import started, wait_for_parts, wait_until_gone
+from typer.testing import CliRunner
+
+from omnitrack_sim import OutputError, StudyError, load_scenario, load_study, override, run_study
+from omnitrack_sim.cli import app
+from omnitrack_sim.cli.common import with_changes
+from omnitrack_sim.optimise import run as study_run
+from omnitrack_sim.plots.style import PictureWarning
+from omnitrack_sim.sweep import dispatch
+
+FILES = {
+    "study.json",
+    "history.parquet",
+    "history.csv",
+    "front.csv",
+    "front.png",
+    "final.csv",
+    "best.toml",
+    "summary.json",
+    "parts",
+    "values",
+}
+
+
+def bytes_of(place: Path) -> dict[str, bytes]:
+    """Every file of a folder by its path in it."""
+    return {
+        str(path.relative_to(place)): path.read_bytes()
+        for path in sorted(place.rglob("*"))
+        if path.is_file()
+    }
+
+
+@pytest.fixture(scope="module")
+def calm(tmp_path_factory) -> Path:
+    """The small study, run in one process without interruption."""
+    place = tmp_path_factory.mktemp("studies") / "calm"
+    run_study(small_study(), place)
+    return place
+
+
+def test_the_folder_holds_its_files(calm):
+    """A finished study has its files, nothing temporary, and a row a candidate with units."""
+    assert {path.name for path in calm.iterdir()} == FILES
+    table = pq.read_table(calm / "history.parquet")
+    assert table["number"].to_pylist() == list(range(19))
+    assert table["generation"].to_pylist() == [1] * 9 + [2] * 8 + [3] * 2
+    assert table["search"].to_pylist() == [0, *[1] * 4, *[2] * 4] + [1] * 4 + [2] * 4 + [1, 2]
+    assert table["trials"].to_pylist() == [2] * 19
+    units = {field.name: (field.metadata or {}).get(b"unit") for field in table.schema}
+    assert (units["control.cruise_speed"], units["torque_rms_nm"]) == (b"m/s", b"N m")
+    assert len((calm / "history.csv").read_text().splitlines()) == 20
+    summary = json.loads((calm / "summary.json").read_text())
+    assert (summary["candidates"], summary["trials_each"]) == (19, 2)
+    assert summary["start"]["values"] == {"control.cruise_speed": 0.1, "robot.preload": 25.0}
+
+
+def test_two_workers_give_the_same_bytes(calm, tmp_path):
+    """All files of two worker processes are those of one process."""
+    told = []
+    run_study(small_study(), tmp_path / "two", workers=2, progress=told.append)
+    assert bytes_of(calm) == bytes_of(tmp_path / "two")
+    assert [status.stage for status in told if status.done == status.total][-1].startswith("check")
+    search = [status for status in told if status.total == 38]
+    assert [s.done for s in search] == sorted(s.done for s in search)
+    assert search[-1].done == 38
+
+
+def test_kills_at_any_moment_change_nothing(tmp_path):
+    """Killed in the first generation and in the second, the workers die with their parent, and the
+    next run ends with the files of a calm one."""
+    file, place = write_study(tmp_path, GATED[0], batch=6), tmp_path / "killed"
+    command = ("optimise", file, "--out", place, "--workers", 2)
+    for moment in (1, 4):
+        process = started(*command, GATE_FOLDER=place, GATE_PARTS=moment)
+        under = wait_for_parts(process, place, moment)
+        process.kill()
+        process.wait()
+        wait_until_gone(under)  # before its pipes are read, which workers would hold open
+        process.communicate()
+    kept = {path: path.stat().st_mtime_ns for path in parts(place)}
+    run_study(load_study(file), place)
+    assert 4 <= len(kept) < len(parts(place))
+    run_study(load_study(file), tmp_path / "calm")
+    assert bytes_of(place) == bytes_of(tmp_path / "calm")
+    assert all(path.stat().st_mtime_ns == when for path, when in kept.items())
+
+
+def test_a_finished_study_runs_nothing_again(calm, monkeypatch):
+    """The same call on a finished folder reads its trials and writes nothing."""
+    before = {path: path.stat().st_mtime_ns for path in calm.rglob("*.*")}
+    monkeypatch.setattr(dispatch, "run_trials", None)
+    result = run_study(small_study(), calm, workers=2)
+    assert result.history.num_rows == 19
+    assert {path: path.stat().st_mtime_ns for path in calm.rglob("*.*")} == before
+
+
+def test_without_a_folder_nothing_is_written(calm, tmp_path, monkeypatch):
+    """The result is the same, and no file appears."""
+    monkeypatch.chdir(tmp_path)
+    result = run_study(small_study())
+    assert result.history.equals(pq.read_table(calm / "history.parquet"))
+    assert result.summary == json.loads((calm / "summary.json").read_text())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_more_generations_and_another_check_go_on(calm, tmp_path, monkeypatch):
+    """With a third generation the first two are those that were there; the check may change without
+    any trial of the search being run again."""
+    place = tmp_path / "longer"
+    run_study(small_study(final={"candidates": 0}), place)
+    assert not (place / "final.csv").exists()
+    before = {path.stem.partition("-")[2] for path in parts(place)}
+    ran, usual = [], dispatch.run_trials
+    monkeypatch.setattr(dispatch, "run_trials", lambda batch: ran.append(batch) or usual(batch))
+    longer = run_study(small_study(generations=3), place)
+    first = pq.read_table(calm / "history.parquet").slice(0, 17)
+    assert longer.history.slice(0, 17).equals(first)
+    assert longer.history.num_rows == 27
+    assert longer.final is not None
+    assert ran
+    assert not [batch for batch in ran if batch.hash in before]
+    assert (place / "final.csv").exists()
+
+
+def test_another_study_is_refused_and_the_difference_named(calm):
+    """A changed bound and a changed draw are named with both values; nothing in the folder
+    changes."""
+    before = bytes_of(calm)
+    data = study_data()
+    variables = [data["variables"][0] | {"high": 0.3}, data["variables"][1]]
+    trials = [data["trials"][0] | {"seed": 9}]
+    with pytest.raises(OutputError, match="holds a different study") as caught:
+        run_study(small_study(variables=variables, trials=trials), calm)
+    assert "variables.0.high is 0.2 there and 0.3 here" in str(caught.value)
+    assert "trials.0.seed is 0 there and 9 here" in str(caught.value)
+    assert bytes_of(calm) == before
+
+
+def test_a_folder_with_other_files_is_refused(tmp_path):
+    """A folder that is no study keeps its files; a file is no folder."""
+    (tmp_path / "mine").mkdir()
+    thesis = tmp_path / "mine" / "thesis.txt"
+    thesis.write_text("mine")
+    (tmp_path / "other" / "best.toml").mkdir(parents=True)
+    for place, told in (
+        (tmp_path / "mine", "thesis.txt"),
+        (thesis, "is a file"),
+        (tmp_path / "other", "best.toml: is a folder"),
+    ):
+        with pytest.raises(OutputError, match=told):
+            run_study(small_study(), place)
+    assert {path.name for path in tmp_path.rglob("*")} == {
+        "mine",
+        "thesis.txt",
+        "other",
+        "best.toml",
+    }
+
+
+def test_a_damaged_part_is_run_again(calm, tmp_path):
+    """Parts that are cut, of other bytes or missing are made anew, and all files are the usual
+    ones."""
+    place = Path(shutil.copytree(calm, tmp_path / "study"))
+    cut, odd, lost, *_ = parts(place)
+    cut.write_bytes(cut.read_bytes()[:-100])
+    odd.write_bytes(bytes(byte ^ 1 for byte in odd.read_bytes()))
+    lost.unlink()
+    run_study(small_study(), place)
+    assert bytes_of(place) == bytes_of(calm)
+
+
+def test_a_figure_that_fails_costs_only_itself(calm, tmp_path, monkeypatch):
+    """All other files are there, the figure of an earlier run is not; the same command tries
+    again."""
+    place = Path(shutil.copytree(calm, tmp_path / "study"))
+    with monkeypatch.context() as patch:
+        patch.setattr(study_run, "draw_front", lambda *_: 1 / 0)
+        with pytest.warns(PictureWarning, match=r"no front\.png: division by zero"):
+            run_study(small_study(), place)
+    assert {path.name for path in place.iterdir()} == FILES - {"front.png"}
+    run_study(small_study(), place)
+    assert bytes_of(place) == bytes_of(calm)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", "[" * 100_000, '{"sha256": 1}'])
+def test_a_damaged_description_is_named(tmp_path, text):
+    """It cannot be known whose trials these are."""
+    (tmp_path / "study.json").write_text(text)
+    with pytest.raises(OutputError, match=r"study\.json: is no description of a study"):
+        run_study(small_study(), tmp_path)
+
+
+def test_the_best_values_can_be_set(calm, tmp_path):
+    """best.toml goes through ``--set @FILE`` into a scenario, also for a sweep; the values of every
+    checked candidate are there."""
+    summary = json.loads((calm / "summary.json").read_text())
+    changes = with_changes(dict, [f"@{calm / 'best.toml'}", "robot.mass_unit=1"])
+    assert changes.pop("robot.mass_unit") == 1
+    assert changes == summary["best"]["values"]
+    best = override(load_scenario("straight"), changes)
+    assert best.robot.preload == summary["best"]["values"]["robot.preload"]
+    checked = [line.split(",")[0] for line in (calm / "final.csv").read_text().splitlines()[1:]]
+    assert {path.stem for path in (calm / "values").iterdir()} == set(checked)
+    tables = tmp_path / "tables.toml"
+    tables.write_text("[robot]\npreload = 20.0\n[robot.motor]\nservo_time = 0.1\n")
+    assert with_changes(dict, [f"@{tables}"]) == {
+        "robot.preload": 20.0,
+        "robot.motor.servo_time": 0.1,
+    }
+
+
+def test_values_that_do_not_fit_and_trials_that_break_are_the_worst(monkeypatch):
+    """Bores beyond the arms' reach are invalid trials, and one that diverged has figures that would
+    win; the study goes on, and neither of them does."""
+    usual = dispatch.run_trials
+
+    def run_trials(batch):
+        rows, made_by = usual(batch)
+        for row in rows:
+            if row["trial"] == 2:
+                row |= {"outcome": "diverged", "success": False, "distance_m": 1e6}
+        return rows, made_by
+
+    monkeypatch.setattr(dispatch, "run_trials", run_trials)
+    bore = {"path": "pipes.*.inner_diameter", "low": 0.15, "high": 0.2, "start": 0.185}
+    reach = {"path": "robot.reach", "low": 0.083, "high": 0.105}
+    distance = study_data()["objectives"][0]
+    fields = {"variables": [bore, reach], "objectives": [distance], "final": {"samples": 1}}
+    result = run_study(small_study(**fields, generations=1, directions=1))
+    rows = result.history.to_pylist()
+    invalid = [row["distance_m"] for row in rows if row["invalid"]]
+    assert set(invalid) == {float("-inf")}
+    assert (rows[1]["lost"], rows[1]["distance_m"]) == (1, float("-inf"))
+    assert result.best["pipes.*.inner_diameter"] < 2 * result.best["robot.reach"]
+
+
+def test_a_study_of_invalid_trials_only_is_an_error():
+    """When no trial of the first candidates fits, the error says why."""
+    bore = {"path": "pipes.*.inner_diameter", "low": 0.196, "high": 0.2}
+    reach = {"path": "robot.reach", "low": 0.09, "high": 0.105}
+    with pytest.raises(StudyError, match="all 18 trials of the first ones are invalid") as caught:
+        run_study(small_study(variables=[bore, reach], step=0.001))
+    assert "the arms reach bores" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["nowhere"], "controller_gains"),
+        (["controller_gains", "--set", "control.sped=1"], "control.sped"),
+        (["controller_gains", "--set", "robot.motor.servo_time=1"], "or --set too"),
+        (["controller_gains", "--set", "@nowhere.toml"], "cannot be read"),
+        (["controller_gains", "--workers", "2", "--dask", "tcp://127.0.0.1:9"], "one of the two"),
+    ],
+)
+def test_bad_arguments_end_with_status_2(tmp_path, arguments, told):
+    """Bad arguments are named and leave no file."""
+    done = omnitrack("optimise", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert told in done.stderr
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_list_and_result_of_the_command(calm):
+    """--list shows what is varied and asked for and runs nothing; a finished study prints start and
+    best, and where its values are; the catalogue names the studies."""
+    file = write_study(calm.parent)
+
+    def optimise(*options: object) -> str:
+        done = CliRunner().invoke(app, ["optimise", str(file), *map(str, options)])
+        assert done.exit_code == 0, done.output
+        return done.stdout
+
+    shown = optimise("--list")
+    assert "2 searches of 2 generations of 4 candidates, 2 trials each: 38 trials" in shown
+    assert "control.cruise_speed" in shown
+    assert "torque_rms_nm" in shown
+    printed = optimise("--out", calm)
+    assert "distance_m, other trials" in printed
+    assert "best.toml" in printed
+    summary = json.loads((calm / "summary.json").read_text())
+    assert json.loads(optimise("--out", calm, "--json")) == summary
+    assert "studies/robot_design" in json.loads(omnitrack("scenarios", "--json").stdout)
+
+
+def test_a_missing_library_is_told(monkeypatch):
+    """Without cmaes the error says what to install."""
+    monkeypatch.setitem(__import__("sys").modules, "cmaes", None)
+    with pytest.raises(Exception, match=r"pip install 'omnitrack_sim\[optimise\]'"):
+        run_study(small_study())
