@@ -14,7 +14,7 @@ MOST_STEPS = 100_000_000
 """Physics steps of a run up to its time limit: 55 simulated hours at 2 ms, some ten hours of
 computing."""
 SHORTEST_STEP = 1e-6
-"""Time step, s: a thousandth of the fastest contact of the smallest robot. The short run that
+"""Time step, s: a hundredth of the fastest contact of the smallest robot. The short run that
 measures the slip without load takes 0.8 simulated seconds at this step too."""
 MOST_SAMPLES = 5_000_000
 """Samples of all robots of one batch up to their time limits: 28 simulated hours of one robot at
