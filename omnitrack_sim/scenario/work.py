@@ -40,29 +40,30 @@ def too_much_work(scenario: Scenario) -> Iterator[Fault]:
     elif (samples := samples_of(scenario)) > MOST_SAMPLES:
         told = asked.format(samples, "samples")
         yield Fault("physics.record_period", f"{told}; at most {MOST_SAMPLES:,}")
-    yield from too_many_pieces(scenario)
+    yield from _too_many_pieces(scenario)
 
 
-def too_many_pieces(scenario: Scenario, primitives: bool = False) -> Iterator[Fault]:
-    """The fault of walls of primitives of too many pieces; with ``primitives`` also where the
-    scenario asks for the exact collider."""
+def _too_many_pieces(scenario: Scenario) -> Iterator[Fault]:
+    """The fault of walls of primitives of too many pieces."""
     physics = scenario.physics
-    if physics.collider != "primitives" and not primitives:
+    if physics.collider != "primitives":
         return
     parts = scenario.route.network.parts
     pieces = sum(part.fitting.piece_count(physics.wall_tolerance, physics.staves) for part in parts)
     if pieces > MOST_PIECES:
-        where = (
-            "physics.staves"
-            if physics.staves is not None
-            else "physics.wall_tolerance"
-            if physics.wall_tolerance < Physics().wall_tolerance
-            else "pipes"
-            if scenario.pipes
-            else "network.fittings"
-        )
         problem = f"makes walls of about {pieces:,} pieces; at most {MOST_PIECES:,}"
-        yield Fault(where, f'{problem} (physics.collider = "exact" makes one a fitting)')
+        yield Fault(
+            _finest(scenario), f'{problem} (physics.collider = "exact" makes one a fitting)'
+        )
+
+
+def _finest(scenario: Scenario) -> str:
+    """The key that makes the walls fine, or that of the pipes."""
+    if scenario.physics.staves is not None:
+        return "physics.staves"
+    if scenario.physics.wall_tolerance < Physics().wall_tolerance:
+        return "physics.wall_tolerance"
+    return "pipes" if scenario.pipes else "network.fittings"
 
 
 def _origin(scenario: Scenario) -> str:
