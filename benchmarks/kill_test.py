@@ -39,8 +39,8 @@ def _loads_claims(out: Path) -> object:
 _PLAIN, _FILM = ("--no-video",), ("render", "out/run", "--out", "out/film.mp4", "--camera")
 _PAPER = ("reproduce", "--quick", "--out", "out/reproduce", "--format")
 SUBJECTS = {
-    "run": Subject("run", (_run(0.9, *_PLAIN),), _run(0.7, *_PLAIN), _loads_run),
-    "film": Subject("run with a film", (_run(0.9),), _run(0.7), _loads_run),
+    "run": Subject("run", (_run(0.9, *_PLAIN),), _run(0.7, *_PLAIN), _loads_run, True),
+    "film": Subject("run with a film", (_run(0.9),), _run(0.7), _loads_run, True),
     "render": Subject(
         "render", (_run(0.9, *_PLAIN), (*_FILM, "onboard")), (*_FILM, "side"), _loads_run
     ),
@@ -49,6 +49,7 @@ SUBJECTS = {
         ((*_PAPER, "png"),),
         (*_PAPER, "svg"),
         _loads_claims,
+        draws=True,
         remembers=True,
         statuses=(0, 1),  # 1 where a claim does not hold
     ),

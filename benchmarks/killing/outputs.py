@@ -1,7 +1,8 @@
 """Commands that replace what is there, killed on their way.
 
-After each kill the earlier output must be there whole, or the new one. After the next undisturbed
-start the new one must be there, and nothing beside it.
+After each kill the earlier output must be there whole, or the data of the new one: pictures are
+drawn after the data are saved. After the next undisturbed start the new one must be there whole,
+with its pictures and nothing beside it.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ LAST = 0.4
 """Part of the kills by count that fall on the last changes, where the output takes its place."""
 PATIENCE = 3600.0
 """Seconds by the clock that one start may take; the first one of ``reproduce`` takes minutes."""
+PICTURES = (".png", ".svg", ".html", ".mp4")
+"""Endings of what is drawn from the data."""
 State = Mapping[str, str]
 """Digests of all files below a folder by path."""
 
@@ -37,6 +40,7 @@ class Subject:
         earlier: arguments of the commands that make the earlier output.
         command: arguments of the one that is killed. It writes below the folder ``out``.
         loads: whether what is below ``out`` can be read.
+        draws: whether pictures are drawn after its data are saved.
         remembers: whether its simulations are kept from start to start.
         statuses: with which it may end.
     """
@@ -45,6 +49,7 @@ class Subject:
     earlier: tuple[tuple[str, ...], ...]
     command: tuple[str, ...]
     loads: Callable[[Path], object]
+    draws: bool = False
     remembers: bool = False
     statuses: tuple[int, ...] = (0,)
 
@@ -68,7 +73,9 @@ class Trial:
         begun = time.monotonic()
         changes = self._start(self.subject.command)
         life = time.monotonic() - begun
-        self.states = [_state(self.kept), _state(self.out)]
+        earlier, new = _state(self.kept), _state(self.out)
+        data = {path: digest for path, digest in new.items() if not path.endswith(PICTURES)}
+        self.states = [earlier, new, *([data] if self.subject.draws else [])]
         print(f"{name}: {life:.1f} s, {changes} changes of files", flush=True)
         faults = ["both outputs are the same"] if self.states[0] == self.states[1] else []
         for number, moment in enumerate(_moments(rng, kills, changes)):
@@ -124,7 +131,7 @@ class Trial:
         if left:
             yield f"left behind after the next start: {', '.join(left[:3])}"
         elif state != self.states[1]:
-            yield f"the next start gives other files: {_told(state, self.states[1:])}"
+            yield f"the next start gives other files: {_told(state, self.states[1:2])}"
 
     def _restore(self) -> None:
         """The state before the command: the earlier output alone."""
