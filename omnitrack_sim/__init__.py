@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from omnitrack_sim.control.interface import Command, Controller, ControlSetup, Observation
+    from omnitrack_sim.drive import DRIVES, Drive
     from omnitrack_sim.errors import (
         GeometryError,
         InputError,
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOME = {
+    "drive": ("DRIVES", "Drive"),
     "errors": (
         "GeometryError",
         "InputError",
@@ -93,12 +95,14 @@ _HOME = {
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
+    "DRIVES",
     "MOTORS",
     "Assembly",
     "Channel",
     "Command",
     "ControlSetup",
     "Controller",
+    "Drive",
     "Elbow",
     "Event",
     "GeometryError",

@@ -109,7 +109,7 @@ def test_a_sweep_takes_the_scenario_of_a_run_as_its_base(tmp_path):
         {"robot.scale": 0.5, "pipes.0.inner_diameter": 0.08, "start.distance": 0.06},
         {"robot.scale": 0.5, "robot.preload": 7.0, "pipes.0.inner_diameter": 0.08},
         {"robot.motor": "pololu_1000_hpcb"},
-        {"robot.motor.servo_time": 0.06},
+        {"robot.motor.speed_bandwidth": 16.0},
         {"control.kind": "paper", "control.parameters.alignment.aim_elbow.1": 0.75},
         {"pipes.*.length": 0.7},
     ],

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
+from omnitrack_sim.drive import DRIVES, SpeedLoop
 from omnitrack_sim.robot import MOTORS
-from omnitrack_sim.robot.drive import Drive
 
 R = 0.0276
 
 
 def _drive(name="pololu_1000_hpcb", limit=None):
     motor = MOTORS[name]
-    return Drive(motor, [limit or motor.torque_limit], R, 1)
+    return SpeedLoop(DRIVES["three_motors"], motor, [limit or motor.torque_limit], R, 1)
 
 
 def _advance(drive, command, speed, torque=0.0):

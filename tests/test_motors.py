@@ -49,9 +49,10 @@ def test_a_motor_is_given_by_name_by_table_or_as_a_value():
     assert _scenario(motor=OWN).robot.motor == motor
     assert ot.override(_scenario(), {"robot.motor": motor}).robot.motor == motor
     assert _scenario(motor="pololu_1000_hpcb").robot.motor is ot.MOTORS["pololu_1000_hpcb"]
-    slower = _scenario(motor={"like": "pololu_1000_hpcb", "servo_time": 0.1}).robot.motor
+    slower = _scenario(motor={"like": "pololu_1000_hpcb", "speed_bandwidth": 10.0}).robot.motor
     shipped = ot.MOTORS["pololu_1000_hpcb"]
-    assert slower == shipped.model_copy(update={"name": "custom", "source": "", "servo_time": 0.1})
+    changed = {"name": "custom", "source": "", "speed_bandwidth": 10.0}
+    assert slower == shipped.model_copy(update=changed)
 
 
 def test_a_motor_survives_the_scenario_s_json_in_full():
@@ -106,7 +107,7 @@ def test_a_motor_is_frozen():
 def test_another_motor_brings_its_own_inertia_and_servo():
     """Belt and roll armature are J ratio² over the lever squared, half a belt a run; the servo's
     gain is the belt's inertia over its time constant."""
-    scenario = _scenario(motor=OWN | {"servo_time": 0.05})
+    scenario = _scenario(motor=OWN | {"speed_bandwidth": 20.0})
     model, robot = scene_of(scenario).compile(), scenario.robot
     inertia = 4e-9 * 250.0**2
     for i in (1, 2, 3):

@@ -213,10 +213,10 @@ def test_the_best_values_can_be_set(calm, tmp_path):
     checked = [line.split(",")[0] for line in (calm / "final.csv").read_text().splitlines()[1:]]
     assert {path.stem for path in (calm / "values").iterdir()} == set(checked)
     tables = tmp_path / "tables.toml"
-    tables.write_text("[robot]\npreload = 20.0\n[robot.motor]\nservo_time = 0.1\n")
+    tables.write_text("[robot]\npreload = 20.0\n[robot.motor]\nspeed_bandwidth = 10.0\n")
     assert with_changes(dict, [f"@{tables}"]) == {
         "robot.preload": 20.0,
-        "robot.motor.servo_time": 0.1,
+        "robot.motor.speed_bandwidth": 10.0,
     }
 
 
@@ -259,7 +259,7 @@ def test_a_study_of_invalid_trials_only_is_an_error():
     [
         (["nowhere"], "controller_gains"),
         (["controller_gains", "--set", "control.sped=1"], "control.sped"),
-        (["controller_gains", "--set", "robot.motor.servo_time=1"], "or --set too"),
+        (["controller_gains", "--set", "robot.motor.speed_bandwidth=1"], "or --set too"),
         (["controller_gains", "--set", "@nowhere.toml"], "cannot be read"),
         (["controller_gains", "--workers", "2", "--dask", "tcp://127.0.0.1:9"], "one of the two"),
     ],

@@ -115,7 +115,7 @@ def test_all_faults_in_the_light_of_the_trials_are_told_at_once():
     assert "cruise_speed" in faults["variables.0.path"]
     assert "not a number" in faults["variables.1.path"]
     assert "world.gravity.0" in faults["variables.2.path"]
-    assert "servo_time" in faults["variables.3.path"]
+    assert "speed_bandwidth" in faults["variables.3.path"]
     assert "variables.4.path" not in faults
     assert "set by variables.4 too" in faults["variables.5.path"]
     assert "set by trials.0.axes.0 too" in faults["variables.6.path"]

@@ -249,9 +249,10 @@ class BulletPlant:
     def step(
         self,
         active: NDArray[np.bool_],
-        drive: tuple[Array, Array, Array],
+        motors: tuple[Array, Array, Array],
         roll: Array,
         substeps: int,
+        brake: Array | None = None,
     ) -> None:
         """Do what ``Plant.step`` does; ``substeps`` counts the physics steps of the scenario.
 
@@ -259,7 +260,9 @@ class BulletPlant:
         """
         if not active[0]:
             return
-        self._ask_motors(tuple(value[0] for value in drive), roll[0])
+        if brake is not None:
+            raise ValueError("this plant has no brakes")
+        self._ask_motors(tuple(value[0] for value in motors), roll[0])
         self._move_rows_back()
         self._leave_out_far_tracks()
         steps = max(1, round(substeps * self.period / self.settings.time_step))

@@ -39,7 +39,7 @@ class BulletSettings:
         stiffness, damping: of a contact, N/m and N s/m, instead of ``erp``; None for rigid
             contacts.
         servo: part of a belt's speed error that its motor corrects in a step; ``time_step /
-            robot.motor.servo_time`` is the motor's own lag without load.
+            robot.motor.speed_bandwidth`` is the motor's own lag without load.
         cone: friction cone instead of a pyramid.
     """
 

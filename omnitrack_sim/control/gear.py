@@ -63,7 +63,8 @@ def carried_out(command: Command, gear: NDArray[np.int_]) -> Command:
         return command
     roll = None if command.roll is None else _mirrored(command.roll, back, "negated")
     speed = _mirrored(command.belt_speed, back, "negated")
-    return command._replace(belt_speed=speed, roll=roll)
+    brake = None if command.brake is None else _mirrored(command.brake, back, "swapped")
+    return command._replace(belt_speed=speed, roll=roll, brake=brake)
 
 
 def _mirrored(values: Array, back: NDArray[np.bool_], how: str) -> Array:

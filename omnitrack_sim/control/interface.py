@@ -5,12 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.control.route_map import Place, RouteMap
+from omnitrack_sim.drive import Drive, drive_of
 from omnitrack_sim.record.events import Event
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Array
@@ -67,6 +69,8 @@ class Command(NamedTuple):
         resting: (n,) bool, robots that stand still or drive backward on purpose and are not to be
             taken for stuck; none when left out.
         events: what the controller decided, to be told in the result.
+        brake: (n, 3) part of ``robot.brake_force``, 0 to 1, by which the belts are braked; all off
+            when left out.
     """
 
     belt_speed: Array
@@ -74,6 +78,7 @@ class Command(NamedTuple):
     phase: NDArray | None = None
     resting: NDArray[np.bool_] | None = None
     events: Sequence[Event] = ()
+    brake: Array | None = None
 
     def __repr__(self) -> str:
         given = [name for name, value in zip(self._fields, self, strict=True) if value is not None]
@@ -116,6 +121,12 @@ class ControlSetup:
     place: Place
     roll: Array
     period: float
+
+    @cached_property
+    def drive(self) -> Drive:
+        """The robot's motors and gears. Where ``drive.steers`` is false, speeds that are asked of
+        the belts count only as far as the motors can give them: of a differential, their mean."""
+        return drive_of(self.robot.drive)
 
     @property
     def n(self) -> int:

@@ -17,6 +17,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from omnitrack_sim.model.belt_motors import add_belt_motors, output_inertia
 from omnitrack_sim.model.collider import line_record
 from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
@@ -69,8 +70,9 @@ def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -
             _add_touch_sensor(spec, robot, f"{track}_{number}")
         add_springs(spec, robot, number)
         _add_roll_motor(spec, robot, number)
-        _add_belt_motor(spec, robot, number)
+        _tie_runs(spec, robot, number)
         add_motion_sensors(spec, number)
+    add_belt_motors(spec, robot)
     return chassis
 
 
@@ -153,7 +155,7 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, lin
         name=f"belt_{name}",
         type=mujoco.mjtJoint.mjJNT_SLIDE,
         axis=[0, 0, -side],
-        armature=belt_inertia(robot) / 2,
+        armature=output_inertia(robot) / 2,
     )
     places, radius = lug_places(robot), robot.lug_radius - robot.track_offset
     if line:
@@ -214,16 +216,6 @@ def lug_places(robot: Robot) -> np.ndarray:
     return (np.arange(robot.lugs_per_track) - (robot.lugs_per_track - 1) / 2) * lug_pitch(robot)
 
 
-def belt_inertia(robot: Robot) -> float:
-    """Reflected inertia of the crawler gearmotor at the belt, kg: J / r²."""
-    return robot.motor.reflected_inertia / robot.lug_radius**2
-
-
-def belt_force(robot: Robot) -> float:
-    """Largest force of a crawler motor at the belt, N: its torque limit over the lug radius."""
-    return robot.crawler_motor.torque_limit / robot.lug_radius
-
-
 def add_springs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
     """Front and rear springs of an arm (Fig. 2): each pushes on the arm at its own shafts, and only
     pushes.
@@ -257,23 +249,19 @@ def _add_roll_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
     motor.set_to_position(kp=stiffness, kv=2 * math.sqrt(stiffness * inertia))
 
 
-def _add_belt_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
-    """Velocity servo on the upper run, and the lower run tied to it."""
-    limit = belt_force(robot)
-    motor = spec.add_actuator(
-        name=f"belt_{number}",
-        trntype=mujoco.mjtTrn.mjTRN_JOINT,
-        target=f"belt_upper_{number}",
-        forcelimited=True,
-        forcerange=[-limit, limit],
-    )
-    motor.set_to_velocity(kv=belt_inertia(robot) / robot.motor.servo_time)
+def _tie_runs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
+    """The lower run of a chain follows the upper one."""
+    tie_joints(spec, robot, f"chain_{number}", f"belt_lower_{number}", f"belt_upper_{number}")
+
+
+def tie_joints(spec: mujoco.MjSpec, robot: Robot, name: str, follower: str, leader: str) -> None:
+    """An equality by which one joint moves as another does."""
     spec.add_equality(
-        name=f"chain_{number}",
+        name=name,
         type=mujoco.mjtEq.mjEQ_JOINT,
         objtype=mujoco.mjtObj.mjOBJ_JOINT,
-        name1=f"belt_lower_{number}",
-        name2=f"belt_upper_{number}",
+        name1=follower,
+        name2=leader,
         data=[0, 1, *[0] * 10],
         solref=[sized(robot, CHAIN_TIME, "s"), 1.0],
         solimp=impedance(0.9, 0.95, sized(robot, TIE_DEPTH, "m")),

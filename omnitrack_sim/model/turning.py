@@ -17,30 +17,28 @@ import math
 
 import mujoco
 
+from omnitrack_sim.model.belt_motors import belt_force, belt_inertia
 from omnitrack_sim.model.robot import (
-    CHAIN_TIME,
     LUG_IMPEDANCE,
-    TIE_DEPTH,
     add_arm,
     add_chassis,
     add_contact_sensor,
     add_module,
     add_motion_sensors,
     add_springs,
-    belt_force,
-    belt_inertia,
     contact_of_lugs,
     impedance,
     lug_places,
     set_cylinder_inertia,
     sized,
+    tie_joints,
 )
 from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 
-SERVO_STIFFNESS = 10.0
-"""Gain of a belt's servo over that of the package's. The package's speed loop has an integral part
-too; a velocity servo of MuJoCo has none, and would climb 6 % slower than it is asked."""
+SERVO_BANDWIDTH = 500.0
+"""Bandwidth of a belt's servo, rad/s. The package's speed loop is softer and has an integral part;
+a velocity servo of MuJoCo has none, and would climb slower than it is asked."""
 
 
 def add_turning_robot(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
@@ -86,20 +84,7 @@ def _add_lugs(spec: mujoco.MjSpec, module: mujoco.MjsBody, robot: Robot, number:
         )
         belt.wrap_joint(name, robot.lug_radius / len(places))
         if index:
-            _tie(spec, robot, name, f"lug_{number}_0")
-
-
-def _tie(spec: mujoco.MjSpec, robot: Robot, lug: str, first: str) -> None:
-    spec.add_equality(
-        name=f"chain_{lug}",
-        type=mujoco.mjtEq.mjEQ_JOINT,
-        objtype=mujoco.mjtObj.mjOBJ_JOINT,
-        name1=lug,
-        name2=first,
-        data=[0, 1, *[0] * 10],
-        solref=[sized(robot, CHAIN_TIME, "s"), 1.0],
-        solimp=impedance(0.9, 0.95, sized(robot, TIE_DEPTH, "m")),
-    )
+            tie_joints(spec, robot, f"chain_{name}", name, f"lug_{number}_0")
 
 
 def _add_roll_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
@@ -134,4 +119,4 @@ def _add_belt_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
         ctrllimited=True,
         ctrlrange=[-speed, speed],
     )
-    motor.set_to_velocity(kv=SERVO_STIFFNESS * belt_inertia(robot) / robot.motor.servo_time)
+    motor.set_to_velocity(kv=belt_inertia(robot) * sized(robot, SERVO_BANDWIDTH, "rad/s"))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.drive import DRIVES, Drive
 from omnitrack_sim.record.trajectory import Trajectory
 
 STALL_SPEED = 0.005
@@ -29,12 +30,16 @@ class Run:
         no_load_slip: m/s, what slip reads in a straight pipe without load.
         lug_radius: m, belt speed over shaft speed.
         torque_limit: N m, of a crawler motor.
+        drive: the motors, and the gears between them and the belts.
+        efficiency: of the gears.
     """
 
     trajectory: Trajectory
     no_load_slip: float
     lug_radius: float
     torque_limit: float
+    drive: Drive = DRIVES["three_motors"]
+    efficiency: float = 1.0
 
     @property
     def duration(self) -> float:
@@ -63,9 +68,14 @@ class Run:
 
     @property
     def power(self) -> NDArray[np.float64]:
-        """Mechanical power of each motor (T, 3), W."""
-        torque, speed = self.trajectory["motor_torque"], self.trajectory["belt_speed"]
+        """Mechanical power of each motor's shaft (T, m), W."""
+        torque = self.drive.motor_forces(np.asarray(self.trajectory["motor_torque"], float))
+        speed = self.drive.motor_values(np.asarray(self.trajectory["belt_speed"], float))
         return torque * speed / self.lug_radius
+
+    def rms(self, values: NDArray) -> list[float]:
+        """Root mean square over time of samples (T, modules)."""
+        return np.sqrt(self.mean(values**2)).tolist()
 
 
 @dataclass(frozen=True)
@@ -142,8 +152,8 @@ METRICS: tuple[Metric, ...] = (
     Metric(
         "energy_j",
         "J",
-        "mechanical, of all crawler motors, braking not recovered",
-        lambda r: float(r.integral(np.maximum(r.power, 0.0)).sum()),
+        "mechanical, of the rotors of all crawler motors, braking not recovered",
+        lambda r: float(r.integral(np.maximum(r.power, 0.0)).sum()) / r.efficiency,
     ),
     Metric(
         "no_load_slip_m_s",
@@ -170,7 +180,7 @@ METRICS: tuple[Metric, ...] = (
         "traction_rms_n",
         "N",
         "root mean square of the traction",
-        lambda r: np.sqrt(r.mean(r.trajectory["traction"] ** 2)).tolist(),
+        lambda r: r.rms(r.trajectory["traction"]),
         per_module=True,
     ),
     Metric(
@@ -212,7 +222,7 @@ METRICS: tuple[Metric, ...] = (
         "torque_rms_nm",
         "N m",
         "root mean square of the torque of the crawler motor",
-        lambda r: np.sqrt(r.mean(r.trajectory["motor_torque"] ** 2)).tolist(),
+        lambda r: r.rms(r.trajectory["motor_torque"]),
         per_module=True,
     ),
     Metric(
@@ -249,6 +259,8 @@ def summarise(
     no_load_slip: float,
     lug_radius: float,
     torque_limit: float,
+    drive: Drive = DRIVES["three_motors"],
+    efficiency: float = 1.0,
     metrics: Iterable[Metric] = METRICS,
 ) -> Metrics:
     """The figures of a run by the names of ``metrics``; arguments as in ``Run``.
@@ -258,7 +270,7 @@ def summarise(
     Raises:
         ValueError: a metric gives a list and does not say ``per_module``, or the other way round.
     """
-    run = Run(trajectory, no_load_slip, lug_radius, torque_limit)
+    run = Run(trajectory, no_load_slip, lug_radius, torque_limit, drive, efficiency)
     return {metric.name: _figure(metric, run) for metric in metrics}
 
 

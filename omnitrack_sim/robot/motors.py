@@ -52,13 +52,37 @@ class Motor(Figures):
             "N m", "assumed", "what the motor or its current limit gives at most", (1e-7, 1e7)
         ),
     ]
-    servo_time: Annotated[
+    efficiency: Annotated[
         float,
-        Quantity("s", "assumed", "time constant of the speed loop without load", (1e-5, 100.0)),
-    ] = 0.02
-    servo_integral_time: Annotated[
-        float, Quantity("s", "assumed", "integral time of the speed loop", (1e-4, 1e6))
+        Quantity(
+            "1",
+            "assumed",
+            "part of its power that the gears pass on, from rotor to shaft and from shaft to rotor",
+            (0.05, 1.0),
+        ),
+    ] = 1.0
+    speed_bandwidth: Annotated[
+        float,
+        Quantity(
+            "rad/s",
+            "derived",
+            "of the speed loop's proportional part, without load: its gain over the reflected "
+            "inertia; see docs/control.md",
+            (0.01, 1e5),
+        ),
+    ] = 50.0
+    speed_integral_time: Annotated[
+        float, Quantity("s", "derived", "integral time of the speed loop", (1e-4, 1e6))
     ] = 0.1
+    speed_droop: Annotated[
+        float,
+        Quantity(
+            "rad/N m s",
+            "assumed",
+            "speed that the loop gives way for each unit of torque, held",
+            (0.0, 1e6),
+        ),
+    ] = 0.0
     scale: Annotated[
         float | None,
         Quantity(

@@ -197,6 +197,29 @@ class Robot(Figures):
         float | None,
         Quantity("N m", "assumed", "limit on a crawler motor; none: the motor's own", (1e-4, 1e4)),
     ] = None
+    drive: Annotated[
+        str,
+        Quantity(
+            "",
+            "published",
+            "Section II.B: a motor a module; or another drive, see docs/differential.md",
+        ),
+    ] = "three_motors"
+    gear_friction: Annotated[
+        float,
+        Quantity(
+            "1",
+            "assumed",
+            "friction between the outputs of one motor, as a part of the force that each passes on",
+            (0.0, 1.0),
+        ),
+    ] = 0.0
+    brake_force: Annotated[
+        float,
+        Quantity(
+            "N", "assumed", "largest force of a brake on a module's belt; 0: no brakes", (0.0, 1e4)
+        ),
+    ] = 0.0
     roll_motor: Annotated[
         NamedMotor | None,
         Quantity(

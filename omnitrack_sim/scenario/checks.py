@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from omnitrack_sim.bounds import too_long
-from omnitrack_sim.errors import Fault, GeometryError, NetworkError
+from omnitrack_sim.drive import drive_of
+from omnitrack_sim.errors import Fault, GeometryError, InputError, NetworkError
 from omnitrack_sim.network.layout import End
 from omnitrack_sim.scenario.work import too_much_work
 from omnitrack_sim.schema.reading import (
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 def faults_of(scenario: Scenario) -> list[Fault]:
     """Every fault of a scenario whose tables are right, one by one."""
-    faults = [*_missing(scenario), *_impossible_pipes(scenario)]
+    faults = [*_missing(scenario), *_impossible_pipes(scenario), *_no_such_drive(scenario)]
     if not faults and scenario.pipes:
         lengths = (pipe.step(i).fitting.length_of_axes for i, pipe in enumerate(scenario.pipes))
         faults += too_long(sum(lengths), "pipes")
@@ -83,6 +84,15 @@ def _missing(scenario: Scenario) -> list[Fault]:
     if scenario.goal.distance is not None:
         faults.append(Fault("goal.distance", "is for pipes; a mission has goals"))
     return faults
+
+
+def _no_such_drive(scenario: Scenario) -> list[Fault]:
+    """A drive that there is not."""
+    try:
+        drive_of(scenario.robot.drive)
+    except InputError as error:
+        return list(error.faults)
+    return []
 
 
 def _impossible_pipes(scenario: Scenario) -> list[Fault]:

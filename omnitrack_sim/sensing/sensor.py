@@ -39,7 +39,7 @@ class Addresses:
         contact: (3, 2, 7) in ``sensordata``: found, force (3,), position (3,) of each track.
         touch: (3, 2) in ``sensordata``: sum of the normal forces of each track.
         velocity, spin: (3, 3) in ``sensordata``, of the modules, world frame.
-        belt_motors, roll_motors: (3,) actuators.
+        belt_motors: (m,) and roll_motors: (3,) actuators.
     """
 
     slide: NDArray[np.intp]

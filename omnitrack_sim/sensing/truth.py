@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from omnitrack_sim.drive import drive_of
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.rotations import Array, cross, dot, matrix_from_quaternion
 from omnitrack_sim.sensing.sensor import Sensor, State
@@ -46,7 +47,8 @@ def _wall_speed(state: State) -> Array:
 
 
 def _motor_torque(state: State) -> Array:
-    return state.actuator_force.take(state.at.belt_motors, axis=1) * state.robot.lug_radius
+    motors = state.actuator_force.take(state.at.belt_motors, axis=1)  # (n, m) N
+    return drive_of(state.robot.drive).belt_values(motors) * state.robot.lug_radius
 
 
 def _contact(state: State) -> Array:

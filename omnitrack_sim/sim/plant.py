@@ -11,6 +11,8 @@ import numpy as np
 from mujoco import batch
 from numpy.typing import NDArray
 
+from omnitrack_sim.drive import drive_of
+from omnitrack_sim.model.belt_motors import friction_tendons
 from omnitrack_sim.model.robot import LUG_CONAFFINITY, LUG_CONTYPE, lug_pitch
 from omnitrack_sim.record.channels import CHANNELS, TRACKS
 from omnitrack_sim.robot import Robot
@@ -113,6 +115,13 @@ class Plant:
             [[model.joint(f"belt_{t}_{i}").qposadr[0] for t in TRACKS] for i in NUMBERS]
         )  # (3, 2) in qpos
         self._at_wall = np.ones((self.n, 3, 2), bool)
+        self._drive = drive_of(self.robot.drive)
+        self._gears: list[tuple[int, int]] = []
+        if self.robot.gear_friction > 0:
+            self._gears = [(i, model.tendon(n).id) for i, n in friction_tendons(self._drive)]
+            self._gear_loss = b.expand("tendon_frictionloss")
+        if self.robot.brake_force > 0:
+            self._belt_loss = b.expand("dof_frictionloss")
         names = ("time", "qpos", "qvel", "sensordata", "actuator_force", "xpos", "xmat")
         self._arrays = {name: b.bind(name) for name in names}
         for name in ("xpos", "xmat"):
@@ -163,20 +172,23 @@ class Plant:
     def step(
         self,
         active: NDArray[np.bool_],
-        drive: tuple[Array, Array, Array],
+        motors: tuple[Array, Array, Array],
         roll: Array,
         substeps: int,
+        brake: Array | None = None,
     ) -> None:
         """Advance the ``active`` robots by ``substeps`` physics steps.
 
         Args:
             active: (n,) bool.
-            drive: belt speed set points (n, 3) m/s, least and largest belt force (n, 3) N, see
-                ``Drive.advance``.
+            motors: set points (n, m) m/s of the motors of the drive, least and largest force (n, m)
+                N, see ``SpeedLoop.advance``.
             roll: (n, 3) rad asked of the rotary motors.
             substeps: physics steps.
+            brake: (n, 3) part of the brakes' force, 0 to 1; none: they are off.
         """
-        set_point, lowest, highest = drive
+        set_point, lowest, highest = motors
+        self._rub(brake)
         self._ctrl[:, self._belt_motors], self._ctrl[:, self._roll_motors] = set_point, roll
         self._force_range[:, self._belt_motors, 0] = lowest
         self._force_range[:, self._belt_motors, 1] = highest
@@ -196,6 +208,18 @@ class Plant:
         if warnings.tobytes() != self._warnings.tobytes() or not math.isfinite(self.qpos.sum()):
             broken = ~np.isfinite(self.qpos).all(axis=-1)
             self.diverged = self.diverged | (warnings > self._warnings) | broken
+
+    def _rub(self, brake: Array | None) -> None:
+        """Set the friction of the gears and of the brakes for the next steps."""
+        if self._gears:
+            # What a motor passes on to each of its outputs, N.
+            forces = self._arrays["actuator_force"].take(self._at.belt_motors, axis=1)
+            passed = np.abs(self._drive.belt_values(forces))
+            for belt, tendon in self._gears:
+                self._gear_loss[:, tendon] = self.robot.gear_friction * passed[:, belt]
+        if self.robot.brake_force > 0:
+            force = 0.0 if brake is None else self.robot.brake_force * brake
+            self._belt_loss[:, self._at.belt_dofs[:, 0]] = force
 
     def _leave_out_far_tracks(self) -> None:
         """Switch off the contacts of tracks that face away from the wall: half of the collision
@@ -222,7 +246,7 @@ class Plant:
 
 def _slice(indices: NDArray[np.intp]) -> slice:
     """Equally spaced addresses as a slice, through which NumPy writes faster."""
-    step = int(indices[1] - indices[0])
+    step = int(indices[1] - indices[0]) if len(indices) > 1 else 1
     found = slice(int(indices[0]), int(indices[-1]) + 1, step)
     assert np.array_equal(np.arange(found.stop)[found], indices)
     return found
@@ -244,6 +268,7 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
     def of_tracks(kind: str) -> NDArray[np.intp]:
         return np.array([[model.sensor(f"{kind}_{t}_{i}").adr[0] for t in TRACKS] for i in NUMBERS])
 
+    actuators = [model.actuator(i) for i in range(model.nu)]
     return Addresses(
         slide=joints("slide"),
         pitch=joints("pitch"),
@@ -259,6 +284,6 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
         touch=of_tracks("touch"),
         velocity=sensors("velocity"),
         spin=sensors("spin"),
-        belt_motors=np.array([model.actuator(f"belt_{i}").id for i in NUMBERS]),
+        belt_motors=np.array([a.id for a in actuators if a.name.startswith("belt_")]),
         roll_motors=np.array([model.actuator(f"roll_{i}").id for i in NUMBERS]),
     )

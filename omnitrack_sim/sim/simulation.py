@@ -11,12 +11,12 @@ import numpy as np
 from omnitrack_sim.control import Command, Controller, ControlSetup, Observation, Settings
 from omnitrack_sim.control.gear import carried_out, heading, seen
 from omnitrack_sim.control.route_map import Place
+from omnitrack_sim.drive import SpeedLoop, drive_of
 from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.record.channels import CHANNELS, Channel
 from omnitrack_sim.record.events import Event, Note
 from omnitrack_sim.record.metrics import METRICS, Metric, summarise
 from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.robot.drive import Drive
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.model import METRIC_NAMES, refuse_taken
@@ -77,7 +77,7 @@ class Simulation:
         active: (n,) bool, robots whose run is not over.
         observation: what the robots measure now.
         endings: how each robot's run ended; None while it runs. end_time: (n,) s.
-        legs: what they drive. plant, drive, monitor, recorder: the parts of the loop.
+        legs: what they drive. plant, motors, monitor, recorder: the parts of the loop.
     """
 
     def __init__(
@@ -111,7 +111,8 @@ class Simulation:
             else make_plant(first, start, threads)
         )
         limits = [s.robot.crawler_motor.torque_limit for s in self.scenarios]
-        self.drive = Drive(first.robot.motor, limits, first.robot.lug_radius, self.n)
+        drive, motor = drive_of(first.robot.drive), first.robot.motor
+        self.motors = SpeedLoop(drive, motor, limits, first.robot.lug_radius, self.n)
         self._begin(settings, start)
         self.endings: list[Ending | None] = [None] * self.n
         self._events: list[list[Event]] = [self._noted(i, note) for i, note in enumerate(notes)]
@@ -162,7 +163,7 @@ class Simulation:
         self._measured = ["time", *(c.name for c in schema.values() if c.source == "plant")]
         self._belt_command, self._roll_command = np.zeros((self.n, 3)), start.roll.copy()
         self._phase, self._nobody = np.zeros(self.n, int), np.zeros(self.n, bool)
-        self._resting = self._nobody
+        self._resting, self._brake = self._nobody, None
         self._readings, self._place = readings, place
 
     def _noted(self, robot: int, note: str | None) -> list[Event]:
@@ -198,12 +199,14 @@ class Simulation:
         if not isinstance(command, Command):
             maker = type(self.controller).__name__
             raise TypeError(f"{maker}.step returned {command!r}, which is no ot.Command")
+        if command.brake is not None and not self.plant.robot.brake_force:
+            raise ValueError("command.brake is given to a robot whose robot.brake_force is 0")
         self._take(carried_out(_checked(command, self.n), self.legs.gear))
         readings = self._readings
-        drive = self.drive.advance(
+        motors = self.motors.advance(
             self._belt_command, readings["belt_speed"], readings["motor_torque"], self.period
         )
-        self.plant.step(self.active, drive, self._roll_command, self._substeps)
+        self.plant.step(self.active, motors, self._roll_command, self._substeps, self._brake)
         self._tick += 1
         self._readings = self.plant.read()
         self._place = self._locate(self._readings)
@@ -218,7 +221,7 @@ class Simulation:
 
     def _take(self, command: Command) -> None:
         """Keep what is asked of the robots that still run."""
-        speed, roll, phase, resting, _ = command
+        speed, roll, phase, resting, _, brake = command
         roll = self._roll_command if roll is None else roll
         phase = self._phase if phase is None else phase
         if np.count_nonzero(self.active) < self.n:
@@ -230,6 +233,7 @@ class Simulation:
         self._belt_command, self._roll_command = speed.copy(), roll.copy()
         self._phase = phase.copy()
         self._resting = self._nobody if resting is None else resting
+        self._brake = None if brake is None else np.minimum(np.maximum(brake, 0.0), 1.0)
         for event in command.events:
             if self.active[event.robot]:
                 self._events[event.robot].append(event)
@@ -244,7 +248,7 @@ class Simulation:
     def _settle(self) -> None:
         """Judge where the robots are now, send on who is due, record."""
         if self._tick % self._record_every == 0:
-            self.monitor.average(self._readings, self._belt_command, self.drive.saturated)
+            self.monitor.average(self._readings, self._belt_command, self.motors.saturated)
         verdicts = self.monitor.look(
             self._readings,
             self._place,
@@ -342,7 +346,9 @@ class Simulation:
                 trajectory,
                 no_load_slip=slips[i],
                 lug_radius=scenario.robot.lug_radius,
-                torque_limit=float(self.drive.torque_limit[i, 0]),
+                torque_limit=float(self.motors.torque_limit[i, 0]),
+                drive=self.motors.drive,
+                efficiency=scenario.robot.motor.efficiency,
                 metrics=(*METRICS, *scenario.own_metrics, *metrics),
             )
             results.append(
@@ -369,6 +375,7 @@ def _checked(command: Command, n: int) -> Command:
         ("roll", command.roll, modules),
         ("phase", command.phase, robots),
         ("resting", command.resting, robots),
+        ("brake", command.brake, modules),
     ):
         if value is None or (isinstance(value, np.ndarray) and value.shape == shape):
             continue
