@@ -63,3 +63,38 @@ def test_recommended_torque_carries_a_third_of_the_robot():
     """The recommended 0.245 N m at the belt is more than a third of a 1 kg robot's weight, as
     climbing needs."""
     assert MOTORS["pololu_1000_hpcb"].torque_limit / R > 9.81 / 3
+
+
+def test_a_droop_is_what_a_held_motor_settles_to():
+    """A belt that is held 0.02 m/s below its command is pushed with 0.02 over droop and lever²."""
+    motor = MOTORS["simulation"].model_copy(update={"speed_droop": 20.0})
+    loop = SpeedLoop(DRIVES["three_motors"], motor, [motor.torque_limit], R, 1)
+    inertia = motor.reflected_inertia / R**2
+    torque = 0.0
+    for _ in range(400):
+        set_point = loop.advance(*(v * np.ones((1, 3)) for v in (0.1, 0.08, torque)), 0.01)[0]
+        torque = R * inertia * motor.speed_bandwidth * (set_point[0, 0] - 0.08)
+    assert torque == pytest.approx(0.02 / R / 20.0, rel=1e-3)
+
+
+def test_losses_of_the_gears_help_to_brake():
+    """With an efficiency of 0.5 the same rotor torque holds four times the load that it lifts."""
+    motor = MOTORS["pololu_1000_hpcb"].model_copy(update={"efficiency": 0.5})
+    loop = SpeedLoop(DRIVES["three_motors"], motor, [motor.torque_limit], R, 1)
+    _, lowest, highest = _advance(loop, 0.02, 0.02)
+    assert np.allclose(highest, motor.torque_limit / R)
+    assert np.allclose(lowest, -4 * motor.torque_limit / R)
+
+
+def test_one_motor_for_three_belts_is_as_strong_as_three():
+    """The differential's motor is asked the mean of the speeds and gives three times the force; the
+    modules count as saturated together."""
+    motor = MOTORS["pololu_1000_hpcb"]
+    loop = SpeedLoop(DRIVES["differential"], motor, [motor.torque_limit], R, 2)
+    command = np.array([[0.1, 0.2, 0.0], [0.1, 0.1, 0.1]])
+    torque = np.array([[0.245] * 3, [0.1] * 3])
+    set_point, lowest, highest = loop.advance(command, np.zeros((2, 3)), torque, 0.01)
+    assert set_point.shape == (2, 1)
+    assert set_point[0, 0] == pytest.approx(0.1)
+    assert np.allclose([-lowest, highest], 3 * motor.torque_limit / R)
+    assert loop.saturated.tolist() == [[True] * 3, [False] * 3]

@@ -70,6 +70,7 @@ class JacobianController:
         self.aligner = Aligner(setup, "alignment")
         self.recovery = Recovery(setup, "recovery")
         self._legs = LegWatch(setup.routes)
+        self._steers = setup.drive.steers
         self._damping = {name: setup.each(f"damping.{name}") for name in DampingTable.model_fields}
         time = self._damping["rate_filter"] * setup.robot.time_scale
         self._smoothing = (setup.period / (time + setup.period))[:, None]
@@ -129,6 +130,9 @@ class JacobianController:
             self.routes.radius.take(place.passage),
             s.speed_limit,
         )
+        if not self._steers:
+            # What cannot be given is not asked: a cap on the speeds would change their mean.
+            wall_speed = np.repeat((direction * s.cruise_speed)[:, None], 3, axis=1)
         belt_speed = wall_speed * self.aligner.belt_sign(observation.roll)
         if np.count_nonzero(aligning):
             belt_speed = np.where(aligning[:, None], 0.0, belt_speed)

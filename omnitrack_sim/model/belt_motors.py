@@ -6,11 +6,15 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.drive import Drive, drive_of
-from omnitrack_sim.robot import Robot
+from omnitrack_sim.robot import MODULES, Robot
+from omnitrack_sim.robot.similarity import similar
 
 OUTPUT_INERTIA = 0.02
 """Inertia of a belt with its sprockets behind gears that it shares with others, as a part of the
 reflected inertia of a motor: 0.2 kg; numerical."""
+GEAR_TIME, GEAR_IMPEDANCE, FRICTION_IMPEDANCE = 0.004, (0.99, 0.99), (0.9995, 0.9995)
+"""Time constant, s, impedance of the tie between a shaft and its belts, and that of friction
+in gears and brakes; numerical."""
 
 
 def belt_inertia(robot: Robot) -> float:
@@ -31,33 +35,59 @@ def output_inertia(robot: Robot) -> float:
 
 
 def add_belt_motors(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Velocity servos ``belt_k`` of the robot's drive, m/s; their forces are in N at the
-    belts.
+    """Velocity servos ``belt_k`` of the robot's drive, m/s; their forces are in N at the belts.
 
-    A motor that drives one belt alone acts on its upper run. Others act on a tendon whose length
-    changes as the motor turns: its armature is the rotor's inertia. Where gears leave the belts
-    free to move against each other, tendons ``gear_i`` can hold them by friction, see
-    ``robot.gear_friction``.
+    A motor that drives one belt alone acts on its upper run. Others act on the slide joint
+    ``shaft_k`` of a body of its own, with the rotor's inertia, which is tied to the mean motion of
+    its belts. (A tendon with armature would not do: MuJoCo leaves out the inertia that such a
+    tendon puts between joints of different branches.) Where gears leave the belts free to move
+    against each other, tendons ``gear_i`` can hold them by friction, see ``robot.gear_friction``.
     """
     drive = drive_of(robot.drive)
+    if robot.brake_force > 0:
+        for i in range(1, MODULES + 1):
+            _hold_well(spec.joint(f"belt_upper_{i}"), robot)
     for number, row in enumerate(drive.matrix, start=1):
-        name = f"belt_{number}"
-        kind, target = mujoco.mjtTrn.mjTRN_JOINT, f"belt_upper_{number}"
-        if not drive.direct:
-            kind, target = mujoco.mjtTrn.mjTRN_TENDON, name
-            _add_gear(spec, name, row).armature = drive.size * belt_inertia(robot)
+        joint = f"belt_upper_{number}" if drive.direct else _add_shaft(spec, robot, number, row)
         limit = drive.size * belt_force(robot)
         motor = spec.add_actuator(
-            name=name,
-            trntype=kind,
-            target=target,
+            name=f"belt_{number}",
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            target=joint,
             forcelimited=True,
             forcerange=[-limit, limit],
         )
         motor.set_to_velocity(kv=drive.size * belt_inertia(robot) * robot.motor.speed_bandwidth)
     if robot.gear_friction > 0:
         for belt, name in friction_tendons(drive):
-            _add_gear(spec, name, drive.relative[belt])
+            _hold_well(_add_tendon(spec, name, drive.relative[belt]), robot)
+
+
+def _hold_well(rubbing: mujoco.MjsJoint | mujoco.MjsTendon, robot: Robot) -> None:
+    """Friction that lets what stands still creep by under 1 mm/s."""
+    rubbing.solref_friction = [similar(GEAR_TIME, "s", robot.scale), 1.0]
+    rubbing.solimp_friction = [*FRICTION_IMPEDANCE, 1.0, 0.5, 2.0]
+
+
+def _add_shaft(spec: mujoco.MjSpec, robot: Robot, number: int, row: np.ndarray) -> str:
+    """A motor's shaft, geared to belts with coefficients (3,); the name of its joint."""
+    joint, inertia = f"shaft_{number}", drive_of(robot.drive).size * belt_inertia(robot)
+    body = spec.worldbody.add_body(name=joint, mass=inertia, inertia=[inertia] * 3)
+    body.explicitinertial, body.gravcomp = True, 1.0
+    body.add_joint(name=joint, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
+    _add_tendon(spec, f"belts_{number}", row)
+    spec.add_tendon(name=joint).wrap_joint(joint, 1.0)
+    spec.add_equality(
+        name=f"gears_{number}",
+        type=mujoco.mjtEq.mjEQ_TENDON,
+        objtype=mujoco.mjtObj.mjOBJ_TENDON,
+        name1=f"belts_{number}",
+        name2=joint,
+        data=[0, 1, *[0] * 10],
+        solref=[similar(GEAR_TIME, "s", robot.scale), 1.0],
+        solimp=[*GEAR_IMPEDANCE, 1.0, 0.5, 2.0],
+    )
+    return joint
 
 
 def friction_tendons(drive: Drive) -> list[tuple[int, str]]:
@@ -65,7 +95,7 @@ def friction_tendons(drive: Drive) -> list[tuple[int, str]]:
     return [(i, f"gear_{i + 1}") for i, row in enumerate(drive.relative) if row.any()]
 
 
-def _add_gear(spec: mujoco.MjSpec, name: str, row: np.ndarray) -> mujoco.MjsTendon:
+def _add_tendon(spec: mujoco.MjSpec, name: str, row: np.ndarray) -> mujoco.MjsTendon:
     """A tendon as long as the belts have moved, each times its coefficient in ``row`` (3,)."""
     tendon = spec.add_tendon(name=name)
     for belt, coefficient in enumerate(row, start=1):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.control import Settings
 from omnitrack_sim.control.route_map import RouteMap
+from omnitrack_sim.drive import drive_of
 from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.model.robot import spring_free_length
 from omnitrack_sim.model.scene import build_scene, let_walls_sleep
@@ -113,7 +114,8 @@ def scene_of(scenario: Scenario, *, looks: bool = False) -> mujoco.MjSpec:
         exact=collider_of(scenario) == "exact" and not looks,
         looks=looks,
     )
-    if len(spec.geoms) >= SLEEP_FROM:
+    # MuJoCo does not let a model sleep in which tendons are tied, as those of shared motors are.
+    if len(spec.geoms) >= SLEEP_FROM and drive_of(scenario.robot.drive).direct:
         let_walls_sleep(spec)
     return spec
 

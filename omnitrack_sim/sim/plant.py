@@ -117,6 +117,9 @@ class Plant:
         self._at_wall = np.ones((self.n, 3, 2), bool)
         self._drive = drive_of(self.robot.drive)
         self._gears: list[tuple[int, int]] = []
+        if not self._drive.direct:
+            shafts = [f"shaft_{k + 1}" for k in range(self._drive.motors)]
+            self._shafts = [model.joint(name).qposadr[0] for name in shafts]
         if self.robot.gear_friction > 0:
             self._gears = [(i, model.tendon(n).id) for i, n in friction_tendons(self._drive)]
             self._gear_loss = b.expand("tendon_frictionloss")
@@ -197,7 +200,10 @@ class Plant:
         travel = self.qpos.take(self._belts, axis=1)
         pitches = np.rint(travel / self._pitch_of_lugs) * active[:, None, None]
         if np.count_nonzero(pitches):
-            self.qpos[:, self._belts] = travel - self._pitch_of_lugs * pitches
+            back = self._pitch_of_lugs * pitches
+            self.qpos[:, self._belts] = travel - back
+            if not self._drive.direct:
+                self.qpos[:, self._shafts] -= self._drive.motor_values(back[..., 0])
         self._leave_out_far_tracks()
         try:
             self._batch.step(active, nstep=substeps)
