@@ -59,7 +59,8 @@ class SpeedLoop:
         lowest, highest = self._torque_range(speed / self.lug_radius)
         saturated = (given <= 0.999 * lowest) | (given >= 0.999 * highest)
         # The integral grows only where the motor can follow (no wind-up in a stall).
-        droop = self.motor.speed_droop * self.lug_radius * given
+        excess = given - _mean(given)
+        droop = self.motor.speed_droop * self.lug_radius * excess
         error = wanted - droop - speed
         self._correction = np.where(
             saturated,
@@ -92,6 +93,14 @@ class SpeedLoop:
             np.where(speed > 0, lowest * braking, lowest),
             np.where(speed < 0, highest * braking, highest),
         )
+
+
+def _mean(torque: Array) -> Array:
+    """Mean (n, 1) over the motors, in one order of sums."""
+    total = torque[:, :1]
+    for i in range(1, torque.shape[1]):
+        total = total + torque[:, i : i + 1]
+    return total / torque.shape[1]
 
 
 def _within(torque: Array, limit: Array) -> Array:
