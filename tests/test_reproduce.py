@@ -12,7 +12,7 @@ from omnitrack_sim import Outcome, override
 from omnitrack_sim.errors import OutputError
 from omnitrack_sim.plots import singularity_figure
 from omnitrack_sim.plots.style import PictureWarning
-from omnitrack_sim.reproduce import Claim, command, driving, theory, turning
+from omnitrack_sim.reproduce import Claim, command, driving, readings, tees, theory
 from omnitrack_sim.reproduce.command import _at, _by_friction
 from omnitrack_sim.reproduce.report import Picture, Strip, page
 from omnitrack_sim.reproduce.runs import (
@@ -79,7 +79,7 @@ def test_claims_of_driving_hold(runs):
         driving.no_motion_line,
         driving.sign_change,
     )
-    for measure in (*measures, theory.unequal_arms, turning.compression):
+    for measure in (*measures, theory.unequal_arms, tees.compression):
         claim = measure(runs)
         assert claim.holds, claim
         assert claim.how
@@ -109,7 +109,7 @@ def test_least_preload_is_the_friction_law():
 
 def test_rate_counts_and_gives_its_interval(runs):
     """One of one."""
-    passed, total, text = turning.rate(runs["vertical_climb"])
+    passed, total, text = readings.rate(runs["vertical_climb"])
     assert (passed, total) == (1, 1)
     assert "1 of 1 (100.0 %, 95 % interval 20.7 to 100.0)" in text
     assert runs["vertical_climb"][0].outcome is Outcome.REACHED_GOAL

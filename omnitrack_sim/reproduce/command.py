@@ -20,7 +20,7 @@ from omnitrack_sim.plots.manoeuvres import (
 )
 from omnitrack_sim.plots.singularity import singularity_figure
 from omnitrack_sim.plots.style import attempt, save_figure
-from omnitrack_sim.reproduce import driving, theory, turning
+from omnitrack_sim.reproduce import driving, elbows, tees, theory
 from omnitrack_sim.reproduce.claim import Claim
 from omnitrack_sim.reproduce.report import Picture, Strip, page
 from omnitrack_sim.reproduce.runs import SEED, Runs, run_all, scenarios
@@ -46,21 +46,21 @@ MEASURES: tuple[Callable[[Runs], Claim | list[Claim]], ...] = (
     driving.no_motion_line,
     driving.preload,
     driving.motors,
-    turning.eq20,
-    turning.straight_exit,
-    turning.short_elbow,
-    turning.preferred,
-    turning.compression,
-    turning.as_written,
-    turning.inner_slip,
-    turning.unaligned,
-    turning.towards_worst,
-    turning.falls_into_place,
-    turning.aligned,
-    turning.slippery,
-    turning.few_lugs,
-    turning.climb_then_turn,
-    turning.straight_over,
+    elbows.eq20,
+    elbows.straight_exit,
+    elbows.short_elbow,
+    elbows.preferred,
+    tees.compression,
+    tees.as_written,
+    tees.inner_slip,
+    tees.unaligned,
+    tees.towards_worst,
+    tees.falls_into_place,
+    tees.aligned,
+    tees.slippery,
+    tees.few_lugs,
+    tees.climb_then_turn,
+    tees.straight_over,
 )
 """What is measured, in the order of the page."""
 STRIPS = {

@@ -1,145 +1,23 @@
-"""Claims about elbows and T-junctions."""
+"""Claims about T-junctions."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 
 from omnitrack_sim.plots.manoeuvres import inner_module
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.reproduce.claim import Claim
+from omnitrack_sim.reproduce.readings import largest, rate
 from omnitrack_sim.reproduce.runs import GRAVITIES, Runs
 from omnitrack_sim.robot import MODULE_ANGLES
 from omnitrack_sim.sim.result import Result
 from omnitrack_sim.theory.singularity import TurnCase, is_singular
 
-STRAIGHT = 10.0
-"""Tilt below which a robot counts as straight at the end of a run, degrees."""
-
-
-def rate(results: Sequence[Result]) -> tuple[int, int, str]:
-    """Passed, total, and both as text with the Wilson 95 % interval."""
-    passed, total = sum(r.success for r in results), len(results)
-    low, high = wilson_interval(passed, total)
-    return (
-        passed,
-        total,
-        (
-            f"{passed} of {total} ({100 * passed / total:.1f} %, 95 % interval {100 * low:.1f} to "
-            f"{100 * high:.1f})"
-        ),
-    )
-
-
-def _slip(result: Result) -> float:
-    """Slip distance, m, summed over the modules."""
-    return float(np.sum(np.asarray(result.metrics["slip_distance_m"])))
-
-
-def _number(result: Result, name: str) -> float:
-    return float(np.max(result.metrics[name]))  # type: ignore[arg-type]
-
-
-def eq20(runs: Runs) -> Claim:
-    """Eq. 20 against equal speeds in the 1.5 D elbow."""
-    names = {
-        "paper": "Eq. 20 open loop",
-        "paper_late": "the same begun with the robot's centre at the bend",
-        "equal": "equal speeds",
-        "jacobian": "feedback",
-    }
-    results = {kind: runs[f"elbow_240_{kind}"] for kind in names}
-    total = len(results["paper"])
-    straight = {
-        k: sum(r.success and _number(r, "tilt_exit_deg") < STRAIGHT for r in rs)
-        for k, rs in results.items()
-    }
-    slip = {k: float(np.median([_slip(r) for r in rs])) for k, rs in results.items()}
-    text = "; ".join(
-        f"{name}: {sum(r.success for r in results[k])} of {total} reach the goal, {straight[k]} of "
-        f"them straight, slip {1e3 * slip[k]:.0f} mm"
-        for k, name in names.items()
-    )
-    return Claim(
-        id="eq20_against_equal_speeds",
-        source="Section V, Eq. 20",
-        paper="speeds in the ratio of the module radii take the robot through an elbow",
-        statement="Eq. 20, open loop, takes the robot through the 1.5 D elbow from every "
-        "orientation, tilted by under "
-        f"{STRAIGHT:.0f} degrees at the end, with less slip than equal speeds",
-        measured=text,
-        uncertainty=f"{total} orientations, median slip of all modules",
-        holds=straight["paper"] == total and slip["paper"] < slip["equal"],
-        how="elbow, controllers paper, equal and jacobian",
-        note="The turn begins with the head at the bend, 73 mm or 17 degrees before the centre, so "
-        "the heading runs ahead. Nothing corrects it, and beyond about 12 degrees a robot with a "
-        "90 mm contact line does not right itself in a straight pipe but turns over. Begun 73 mm "
-        "later the same speeds go through.",
-    )
-
-
-def straight_exit(runs: Runs) -> Claim:
-    """Elbows are left straight."""
-    results = [*runs["elbow_240_jacobian"], *runs["elbow_90_jacobian"]]
-    worst = max(_number(r, "tilt_exit_deg") for r in results)
-    written = [r for k in ("240", "90") for r in runs[f"elbow_{k}_paper"]]
-    return Claim(
-        id="elbow_straight_exit",
-        source="Section V, Fig. 10(c)",
-        paper="straight drive after the elbow",
-        statement="all orientations leave both elbows with a tilt under 3 degrees",
-        measured=f"largest {worst:.2f} degrees; as written "
-        f"{max(_number(r, 'tilt_exit_deg') for r in written):.0f} degrees",
-        uncertainty=f"{len(results)} elbows",
-        holds=worst < 3 and all(r.success for r in results),
-        how="elbow and elbow_short, default controller; beside it controller paper",
-    )
-
-
-def short_elbow(runs: Runs) -> Claim:
-    """The 90 mm elbow."""
-    passed, total, text = rate(runs["elbow_90_jacobian"])
-    _, _, written = rate(runs["elbow_90_paper"])
-    return Claim(
-        id="elbow_90_mm",
-        source="Section VI",
-        paper="tested in elbows of 90 mm radius of curvature",
-        statement="passes the 90 mm elbow from every orientation",
-        measured=f"{text}; as written {written}",
-        uncertainty="orientations over 120 degrees, gravity along the first pipe",
-        holds=passed == total,
-        how="elbow_short, default controller; beside it controller paper",
-    )
-
-
-def preferred(runs: Runs) -> Claim:
-    """One module on the innermost curve is smoother than two."""
-    by_angle = {round(r.scenario.start.theta5_deg): r for r in runs["elbow_90_paper"]}
-    best, worst = by_angle[0], by_angle[-60]
-    return Claim(
-        id="preferred_orientation",
-        source="Section VI, Fig. 15",
-        paper="smoother when one module takes the smallest radius; slips and stalls get worse "
-        "when two do",
-        statement="as written, 90 mm elbow: less slip and less tilt at theta5 = 0 than at 60 "
-        "degrees",
-        measured=f"slip {1e3 * _slip(best):.0f} against {1e3 * _slip(worst):.0f} mm, largest tilt "
-        f"{_number(best, 'tilt_max_deg'):.1f} against {_number(worst, 'tilt_max_deg'):.1f} degrees",
-        uncertainty="one run each",
-        holds=_slip(best) < _slip(worst)
-        and _number(best, "tilt_max_deg") < _number(worst, "tilt_max_deg"),
-        how="elbow_short with controller paper, theta5 0 and 60 degrees",
-        note="Tilt is smaller at the preferred orientation, slip is not. Open loop, 10 to 20 "
-        "degrees beside the preferred orientation is worse than two modules on the shorter way "
-        "(figure elbow_90).",
-    )
-
 
 def compression(runs: Runs) -> Claim:
     """Front and rear springs differ in turns."""
-    turn = max(_number(r, "pitch_max_deg") for r in runs["tee_turn_misaligned"])
-    straight = max(_number(r, "pitch_max_deg") for r in runs["vertical_climb"])
+    turn = max(largest(r, "pitch_max_deg") for r in runs["tee_turn_misaligned"])
+    straight = max(largest(r, "pitch_max_deg") for r in runs["vertical_climb"])
     spacing = runs["vertical_climb"][0].scenario.robot.shaft_spacing
     return Claim(
         id="asymmetrical_compression",
@@ -318,9 +196,9 @@ def climb_then_turn(runs: Runs) -> Claim:
         paper="orients, climbs vertically, takes a right turn",
         statement="reaches the goal, tilt at the end under 3 degrees",
         measured=f"{result.outcome.value} after {result.duration_s:.1f} s, "
-        f"tilt {_number(result, 'tilt_exit_deg'):.2f} degrees",
+        f"tilt {largest(result, 'tilt_exit_deg'):.2f} degrees",
         uncertainty="one run",
-        holds=result.success and _number(result, "tilt_exit_deg") < 3,
+        holds=result.success and largest(result, "tilt_exit_deg") < 3,
         how="paper/orient_climb_turn",
     )
 
