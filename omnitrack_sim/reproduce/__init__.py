@@ -6,7 +6,7 @@ A statement is a number, a figure or an observation of the paper.
 with what ``readings`` has in common for them; ``report`` makes the page.
 """
 
-from omnitrack_sim.reproduce.claim import Claim
+from omnitrack_sim.reproduce.claim import Claim, Verdict
 from omnitrack_sim.reproduce.command import reproduce
 
-__all__ = ["Claim", "reproduce"]
+__all__ = ["Claim", "Verdict", "reproduce"]

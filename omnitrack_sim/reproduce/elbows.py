@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnitrack_sim.reproduce.claim import Claim
+from omnitrack_sim.reproduce.claim import Claim, Sample, Verdict, judged
 from omnitrack_sim.reproduce.readings import largest, rate, slip_of
 from omnitrack_sim.reproduce.runs import Runs
 
@@ -41,12 +41,15 @@ def eq20(runs: Runs) -> Claim:
         f"{STRAIGHT:.0f} degrees at the end, with less slip than equal speeds",
         measured=text,
         uncertainty=f"{total} orientations, median slip of all modules",
-        holds=straight["paper"] == total and slip["paper"] < slip["equal"],
+        verdict=judged(straight["paper"] == total and slip["paper"] < slip["equal"]),
+        expected=Verdict.FAILS,
         how="elbow, controllers paper, equal and jacobian",
-        note="The turn begins with the head at the bend, 73 mm or 17 degrees before the centre, so "
+        why="The turn begins with the head at the bend, 73 mm or 17 degrees before the centre, so "
         "the heading runs ahead. Nothing corrects it, and beyond about 12 degrees a robot with a "
         "90 mm contact line does not right itself in a straight pipe but turns over. Begun 73 mm "
         "later the same speeds go through.",
+        figures=("elbow_240",),
+        sample=Sample.AVERAGE,
     )
 
 
@@ -63,8 +66,11 @@ def straight_exit(runs: Runs) -> Claim:
         measured=f"largest {worst:.2f} degrees; as written "
         f"{max(largest(r, 'tilt_exit_deg') for r in written):.0f} degrees",
         uncertainty=f"{len(results)} elbows",
-        holds=worst < 3 and all(r.success for r in results),
+        verdict=judged(worst < 3 and all(r.success for r in results)),
+        expected=Verdict.HOLDS,
         how="elbow and elbow_short, default controller; beside it controller paper",
+        figures=("elbow_240", "elbow_90"),
+        sample=Sample.EVERY,
     )
 
 
@@ -79,8 +85,11 @@ def short_elbow(runs: Runs) -> Claim:
         statement="passes the 90 mm elbow from every orientation",
         measured=f"{text}; as written {written}",
         uncertainty="orientations over 120 degrees, gravity along the first pipe",
-        holds=passed == total,
+        verdict=judged(passed == total),
+        expected=Verdict.HOLDS,
         how="elbow_short, default controller; beside it controller paper",
+        figures=("elbow_90",),
+        sample=Sample.EVERY,
     )
 
 
@@ -100,9 +109,12 @@ def preferred(runs: Runs) -> Claim:
         measured=f"slip {slips[0]:.0f} against {slips[1]:.0f} mm, largest tilt {tilts[0]:.1f} "
         f"against {tilts[1]:.1f} degrees",
         uncertainty="one run each",
-        holds=slips[0] < slips[1] and tilts[0] < tilts[1],
+        verdict=judged(slips[0] < slips[1] and tilts[0] < tilts[1]),
+        expected=Verdict.FAILS,
         how="elbow_short with controller paper, theta5 0 and 60 degrees",
-        note="Tilt is smaller at the preferred orientation, slip is not. Open loop, 10 to 20 "
-        "degrees beside the preferred orientation is worse than two modules on the shorter way "
-        "(figure elbow_90).",
+        why="Tilt is smaller at the preferred orientation, slip is not. It is the modules on the "
+        "longer way that slip, and at the preferred orientation there are two of them.",
+        note="Open loop, 10 to 20 degrees beside the preferred orientation is worse than two "
+        "modules on the shorter way (figure elbow_90).",
+        figures=("fig10_speeds", "elbow_90"),
     )
