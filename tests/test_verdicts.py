@@ -56,8 +56,7 @@ def test_what_does_not_hold_has_a_reason():
     assert sample_claim(FAILS).reason == "it slips"
     assert sample_claim(CONTRADICTION).reason == "it slips"
     assert sample_claim(HOLDS, FAILS).reason == sample_claim(STUDY).reason == ""
-    told = "Not known. a_b: expected holds, came out does not come out."
-    assert sample_claim(FAILS, HOLDS).reason == told
+    assert sample_claim(FAILS, HOLDS).reason == "Not known; expected was: holds."
     for verdict in (CONTRADICTION, FAILS):
         with pytest.raises(ValueError, match="gives no reason"):
             sample_claim(verdict, why="")
@@ -115,7 +114,9 @@ def test_the_exit_status_is_0_as_expected_and_1_where_a_verdict_changed(options,
 def test_the_report_shows_verdicts_reasons_and_counts(monkeypatch):
     """Of all four kinds."""
     claims = [sample_claim(verdict, id=verdict.name.lower()) for verdict in Verdict]
-    _, text, _ = _printed([*claims, sample_claim(HOLDS)], monkeypatch)
+    long = sample_claim(HOLDS, id="a_claim_with_a_long_name", measured="1.0 mm " * 60)
+    _, text, _ = _printed([*claims, long], monkeypatch)
+    assert "a_claim_with_a_long_name" in text
     text = " ".join(text.split())
     assert "fails: does not come out. it slips" in text
     assert "contradiction: the paper contradicts itself. it slips" in text
@@ -131,7 +132,7 @@ def test_claims_go_to_json(monkeypatch):
     (row,) = json.loads(text)
     assert (row["verdict"], row["expected"]) == ("does not come out", "holds")
     assert (row["decided"], row["changed"]) == (False, False)
-    assert row["reason"] == f"Not known. {claim.difference}."
+    assert row["reason"] == claim.reason == "Not known; expected was: holds."
     assert row["figures"] == ["elbow_90"]
     assert {"id", "source", "paper", "statement", "measured", "uncertainty", "how", "note"} < set(
         row

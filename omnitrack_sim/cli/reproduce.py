@@ -56,6 +56,7 @@ def _print_claims(claims: Sequence[Claim], folder: Path) -> None:
     from omnitrack_sim.reproduce.claim import tally
 
     table = Table("verdict", "claim", "measured", box=None, padding=(0, 2))
+    table.columns[1].no_wrap = True
     for claim in claims:
         table.add_row(_verdict(claim), claim.id, plain(claim.measured))
     out.print(table)

@@ -144,7 +144,8 @@ class Claim:
         """Why the claim does not hold; empty where it does, and of a study."""
         if self.verdict in (Verdict.HOLDS, Verdict.STUDY):
             return ""
-        return self.why if self.verdict is self.expected else f"Not known. {self.difference}."
+        known = self.verdict is self.expected
+        return self.why if known else f"Not known; expected was: {self.expected}."
 
     def row(self) -> dict[str, Any]:
         """The claim as a table of claims.json."""
