@@ -51,7 +51,7 @@ SUBJECTS = {
         _loads_claims,
         draws=True,
         remembers=True,
-        statuses=(0, 1),  # 1 where a claim does not hold
+        statuses=(0, 1),  # 1 where a verdict has changed
     ),
 }
 SHARES = {"run": 14, "film": 8, "render": 10, "reproduce": 8, "sweep": 20}

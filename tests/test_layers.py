@@ -6,6 +6,8 @@ import sys
 import venv
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -43,64 +45,53 @@ def test_every_public_name_is_there():
         assert getattr(omnitrack_sim, name) is not None
 
 
-def test_the_wheel_works_alone(tmp_path):
-    """The built wheel, installed elsewhere, runs a scenario by name, and says that the published
-    models are not with it."""
-    build = [
-        sys.executable,
-        "-m",
-        "build",
-        "--wheel",
-        "--no-isolation",
-        "--outdir",
-        str(tmp_path / "dist"),
-        str(ROOT),
-    ]
-    subprocess.run(build, check=True, capture_output=True, text=True)
-    venv.create(tmp_path / "env", with_pip=False)
-    python = tmp_path / "env" / "bin" / "python"
-    (wheel,) = (tmp_path / "dist").glob("*.whl")
-    target = next((tmp_path / "env" / "lib").glob("python*")) / "site-packages"
-    install = [
-        sys.executable,
-        "-m",
-        "pip",
-        "install",
-        "-q",
-        "--no-deps",
-        "--no-index",
-        "--target",
-        str(target),
-        str(wheel),
-    ]
-    subprocess.run(install, check=True, capture_output=True, text=True)
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """Python, the folder of the built and installed wheel, and an environment that finds it."""
+    place = tmp_path_factory.mktemp("wheel")
+    build = ["build", "--wheel", "--no-isolation", "--outdir", place / "dist", ROOT]
+    _succeeds(sys.executable, "-m", *build)
+    venv.create(place / "env", with_pip=False)
+    target = next((place / "env" / "lib").glob("python*")) / "site-packages"
+    (built,) = (place / "dist").glob("*.whl")
+    install = ["pip", "install", "-q", "--no-deps", "--no-index", "--target", target, built]
+    _succeeds(sys.executable, "-m", *install)
     # The dependencies come from the environment of the tests, behind the wheel and without the
     # checkout.
     dependencies = [p for p in sys.path if p.endswith("site-packages")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(target), *dependencies])}
-    command = [
-        python,
-        "-m",
-        "omnitrack_sim.cli",
-        "run",
-        "tee_turn",
-        "--no-video",
-        "--set",
-        "physics.time_limit=0.1",
-    ]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    return place / "env" / "bin" / "python", target, environment
+
+
+def _succeeds(*command):
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def _with(wheel, folder, *arguments):
+    """What Python ends with in a folder, where it finds the wheel and not the checkout."""
+    python, _, environment = wheel
+    command = [python, *arguments]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+def test_the_wheel_is_what_runs(wheel, tmp_path):
+    """What the other tests of the wheel run is the installed package, not the checkout."""
+    done = _with(wheel, tmp_path, "-c", "import omnitrack_sim; print(omnitrack_sim.__file__)")
+    assert done.returncode == 0, done.stderr
+    assert str(wheel[1]) in done.stdout
+
+
+def test_the_wheel_runs_a_scenario_by_name(wheel, tmp_path):
+    """The scenarios are with it."""
+    short = ("--no-video", "--set", "physics.time_limit=0.1")
+    done = _with(wheel, tmp_path, "-m", "omnitrack_sim.cli", "run", "tee_turn", *short)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out" / "tee_turn" / "result.json").is_file()
-    check = [*command[:3], "models", "--check"]
-    done = subprocess.run(check, cwd=tmp_path, env=environment, capture_output=True, text=True)
+
+
+def test_the_wheel_says_that_the_models_are_not_with_it(wheel, tmp_path):
+    """The published models live in a checkout."""
+    done = _with(wheel, tmp_path, "-m", "omnitrack_sim.cli", "models", "--check")
     assert done.returncode == 2
     assert "checkout of the project" in " ".join(done.stderr.split())
-    where = subprocess.run(
-        [python, "-c", "import omnitrack_sim; print(omnitrack_sim.__file__)"],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert str(target) in where.stdout

@@ -71,10 +71,20 @@ def test_the_course_of_one_objective_only_gets_better(goal, sign):
     assert course[-1] == (sign * tried.values[kept]).min()
 
 
-def test_a_study_without_any_value_has_a_figure():
-    """Where no candidate has a value nothing is drawn, and nothing breaks."""
-    values = np.full((5, 2), np.inf)
-    tried = Tried(values, np.zeros(5, bool), [], 0, np.empty((0, 2)))
-    save_figure(study_figure(_scales(2), tried), io.BytesIO(), "png")
-    one = Tried(values[:, :1], np.zeros(5, bool), [], 0, np.empty((0, 1)))
-    save_figure(study_figure(_scales(1), one), io.BytesIO(), "png")
+@pytest.mark.parametrize("objectives", [1, 2])
+def test_a_study_without_any_value_has_a_figure(objectives):
+    """Where no candidate has a value no point is drawn, neither start nor best is marked, and the
+    panel still says what it is of."""
+    values = np.full((5, objectives), np.inf)
+    tried = Tried(values, np.zeros(5, bool), [], 0, np.empty((0, objectives)))
+    figure = study_figure(_scales(objectives), tried)
+    (axis,) = figure.axes
+    lines = {str(line.get_label()): line for line in axis.get_lines()}
+    drawn = {name: line for name, line in lines.items() if not name.startswith("_")}  # no limits
+    assert "candidates" in drawn
+    assert not {"start", "best"} & drawn.keys()
+    assert not any(np.isfinite(line.get_xydata()).all(axis=1).any() for line in drawn.values())
+    assert axis.get_ylabel() == _scales(objectives)[-1].label
+    picture = io.BytesIO()
+    save_figure(figure, picture, "png")
+    assert picture.getvalue().startswith(b"\x89PNG")

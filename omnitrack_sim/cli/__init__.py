@@ -1,4 +1,5 @@
-"""The command line. Exit status: 0 it ran, whatever the robot did; 2 bad input or output."""
+"""The command line. Exit status: 0 it ran, whatever the robot did; 2 bad input or output; 1 where
+a check differs: `models --check`, or a verdict of `reproduce`."""
 
 from __future__ import annotations
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.table import Table
 
-from omnitrack_sim.cli.common import app, load, out, plain
+from omnitrack_sim.cli.common import app, load, out, plain, print_json
 from omnitrack_sim.errors import Fault, ScenarioError
 
 
@@ -40,7 +39,7 @@ def scenarios(
         rows = dict(told.pop("scenario"))
         for folder, kind in (("sweeps", "sweep"), ("studies", "study"), ("networks", "network")):
             rows |= {f"{folder}/{name}": text for name, text in told[kind].items()}
-        print(json.dumps(rows, indent=2))
+        print_json(rows)
         return
     for title, found in told.items():
         table = Table(title, "what it shows", box=None, padding=(0, 2))
@@ -72,7 +71,7 @@ def parameters(
     robot = load(scenario, None).robot if scenario else Robot()
     rows = robot.parameters()
     if as_json:
-        print(json.dumps([vars(row) for row in rows], indent=2))
+        print_json([vars(row) for row in rows])
         return
     columns = ("parameter", "value", "range", "unit", "provenance", "source")
     table = Table(*columns, box=None, padding=(0, 1))

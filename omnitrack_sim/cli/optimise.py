@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 
 from omnitrack_sim.cli.common import (
@@ -16,13 +14,12 @@ from omnitrack_sim.cli.common import (
     FastOption,
     SetOption,
     app,
-    err,
     out,
     plain,
     print_json,
     with_changes,
 )
-from omnitrack_sim.cli.sweep import duration, make_workers
+from omnitrack_sim.cli.trials import DaskOption, WorkersOption, make_workers, trials_bar
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -41,13 +38,8 @@ def optimise(
         Path | None,
         typer.Option("--out", metavar="DIR", help="Where all files go; out/NAME when not given."),
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, help="Processes on this machine; as many as cores when not given."),
-    ] = None,
-    dask: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786.")
-    ] = None,
+    workers: WorkersOption = None,
+    dask: DaskOption = None,
     only_list: Annotated[
         bool, typer.Option("--list", help="Show what is varied and asked for, run nothing.")
     ] = False,
@@ -79,47 +71,14 @@ def _run(
     """Run a study under a progress bar."""
     from omnitrack_sim.optimise import run_study
 
-    seen: list[StudyStatus] = []
-    try:
-        with _bar(study.name, quiet) as show:
+    def words(status: StudyStatus, pace: str) -> tuple[str, ...]:
+        return status.stage, pace
 
-            def report(status: StudyStatus) -> None:
-                seen[:] = [status]
-                show(status)
+    def reached(status: StudyStatus) -> str:
+        return f"{status.stage}, {status.done} trials are done"
 
-            return run_study(study, target, executor=executor, progress=report)
-    except KeyboardInterrupt:
-        done = f"{seen[0].stage}, {seen[0].done} trials are done" if seen else "nothing is done"
-        err.print(f"interrupted: {done}; the same command goes on from there", soft_wrap=True)
-        raise typer.Exit(130) from None
-
-
-@contextmanager
-def _bar(title: str, quiet: bool) -> Iterator[Callable[[StudyStatus], None]]:
-    """A progress bar on standard error; yields the function that is told the status."""
-    if quiet:
-        yield lambda status: None
-        return
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[text]}"),
-    )
-    with Progress(*columns, console=err, transient=True) as bar:
-        task = bar.add_task(plain(f"optimise {title}"), total=None, text="")
-
-        def show(status: StudyStatus) -> None:
-            ran, elapsed = status.done - status.found, bar.tasks[0].elapsed or 0.0
-            text = status.stage
-            if ran and elapsed:
-                left = max(status.total - status.done, 0) * elapsed / ran
-                text += f", {ran / elapsed:.2f} trials/s, {duration(left)} left"
-            if status.lost:
-                text += f", {status.lost} times workers lost"
-            bar.update(task, completed=status.done, total=status.total, text=text)
-
-        yield show
+    with trials_bar(f"optimise {study.name}", quiet, words, reached) as report:
+        return run_study(study, target, executor=executor, progress=report)
 
 
 def _print_plan(study: Study) -> None:

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
 
-from omnitrack_sim.cli.common import app, out, plain, print_json, progress
+from omnitrack_sim.cli.common import app, err, out, plain, print_json, progress
 from omnitrack_sim.errors import Fault, InputError
+
+if TYPE_CHECKING:
+    from omnitrack_sim.reproduce import Claim
+
+COLOURS = {"HOLDS": "green", "CONTRADICTION": "yellow", "FAILS": "red", "STUDY": "dim"}
+"""Of the verdicts, by name."""
 
 
 @app.command()
@@ -25,7 +32,7 @@ def reproduce(
         bool, typer.Option("--json", help="Print the claims instead of the table.")
     ] = False,
 ) -> None:
-    """Reproduce the paper: claims.json and report.html. Exit status 1 if a claim fails."""
+    """Reproduce the paper: claims.json and report.html. Exit status 1 if a verdict has changed."""
     from omnitrack_sim.plots import FORMATS
     from omnitrack_sim.reproduce import reproduce as reproduce_paper
 
@@ -33,15 +40,32 @@ def reproduce(
         raise InputError(Fault("--format", f"is {format!r}", FORMATS, given=format))
     with progress("reproduce", as_json) as report:
         claims = reproduce_paper(folder, quick=quick, format=format, progress=report)
-    failed = sum(not claim.holds for claim in claims)
     if as_json:
         print_json([claim.row() for claim in claims])
     else:
-        table = Table("verdict", "claim", "measured", box=None, padding=(0, 2))
-        for claim in claims:
-            colour = "green" if claim.holds else "red"
-            table.add_row(f"[{colour}]{claim.verdict}[/]", claim.id, plain(claim.measured))
-        out.print(table)
-        page = plain(str(folder / "report.html"))
-        out.print(f"{len(claims) - failed} of {len(claims)} claims hold; {page}", soft_wrap=True)
-    raise typer.Exit(1 if failed else 0)
+        _print_claims(claims, folder)
+    for claim in claims:
+        if claim.difference:
+            mark = "[red]changed[/]" if claim.changed else "[yellow]not decided[/]"
+            err.print(f"{mark}: {plain(claim.difference)}", soft_wrap=True)
+    raise typer.Exit(1 if any(claim.changed for claim in claims) else 0)
+
+
+def _print_claims(claims: Sequence[Claim], folder: Path) -> None:
+    """The verdicts and what they follow from, then why some claims do not hold, then counts."""
+    from omnitrack_sim.reproduce.claim import tally
+
+    table = Table("verdict", "claim", "measured", box=None, padding=(0, 2))
+    table.columns[1].no_wrap = True
+    for claim in claims:
+        table.add_row(_verdict(claim), claim.id, plain(claim.measured))
+    out.print(table)
+    for claim in claims:
+        if claim.reason:
+            out.print(f"{claim.id}: {_verdict(claim)}. {plain(claim.reason)}", soft_wrap=True)
+    counts = ", ".join(f"{verdict}: {count}" for verdict, count in tally(claims).items())
+    out.print(f"{counts}; {plain(str(folder / 'report.html'))}", soft_wrap=True)
+
+
+def _verdict(claim: Claim) -> str:
+    return f"[{COLOURS[claim.verdict.name]}]{claim.told}[/]"

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import json
-import logging
-import os
 import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 
 from omnitrack_sim.cli.common import (
@@ -20,12 +16,12 @@ from omnitrack_sim.cli.common import (
     FastOption,
     SetOption,
     app,
-    err,
     out,
     plain,
     print_json,
     with_changes,
 )
+from omnitrack_sim.cli.trials import DaskOption, WorkersOption, make_workers, trials_bar
 from omnitrack_sim.errors import Fault, InputError, OutputError
 from omnitrack_sim.text import clipped
 
@@ -53,13 +49,8 @@ def sweep(
             "--out", metavar="DIR", help="Where parts and table go; out/NAME when not given."
         ),
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, help="Processes on this machine; as many as cores when not given."),
-    ] = None,
-    dask: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786.")
-    ] = None,
+    workers: WorkersOption = None,
+    dask: DaskOption = None,
     shard: Annotated[
         str | None, typer.Option(metavar="I/N", help="Only the I-th of N shares, I from 1.")
     ] = None,
@@ -104,19 +95,14 @@ def _run(
     """Run a sweep under a progress bar; returns the number of rows that are there afterwards."""
     from omnitrack_sim.sweep import run_sweep
 
-    seen: list[Status] = []
-    try:
-        with _bar(loaded.name, quiet) as show:
+    def words(status: Status, pace: str) -> tuple[str, ...]:
+        return pace, f"{status.successes} passed"
 
-            def report(status: Status) -> None:
-                seen[:] = [status]
-                show(status)
+    def reached(status: Status) -> str:
+        return f"{status.done} of {status.total} trials are done"
 
-            table = run_sweep(loaded, target, executor=executor, shard=share, progress=report)
-    except KeyboardInterrupt:
-        done = f"{seen[0].done} of {seen[0].total} trials are done" if seen else "nothing is done"
-        err.print(f"interrupted: {done}; the same command goes on from there", soft_wrap=True)
-        raise typer.Exit(130) from None
+    with trials_bar(f"sweep {loaded.name}", quiet, words, reached) as report:
+        table = run_sweep(loaded, target, executor=executor, shard=share, progress=report)
     return table.num_rows
 
 
@@ -152,54 +138,6 @@ def _share(text: str | None) -> tuple[int, int] | None:
             Fault("--shard", f"is {text!r}; write I/N with I from 1 to N, such as 1/4")
         )
     return int(found[1]), int(found[2])
-
-
-def make_workers(workers: int | None, dask: str | None) -> Callable[[], Executor] | None:
-    """A function that makes the workers; None for a sweep in this process."""
-    from omnitrack_sim.sweep.workers import DaskPool, LocalPool
-
-    if dask is not None:
-        if workers is not None:
-            raise InputError(Fault("--workers, --dask", "give one of the two"))
-        logging.disable(logging.ERROR)  # distributed logs each lost connection with its traceback
-        return lambda: DaskPool(dask)
-    count = workers or len(os.sched_getaffinity(0))
-    return None if count == 1 else lambda: LocalPool(count)
-
-
-@contextmanager
-def _bar(title: str, quiet: bool) -> Iterator[Callable[[Status], None]]:
-    """A progress bar on standard error; yields the function that is told the status."""
-    if quiet:
-        yield lambda status: None
-        return
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[text]}"),
-    )
-    with Progress(*columns, console=err, transient=True) as bar:
-        task = bar.add_task(plain(f"sweep {title}"), total=None, text="")
-
-        def show(status: Status) -> None:
-            ran, elapsed = status.done - status.found, bar.tasks[0].elapsed or 0.0
-            text = f"{status.successes} passed"
-            if ran and elapsed:
-                left = (status.total - status.done) * elapsed / ran
-                text = f"{ran / elapsed:.2f} trials/s, {duration(left)} left, {text}"
-            if status.lost:
-                text += f", {status.lost} times workers lost"
-            bar.update(task, completed=status.done, total=status.total, text=text)
-
-        yield show
-
-
-def duration(seconds: float) -> str:
-    """Seconds as hours, minutes and seconds."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}"
 
 
 def _print_trials(loaded: Sweep) -> None:

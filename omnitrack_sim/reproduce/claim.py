@@ -1,9 +1,72 @@
-"""One statement of the paper and what the simulation says about it."""
+"""One statement of the paper, what the simulation says about it, and what it is expected to say."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Literal
+
+FigureName = Literal[
+    "fig9_sector",
+    "contact_map_geometry",
+    "success_map",
+    "success_rates",
+    "fig13_as_written",
+    "fig13_feedback",
+    "unrolled_contacts",
+    "forces_along_the_way",
+    "fig10_speeds",
+    "elbow_240",
+    "elbow_90",
+    "success_by_friction",
+    "slippery_turn",
+]
+"""Names of the figures of a reproduction."""
+
+
+class Verdict(StrEnum):
+    """What comes of a claim."""
+
+    HOLDS = "holds"
+    CONTRADICTION = "the paper contradicts itself"
+    FAILS = "does not come out"
+    STUDY = "study"
+    """The paper says nothing about it, so there is nothing to judge."""
+
+
+def judged(holds: bool, other_holds: bool = False) -> Verdict:
+    """The verdict of a measurement.
+
+    Args:
+        holds: whether the paper's statement comes out.
+        other_holds: whether another statement of the paper does, which says something else about
+            the same thing. The paper contradicts itself where only the other one comes out.
+    """
+    if holds:
+        return Verdict.HOLDS
+    return Verdict.CONTRADICTION if other_holds else Verdict.FAILS
+
+
+class Sample(StrEnum):
+    """What the runs of the quick form, which are some of those of the full form, can decide."""
+
+    SAME = "both forms take the same runs"
+    EVERY = "it is about every run: one that fails in the quick form fails in the full form, too"
+    AVERAGE = "it is about rates and averages, which fewer runs cannot decide"
+
+    def decides(self, verdict: Verdict) -> bool:
+        """Whether the full form must come to a verdict to which the quick form has come."""
+        if self is Sample.EVERY:
+            return verdict is not Verdict.HOLDS
+        return self is Sample.SAME
+
+
+_COLUMNS = (
+    *("id", "source", "paper", "statement", "measured", "uncertainty", "verdict", "expected"),
+    *("decided", "changed", "reason", "how", "note", "figures"),
+)
 
 
 @dataclass(frozen=True)
@@ -14,12 +77,22 @@ class Claim:
         id: short name, a word or two with underscores.
         source: place in the paper.
         paper: the paper's value or wording.
-        statement: what is measured and when it counts as true, with tolerance and unit.
+        statement: what is measured and when it counts as true, with tolerance and unit; of a study,
+            what is asked.
         measured: the figure found, with its unit.
         uncertainty: how sure it is: interval, number of trials, or "exact".
-        holds: the verdict.
+        verdict: what the measurement says.
+        expected: what the full form of the package as it stands says; another one is a change.
         how: scenarios and number of runs, or the function.
-        note: why, where it disagrees; what else was seen.
+        why: the reason of the expected verdict, as far as it is known, where the claim is not
+            expected to hold.
+        note: what else was seen.
+        figures: those that show it.
+        sample: what the runs of the quick form can decide.
+        quick: whether these are the runs of the quick form.
+
+    Raises:
+        ValueError: a claim that is not expected to hold gives no reason, or a study has a verdict.
     """
 
     id: str
@@ -28,17 +101,58 @@ class Claim:
     statement: str
     measured: str
     uncertainty: str
-    holds: bool
+    verdict: Verdict
+    expected: Verdict
     how: str
+    why: str = ""
     note: str = ""
+    figures: tuple[FigureName, ...] = ()
+    sample: Sample = Sample.SAME
+    quick: bool = False
+
+    def __post_init__(self) -> None:
+        if self.expected in (Verdict.CONTRADICTION, Verdict.FAILS) and not self.why:
+            raise ValueError(f"{self.id} gives no reason why it is expected not to hold")
+        if (self.verdict is Verdict.STUDY) != (self.expected is Verdict.STUDY):
+            raise ValueError(f"{self.id} is a study and is judged")
 
     @property
-    def verdict(self) -> str:
-        """``holds`` or ``fails``."""
-        return "holds" if self.holds else "fails"
+    def decided(self) -> bool:
+        """Whether there are enough runs for the verdict; there always are in the full form."""
+        return not self.quick or self.verdict is Verdict.STUDY or self.sample.decides(self.verdict)
+
+    @property
+    def changed(self) -> bool:
+        """Whether the verdict is decided, and not the expected one."""
+        return self.decided and self.verdict is not self.expected
+
+    @property
+    def told(self) -> str:
+        """The verdict, and whether the runs are too few for it."""
+        return self.verdict if self.decided else f"{self.verdict}, few runs"
+
+    @property
+    def difference(self) -> str:
+        """What was expected and what came out, as a sentence; empty where they are the same."""
+        if self.verdict is self.expected:
+            return ""
+        text = f"{self.id}: expected {self.expected}, came out {self.verdict}"
+        return text if self.decided else f"{text}; the quick form has too few runs to decide"
+
+    @property
+    def reason(self) -> str:
+        """Why the claim does not hold; empty where it does, and of a study."""
+        if self.verdict in (Verdict.HOLDS, Verdict.STUDY):
+            return ""
+        known = self.verdict is self.expected
+        return self.why if known else f"Not known; expected was: {self.expected}."
 
     def row(self) -> dict[str, Any]:
         """The claim as a table of claims.json."""
-        row = asdict(self)
-        row["holds"] = bool(self.holds)
-        return row | {"verdict": self.verdict}
+        return {name: getattr(self, name) for name in _COLUMNS}
+
+
+def tally(claims: Sequence[Claim]) -> dict[Verdict, int]:
+    """How many claims have each verdict."""
+    count = Counter(claim.verdict for claim in claims)
+    return {verdict: count[verdict] for verdict in Verdict}

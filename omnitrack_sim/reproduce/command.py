@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -20,8 +21,8 @@ from omnitrack_sim.plots.manoeuvres import (
 )
 from omnitrack_sim.plots.singularity import singularity_figure
 from omnitrack_sim.plots.style import attempt, save_figure
-from omnitrack_sim.reproduce import driving, theory, turning
-from omnitrack_sim.reproduce.claim import Claim
+from omnitrack_sim.reproduce import driving, elbows, tees, theory
+from omnitrack_sim.reproduce.claim import Claim, FigureName
 from omnitrack_sim.reproduce.report import Picture, Strip, page
 from omnitrack_sim.reproduce.runs import SEED, Runs, run_all, scenarios
 from omnitrack_sim.sim.provenance import provenance_of
@@ -46,21 +47,21 @@ MEASURES: tuple[Callable[[Runs], Claim | list[Claim]], ...] = (
     driving.no_motion_line,
     driving.preload,
     driving.motors,
-    turning.eq20,
-    turning.straight_exit,
-    turning.short_elbow,
-    turning.preferred,
-    turning.compression,
-    turning.as_written,
-    turning.inner_slip,
-    turning.unaligned,
-    turning.towards_worst,
-    turning.falls_into_place,
-    turning.aligned,
-    turning.slippery,
-    turning.few_lugs,
-    turning.climb_then_turn,
-    turning.straight_over,
+    elbows.eq20,
+    elbows.straight_exit,
+    elbows.short_elbow,
+    elbows.preferred,
+    tees.compression,
+    tees.as_written,
+    tees.inner_slip,
+    tees.unaligned,
+    tees.towards_worst,
+    tees.falls_into_place,
+    tees.aligned,
+    tees.slippery,
+    tees.few_lugs,
+    tees.climb_then_turn,
+    tees.straight_over,
 )
 """What is measured, in the order of the page."""
 STRIPS = {
@@ -75,7 +76,7 @@ STRIPS = {
     "elbow_short": ("elbow_90_jacobian", "Elbow of 90 mm"),
 }
 FRAMES = 6
-_Figures: TypeAlias = "dict[str, tuple[str, Callable[[], Figure]]]"
+_Figures: TypeAlias = "dict[FigureName, tuple[str, Callable[[], Figure]]]"
 TEE_TURNS = {
     "aligned": "aligned, friction 0.8 to 1.0",
     "slippery": "aligned, friction 0.6 to 0.8",
@@ -112,7 +113,7 @@ def reproduce(
     check_folder(directory, CLAIMS_FILE)
     lists = scenarios(quick)
     runs = run_all(lists, progress)
-    claims = measure(runs)
+    claims = measure(runs, quick)
     provenance = _provenance(runs, quick)
     rows = {"provenance": provenance, "claims": [claim.row() for claim in claims]}
     with whole_folder(directory, CLAIMS_FILE) as folder:
@@ -144,13 +145,13 @@ def _draw(figures: _Figures, folder: Path, format: str) -> tuple[list[Picture], 
     return [picture for picture in made.values() if picture is not None], sentences
 
 
-def measure(runs: Runs) -> list[Claim]:
-    """All claims, from the runs."""
+def measure(runs: Runs, quick: bool) -> list[Claim]:
+    """All claims, from the runs of the quick or of the full form."""
     found: list[Claim] = []
     for function in MEASURES:
         claim = function(runs)
         found.extend(claim if isinstance(claim, list) else [claim])
-    return found
+    return [replace(claim, quick=quick) for claim in found]
 
 
 def figures(runs: Runs) -> _Figures:
@@ -321,11 +322,13 @@ def _strips(runs: Runs) -> tuple[list[Strip], list[str]]:
 def _lead(quick: bool) -> list[str]:
     text = (
         "Each statement of the paper is turned into something that can be measured in simulation, "
-        "with a tolerance. "
-        "A claim that does not come out is shown as failed, with the reason as far as it is known."
+        "with a tolerance. Its verdict follows from the measurement, with the reason as far as it "
+        "is known where it does not hold. What is no statement of the paper is a study, without "
+        "verdict."
     )
     short = (
-        "Quick form: fewer orientations and trials than the full reproduction; intervals are wide."
+        "Quick form: fewer orientations and trials than the full reproduction; intervals are wide, "
+        "and where it says so the full form may come to another verdict."
     )
     return [text, short] if quick else [text]
 

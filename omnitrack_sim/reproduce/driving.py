@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.reproduce.claim import Claim
+from omnitrack_sim.reproduce.claim import Claim, Sample, Verdict, judged
 from omnitrack_sim.reproduce.runs import FRICTIONS, PRELOAD_FACTORS, Runs, least_preload
 from omnitrack_sim.robot import GRAVITY
 from omnitrack_sim.rotations import wrap_angle
@@ -29,8 +29,11 @@ def climb(runs: Runs) -> Claim:
             f"{GRAVITY * result.scenario.robot.mass:.2f} N"
         ),
         uncertainty="fit after 1 s",
-        holds=abs(speed - 0.1) < 0.001
-        and abs(load / (GRAVITY * result.scenario.robot.mass) - 1) < 0.01,
+        verdict=judged(
+            abs(speed - 0.1) < 0.001
+            and abs(load / (GRAVITY * result.scenario.robot.mass) - 1) < 0.01
+        ),
+        expected=Verdict.HOLDS,
         how="vertical_climb",
     )
 
@@ -51,7 +54,8 @@ def past_180(runs: Runs) -> Claim:
         statement="at 180 degrees of roll a belt of -100 mm/s drives at +100 mm/s, within 1 %",
         measured=f"belt {1e3 * belt:.1f} mm/s, robot {1e3 * speed:.1f} mm/s",
         uncertainty="mean after 1 s",
-        holds=abs(belt + 0.1) < 0.001 and abs(speed - 0.1) < 0.001,
+        verdict=judged(abs(belt + 0.1) < 0.001 and abs(speed - 0.1) < 0.001),
+        expected=Verdict.HOLDS,
         how="paper/rolled_past_180",
         note="The sign changes at the no-motion line, 90 degrees, not at 180.",
     )
@@ -75,7 +79,8 @@ def no_motion_line(runs: Runs) -> Claim:
         measured=f"{1e3 * moved:.2f} mm, both tracks touch {100 * both:.0f} % of the time, "
         f"tilt up to {wobble:.2f} degrees",
         uncertainty="one run",
-        holds=moved < 0.005 and both > 0.9 and result.outcome is Outcome.NO_MOTION_LINE,
+        verdict=judged(moved < 0.005 and both > 0.9 and result.outcome is Outcome.NO_MOTION_LINE),
+        expected=Verdict.HOLDS,
         how="paper/no_motion_line",
         note="The wobble is small: the model's tracks are alike and rigid.",
     )
@@ -95,8 +100,10 @@ def holonomic(runs: Runs) -> Claim:
         measured=f"{within} of {len(results)}; largest error {np.degrees(errors.max()):.1f} "
         "degrees",
         uncertainty=f"{len(results)} start orientations over 120 degrees",
-        holds=within == len(results),
+        verdict=judged(within == len(results)),
+        expected=Verdict.HOLDS,
         how="paper/holonomic_alignment from -60 to 60 degrees",
+        sample=Sample.EVERY,
     )
 
 
@@ -120,8 +127,10 @@ def sign_change(runs: Runs) -> Claim:
         "line",
         measured=f"{1e3 * before:.1f} to {1e3 * after:.1f} mm/s after a roll of {roll:.0f} degrees",
         uncertainty="one run",
-        holds=before * after < 0 and np.cos(np.radians(roll)) < 0,
+        verdict=judged(before * after < 0 and np.cos(np.radians(roll)) < 0),
+        expected=Verdict.HOLDS,
         how="paper/tee_turn_misaligned",
+        figures=("fig13_feedback",),
     )
 
 
@@ -145,7 +154,8 @@ def preload(runs: Runs) -> Claim:
         ),
         measured=f"least factor that climbs: {', '.join(found)}; law: {least}",
         uncertainty=f"preloads of {', '.join(str(f) for f in PRELOAD_FACTORS)} times the law's",
-        holds=bool((climbed == needed).all()),
+        verdict=judged((climbed == needed).all()),
+        expected=Verdict.HOLDS,
         how="vertical_climb with preload and friction set",
     )
 
@@ -184,7 +194,8 @@ def motors(runs: Runs) -> Claim:
         ),
         measured="torque (90 % quantile of the largest module) over the limit: " + "; ".join(told),
         uncertainty="one run each",
-        holds=stalled[0] == 0 and max(stalled[1:]) > 0,
+        verdict=judged(stalled[0] == 0 and max(stalled[1:]) > 0),
+        expected=Verdict.HOLDS,
         how=(
             "vertical_climb, elbow, elbow_short, tee_turn, tee_straight with robot.motor = "
             "pololu_1000_hpcb"

@@ -10,7 +10,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from omnitrack_sim.reproduce.claim import Claim
+from omnitrack_sim.reproduce.claim import Claim, Verdict, tally
 
 
 @dataclass(frozen=True)
@@ -35,10 +35,10 @@ class Strip:
 _CSS = """
 :root { color-scheme: light dark; --ink: #22262b; --soft: #6a7079; --line: #dde1e6;
   --page: #ffffff; --card: #f6f7f9;
-  --holds: #1b7a4d; --fails: #b5382f; }
+  --holds: #1b7a4d; --contradiction: #8a6100; --fails: #b5382f; }
 @media (prefers-color-scheme: dark) { :root { --ink: #e6e8eb; --soft: #9aa1ab; --line: #363b43;
   --page: #16181c;
-  --card: #1f2228; --holds: #58c48f; --fails: #ec8077; } }
+  --card: #1f2228; --holds: #58c48f; --contradiction: #d9ae4a; --fails: #ec8077; } }
 body { margin: 0 auto; max-width: 68rem; padding: 2.5rem 1.5rem 5rem; background: var(--page);
   color: var(--ink);
   font: 16px/1.55 system-ui, sans-serif; }
@@ -58,8 +58,9 @@ dl { display: grid; grid-template-columns: 7.5rem 1fr; gap: .15rem 1rem; margin:
   font-size: .94rem; }
 dt { color: var(--soft); } dd { margin: 0; overflow-wrap: anywhere; }
 .chip { font-size: .8rem; font-weight: 600; padding: .1rem .55rem; border-radius: 1rem;
-  border: 1px solid currentColor;
+  border: 1px solid currentColor; white-space: nowrap;
   margin-right: .6rem; } .holds { color: var(--holds); } .fails { color: var(--fails); }
+.contradiction { color: var(--contradiction); } .study { color: var(--soft); }
 figure { margin: 1.5rem 0; } figure img { max-width: 100%; height: auto; background: #fff;
   border-radius: .4rem; } figcaption { color: var(--soft); font-size: .9rem; margin-top: .4rem; }
 .strip { display: grid; grid-template-columns: repeat(auto-fill, minmax(15rem, 1fr)); gap: .6rem; }
@@ -84,24 +85,17 @@ def page(
         provenance: versions, commit, platform, runs.
         remarks: sentences below the title.
     """
-    failed = [c for c in claims if not c.holds]
-    head = "".join(f'<p class="lead">{_text(r)}</p>' for r in remarks)
-    tally = "".join(
-        f"<div><b>{count}</b>{label}</div>"
-        for count, label in (
-            (len(claims), "claims measured"),
-            (len(claims) - len(failed), "hold"),
-            (len(failed), "fail"),
-        )
-    )
+    told = [*remarks, *(f"{c.difference}." for c in claims if c.difference)]
+    head = "".join(f'<p class="lead">{_text(r)}</p>' for r in told)
+    counts = "".join(f"<div><b>{n}</b>{verdict}</div>" for verdict, n in tally(claims).items())
     body = [
         "<h1>Omnidirectional Tractable Three Module Robot, reproduced</h1>",
         head,
-        f'<div class="tally">{tally}</div>',
+        f'<div class="tally">{counts}</div>',
         "<h2>Verdicts</h2>",
         _table(claims),
         "<h2>Figures</h2>",
-        *(_figure(p) for p in pictures),
+        *(_figure(p, [c for c in claims if p.name in c.figures]) for p in pictures),
         *(["<h2>Frames</h2>", *(_strip(s) for s in strips)] if strips else []),
         "<h2>Claims</h2>",
         *(_article(c) for c in claims),
@@ -124,40 +118,50 @@ def _text(value: Any) -> str:
 
 
 def _chip(claim: Claim) -> str:
-    return f'<span class="chip {claim.verdict}">{claim.verdict}</span>'
+    return f'<span class="chip {claim.verdict.name.lower()}">{claim.told}</span>'
 
 
 def _table(claims: Sequence[Claim]) -> str:
     rows = "".join(
         f'<tr><td>{_chip(c)}</td><td><a href="#{_text(c.id)}">{_text(c.paper)}</a><br>'
-        f"<small>{_text(c.source)}</small></td><td>{_text(c.measured)}</td></tr>"
+        f"<small>{_text(c.source)}</small></td><td>{_text(c.measured)}{_small(c.reason)}</td></tr>"
         for c in claims
     )
     head = "<tr><th></th><th>paper</th><th>measured</th></tr>"
     return f'<div class="scroll"><table>{head}{rows}</table></div>'
 
 
+def _small(text: str) -> str:
+    return f"<br><small>{_text(text)}</small>" if text else ""
+
+
 def _article(claim: Claim) -> str:
+    asked = "asked" if claim.verdict is Verdict.STUDY else "true if"
     rows = (
         ("source", claim.source),
         ("paper", claim.paper),
-        ("true if", claim.statement),
+        (asked, claim.statement),
         ("measured", claim.measured),
         ("how sure", claim.uncertainty),
+        ("expected", claim.expected),
         ("how", claim.how),
-        ("why", claim.note),
+        ("why", claim.reason),
+        ("beside it", claim.note),
     )
     entries = "".join(f"<dt>{name}</dt><dd>{_text(value)}</dd>" for name, value in rows if value)
     name = _text(claim.id)
     return f'<article id="{name}"><h3>{_chip(claim)}{name}</h3><dl>{entries}</dl></article>'
 
 
-def _figure(picture: Picture) -> str:
+def _figure(picture: Picture, claims: Sequence[Claim]) -> str:
+    """A figure, with the verdicts of the claims that it shows."""
     kind = "svg+xml" if picture.format == "svg" else picture.format
     source = f"data:image/{kind};base64,{base64.b64encode(picture.data).decode()}"
     caption = _text(picture.caption)
+    shown = "".join(f'<br>{_chip(c)}<a href="#{_text(c.id)}">{_text(c.id)}</a>' for c in claims)
     return (
-        f'<figure><img src="{source}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
+        f'<figure><img src="{source}" alt="{caption}">'
+        f"<figcaption>{caption}{shown}</figcaption></figure>"
     )
 
 

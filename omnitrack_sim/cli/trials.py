@@ -1,0 +1,129 @@
+"""What the commands that run many trials share: their workers, a progress bar, interruption."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated, Protocol, TypeVar
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from omnitrack_sim.cli.common import err, plain
+from omnitrack_sim.errors import Fault, InputError
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(min=1, help="Processes on this machine; as many as cores when not given."),
+]
+DaskOption = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786.")
+]
+
+
+class Status(Protocol):
+    """How many trials there are, were found done, are done now, and how often workers were lost."""
+
+    @property
+    def total(self) -> int: ...
+    @property
+    def found(self) -> int: ...
+    @property
+    def done(self) -> int: ...
+    @property
+    def lost(self) -> int: ...
+
+
+_Status = TypeVar("_Status", bound=Status)
+
+
+def make_workers(workers: int | None, dask: str | None) -> Callable[[], Executor] | None:
+    """A function that makes the workers; None for trials in this process."""
+    from omnitrack_sim.sweep.workers import DaskPool, LocalPool
+
+    if dask is not None:
+        if workers is not None:
+            raise InputError(Fault("--workers, --dask", "give one of the two"))
+        logging.disable(logging.ERROR)  # distributed logs each lost connection with its traceback
+        return lambda: DaskPool(dask)
+    count = workers or len(os.sched_getaffinity(0))
+    return None if count == 1 else lambda: LocalPool(count)
+
+
+@contextmanager
+def trials_bar(
+    title: str,
+    quiet: bool,
+    words: Callable[[_Status, str], tuple[str, ...]],
+    reached: Callable[[_Status], str],
+) -> Iterator[Callable[[_Status], None]]:
+    """A progress bar on standard error; yields the function that is told the status.
+
+    Args:
+        title: stands before the bar.
+        quiet: draw no bar.
+        words: what stands behind the bar, from the status and the pace, which is empty at first.
+        reached: how far the trials are, for the message of an interruption.
+
+    Raises:
+        typer.Exit: with status 130, when Ctrl-C has been pressed.
+    """
+    seen: list[_Status] = []
+    try:
+        with _bar(title, quiet, words) as show:
+
+            def tell(status: _Status) -> None:
+                seen[:] = [status]
+                show(status)
+
+            yield tell
+    except KeyboardInterrupt:
+        done = reached(seen[0]) if seen else "nothing is done"
+        err.print(f"interrupted: {done}; the same command goes on from there", soft_wrap=True)
+        raise typer.Exit(130) from None
+
+
+@contextmanager
+def _bar(
+    title: str, quiet: bool, words: Callable[[_Status, str], tuple[str, ...]]
+) -> Iterator[Callable[[_Status], None]]:
+    if quiet:
+        yield lambda status: None
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[text]}"),
+    )
+    with Progress(*columns, console=err, transient=True) as bar:
+        task = bar.add_task(plain(title), total=None, text="")
+
+        def show(status: _Status) -> None:
+            lost = f"{status.lost} times workers lost" if status.lost else ""
+            said = (*words(status, _pace(status, bar.tasks[0].elapsed or 0.0)), lost)
+            text = ", ".join(filter(None, said))
+            bar.update(task, completed=status.done, total=status.total, text=text)
+
+        yield show
+
+
+def _pace(status: Status, elapsed: float) -> str:
+    """Trials in a second, and the time that the others take; empty before the first trial."""
+    ran = status.done - status.found
+    if not ran or not elapsed:
+        return ""
+    left = max(status.total - status.done, 0) * elapsed / ran
+    return f"{ran / elapsed:.2f} trials/s, {_duration(left)} left"
+
+
+def _duration(seconds: float) -> str:
+    """Seconds as hours, minutes and seconds."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}"

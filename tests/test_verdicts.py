@@ -1,0 +1,159 @@
+"""The verdicts of a reproduction: how they follow from numbers, and what tells that one changed."""
+
+import json
+from itertools import product
+
+import pytest
+from claim_samples import sample_claim
+from samples import sample_result
+from typer.testing import CliRunner
+
+from omnitrack_sim.cli import app
+from omnitrack_sim.reproduce import Verdict, theory
+from omnitrack_sim.reproduce.claim import Sample, judged, tally
+from omnitrack_sim.reproduce.report import Picture, page
+
+HOLDS, CONTRADICTION, FAILS, STUDY = Verdict
+
+
+def test_a_contradiction_takes_another_statement_that_comes_out():
+    """Only then; a statement that comes out itself holds whatever else the paper says."""
+    found = [judged(holds, other) for holds, other in product((True, False), repeat=2)]
+    assert found == [HOLDS, HOLDS, CONTRADICTION, FAILS]
+
+
+@pytest.mark.parametrize(
+    ("sector", "margin", "verdict"),
+    [(96.54, 11.78, CONTRADICTION), (96.54, 11.73, HOLDS), (90.0, 11.78, FAILS)],
+    ids=["as printed", "as it should be", "both beside it"],
+)
+def test_the_printed_margin_is_held_against_the_printed_sector(
+    sector, margin, verdict, monkeypatch
+):
+    """11.73 degrees come out. That the paper contradicts itself follows from its two figures."""
+    monkeypatch.setattr(theory, "_SECTOR", sector)
+    monkeypatch.setattr(theory, "_MARGIN", margin)
+    found = {claim.id: claim for claim in theory.region({})}
+    assert found["singularity_margin"].verdict is verdict
+    assert found["singularity_success_rate"].verdict is HOLDS
+    assert found["singularity_margin"].changed == (verdict is not CONTRADICTION)
+
+
+@pytest.mark.parametrize(
+    ("lever", "verdict"),
+    [(0.0524, HOLDS), (0.065, HOLDS), (0.072, CONTRADICTION), (0.08, CONTRADICTION), (0.1, FAILS)],
+)
+def test_the_lever_is_l_or_half_of_the_bore_or_neither(lever, verdict, monkeypatch):
+    """Eq. 18 says l = 52.4 mm and Eq. 20 D/2 = 80 mm; which of them comes out makes the verdict."""
+    monkeypatch.setattr(theory, "lever_of", lambda results: (lever, lever))
+    runs = {f"elbow_{radius}_jacobian": [sample_result()] for radius in (240, 90)}
+    assert theory.jacobian(runs).verdict is verdict
+
+
+def test_what_does_not_hold_has_a_reason():
+    """The recorded one, or that none is known for a verdict that was not expected; a claim that is
+    not expected to hold cannot be made without one."""
+    assert sample_claim(FAILS).reason == "it slips"
+    assert sample_claim(CONTRADICTION).reason == "it slips"
+    assert sample_claim(HOLDS, FAILS).reason == sample_claim(STUDY).reason == ""
+    assert sample_claim(FAILS, HOLDS).reason == "Not known; expected was: holds."
+    for verdict in (CONTRADICTION, FAILS):
+        with pytest.raises(ValueError, match="gives no reason"):
+            sample_claim(verdict, why="")
+
+
+def test_a_study_is_not_judged():
+    """Neither its verdict nor the expected one can be another."""
+    for verdict, expected in ((STUDY, HOLDS), (FAILS, STUDY)):
+        with pytest.raises(ValueError, match="is a study and is judged"):
+            sample_claim(verdict, expected)
+    assert sample_claim(STUDY, quick=True, sample=Sample.EVERY).decided
+
+
+@pytest.mark.parametrize(
+    ("sample", "changed"),
+    [(Sample.SAME, {HOLDS, FAILS}), (Sample.EVERY, {FAILS}), (Sample.AVERAGE, set())],
+)
+def test_the_quick_form_changes_only_what_its_runs_decide(sample, changed):
+    """One of few runs that fails is a change of a claim about all of them; that all of few pass is
+    none. In the full form each other verdict is a change."""
+    opposite = {HOLDS: FAILS, FAILS: HOLDS}
+    for verdict, expected in opposite.items():
+        claim = sample_claim(verdict, expected, sample=sample)
+        assert claim.changed
+        assert claim.difference == f"a_b: expected {expected}, came out {verdict}"
+        quick = sample_claim(verdict, expected, sample=sample, quick=True)
+        assert quick.changed == (verdict in changed)
+        assert quick.difference.endswith("too few runs to decide") == (verdict not in changed)
+    assert not sample_claim(FAILS, sample=sample, quick=True).difference
+
+
+def _printed(claims, monkeypatch, *options):
+    """Exit status, output and messages of the command where these claims come out."""
+    monkeypatch.setattr("omnitrack_sim.reproduce.reproduce", lambda *_, **__: claims)
+    done = CliRunner().invoke(app, ["reproduce", *options])
+    return done.exit_code, done.stdout, done.stderr.strip()
+
+
+@pytest.mark.parametrize("options", [(), ("--json",)], ids=["table", "json"])
+def test_the_exit_status_is_0_as_expected_and_1_where_a_verdict_changed(options, monkeypatch):
+    """Whatever the verdicts are; which one changed stands on standard error."""
+    expected = [sample_claim(verdict) for verdict in Verdict]
+    status, _, told = _printed(expected, monkeypatch, *options)
+    assert (status, told) == (0, "")
+    few = sample_claim(HOLDS, FAILS, id="c_d", sample=Sample.EVERY, quick=True)
+    status, _, told = _printed([*expected, few], monkeypatch, *options)
+    assert status == 0
+    assert "not decided: c_d: expected does not come out, came out holds; the quick" in told
+    changed = sample_claim(FAILS, HOLDS, id="e_f")
+    status, _, told = _printed([*expected, changed], monkeypatch, *options)
+    assert status == 1
+    assert "changed: e_f: expected holds, came out does not come out" in told
+
+
+def test_the_report_shows_verdicts_reasons_and_counts(monkeypatch):
+    """Of all four kinds."""
+    claims = [sample_claim(verdict, id=verdict.name.lower()) for verdict in Verdict]
+    long = sample_claim(HOLDS, id="a_claim_with_a_long_name", measured="1.0 mm " * 60)
+    _, text, _ = _printed([*claims, long], monkeypatch)
+    assert "a_claim_with_a_long_name" in text
+    text = " ".join(text.split())
+    assert "fails: does not come out. it slips" in text
+    assert "contradiction: the paper contradicts itself. it slips" in text
+    counts = "holds: 2, the paper contradicts itself: 1, does not come out: 1, study: 1"
+    assert f"{counts}; out/reproduce/report.html" in text
+    assert list(tally(claims).values()) == [1, 1, 1, 1]
+
+
+def test_claims_go_to_json(monkeypatch):
+    """Verdict, the expected one, the reason, and whether it is decided and changed."""
+    claim = sample_claim(FAILS, HOLDS, sample=Sample.AVERAGE, quick=True, figures=("elbow_90",))
+    _, text, _ = _printed([claim], monkeypatch, "--json")
+    (row,) = json.loads(text)
+    assert (row["verdict"], row["expected"]) == ("does not come out", "holds")
+    assert (row["decided"], row["changed"]) == (False, False)
+    assert row["reason"] == claim.reason == "Not known; expected was: holds."
+    assert row["figures"] == ["elbow_90"]
+    assert {"id", "source", "paper", "statement", "measured", "uncertainty", "how", "note"} < set(
+        row
+    )
+
+
+def test_the_page_shows_verdicts_with_reasons_and_figures_with_their_claims():
+    """A chip at the claim, in the table and below each figure that shows it; a change stands at the
+    top."""
+    claims = [
+        sample_claim(FAILS, id="slips", figures=("elbow_90",)),
+        sample_claim(HOLDS, FAILS, id="turns"),
+        sample_claim(STUDY, id="asks"),
+    ]
+    pictures = [Picture(name, name, b"<svg/>", "svg") for name in ("elbow_90", "elbow_240")]
+    text = page(claims, pictures, [], {}, [])
+    chip = '<span class="chip fails">does not come out</span>'
+    assert text.count(chip) == 3
+    assert f'<figcaption>elbow_90<br>{chip}<a href="#slips">slips</a></figcaption>' in text
+    assert "<figcaption>elbow_240</figcaption>" in text
+    assert "<dt>why</dt><dd>it slips</dd>" in text
+    assert "turns: expected does not come out, came out holds." in text
+    assert text.count("<dt>asked</dt>") == 1
+    assert text.count("<dt>true if</dt>") == 2
