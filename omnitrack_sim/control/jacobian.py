@@ -71,6 +71,7 @@ class JacobianController:
         self.recovery = Recovery(setup, "recovery")
         self._legs = LegWatch(setup.routes)
         self._steers = setup.drive.steers
+        self._turn_speed = setup.each("tracking.turn_speed")
         self._damping = {name: setup.each(f"damping.{name}") for name in DampingTable.model_fields}
         time = self._damping["rate_filter"] * setup.robot.time_scale
         self._smoothing = (setup.period / (time + setup.period))[:, None]
@@ -119,6 +120,8 @@ class JacobianController:
             out = self.routes.out_of_branch.take(place.passage)
             damped = np.where(backing, out, inside & ~aligning)
             direction = np.where(backing, -1.0, 1.0)
+        turning = (phase == TEE_TURN) & self.routes.into_branch.take(place.passage)
+        speed = s.cruise_speed * np.where(turning, self._turn_speed, 1.0)
         centring = self.tracking.centring * ((phase == CRUISE) | (phase == TEE_STRAIGHT))
         wanted = self.tracking.wanted_rotation(place, observation.rotation, direction, centring)
         wall_speed = wall_speeds(
@@ -126,13 +129,13 @@ class JacobianController:
             self.angular_velocity,
             self.rate_gain[place.passage, self._rows] * damped,
             wanted,
-            direction * s.cruise_speed,
+            direction * speed,
             self.routes.radius.take(place.passage),
             s.speed_limit,
         )
         if not self._steers:
             # What cannot be given is not asked: a cap on the speeds would change their mean.
-            wall_speed = np.repeat((direction * s.cruise_speed)[:, None], 3, axis=1)
+            wall_speed = np.repeat((direction * speed)[:, None], 3, axis=1)
         belt_speed = wall_speed * self.aligner.belt_sign(observation.roll)
         if np.count_nonzero(aligning):
             belt_speed = np.where(aligning[:, None], 0.0, belt_speed)

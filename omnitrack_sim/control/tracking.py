@@ -24,6 +24,9 @@ LEADS = 7
 class TrackingTable(Table):
     """How the centreline is followed. D is the bore that the robot is made for."""
 
+    # Part of the cruise speed in a turn from a tee's run into its branch. On a slippery wall the
+    # weight carries the robot past the branch while it turns: the sooner it is round, the better.
+    turn_speed: Part = 1.3
     gain: NotNegative = 6.4  # rad per D of travel, for 1 rad of heading error
     lookahead: NotNegative = 0.1875  # D
     rotation_limit: Part = 2.4  # rad per D of travel

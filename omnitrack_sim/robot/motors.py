@@ -70,7 +70,7 @@ class Motor(Figures):
             "inertia; see docs/control.md",
             (0.01, 1e5),
         ),
-    ] = 50.0
+    ] = 8.0
     speed_integral_time: Annotated[
         float, Quantity("s", "derived", "integral time of the speed loop", (1e-4, 1e6))
     ] = 0.1
@@ -78,11 +78,12 @@ class Motor(Figures):
         float,
         Quantity(
             "rad/N m s",
-            "assumed",
-            "speed that the loop gives way for each unit of torque, held",
+            "derived",
+            "speed by which a motor gives way for each unit of torque beyond the mean of the "
+            "robot's motors; see docs/control.md",
             (0.0, 1e6),
         ),
-    ] = 0.0
+    ] = 4.0
     scale: Annotated[
         float | None,
         Quantity(
