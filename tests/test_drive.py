@@ -65,16 +65,18 @@ def test_recommended_torque_carries_a_third_of_the_robot():
     assert MOTORS["pololu_1000_hpcb"].torque_limit / R > 9.81 / 3
 
 
-def test_a_droop_is_what_a_held_motor_settles_to():
-    """A belt that is held 0.02 m/s below its command is pushed with 0.02 over droop and lever²."""
+def test_a_droop_shares_the_load():
+    """Belts that are held 0.02 m/s below and 0.01 m/s above their commands settle at torques whose
+    difference is that of the speeds over droop and lever, however long they are held."""
     motor = MOTORS["simulation"].model_copy(update={"speed_droop": 20.0})
     loop = SpeedLoop(DRIVES["three_motors"], motor, [motor.torque_limit], R, 1)
     inertia = motor.reflected_inertia / R**2
-    torque = 0.0
-    for _ in range(400):
-        set_point = loop.advance(*(v * np.ones((1, 3)) for v in (0.1, 0.08, torque)), 0.01)[0]
-        torque = R * inertia * motor.speed_bandwidth * (set_point[0, 0] - 0.08)
-    assert torque == pytest.approx(0.02 / R / 20.0, rel=1e-3)
+    speed, torque = np.array([[0.08, 0.11, 0.11]]), np.zeros((1, 3))
+    for _ in range(2000):
+        set_point = loop.advance(np.full((1, 3), 0.1), speed, torque, 0.01)[0]
+        torque = R * inertia * motor.speed_bandwidth * (set_point - speed)
+    assert torque[0, 0] - torque[0, 1] == pytest.approx(0.03 / R / 20.0, rel=1e-3)
+    assert torque[0, 1] == torque[0, 2]
 
 
 def test_losses_of_the_gears_help_to_brake():

@@ -1,0 +1,190 @@
+"""How soft the speed loop has to be, and may be: the linear model beside random tee turns.
+
+python benchmarks/steering.py [--quick] [--workers N] [--trials N] [--figure FILE.svg]
+
+For speed loops from 1.7 to 50 rad/s and three rate gains the model of ``theory/steering.py`` tells
+crossover and phase margin of the rate loop, and a batch of random tee turns (friction 0.5 to 0.8,
+preload 20 to 35 N, any gravity, no retry, the exact collider where it loads) tells how many pass,
+how much the motor torque changes, and at what frequency it does. The trials are the same for all.
+--figure draws both.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from tee_turns import random_tee_turns
+
+from omnitrack_sim import Result, Scenario, load_scenario, override, run_batch
+from omnitrack_sim.model.collider import why_not
+from omnitrack_sim.plots.style import ALARM, GREY, MODULE_COLOURS, save_figure, styled
+from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.theory.steering import SteeringLoop
+
+BANDWIDTHS = (1.7, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0)
+RATE_GAINS = (2.0, 5.0, 8.0)
+FAST = 60.0
+"""Frequency, rad/s, from which on a change of torque counts as swinging: above what steering asks
+for, below every crossover that swings."""
+
+
+class Cell(NamedTuple):
+    """One speed loop with one rate gain.
+
+    Attributes:
+        bandwidth: rad/s. rate_gain: 1.
+        crossover, margin: of the rate loop, rad/s and degrees, by the model.
+        passed, trials: tee turns.
+        change: N m/s, mean of ``torque_change_nm_s`` over modules and trials.
+        swing: rad/s, frequency of most of the torque's power from ``FAST`` on, mean of the trials.
+    """
+
+    bandwidth: float
+    rate_gain: float
+    crossover: float
+    margin: float
+    passed: int
+    trials: int
+    change: float
+    swing: float
+
+
+def changes_of(bandwidth: float, rate_gain: float) -> dict[str, Any]:
+    """What a cell changes in the scenario."""
+    return {
+        "robot.motor.speed_bandwidth": bandwidth,
+        "control.parameters.damping.tee_turn": rate_gain,
+        "physics.collider": "exact" if why_not() is None else "primitives",
+        "physics.record_period": 0.01,
+    }
+
+
+def loop_of(scenario: Scenario) -> SteeringLoop:
+    """The linear model of a scenario in the turn into a branch."""
+    parameters, robot = scenario.control_parameters, scenario.robot
+    tracking, damping = parameters.tracking, parameters.damping
+    speed = scenario.control.cruise_speed * tracking.turn_speed
+    return SteeringLoop.of(
+        robot,
+        rate_gain=damping.tee_turn,
+        rate_filter=damping.rate_filter * robot.time_scale,
+        period=scenario.physics.control_period,
+        heading_gain=tracking.gain / robot.nominal_bore * speed,
+    )
+
+
+def cell(asked: tuple[float, float, int]) -> Cell:
+    """Measure one cell: bandwidth, rate gain, number of trials."""
+    bandwidth, rate_gain, trials = asked
+    changes = changes_of(bandwidth, rate_gain)
+    scenarios = random_tee_turns(
+        trials, seed=31, friction=(0.5, 0.8), preload=(20.0, 35.0), changes=changes
+    )
+    results = run_batch(scenarios)
+    margin = loop_of(scenarios[0]).rate_margin()
+    changes_of_torque = np.array(
+        [result.metrics["torque_change_nm_s"] for result in results], float
+    )
+    return Cell(
+        bandwidth,
+        rate_gain,
+        margin.crossover,
+        float(np.degrees(margin.phase)),
+        sum(result.success for result in results),
+        trials,
+        float(np.mean(changes_of_torque)),
+        float(np.nanmean([swing(result) for result in results])),
+    )
+
+
+def swing(result: Result) -> float:
+    """Frequency, rad/s, at which the torque has most of its power from ``FAST`` on, in the turn."""
+    trajectory = result.trajectory
+    turning = trajectory["phase"] == trajectory.phases.index("tee_turn")
+    torque, time = trajectory["motor_torque"][turning], trajectory.time[turning]
+    if len(time) < 50:
+        return float("nan")
+    frequency = 2 * np.pi * np.fft.rfftfreq(len(time), float(np.median(np.diff(time))))
+    window = np.hanning(len(time))[:, None]
+    power = (np.abs(np.fft.rfft((torque - torque.mean(axis=0)) * window, axis=0)) ** 2).sum(axis=1)
+    fast = frequency >= FAST
+    return float((frequency[fast] * power[fast]).sum() / power[fast].sum())
+
+
+def drawn(cells: list[Cell]) -> Figure:
+    """The rate loop of two speed loops, and margin beside torque change."""
+    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    bode, grid = np.ravel(figure.subplots(1, 2))
+    frequency = np.geomspace(3.0, 314.0, 600)
+    base = load_scenario("tee_turn")
+    for bandwidth, colour in ((50.0, ALARM), (base.robot.motor.speed_bandwidth, "#0b6e4f")):
+        loop = loop_of(override(base, {"robot.motor.speed_bandwidth": float(bandwidth)}))
+        margin, opened = loop.rate_margin(), loop.rate_loop(frequency)
+        text = f"{bandwidth:g} rad/s: margin {np.degrees(margin.phase):.0f}° at "
+        bode.plot(
+            frequency, np.abs(opened), color=colour, label=f"{text}{margin.crossover:.0f} rad/s"
+        )
+        bode.plot([margin.crossover], [1.0], "o", color=colour)
+    bode.axhline(1.0, color=GREY, linewidth=0.7)
+    bode.axvline(loop.spring_frequency, color=GREY, linestyle=":")
+    bode.annotate(
+        "chassis on its springs", (loop.spring_frequency, 0.06), rotation=90, ha="right", fontsize=8
+    )
+    bode.set(xscale="log", yscale="log", xlabel="frequency, rad/s", ylabel="gain of the rate loop")
+    bode.set_title("Rate loop with two speed loops")
+    bode.legend(fontsize=8, loc="lower left")
+    for rate_gain, colour in zip(RATE_GAINS, MODULE_COLOURS, strict=True):
+        row = [one for one in cells if one.rate_gain == rate_gain]
+        margins, change = [one.margin for one in row], [one.change for one in row]
+        grid.plot(margins, change, "o-", color=colour, label=f"rate gain {rate_gain:g}")
+        for one in row[:: len(row) - 1] if len(row) > 1 else row:
+            where, shift = (one.margin, one.change), (5, 3)
+            text = f"{one.bandwidth:g} rad/s"
+            grid.annotate(text, where, xytext=shift, textcoords="offset points", fontsize=7)
+    grid.axvline(0.0, color=GREY, linestyle=":")
+    grid.set(xlabel="phase margin of the model, degrees", ylabel="torque change, N m/s")
+    grid.set_title("Random slippery tee turns")
+    grid.legend(fontsize=8)
+    return figure
+
+
+def main() -> None:
+    """Measure the cells that the options ask for, print and draw them."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="4 trials a cell, three bandwidths")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), metavar="N")
+    parser.add_argument("--trials", type=int, default=48, metavar="N", help="in each cell")
+    parser.add_argument("--figure", type=Path, metavar="FILE.svg")
+    given = parser.parse_args()
+    trials = 4 if given.quick else given.trials
+    bandwidths = BANDWIDTHS[1::3] if given.quick else BANDWIDTHS
+    asked = [(b, k, trials) for k, b in product(RATE_GAINS, bandwidths)]
+    with ProcessPoolExecutor(given.workers, mp_context=get_context("spawn")) as pool:
+        cells = list(pool.map(cell, asked))
+    print(
+        "| rate gain | bandwidth, rad/s | crossover, rad/s | margin, degrees | passed | 95 % | "
+        "torque change, N m/s | torque swings at, rad/s |\n|---|---|---|---|---|---|---|---|"
+    )
+    for one in cells:
+        low, high = wilson_interval(one.passed, one.trials)
+        print(
+            f"| {one.rate_gain:g} | {one.bandwidth:g} | {one.crossover:.0f} | {one.margin:.0f} | "
+            f"{one.passed} of {one.trials} | {100 * low:.0f} to {100 * high:.0f} % | "
+            f"{one.change:.1f} | {one.swing:.0f} |"
+        )
+    if given.figure is not None:
+        save_figure(styled(lambda: drawn(cells)), given.figure)
+
+
+if __name__ == "__main__":
+    main()
