@@ -27,14 +27,14 @@ from omnitrack_sim.reproduce.report import Picture, Strip, page
 from omnitrack_sim.reproduce.runs import SEED, Runs, run_all, scenarios
 from omnitrack_sim.sim.provenance import provenance_of
 from omnitrack_sim.theory.singularity import TurnCase
-from omnitrack_sim.writing import check_folder, told, whole_folder, write_file
+from omnitrack_sim.writing import check_folder, whole_folder, write_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from omnitrack_sim.sim.result import Result
 
-CLAIMS_FILE = "claims.json"
+CLAIMS_FILE, FIGURES = "claims.json", "figures"
 MEASURES: tuple[Callable[[Runs], Claim | list[Claim]], ...] = (
     theory.mean_speed,
     theory.unequal_arms,
@@ -117,8 +117,9 @@ def reproduce(
     provenance = _provenance(runs, quick)
     rows = {"provenance": provenance, "claims": [claim.row() for claim in claims]}
     with whole_folder(directory, CLAIMS_FILE) as folder:
+        (folder / FIGURES).mkdir()
         (folder / CLAIMS_FILE).write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
-    pictures, missing = _draw(figures(runs), Path(directory) / "figures", format)
+    pictures, missing = _draw(figures(runs), Path(directory) / FIGURES, format)
     strips, remarks = _strips(runs)
     text = page(claims, pictures, strips, provenance, [*_lead(quick), *missing, *remarks])
     write_file(Path(directory) / "report.html", text.encode())
@@ -134,8 +135,6 @@ def _draw(figures: _Figures, folder: Path, format: str) -> tuple[list[Picture], 
         save_figure(figure, folder / f"{name}.{format}")
         return Picture(name, caption, _file(figure), "svg")
 
-    with told(folder):
-        folder.mkdir(exist_ok=True)
     made = {
         name: attempt(f"figure {name}", partial(draw, name, caption, make))
         for name, (caption, make) in figures.items()

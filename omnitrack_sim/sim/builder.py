@@ -72,6 +72,7 @@ def batch_key(data: Mapping[str, Any]) -> str:
     return json.dumps(_without(data, own), sort_keys=True)
 
 
+@functools.cache
 def is_shared(path: str) -> bool:
     """Whether a value at a dotted path is among those that the scenarios of a batch share."""
     return not any(f"{path}.".startswith(f"{own}.") for own in (*EACH.values(), *CARRIED))

@@ -22,6 +22,7 @@ from omnitrack_sim.sim.files import (
     reading,
 )
 from omnitrack_sim.sim.result import Result
+from omnitrack_sim.text import shown
 
 END_TOLERANCE = 1e-6
 """How far the last sample may be from the end of the run, s."""
@@ -116,7 +117,7 @@ def _check_metrics(metrics: Metrics) -> None:
             right = True
             numbers = value.values() if isinstance(value, dict) else (value,)
         if not right or not all(x is None or type(x) in (int, float) for x in numbers):
-            raise ValueError(f"metrics.{metric.name} is {value!r}")
+            raise ValueError(f"metrics.{metric.name} is {shown(value)}")
 
 
 def _check_legs(result: Result) -> None:
