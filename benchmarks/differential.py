@@ -103,6 +103,7 @@ def trials(cell: Cell, orientations: Sequence[float]) -> list[ot.Scenario]:
     places = ELBOWS | TEES
     fixed = {
         "physics.collider": "exact" if why_not() is None else "primitives",
+        "start.axis": [0.0, 0.0, 1.0],
         "control.align": cell.place in (OVER, TURN),
         "control.retry": False,
         "contact.friction": cell.friction,
