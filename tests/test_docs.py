@@ -148,6 +148,14 @@ def test_examples_of_the_mission_page_run(capsys):
     assert [name for name in [*missions, *Mission.model_fields] if f"`{name}`" not in text] == []
 
 
+def test_the_example_of_the_differential_page_is_a_drive(capsys):
+    """Its Python runs: two motors, which cannot give three belts speeds of their own."""
+    text = (ROOT / "docs" / "differential.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    exec(compile(code, "differential.md", "exec"), {"__name__": "differential"})
+    assert capsys.readouterr().out == "2 False\n"
+
+
 def test_links_of_the_documents_lead_somewhere():
     """Every relative link of README and docs points to a file that exists."""
     links = [

@@ -38,6 +38,7 @@ SHIPPED = {
     "tee_factors": 2160,
     "tee_lugs": 300,
     "fig14_pairs": 25,
+    "elbow_drives": 360,
 }
 
 

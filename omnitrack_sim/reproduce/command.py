@@ -62,6 +62,7 @@ MEASURES: tuple[Callable[[Runs], Claim | list[Claim]], ...] = (
     tees.few_lugs,
     tees.climb_then_turn,
     tees.straight_over,
+    elbows.differential,
 )
 """What is measured, in the order of the page."""
 STRIPS = {
@@ -236,7 +237,7 @@ def _turn_figures(runs: Runs) -> _Figures:
 
 
 def _elbow_figures(runs: Runs) -> _Figures:
-    """Elbows by controller."""
+    """Elbows by controller and drive."""
     return {
         "fig10_speeds": (
             "Fig. 10(b): shaft speeds through the 90 mm elbow by Eq. 20, open loop, preferred "
@@ -244,11 +245,11 @@ def _elbow_figures(runs: Runs) -> _Figures:
             partial(angular_velocity_figure, _at(runs["elbow_90_paper"], 0.0)),
         ),
         "elbow_240": (
-            "Fig. 10: elbow of 240 mm by controller.",
+            "Fig. 10: elbow of 240 mm by controller and drive.",
             partial(elbow_figure, _elbows(runs, "240")),
         ),
         "elbow_90": (
-            "Fig. 15: elbow of 90 mm by controller.",
+            "Fig. 15: elbow of 90 mm by controller and drive.",
             partial(elbow_figure, _elbows(runs, "90")),
         ),
     }
@@ -290,7 +291,12 @@ def _by_friction(results: Sequence[Result], step: float = 0.05) -> list[tuple[st
 
 
 def _elbows(runs: Runs, radius: str) -> dict[str, Sequence[Any]]:
-    labels = {"jacobian": "feedback", "paper": "as written (Eq. 20)", "equal": "equal speeds"}
+    labels = {
+        "jacobian": "feedback",
+        "paper": "as written (Eq. 20)",
+        "equal": "equal speeds",
+        "differential": "one motor, differential",
+    }
     return {label: runs[f"elbow_{radius}_{kind}"] for kind, label in labels.items()}
 
 

@@ -38,6 +38,13 @@ SINGLE = (
 )
 """Scenarios below ``paper/`` that are run as they are, once each."""
 _UNAIDED: dict[str, Any] = {"control.align": False, "control.retry": False}
+ELBOW_DRIVES: dict[str, dict[str, Any]] = {
+    "jacobian": {"control.kind": "jacobian"},
+    "paper": {"control.kind": "paper"},
+    "equal": {"control.kind": "equal"},
+    "differential": {"robot.drive": "differential"},
+}
+"""What drives the robot through the elbows: three motors by three controllers, or one motor."""
 
 
 def scenarios(quick: bool) -> dict[str, list[Scenario]]:
@@ -71,14 +78,12 @@ def _elbows_and_tees(quick: bool) -> dict[str, list[Scenario]]:
 
 
 def _elbows(theta5_deg: np.ndarray) -> dict[str, list[Scenario]]:
-    """Both elbows with every controller, from each of the start orientations."""
-    lists = {}
-    for radius, name in (("240", "elbow"), ("90", "elbow_short")):
-        for kind in ("jacobian", "paper", "equal"):
-            changes = _UNAIDED | {"control.kind": kind}
-            lists[f"elbow_{radius}_{kind}"] = _orientations(
-                load_scenario(name), theta5_deg, changes
-            )
+    """Both elbows with every controller and drive, from each of the start orientations."""
+    lists = {
+        f"elbow_{radius}_{kind}": _orientations(load_scenario(name), theta5_deg, _UNAIDED | changes)
+        for radius, name in (("240", "elbow"), ("90", "elbow_short"))
+        for kind, changes in ELBOW_DRIVES.items()
+    }
     half = Robot().length / 2 / Robot().nominal_bore  # from the head to the centre, in D
     late = _UNAIDED | {"control.kind": "paper", "control.parameters.elbow_delay": half}
     lists["elbow_240_paper_late"] = _orientations(load_scenario("elbow"), theta5_deg, late)

@@ -1,0 +1,303 @@
+"""One motor with a differential against three motors, in elbows and tees.
+
+python benchmarks/differential.py [--quick] [--workers N] [--figures FOLDER]
+
+Every cell of the tables is one batch with the exact collider where it loads (extra fast), without
+retry: start orientations 10 degrees apart over 120 degrees, gravity in three directions. The ways
+to drive are three motors at equal speed, by Eq. 20 and with feedback; one motor and a differential;
+the same with friction in its gears (limited slip); and with brakes on its outputs that steer
+(scenarios/scripts/brake_steering.py). In elbows the robot is not rolled first; in tees it is, if
+the row does not say otherwise.
+
+Prints medians over the trials of a cell, with intervals of 95 % by a seeded bootstrap, and success
+with Wilson's; then success by friction in elbows whose walls are slippery. --figures draws success
+by friction, and what the belts do where a module has lost its wall.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import omnitrack_sim as ot
+from omnitrack_sim.model.collider import why_not
+from omnitrack_sim.plots.manoeuvres.elbows import SERIES_COLOURS
+from omnitrack_sim.plots.style import MODULE_COLOURS, save_figure, styled
+from omnitrack_sim.record.statistics import wilson_interval
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "scenarios" / "scripts"))
+
+from brake_steering import BRAKES, BrakeSteering
+
+ELBOWS = {"240 mm elbow": "elbow", "90 mm elbow": "elbow_short"}
+OVER, TURN = "straight over a tee", "tee turn"
+TEES = {OVER: "tee_straight", f"{OVER}, not rolled": "tee_straight", TURN: "tee_turn"}
+DIFFERENTIAL = {"robot.drive": "differential"}
+WAYS: dict[str, dict[str, Any]] = {
+    "three motors, equal speeds": {"control.kind": "equal"},
+    "three motors, Eq. 20": {"control.kind": "paper"},
+    "three motors, feedback": {},
+    "one motor, differential": DIFFERENTIAL,
+    "the same, gear friction 0.15": DIFFERENTIAL | {"robot.gear_friction": 0.15},
+    "the same, gear friction 0.5": DIFFERENTIAL | {"robot.gear_friction": 0.5},
+    "the same, brakes that steer": BRAKES,
+}
+EQUAL, EQ20, FEEDBACK, ONE, LIMITED, STIFF, BRAKED = WAYS
+TABLE_WAYS = {
+    **dict.fromkeys(ELBOWS, (EQUAL, EQ20, FEEDBACK, ONE, LIMITED)),
+    **dict.fromkeys(TEES, (FEEDBACK, ONE, STIFF, BRAKED)),
+}
+"""Which ways are tried where."""
+SLIPPERY_WAYS = (EQUAL, FEEDBACK, ONE, LIMITED)
+DRY, SLIPPERY = 0.9, (0.15, 0.2, 0.3, 0.4)
+GRAVITIES = {
+    "climbs in": (0.0, 0.0, -9.81),
+    "drives down in": (0.0, 0.0, 9.81),
+    "climbs out": (-9.81, 0.0, 0.0),
+}
+"""m/s²; the first pipe is along z, bends and branches lead towards +x."""
+ORIENTATIONS = np.arange(-55.0, 60.0, 10.0)
+"""Start orientations, degrees."""
+LOADED = 5.0
+"""Normal force from which on a module counts as carrying load, N."""
+RESAMPLES = 2000
+"""Of the bootstrap."""
+
+
+class Cell(NamedTuple):
+    """A place, a way to drive there, and the friction."""
+
+    place: str
+    way: str
+    friction: float = DRY
+
+
+class Ended(NamedTuple):
+    """What came of one trial: how it ended, and its figures in the order of ``FIGURES``."""
+
+    gravity: str
+    passed: bool
+    outcome: str
+    figures: tuple[float, ...]
+
+
+FIGURES = ("slip, mm", "traction, N", "needed friction", "largest tilt", "exit tilt", "energy, J")
+"""Slip is the sum of the modules, traction the root mean square of the largest."""
+
+
+def trials(cell: Cell, orientations: Sequence[float]) -> list[ot.Scenario]:
+    """All trials of a cell: gravities one after the other, orientations within."""
+    places = ELBOWS | TEES
+    fixed = {
+        "physics.collider": "exact" if why_not() is None else "primitives",
+        "start.axis": [0.0, 0.0, 1.0],
+        "control.align": cell.place in (OVER, TURN),
+        "control.retry": False,
+        "contact.friction": cell.friction,
+    }
+    base = ot.override(ot.load_scenario(places[cell.place]), fixed | WAYS[cell.way])
+    return [
+        ot.override(base, {"world.gravity": list(gravity), "start.theta5_deg": float(theta5)})
+        for gravity, theta5 in product(GRAVITIES.values(), orientations)
+    ]
+
+
+def results(cell: Cell, orientations: Sequence[float]) -> list[ot.Result]:
+    """The runs of a cell, as one batch."""
+    controller = BrakeSteering if cell.way == BRAKED else None
+    scenarios = trials(cell, orientations)
+    return ot.run_batch(scenarios, threads=1, no_load=False, controller=controller)
+
+
+def drive(task: tuple[Cell, Sequence[float]]) -> list[Ended]:
+    """What came of the trials of a cell."""
+    names = [name for name in GRAVITIES for _ in task[1]]
+    return [ended(name, run) for name, run in zip(names, results(*task), strict=True)]
+
+
+def ended(gravity: str, result: ot.Result) -> Ended:
+    """What came of one run."""
+    metrics = {name: np.asarray(value) for name, value in result.metrics.items()}
+    figures = (
+        1000 * metrics["slip_distance_m"].sum(),
+        metrics["traction_rms_n"].max(),
+        needed_friction(result),
+        metrics["tilt_max_deg"],
+        metrics["tilt_exit_deg"],
+        metrics["energy_j"],
+    )
+    plain = tuple(float(value) for value in figures)
+    return Ended(gravity, result.success, result.outcome.value, plain)
+
+
+def needed_friction(result: ot.Result) -> float:
+    """Traction over normal force of the module that needs most, of those that carry load, while any
+    of the robot is in the fitting: what 95 % of that time does not exceed. 0 where it never got
+    there."""
+    trajectory, half = result.trajectory, result.scenario.robot.length / 2
+    start, end = result.scenario.route.fittings[1].span
+    inside = (trajectory["distance"] > start - half) & (trajectory["distance"] < end + half)
+    if not inside.any():
+        return 0.0
+    normal = trajectory["normal_force"][inside]
+    ratio = np.abs(trajectory["traction"][inside]) / np.maximum(normal, LOADED)
+    return float(np.percentile(np.where(normal >= LOADED, ratio, 0.0).max(axis=1), 95))
+
+
+def median(values: Sequence[float]) -> tuple[float, float, float]:
+    """The median and the ends of its 95 % interval, by a bootstrap over the trials."""
+    sample = np.asarray(values)
+    drawn = np.random.default_rng(0).choice(sample, (RESAMPLES, len(sample)))
+    low, high = np.percentile(np.median(drawn, axis=1), (2.5, 97.5))
+    return float(np.median(sample)), float(low), float(high)
+
+
+def rate(found: Sequence[Ended]) -> str:
+    """How many passed, and the interval of the rate."""
+    passed = sum(trial.passed for trial in found)
+    low, high = wilson_interval(passed, len(found))
+    return f"{passed} of {len(found)} ({100 * low:.0f} to {100 * high:.0f} %)"
+
+
+def ends(found: Sequence[Ended]) -> str:
+    """How those that failed ended."""
+    failed = Counter(trial.outcome for trial in found if not trial.passed)
+    return ", ".join(f"{count} {name}" for name, count in failed.most_common()) or "-"
+
+
+def row(cell: Cell, found: Sequence[Ended]) -> str:
+    """One row of the tables of places: medians of all trials, or of none where none passed."""
+    passed = [trial.figures for trial in found if trial.passed]
+    cells = []
+    for values in zip(*passed, strict=True) if passed else ():
+        middle, low, high = median(values)
+        digits = 0 if middle >= 20 else 2 if middle < 1 else 1
+        cells.append(f"{middle:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})")
+    cells = cells or ["-"] * len(FIGURES)
+    return f"| {' | '.join([cell.way, rate(found), *cells, ends(found)])} |"
+
+
+def slippery_row(cell: Cell, found: Sequence[Ended]) -> str:
+    """One row of the table of slippery elbows: success by the direction of gravity."""
+    by = [[trial for trial in found if trial.gravity == name] for name in GRAVITIES]
+    counts = [f"{sum(t.passed for t in part)} of {len(part)}" for part in by]
+    slip = median([trial.figures[0] for trial in found])
+    columns = [f"{cell.friction:g}", cell.way, *counts, rate(found), f"{slip[0]:.0f} mm"]
+    return f"| {' | '.join([*columns, ends(found)])} |"
+
+
+def table(heads: Sequence[str], rows: Sequence[str]) -> str:
+    """A table of Markdown."""
+    return "\n".join([f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *rows])
+
+
+def friction_figure(found: Mapping[Cell, Sequence[Ended]]) -> Figure:
+    """Success over friction in both elbows, with Wilson's intervals."""
+    page = Figure((8.0, 3.4), layout="constrained")
+    panels = page.subplots(1, len(ELBOWS), sharey=True)
+    for axes, place in zip(panels, ELBOWS, strict=True):
+        for k, way in enumerate(SLIPPERY_WAYS):
+            cells = [Cell(place, way, friction) for friction in (*SLIPPERY, DRY)]
+            _rates(axes, k, way, {cell.friction: found[cell] for cell in cells})
+        axes.set(title=place, xlabel="friction", ylim=(-3, 103))
+    panels[0].set_ylabel("passed, %")
+    page.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return page
+
+
+def _rates(axes: Axes, k: int, way: str, by_friction: Mapping[float, Sequence[Ended]]) -> None:
+    """The line of one way, moved a little beside the others."""
+    x = np.array(list(by_friction)) + 0.004 * (k - 1.5)
+    counts = [(sum(t.passed for t in part), len(part)) for part in by_friction.values()]
+    rates = np.array([passed / total for passed, total in counts])
+    bars = np.abs(np.array([wilson_interval(*count) for count in counts]).T - rates)
+    style: dict[str, Any] = {"fmt": "o-", "ms": 4, "capsize": 2, "color": SERIES_COLOURS[k]}
+    axes.errorbar(x, 100 * rates, 100 * bars, label=way, **style)
+
+
+def racing_figure() -> Figure:
+    """Belt speeds and normal forces where a module has lost its wall: straight over a tee with a
+    module that faces the opening, and the turn."""
+    page = Figure((8.0, 4.2), layout="constrained")
+    panels = page.subplots(2, 2, sharey="row", sharex="col")
+    for column, place in enumerate((f"{OVER}, not rolled", TURN)):
+        scenario = ot.override(trials(Cell(place, ONE), [0.0])[0], {"physics.time_limit": 6.5})
+        record = ot.run(scenario).trajectory
+        panels[0, column].set_title(f"{place}, climbing")
+        panels[1, column].set_xlabel("time, s")
+        for i, colour in enumerate(MODULE_COLOURS):
+            kind: dict[str, Any] = {"color": colour, "ls": ("-", "-", "--")[i]}
+            speeds = 1000 * record["wall_speed"][:, i]
+            panels[0, column].plot(record.time, speeds, label=f"module {i + 1}", **kind)
+            panels[1, column].plot(record.time, record["normal_force"][:, i], **kind)
+    panels[0, 0].set_ylabel("belt speed, mm/s")
+    panels[1, 0].set_ylabel("normal force, N")
+    page.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return page
+
+
+def cells(quick: bool) -> list[Cell]:
+    """All cells; fewer frictions in the quick form."""
+    dry = [Cell(place, way) for place, ways in TABLE_WAYS.items() for way in ways]
+    frictions = SLIPPERY[1:2] if quick else SLIPPERY
+    return dry + [Cell(*one) for one in product(ELBOWS, SLIPPERY_WAYS, frictions)]
+
+
+def show(found: Mapping[Cell, Sequence[Ended]]) -> None:
+    """Print all tables."""
+    for place in ELBOWS | TEES:
+        rows = [row(c, f) for c, f in found.items() if (c.place, c.friction) == (place, DRY)]
+        print(f"\n{place}, friction {DRY}; figures of those that passed\n")
+        print(table(("drive", "passed", *FIGURES, "failures"), rows))
+    for place in ELBOWS:
+        slippery = [(c, f) for c, f in found.items() if c.place == place and c.friction != DRY]
+        rows = [slippery_row(c, f) for c, f in sorted(slippery, key=lambda one: one[0].friction)]
+        print(f"\n{place}, slippery\n")
+        print(table(("friction", "drive", *GRAVITIES, "all", "slip", "failures"), rows))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--quick", action="store_true", help="two orientations, fewer frictions")
+    parser.add_argument(
+        "--workers", type=int, default=os.cpu_count() or 1, help="processes; default: all cores"
+    )
+    parser.add_argument("--figures", type=Path, help="folder to draw into, such as docs/figures")
+    asked = parser.parse_args()
+    if asked.quick and asked.figures:
+        parser.error("--figures needs all frictions, which --quick leaves out")
+    tasks = []
+    for cell in cells(asked.quick):
+        step = 6 if asked.quick else 1 if cell.friction == DRY else 2
+        tasks.append((cell, ORIENTATIONS[::step].tolist()))
+    begin = time.perf_counter()
+    with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
+        found = dict(zip((cell for cell, _ in tasks), pool.map(drive, tasks), strict=True))
+    took, count = time.perf_counter() - begin, sum(map(len, found.values()))
+    kind = "exact" if why_not() is None else "primitives"
+    print(f"{count} trials in {took:.0f} s; collider: {kind}")
+    show(found)
+    if asked.figures is not None:
+        for name, draw in (
+            ("differential_friction", lambda: friction_figure(found)),
+            ("differential_tee", racing_figure),
+        ):
+            save_figure(styled(draw), asked.figures / f"{name}.svg")
+            print(f"\nsaved {asked.figures / name}.svg")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,140 @@
+"""The claim about the differential, and pieces of the benchmark beside it; the benchmark itself
+takes minutes."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from runs import COLLIDER
+from samples import sample_result, sample_trajectory
+
+import omnitrack_sim as ot
+from omnitrack_sim.reproduce import Verdict, elbows
+from omnitrack_sim.reproduce.runs import ELBOW_DRIVES, _elbows
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+import differential as study
+from brake_steering import BRAKES, BrakeSteering
+
+
+def slipping(millimetres: float, **changes: object) -> ot.Result:
+    """A result whose three modules slip by so much together."""
+    result = sample_result(**changes)
+    metrics = result.metrics | {"slip_distance_m": [millimetres / 3000] * 3}
+    return sample_result(metrics=metrics, **changes)
+
+
+def claim(slip: dict[str, float], **changes: object):
+    """The claim, measured where every drive slips by the same in both elbows."""
+    runs = {
+        f"elbow_{radius}_{kind}": [slipping(slip[kind], **changes)]
+        for radius in ("240", "90")
+        for kind in ELBOW_DRIVES
+    }
+    return elbows.differential(runs)
+
+
+@pytest.mark.parametrize(
+    ("slip", "outcome", "verdict"),
+    [
+        (50.0, ot.Outcome.REACHED_GOAL, Verdict.HOLDS),
+        (150.0, ot.Outcome.REACHED_GOAL, Verdict.FAILS),
+        (50.0, ot.Outcome.STUCK, Verdict.FAILS),
+    ],
+    ids=["less slip", "more slip", "stuck"],
+)
+def test_the_differential_has_to_pass_and_to_slip_less_than_equal_speeds(slip, outcome, verdict):
+    """What feedback does, with less slip than either, does not count."""
+    others = {"equal": 100.0, "paper": 90.0, "jacobian": 20.0}
+    found = claim(others | {"differential": slip}, outcome=outcome)
+    assert found.verdict is verdict
+    assert f"differential {slip:.0f} and {slip:.0f} mm" in found.measured
+    assert found.changed == (verdict is Verdict.FAILS)
+
+
+def test_its_runs_have_one_motor_and_the_orientations_of_the_others():
+    """In both elbows, as many as every other drive."""
+    lists = _elbows(np.array([0.0, 30.0]))
+    for radius in ("240", "90"):
+        one, three = lists[f"elbow_{radius}_differential"], lists[f"elbow_{radius}_equal"]
+        assert {s.robot.drive for s in one} == {"differential"}
+        assert [s.start for s in one] == [s.start for s in three]
+        assert [s.route.centreline.length for s in one] == [
+            s.route.centreline.length for s in three
+        ]
+
+
+@pytest.mark.parametrize("cell", study.cells(quick=False), ids=str)
+def test_a_cell_of_the_benchmark_is_what_its_names_say(cell):
+    """Drive, friction, place, rolled first or not; gravity in three directions for each start."""
+    scenarios = study.trials(cell, [0.0, 30.0])
+    assert [s.start.theta5_deg for s in scenarios] == [0.0, 30.0] * 3
+    way_in = [s.route.centreline.frame(np.zeros(1))[0, :, 2] @ s.world.gravity for s in scenarios]
+    assert np.allclose(way_in, np.repeat([-9.81, 9.81, 0.0], 2))
+    first = scenarios[0]
+    assert first.contact.friction == cell.friction
+    assert first.robot.drive == ("three_motors" if "three" in cell.way else "differential")
+    assert (first.robot.gear_friction > 0) == ("gear friction" in cell.way)
+    assert (first.robot.brake_force > 0) == ("brakes" in cell.way)
+    assert first.control.align == (cell.place in (study.OVER, study.TURN))
+    radius = {"240 mm elbow": 0.24, "90 mm elbow": 0.09, study.TURN: 0.09}.get(cell.place, np.nan)
+    assert first.route.fittings[1].bend_radius == pytest.approx(radius, nan_ok=True)
+
+
+def test_needed_friction_is_that_of_the_module_that_needs_most():
+    """Of those that carry 5 N or more, within the fitting; nothing where the robot did not get
+    there."""
+    normal, traction = np.full((201, 3), 20.0), np.full((201, 3), 4.0)
+    normal[:, 1], traction[:, 1] = 2.0, 1.8
+    traction[:, 2] = -10.0
+    elbow = ot.load_scenario("elbow")
+    place = {"distance": np.linspace(0.1, 0.9, 201)}
+    forces = {"normal_force": normal, "traction": traction}
+    there = sample_result(sample_trajectory(**place, **forces), scenario=elbow)
+    assert study.needed_friction(there) == pytest.approx(0.5)
+    before = sample_result(sample_trajectory(distance=np.full(201, 0.1)), scenario=elbow)
+    assert study.needed_friction(before) == 0.0
+
+
+def test_the_interval_of_a_median_holds_it_and_repeats():
+    """The same draws each time; nothing to vary, no interval."""
+    values = np.random.default_rng(3).normal(10.0, 2.0, 36).tolist()
+    middle, low, high = study.median(values)
+    assert low < middle < high
+    assert high - low < 4.0
+    assert study.median(values) == (middle, low, high)
+    assert study.median([7.0] * 5) == (7.0, 7.0, 7.0)
+
+
+def test_rows_count_what_passed_and_show_its_figures():
+    """Failures stand by their outcome, and their figures do not enter."""
+    good = study.Ended("climbs in", True, "reached_goal", (50.0, 3.0, 0.5, 8.0, 0.6, 7.0))
+    bad = study.Ended("climbs out", False, "stuck", (900.0, 9.0, 0.9, 50.0, 50.0, 9.0))
+    cell = study.Cell("240 mm elbow", study.ONE, 0.2)
+    text = study.row(cell, [good, good, bad])
+    assert "| 2 of 3 (21 to 94 %) | 50 (50 to 50) | 3.0 (3.0 to 3.0) | 0.50 (" in text
+    assert text.endswith("| 1 stuck |")
+    assert study.row(cell, [bad]).count("| - ") == 6
+    slippery = study.slippery_row(cell, [good, good, bad])
+    assert "| 2 of 2 | 0 of 0 | 0 of 1 | 2 of 3" in slippery
+
+
+def test_brakes_hold_what_runs_faster_than_asked():
+    """In a turn the inner belt is braked below the outer ones, and one that is slower than asked is
+    not braked."""
+    changes = BRAKES | {"physics.collider": COLLIDER, "start.distance": 0.25}
+    changes |= {"physics.time_limit": 2.5}
+    simulation = ot.Simulation(
+        [ot.override(ot.load_scenario("tee_turn"), changes)], controller=BrakeSteering
+    )
+    while simulation.active.any():
+        simulation.step()
+    trajectory = simulation.results()[0].trajectory
+    late = trajectory.time > 1.8
+    speeds = trajectory["wall_speed"][late].mean(axis=0)
+    assert speeds[0] < 0.6 * min(speeds[1:])
+    assert np.degrees(trajectory["tilt"].max()) < 30.0
