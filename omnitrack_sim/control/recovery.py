@@ -96,6 +96,7 @@ class Recovery:
         still = self.backing | ~(headway | standing)
         self.waiting = (self.waiting + self.period) * still
         events = self._begin(observation, room)
+        self._roll_where_they_hang(place.passage, room, aligner)
         if np.count_nonzero(self.backing):
             self._end(place.distance, aligner)
         return Backing(self.backing, events)
@@ -124,6 +125,22 @@ class Recovery:
             self.retries = self.retries + failed
             self.waiting = np.where(failed, 0.0, self.waiting)
         return events
+
+    def _roll_where_they_hang(
+        self, passage: NDArray[np.intp], room: Array, aligner: Aligner
+    ) -> None:
+        """Have robots that hang straight over an opening roll there, where they are badly turned
+        about their axis: one that comes into the fitting on its way has been aligned before it, one
+        that has fallen into it has not."""
+        over = self.routes.is_straight_over.take(passage) & (room < 0)
+        if not np.count_nonzero(over):
+            return
+        may = over & (self.retries < self._most_retries) & self.settings.retry
+        hanging = may & (self.waiting > self._patience)
+        if hanging.any():
+            self.retries = self.retries + hanging
+            self.waiting = np.where(hanging, 0.0, self.waiting)
+            aligner.align_inside(hanging, passage)
 
     def _end(self, distance: Array, aligner: Aligner) -> None:
         given_up = self.waiting > self._back_off

@@ -111,6 +111,9 @@ class RouteMap:
         self.start, self.end = np.array(spans).T
         self.is_turn = np.array([p is not None and p.is_turn for p in passages])
         self.is_tee_turn = np.array([p is not None and p.manoeuvre == "tee_turn" for p in passages])
+        self.is_straight_over = np.array(
+            [p is not None and p.manoeuvre == "tee_straight" for p in passages]
+        )
         self.into_branch = np.array([p is not None and p.into_branch for p in passages])
         self.out_of_branch = np.array([p is not None and p.out_of_branch for p in passages])
         at_end = iter(zip(end_directions, last_radius, strict=True))

@@ -1,5 +1,5 @@
-"""Least lengths to a goal from all ports of a network at once, for a robot that never turns
-round."""
+"""Least lengths from all ports of a network at once to a goal, or to the nearest of several, for a
+robot that never turns round."""
 
 from __future__ import annotations
 
@@ -16,23 +16,27 @@ if TYPE_CHECKING:
 
 
 class ToGo:
-    """How far it is to a goal for a robot that comes into a part by one of its ports.
+    """How far it is to the nearest goal for a robot that comes into a part by one of its ports.
 
     It leaves by another port, so it never turns round. It may come through a part a second time,
     back from a loop: then no shortest way of ``planning.shortest_way`` is as short.
 
     Args:
-        graph: of ``planning.port_graph``. goal: port to get to. closed: ports that are not passed.
+        graph: of ``planning.port_graph``. goals: ports to get to, one of them.
+        closed: ports that are not passed.
 
     Attributes:
         lengths: m, for each port that is come in by, from there to the goal.
     """
 
-    def __init__(self, graph: networkx.DiGraph[Any], goal: End, closed: Collection[End]) -> None:
-        self._graph, self._goal, self._closed = graph, goal, set(closed)
+    def __init__(
+        self, graph: networkx.DiGraph[Any], goals: Collection[End], closed: Collection[End]
+    ) -> None:
+        self._graph, self._goals, self._closed = graph, set(goals), set(closed)
         self.lengths: dict[End, float] = {}
         self._leave: dict[End, End] = {}
-        waiting = [(0.0, goal)] if goal in graph and goal not in self._closed else []
+        waiting = [(0.0, goal) for goal in goals if goal in graph and goal not in self._closed]
+        heapq.heapify(waiting)
         while waiting:
             rest, leave = heapq.heappop(waiting)
             for enter, edge in graph.pred[leave].items():
@@ -49,14 +53,14 @@ class ToGo:
 
     def options(self, enter: End) -> Iterator[tuple[End, float]]:
         """The ports by which a part that is come into by ``enter`` may be left, with the least
-        length from ``enter`` to the goal, m."""
+        length from ``enter`` to a goal, m."""
         if enter not in self._graph or enter in self._closed:
             return
         for leave, edge in self._graph.succ[enter].items():
             if leave[0] == enter[0] and leave not in self._closed:
                 beyond = self._beyond(leave)
                 rest = math.inf if beyond is None else self.lengths.get(beyond, math.inf)
-                rest = 0.0 if leave == self._goal else rest
+                rest = 0.0 if leave in self._goals else rest
                 if rest < math.inf:
                     yield leave, edge["length"] + rest
 
@@ -70,7 +74,7 @@ class ToGo:
                 return None
             seen |= {here, leave}
             way.append((here[0], here[1], leave[1]))
-            if leave == self._goal:
+            if leave in self._goals:
                 return tuple(way)
             here = self._beyond(leave)
         return None
