@@ -286,6 +286,8 @@ class Planner:
         """The shortest way to a goal that comes to no port twice from the port that a part is
         entered by, where the robot cannot leave by it."""
         part, enter, _ = step
+        if (part, enter) == self.ends[goal + 1]:
+            return None  # the goal is behind the robot; it comes there in the other gear
         back = self.network.joined_to.get(f"{self.network.fittings[part].name}.{enter}")
         cut = [] if back is None else [((part, enter), self.network.port(back))]
         return self._shortest((part, enter), goal, closed, cut)
