@@ -23,7 +23,16 @@ from omnitrack_sim.errors import Fault, NetworkError
 from omnitrack_sim.network.along import Along, Passed
 from omnitrack_sim.network.goals import Mission, ports_of
 from omnitrack_sim.network.layout import End
-from omnitrack_sim.network.planning import Way, port_graph, route_of, shortest_way, unreachable
+from omnitrack_sim.network.planning import (
+    Closed,
+    Step,
+    Way,
+    port_graph,
+    route_of,
+    shortest_way,
+    unreachable,
+    without,
+)
 from omnitrack_sim.network.spec import Network
 from omnitrack_sim.network.to_go import ToGo
 from omnitrack_sim.network.whereabouts import Whereabouts, whereabouts
@@ -120,7 +129,7 @@ class Planner:
         self.ends, self.plates = ports_of(network, mission)
         self._graph = port_graph(network, arcs, mission.avoid)
         self._known_passed: dict[tuple[int, str, str], Passed] = {}
-        self._known_to_go: tuple[Any, ToGo] = None, ToGo(self._graph, (), ())
+        self._known_to_go: tuple[Any, ToGo] = None, ToGo(self._graph, ())
         way = shortest_way(self._graph, self.ends[0], self.ends[1])
         if way is None:
             raise NetworkError(_unreachable(0, mission))
@@ -155,7 +164,7 @@ class Planner:
         return part, leave
 
     def onward(
-        self, leg: Leg, distance: float, goal: int, closed: Iterable[End]
+        self, leg: Leg, distance: float, goal: int, closed: Iterable[End | Step]
     ) -> list[Leg] | None:
         """Legs to a goal for a robot that is on a leg; None where no way is left.
 
@@ -163,7 +172,7 @@ class Planner:
             leg: the robot is on it.
             distance: m, arc length of the robot's centre on that leg.
             goal: number of the goal.
-            closed: ports (part index, port) found to be closed.
+            closed: what is not passed.
         """
         closed, along = tuple(closed), self._along(leg.way)
         here = along.at(distance)
@@ -171,7 +180,8 @@ class Planner:
             part, enter, leave = leg.way[here]
             passed, left = along.ends[here] - distance, distance - along.begins[here]
             return self.anew(Whereabouts(part, leave, enter, passed, left), goal, closed)
-        track = self._track(leg.way[: here + 1], leg.gear, distance)
+        way = leg.way[: here + 1]
+        track = _Track(way, self._along(way), leg.gear, distance)
         if self.ends[goal + 1] == leg.way[0][:2]:
             return [self._backing(track, self.robot.length / 2 + NOSE_ROOM, goal)]
         found = self._turn_off(track, goal, closed)
@@ -183,46 +193,78 @@ class Planner:
         pipes."""
         return whereabouts(self.network.pipes, position, axis, self.robot.length, self.arcs)
 
-    def anew(self, where: Whereabouts, goal: int, closed: Iterable[End]) -> list[Leg] | None:
+    def anew(self, where: Whereabouts, goal: int, closed: Iterable[End | Step]) -> list[Leg] | None:
         """Legs to a goal for a robot that lies anywhere in the network, in the gear that asks for
         less travel; None where there is no way.
 
-        A robot that lies across a pipe has room to turn only where the branch opens. So it first
-        drives towards the middle of its fitting, and does not wait to be aligned before it.
-
         Args:
-            where: it lies. goal: number of the goal.
-            closed: ports (part index, port) found to be closed.
+            where: it lies. goal: number of the goal. closed: what is not passed.
         """
         closed, found = tuple(closed), list[tuple[float, list[Leg]]]()
-        part, behind, ahead, passed, left, across = where
-        middle = 1 if passed < left else -1
-        for gear, enter, leave, inside in ((1, behind, ahead, passed), (-1, ahead, behind, left)):
-            way = (*self._up_to((part, enter), closed), (part, enter, leave))
-            track = self._track(way, gear, inside, from_last=True)
-            ways_on = [self._turn_off(track, goal, closed)]
-            if across:
-                ways_on.append(self._straight_on(track, goal, closed))
-            for way_on in filter(None, ways_on):
-                legs = self._legs(track, way_on, goal)
-                if not across or legs[0].gear == middle:
-                    found.append((round(way_on.travel, 6), legs))
+        first, tracks = (
+            self._righted(where, closed) if where.across else ([], self._tracks(where, closed))
+        )
+        for track in tracks:
+            way_on = self._turn_off(track, goal, closed)
+            if way_on is not None:
+                legs = [*first, *self._legs(track, way_on, goal)]
+                found.append((round(way_on.travel, 6), legs))
         return min(found, key=lambda option: option[0], default=(0.0, None))[1]
 
-    def _track(self, way: Way, gear: int, distance: float, *, from_last: bool = False) -> _Track:
-        """``distance`` m counts from the beginning of the way, or of its last part."""
-        along = self._along(way)
-        return _Track(way, along, gear, distance + along.begins[-1] if from_last else distance)
+    def _tracks(self, where: Whereabouts, closed: Closed) -> list[_Track]:
+        """The ways, nose first and tail first, on which a robot that lies along its pipe may have
+        come to where it is."""
+        part, behind, ahead, passed, left, _ = where
+        ways = ((1, behind, ahead, passed), (-1, ahead, behind, left))
+        return [
+            self._track((*self._up_to((part, enter), closed), (part, enter, leave)), gear, inside)
+            for gear, enter, leave, inside in ways
+        ]
 
-    def _up_to(self, enter: End, closed: tuple[End, ...]) -> Way:
+    def _righted(self, where: Whereabouts, closed: Closed) -> tuple[list[Leg], list[_Track]]:
+        """The leg on which a robot that lies across its pipe rights itself, and the ways that it is
+        on then, as in ``_tracks``.
+
+        Nothing turns it but the room where the branch opens. So it drives over the middle of its
+        fitting, in the gear that points there, to where it can stand beyond.
+        """
+        part, behind, ahead, passed, left, _ = where
+        gear = 1 if passed < left else -1
+        enter, leave = (behind, ahead) if gear > 0 else (ahead, behind)
+        up, beyond = (self._up_to((part, port), closed) for port in (enter, leave))
+        back = self._track((*beyond, (part, leave, enter)), -gear, 0.0)
+        stand = self._stand(back.along, len(beyond), self._passed(part, leave, enter))
+        way = (*up, (part, enter, leave), *((i, b, a) for i, a, b in beyond[::-1]))
+        along = self._along(way)
+        begin = along.begins[len(up)] + min(passed, left)
+        end = along.ends[len(up)] + back.along.begins[-1] - stand
+        leg = Leg(way, gear, begin, end, -1, f"rights itself in {self.network.fittings[part].name}")
+        on = way[: along.at(end) + 1]
+        return [leg], [_Track(on, self._along(on), gear, end), back._replace(distance=stand)]
+
+    def _track(self, way: Way, gear: int, inside: float) -> _Track:
+        """A robot on a way, ``inside`` m beyond the port by which it enters the last part."""
+        along = self._along(way)
+        return _Track(way, along, gear, along.begins[-1] + inside)
+
+    def _up_to(self, enter: End, closed: Closed) -> Way:
         """A way from the nearest open end up to a port by which a part is entered; none where the
         port is itself an open end, or where no way leads there from one."""
         port = self.network.joined_to.get(self.network.port_name(enter))
         if port is None:
             return ()
         ends = [self.network.port(end) for end in self.network.open_ends]
-        out = ToGo(self._graph, ends, closed).way(self.network.port(port)) or ()
+        out = ToGo(without(self._graph, closed), ends).way(self.network.port(port)) or ()
         return tuple((part, leave, enter) for part, enter, leave in out[::-1])
+
+    def turn_in(self, leg: Leg, part: int) -> Way:
+        """The turn into or out of a branch that a leg takes in a part, if there is one there."""
+        fitting = self.network.pipes.parts[part].fitting
+        return tuple(
+            step
+            for step in leg.way
+            if step[0] == part and fitting.describe(*step[1:]).manoeuvre == "tee_turn"
+        )
 
     def _legs(self, track: _Track, found: _Onward, goal: int) -> list[Leg]:
         """The leg to a goal, after one that backs out where that has to be."""
@@ -231,13 +273,13 @@ class Planner:
             return [forward]
         return [self._backing(track, found.stand), forward]
 
-    def _turn_off(self, track: _Track, goal: int, closed: tuple[End, ...]) -> _Onward | None:
+    def _turn_off(self, track: _Track, goal: int, closed: Closed) -> _Onward | None:
         """The way to a goal that asks for the least travel back and on; None where there is none.
 
         Args:
             track: where the robot is. It backs out no farther than to there.
             goal: number of the goal.
-            closed: ports (part index, port) found to be closed.
+            closed: what is not passed.
         """
         old, along, _, distance = track
         to_go = self._to_go(goal, closed)
@@ -273,16 +315,7 @@ class Planner:
                 found.append((min(travels), len(old) - 1 - index, index))
         return sorted(found)
 
-    def _straight_on(self, track: _Track, goal: int, closed: tuple[End, ...]) -> _Onward | None:
-        """The way to a goal from where the robot is, where it passes its part as the way to the
-        goal does; None where it does not."""
-        onward = self._to_go(goal, closed).way(track.way[-1][:2])
-        if onward is None or onward[0] != track.way[-1]:
-            return None
-        way = (*track.way[:-1], *onward)
-        return _Onward(self._along(way).length - track.distance, 0, way, track.distance)
-
-    def _around(self, step: tuple[int, str, str], goal: int, closed: tuple[End, ...]) -> Way | None:
+    def _around(self, step: tuple[int, str, str], goal: int, closed: Closed) -> Way | None:
         """The shortest way to a goal that comes to no port twice from the port that a part is
         entered by, where the robot cannot leave by it."""
         part, enter, _ = step
@@ -296,18 +329,18 @@ class Planner:
         self,
         start: End,
         goal: int,
-        closed: Collection[End],
+        closed: Closed,
         cut: Collection[tuple[End, End]] = (),
     ) -> Way | None:
         import networkx
 
-        graph = networkx.restricted_view(self._graph, closed, cut)
+        graph = networkx.restricted_view(without(self._graph, closed), (), cut)
         return shortest_way(graph, start, self.ends[goal + 1])
 
-    def _to_go(self, goal: int, closed: tuple[End, ...]) -> ToGo:
+    def _to_go(self, goal: int, closed: Closed) -> ToGo:
         key = self.ends[goal + 1], closed
         if self._known_to_go[0] != key:
-            self._known_to_go = key, ToGo(self._graph, [key[0]], closed)
+            self._known_to_go = key, ToGo(without(self._graph, closed), [key[0]])
         return self._known_to_go[1]
 
     def _passed(self, part: int, enter: str, leave: str) -> Passed:

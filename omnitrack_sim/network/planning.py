@@ -14,8 +14,12 @@ from omnitrack_sim.pipes import ARCS, Arcs, Route, route_through
 if TYPE_CHECKING:
     import networkx
 
-Way = tuple[tuple[int, str, str], ...]
-"""Parts in order: index of the part, port entered, port left."""
+Step = tuple[int, str, str]
+"""A part as it is passed: its index, port entered, port left."""
+Way = tuple[Step, ...]
+"""Parts in order."""
+Closed = Collection[End | Step]
+"""What is not passed: ports, and parts from one port to another."""
 
 
 def port_graph(
@@ -81,6 +85,15 @@ def shortest_route(
     if way is None:
         raise NetworkError(unreachable("goal", start, goal, avoided))
     return route_of(network, way, arcs)
+
+
+def without(graph: networkx.DiGraph[Any], closed: Closed) -> networkx.DiGraph[Any]:
+    """A graph of ``port_graph`` without what is closed."""
+    import networkx
+
+    ports = [port for port in closed if len(port) == 2]
+    passed = [((step[0], step[1]), (step[0], step[2])) for step in closed if len(step) == 3]
+    return networkx.restricted_view(graph, ports, passed) if closed else graph
 
 
 def shortest_way(graph: networkx.DiGraph[Any], start: End, goal: End) -> Way | None:

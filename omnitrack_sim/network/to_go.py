@@ -23,41 +23,34 @@ class ToGo:
 
     Args:
         graph: of ``planning.port_graph``. goals: ports to get to, one of them.
-        closed: ports that are not passed.
 
     Attributes:
         lengths: m, for each port that is come in by, from there to the goal.
     """
 
-    def __init__(
-        self, graph: networkx.DiGraph[Any], goals: Collection[End], closed: Collection[End]
-    ) -> None:
-        self._graph, self._goals, self._closed = graph, set(goals), set(closed)
+    def __init__(self, graph: networkx.DiGraph[Any], goals: Collection[End]) -> None:
+        self._graph, self._goals = graph, set(goals)
         self.lengths: dict[End, float] = {}
         self._leave: dict[End, End] = {}
-        waiting = [(0.0, goal) for goal in goals if goal in graph and goal not in self._closed]
+        waiting = [(0.0, goal) for goal in goals if goal in graph]
         heapq.heapify(waiting)
         while waiting:
             rest, leave = heapq.heappop(waiting)
             for enter, edge in graph.pred[leave].items():
                 length = rest + edge["length"]
-                if (
-                    enter[0] == leave[0]
-                    and enter not in self._closed
-                    and length < self.lengths.get(enter, math.inf)
-                ):
+                if enter[0] == leave[0] and length < self.lengths.get(enter, math.inf):
                     self.lengths[enter], self._leave[enter] = length, leave
                     for before in graph.pred[enter]:
-                        if before[0] != enter[0] and before not in self._closed:
+                        if before[0] != enter[0]:
                             heapq.heappush(waiting, (length, before))
 
     def options(self, enter: End) -> Iterator[tuple[End, float]]:
         """The ports by which a part that is come into by ``enter`` may be left, with the least
         length from ``enter`` to a goal, m."""
-        if enter not in self._graph or enter in self._closed:
+        if enter not in self._graph:
             return
         for leave, edge in self._graph.succ[enter].items():
-            if leave[0] == enter[0] and leave not in self._closed:
+            if leave[0] == enter[0]:
                 beyond = self._beyond(leave)
                 rest = math.inf if beyond is None else self.lengths.get(beyond, math.inf)
                 rest = 0.0 if leave in self._goals else rest
@@ -80,8 +73,8 @@ class ToGo:
         return None
 
     def _beyond(self, leave: End) -> End | None:
-        """The port that ``leave`` is joined to, where it may be passed."""
+        """The port that ``leave`` is joined to."""
         for other in self._graph.succ[leave]:
-            if other[0] != leave[0] and other not in self._closed:
+            if other[0] != leave[0]:
                 return other
         return None

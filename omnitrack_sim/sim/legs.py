@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.control.route_map import RouteMap
 from omnitrack_sim.network import Leg, Planner
 from omnitrack_sim.network.layout import End
+from omnitrack_sim.network.planning import Step
 from omnitrack_sim.record.events import (
     Event,
     FellOff,
@@ -48,7 +49,7 @@ class Legs:
         self._planners = [scenario.planner for scenario in scenarios]
         self._driven: list[list[Leg]] = [[] if p is None else [p.first] for p in self._planners]
         self._to_come: list[list[Leg]] = [[] for _ in scenarios]
-        self._closed: list[list[End]] = [[] for _ in scenarios]
+        self._closed: list[list[End | Step]] = [[] for _ in scenarios]
         self._falls_left = [scenario.monitor.falls for scenario in scenarios]
         self._way_numbers: dict[object, int] = {}
         routes, ways = [], []
@@ -102,10 +103,16 @@ class Legs:
         if self._falls_left[robot] == 0:
             return _given_up(robot, time, told, "has fallen too often")
         self._falls_left[robot] -= 1
-        goal = next(
-            leg.goal for leg in (self._driven[robot][-1], *self._to_come[robot]) if leg.goal >= 0
-        )
-        legs = planner.anew(where, goal, self._closed[robot])
+        leg = self._driven[robot][-1]
+        goal = next(leg.goal for leg in (leg, *self._to_come[robot]) if leg.goal >= 0)
+        # A turn that it has fallen off is taken from the other side, where there is a way.
+        closed = self._closed[robot]
+        fallen_off = planner.turn_in(leg, where.part)
+        legs = planner.anew(where, goal, [*closed, *fallen_off])
+        if legs is None:
+            legs = planner.anew(where, goal, closed)
+        else:
+            closed += fallen_off
         return self._put(robot, self._onto(robot, time, told, legs))
 
     def _after(
