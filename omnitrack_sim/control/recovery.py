@@ -1,4 +1,5 @@
-"""A robot that makes no headway in a turn backs off to before the fitting and tries again."""
+"""A robot that makes no headway in a turn backs off to before the fitting and tries again; straight
+over an opening it rolls where it is."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ from omnitrack_sim.table import Part, Table
 class RecoveryTable(Table):
     """When a turn has failed and is tried again. D is the bore that the robot is made for."""
 
-    # How often a robot backs off at one fitting before it is left to hang.
+    # How often a robot tries one fitting again before it is left to hang.
     retries: Annotated[int, Field(ge=0, le=1000)] = 2
     progress: Part = 0.0125  # D, advance beyond the farthest point so far that is headway
     # D that cruising would have taken the robot without headway after which a turn has failed; half

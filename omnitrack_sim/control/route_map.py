@@ -70,8 +70,8 @@ class RouteMap:
         start, end: (Q,) m, arc length where the fitting begins to matter and where it has been
             passed.
         way_of: (Q,) route of each passage.
-        is_turn: (Q,) bool, the route bends there. is_tee_turn, into_branch, out_of_branch: (Q,)
-            bool.
+        is_turn: (Q,) bool, the route bends there. is_tee_turn, is_straight_over, into_branch,
+            out_of_branch: (Q,) bool.
         radius: (Q,) m, of the bore there. corner_radius: (Q,) m, see ``Passage``.
         directions: (Q, 3) turning directions at the fitting's entry, world frame.
     """

@@ -233,7 +233,13 @@ class Planner:
         enter, leave = (behind, ahead) if gear > 0 else (ahead, behind)
         up, beyond = (self._up_to((part, port), closed) for port in (enter, leave))
         back = self._track((*beyond, (part, leave, enter)), -gear, 0.0)
-        stand = self._stand(back.along, len(beyond), self._passed(part, leave, enter))
+        ports = self.network.pipes.parts[part].fitting.port_names
+        # Whichever way it passes the fitting then.
+        stand = min(
+            self._stand(back.along, len(beyond), self._passed(part, leave, port))
+            for port in ports
+            if port != leave
+        )
         way = (*up, (part, enter, leave), *((i, b, a) for i, a, b in beyond[::-1]))
         along = self._along(way)
         begin = along.begins[len(up)] + min(passed, left)

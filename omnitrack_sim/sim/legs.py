@@ -132,7 +132,7 @@ class Legs:
     ) -> Onward:
         """What follows on a leg on which a robot makes no headway."""
         if leg.goal < 0:
-            return _given_up(robot, time, [], "no headway while backing out")
+            return _given_up(robot, time, [], f"no headway as it {leg.note}")
         port = planner.obstacle(leg, distance)
         self._closed[robot].append(port)
         told = [TakenForClosed(robot, time, planner.network.port_name(port), distance)]
