@@ -171,8 +171,7 @@ def test_a_robot_that_lies_across_first_drives_over_the_opening(
     assert (first.gear, first.goal, first.note) == (gear, -1, "rights itself in t")
     assert first.way == ((2, "end", "start"), (TEE, "run_end", "run_start"), (0, "end", "start"))
     assert first.begin == pytest.approx(0.4 + 0.06)
-    bend = 0.4 + 0.16 + plan.arcs.turn
-    assert first.end == pytest.approx(bend + LENGTH / 2 + Robot().standing_room)
+    assert first.end == pytest.approx(0.4 + 0.32 + LENGTH / 2 + Robot().standing_room)
     assert [leg.gear for leg in others] == [-gear]
     assert plan.length(others[0]) - others[0].end == pytest.approx(LENGTH / 2 + 0.005)
 

@@ -240,9 +240,9 @@ class Aligner:
         oriented = np.abs(orientation_error(place.theta5, best)) <= width + ROUNDING
         off_the_line = no_motion_distance(observation.roll).min(axis=-1) >= self._clear_enough
         # With the nose inside, a fitting that goes with any orientation is not worth a stop.
-        inside = (room < 0) & self.makes_do[place.passage] & ~self._inside
+        inside = (room < 0) & self.makes_do[place.passage]
         decide = due & (settled | (observation.time > self.deadline))
-        good = (oriented | inside) & off_the_line
+        good = (oriented | (inside & ~self._inside)) & off_the_line
         finished = decide & (good | (self.attempts >= self._most_attempts))
         self.aligned = np.where(finished, place.passage + 1, self.aligned)
         self.attempts = np.where(finished, 0, self.attempts)

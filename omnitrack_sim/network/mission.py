@@ -16,7 +16,6 @@ its nose. It takes the one that asks for less travel.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from omnitrack_sim.errors import Fault, NetworkError
@@ -25,6 +24,7 @@ from omnitrack_sim.network.goals import Mission, ports_of
 from omnitrack_sim.network.layout import End
 from omnitrack_sim.network.planning import (
     Closed,
+    Leg,
     Step,
     Way,
     port_graph,
@@ -43,29 +43,9 @@ from omnitrack_sim.rotations import Array
 NOSE_ROOM = 0.005
 """Room between the robot's nose and the port of a goal when it arrives, m."""
 ROUNDING = 1e-9
-"""Difference of two travels, m, that may come from rounding."""
+"""Difference of two lengths, m, that may come from rounding."""
 AT_THE_NOSE = 0.02
 """How far behind the nose an obstacle may seem to be that stops a robot, m."""
-
-
-@dataclass(frozen=True)
-class Leg:
-    """A way in one gear.
-
-    Attributes:
-        way: (part index, port entered, port left) of the parts in order.
-        gear: 1 nose first, -1 tail first.
-        begin, end: m, arc length of the robot's centre along the way where the leg begins and ends.
-        goal: number of the goal that is reached at its end; -1 if the robot only backs out.
-        note: what is done, as text.
-    """
-
-    way: Way
-    gear: int
-    begin: float
-    end: float
-    goal: int
-    note: str
 
 
 class _Track(NamedTuple):
@@ -174,13 +154,10 @@ class Planner:
             goal: number of the goal.
             closed: what is not passed.
         """
-        closed, along = tuple(closed), self._along(leg.way)
-        here = along.at(distance)
+        closed = tuple(closed)
         if leg.gear < 0:
-            part, enter, leave = leg.way[here]
-            passed, left = along.ends[here] - distance, distance - along.begins[here]
-            return self.anew(Whereabouts(part, leave, enter, passed, left), goal, closed)
-        way = leg.way[: here + 1]
+            return self.anew(self._on(leg, distance), goal, closed)
+        way = leg.way[: self._along(leg.way).at(distance) + 1]
         track = _Track(way, self._along(way), leg.gear, distance)
         if self.ends[goal + 1] == leg.way[0][:2]:
             return [self._backing(track, self.robot.length / 2 + NOSE_ROOM, goal)]
@@ -202,7 +179,9 @@ class Planner:
         """
         closed, found = tuple(closed), list[tuple[float, list[Leg]]]()
         first, tracks = (
-            self._righted(where, closed) if where.across else ([], self._tracks(where, closed))
+            self._righted(where, goal, closed)
+            if where.across
+            else ([], self._tracks(where, goal, closed))
         )
         for track in tracks:
             way_on = self._turn_off(track, goal, closed)
@@ -211,17 +190,20 @@ class Planner:
                 found.append((round(way_on.travel, 6), legs))
         return min(found, key=lambda option: option[0], default=(0.0, None))[1]
 
-    def _tracks(self, where: Whereabouts, closed: Closed) -> list[_Track]:
+    def _tracks(self, where: Whereabouts, goal: int, closed: Closed) -> list[_Track]:
         """The ways, nose first and tail first, on which a robot that lies along its pipe may have
         come to where it is."""
         part, behind, ahead, passed, left, _ = where
-        ways = ((1, behind, ahead, passed), (-1, ahead, behind, left))
-        return [
-            self._track((*self._up_to((part, enter), closed), (part, enter, leave)), gear, inside)
-            for gear, enter, leave, inside in ways
-        ]
+        found = []
+        for gear, enter, leave, inside in ((1, behind, ahead, passed), (-1, ahead, behind, left)):
+            way = (*self._up_to((part, enter), goal, closed), (part, enter, leave))
+            along = self._along(way)
+            found.append(_Track(way, along, gear, along.begins[-1] + inside))
+        return found
 
-    def _righted(self, where: Whereabouts, closed: Closed) -> tuple[list[Leg], list[_Track]]:
+    def _righted(
+        self, where: Whereabouts, goal: int, closed: Closed
+    ) -> tuple[list[Leg], list[_Track]]:
         """The leg on which a robot that lies across its pipe rights itself, and the ways that it is
         on then, as in ``_tracks``.
 
@@ -231,36 +213,38 @@ class Planner:
         part, behind, ahead, passed, left, _ = where
         gear = 1 if passed < left else -1
         enter, leave = (behind, ahead) if gear > 0 else (ahead, behind)
-        up, beyond = (self._up_to((part, port), closed) for port in (enter, leave))
-        back = self._track((*beyond, (part, leave, enter)), -gear, 0.0)
-        ports = self.network.pipes.parts[part].fitting.port_names
-        # Whichever way it passes the fitting then.
-        stand = min(
-            self._stand(back.along, len(beyond), self._passed(part, leave, port))
-            for port in ports
-            if port != leave
-        )
+        up, beyond = (self._up_to((part, port), goal, closed) for port in (enter, leave))
         way = (*up, (part, enter, leave), *((i, b, a) for i, a, b in beyond[::-1]))
         along = self._along(way)
         begin = along.begins[len(up)] + min(passed, left)
-        end = along.ends[len(up)] + back.along.begins[-1] - stand
+        half = self.robot.length / 2
+        end = along.ends[len(up)] + half + self.robot.standing_room
+        end = min(end, along.length - half)
+        here = along.at(end)
         leg = Leg(way, gear, begin, end, -1, f"rights itself in {self.network.fittings[part].name}")
-        on = way[: along.at(end) + 1]
-        return [leg], [_Track(on, self._along(on), gear, end), back._replace(distance=stand)]
+        track = _Track(way[: here + 1], self._along(way[: here + 1]), gear, end)
+        return [leg], [track, *self._tracks(self._on(leg, end), goal, closed)]
 
-    def _track(self, way: Way, gear: int, inside: float) -> _Track:
-        """A robot on a way, ``inside`` m beyond the port by which it enters the last part."""
-        along = self._along(way)
-        return _Track(way, along, gear, along.begins[-1] + inside)
+    def _on(self, leg: Leg, distance: float) -> Whereabouts:
+        """Where a robot lies at arc length ``distance`` m on a leg."""
+        along = self._along(leg.way)
+        here = along.at(distance)
+        part, enter, leave = leg.way[here]
+        passed, left = distance - along.begins[here], along.ends[here] - distance
+        if leg.gear > 0:
+            return Whereabouts(part, enter, leave, passed, left)
+        return Whereabouts(part, leave, enter, left, passed)
 
-    def _up_to(self, enter: End, closed: Closed) -> Way:
-        """A way from the nearest open end up to a port by which a part is entered; none where the
-        port is itself an open end, or where no way leads there from one."""
+    def _up_to(self, enter: End, goal: int, closed: Closed) -> Way:
+        """A way up to a port by which a part is entered, from the nearest open end, and from the
+        goal only if there is no other; none where the port is itself an open end, or where no way
+        leads there from one."""
         port = self.network.joined_to.get(self.network.port_name(enter))
         if port is None:
             return ()
-        ends = [self.network.port(end) for end in self.network.open_ends]
-        out = ToGo(without(self._graph, closed), ends).way(self.network.port(port)) or ()
+        graph, before = without(self._graph, closed), self.network.port(port)
+        ends = {self.network.port(end) for end in self.network.open_ends} - {self.ends[goal + 1]}
+        out = ToGo(graph, ends).way(before) or self._to_go(goal, tuple(closed)).way(before) or ()
         return tuple((part, leave, enter) for part, enter, leave in out[::-1])
 
     def turn_in(self, leg: Leg, part: int) -> Way:
@@ -275,7 +259,7 @@ class Planner:
     def _legs(self, track: _Track, found: _Onward, goal: int) -> list[Leg]:
         """The leg to a goal, after one that backs out where that has to be."""
         forward = self._forward(found.way, found.stand, goal, track.gear)
-        if found.stand >= track.distance:
+        if found.stand >= track.distance - ROUNDING:
             return [forward]
         return [self._backing(track, found.stand), forward]
 

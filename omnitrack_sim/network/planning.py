@@ -1,8 +1,10 @@
-"""Routes through a network: a graph of its ports, and the shortest way between two open ends."""
+"""Routes and legs through a network: a graph of its ports, and the shortest way between two open
+ends."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
+from dataclasses import dataclass
 from itertools import permutations
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +22,26 @@ Way = tuple[Step, ...]
 """Parts in order."""
 Closed = Collection[End | Step]
 """What is not passed: ports, and parts from one port to another."""
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A way in one gear.
+
+    Attributes:
+        way: (part index, port entered, port left) of the parts in order.
+        gear: 1 nose first, -1 tail first.
+        begin, end: m, arc length of the robot's centre along the way where the leg begins and ends.
+        goal: number of the goal that is reached at its end; -1 if the robot only backs out.
+        note: what is done, as text.
+    """
+
+    way: Way
+    gear: int
+    begin: float
+    end: float
+    goal: int
+    note: str
 
 
 def port_graph(

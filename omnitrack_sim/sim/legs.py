@@ -106,13 +106,12 @@ class Legs:
         leg = self._driven[robot][-1]
         goal = next(leg.goal for leg in (leg, *self._to_come[robot]) if leg.goal >= 0)
         # A turn that it has fallen off is taken from the other side, where there is a way.
-        closed = self._closed[robot]
-        fallen_off = planner.turn_in(leg, where.part)
-        legs = planner.anew(where, goal, [*closed, *fallen_off])
+        closed = [*self._closed[robot], *planner.turn_in(leg, where.part)]
+        legs = planner.anew(where, goal, closed)
         if legs is None:
+            closed = [port for port in closed if len(port) == 2]
             legs = planner.anew(where, goal, closed)
-        else:
-            closed += fallen_off
+        self._closed[robot] = closed
         return self._put(robot, self._onto(robot, time, told, legs))
 
     def _after(
