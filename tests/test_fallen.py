@@ -180,15 +180,26 @@ def test_a_turn_that_a_robot_has_fallen_off_is_taken_from_the_other_side() -> No
     """It drives past the branch and comes back to it; where it cannot, it tries the turn again."""
     legs = Legs([past_the_tee()])
     legs.plan_anew(0, 1.0, MIDDLE + 0.1 * UP, unit([0.9, 0.0, 0.45]))
-    ((righted, out, on), told) = (legs.driven(0)[1:] + tuple(legs._to_come[0])), legs._closed[0]
-    assert told == [(TEE, "run_start", "branch")]
+    righted, out, on = legs.driven(0)[1:] + tuple(legs._to_come[0])
     assert [leg.gear for leg in (righted, out, on)] == [-1, 1, -1]
     assert (TEE, "run_end", "branch") in on.way
     assert [part for part, _, _ in out.way][:2] == [0, TEE]
-    again = tee(avoid=("b",))
+
+
+@pytest.mark.parametrize("length", [0.3, 0.9])
+def test_a_robot_below_a_turn_that_is_closed_to_it_comes_back_to_it(length: float) -> None:
+    """Past the branch and back into it, also where the goal is the nearest open end; without a pipe
+    there to turn in there is no way."""
+    fittings = [straight("a"), {"kind": "tee", "name": "t"}, straight("b", length), straight("c")]
+    mission = Mission(start="a.start", goals=("c.start",))
+    plan = Planner(validate(branched(fittings=fittings)), mission, Robot(), 0.1)
     lies = Whereabouts(0, "start", "end", 0.3, 0.1)
-    assert again.anew(lies, 0, again.turn_in(again.first, TEE)) is None
-    assert again.anew(lies, 0, ()) is not None
+    out, on = plan.anew(lies, 0, plan.turn_in(plan.first, TEE)) or ()
+    assert (out.gear, on.gear) == (1, -1)
+    assert on.way == ((2, "end", "start"), (TEE, "run_end", "branch"), (3, "end", "start"))
+    closed = tee(avoid=("b",))
+    assert closed.anew(lies, 0, closed.turn_in(closed.first, TEE)) is None
+    assert closed.anew(lies, 0, ()) is not None
 
 
 def test_what_is_closed_or_to_be_avoided_is_not_passed() -> None:

@@ -3,7 +3,7 @@ blocked or a robot has fallen off it. The only place that puts robots onto legs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -49,7 +49,8 @@ class Legs:
         self._planners = [scenario.planner for scenario in scenarios]
         self._driven: list[list[Leg]] = [[] if p is None else [p.first] for p in self._planners]
         self._to_come: list[list[Leg]] = [[] for _ in scenarios]
-        self._closed: list[list[End | Step]] = [[] for _ in scenarios]
+        self._closed: list[list[End]] = [[] for _ in scenarios]
+        self._fallen_off: list[list[Step]] = [[] for _ in scenarios]
         self._falls_left = [scenario.monitor.falls for scenario in scenarios]
         self._way_numbers: dict[object, int] = {}
         routes, ways = [], []
@@ -105,13 +106,8 @@ class Legs:
         self._falls_left[robot] -= 1
         leg = self._driven[robot][-1]
         goal = next(leg.goal for leg in (leg, *self._to_come[robot]) if leg.goal >= 0)
-        # A turn that it has fallen off is taken from the other side, where there is a way.
-        closed = [*self._closed[robot], *planner.turn_in(leg, where.part)]
-        legs = planner.anew(where, goal, closed)
-        if legs is None:
-            closed = [port for port in closed if len(port) == 2]
-            legs = planner.anew(where, goal, closed)
-        self._closed[robot] = closed
+        self._fallen_off[robot] += planner.turn_in(leg, where.part)
+        legs = self._plan(robot, lambda closed: planner.anew(where, goal, closed))
         return self._put(robot, self._onto(robot, time, told, legs))
 
     def _after(
@@ -123,7 +119,8 @@ class Legs:
         if leg.goal + 1 == len(planner.mission.goals):
             return Onward(None, ())
         told = [GoalReached(robot, time, planner.mission.goals[leg.goal])]
-        legs = planner.onward(leg, distance, leg.goal + 1, self._closed[robot])
+        goal = leg.goal + 1
+        legs = self._plan(robot, lambda closed: planner.onward(leg, distance, goal, closed))
         return self._onto(robot, time, told, legs)
 
     def _round(
@@ -135,8 +132,17 @@ class Legs:
         port = planner.obstacle(leg, distance)
         self._closed[robot].append(port)
         told = [TakenForClosed(robot, time, planner.network.port_name(port), distance)]
-        legs = planner.onward(leg, distance, leg.goal, self._closed[robot])
+        legs = self._plan(robot, lambda closed: planner.onward(leg, distance, leg.goal, closed))
         return self._onto(robot, time, told, legs)
+
+    def _plan(
+        self, robot: int, plan: Callable[[Sequence[End | Step]], list[Leg] | None]
+    ) -> list[Leg] | None:
+        """Legs of ``plan`` for what is closed to a robot. A turn that it has fallen off it takes
+        from the other side, and tries again only where there is no other way."""
+        closed, fallen_off = self._closed[robot], self._fallen_off[robot]
+        legs = plan([*closed, *fallen_off])
+        return plan(closed) if legs is None and fallen_off else legs
 
     def _onto(
         self, robot: int, time: float, told: Sequence[Event], legs: Sequence[Leg] | None
