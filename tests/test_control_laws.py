@@ -249,6 +249,26 @@ def test_a_robot_backs_off_as_often_as_it_may(retries: int) -> None:
     assert [type(event) for event in events] == [BackedOff] * retries
 
 
+@pytest.mark.parametrize(
+    ("theta5_deg", "retry", "rolls"), [(0.0, True, 1), (60.0, True, 0), (0.0, False, 0)]
+)
+def test_a_robot_that_hangs_straight_over_an_opening_rolls_there(
+    theta5_deg: float, retry: bool, rolls: int
+) -> None:
+    """Where it is badly oriented, as one is that has fallen there; it does not drive meanwhile. As
+    long as it does not hang, it drives on as it is."""
+    changes = {"control.retry": retry, "control.align": True}
+    changes |= {"control.parameters.recovery.patience": 0.1}
+    bench = Bench(scenario_of("tee_straight", **changes))
+    at = bench.inside()
+    first = [bench.step(at, theta5_deg) for _ in range(10)]
+    assert [event for command in first for event in command.events] == []
+    then = [bench.step(at, theta5_deg) for _ in range(20)]
+    events = [event for command in then for event in command.events]
+    assert [type(event) for event in events] == [Rolled] * rolls
+    assert then[-1].resting.tolist() == [rolls > 0]  # type: ignore[union-attr]
+
+
 def test_the_state_of_a_controller_turns_round_with_the_robot() -> None:
     """A robot sent back the way it came goes on with the rolls of its modules, and its rotation
     rate, as they are seen from behind; one sent on nose first keeps them as they are."""

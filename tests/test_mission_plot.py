@@ -9,6 +9,8 @@ from PIL import Image
 from samples import sample_result, sample_trajectory, two_legs_result
 
 from omnitrack_sim.plots import mission_figure, plot_mission
+from omnitrack_sim.plots.mission.signs import marks_of
+from omnitrack_sim.record.events import FellOff
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.record.trajectory import Trajectory
 
@@ -74,6 +76,17 @@ def test_signs_are_explained(figure):
     assert {"start", "goal", "tail first", "modules rolled", "backs off to retry"} <= set(told)
     assert {"straight", "elbow", "run to branch", "over the run"} <= set(told)
     assert not any(text.startswith("end") for text in told)
+
+
+def test_a_fall_is_marked_where_it_was():
+    """At the sample of its time, in every map and in the chart, with its meaning below."""
+    result = two_legs_result()
+    time = float(result.trajectory.time[100])
+    fell = two_legs_result(events=[FellOff(0, time, "tee_1", "tee_1.run_end")])
+    (mark,) = [mark for mark in marks_of(fell) if mark.text == "falls off its way"]
+    assert mark.rows.tolist() == [100]
+    assert "falls off its way" in legends(mission_figure(fell))
+    assert "falls off its way" not in [mark.text for mark in marks_of(result)]
 
 
 def test_a_failed_run_shows_its_end():

@@ -102,7 +102,7 @@ def test_lengths_to_a_goal_are_those_of_the_shortest_ways():
     comes to no port twice it is as long as the shortest way in the graph without turning back."""
     network = _ladder(3)
     plan = Planner(network, Mission(start="a0.start", goals=("b3.end",)), Robot(), 0.1)
-    to_go, compared = ToGo(plan._graph, plan.ends[1], ()), 0
+    to_go, compared = ToGo(plan._graph, [plan.ends[1]]), 0
     for enter, length in to_go.lengths.items():
         way = to_go.way(enter)
         if way is None:

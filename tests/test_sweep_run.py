@@ -22,7 +22,7 @@ from sweep_samples import (
 )
 
 from omnitrack_sim import OutputError, SweepError, run, run_sweep, writing
-from omnitrack_sim.record.events import BackedOff
+from omnitrack_sim.record.events import BackedOff, FellOff
 from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.sim.run import run_batch
@@ -62,7 +62,7 @@ def test_columns_and_units(table):
         "s",
         "1",
     )
-    assert names[-3:] == ["attempts", "collider", "events"]
+    assert names[-4:] == ["attempts", "falls", "collider", "events"]
     invalid = table["outcome"].to_pylist().index("invalid")
     row = table.slice(invalid, 1).to_pylist()[0]
     assert "robot.preload" in row["reason"]
@@ -78,7 +78,7 @@ def test_a_row_is_what_the_run_of_its_scenario_gives(table):
     result = run(small_sweep().scenario(index))
     assert row["scenario_sha256"] == result.scenario.hash
     assert (row["reason"], row["duration_s"]) == (result.reason, result.duration_s)
-    assert row["attempts"] == 1
+    assert (row["attempts"], row["falls"]) == (1, 0)
     for metric in METRICS:
         if metric.in_tables:
             values = [row[column] for column in metric_columns(metric)]
@@ -278,15 +278,16 @@ def test_an_exception_makes_one_row(calm, tmp_path, monkeypatch):
     assert summary["success_rate_95"][1] == wilson_interval(0, summary["counted"])[1]
 
 
-def test_a_row_tells_attempts_and_has_no_figure_that_is_not_finite(monkeypatch):
-    """Each time that a robot has backed off is a further attempt; of a diverged run the figures
-    that are not finite are null."""
+def test_a_row_tells_attempts_and_falls_and_has_no_figure_that_is_not_finite(monkeypatch):
+    """Each time that a robot has backed off is a further attempt, and falls are counted; of a
+    diverged run the figures that are not finite are null."""
     usual = batch.run_batch
 
     def run_batch(scenarios, **keys):
         first, *others = usual(scenarios, **keys)
         figures = {"energy_j": math.inf, "slip_distance_m": [math.nan, 0.0, -math.inf]}
         events = [BackedOff(0, t, "tee_1", 0.5, 3.0) for t in (0.01, 0.05)]
+        events += [FellOff(0, 0.07, "tee_1", "tee_1.run_end")]
         broken = {"metrics": first.metrics | figures, "events": events, "duration_s": math.nan}
         return [dataclasses.replace(first, **broken), *others]
 
@@ -294,7 +295,7 @@ def test_a_row_tells_attempts_and_has_no_figure_that_is_not_finite(monkeypatch):
     rows = [row for row in run_sweep(small_sweep()).to_pylist() if row["outcome"] != "invalid"]
     broken = [row for row in rows if row["attempts"] == 3]
     assert 1 < len(broken) < len(rows)
-    assert {row["attempts"] for row in rows} == {1, 3}
+    assert {(row["attempts"], row["falls"]) for row in rows} == {(1, 0), (3, 1)}
     for row in broken:
         columns = ("energy_j", "slip_distance_m_1", "slip_distance_m_2", "slip_distance_m_3")
         assert [row[column] for column in columns] == [None, None, 0.0, None]

@@ -115,6 +115,7 @@ class Aligner:
         self.roll_target = self.roll.copy()
         self.attempts = np.zeros(n, int)
         self.deadline = np.full(n, np.inf)
+        self._inside = np.zeros(n, bool)  # robots that are aligned with the nose in the fitting
         self._step = self.robot.roll_rate * setup.period  # rad
         self._belt_sign = belt_sign(self.roll)  # (n, 3)
         self._rows = np.arange(n)
@@ -199,7 +200,7 @@ class Aligner:
             self.roll[robot] = 0.0 - self.roll[robot, SWAPPED]
             self.roll_target[robot] = -self.roll_target[robot, SWAPPED]
             self._belt_sign[robot] = self._belt_sign[robot, SWAPPED]
-        self.attempts[robot], self.deadline[robot] = 0, np.inf
+        self.attempts[robot], self.deadline[robot], self._inside[robot] = 0, np.inf, False
         if self.settings.align[robot]:
             self.aligned[robot] = self.routes.first[way]
 
@@ -207,6 +208,11 @@ class Aligner:
         """Forget that ``robots`` (n,) have been aligned for their ``passage`` (n,)."""
         again = robots & self.settings.align
         self.aligned = np.where(again, np.minimum(self.aligned, passage), self.aligned)
+
+    def align_inside(self, robots: NDArray[np.bool_], passage: NDArray[np.intp]) -> None:
+        """As ``align_again``, and for fittings that go with any orientation, too."""
+        self.align_again(robots, passage)
+        self._inside = self._inside | robots
 
     def step(self, observation: Observation, room: Array) -> Standing:
         """Find out who has to stand, plan a roll where one is due, and move ``roll`` on.
@@ -236,10 +242,11 @@ class Aligner:
         # With the nose inside, a fitting that goes with any orientation is not worth a stop.
         inside = (room < 0) & self.makes_do[place.passage]
         decide = due & (settled | (observation.time > self.deadline))
-        good = (oriented | inside) & off_the_line
+        good = (oriented | (inside & ~self._inside)) & off_the_line
         finished = decide & (good | (self.attempts >= self._most_attempts))
         self.aligned = np.where(finished, place.passage + 1, self.aligned)
         self.attempts = np.where(finished, 0, self.attempts)
+        self._inside = self._inside & ~finished
         self.deadline = np.where(finished, np.inf, self.deadline)
         again = decide & ~finished
         if again.any():

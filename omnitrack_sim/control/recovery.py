@@ -1,4 +1,5 @@
-"""A robot that makes no headway in a turn backs off to before the fitting and tries again."""
+"""A robot that makes no headway in a turn backs off to before the fitting and tries again; straight
+over an opening it rolls where it is."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ from omnitrack_sim.table import Part, Table
 class RecoveryTable(Table):
     """When a turn has failed and is tried again. D is the bore that the robot is made for."""
 
-    # How often a robot backs off at one fitting before it is left to hang.
+    # How often a robot tries one fitting again before it is left to hang.
     retries: Annotated[int, Field(ge=0, le=1000)] = 2
     progress: Part = 0.0125  # D, advance beyond the farthest point so far that is headway
     # D that cruising would have taken the robot without headway after which a turn has failed; half
@@ -96,6 +97,7 @@ class Recovery:
         still = self.backing | ~(headway | standing)
         self.waiting = (self.waiting + self.period) * still
         events = self._begin(observation, room)
+        self._roll_where_they_hang(place.passage, room, aligner)
         if np.count_nonzero(self.backing):
             self._end(place.distance, aligner)
         return Backing(self.backing, events)
@@ -124,6 +126,22 @@ class Recovery:
             self.retries = self.retries + failed
             self.waiting = np.where(failed, 0.0, self.waiting)
         return events
+
+    def _roll_where_they_hang(
+        self, passage: NDArray[np.intp], room: Array, aligner: Aligner
+    ) -> None:
+        """Have robots that hang straight over an opening roll there, where they are badly turned
+        about their axis: one that comes into the fitting on its way has been aligned before it, one
+        that has fallen into it has not."""
+        over = self.routes.is_straight_over.take(passage) & (room < 0)
+        if not np.count_nonzero(over):
+            return
+        may = over & (self.retries < self._most_retries) & self.settings.retry
+        hanging = may & (self.waiting > self._patience)
+        if hanging.any():
+            self.retries = self.retries + hanging
+            self.waiting = np.where(hanging, 0.0, self.waiting)
+            aligner.align_inside(hanging, passage)
 
     def _end(self, distance: Array, aligner: Aligner) -> None:
         given_up = self.waiting > self._back_off

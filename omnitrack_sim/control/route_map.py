@@ -70,8 +70,8 @@ class RouteMap:
         start, end: (Q,) m, arc length where the fitting begins to matter and where it has been
             passed.
         way_of: (Q,) route of each passage.
-        is_turn: (Q,) bool, the route bends there. is_tee_turn, into_branch, out_of_branch: (Q,)
-            bool.
+        is_turn: (Q,) bool, the route bends there. is_tee_turn, is_straight_over, into_branch,
+            out_of_branch: (Q,) bool.
         radius: (Q,) m, of the bore there. corner_radius: (Q,) m, see ``Passage``.
         directions: (Q, 3) turning directions at the fitting's entry, world frame.
     """
@@ -111,6 +111,9 @@ class RouteMap:
         self.start, self.end = np.array(spans).T
         self.is_turn = np.array([p is not None and p.is_turn for p in passages])
         self.is_tee_turn = np.array([p is not None and p.manoeuvre == "tee_turn" for p in passages])
+        self.is_straight_over = np.array(
+            [p is not None and p.manoeuvre == "tee_straight" for p in passages]
+        )
         self.into_branch = np.array([p is not None and p.into_branch for p in passages])
         self.out_of_branch = np.array([p is not None and p.out_of_branch for p in passages])
         at_end = iter(zip(end_directions, last_radius, strict=True))

@@ -1,7 +1,8 @@
 """Pipe networks as files, and routes and missions through them."""
 
-from omnitrack_sim.network.mission import Leg, Mission, Planner
-from omnitrack_sim.network.planning import shortest_route
+from omnitrack_sim.network.goals import Mission
+from omnitrack_sim.network.mission import Planner
+from omnitrack_sim.network.planning import Leg, shortest_route
 from omnitrack_sim.network.random import random_network
 from omnitrack_sim.network.spec import Network, load_network, validate
 

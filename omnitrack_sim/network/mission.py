@@ -4,68 +4,78 @@ Nothing here moves a robot.
 
 A robot drives nose first from an open end to a goal. Where it has to turn back, at a goal with
 another one to follow or where its way is blocked, it backs out the way it came, tail first, until
-it stands before the tee where the new way leaves the old one, and goes on nose first. So every way
-nose first begins at the mission's start, and arc lengths on the part that two of them share are
-equal. To a goal that is the mission's start it backs out all the way.
+it stands before the tee where the new way leaves the old one, and goes on nose first. So arc
+lengths on the part that two ways nose first share are equal. To a goal where its way began it backs
+out all the way.
+
+A robot that lies anywhere else in the network, because it fell off its way, or that has come to a
+goal tail first, may go on either way round: nose first as above, or tail first as if its tail were
+its nose. It takes the one that asks for less travel.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any, NamedTuple
 
-from pydantic import Field
-
-from omnitrack_sim.bounds import MOST_GOALS, MOST_PARTS
 from omnitrack_sim.errors import Fault, NetworkError
 from omnitrack_sim.network.along import Along, Passed
+from omnitrack_sim.network.goals import Mission, ports_of
 from omnitrack_sim.network.layout import End
-from omnitrack_sim.network.planning import Way, port_graph, route_of, shortest_way, unreachable
+from omnitrack_sim.network.planning import (
+    Closed,
+    Leg,
+    Step,
+    Way,
+    port_graph,
+    route_of,
+    shortest_way,
+    unreachable,
+    without,
+)
 from omnitrack_sim.network.spec import Network
 from omnitrack_sim.network.to_go import ToGo
+from omnitrack_sim.network.whereabouts import Whereabouts, whereabouts
 from omnitrack_sim.pipes import ARCS, Arcs, Route
 from omnitrack_sim.robot import Robot
-from omnitrack_sim.table import Table
+from omnitrack_sim.rotations import Array
 
 NOSE_ROOM = 0.005
 """Room between the robot's nose and the port of a goal when it arrives, m."""
 ROUNDING = 1e-9
-"""Difference of two travels, m, that may come from rounding."""
+"""Difference of two lengths, m, that may come from rounding."""
 AT_THE_NOSE = 0.02
 """How far behind the nose an obstacle may seem to be that stops a robot, m."""
 
 
-class Mission(Table):
-    """Where to go in a network."""
-
-    start: str  # open end
-    # open ends, in order
-    goals: Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_GOALS)]
-    # fittings that are not entered
-    avoid: Annotated[tuple[str, ...], Field(max_length=MOST_PARTS)] = ()
-    # ports closed by a plate that the robot does not know of
-    blocked: Annotated[tuple[str, ...], Field(max_length=MOST_PARTS)] = ()
-
-
-@dataclass(frozen=True)
-class Leg:
-    """A way in one gear.
+class _Track(NamedTuple):
+    """A way that a robot is on, up to the part that it is in.
 
     Attributes:
-        way: (part index, port entered, port left) of the parts in order.
+        way: the way. along: the same in numbers.
         gear: 1 nose first, -1 tail first.
-        begin, end: m, arc length of the robot's centre along the way where the leg begins and ends.
-        goal: number of the goal that is reached at its end; -1 if the robot only backs out.
-        note: what is done, as text.
+        distance: m, arc length of the robot's centre.
     """
 
     way: Way
+    along: Along
     gear: int
-    begin: float
-    end: float
-    goal: int
-    note: str
+    distance: float
+
+
+class _Onward(NamedTuple):
+    """How a robot comes from its track to a goal.
+
+    Attributes:
+        travel: m, back and on. behind: how many parts behind the robot's one the ways part.
+        way: from the beginning of the track to the goal.
+        stand: m, arc length on both up to which the robot backs out first.
+    """
+
+    travel: float
+    behind: int
+    way: Way
+    stand: float
 
 
 class Planner:
@@ -96,10 +106,10 @@ class Planner:
         arcs: Arcs = ARCS,
     ) -> None:
         self.network, self.mission, self.robot, self.arcs = network, mission, robot, arcs
-        self.ends, self.plates = _checked(network, mission)
+        self.ends, self.plates = ports_of(network, mission)
         self._graph = port_graph(network, arcs, mission.avoid)
         self._known_passed: dict[tuple[int, str, str], Passed] = {}
-        self._known_to_go: tuple[Any, ToGo] = None, ToGo(self._graph, self.ends[0], ())
+        self._known_to_go: tuple[Any, ToGo] = None, ToGo(self._graph, ())
         way = shortest_way(self._graph, self.ends[0], self.ends[1])
         if way is None:
             raise NetworkError(_unreachable(0, mission))
@@ -134,56 +144,138 @@ class Planner:
         return part, leave
 
     def onward(
-        self, leg: Leg, distance: float, goal: int, closed: Iterable[End]
+        self, leg: Leg, distance: float, goal: int, closed: Iterable[End | Step]
     ) -> list[Leg] | None:
         """Legs to a goal for a robot that is on a leg; None where no way is left.
 
-        The robot comes back to the mission's start tail first. From there it sets out anew.
-
         Args:
-            leg: the robot is on it, nose first; or tail first at its end, which is the mission's
-                start.
+            leg: the robot is on it.
             distance: m, arc length of the robot's centre on that leg.
             goal: number of the goal.
-            closed: ports (part index, port) found to be closed.
+            closed: what is not passed.
         """
         closed = tuple(closed)
-        at_the_start = self.robot.length / 2 + NOSE_ROOM
         if leg.gear < 0:
-            way = self._shortest(self.ends[0], goal, closed)
-            return None if way is None else [self._forward(way, at_the_start, goal)]
-        old = self._along(leg.way)
-        here = old.at(distance)
-        if self.ends[goal + 1] == self.ends[0]:
-            return [self._backing(old, leg.way, here, distance, at_the_start, goal)]
-        found = self._turn_off(old, leg.way[: here + 1], distance, goal, closed)
-        if found is None:
-            return None
-        way, stand = found
-        forward = self._forward(way, stand, goal)
-        if stand >= distance:
-            return [forward]
-        return [self._backing(old, leg.way, here, distance, stand), forward]
+            return self.anew(self._on(leg, distance), goal, closed)
+        way = leg.way[: self._along(leg.way).at(distance) + 1]
+        track = _Track(way, self._along(way), leg.gear, distance)
+        if self.ends[goal + 1] == leg.way[0][:2]:
+            return [self._backing(track, self.robot.length / 2 + NOSE_ROOM, goal)]
+        found = self._turn_off(track, goal, closed)
+        return None if found is None else self._legs(track, found, goal)
 
-    def _turn_off(
-        self, along: Along, old: Way, distance: float, goal: int, closed: tuple[End, ...]
-    ) -> tuple[Way, float] | None:
-        """The way to a goal, nose first, that asks for the least travel back and on.
+    def find(self, position: Array, axis: Array) -> Whereabouts | None:
+        """Where in the network a robot lies with its centre at ``position`` (3,) m and its nose
+        along the unit vector ``axis`` (3,), world frame; None where it lies in none of its
+        pipes."""
+        return whereabouts(self.network.pipes, position, axis, self.robot.length, self.arcs)
+
+    def anew(self, where: Whereabouts, goal: int, closed: Iterable[End | Step]) -> list[Leg] | None:
+        """Legs to a goal for a robot that lies anywhere in the network, in the gear that asks for
+        less travel; None where there is no way.
 
         Args:
-            along: the way that the robot is on, in numbers.
-            old: that way up to the fitting that the robot is in, at arc length ``distance`` m.
-            goal: number of the goal.
-            closed: ports (part index, port) found to be closed.
-
-        Returns:
-            The new way, and the arc length in m up to which the robot has to back out, at most
-            ``distance``; None where there is no way.
+            where: it lies. goal: number of the goal. closed: what is not passed.
         """
+        closed, found = tuple(closed), list[tuple[float, list[Leg]]]()
+        first, tracks = (
+            self._righted(where, goal, closed)
+            if where.across
+            else ([], self._tracks(where, goal, closed))
+        )
+        for track in tracks:
+            way_on = self._turn_off(track, goal, closed)
+            if way_on is not None:
+                legs = [*first, *self._legs(track, way_on, goal)]
+                found.append((round(way_on.travel, 6), legs))
+        return min(found, key=lambda option: option[0], default=(0.0, None))[1]
+
+    def _tracks(self, where: Whereabouts, goal: int, closed: Closed) -> list[_Track]:
+        """The ways, nose first and tail first, on which a robot that lies along its pipe may have
+        come to where it is."""
+        part, behind, ahead, passed, left, _ = where
+        found = []
+        for gear, enter, leave, inside in ((1, behind, ahead, passed), (-1, ahead, behind, left)):
+            way = (*self._up_to((part, enter), goal, closed), (part, enter, leave))
+            along = self._along(way)
+            found.append(_Track(way, along, gear, along.begins[-1] + inside))
+        return found
+
+    def _righted(
+        self, where: Whereabouts, goal: int, closed: Closed
+    ) -> tuple[list[Leg], list[_Track]]:
+        """The leg on which a robot that lies across its pipe rights itself, and the ways that it is
+        on then, as in ``_tracks``.
+
+        Nothing turns it but the room where the branch opens. So it drives over the middle of its
+        fitting, in the gear that points there, to where it can stand beyond.
+        """
+        part, behind, ahead, passed, left, _ = where
+        gear = 1 if passed < left else -1
+        enter, leave = (behind, ahead) if gear > 0 else (ahead, behind)
+        up, beyond = (self._up_to((part, port), goal, closed) for port in (enter, leave))
+        way = (*up, (part, enter, leave), *((i, b, a) for i, a, b in beyond[::-1]))
+        along = self._along(way)
+        begin = along.begins[len(up)] + min(passed, left)
+        half = self.robot.length / 2
+        end = along.ends[len(up)] + half + self.robot.standing_room
+        end = min(end, along.length - half)
+        here = along.at(end)
+        leg = Leg(way, gear, begin, end, -1, f"rights itself in {self.network.fittings[part].name}")
+        track = _Track(way[: here + 1], self._along(way[: here + 1]), gear, end)
+        return [leg], [track, *self._tracks(self._on(leg, end), goal, closed)]
+
+    def _on(self, leg: Leg, distance: float) -> Whereabouts:
+        """Where a robot lies at arc length ``distance`` m on a leg."""
+        along = self._along(leg.way)
+        here = along.at(distance)
+        part, enter, leave = leg.way[here]
+        passed, left = distance - along.begins[here], along.ends[here] - distance
+        if leg.gear > 0:
+            return Whereabouts(part, enter, leave, passed, left)
+        return Whereabouts(part, leave, enter, left, passed)
+
+    def _up_to(self, enter: End, goal: int, closed: Closed) -> Way:
+        """A way up to a port by which a part is entered, from the nearest open end, and from the
+        goal only if there is no other; none where the port is itself an open end, or where no way
+        leads there from one."""
+        port = self.network.joined_to.get(self.network.port_name(enter))
+        if port is None:
+            return ()
+        graph, before = without(self._graph, closed), self.network.port(port)
+        ends = {self.network.port(end) for end in self.network.open_ends} - {self.ends[goal + 1]}
+        out = ToGo(graph, ends).way(before) or self._to_go(goal, tuple(closed)).way(before) or ()
+        return tuple((part, leave, enter) for part, enter, leave in out[::-1])
+
+    def turn_in(self, leg: Leg, part: int) -> Way:
+        """The turn into or out of a branch that a leg takes in a part, if there is one there."""
+        fitting = self.network.pipes.parts[part].fitting
+        return tuple(
+            step
+            for step in leg.way
+            if step[0] == part and fitting.describe(*step[1:]).manoeuvre == "tee_turn"
+        )
+
+    def _legs(self, track: _Track, found: _Onward, goal: int) -> list[Leg]:
+        """The leg to a goal, after one that backs out where that has to be."""
+        forward = self._forward(found.way, found.stand, goal, track.gear)
+        if found.stand >= track.distance - ROUNDING:
+            return [forward]
+        return [self._backing(track, found.stand), forward]
+
+    def _turn_off(self, track: _Track, goal: int, closed: Closed) -> _Onward | None:
+        """The way to a goal that asks for the least travel back and on; None where there is none.
+
+        Args:
+            track: where the robot is. It backs out no farther than to there.
+            goal: number of the goal.
+            closed: what is not passed.
+        """
+        old, along, _, distance = track
         to_go = self._to_go(goal, closed)
-        best: tuple[float, int, Way, float] | None = None
-        for least, behind, index in self._turns(along, old, distance, to_go):
-            if best is not None and least > best[0] + ROUNDING:
+        best: _Onward | None = None
+        for least, behind, index in self._turns(track, to_go):
+            if best is not None and least > best.travel + ROUNDING:
                 break
             onward = to_go.way(old[index][:2]) or self._around(old[index], goal, closed)
             if onward is None:
@@ -192,15 +284,14 @@ class Planner:
             stand = min(distance, self._stand(along, index, self._passed(*onward[0])))
             cost = distance - stand + self._along(way).length - stand
             if best is None or (cost, behind) < best[:2]:
-                best = (cost, behind, way, stand)
-        return None if best is None else best[2:]
+                best = _Onward(cost, behind, way, stand)
+        return best
 
-    def _turns(
-        self, along: Along, old: Way, distance: float, to_go: ToGo
-    ) -> list[tuple[float, int, int]]:
-        """The fittings of the way ``old`` from which there is a way to the goal, those first that
-        ask for little travel: the least travel back and on, m, how many fittings behind the
-        robot's one it is, and its index."""
+    def _turns(self, track: _Track, to_go: ToGo) -> list[tuple[float, int, int]]:
+        """The fittings of a robot's way from which there is a way to the goal, those first that ask
+        for little travel: the least travel back and on, m, how many fittings behind the robot's one
+        it is, and its index."""
+        old, along, _, distance = track
         found = []
         for index, (part, enter, _) in enumerate(old):
             travels = [
@@ -214,10 +305,12 @@ class Planner:
                 found.append((min(travels), len(old) - 1 - index, index))
         return sorted(found)
 
-    def _around(self, step: tuple[int, str, str], goal: int, closed: tuple[End, ...]) -> Way | None:
+    def _around(self, step: tuple[int, str, str], goal: int, closed: Closed) -> Way | None:
         """The shortest way to a goal that comes to no port twice from the port that a part is
         entered by, where the robot cannot leave by it."""
         part, enter, _ = step
+        if (part, enter) == self.ends[goal + 1]:
+            return None  # the goal is behind the robot; it comes there in the other gear
         back = self.network.joined_to.get(f"{self.network.fittings[part].name}.{enter}")
         cut = [] if back is None else [((part, enter), self.network.port(back))]
         return self._shortest((part, enter), goal, closed, cut)
@@ -226,18 +319,18 @@ class Planner:
         self,
         start: End,
         goal: int,
-        closed: Collection[End],
+        closed: Closed,
         cut: Collection[tuple[End, End]] = (),
     ) -> Way | None:
         import networkx
 
-        graph = networkx.restricted_view(self._graph, closed, cut)
+        graph = networkx.restricted_view(without(self._graph, closed), (), cut)
         return shortest_way(graph, start, self.ends[goal + 1])
 
-    def _to_go(self, goal: int, closed: tuple[End, ...]) -> ToGo:
+    def _to_go(self, goal: int, closed: Closed) -> ToGo:
         key = self.ends[goal + 1], closed
         if self._known_to_go[0] != key:
-            self._known_to_go = key, ToGo(self._graph, *key)
+            self._known_to_go = key, ToGo(without(self._graph, closed), [key[0]])
         return self._known_to_go[1]
 
     def _passed(self, part: int, enter: str, leave: str) -> Passed:
@@ -253,64 +346,32 @@ class Planner:
     def _stand(self, along: Along, index: int, other: Passed) -> float:
         return along.stand(index, other, self.robot.length, self.robot.standing_room)
 
-    def _forward(self, way: Way, begin: float, goal: int) -> Leg:
+    def _forward(self, way: Way, begin: float, goal: int, gear: int = 1) -> Leg:
         end = self._along(way).length - self.robot.length / 2 - NOSE_ROOM
-        return Leg(way, 1, begin, end, goal, f"to {self.mission.goals[goal]}")
+        tail_first = "" if gear > 0 else ", tail first"
+        return Leg(way, gear, begin, end, goal, f"to {self.mission.goals[goal]}{tail_first}")
 
-    def _backing(
-        self, old: Along, way: Way, here: int, distance: float, stand: float, goal: int = -1
-    ) -> Leg:
-        """The leg that backs out of a way.
+    def _backing(self, track: _Track, stand: float, goal: int = -1) -> Leg:
+        """The leg that backs out of a way, in the other gear.
 
         Args:
-            old: the way in numbers.
-            way: the way.
-            here: index of the part that the robot is in.
-            distance: m, arc length on it where the robot is.
-            stand: m, arc length on it to back out to.
+            track: where the robot is.
+            stand: m, arc length on its way to back out to.
             goal: number of the goal that is there; -1 if there is none.
         """
-        reverse: Way = tuple((part, leave, enter) for part, enter, leave in way[here::-1])
-        at = old.at(stand)
+        way, old, gear, distance = track
+        reverse: Way = tuple((part, leave, enter) for part, enter, leave in way[::-1])
+        here, at = len(way) - 1, old.at(stand)
         begin = old.ends[here] - distance
         # The arcs into and out of a branch differ in length, so lengths are counted from the port
         # that both ways share.
         end = self._along(reverse).ends[here - at] - (stand - old.begins[at])
         name = self.network.fittings[way[here][0]].name
         to = "" if goal < 0 else f", to {self.mission.goals[goal]}"
-        return Leg(reverse, -1, begin, end, goal, f"backs out of {name}{to}")
+        goes = "backs" if gear > 0 else "drives"
+        return Leg(reverse, -gear, begin, end, goal, f"{goes} out of {name}{to}")
 
 
 def _unreachable(goal: int, mission: Mission) -> Fault:
     before = mission.goals[goal - 1] if goal else mission.start
     return unreachable(f"goals.{goal}", before, mission.goals[goal], mission.avoid)
-
-
-def _checked(network: Network, mission: Mission) -> tuple[list[End], tuple[End, ...]]:
-    """Ports of start and goals, and ports closed by a plate."""
-    ends, plates, faults = [], [], []
-    asked = [
-        ("start", mission.start),
-        *((f"goals.{i}", goal) for i, goal in enumerate(mission.goals)),
-    ]
-    for where, port in asked:
-        try:
-            ends.append(network.end(where, port))
-            if len(ends) > 1 and ends[-1] == ends[-2]:
-                faults.append(Fault(where, f"{port!r} is where the robot is already"))
-        except NetworkError as error:
-            faults += error.faults
-    names = dict.fromkeys(part.name for part in network.fittings)
-    faults += [
-        Fault(f"avoid.{i}", f"there is no fitting {name!r}", tuple(names), given=name)
-        for i, name in enumerate(mission.avoid)
-        if name not in names
-    ]
-    for i, port in enumerate(mission.blocked):
-        try:
-            plates.append(network.port(port, f"blocked.{i}"))
-        except NetworkError as error:
-            faults += error.faults
-    if faults:
-        raise NetworkError(faults)
-    return ends, tuple(plates)

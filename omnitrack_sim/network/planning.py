@@ -1,8 +1,10 @@
-"""Routes through a network: a graph of its ports, and the shortest way between two open ends."""
+"""Routes and legs through a network: a graph of its ports, and the shortest way between two open
+ends."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
+from dataclasses import dataclass
 from itertools import permutations
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +16,32 @@ from omnitrack_sim.pipes import ARCS, Arcs, Route, route_through
 if TYPE_CHECKING:
     import networkx
 
-Way = tuple[tuple[int, str, str], ...]
-"""Parts in order: index of the part, port entered, port left."""
+Step = tuple[int, str, str]
+"""A part as it is passed: its index, port entered, port left."""
+Way = tuple[Step, ...]
+"""Parts in order."""
+Closed = Collection[End | Step]
+"""What is not passed: ports, and parts from one port to another."""
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A way in one gear.
+
+    Attributes:
+        way: (part index, port entered, port left) of the parts in order.
+        gear: 1 nose first, -1 tail first.
+        begin, end: m, arc length of the robot's centre along the way where the leg begins and ends.
+        goal: number of the goal that is reached at its end; -1 if the robot only backs out.
+        note: what is done, as text.
+    """
+
+    way: Way
+    gear: int
+    begin: float
+    end: float
+    goal: int
+    note: str
 
 
 def port_graph(
@@ -81,6 +107,15 @@ def shortest_route(
     if way is None:
         raise NetworkError(unreachable("goal", start, goal, avoided))
     return route_of(network, way, arcs)
+
+
+def without(graph: networkx.DiGraph[Any], closed: Closed) -> networkx.DiGraph[Any]:
+    """A graph of ``port_graph`` without what is closed."""
+    import networkx
+
+    ports = [port for port in closed if len(port) == 2]
+    passed = [((step[0], step[1]), (step[0], step[2])) for step in closed if len(step) == 3]
+    return networkx.restricted_view(graph, ports, passed) if closed else graph
 
 
 def shortest_way(graph: networkx.DiGraph[Any], start: End, goal: End) -> Way | None:

@@ -15,7 +15,7 @@ from omnitrack_sim.sweep import Sweep
 from omnitrack_sim.sweep.checks import missing, too_many_samples
 from omnitrack_sim.sweep.trials import count, matches, value_at
 
-OF_TRIALS = {"duration_s": "s", "attempts": "1"}
+OF_TRIALS = {"duration_s": "s", "attempts": "1", "falls": "1"}
 """Figures of a trial beside its metrics, with their units."""
 RESERVED = (
     "number",

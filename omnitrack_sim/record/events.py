@@ -139,6 +139,19 @@ class TakenForClosed(Event):
 
 
 @dataclass(frozen=True)
+class FellOff(Event):
+    """A robot is off its way, in another pipe of its network, between two ports of a fitting."""
+
+    fitting: str
+    port: str
+
+    @property
+    def text(self) -> str:
+        """Where it lies, and which port its nose points to."""
+        return f"in {self.fitting}: fell off its way, nose towards {self.port}"
+
+
+@dataclass(frozen=True)
 class LegBegan(Event):
     """A robot sets out on its next leg."""
 

@@ -185,6 +185,8 @@ class MonitorTable(Table):
     # Offset from the centreline, in pipe radii, beyond which a robot has gone astray in a tee turn;
     # 1 elsewhere.
     tee_room: Part = 1.5
+    # How often a robot that has fallen into another pipe of its network plans on from there.
+    falls: Annotated[int, Field(ge=0, le=1000)] = 2
     # Mean normal force, in weights of the robot, below which a module counts as having lost the
     # wall.
     lost_contact: Part = 0.102

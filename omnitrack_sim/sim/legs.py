@@ -1,18 +1,26 @@
 """The legs that n robots drive: the one at hand, those to come, and new ones where the way is
-blocked. The only place that puts robots onto legs."""
+blocked or a robot has fallen off it. The only place that puts robots onto legs."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.control.route_map import RouteMap
-from omnitrack_sim.network import Leg
+from omnitrack_sim.network import Leg, Planner
 from omnitrack_sim.network.layout import End
-from omnitrack_sim.record.events import Event, GaveUp, GoalReached, LegBegan, TakenForClosed
+from omnitrack_sim.network.planning import Step
+from omnitrack_sim.record.events import (
+    Event,
+    FellOff,
+    GaveUp,
+    GoalReached,
+    LegBegan,
+    TakenForClosed,
+)
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.scenario import Scenario
 
@@ -42,6 +50,8 @@ class Legs:
         self._driven: list[list[Leg]] = [[] if p is None else [p.first] for p in self._planners]
         self._to_come: list[list[Leg]] = [[] for _ in scenarios]
         self._closed: list[list[End]] = [[] for _ in scenarios]
+        self._fallen_off: list[list[Step]] = [[] for _ in scenarios]
+        self._falls_left = [scenario.monitor.falls for scenario in scenarios]
         self._way_numbers: dict[object, int] = {}
         routes, ways = [], []
         for scenario, driven in zip(scenarios, self._driven, strict=True):
@@ -69,7 +79,84 @@ class Legs:
             robot: index. time: s. distance: m, along its way.
             arrived: at the end of its leg; otherwise it makes no headway.
         """
-        leg, events = self._next(robot, time, distance, arrived)
+        planner = self._planners[robot]
+        if planner is None:
+            return Onward(None, ())
+        leg = self._driven[robot][-1]
+        if arrived:
+            return self._put(robot, self._after(robot, planner, leg, time, distance))
+        return self._put(robot, self._round(robot, planner, leg, time, distance))
+
+    def plan_anew(self, robot: int, time: float, position: Array, axis: Array) -> Onward:
+        """Put a robot that is off its way onto a leg from where it lies, where that is in a pipe of
+        its network and there is one.
+
+        Args:
+            robot: index. time: s.
+            position: (3,) m, of its centre. axis: (3,) unit vector to its nose, world frame.
+        """
+        planner = self._planners[robot]
+        where = None if planner is None else planner.find(position, axis)
+        if planner is None or where is None:
+            return Onward(None, ())
+        part = planner.network.fittings[where.part].name
+        told = [FellOff(robot, time, part, planner.network.port_name((where.part, where.ahead)))]
+        if self._falls_left[robot] == 0:
+            return _given_up(robot, time, told, "has fallen too often")
+        self._falls_left[robot] -= 1
+        leg = self._driven[robot][-1]
+        goal = next(leg.goal for leg in (leg, *self._to_come[robot]) if leg.goal >= 0)
+        self._fallen_off[robot] += planner.turn_in(leg, where.part)
+        legs = self._plan(robot, lambda closed: planner.anew(where, goal, closed))
+        return self._put(robot, self._onto(robot, time, told, legs))
+
+    def _after(
+        self, robot: int, planner: Planner, leg: Leg, time: float, distance: float
+    ) -> Onward:
+        """What follows on a leg that has been driven to its end."""
+        if self._to_come[robot]:
+            return self._onto(robot, time, [], self._to_come[robot])
+        if leg.goal + 1 == len(planner.mission.goals):
+            return Onward(None, ())
+        told = [GoalReached(robot, time, planner.mission.goals[leg.goal])]
+        goal = leg.goal + 1
+        legs = self._plan(robot, lambda closed: planner.onward(leg, distance, goal, closed))
+        return self._onto(robot, time, told, legs)
+
+    def _round(
+        self, robot: int, planner: Planner, leg: Leg, time: float, distance: float
+    ) -> Onward:
+        """What follows on a leg on which a robot makes no headway."""
+        if leg.goal < 0:
+            return _given_up(robot, time, [], f"no headway as it {leg.note}")
+        port = planner.obstacle(leg, distance)
+        self._closed[robot].append(port)
+        told = [TakenForClosed(robot, time, planner.network.port_name(port), distance)]
+        legs = self._plan(robot, lambda closed: planner.onward(leg, distance, leg.goal, closed))
+        return self._onto(robot, time, told, legs)
+
+    def _plan(
+        self, robot: int, plan: Callable[[Sequence[End | Step]], list[Leg] | None]
+    ) -> list[Leg] | None:
+        """Legs of ``plan`` for what is closed to a robot. A turn that it has fallen off it takes
+        from the other side, and tries again only where there is no other way."""
+        closed, fallen_off = self._closed[robot], self._fallen_off[robot]
+        legs = plan([*closed, *fallen_off])
+        return plan(closed) if legs is None and fallen_off else legs
+
+    def _onto(
+        self, robot: int, time: float, told: Sequence[Event], legs: Sequence[Leg] | None
+    ) -> Onward:
+        """The first of ``legs``, the others being kept for later; without legs the robot gives
+        up."""
+        if not legs:
+            return _given_up(robot, time, told, "no other way")
+        following, *self._to_come[robot] = legs
+        return Onward(following, [*told, LegBegan(robot, time, following.note)])
+
+    def _put(self, robot: int, onward: Onward) -> Onward:
+        """Put a robot onto its next leg, where it has one."""
+        leg = onward.leg
         if leg is not None:
             self._driven[robot].append(leg)
             self.number = _with(self.number, robot, self.number[robot] + 1)
@@ -77,32 +164,7 @@ class Legs:
             self.end = _with(self.end, robot, leg.end)
             self.way = _with(self.way, robot, self._way_of(robot, leg))
             self.near = _with(self.near, robot, leg.begin)
-        return Onward(leg, events)
-
-    def _next(self, robot: int, time: float, distance: float, arrived: bool) -> Onward:
-        """The leg that follows, and what there is to tell about it."""
-        planner = self._planners[robot]
-        if planner is None:
-            return Onward(None, ())
-        leg, told = self._driven[robot][-1], list[Event]()
-        if arrived and self._to_come[robot]:
-            legs: list[Leg] | None = self._to_come[robot]
-        elif arrived:
-            if leg.goal + 1 == len(planner.mission.goals):
-                return Onward(None, ())
-            told.append(GoalReached(robot, time, planner.mission.goals[leg.goal]))
-            legs = planner.onward(leg, distance, leg.goal + 1, self._closed[robot])
-        elif leg.gear < 0:
-            return Onward(None, [GaveUp(robot, time, "no headway while backing out")])
-        else:
-            port = planner.obstacle(leg, distance)
-            self._closed[robot].append(port)
-            told.append(TakenForClosed(robot, time, planner.network.port_name(port), distance))
-            legs = planner.onward(leg, distance, leg.goal, self._closed[robot])
-        if not legs:
-            return Onward(None, [*told, GaveUp(robot, time, "no other way")])
-        following, *self._to_come[robot] = legs
-        return Onward(following, [*told, LegBegan(robot, time, following.note)])
+        return onward
 
     def _way_of(self, robot: int, leg: Leg) -> int:
         """The number of a leg's way, added to the routes where it is a new one."""
@@ -122,6 +184,10 @@ class Legs:
     def driven(self, robot: int) -> tuple[Leg, ...]:
         """The legs that a robot has begun."""
         return tuple(self._driven[robot])
+
+
+def _given_up(robot: int, time: float, told: Sequence[Event], cause: str) -> Onward:
+    return Onward(None, [*told, GaveUp(robot, time, cause)])
 
 
 def _with(values: NDArray, robot: int, value: float) -> NDArray:

@@ -27,7 +27,7 @@ from omnitrack_sim.sim.builder import (
     settings_of,
     start_of,
 )
-from omnitrack_sim.sim.legs import Legs
+from omnitrack_sim.sim.legs import Legs, Onward
 from omnitrack_sim.sim.monitor import Monitor, Verdict
 from omnitrack_sim.sim.plant import Plant, Start
 from omnitrack_sim.sim.provenance import provenance_of
@@ -262,23 +262,34 @@ class Simulation:
             self._record()
 
     def _dispatch(self, verdicts: Sequence[Verdict]) -> None:
-        """Send robots that have arrived, or hang, onto their next legs; end the runs of others."""
+        """Send robots that have arrived, hang, or have fallen off their way onto their next legs;
+        end the runs of others."""
         place, sent = self._place, set[int]()
         for robot, outcome in verdicts:
             if robot in sent or not self.active[robot]:
                 continue
-            time, distance = float(self.time[robot]), float(place.distance[robot])
-            if outcome in (None, Outcome.REACHED_GOAL):
-                leg, events = self.legs.send_on(robot, time, distance, outcome is not None)
-                self._events[robot] += events
-                if leg is not None:
-                    sent.add(robot)
-                    length = float(self.legs.routes.lengths[self.legs.way[robot]])
-                    self.monitor.sent_on(robot, self.scenarios[robot].time_for(length))
-                    continue
+            leg, events = self._onward(robot, outcome)
+            self._events[robot] += events
+            if leg is not None:
+                sent.add(robot)
+                length = float(self.legs.routes.lengths[self.legs.way[robot]])
+                self.monitor.sent_on(robot, self.scenarios[robot].time_for(length))
+                continue
+            time = float(self.time[robot])
             self._end(robot, outcome or self.monitor.cause(robot, place), time)
         if sent:
             self._place = self._locate(self._readings)
+
+    def _onward(self, robot: int, outcome: Outcome | None) -> Onward:
+        """Put a robot onto the leg that a verdict asks for, where there is one."""
+        time, readings = float(self.time[robot]), self._readings
+        if outcome is Outcome.LEFT_PIPE:
+            axis = readings["rotation"][robot, :, 2]
+            return self.legs.plan_anew(robot, time, readings["position"][robot], axis)
+        if outcome in (None, Outcome.REACHED_GOAL):
+            distance = float(self._place.distance[robot])
+            return self.legs.send_on(robot, time, distance, outcome is not None)
+        return Onward(None, ())
 
     def _end(self, robot: int, outcome: Outcome, time: float) -> None:
         reason = self.monitor.reason(robot, self._place, time)

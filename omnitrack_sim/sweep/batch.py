@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from omnitrack_sim.errors import ScenarioError
-from omnitrack_sim.record.events import BackedOff
+from omnitrack_sim.record.events import BackedOff, FellOff
 from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.provenance import environment
@@ -72,6 +72,7 @@ def _row(index: int, result: Result) -> Row:
         "duration_s": _finite(result.duration_s),
         "reason": result.reason,
         "attempts": 1 + sum(isinstance(event, BackedOff) for event in result.events),
+        "falls": sum(isinstance(event, FellOff) for event in result.events),
         "collider": result.provenance["collider"],
         "events": " | ".join(map(str, result.events)),
     }

@@ -98,6 +98,7 @@ def result_fields(bases: Iterable[Scenario]) -> list[pa.Field]:
             for column in metric_columns(metric)
         ),
         _field("attempts", pa.int64(), "1"),
+        _field("falls", pa.int64(), "1"),
         _field("collider", pa.string()),
         _field("events", pa.string()),
     ]

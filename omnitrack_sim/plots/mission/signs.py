@@ -9,6 +9,7 @@ import numpy as np
 from omnitrack_sim.plots.mission.layout import Layout
 from omnitrack_sim.plots.style import ALARM, INK
 from omnitrack_sim.plots.time_chart import START, Mark, signs
+from omnitrack_sim.record.events import FellOff
 from omnitrack_sim.record.timeline import RETRY_PHASE, ROLL_PHASE, begun
 from omnitrack_sim.rotations import Array
 
@@ -49,6 +50,9 @@ def marks_of(result: Result) -> list[Mark]:
             begun(trajectory, RETRY_PHASE),
         ),
     ]
+    falls = [event.time for event in result.events if isinstance(event, FellOff)]
+    rows = np.minimum(np.searchsorted(trajectory.time, falls), len(trajectory) - 1)
+    marks.append(Mark("falls off its way", "\N{DOWNWARDS ARROW}", ALARM, rows))
     known = np.flatnonzero(np.isfinite(trajectory["position"]).all(axis=1))
     if not result.success:
         marks.append(Mark(f"end: {result.outcome.value.replace('_', ' ')}", "X", ALARM, known[-1:]))
