@@ -93,7 +93,7 @@ def plant_beside(scenario: Scenario, start: Start, threads: int) -> Plant:
 
 
 def test_a_robot_beside_the_centreline_drives_back_to_it():
-    """On a straight 8 mm are less than 1 mm after half a metre; with ``centring = 0`` the robot
+    """On a straight 8 mm are less than 2 mm after half a metre; with ``centring = 0`` the robot
     stays where friction holds it."""
     base = override(load_scenario("straight"), {"physics.collider": COLLIDER})
     without = {"control.parameters.tracking.centring": 0.0}
@@ -105,5 +105,5 @@ def test_a_robot_beside_the_centreline_drives_back_to_it():
         assert trajectory["offset"][0] == pytest.approx(BESIDE)
         after = np.searchsorted(trajectory["distance"], trajectory["distance"][0] + 0.5)
         offsets.append(trajectory["offset"][after:].max())
-    assert offsets[0] < 0.001
+    assert offsets[0] < 0.002
     assert offsets[1] > 0.005

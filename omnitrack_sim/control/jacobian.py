@@ -25,8 +25,8 @@ class DampingTable(Table):
     elbow: NotNegative = 2.5  # it keeps the robot centred
     # In a tee, where the inner module has lost the wall, the springs can turn the robot over in
     # 0.2 s.
-    tee_turn: NotNegative = 5.0
-    tee_straight: NotNegative = 6.5
+    tee_turn: NotNegative = 2.0
+    tee_straight: NotNegative = 3.0
     # Out of a branch 298 of 300 robots pass, 294 with 5, 273 with 8, 296 with 1.5 (friction 0.7 to
     # 1.0, no retry). Also while backing off into the branch again, where the tail has to find the
     # way in: 7 of 10 robots pass in the end, and none without it. Backing off from elsewhere goes

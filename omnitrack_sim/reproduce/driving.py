@@ -112,7 +112,8 @@ def sign_change(runs: Runs) -> Claim:
     (result,) = runs["tee_turn_misaligned"]
     trajectory = result.trajectory
     spans = trajectory.phase_spans()
-    start, end = next((a, b) for name, a, b in spans if name == "align")
+    rolls = [(start, end) for name, start, end in spans if name == "align"]
+    start, end = rolls[0][0], rolls[-1][1]
     before = float(
         trajectory["belt_speed"][(trajectory.time > 0.5) & (trajectory.time < start)].mean()
     )

@@ -70,7 +70,7 @@ class Motor(Figures):
             "inertia; see docs/control.md",
             (0.01, 1e5),
         ),
-    ] = 8.0
+    ] = 18.0
     speed_integral_time: Annotated[
         float, Quantity("s", "derived", "integral time of the speed loop", (1e-4, 1e6))
     ] = 0.1
@@ -83,7 +83,7 @@ class Motor(Figures):
             "robot's motors; see docs/control.md",
             (0.0, 1e6),
         ),
-    ] = 4.0
+    ] = 1.0
     scale: Annotated[
         float | None,
         Quantity(

@@ -17,7 +17,7 @@ from omnitrack_sim.sim.builder import batch_key
 from omnitrack_sim.sim.result import Result
 from omnitrack_sim.sim.simulation import Progress, Simulation
 
-BASELINE_TIME, BASELINE_SETTLED = 0.8, 0.5
+BASELINE_TIME, BASELINE_SETTLED = 1.2, 0.8
 """Length of the run that measures the no-load slip, and from when on it counts, s."""
 
 
