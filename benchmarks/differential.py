@@ -3,7 +3,9 @@
 python benchmarks/differential.py [--quick] [--workers N] [--figures FOLDER]
 
 Every cell of the tables is one batch with the exact collider where it loads (extra fast), without
-retry: start orientations 10 degrees apart over 120 degrees, gravity in three directions. The ways
+retry: start orientations over 120 degrees, 20 or in the tee turn 10 degrees apart, and gravity in
+three directions. Robot and pipes are symmetrical, so that an orientation and its mirror image are
+one trial: no two of them are both there. The ways
 to drive are three motors at equal speed, by Eq. 20 and with feedback; one motor and a differential;
 the same with friction in its gears (limited slip); and with brakes on its outputs that steer
 (scenarios/scripts/brake_steering.py). In elbows the robot is not rolled first; in tees it is, if
@@ -69,8 +71,8 @@ GRAVITIES = {
     "climbs out": (-9.81, 0.0, 0.0),
 }
 """m/s²; the first pipe is along z, bends and branches lead towards +x."""
-ORIENTATIONS = np.arange(-55.0, 60.0, 10.0)
-"""Start orientations, degrees."""
+ORIENTATIONS, TURN_ORIENTATIONS = np.arange(-55.0, 60.0, 20.0), np.arange(-57.5, 60.0, 10.0)
+"""Start orientations, degrees, and those of the tee turn; none is the negative of another."""
 LOADED = 5.0
 """Normal force from which on a module counts as carrying load, N."""
 RESAMPLES = 2000
@@ -96,6 +98,12 @@ class Ended(NamedTuple):
 
 FIGURES = ("slip, mm", "traction, N", "needed friction", "largest tilt", "exit tilt", "energy, J")
 """Slip is the sum of the modules, traction the root mean square of the largest."""
+
+
+def orientations(cell: Cell, quick: bool) -> list[float]:
+    """Start orientations of a cell, degrees; two of them in the quick form."""
+    every = TURN_ORIENTATIONS if cell.place == TURN else ORIENTATIONS
+    return every[:: len(every) // 2 if quick else 1].tolist()
 
 
 def trials(cell: Cell, orientations: Sequence[float]) -> list[ot.Scenario]:
@@ -279,10 +287,7 @@ def main() -> None:
     asked = parser.parse_args()
     if asked.quick and asked.figures:
         parser.error("--figures needs all frictions, which --quick leaves out")
-    tasks = []
-    for cell in cells(asked.quick):
-        step = 6 if asked.quick else 1 if cell.friction == DRY else 2
-        tasks.append((cell, ORIENTATIONS[::step].tolist()))
+    tasks = [(cell, orientations(cell, asked.quick)) for cell in cells(asked.quick)]
     begin = time.perf_counter()
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
         found = dict(zip((cell for cell, _ in tasks), pool.map(drive, tasks), strict=True))

@@ -85,6 +85,18 @@ def test_a_cell_of_the_benchmark_is_what_its_names_say(cell):
     assert first.route.fittings[1].bend_radius == pytest.approx(radius, nan_ok=True)
 
 
+@pytest.mark.parametrize("place", study.ELBOWS | study.TEES)
+def test_no_trial_is_the_mirror_image_of_another(place):
+    """Gravity lies in the plane of the bend, so that one orientation and its negative would be one
+    trial counted twice."""
+    theta5 = study.orientations(study.Cell(place, study.ONE), quick=False)
+    assert (
+        len(theta5) == len({abs(angle) for angle in theta5}) == (12 if place == study.TURN else 6)
+    )
+    assert 0.0 not in theta5
+    assert all(gravity[1] == 0.0 for gravity in study.GRAVITIES.values())
+
+
 def test_needed_friction_is_that_of_the_module_that_needs_most():
     """Of those that carry 5 N or more, within the fitting; nothing where the robot did not get
     there."""
