@@ -2,14 +2,16 @@
 
 python benchmarks/missions.py [--quick] [--workers N] [--out DIR]
 
-Four studies, with the exact collider where it loads (extra fast) and walls of primitives elsewhere:
+Six studies, with the exact collider where it loads (extra fast) and walls of primitives elsewhere:
 
 * pairs: the network fig14 from every open end to every other one, with three start orientations
   each.
 * random: networks of 6 to 12 fittings grown from a seed. Start and goal are drawn from the open
   ends, gravity in any direction, friction from 0.7 to 1.0 and the start orientation, all from the
   same seed.
-* bores: the same with reducers between bores of 160, 150, 155 and 165 mm.
+* slippery: the same with friction from 0.5 to 0.65 and a preload of 20 N; falls: the same, but a
+  robot that has fallen off its way does not plan on (monitor.falls = 0).
+* bores: the same as random with reducers between bores of 160, 150, 155 and 165 mm.
 * close: two fittings with less than a robot's length between: elbow and elbow, elbow and tee, tee
   and tee, in every passage and plane, with random gravity, friction and start orientation.
 
@@ -34,7 +36,7 @@ from pathlib import Path
 
 import numpy as np
 
-from omnitrack_sim import Result, Scenario, load_network, random_network, run_batch
+from omnitrack_sim import Result, Scenario, load_network, override, random_network, run_batch
 from omnitrack_sim.errors import ScenarioError
 from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.record.statistics import wilson_interval
@@ -42,7 +44,9 @@ from omnitrack_sim.scenario import validate
 
 ORIENTATIONS_DEG = (0.0, 40.0, 80.0)
 """Start orientations of the pairs: a third of the period of three modules apart."""
-FRICTION = (0.7, 1.0)
+FRICTION, SLIPPERY = (0.7, 1.0), (0.5, 0.65)
+SLIPPERY_PRELOAD = 20.0
+"""N a module, in slippery networks."""
 BORES = (0.150, 0.155, 0.165)
 """Bores, m, that reducers lead to from 160 mm."""
 CLOSE_TRIALS = 4
@@ -51,8 +55,12 @@ TITLES = {
     "pairs": "fig14, all pairs of ends",
     "random": "random networks",
     "bores": "random networks, four bores",
+    "slippery": "slippery random networks",
+    "falls": "the same, no way on after a fall",
     "close": "fittings close together",
 }
+RANDOM = ("random", "bores", "slippery", "falls")
+"""Studies of one random network a seed."""
 NETWORKS, QUICK_NETWORKS = 100, 10
 LAST_EVENTS = 4
 """How many of a failed run's events are printed."""
@@ -106,14 +114,16 @@ def pair(start: str, goal: str, theta5_deg: float) -> Scenario:
     return _mission("fig14", start, goal, theta5_deg=theta5_deg)
 
 
-def random_mission(seed: int, bores: tuple[float, ...] = ()) -> Scenario:
+def random_mission(
+    seed: int, bores: tuple[float, ...] = (), friction_range: tuple[float, float] = FRICTION
+) -> Scenario:
     """A random mission in a random network, both from ``seed``; ``bores``, m, ask for reducers."""
     network = random_network(seed, diameters=bores or None)
     rng = np.random.default_rng([seed, 1])
     start, goal = rng.choice(network.open_ends, 2, replace=False)
     gravity = rng.normal(size=3)
     gravity *= 9.81 / np.linalg.norm(gravity)
-    friction, theta5_deg = float(rng.uniform(*FRICTION)), float(rng.uniform(-180, 180))
+    friction, theta5_deg = float(rng.uniform(*friction_range)), float(rng.uniform(-180, 180))
     table = network.model_dump(mode="json")
     return _mission(
         table,
@@ -123,6 +133,12 @@ def random_mission(seed: int, bores: tuple[float, ...] = ()) -> Scenario:
         friction=friction,
         gravity=gravity.tolist(),
     )
+
+
+def slippery_mission(seed: int, plans_on: bool) -> Scenario:
+    """A random mission on slippery walls, of a robot that plans on after a fall or does not."""
+    changes = {"robot.preload": SLIPPERY_PRELOAD} | ({} if plans_on else {"monitor.falls": 0})
+    return override(random_mission(seed, friction_range=SLIPPERY), changes)
 
 
 def close_fittings() -> dict[str, list[dict[str, object]]]:
@@ -227,6 +243,8 @@ def drive(task: tuple[str, int, str, str, float]) -> Run:
         found = close(start, seed)
         assert found is not None
         scenario = found
+    elif study in ("slippery", "falls"):
+        scenario = slippery_mission(seed, plans_on=study == "slippery")
     else:
         scenario = random_mission(seed, BORES if study == "bores" else ())
     begin = time.perf_counter()
@@ -307,7 +325,7 @@ def main() -> None:
 
 
 def every_task(quick: bool) -> list[tuple[str, int, str, str, float]]:
-    """What ``drive`` is asked to do in all four studies."""
+    """What ``drive`` is asked to do in all studies."""
     orientations = ORIENTATIONS_DEG[:1] if quick else ORIENTATIONS_DEG
     names = tuple(load_network("fig14").ports)
     tasks = [
@@ -316,7 +334,7 @@ def every_task(quick: bool) -> list[tuple[str, int, str, str, float]]:
         for angle in orientations
     ]
     count = QUICK_NETWORKS if quick else NETWORKS
-    tasks += [(study, seed, "", "", 0.0) for study in ("random", "bores") for seed in range(count)]
+    tasks += [(study, seed, "", "", 0.0) for study in RANDOM for seed in range(count)]
     trials = range(1 if quick else CLOSE_TRIALS)
     chains = [name for name in close_fittings() if close(name, 0) is not None]
     return tasks + [("close", seed, name, "", 0.0) for name in chains for seed in trials]

@@ -179,9 +179,7 @@ class Planner:
         """
         closed, found = tuple(closed), list[tuple[float, list[Leg]]]()
         first, tracks = (
-            self._righted(where, goal, closed)
-            if where.across
-            else ([], self._tracks(where, goal, closed))
+            self._righted(where, closed) if where.across else ([], self._tracks(where, closed))
         )
         for track in tracks:
             way_on = self._turn_off(track, goal, closed)
@@ -190,20 +188,18 @@ class Planner:
                 found.append((round(way_on.travel, 6), legs))
         return min(found, key=lambda option: option[0], default=(0.0, None))[1]
 
-    def _tracks(self, where: Whereabouts, goal: int, closed: Closed) -> list[_Track]:
+    def _tracks(self, where: Whereabouts, closed: Closed) -> list[_Track]:
         """The ways, nose first and tail first, on which a robot that lies along its pipe may have
         come to where it is."""
         part, behind, ahead, passed, left, _ = where
         found = []
         for gear, enter, leave, inside in ((1, behind, ahead, passed), (-1, ahead, behind, left)):
-            way = (*self._up_to((part, enter), goal, closed), (part, enter, leave))
+            way = (*self._up_to((part, enter), closed), (part, enter, leave))
             along = self._along(way)
             found.append(_Track(way, along, gear, along.begins[-1] + inside))
         return found
 
-    def _righted(
-        self, where: Whereabouts, goal: int, closed: Closed
-    ) -> tuple[list[Leg], list[_Track]]:
+    def _righted(self, where: Whereabouts, closed: Closed) -> tuple[list[Leg], list[_Track]]:
         """The leg on which a robot that lies across its pipe rights itself, and the ways that it is
         on then, as in ``_tracks``.
 
@@ -213,7 +209,7 @@ class Planner:
         part, behind, ahead, passed, left, _ = where
         gear = 1 if passed < left else -1
         enter, leave = (behind, ahead) if gear > 0 else (ahead, behind)
-        up, beyond = (self._up_to((part, port), goal, closed) for port in (enter, leave))
+        up, beyond = (self._up_to((part, port), closed) for port in (enter, leave))
         way = (*up, (part, enter, leave), *((i, b, a) for i, a, b in beyond[::-1]))
         along = self._along(way)
         begin = along.begins[len(up)] + min(passed, left)
@@ -223,7 +219,7 @@ class Planner:
         here = along.at(end)
         leg = Leg(way, gear, begin, end, -1, f"rights itself in {self.network.fittings[part].name}")
         track = _Track(way[: here + 1], self._along(way[: here + 1]), gear, end)
-        return [leg], [track, *self._tracks(self._on(leg, end), goal, closed)]
+        return [leg], [track, *self._tracks(self._on(leg, end), closed)]
 
     def _on(self, leg: Leg, distance: float) -> Whereabouts:
         """Where a robot lies at arc length ``distance`` m on a leg."""
@@ -235,16 +231,14 @@ class Planner:
             return Whereabouts(part, enter, leave, passed, left)
         return Whereabouts(part, leave, enter, left, passed)
 
-    def _up_to(self, enter: End, goal: int, closed: Closed) -> Way:
-        """A way up to a port by which a part is entered, from the nearest open end, and from the
-        goal only if there is no other; none where the port is itself an open end, or where no way
-        leads there from one."""
+    def _up_to(self, enter: End, closed: Closed) -> Way:
+        """A way from the nearest open end up to a port by which a part is entered; none where the
+        port is itself an open end, or where no way leads there from one."""
         port = self.network.joined_to.get(self.network.port_name(enter))
         if port is None:
             return ()
-        graph, before = without(self._graph, closed), self.network.port(port)
-        ends = {self.network.port(end) for end in self.network.open_ends} - {self.ends[goal + 1]}
-        out = ToGo(graph, ends).way(before) or self._to_go(goal, tuple(closed)).way(before) or ()
+        ends = [self.network.port(end) for end in self.network.open_ends]
+        out = ToGo(without(self._graph, closed), ends).way(self.network.port(port)) or ()
         return tuple((part, leave, enter) for part, enter, leave in out[::-1])
 
     def turn_in(self, leg: Leg, part: int) -> Way:
