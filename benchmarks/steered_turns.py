@@ -1,0 +1,222 @@
+"""Tee turns in which the default controller's commands are replaced or corrected while it turns.
+
+The physics is deterministic and has no way back. So robots are driven to just before their turn
+once, and every set of commands goes on from there in a copy of the process (``go_on``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from multiprocessing import get_context
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim import Command, Observation, Outcome, Scenario, Simulation
+from omnitrack_sim.control import ControlSetup, JacobianController
+from omnitrack_sim.control.jacobian import TEE_TURN
+from omnitrack_sim.control.route_map import angle_between
+from omnitrack_sim.rotations import Array
+
+KNOTS = 10
+SPACING = 0.3
+"""Commands are linear in time between knots, and so many seconds are between two knots."""
+HANDED_BACK_DEG = 10.0
+"""Angle between the robot's axis and the branch's from which on the default controller drives
+alone again."""
+
+
+class Turn(NamedTuple):
+    """The tee turn of a scenario.
+
+    Attributes:
+        entry: (3,) m, where the route begins. way_in, way_out: (3,) directions of run and branch.
+        axis_at: m along the run, where the branch's axis crosses it.
+        mouth: (3,) m, where the route's arc ends in the branch. radius: m, of the run.
+    """
+
+    entry: Array
+    way_in: Array
+    way_out: Array
+    axis_at: float
+    mouth: Array
+    radius: float
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Turn:
+        """The first tee turn on a scenario's way."""
+        passage = next(p for p in scenario.route.fittings if p.into_branch)
+        line = scenario.route.centreline
+        places, tangents, *_ = line.at(np.array([0.0, passage.s_bend_end]))
+        return cls(
+            entry=places[0],
+            way_in=tangents[0],
+            way_out=tangents[1],
+            axis_at=float(np.mean(passage.opening)),
+            mouth=places[1],
+            radius=passage.radius,
+        )
+
+    def before(self, position: Array) -> Array:
+        """How far robots at ``position`` (n, 3) m are before the branch's axis, m."""
+        return self.axis_at - (position - self.entry) @ self.way_in
+
+    def heading(self, rotation: Array) -> Array:
+        """Angle (n,) rad from the run towards the branch by which robots have turned."""
+        axis = rotation[:, :, 2]
+        return np.arctan2(axis @ self.way_out, axis @ self.way_in)
+
+    def left(self, position: Array, rotation: Array) -> Array:
+        """How far robots (n,) are from having turned: radii to the mouth plus right angles."""
+        away = np.linalg.norm(position - self.mouth, axis=1) / self.radius
+        return away + angle_between(rotation[:, :, 2], self.way_out) / (np.pi / 2)
+
+
+class Steered(JacobianController):
+    """The default controller, except for the time of a turn.
+
+    Attributes:
+        knots: (n, KNOTS, 3) m/s, wall speeds of the modules, the first where the turn begins.
+        replace: (n,) bool, whether they take the place of the controller's commands or are added.
+        begun: (n,) s, when the turn began; not a number before.
+    """
+
+    def __init__(self, setup: ControlSetup) -> None:
+        super().__init__(setup)
+        self.begun = np.full(setup.n, np.nan)
+        self.handed_back = np.zeros(setup.n, bool)
+        self.knots, self.replace = np.zeros((setup.n, KNOTS, 3)), np.zeros(setup.n, bool)
+        way = setup.routes.way_of[:1]
+        self._way_out = setup.routes.centreline.at(setup.routes.lengths[way], way)[1]
+
+    def step(self, observation: Observation) -> Command:
+        """The command for the next control period."""
+        command = super().step(observation)
+        begins = np.isnan(self.begun) & (command.phase == TEE_TURN)
+        self.begun = np.where(begins, observation.time, self.begun)
+        off = angle_between(observation.rotation[:, :, 2], self._way_out)
+        self.handed_back |= off < np.radians(HANDED_BACK_DEG)
+        since = (observation.time - self.begun) / SPACING
+        steered = (since < KNOTS - 1) & ~self.handed_back
+        sign = self.aligner.belt_sign(observation.roll)
+        own = np.where(self.replace[:, None], 0.0, command.belt_speed * sign)
+        speed = own + between(self.knots, np.nan_to_num(since))
+        limit = self.settings.speed_limit[:, None]
+        speed = np.clip(speed, -limit, limit)
+        belt_speed = np.where(steered[:, None], speed * sign, command.belt_speed)
+        return command._replace(belt_speed=belt_speed)
+
+
+def between(knots: Array, at: Array) -> Array:
+    """Values (n, 3) of ``knots`` (n, K, 3), linear between them, at ``at`` (n,) spacings."""
+    first = np.clip(at.astype(int), 0, knots.shape[1] - 2)
+    part = np.clip(at - first, 0.0, 1.0)[:, None]
+    rows = np.arange(len(at))
+    return (1 - part) * knots[rows, first] + part * knots[rows, first + 1]
+
+
+class Tried(NamedTuple):
+    """What came of m sets of commands.
+
+    Attributes:
+        passed: (m,) bool. loss: (m,) least that was left of the turn, see ``Turn.left``; -1 where
+            it passed.
+    """
+
+    passed: NDArray[np.bool_]
+    loss: Array
+
+
+def steered(sim: Simulation) -> Steered:
+    """The controller of a simulation of steered robots."""
+    assert isinstance(sim.controller, Steered)
+    return sim.controller
+
+
+def ready(scenarios: Sequence[Scenario], until: float) -> Simulation:
+    """Steered robots under the default controller's commands, driven up to ``until`` s."""
+    sim = Simulation(scenarios, controller=Steered)
+    while sim.time[0] < until - sim.period / 2:
+        sim.step()
+    return sim
+
+
+def passed(sim: Simulation) -> NDArray[np.bool_]:
+    """Which robots (n,) have reached their goal."""
+    ends = [ending is not None and ending.outcome for ending in sim.endings]
+    return np.array([outcome is Outcome.REACHED_GOAL for outcome in ends])
+
+
+def finish(sim: Simulation, knots: Array, replace: bool) -> Tried:
+    """Drive on by the commands ``knots`` (m, KNOTS, 3) to the end; robots beyond m are left out."""
+    controller, count = steered(sim), len(knots)
+    controller.knots[:count], controller.replace[:] = knots, replace
+    sim.active[count:] = False
+    turn = Turn.of(sim.scenarios[0])
+    loss = np.full(sim.n, np.inf)
+    while sim.active.any():
+        running = sim.active
+        sim.step()
+        left = turn.left(sim.observation.position, sim.observation.rotation)
+        loss = np.where(running, np.minimum(loss, left), loss)
+    through = passed(sim)
+    return Tried(through[:count], np.where(through, -1.0, loss)[:count])
+
+
+def go_on(sim: Simulation, knots: Array, replace: bool) -> Tried:
+    """``finish`` in a copy of this process: ``sim`` stays where it is."""
+    fork = get_context("fork")
+    here, there = fork.Pipe(duplex=False)
+    copy = fork.Process(target=lambda: there.send(finish(sim, knots, replace)))
+    copy.start()
+    there.close()
+    try:
+        return here.recv()
+    except EOFError:
+        raise RuntimeError("the copy of the process ended without an answer") from None
+    finally:
+        copy.join()
+
+
+class Trace(NamedTuple):
+    """What n robots did, from the beginning: arrays (T, n, ...), repeated after a robot's end.
+
+    Attributes:
+        passed: (n,) bool. since: s since the turn began, not a number before.
+        before: m to the branch's axis. heading: rad, see ``Turn.heading``.
+        wall_speed: (T, n, 3) m/s asked. belt_speed: the same, as it was asked of the belts.
+    """
+
+    passed: NDArray[np.bool_]
+    since: Array
+    before: Array
+    heading: Array
+    wall_speed: Array
+    belt_speed: Array
+
+
+def trace(scenarios: Sequence[Scenario], knots: Array, replace: NDArray[np.bool_]) -> Trace:
+    """Run robots from the beginning to the end and keep what they did."""
+    sim = ready(scenarios, 0.0)
+    controller, turn = steered(sim), Turn.of(scenarios[0])
+    controller.knots, controller.replace = knots, replace
+    rows = []
+    while sim.active.any():
+        seen = sim.observation
+        command = controller.step(seen)
+        sim.step(command)
+        speed = command.belt_speed
+        wall_speed = speed * controller.aligner.belt_sign(seen.roll)
+        place = turn.before(seen.position), turn.heading(seen.rotation)
+        rows.append((seen.time - controller.begun, *place, wall_speed, speed))
+    return Trace(passed(sim), *map(np.array, zip(*rows, strict=True)))
+
+
+def replay(scenario: Scenario, belt_speed: Array) -> bool:
+    """Whether a robot passes that is told belt speeds (T, 3) m/s one after the other, unseen."""
+    sim = Simulation([scenario])
+    for speed in belt_speed:
+        if sim.active.any():
+            sim.step(Command(speed[None]))
+    return bool(passed(sim)[0])
