@@ -75,7 +75,8 @@ class Case(NamedTuple):
         tried: number of commands. passing: how many of them passed, and of the first generation of
             the first search.
         robust: on how many of the neighbours the best commands pass, None where none passed.
-        traces: of the controller's own run, of the best commands, and with more friction.
+        traces: of the controller's own run, of the best commands, and with more friction; modules
+            are the inner one, the outer one that is nearer to the branch, and the other one.
     """
 
     trial: int
@@ -105,14 +106,17 @@ def neighbours(scenario: Scenario) -> list[Scenario]:
 def how_it_failed(result: Result) -> tuple[str, str]:
     """Kind of a failure, and the same with figures."""
     turn, run = Turn.of(result.scenario), result.trajectory
-    w, x, y, z = run["quaternion"][-1]
-    axis = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+    w, x, y, z = run["quaternion"].T
+    axis = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1)
     heading = np.degrees(np.arctan2(axis @ turn.way_out, axis @ turn.way_in))
-    past = -1000 * turn.before(run["position"][-1:])[0]
-    where = f"turned {heading:.0f} deg, {abs(past):.0f} mm {'past' if past > 0 else 'before'}"
+    past = -1000 * turn.before(run["position"])
     if result.outcome.value == "left_pipe":
-        return "slides past", f"slides past, {where}"
-    kind = "hangs half turned" if heading < 70 else "hangs across the run"
+        kind, there = "slides past", int(np.argmax(past > 0))
+    else:
+        kind = "hangs half turned" if heading[-1] < 70 else "hangs across the run"
+        there = -1
+    side = "past" if past[there] > 0 else "before"
+    where = f"turned {heading[there]:.0f} deg, {abs(past[there]):.0f} mm {side} the branch's axis"
     return kind, f"{kind}: {where}"
 
 
@@ -188,6 +192,8 @@ def solve(case: Case, seed: int, generations: int) -> Case:
     traces = trace([scenario, scenario, easier], knots, np.array([False, search.replace, False]))
     assert traces.passed[1]
     assert replay(scenario, traces.belt_speed[:, 1]), "the same commands ended otherwise"
+    order = [0, 1, 2] if scenario.start.theta5_deg < 0 else [0, 2, 1]
+    traces = traces._replace(wall_speed=traces.wall_speed[..., order])
     return found._replace(robust=search.robust, traces=traces)
 
 
@@ -201,19 +207,16 @@ def commands_of(scenario: Scenario) -> Array:
 
 
 def stretches(run: Trace, robot: int) -> Array:
-    """What a robot did between two marks each (M - 1, 4): heading at the second, deg; advance
-    along the run, inner module's and outer modules' commands, mm/s. Not a number where it did not
-    get there."""
+    """What a robot did between two marks each (M - 1, 5): heading at the second, deg; advance
+    along the run and commands of the modules, mm/s. Not a number where it did not get there."""
     before, since = 1000 * run.before[:, robot], run.since[:, robot]
-    found = np.full((len(MARKS_MM) - 1, 4), np.nan)
+    found = np.full((len(MARKS_MM) - 1, 5), np.nan)
     reached = [np.flatnonzero((before <= mark) & (since >= 0))[:1] for mark in MARKS_MM]
     for i, (first, last) in enumerate(itertools.pairwise(reached)):
         if len(last) and last[0] > first[0]:
-            between = slice(first[0], last[0])
-            speed = 1000 * run.wall_speed[between, robot].mean(axis=0)
+            speed = 1000 * run.wall_speed[first[0] : last[0], robot].mean(axis=0)
             advance = (before[first[0]] - before[last[0]]) / (since[last[0]] - since[first[0]])
-            heading = np.degrees(run.heading[last[0], robot])
-            found[i] = heading, advance, speed[0], speed[1:].mean()
+            found[i] = np.degrees(run.heading[last[0], robot]), advance, *speed
     return found
 
 
@@ -253,6 +256,17 @@ HEADS = (
 )
 
 
+STRETCH_HEADS = (
+    "before the branch's axis",
+    "run",
+    "heading at its end, deg",
+    "advance, mm/s",
+    "inner module asked",
+    "outer one nearer to the branch",
+    "the other",
+)
+
+
 def report(cases: Sequence[Case]) -> None:
     """Print the failures by kind, and where passing commands differ."""
     print("\n| kind | failures | control | of them all neighbours | physics as far as tried |")
@@ -265,16 +279,18 @@ def report(cases: Sequence[Case]) -> None:
     traces = [case.traces for case in cases if case.traces is not None]
     if not traces:
         return
-    print(f"\nMeans of {len(traces)} failures with commands that pass:\n")
-    print("| before the branch's axis | run | heading at its end | advance | inner | outer |")
-    print("|---" * 6 + "|")
+    print(
+        f"\nMeans of {len(traces)} failures with commands that pass, of the runs that get there:\n"
+    )
+    print(f"| {' | '.join(STRETCH_HEADS)} |")
+    print("|---" * len(STRETCH_HEADS) + "|")
     for i, (far, near) in enumerate(itertools.pairwise(MARKS_MM)):
         for robot, name in enumerate(("controller", "commands that pass", "controller, friction")):
             values = np.array([stretches(run, robot)[i] for run in traces])
-            heading, *speeds = np.nanmean(values, axis=0)
-            cells = " | ".join(f"{speed:.0f} mm/s" for speed in speeds)
+            there = values[~np.isnan(values).any(axis=1)]
+            means = [f"{mean:.0f}" for mean in there.mean(axis=0)] if len(there) else ["-"] * 5
             label = f"{name} +{EASIER}" if robot == 2 else name
-            print(f"| {far} to {near} mm | {label} | {heading:.0f} deg | {cells} |")
+            print(f"| {far} to {near} mm | {label} | {' | '.join(means)} |")
 
 
 def main() -> None:
