@@ -46,14 +46,23 @@ def test_tables_of_the_page_are_scenarios(table):
 
 
 def test_every_kind_of_extension_has_an_example():
-    """Controller, sensor, metric, motor and fitting each have a section."""
+    """Controller, sensor, metric, motor, drive and fitting each have a section."""
     assert re.findall(r"^## A (\w+)", PAGE, flags=re.MULTILINE) == [
         "controller",
         "sensor",
         "metric",
         "motor",
+        "drive",
         "fitting",
     ]
+
+
+def test_the_drive_of_the_page_drives_two_modules_alike():
+    """Named in a scenario, its second motor gives modules 2 and 3 equal torques."""
+    change = {"robot.drive": "my_drives:PAIR", "physics.time_limit": 0.3}
+    result = ot.run(ot.override(ot.load_scenario("vertical_climb"), change))
+    first, second, third = result.trajectory["motor_torque"][-1]
+    assert second == third != first
 
 
 def test_the_fitting_of_the_page_is_the_one_that_is_driven():
