@@ -12,6 +12,7 @@ from omnitrack_sim.control.gear import TURNED
 from omnitrack_sim.control.interface import Command, ControlSetup, Observation
 from omnitrack_sim.control.leg_watch import LegWatch
 from omnitrack_sim.control.recovery import Recovery, RecoveryTable
+from omnitrack_sim.control.sway import Sway, SwayTable
 from omnitrack_sim.control.tracking import Tracking, TrackingTable, wall_speeds
 from omnitrack_sim.table import NotNegative, Table
 
@@ -25,7 +26,7 @@ class DampingTable(Table):
     elbow: NotNegative = 2.5  # it keeps the robot centred
     # In a tee, where the inner module has lost the wall, the springs can turn the robot over in
     # 0.2 s.
-    tee_turn: NotNegative = 2.0
+    tee_turn: NotNegative = 1.7
     tee_straight: NotNegative = 3.0
     # Out of a branch 298 of 300 robots pass, 294 with 5, 273 with 8, 296 with 1.5 (friction 0.7 to
     # 1.0, no retry). Also while backing off into the branch again, where the tail has to find the
@@ -41,6 +42,7 @@ class FeedbackTable(Table):
     """``[control.parameters]`` of the controller ``jacobian``."""
 
     tracking: TrackingTable = TrackingTable()
+    sway: SwayTable = SwayTable()
     damping: DampingTable = DampingTable()
     alignment: AlignmentTable = AlignmentTable()
     recovery: RecoveryTable = RecoveryTable()
@@ -67,6 +69,7 @@ class JacobianController:
     def __init__(self, setup: ControlSetup) -> None:
         self.routes, self.settings = setup.routes, setup.settings
         self.tracking = Tracking(setup, "tracking")
+        self.sway = Sway(setup, "sway")
         self.aligner = Aligner(setup, "alignment")
         self.recovery = Recovery(setup, "recovery")
         self._legs = LegWatch(setup.routes)
@@ -123,7 +126,10 @@ class JacobianController:
         turning = (phase == TEE_TURN) & self.routes.into_branch.take(place.passage)
         speed = s.cruise_speed * np.where(turning, self._turn_speed, 1.0)
         centring = self.tracking.centring * ((phase == CRUISE) | (phase == TEE_STRAIGHT))
-        wanted = self.tracking.wanted_rotation(place, observation.rotation, direction, centring)
+        lean = self.sway.step(observation, turning)
+        wanted = self.tracking.wanted_rotation(
+            place, observation.rotation, direction, centring, lean
+        )
         wall_speed = wall_speeds(
             observation.rotation,
             self.angular_velocity,

@@ -73,7 +73,9 @@ class RouteMap:
         is_turn: (Q,) bool, the route bends there. is_tee_turn, is_straight_over, into_branch,
             out_of_branch: (Q,) bool.
         radius: (Q,) m, of the bore there. corner_radius: (Q,) m, see ``Passage``.
-        directions: (Q, 3) turning directions at the fitting's entry, world frame.
+        directions: (Q, 3) turning directions at the fitting's entry, world frame. ahead: (Q, 3)
+            the way's direction there. turn: (Q,) rad, by which the way turns; a right angle where
+            it does not bend.
     """
 
     def __init__(self, routes: Sequence[Route]):
@@ -120,6 +122,11 @@ class RouteMap:
         ends = [(p.turn_direction, p.radius) if p is not None else next(at_end) for p in passages]
         self.directions = np.array([direction for direction, _ in ends])
         self.radius = np.array([radius for _, radius in ends])
+        bends = [(0.0, 0.0) if np.isinf(a) else (a, b) for a, b in spans]
+        ends_of_bends = self.tangents(np.array(bends), self.way_of)  # (Q, 2, 3)
+        self.ahead = ends_of_bends[:, 0]
+        angle = angle_between(self.ahead, ends_of_bends[:, 1])
+        self.turn = np.where(self.is_turn, angle, np.pi / 2)
         self.corner_radius = np.array(
             [
                 p.corner_radius if p is not None else radius

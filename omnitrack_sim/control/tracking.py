@@ -29,7 +29,7 @@ class TrackingTable(Table):
     turn_speed: Part = 1.3
     gain: NotNegative = 6.4  # rad per D of travel, for 1 rad of heading error
     lookahead: NotNegative = 0.1875  # D
-    rotation_limit: Part = 2.4  # rad per D of travel
+    rotation_limit: Part = 4.0  # rad per D of travel
     # D, how far the heading may be ahead of the lookahead point. In the open middle of a tee the
     # robot turns faster than the arc; turning it back would push it out of the branch again.
     heading_lead: NotNegative = 0.5625
@@ -65,7 +65,7 @@ class Tracking:
         self._rows = np.arange(setup.n)
 
     def wanted_rotation(
-        self, place: Place, rotation: Array, direction: Array, centring: Array
+        self, place: Place, rotation: Array, direction: Array, centring: Array, lean: Array
     ) -> Array:
         """Rotation per metre of travel (n, 3) rad/m, world frame: the bend's curvature plus gain x
         heading error.
@@ -76,6 +76,7 @@ class Tracking:
             direction: (n,) 1 forward, -1 backward: the heading is then compared with the centreline
                 behind.
             centring: (n,) 1/m, ``self.centring`` where it is wanted and 0 elsewhere.
+            lean: (n, 3) is added to the direction ahead, see ``Sway``; 0 where none is wanted.
         """
         axis = rotation[:, :, 2]
         ahead = place.distance[:, None] + direction[:, None] * self.leads  # (n, leads) m
@@ -92,6 +93,8 @@ class Tracking:
             back = target - share[:, None] * slope
             back = back / length(back)[:, None]
             target = np.where((centring > 0)[:, None], back, target)
+        if np.count_nonzero(lean):
+            target = unit(target + lean)
         angle = angle_between(axis, target)
         wanted = unit(cross(axis, target)) * (direction * self.gain * angle)[:, None]
         if np.count_nonzero(place.curvature):

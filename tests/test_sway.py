@@ -1,0 +1,97 @@
+"""Robots whose inner module slips in a turn into a branch swing across the plane of the turn."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_control_laws import PERIOD, Bench, scenario_of
+
+import omnitrack_sim as ot
+from omnitrack_sim.control.sway import LEAST_TURN, PROGRESS, SHAPE, Sway
+from omnitrack_sim.rotations import cross, rotation_about
+from omnitrack_sim.theory.kinematics import module_speeds
+
+RATE = 1.5
+"""rad/s, by which belts turn the robots here."""
+TURN = np.pi / 2
+
+
+def lean(theta5_deg: float, slip: float, progress: float, **changes: float) -> np.ndarray:
+    """What is asked for (3,) when a robot has turned by a part of the turn, while so much of the
+    rotation by its belts slipped."""
+    keys = {f"control.parameters.sway.{key}": value for key, value in changes.items()}
+    bench = Bench(scenario_of("tee_turn", **keys))
+    sway = Sway(bench.setup, "sway")
+    before, inside = bench.observe(0.1, theta5_deg), bench.inside()
+    assert not sway.step(before, np.array([False])).any()
+    theta5 = np.radians(theta5_deg)
+    # About the normal of the turn's plane, in the robot's frame.
+    normal = np.array([np.sin(theta5), np.cos(theta5), 0.0])
+    radius = float(bench.routes.radius[0])
+    wall_speed = module_speeds(0.1, RATE * normal[0], RATE * normal[1], radius)
+    ahead, towards = bench.routes.ahead[0], bench.routes.directions[0]
+    axis = cross(ahead, towards) * progress * TURN
+    # Where the nose points counts from the way in, not from the centreline's tangent.
+    _, upright = bench.routes.start_poses(bench.way, np.array([0.1]), np.array([theta5]))
+    for _ in range(round(1.2 * LEAST_TURN / RATE / PERIOD)):
+        turned = rotation_about(axis, np.linalg.norm(axis)) @ upright[0]
+        readings = {"wall_speed": wall_speed, "angular_velocity": (1 - slip) * RATE * normal}
+        seen = bench.observe(inside, theta5_deg, **readings, rotation=turned)
+        asked = sway.step(seen, np.array([True]))
+    assert sway.slip == pytest.approx([slip])
+    return asked[0]
+
+
+@pytest.mark.parametrize("part", range(len(PROGRESS)))
+@pytest.mark.parametrize("theta5_deg", [6.0, -6.0])
+def test_a_robot_leans_by_the_shape_away_from_module_1(theta5_deg: float, part: int) -> None:
+    asked = lean(theta5_deg, 0.5, float(PROGRESS[part]), lean_deg=30.0)
+    bench = Bench(scenario_of("tee_turn"))
+    side = cross(bench.routes.ahead[0], bench.routes.directions[0])
+    expected = -np.sign(theta5_deg) * np.tan(np.radians(30.0)) * SHAPE[part]
+    assert asked == pytest.approx(expected * side, abs=1e-6)
+
+
+def test_the_lean_grows_with_the_slip_of_the_turn() -> None:
+    """None on a wall that holds, half of it in the middle of the range."""
+    sizes = [np.linalg.norm(lean(5.0, slip, 1 / 3)) for slip in (-0.1, 0.1, 0.2, 0.3, 0.8)]
+    full = np.tan(np.radians(40.0))
+    assert sizes == pytest.approx([0.0, 0.0, full / 2, full, full], abs=1e-6)
+
+
+def test_the_slip_is_that_of_this_turn() -> None:
+    """A robot that has left its turn begins the next one afresh."""
+    bench = Bench(scenario_of("tee_turn"))
+    sway = Sway(bench.setup, "sway")
+    seen = bench.observe(bench.inside(), wall_speed=module_speeds(0.1, 0.0, RATE, 0.08))
+    for _ in range(20):
+        sway.step(seen, np.array([True]))
+    assert sway.slip == pytest.approx([1.0])
+    sway.step(seen, np.array([False]))
+    assert sway.slip == pytest.approx([0.0])
+
+
+SLIPPERY = {
+    "physics.collider": "exact",
+    "robot.preload": 33.0,
+    "start.theta5_deg": 5.0,
+    "control.align": False,
+    "control.retry": False,
+}
+
+
+def test_a_robot_that_drives_downward_on_a_slippery_wall_passes_by_its_sway() -> None:
+    """None of the same turns passes without it; on a dry wall it changes nothing."""
+    base = ot.override(ot.load_scenario("tee_turn"), SLIPPERY)
+    down = 9.81 * base.route.centreline.at(np.zeros(1))[1][0]
+    slippery = [
+        ot.override(base, {"world.gravity": down.tolist(), "contact.friction": friction})
+        for friction in (0.52, 0.54, 0.55)
+    ]
+    none = {"control.parameters.sway.lean_deg": 0.0}
+    without = [ot.override(scenario, none) for scenario in slippery]
+    assert [result.success for result in ot.run_batch(slippery)] == [True] * 3
+    assert [result.success for result in ot.run_batch(without)] == [False] * 3
+    dry = ot.override(base, {"contact.friction": 0.9})
+    a, b = ot.run_batch([dry, ot.override(dry, none)])
+    assert np.array_equal(a.trajectory["position"], b.trajectory["position"])
