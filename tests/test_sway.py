@@ -14,6 +14,8 @@ from omnitrack_sim.theory.kinematics import module_speeds
 RATE = 1.5
 """rad/s, by which belts turn the robots here."""
 TURN = np.pi / 2
+FIRST = np.array([False])
+"""Robots that have not failed before."""
 
 
 def lean(theta5_deg: float, slip: float, progress: float, **changes: float) -> np.ndarray:
@@ -23,7 +25,7 @@ def lean(theta5_deg: float, slip: float, progress: float, **changes: float) -> n
     bench = Bench(scenario_of("tee_turn", **keys))
     sway = Sway(bench.setup, "sway")
     before, inside = bench.observe(0.1, theta5_deg), bench.inside()
-    assert not sway.step(before, np.array([False])).any()
+    assert not sway.step(before, np.array([False]), FIRST).any()
     theta5 = np.radians(theta5_deg)
     # About the normal of the turn's plane, in the robot's frame.
     normal = np.array([np.sin(theta5), np.cos(theta5), 0.0])
@@ -37,7 +39,7 @@ def lean(theta5_deg: float, slip: float, progress: float, **changes: float) -> n
         turned = rotation_about(axis, np.linalg.norm(axis)) @ upright[0]
         readings = {"wall_speed": wall_speed, "angular_velocity": (1 - slip) * RATE * normal}
         seen = bench.observe(inside, theta5_deg, **readings, rotation=turned)
-        asked = sway.step(seen, np.array([True]))
+        asked = sway.step(seen, np.array([True]), FIRST)
     assert sway.slip == pytest.approx([slip])
     return asked[0]
 
@@ -65,10 +67,20 @@ def test_the_slip_is_that_of_this_turn() -> None:
     sway = Sway(bench.setup, "sway")
     seen = bench.observe(bench.inside(), wall_speed=module_speeds(0.1, 0.0, RATE, 0.08))
     for _ in range(20):
-        sway.step(seen, np.array([True]))
+        sway.step(seen, np.array([True]), FIRST)
     assert sway.slip == pytest.approx([1.0])
-    sway.step(seen, np.array([False]))
+    sway.step(seen, np.array([False]), FIRST)
     assert sway.slip == pytest.approx([0.0])
+
+
+def test_a_turn_that_has_failed_is_tried_again_with_all_of_it() -> None:
+    bench = Bench(scenario_of("tee_turn"))
+    seen = bench.observe(bench.inside(), 5.0)
+    once, again = (
+        Sway(bench.setup, "sway").step(seen, ~FIRST, failed) for failed in (FIRST, ~FIRST)
+    )
+    assert not once.any()
+    assert np.linalg.norm(again) > 0.1
 
 
 SLIPPERY = {

@@ -53,6 +53,7 @@ class JacobianController:
     the safe margin.
 
     A robot that makes no headway in a turn backs off to where the turn began, aligns anew and tries
+    again. One whose inner module slips in a turn into a branch sways, and so does one that tries
     again.
     """
 
@@ -126,7 +127,7 @@ class JacobianController:
         turning = (phase == TEE_TURN) & self.routes.into_branch.take(place.passage)
         speed = s.cruise_speed * np.where(turning, self._turn_speed, 1.0)
         centring = self.tracking.centring * ((phase == CRUISE) | (phase == TEE_STRAIGHT))
-        lean = self.sway.step(observation, turning)
+        lean = self.sway.step(observation, turning, self.recovery.retries > 0)
         wanted = self.tracking.wanted_rotation(
             place, observation.rotation, direction, centring, lean
         )

@@ -69,11 +69,15 @@ class Sway:
         known = self.by_belts > LEAST_TURN
         return np.where(known, 1.0 - self.turned / np.maximum(self.by_belts, LEAST_TURN), 0.0)
 
-    def step(self, observation: Observation, turning: NDArray[np.bool_]) -> Array:
+    def step(
+        self, observation: Observation, turning: NDArray[np.bool_], again: NDArray[np.bool_]
+    ) -> Array:
         """What is added to the direction (n, 3) that robots shall turn to, world frame.
 
         Args:
             observation: of this moment. turning: (n,) robots that turn into a branch now.
+            again: (n,) robots that have failed at this turn before: they sway in full, whatever
+                slips.
         """
         place = observation.place
         beside = np.where(place.theta5 < 0, 1.0, -1.0)
@@ -95,5 +99,6 @@ class Sway:
         heading = np.arctan2(dot(axis, towards), dot(axis, ahead))
         progress = heading / self.routes.turn.take(passage)
         share = np.clip((self.slip - self._slip) / self._slip_range, 0.0, 1.0)
+        share = np.where(again, 1.0, share)
         lean = self._side * self._most * share * np.interp(progress, PROGRESS, SHAPE)
         return np.where(turning, lean, 0.0)[:, None] * normal
