@@ -1,14 +1,15 @@
 """How often a robot gets through pipe networks.
 
-python benchmarks/missions.py [--quick] [--workers N] [--out DIR]
+python benchmarks/missions.py [--quick] [--only STUDY ...] [--workers N] [--out DIR]
 
-Six studies, with the exact collider where it loads (extra fast) and walls of primitives elsewhere:
+Seven studies, with the exact collider where it loads (extra fast) and walls of primitives elsewhere:
 
 * pairs: the network fig14 from every open end to every other one, with three start orientations
   each.
 * random: networks of 6 to 12 fittings grown from a seed. Start and goal are drawn from the open
   ends, gravity in any direction, friction from 0.7 to 1.0 and the start orientation, all from the
   same seed.
+* wet: the same with friction from 0.6 to 0.7.
 * slippery: the same with friction from 0.5 to 0.65 and a preload of 20 N; falls: the same, but a
   robot that has fallen off its way does not plan on (monitor.falls = 0).
 * bores: the same as random with reducers between bores of 160, 150, 155 and 165 mm.
@@ -44,7 +45,7 @@ from omnitrack_sim.scenario import validate
 
 ORIENTATIONS_DEG = (0.0, 40.0, 80.0)
 """Start orientations of the pairs: a third of the period of three modules apart."""
-FRICTION, SLIPPERY = (0.7, 1.0), (0.5, 0.65)
+FRICTION, WET, SLIPPERY = (0.7, 1.0), (0.6, 0.7), (0.5, 0.65)
 SLIPPERY_PRELOAD = 20.0
 """N a module, in slippery networks."""
 BORES = (0.150, 0.155, 0.165)
@@ -55,13 +56,14 @@ TITLES = {
     "pairs": "fig14, all pairs of ends",
     "random": "random networks",
     "bores": "random networks, four bores",
+    "wet": "wet random networks",
     "slippery": "slippery random networks",
     "falls": "the same, no way on after a fall",
     "close": "fittings close together",
 }
-RANDOM = ("random", "bores", "slippery", "falls")
-"""Studies of one random network a seed."""
-NETWORKS, QUICK_NETWORKS = 100, 10
+NETWORKS = {"random": 300, "bores": 100, "wet": 100, "slippery": 100, "falls": 100}
+"""Studies of one random network a seed, and how many."""
+QUICK_NETWORKS = 10
 LAST_EVENTS = 4
 """How many of a failed run's events are printed."""
 
@@ -246,7 +248,8 @@ def drive(task: tuple[str, int, str, str, float]) -> Run:
     elif study in ("slippery", "falls"):
         scenario = slippery_mission(seed, plans_on=study == "slippery")
     else:
-        scenario = random_mission(seed, BORES if study == "bores" else ())
+        friction = WET if study == "wet" else FRICTION
+        scenario = random_mission(seed, BORES if study == "bores" else (), friction)
     begin = time.perf_counter()
     (result,) = run_batch([scenario], threads=1, no_load=False)
     wall = time.perf_counter() - begin
@@ -295,6 +298,7 @@ def main() -> None:
     parser.add_argument(
         "--quick", action="store_true", help="one orientation a pair, 10 networks a study"
     )
+    parser.add_argument("--only", nargs="+", choices=tuple(TITLES), help="these studies")
     parser.add_argument(
         "--workers",
         type=int,
@@ -303,7 +307,7 @@ def main() -> None:
     )
     parser.add_argument("--out", type=Path, help="folder for missions.csv")
     asked = parser.parse_args()
-    tasks = every_task(asked.quick)
+    tasks = [t for t in every_task(asked.quick) if asked.only is None or t[0] in asked.only]
     begin = time.perf_counter()
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
         runs = list(pool.map(drive, tasks))
@@ -318,7 +322,8 @@ def main() -> None:
     )
     print("|---|---|---|---|---|---|")
     for study, title in TITLES.items():
-        report(title, [run for run in runs if run.study == study])
+        if own := [run for run in runs if run.study == study]:
+            report(title, own)
     report_failures(runs)
     if asked.out is not None:
         save(runs, asked.out)
@@ -333,8 +338,9 @@ def every_task(quick: bool) -> list[tuple[str, int, str, str, float]]:
         for start, goal in permutations(names, 2)
         for angle in orientations
     ]
-    count = QUICK_NETWORKS if quick else NETWORKS
-    tasks += [(study, seed, "", "", 0.0) for study in RANDOM for seed in range(count)]
+    for study, networks in NETWORKS.items():
+        count = QUICK_NETWORKS if quick else networks
+        tasks += [(study, seed, "", "", 0.0) for seed in range(count)]
     trials = range(1 if quick else CLOSE_TRIALS)
     chains = [name for name in close_fittings() if close(name, 0) is not None]
     return tasks + [("close", seed, name, "", 0.0) for name in chains for seed in trials]
