@@ -2,7 +2,7 @@
 
 python benchmarks/missions.py [--quick] [--only STUDY ...] [--workers N] [--out DIR]
 
-Seven studies, with the exact collider where it loads (extra fast) and walls of primitives elsewhere:
+Seven studies, with the exact collider where it loads (extra fast), else with walls of primitives:
 
 * pairs: the network fig14 from every open end to every other one, with three start orientations
   each.
