@@ -25,7 +25,7 @@ def lean(theta5_deg: float, slip: float, progress: float, **changes: float) -> n
     bench = Bench(scenario_of("tee_turn", **keys))
     sway = Sway(bench.setup, "sway")
     before, inside = bench.observe(0.1, theta5_deg), bench.inside()
-    assert not sway.step(before, np.array([False]), FIRST).any()
+    assert not sway.step(before, np.array([False]), FIRST).aside.any()
     theta5 = np.radians(theta5_deg)
     # About the normal of the turn's plane, in the robot's frame.
     normal = np.array([np.sin(theta5), np.cos(theta5), 0.0])
@@ -39,7 +39,7 @@ def lean(theta5_deg: float, slip: float, progress: float, **changes: float) -> n
         turned = rotation_about(axis, np.linalg.norm(axis)) @ upright[0]
         readings = {"wall_speed": wall_speed, "angular_velocity": (1 - slip) * RATE * normal}
         seen = bench.observe(inside, theta5_deg, **readings, rotation=turned)
-        asked = sway.step(seen, np.array([True]), FIRST)
+        asked = sway.step(seen, np.array([True]), FIRST).aside
     assert sway.slip == pytest.approx([slip])
     return asked[0]
 
@@ -77,7 +77,7 @@ def test_a_turn_that_has_failed_is_tried_again_with_all_of_it() -> None:
     bench = Bench(scenario_of("tee_turn"))
     seen = bench.observe(bench.inside(), 5.0)
     once, again = (
-        Sway(bench.setup, "sway").step(seen, ~FIRST, failed) for failed in (FIRST, ~FIRST)
+        Sway(bench.setup, "sway").step(seen, ~FIRST, failed).aside for failed in (FIRST, ~FIRST)
     )
     assert not once.any()
     assert np.linalg.norm(again) > 0.1

@@ -26,7 +26,7 @@ class DampingTable(Table):
     elbow: NotNegative = 2.5  # it keeps the robot centred
     # In a tee, where the inner module has lost the wall, the springs can turn the robot over in
     # 0.2 s.
-    tee_turn: NotNegative = 1.7
+    tee_turn: NotNegative = 1.85
     tee_straight: NotNegative = 3.0
     # Out of a branch 298 of 300 robots pass, 294 with 5, 273 with 8, 296 with 1.5 (friction 0.7 to
     # 1.0, no retry). Also while backing off into the branch again, where the tail has to find the

@@ -4,12 +4,12 @@ of the turn and back.
 The inner module, which brakes, is what a robot turns about. Where it slips, the weight and the
 outer modules, which hold along their belts, carry the robot past the branch before it is round. A
 swing across the turn makes the two outer belts run against each other, and they carry it no longer.
-docs/tee-turn.md has what that is worth.
+docs/control.md has what that is worth.
 """
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,12 +34,24 @@ class SwayTable(Table):
     The slip of the turn is the part of the rotation by the belts that the gyroscope does not see.
     """
 
-    # Largest lean that is asked for; a robot reaches a quarter of it. 0: none.
+    # Largest lean that is asked for; a robot reaches half of it. 0: none.
     lean_deg: Annotated[float, Field(ge=0, le=80)] = 40.0
-    # A turn with less slip is left alone. On a dry wall it is -0.14 to 0.0, in turns that fail
+    # A turn with less slip is left alone. On a dry wall it is -0.14 to -0.02, in turns that fail
     # without sway 0.23 and more.
     slip: NotNegative = 0.1
     slip_range: Part = 0.2  # slip beyond that with which the lean is in full
+
+
+class Lean(NamedTuple):
+    """How n robots shall lean.
+
+    Attributes:
+        aside: (n, 3) is added to the direction that they shall turn to, world frame.
+        most: (n,) the largest size that it has in this turn.
+    """
+
+    aside: Array
+    most: Array
 
 
 class Sway:
@@ -71,8 +83,8 @@ class Sway:
 
     def step(
         self, observation: Observation, turning: NDArray[np.bool_], again: NDArray[np.bool_]
-    ) -> Array:
-        """What is added to the direction (n, 3) that robots shall turn to, world frame.
+    ) -> Lean:
+        """How robots shall lean now.
 
         Args:
             observation: of this moment. turning: (n,) robots that turn into a branch now.
@@ -84,7 +96,7 @@ class Sway:
         self._side = np.where(turning, self._side, beside)
         if not np.count_nonzero(turning):
             self.by_belts, self.turned = 0 * self.by_belts, 0 * self.turned
-            return np.zeros((len(turning), 3))
+            return Lean(np.zeros((len(turning), 3)), np.zeros(len(turning)))
         passage, rotation = place.passage, observation.rotation
         ahead = self.routes.ahead.take(passage, axis=0)
         towards = self.routes.directions.take(passage, axis=0)
@@ -100,5 +112,6 @@ class Sway:
         progress = heading / self.routes.turn.take(passage)
         share = np.clip((self.slip - self._slip) / self._slip_range, 0.0, 1.0)
         share = np.where(again, 1.0, share)
-        lean = self._side * self._most * share * np.interp(progress, PROGRESS, SHAPE)
-        return np.where(turning, lean, 0.0)[:, None] * normal
+        most = np.where(turning, self._most * share, 0.0)
+        size = self._side * most * np.interp(progress, PROGRESS, SHAPE)
+        return Lean(size[:, None] * normal, most)

@@ -13,6 +13,7 @@ import numpy as np
 
 from omnitrack_sim.control.interface import ControlSetup
 from omnitrack_sim.control.route_map import Place, angle_between
+from omnitrack_sim.control.sway import Lean
 from omnitrack_sim.rotations import Array, cross, dot, length, unit
 from omnitrack_sim.table import NotNegative, Part, Table
 from omnitrack_sim.theory.kinematics import module_speeds
@@ -29,7 +30,7 @@ class TrackingTable(Table):
     turn_speed: Part = 1.3
     gain: NotNegative = 6.4  # rad per D of travel, for 1 rad of heading error
     lookahead: NotNegative = 0.1875  # D
-    rotation_limit: Part = 4.0  # rad per D of travel
+    rotation_limit: Part = 2.4  # rad per D of travel, where nothing leans
     # D, how far the heading may be ahead of the lookahead point. In the open middle of a tee the
     # robot turns faster than the arc; turning it back would push it out of the branch again.
     heading_lead: NotNegative = 0.5625
@@ -65,7 +66,7 @@ class Tracking:
         self._rows = np.arange(setup.n)
 
     def wanted_rotation(
-        self, place: Place, rotation: Array, direction: Array, centring: Array, lean: Array
+        self, place: Place, rotation: Array, direction: Array, centring: Array, lean: Lean
     ) -> Array:
         """Rotation per metre of travel (n, 3) rad/m, world frame: the bend's curvature plus gain x
         heading error.
@@ -76,7 +77,7 @@ class Tracking:
             direction: (n,) 1 forward, -1 backward: the heading is then compared with the centreline
                 behind.
             centring: (n,) 1/m, ``self.centring`` where it is wanted and 0 elsewhere.
-            lean: (n, 3) is added to the direction ahead, see ``Sway``; 0 where none is wanted.
+            lean: out of the plane of a turn, see ``Sway``.
         """
         axis = rotation[:, :, 2]
         ahead = place.distance[:, None] + direction[:, None] * self.leads  # (n, leads) m
@@ -93,15 +94,16 @@ class Tracking:
             back = target - share[:, None] * slope
             back = back / length(back)[:, None]
             target = np.where((centring > 0)[:, None], back, target)
-        if np.count_nonzero(lean):
-            target = unit(target + lean)
+        if np.count_nonzero(lean.aside):
+            target = unit(target + lean.aside)
         angle = angle_between(axis, target)
         wanted = unit(cross(axis, target)) * (direction * self.gain * angle)[:, None]
         if np.count_nonzero(place.curvature):
             # A robot that has turned ahead of the bend goes straight until the bend has caught up.
             curvature = place.curvature * (nearest == 0)
             wanted = cross(place.tangent, place.normal) * curvature[:, None] + wanted
-        return wanted * np.minimum(1.0, self.limit / np.maximum(length(wanted), 1e-12))[:, None]
+        limit = self.limit * (1.0 + lean.most)  # the turn goes on while the robot leans
+        return wanted * np.minimum(1.0, limit / np.maximum(length(wanted), 1e-12))[:, None]
 
 
 def wall_speeds(
