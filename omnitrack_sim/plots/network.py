@@ -80,8 +80,8 @@ def _draw(network: Network, route: Route | None) -> Figure:
         point = middle(part)[list(views[view][0])]
         taken[view].append(label(axes[view], renderer, part.name, point, taken[view]))
     title = (
-        f"{network.name}: {len(network.pipes.parts)} parts, {network.length:.2f} m, {len(network.open_ends)} "
-        "open ends"
+        f"{network.name}: {len(network.pipes.parts)} parts, {network.length:.2f} m, "
+        f"{len(network.open_ends)} open ends"
     )
     if route is not None:
         title += f"; route of {route.centreline.length:.2f} m through {len(route.fittings)} parts"
