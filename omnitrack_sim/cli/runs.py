@@ -181,7 +181,7 @@ _ROWS = {
     "normal_force_mean_n": ("mean normal force", "N", 1),
     "contact_fraction": ("time in contact", "1", 3),
     "spring_travel_max_m": ("largest spring travel", "m", 4),
-    "motor_torque_max_n_m": ("largest motor torque", "N m", 3),
+    "motor_torque_max_nm": ("largest motor torque", "N m", 3),
     "torque_rms_nm": ("motor torque, rms", "N m", 3),
     "torque_change_nm_s": ("change of torque", "N m/s", 2),
     "time_at_limit_s": ("time at the torque limit", "s", 2),
