@@ -159,7 +159,7 @@ METRICS: tuple[Metric, ...] = (
         "energy_j",
         "J",
         "mechanical work of the rotors of all crawler motors: the positive part of each shaft's "
-        "power, torque x speed, integrated, over the motor's efficiency; braking gives nothing back",
+        "power, integrated, over the motor's efficiency; braking gives nothing back",
         lambda r: float(r.integral(np.maximum(r.power, 0.0)).sum()) / r.efficiency,
     ),
     Metric(
@@ -181,7 +181,8 @@ METRICS: tuple[Metric, ...] = (
     Metric(
         "slip_distance_m",
         "m",
-        "size of the slip velocity, integrated: slip ahead and slip behind add up; 0 without contact",
+        "size of the slip velocity, integrated: slip ahead and slip behind add up; none without "
+        "contact",
         lambda r: r.integral(np.abs(r.trajectory["slip_velocity"])).tolist(),
         per_module=True,
     ),
@@ -245,8 +246,8 @@ METRICS: tuple[Metric, ...] = (
     Metric(
         "time_at_limit_s",
         "s",
-        f"time with at least {100 * AT_LIMIT:.0f} % of the torque limit, either way, whether the belt "
-        "stands or runs",
+        f"time with at least {100 * AT_LIMIT:.0f} % of the torque limit, either way, whether the "
+        "belt stands or runs",
         lambda r: r.integral(_at_limit(r).astype(float)).tolist(),
         per_module=True,
     ),
