@@ -8,8 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
-from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.writing import whole_file
+from omnitrack_sim.writing import format_of, whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -86,10 +85,7 @@ def figure_format(path: str | Path | BinaryIO, format: str | None = None) -> str
     Raises:
         InputError: it is none of ``FORMATS``.
     """
-    chosen = format or Path(str(path)).suffix[1:].lower()
-    if chosen not in FORMATS:
-        raise InputError(Fault(str(path), f"has the figure format {chosen!r}", FORMATS))
-    return chosen
+    return format_of(path, format, "figure", FORMATS)
 
 
 def save_figure(figure: Figure, path: str | Path | BinaryIO, format: str | None = None) -> None:

@@ -300,7 +300,7 @@ class Simulation:
         return Onward(None, ())
 
     def _end(self, robot: int, outcome: Outcome, time: float) -> None:
-        reason = self.monitor.reason(robot, self._place, time)
+        reason = self.monitor.reason(robot, self._place, float(self.legs.end[robot]), time)
         missed = self.legs.missed(robot)
         if outcome is Outcome.REACHED_GOAL and missed:
             outcome, reason = Outcome.STUCK, f"no way to {', '.join(missed)} is left; {reason}"
