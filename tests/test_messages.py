@@ -236,7 +236,8 @@ def test_a_command_that_is_interrupted_says_so(omnitrack, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("omnitrack_sim.sim.run.run", interrupt)
-    assert omnitrack("run", "straight", "--no-video") == (130, "", "interrupted\n")
+    status, printed, told = omnitrack("run", "straight", "--no-video")
+    assert (status, printed, told.strip()) == (130, "", "interrupted")
 
 
 def test_a_table_that_is_set_points_to_the_way_to_change_it():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -88,13 +89,21 @@ def _draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None
     from omnitrack_sim.plots import plot_mission, plot_summary
     from omnitrack_sim.plots.style import attempt
 
-    attempt("summary.png", lambda: plot_summary(result, target / "summary.png"))
+    def picture(name: str, plot: Callable[[Result, Path], None], called: str) -> None:
+        file = target / name
+        again = f"{called}({str(target)!r}, {str(file)!r})"
+        attempt(name, lambda: plot(result, file), again)
+
+    picture("summary.png", plot_summary, "ot.plot_summary")
     if needs_map(result.routes()):
-        attempt("map.png", lambda: plot_mission(result, target / "map.png"))
+        picture("map.png", plot_mission, "ot.plot_mission")
     if camera is not None:
         film = target / "video.mp4"
         with progress("video", quiet) as report:
-            attempt("video", lambda: render_video(result, film, camera=camera, progress=report))
+            again = f"`omnitrack render {target} --camera {camera} --out {film}`"
+            attempt(
+                "video", lambda: render_video(result, film, camera=camera, progress=report), again
+            )
 
 
 def _print_result(result: Result, target: Path) -> None:

@@ -47,16 +47,22 @@ class PictureWarning(UserWarning):
     """A picture could not be made; what it shows is saved all the same."""
 
 
-def attempt(what: str, draw: Callable[[], _Drawn]) -> _Drawn | None:
+def attempt(what: str, draw: Callable[[], _Drawn], again: str = "") -> _Drawn | None:
     """What ``draw`` returns; None, with a ``PictureWarning``, if it raises anything.
 
     For pictures of what has been computed: whatever is wrong with one, the data are not lost.
+
+    Args:
+        what: name of the picture.
+        draw: makes it.
+        again: what makes it from the data, once the cause is gone; told with the warning.
     """
     try:
         return draw()
     except Exception as error:
         cause = f"{error}" or type(error).__name__
-        warnings.warn(f"no {what}: {cause}", PictureWarning, stacklevel=2)
+        later = f"; the data are saved, {again} draws it again" if again else ""
+        warnings.warn(f"no {what}: {cause}{later}", PictureWarning, stacklevel=2)
         return None
 
 
