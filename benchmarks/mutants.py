@@ -33,6 +33,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from queue import Queue
 
+from omnitrack_sim.text import no_such
+
 ROOT = Path(__file__).resolve().parents[1]
 MUTATIONS = Path(__file__).with_name("mutations")
 MOST_MISSED = 3
@@ -112,15 +114,18 @@ def main() -> int:
     )
     parser.add_argument("--quick", action="store_true", help="a few, and their likeliest tests")
     parser.add_argument("--named", action="store_true", help="the likeliest tests only")
-    parser.add_argument("--only", nargs="+", metavar="NAME", help="these changes")
+    parser.add_argument(
+        "--only", nargs="+", metavar="NAME", help="these changes; the files in mutations/ name them"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="changes tried at a time")
     parser.add_argument("--results", type=Path, default=Path("out/mutants.json"), metavar="FILE")
     given = parser.parse_args()
     every = load()
     names = given.only or (QUICK if given.quick else [mutant.name for mutant in every])
-    unknown = set(names) - {mutant.name for mutant in every}
+    known = [mutant.name for mutant in every]
+    unknown = [name for name in names if name not in known]
     if unknown:
-        parser.error(f"no change is called {', '.join(sorted(unknown))}")
+        parser.error(f"--only: {no_such(unknown[0], known, 'change ')}")
     chosen = [mutant for mutant in every if mutant.name in names]
     with tempfile.TemporaryDirectory(prefix="mutants.") as place:
         trial = Trial(Path(place), given.jobs, given.quick or given.named)

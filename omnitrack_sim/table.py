@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 
 class Table(BaseModel):
     """A frozen table of a file; unknown keys are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        try:
+            super().__setattr__(name, value)
+        except ValidationError:
+            told = "ot.override(scenario, {'a.key': value}) makes a copy of a scenario with changes"
+            raise TypeError(f"{type(self).__name__}.{name} cannot be set: {told}") from None
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from omnitrack_sim.errors import OutputError
+from omnitrack_sim.errors import Fault, InputError, OutputError
 
 _PREFIX, _SUFFIX = ".omnitrack-", ".tmp"
 _WORKSHOP = re.compile(r"\.omnitrack-[a-z0-9_]{8}\.tmp")
@@ -31,6 +31,30 @@ _ROOM = 100
 """What a path of a file in a workshop may have more than that of its place, bytes."""
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # linux/fcntl.h, linux/fs.h
 _CANNOT_EXCHANGE = (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP)
+
+
+def format_of(path: object, format: str | None, what: str, formats: tuple[str, ...]) -> str:
+    """The format asked for, or else that of a path's ending.
+
+    Args:
+        path: of the file that is to be written.
+        format: asked for; none: by the ending.
+        what: word for the kind of file.
+        formats: that there are.
+
+    Raises:
+        InputError: it is none of ``formats``.
+    """
+    ending = Path(str(path)).suffix[1:].lower()
+    chosen = format or ending
+    if chosen in formats:
+        return chosen
+    problem = f"has the {what} format {chosen!r}"
+    if not chosen:
+        is_folder = os.path.isdir(str(path))
+        problem = "is a folder; name a file in it" if is_folder else "has no ending"
+        problem += f"; the ending says the {what} format"
+    raise InputError(Fault(str(path), problem, formats))
 
 
 @contextmanager

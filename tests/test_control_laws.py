@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -143,6 +144,32 @@ def test_the_limit_of_the_belts_is_what_the_motor_holds() -> None:
     assert bench.setup.settings.speed_limit == pytest.approx([held])
     slow = Bench(scenario_of("elbow", **changes | {"control.speed_limit": 0.05}))
     assert slow.setup.settings.speed_limit == pytest.approx([0.05])
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"control.cruise_speed": 0.2}, None),
+        ({"control.cruise_speed": 0.25}, "from 0.25 to 0.2 m/s: control.speed_limit caps"),
+        ({"control.cruise_speed": 0.5}, "to 0.2 m/s: control.speed_limit .* without it 0.4"),
+        (
+            {"robot.motor": "pololu_1000_hpcb"},
+            r"from 0.1 to 0.0692 m/s: motor pololu_.*robot.motor",
+        ),
+    ],
+)
+def test_a_cruise_speed_that_is_not_driven_is_told(changes: dict, told: str | None) -> None:
+    """The note names the smaller cap, its key, and on a straight the robot drives no faster."""
+    scenario = scenario_of("elbow", **changes)
+    (note,) = settings_of([scenario], RouteMap([scenario.route]), np.zeros(1, np.intp))[1]
+    assert (note is None) == (told is None)
+    if told is None:
+        return
+    assert re.search(told, note or "")
+    bench = Bench(scenario)
+    speed = max(bench.step(0.15, 30.0).belt_speed.max() for _ in range(20))
+    named = float(re.search(r"to ([\d.]+) m/s", note or "").group(1))  # type: ignore[union-attr]
+    assert speed == pytest.approx(named, rel=1e-3)
 
 
 def test_a_robot_is_turned_by_its_heading_error_up_to_a_limit() -> None:

@@ -217,9 +217,12 @@ TIME = np.linspace(0.0, 4.0, 201)
     [
         (zipped(time=TIME), "qpos"),
         (zipped(time=TIME, qpos=np.zeros((201, 21))), "shape"),
-        (zipped(time=TIME, qpos=np.zeros((200, 22))), "shape"),
+        (zipped(time=TIME, qpos=np.zeros((200, 22))), "200 samples, not 201"),
         (zipped(time=TIME, qpos=np.zeros((201, 22), int)), "holds int64"),
-        (zipped(time=TIME, qpos=np.zeros((2_000_000, 22))), "larger than 201 samples"),
+        (
+            zipped(time=TIME, qpos=np.zeros((2_000_000, 22))),
+            "not of the same run as trajectory.parquet: more",
+        ),
         (zipped(time=TIME, qpos=np.array([{}] * 201, object)), "replay.npz"),
         (zipped(time=TIME + 1.0, qpos=np.zeros((201, 22))), "times"),
     ],
@@ -228,6 +231,20 @@ def test_a_replay_of_other_arrays_is_refused(run, data, told):
     """Missing, too narrow, too short, of another type, a bomb, pickled, at other times."""
     (run / "replay.npz").write_bytes(data)
     assert refused(run, "replay.npz", told)
+
+
+def test_what_is_no_folder_of_a_run_is_told(run):
+    """A folder that is not there, a file of a run, another file."""
+    (run.parent / "notes.txt").write_text("words")
+    for place, told in (
+        (run.parent / "nothing", "no such folder"),
+        (run / "result.json", f"is a file; a run is the folder of its files; {run} is one"),
+        (run.parent / "notes.txt", "is a file; a run is the folder of its files"),
+        (run.parent, "is no run: result.json is missing"),
+    ):
+        with pytest.raises(OutputError) as caught:
+            load_result(place)
+        assert str(caught.value) == f"{place}: {told}"
 
 
 def test_a_replay_that_claims_more_than_there_is_is_refused(run):

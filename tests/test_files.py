@@ -61,6 +61,13 @@ def test_json_says_the_same_as_toml(tmp_path):
         ("a.toml", "seed = " + "9" * 5000, "an integer of thousands of digits"),
         ("a.toml", f"seed = 0x{'f' * 99_999}\n{PIPE}", "seed: is an integer of more than 64 bits"),
         ("a.toml", f"name = 2020-01-01\n{PIPE}", "name: is the date or time 2020-01-01"),
+        ("a.txt", f" {JSON}", "is JSON, it seems; the name of such a file ends in .json"),
+        (
+            "a.toml",
+            "[pipes]\nlength = 1",
+            "pipes: is a table; it must be a list of tables, each of ",
+        ),
+        ("a.toml", PIPE * 1001, "pipes: must have at most 1000 items, not 1001"),
         ("a.toml", "pipes = [1, []]", "pipes.1: input should be a table (given: [])"),
         ("a.toml", "#" * (MOST_BYTES["TOML"] + 1), "is too large: at most 1000000 bytes of TOML"),
         ("a.json", " " * (MOST_BYTES["JSON"] + 1), "is too large: at most 2000000 bytes of JSON"),
@@ -71,7 +78,7 @@ def test_a_file_that_cannot_be_used_is_a_fault(tmp_path, name, text, message):
     path = written(tmp_path, name, text)
     found = told(load_scenario, path)
     assert message in found
-    if message.partition(":")[0] not in ("seed", "name", "pipes.0.length", "pipes.1"):
+    if message.partition(":")[0] not in ("seed", "name", "pipes", "pipes.0.length", "pipes.1"):
         assert found.startswith(f"{path}: ")
 
 
@@ -173,7 +180,8 @@ def test_a_misspelt_key_is_asked_back(tmp_path, load, text, error):
         ("a.toml", "x = " + "[" * 5000, "is nested too deeply"),
         ("a.json", '{"a": 1, "a": 2}', "the key 'a' stands twice"),
         ("a.json", "[1]", "holds no table; a file of values is a table"),
-        ("a.toml", "\ud800", "is not valid TOML"),
+        ("a.toml", "\ud800", "is no text in UTF-8; a file of values is a file of TOML or JSON"),
+        ("a.txt", '{"a": 1}', "is JSON, it seems; the name of such a file ends in .json"),
         ("a.toml", "#" * (MOST_BYTES["TOML"] + 1), "is too large"),
     ],
 )

@@ -35,10 +35,10 @@ def _result(theta5=0.0, codes=(0, 1, 3, 0), **changes):
     """The sample run with the phases of ``codes``, a quarter of it each, at a constant theta5
     [rad]."""
     full = sample_trajectory(**changes)
-    quarter = np.minimum(4 * np.arange(len(full)) // len(full), 3)
+    quarter = np.minimum(4 * np.arange(len(full.time)) // len(full.time), 3)
     channels = dict(full.channels) | {
         "phase": np.array(codes)[quarter],
-        "theta5": np.full(len(full), theta5),
+        "theta5": np.full(len(full.time), theta5),
     }
     return sample_result(Trajectory(full.time, channels, PHASES, full.qpos))
 

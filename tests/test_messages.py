@@ -209,3 +209,40 @@ def test_json_of_a_run_is_strict(omnitrack, monkeypatch, tmp_path):
     figures = json.loads(stdout, parse_constant=refuse)["metrics"]
     assert (figures["energy_j"], figures["no_load_slip_m_s"]) == (None, None)
     assert json.loads((tmp_path / "a" / "result.json").read_text()) == json.loads(stdout)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["run", "straight", "--out", ""], "--out: is empty"),
+        (["run", "straight", "--out="], "--out: is empty"),
+        (["run", ""], "an argument: is empty"),
+        (["render", "nowhere", "--out", "."], ".: is a folder; name a file in it; the ending"),
+        (["render", "nowhere", "--out", "film"], "film: has no ending; the ending says the film"),
+        (["network", "fig14", "--plot", "."], ".: is a folder; name a file in it"),
+    ],
+)
+def test_places_that_are_empty_or_no_file_are_refused(omnitrack, arguments, told):
+    """Before anything is run: an empty text would be the working folder."""
+    status, _, shown = omnitrack(*arguments)
+    assert status == 2
+    assert told in shown
+
+
+def test_a_command_that_is_interrupted_says_so(omnitrack, monkeypatch):
+    """Control and C while a scenario runs: one word, and the status of an interruption."""
+
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("omnitrack_sim.sim.run.run", interrupt)
+    status, printed, told = omnitrack("run", "straight", "--no-video")
+    assert (status, printed, told.strip()) == (130, "", "interrupted")
+
+
+def test_a_table_that_is_set_points_to_the_way_to_change_it():
+    """Scenarios and their tables are frozen."""
+    scenario = ot.load_scenario("straight")
+    for table, name in ((scenario, "seed"), (scenario.contact, "friction")):
+        with pytest.raises(TypeError, match=rf"{name} cannot be set: ot\.override"):
+            setattr(table, name, 1)

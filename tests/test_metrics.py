@@ -150,7 +150,7 @@ def test_the_largest_torque_counts_in_both_directions():
     """A motor that brakes with 0.2 N m has given more than one that drives with 0.1."""
     torque = each(0.1, 0.05, 0.0)
     torque[80, 1] = -0.2
-    found = figures(sample_trajectory(T, motor_torque=torque))["motor_torque_max_n_m"]
+    found = figures(sample_trajectory(T, motor_torque=torque))["motor_torque_max_nm"]
     assert found == pytest.approx([0.1, 0.2, 0.0])
 
 

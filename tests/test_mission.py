@@ -167,7 +167,7 @@ def test_back_to_the_start_goes_tail_first():
             {"mission.goals": ["low", "low"]},
             r"^mission.goals.1: 'low' is where the robot is already$",
         ),
-        ({"mission.goals": []}, r"^mission.goals: list should have at least 1 item"),
+        ({"mission.goals": []}, r"^mission.goals: must have at least 1 item, not 0"),
         (
             {"mission.avoid": ["tee_1"]},
             r"^mission.goals.0: 'low' cannot be reached from 'inlet' without tee_1$",

@@ -13,6 +13,7 @@ from omnitrack_sim.plots.mission.signs import marks_of
 from omnitrack_sim.record.events import FellOff
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.scenario import validate
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +44,19 @@ def test_every_part_is_named_in_both_maps_and_every_fitting_in_the_chart(figure)
     for part in parts:
         assert names.count(part) == 2 + driven.count(part), part
     assert [name.strip() for name in names if "leg" in name] == ["leg 1", "leg 2, tail first"]
+
+
+def test_a_long_route_names_so_many_parts_as_can_be_read():
+    """Of 300 parts each fourth, from the first to the last; a few ticks on every axis of a route of
+    kilometres."""
+    pipes = [{"kind": "straight", "length": 8.0}] * 300
+    figure = mission_figure(sample_result(scenario=validate({"pipes": pipes})))
+    names = [name for name in texts(figure) if name.startswith("straight_")]
+    every_fourth = [f"straight_{i}" for i in range(0, 300, 4)]
+    assert names[: len(every_fourth)] == every_fourth
+    assert len(names) == 2 * len(every_fourth) + 1  # both maps, and the band of the chart
+    ticks = [axis.get_majorticklocs() for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]
+    assert max(map(len, ticks)) < 15
 
 
 def test_names_do_not_cover_each_other(figure):

@@ -224,3 +224,16 @@ def test_no_run_ends_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     (ending,) = simulation.endings
     assert ending is not None
     assert ending.outcome is ot.Outcome.TIMED_OUT
+
+
+def test_the_end_is_told_beside_the_goal_and_the_length_of_the_route():
+    """The goal is the nose at the end, so the centre has not come to the end of the route; means
+    are of no longer than the run took."""
+    watching = monitor(1)
+    look(watching, [0.3])
+    short = watching.reason(0, place([0.3]), 0.7, 0.25)
+    assert short.startswith("at 0.300 m of a route of 0.800 m, goal at 0.700 m, after 0.25 s; tilt")
+    assert short.endswith("(means of the last 0.25 s)")
+    there = watching.reason(0, place([0.7]), 0.7, 6.0)
+    assert there.startswith("at 0.700 m, the goal, of a route of 0.800 m, after 6.00 s; tilt")
+    assert there.endswith("(means of the last 0.5 s)")

@@ -121,4 +121,7 @@ def test_plots_that_fail_cost_no_run(tmp_path, monkeypatch):
         "no map.png",
         "no video",
     ]
+    again = f"ot.plot_mission('{tmp_path}/run', '{tmp_path}/run/map.png') draws it again"
+    assert again in str(told[1].message)
+    assert f"`omnitrack render {tmp_path}/run --camera side" in str(told[2].message)
     assert load_result(tmp_path / "run").scenario.name == "chain"

@@ -108,7 +108,7 @@ def test_a_controller_sees_what_is_measured() -> None:
     assert np.isfinite(result.metrics["no_load_slip_m_s"])  # type: ignore[arg-type]
     every = round(0.02 / 0.01)
     told = np.array([observation.belt_power[0] for observation in Watcher.seen[::every]])
-    assert len(told) == len(result.trajectory) - 1  # no command follows the last sample
+    assert len(told) == len(result.trajectory.time) - 1  # no command follows the last sample
     assert np.array_equal(told, result.trajectory["belt_power"][:-1])
     assert Watcher.seen[0].turns.tolist() == [0.0]
     with pytest.raises(

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
-import gymnasium
 import mujoco
 import numpy as np
 import pytest
-from gymnasium.envs.mujoco import MujocoEnv
 from gymnasium.utils.env_checker import check_env
 from scipy.stats import qmc
 
@@ -18,6 +17,7 @@ from omnitrack_sim.robot import Robot
 from omnitrack_sim.theory.kinematics import elbow_speeds, wall_per_belt
 
 MODELS = Path(__file__).parents[1] / "models"
+PAGE = (MODELS.parent / "docs" / "physics.md").read_text(encoding="utf-8")
 NUMBERS = (1, 2, 3)
 EVERY = sorted(path.name for path in MODELS.glob("*.xml"))
 SCENES = [name for name in EVERY if name.startswith("scene_")]
@@ -31,6 +31,15 @@ def opened(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, model.key("start").id)
     return model, data
+
+
+def examples() -> list[dict]:
+    """What the examples of docs/physics.md define, as they stand there."""
+    found: list[dict] = []
+    for code in re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL):
+        found.append({"__name__": "physics"})
+        exec(compile(code, "physics.md", "exec"), found[-1])
+    return found
 
 
 def drive(model, data, seconds: float, belts=(0.0, 0.0, 0.0), roll: float = 0.0) -> None:
@@ -169,40 +178,58 @@ def test_the_elbow_scene_turns():
     assert not data.warning.number.any()
 
 
-class Climb(MujocoEnv):
-    """The least that makes an environment of a scene: as high as it can."""
+def test_the_elbow_of_the_page_is_passed(monkeypatch, capsys):
+    """The first example of docs/physics.md prints what is told below it."""
+    monkeypatch.chdir(MODELS.parent)
+    examples()
+    assert capsys.readouterr().out == "turned by 88 degrees after 8.8 s\n"
+    assert "prints 88 degrees after 8.8 s" in PAGE
 
-    metadata = {"render_modes": ["human", "rgb_array", "depth_array", "rgbd_tuple"]}  # noqa: RUF012
 
-    def __init__(self, render_mode: str | None = None):
-        super().__init__(
-            str(MODELS / "scene_straight.xml"), 10, observation_space=None, render_mode=render_mode
-        )
-        size = self.model.nq + self.model.nv
-        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float64)
+def test_the_tee_scene_turns_with_module_1_backward():
+    """As docs/physics.md tells: from z = 0.46 on, until the robot has turned into the branch."""
+    model, data = opened("scene_tee.xml")
+    turned = 0.0
+    while data.qpos[0] < 0.3 and data.time < 12.0:
+        forward = data.body("chassis").xmat.reshape(3, 3)[:, 2]
+        turned = math.degrees(math.atan2(forward[0], forward[2]))
+        inner = -0.1 if data.qpos[2] > 0.46 and turned < 88.0 else 0.1
+        drive(model, data, 0.02, belts=(inner, 0.1, 0.1))
+    assert data.qpos[:3] == pytest.approx([0.3, 0.0, 0.56], abs=5e-3)
+    assert turned > 85
 
-    def step(self, action):
-        before = self.data.qpos[2]
-        self.do_simulation(action, self.frame_skip)
-        return self.state_vector(), (self.data.qpos[2] - before) / self.dt, False, False, {}
 
-    def reset_model(self):
-        start = self.model.key("start")
-        self.set_state(start.qpos, start.qvel)
-        return self.state_vector()
+def test_what_the_contact_sensors_tell():
+    """Force of the module on the wall, world axes: outward, and down by a third of the weight; its
+    place is on the wall."""
+    model, data = opened("scene_straight.xml")
+    drive(model, data, 0.6)
+    for number in NUMBERS:
+        x, y, _ = data.body(f"module_{number}").xpos
+        count, fx, fy, fz, px, py, pz = data.sensor(f"contact_{number}").data
+        assert count == Robot().lugs_per_track
+        assert (fx * x + fy * y) / math.hypot(x, y) == pytest.approx(Robot().preload, rel=0.01)
+        assert fz == pytest.approx(-Robot().mass * 9.81 / 3, rel=0.01)
+        assert math.hypot(px, py) == pytest.approx(0.08, abs=5e-4)
+        assert abs(pz - 0.1) < 0.01
 
 
 @pytest.mark.filterwarnings("ignore:.*recommend using a symmetric and normalized space")
 @pytest.mark.filterwarnings("ignore:.*observation space m[a-z]+ value is -?infinity")
-def test_gymnasium_has_six_bounded_actions():
-    """Gymnasium's MujocoEnv takes its action space from the model, passes Gymnasium's own check,
-    and climbs."""
-    env = Climb()
+def test_gymnasium_has_six_bounded_actions(monkeypatch):
+    """The environment of docs/physics.md takes its action space from the model, begins in the
+    keyframe, passes Gymnasium's own check, and climbs. Its actions are in the order told there."""
+    monkeypatch.chdir(MODELS.parent)
+    env = examples()[1]["Climb"]()
+    start = env.model.key("start").qpos
+    assert not np.array_equal(env.init_qpos, start)
+    assert np.array_equal(env.reset(seed=1)[0][: len(start)], start)
     assert env.action_space.shape == (6,)
     assert env.action_space.is_bounded()
     check_env(env, skip_render_check=True)
     env.reset(seed=1)
     names = [env.model.actuator(index).name for index in range(6)]
+    assert f"| {', '.join(f'`{name}`' for name in names)};" in PAGE
     action = np.array([0.1 if name.startswith("belt") else 0 for name in names], np.float32)
     rewards = [env.step(action)[1] for _ in range(50)]
     assert np.mean(rewards[10:]) == pytest.approx(0.1, rel=0.01)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+from dataclasses import replace
 
 import av
 import imageio.v3 as imageio
 import numpy as np
 import pytest
-from samples import drive, two_legs, two_legs_result
+from samples import drive, sample_result, two_legs, two_legs_result
 
 from omnitrack_sim.errors import InputError, OutputError
 from omnitrack_sim.film.inset import Inset, needs_map, projection
@@ -18,6 +18,7 @@ from omnitrack_sim.film.viewpoint import in_the_way, view_directions
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.rotations import quaternion_from_matrix
 from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.sim.result import Result
 
 SIZE = (320, 180)
 PIPES = [
@@ -45,9 +46,7 @@ def result():
     qpos = np.concatenate([position, channels["quaternion"], np.zeros((len(time), 15))], axis=1)
     channels["gear"] = np.ones(len(time))
     trajectory = Trajectory(time, channels, ("straight",), qpos)
-    return SimpleNamespace(
-        scenario=scenario, trajectory=trajectory, routes=lambda: (scenario.route,)
-    )
+    return sample_result(trajectory, scenario=scenario)
 
 
 def test_film_has_the_length_size_and_codec_asked_for(result, tmp_path):
@@ -158,11 +157,8 @@ def test_a_run_that_diverged_stops_in_its_film(result, camera, value):
     qpos = np.array(plain.qpos)
     for values in (channels["position"], channels["distance"], channels["belt_speed"], qpos):
         values[-5:] = value
-    broken = SimpleNamespace(
-        scenario=result.scenario,
-        trajectory=Trajectory(plain.time, channels, plain.phases, qpos),
-        routes=result.routes,
-    )
+    trajectory = Trajectory(plain.time, channels, plain.phases, qpos)
+    broken = replace(result, trajectory=trajectory)
     end, sound = (
         render_frame(run, time, camera, 64, 36).astype(int)
         for run, time in ((broken, 1.0), (result, plain.time[-6]))
@@ -176,7 +172,7 @@ def test_unwritable_film_is_a_clean_error(result, tmp_path):
         render_video(result, tmp_path / "missing" / "run.mp4", width=64, height=36)
 
 
-def chain_result() -> SimpleNamespace:
+def chain_result() -> Result:
     """A robot drawn through bends in three planes and a tee: more fittings than a film goes without
     a map."""
     pipes = [
@@ -195,13 +191,7 @@ def chain_result() -> SimpleNamespace:
         [channels["position"], channels["quaternion"], np.zeros((len(distance), 15))], axis=1
     )
     trajectory = Trajectory(0.1 * np.arange(len(distance)), channels, ("cruise",), qpos)
-    places = {
-        "goal_points": lambda: channels["position"][-1:],
-        "plate_rims": lambda: np.zeros((0, 25, 3)),
-    }
-    return SimpleNamespace(
-        scenario=scenario, trajectory=trajectory, routes=lambda: (way,), **places
-    )
+    return sample_result(trajectory, scenario=scenario)
 
 
 def test_the_camera_that_follows_looks_across_the_pipe():
@@ -251,7 +241,9 @@ def test_map_shows_the_way_driven_so_far():
         result.trajectory, result.routes(), result.goal_points(), result.plate_rims(), 1280, 720
     )
     grey = np.full((720, 1280, 3), 90, np.uint8)
-    frames = [inset.write(grey, row).astype(int) for row in (0, 900, len(result.trajectory) - 1)]
+    frames = [
+        inset.write(grey, row).astype(int) for row in (0, 900, len(result.trajectory.time) - 1)
+    ]
     yellow = [
         int(((f[..., 0] > 220) & (f[..., 1] > 170) & (f[..., 2] < 100)).sum()) for f in frames
     ]
@@ -278,7 +270,7 @@ def test_overlay_names_fitting_and_gear():
     """Two fittings, and two gears, give different text; a long name is cut to the panel."""
     overlay, grey = Overlay(1280, 720), np.full((720, 1280, 3), 90, np.uint8)
     trajectory = two_legs_result().trajectory
-    last = len(trajectory) - 1
+    last = len(trajectory.time) - 1
     named, long = (
         overlay.write(grey, trajectory, last, name) for name in ("drop", "a_very_long_name_" * 5)
     )

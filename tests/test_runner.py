@@ -53,7 +53,7 @@ def test_a_trial_that_ends_earlier_keeps_its_own_record():
     alone, (together, longer) = run(short), run_batch([short, scenario])
     assert _equal(alone, together)
     assert together.trajectory.time[-1] == pytest.approx(together.duration_s)
-    assert len(longer.trajectory) > len(together.trajectory)
+    assert len(longer.trajectory.time) > len(together.trajectory.time)
 
 
 def test_results_keep_the_order_of_the_scenarios():
@@ -107,7 +107,7 @@ def test_a_trial_on_which_the_engine_raises_ends_alone():
     first, broken, last = simulation.results()
     assert broken.outcome is Outcome.DIVERGED
     assert broken.duration_s == pytest.approx(0.2, abs=0.011)
-    assert len(broken.trajectory) == 11
+    assert len(broken.trajectory.time) == 11
     for neighbour, expected in zip((first, last), plain.results(), strict=True):
         assert neighbour.outcome is Outcome.TIMED_OUT
         assert _equal(neighbour, expected)

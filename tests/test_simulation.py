@@ -148,7 +148,7 @@ def test_a_robot_whose_run_is_over_stays_as_it_is() -> None:
     assert [len(result.events) > 0 for result in simulation.results()] == [False, True]
     every_sample, _ = simulation.recorder.trajectories(np.full(2, np.inf))
     assert every_sample.time.max() == pytest.approx(0.1)
-    assert len(every_sample) > len(simulation.results()[0].trajectory)
+    assert len(every_sample) > len(simulation.results()[0].trajectory.time)
     assert (every_sample["belt_speed_command"][1:] == 0.1).all()
     assert (every_sample["roll_command"] == 0.0).all()
     assert (every_sample["phase"] == 0).all()

@@ -12,7 +12,7 @@ import typer
 import omnitrack_sim
 from omnitrack_sim.cli import catalogue, network, optimise, reproduce, runs, singularity, sweep
 from omnitrack_sim.cli.common import app, err, plain
-from omnitrack_sim.errors import OmnitrackError
+from omnitrack_sim.errors import Fault, InputError, OmnitrackError
 from omnitrack_sim.text import clipped
 
 __all__ = [
@@ -61,6 +61,7 @@ def main() -> None:
         # A terminal that lacks a character gets its code, not a traceback.
         getattr(stream, "reconfigure", lambda errors: None)(errors="backslashreplace")
     try:
+        _refuse_empty(sys.argv[1:])
         status = app(standalone_mode=False)
     except OmnitrackError as error:
         _tell(str(error))
@@ -72,6 +73,15 @@ def main() -> None:
             raise
         status = _tell_usage(error)
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _refuse_empty(arguments: list[str]) -> None:
+    """Refuse arguments that are empty texts, as of a variable that is not set: a path would be the
+    working folder."""
+    for before, text in zip(["", *arguments], arguments, strict=False):
+        if text == "" or (text.startswith("--") and text.endswith("=")):
+            where = text.rstrip("=") or (before if before.startswith("-") else "an argument")
+            raise InputError(Fault(where, "is empty"))
 
 
 def _tell(message: str) -> None:

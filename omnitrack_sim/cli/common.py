@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
+from typer.core import TyperGroup
 
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.text import printable, strict_json
@@ -20,7 +21,20 @@ from omnitrack_sim.text import printable, strict_json
 if TYPE_CHECKING:
     from omnitrack_sim.scenario import Scenario
 
+
+class _Commands(TyperGroup):
+    """The commands, each of which says so when it is interrupted; Typer is silent."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            err.print("interrupted")
+            raise typer.Exit(130) from None
+
+
 app = typer.Typer(
+    cls=_Commands,
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,

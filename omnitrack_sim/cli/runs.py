@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -88,13 +89,21 @@ def _draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None
     from omnitrack_sim.plots import plot_mission, plot_summary
     from omnitrack_sim.plots.style import attempt
 
-    attempt("summary.png", lambda: plot_summary(result, target / "summary.png"))
+    def picture(name: str, plot: Callable[[Result, Path], None], called: str) -> None:
+        file = target / name
+        again = f"{called}({str(target)!r}, {str(file)!r})"
+        attempt(name, lambda: plot(result, file), again)
+
+    picture("summary.png", plot_summary, "ot.plot_summary")
     if needs_map(result.routes()):
-        attempt("map.png", lambda: plot_mission(result, target / "map.png"))
+        picture("map.png", plot_mission, "ot.plot_mission")
     if camera is not None:
         film = target / "video.mp4"
         with progress("video", quiet) as report:
-            attempt("video", lambda: render_video(result, film, camera=camera, progress=report))
+            again = f"`omnitrack render {target} --camera {camera} --out {film}`"
+            attempt(
+                "video", lambda: render_video(result, film, camera=camera, progress=report), again
+            )
 
 
 def _print_result(result: Result, target: Path) -> None:
@@ -181,7 +190,7 @@ _ROWS = {
     "normal_force_mean_n": ("mean normal force", "N", 1),
     "contact_fraction": ("time in contact", "1", 3),
     "spring_travel_max_m": ("largest spring travel", "m", 4),
-    "motor_torque_max_n_m": ("largest motor torque", "N m", 3),
+    "motor_torque_max_nm": ("largest motor torque", "N m", 3),
     "torque_rms_nm": ("motor torque, rms", "N m", 3),
     "torque_change_nm_s": ("change of torque", "N m/s", 2),
     "time_at_limit_s": ("time at the torque limit", "s", 2),

@@ -16,7 +16,7 @@ from omnitrack_sim.drive import Drive, drive_of
 from omnitrack_sim.record.events import Event
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Array
-from omnitrack_sim.text import did_you_mean
+from omnitrack_sim.text import did_you_mean, shown
 
 
 class Observation:
@@ -82,7 +82,11 @@ class Command(NamedTuple):
 
     def __repr__(self) -> str:
         given = [name for name, value in zip(self._fields, self, strict=True) if value is not None]
-        return f"Command({len(self.belt_speed)} robots: {', '.join(given)})"
+        try:
+            robots = f"{len(self.belt_speed)} robots"
+        except TypeError:  # no array yet, and refused where it is used
+            robots = f"belt_speed {shown(self.belt_speed)}, which is no (n, 3)"
+        return f"Command({robots}: {', '.join(given)})"
 
 
 @dataclass(frozen=True)

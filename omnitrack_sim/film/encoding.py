@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.writing import whole_file
+from omnitrack_sim.writing import format_of, whole_file
 
 Image = NDArray[np.uint8]
 Append = Callable[[Image], None]
@@ -27,10 +26,7 @@ def film_format(path: str | Path) -> str:
     Raises:
         InputError: it is none of ``FORMATS``.
     """
-    ending = Path(path).suffix[1:].lower()
-    if ending not in FORMATS:
-        raise InputError(Fault(str(path), f"has the film format {ending!r}", FORMATS))
-    return ending
+    return format_of(path, None, "film", FORMATS)
 
 
 @contextmanager

@@ -72,12 +72,14 @@ def render_video(
         RenderError: no offscreen OpenGL on this machine; the message says what to install.
         OutputError: the film cannot be written.
     """
+    from omnitrack_sim.sim.loading import as_result
+
     path = Path(path)
     most = MOST_GIF_FPS if film_format(path) == "gif" else MOST_FPS
     _check(camera, width, height, fps, most)
     check_file(path)
     width, height = width + width % 2, height + height % 2
-    result = _loaded(result)
+    result = as_result(result)
     trajectory = result.trajectory
     count = max(1, int(np.floor((trajectory.time[-1] - trajectory.time[0]) * fps)) + 1)
     times = trajectory.time[0] + np.arange(count) / fps
@@ -108,8 +110,10 @@ def render_frame(
         InputError: unknown camera, or a size that is out of range.
         RenderError: no offscreen OpenGL on this machine; the message says what to install.
     """
+    from omnitrack_sim.sim.loading import as_result
+
     _check(camera, width, height)
-    with _Stage(_loaded(result), width, height, camera, inset) as stage:
+    with _Stage(as_result(result), width, height, camera, inset) as stage:
         return stage.picture(time)
 
 
@@ -122,8 +126,10 @@ def render_frames(
     inset: bool = True,
 ) -> list[Image]:
     """Pictures of one run at ``times`` s, as of ``render_frame`` but faster than one by one."""
+    from omnitrack_sim.sim.loading import as_result
+
     _check(camera, width, height)
-    with _Stage(_loaded(result), width, height, camera, inset) as stage:
+    with _Stage(as_result(result), width, height, camera, inset) as stage:
         return [stage.picture(time) for time in times]
 
 
@@ -228,14 +234,14 @@ def _shown(trajectory: Trajectory) -> Trajectory:
     """
     names = ("position", "distance", "tilt", "belt_speed")
     values = [trajectory.qpos, *(trajectory[name] for name in names)]
-    far = [np.abs(value.reshape(len(trajectory), -1)).max(axis=1) for value in values]
+    far = [np.abs(value.reshape(len(trajectory.time), -1)).max(axis=1) for value in values]
     sound = np.all([distance < FARTHEST for distance in far], axis=0)  # NaN is not less either
     if sound.all():
         return trajectory
     if not sound.any():
         raise RenderError("the run has no pose that can be shown")
     first = int(np.argmax(sound))
-    rows = np.maximum.accumulate(np.where(sound, np.arange(len(trajectory)), first))
+    rows = np.maximum.accumulate(np.where(sound, np.arange(len(trajectory.time)), first))
     channels = {name: values[rows] for name, values in trajectory.channels.items()}
     return replace(trajectory, channels=channels, qpos=trajectory.qpos[rows])
 
@@ -338,14 +344,6 @@ def _open_context(width: int, height: int) -> tuple[Any, Any]:
     raise RenderError(
         f"no offscreen OpenGL ({'; '.join(reasons)}). On Debian or Ubuntu: {APT_LINE}"
     )
-
-
-def _loaded(result: Result | str | os.PathLike[str]) -> Result:
-    if isinstance(result, (str, os.PathLike)):
-        from omnitrack_sim.sim.loading import load_result
-
-        return load_result(Path(result))
-    return result
 
 
 def _check(camera: str, width: int, height: int, fps: int = 1, most: int = 1) -> None:

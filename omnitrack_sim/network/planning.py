@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import permutations
 from typing import TYPE_CHECKING, Any
 
+from omnitrack_sim.arguments import check_is
 from omnitrack_sim.errors import Fault, NetworkError
 from omnitrack_sim.network.layout import End
 from omnitrack_sim.network.spec import Network
@@ -86,6 +87,7 @@ def shortest_route(
         NetworkError: no such port, no open end, start and goal the same, unknown fittings to avoid,
             or no way.
     """
+    check_is(Network, "network", network)
     ends, faults = [], []
     for where, port in (("start", start), ("goal", goal)):
         try:

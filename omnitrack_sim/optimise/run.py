@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from omnitrack_sim.arguments import check_is
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.optimise.choice import best_of, to_be_checked
 from omnitrack_sim.optimise.explore import Candidate, History, explore
@@ -101,6 +102,7 @@ def run_study(
         OutputError: the folder holds something else, or cannot be written; finished trials stay.
         WorkersLost: the given executor has broken; the same call goes on from there.
     """
+    check_is(Study, "study", study)
     if workers < 1:
         raise InputError(Fault("workers", f"is {workers}; must be 1 or more"))
     if executor is None and workers > 1:

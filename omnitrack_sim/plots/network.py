@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -23,6 +24,8 @@ BEND_SPACING = 0.03
 """Distance of neighbouring rings of a drawn bend, m."""
 ROUTE_SPACING = 0.01
 """Distance of neighbouring points of a drawn route, m."""
+MOST_NAMES = 80
+"""Parts that a figure names; of more, each so-many-th is named, for no more names can be read."""
 PIPE, ROUTE = "#d3d8de", MODULE_COLOURS[1]
 _AXES = "xyz"
 
@@ -57,7 +60,6 @@ def _draw(network: Network, route: Route | None) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    parts = network.pipes.parts
     quads = faces(network.pipes)
     low, high = quads.reshape(-1, 3).min(axis=0), quads.reshape(-1, 3).max(axis=0)
     across = 0 if high[0] - low[0] >= high[1] - low[1] else 1
@@ -72,12 +74,14 @@ def _draw(network: Network, route: Route | None) -> Figure:
     canvas = FigureCanvasAgg(figure)  # measures the names as they are drawn
     canvas.draw()
     renderer = canvas.get_renderer()
-    for part in parts:
+    taken: list[list[Any]] = [[] for _ in axes]
+    for part in named_parts(network.pipes):
         view = widest_view(part, [pair for pair, _ in views])
-        label(axes[view], renderer, part.name, middle(part)[list(views[view][0])])
+        point = middle(part)[list(views[view][0])]
+        taken[view].append(label(axes[view], renderer, part.name, point, taken[view]))
     title = (
-        f"{network.name}: {len(parts)} parts, {network.length:.2f} m, {len(network.open_ends)} "
-        "open ends"
+        f"{network.name}: {len(network.pipes.parts)} parts, {network.length:.2f} m, "
+        f"{len(network.open_ends)} open ends"
     )
     if route is not None:
         title += f"; route of {route.centreline.length:.2f} m through {len(route.fittings)} parts"
@@ -138,7 +142,7 @@ def _draw_view(
 def draw_pipes(axis: Axes, pipes: Assembly, pair: tuple[int, int], quads: Array) -> None:
     """Bores and axes of all parts in one view; ``pair``: world axes to the right and up; ``quads``:
     of ``faces``."""
-    from matplotlib.collections import PolyCollection
+    from matplotlib.collections import LineCollection, PolyCollection
 
     columns = list(pair)
     caps = [cap[:, columns] for part in pipes.parts for cap in _caps(part)]
@@ -147,9 +151,8 @@ def draw_pipes(axis: Axes, pipes: Assembly, pair: tuple[int, int], quads: Array)
             [*quads[:, :, columns], *caps], facecolors=PIPE, edgecolors=PIPE, linewidths=0.4
         )
     )
-    for part in pipes.parts:
-        for line in _lines(part):
-            axis.plot(*line[:, columns].T, color=GREY, linewidth=0.7)
+    lines = [line[:, columns] for part in pipes.parts for line in _lines(part)]
+    axis.add_collection(LineCollection(lines, colors=GREY, linewidths=0.7, zorder=2))
 
 
 def faces(pipes: Assembly) -> Array:
@@ -170,10 +173,16 @@ def widest_view(part: Part, pairs: Sequence[tuple[int, int]]) -> int:
     )
 
 
-def label(axis: Axes, renderer: Any, text: str, point: Array) -> None:
-    """Write a name at a place (2,) m, moved up or down until it covers no other name."""
-    taken = [other.get_window_extent(renderer) for other in axis.texts]
-    found = None
+def named_parts(pipes: Assembly) -> Sequence[Part]:
+    """The parts that a figure names: all, or where they are many at most ``MOST_NAMES``, evenly
+    spread over their list."""
+    return pipes.parts[:: math.ceil(len(pipes.parts) / MOST_NAMES)]
+
+
+def label(axis: Axes, renderer: Any, text: str, point: Array, taken: Sequence[Any]) -> Any:
+    """Write a name at a place (2,) m, moved up or down until it covers none of the boxes ``taken``;
+    returns its own box, pixels."""
+    found: Any = None
     for shift in (0, 9, -9, 18, -18, 27, -27, 36, -36):
         if found is not None:
             found.remove()
@@ -191,7 +200,8 @@ def label(axis: Axes, renderer: Any, text: str, point: Array) -> None:
         )
         box = found.get_window_extent(renderer)
         if not any(box.overlaps(other) for other in taken):
-            return
+            break
+    return box
 
 
 def _open_ends(network: Network, route: Route | None) -> list[tuple[str, Array]]:

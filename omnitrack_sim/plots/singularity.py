@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from omnitrack_sim.arguments import check_is
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, save_figure, styled
 from omnitrack_sim.theory.singularity import (
@@ -59,6 +60,7 @@ def singularity_figure(case: TurnCase, figure: str = "all") -> Figure:
     """The figure of ``plot_singularity``, not tied to any window."""
     from matplotlib.figure import Figure
 
+    check_is(TurnCase, "case", case)
     if figure != "all" and figure not in FIGURES:
         raise InputError(Fault("figure", f"is {figure!r}", ("all", *FIGURES), figure))
 

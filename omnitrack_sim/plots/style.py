@@ -8,8 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
-from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.writing import whole_file
+from omnitrack_sim.writing import format_of, whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,16 +47,22 @@ class PictureWarning(UserWarning):
     """A picture could not be made; what it shows is saved all the same."""
 
 
-def attempt(what: str, draw: Callable[[], _Drawn]) -> _Drawn | None:
+def attempt(what: str, draw: Callable[[], _Drawn], again: str = "") -> _Drawn | None:
     """What ``draw`` returns; None, with a ``PictureWarning``, if it raises anything.
 
     For pictures of what has been computed: whatever is wrong with one, the data are not lost.
+
+    Args:
+        what: name of the picture.
+        draw: makes it.
+        again: what makes it from the data, once the cause is gone; told with the warning.
     """
     try:
         return draw()
     except Exception as error:
         cause = f"{error}" or type(error).__name__
-        warnings.warn(f"no {what}: {cause}", PictureWarning, stacklevel=2)
+        later = f"; the data are saved, {again} draws it again" if again else ""
+        warnings.warn(f"no {what}: {cause}{later}", PictureWarning, stacklevel=2)
         return None
 
 
@@ -86,10 +91,7 @@ def figure_format(path: str | Path | BinaryIO, format: str | None = None) -> str
     Raises:
         InputError: it is none of ``FORMATS``.
     """
-    chosen = format or Path(str(path)).suffix[1:].lower()
-    if chosen not in FORMATS:
-        raise InputError(Fault(str(path), f"has the figure format {chosen!r}", FORMATS))
-    return chosen
+    return format_of(path, format, "figure", FORMATS)
 
 
 def save_figure(figure: Figure, path: str | Path | BinaryIO, format: str | None = None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,11 +36,13 @@ PHASE_SHADES = (
 """Background of the phases, in the order of the trajectory's phase names."""
 
 
-def plot_summary(result: Result, path: str | Path, format: str | None = None) -> None:
+def plot_summary(
+    result: Result | str | os.PathLike[str], path: str | Path, format: str | None = None
+) -> None:
     """Write the summary figure of a run: twelve panels over time with the phases shaded and named.
 
     Args:
-        result: the run.
+        result: the run, or the folder of a saved one.
         path: file to write; 1680 x 1260 pixels as a bitmap.
         format: ``png``, ``pdf`` or ``svg``; none: from the ending of ``path``.
 
@@ -47,7 +50,9 @@ def plot_summary(result: Result, path: str | Path, format: str | None = None) ->
         InputError: no such format.
         OutputError: the file cannot be written.
     """
-    save_figure(summary_figure(result), path, format)
+    from omnitrack_sim.sim.loading import as_result
+
+    save_figure(summary_figure(as_result(result)), path, format)
 
 
 def summary_figure(result: Result) -> Figure:
@@ -70,7 +75,7 @@ def _fill(figure: Figure, result: Result) -> None:
         _shade(axis, trajectory)
         panel(axis, trajectory)
         axis.margins(x=0)
-        if len(trajectory) > 1:
+        if len(trajectory.time) > 1:
             axis.set_xlim(trajectory.time[0], trajectory.time[-1])
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")

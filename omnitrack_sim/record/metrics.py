@@ -84,8 +84,8 @@ class Metric:
 
     Attributes:
         name: key in ``result.metrics``; it ends in its unit.
-        unit: SI; "1" for numbers without one.
-        meaning: one line for the docs.
+        unit: "1" for numbers without one; "deg" for angles, in which people read them.
+        meaning: one line for the docs: thresholds, what it is divided by, what its sign means.
         compute: from a ``Run`` to a number, or a list of one number a module.
         per_module: it is a list.
         in_tables: it is a column of the tables of sweeps.
@@ -130,127 +130,152 @@ def _phase_times(run: Run) -> dict[str, float]:
 
 
 METRICS: tuple[Metric, ...] = (
-    Metric("distance_m", "m", "headway along the way, the legs added up", lambda r: r.travelled),
+    Metric(
+        "distance_m",
+        "m",
+        "headway along the centreline from start to end of each leg, added up; backing off takes "
+        "away from it",
+        lambda r: r.travelled,
+    ),
     Metric(
         "mean_speed_m_s",
         "m/s",
-        "headway over the time it took",
+        "`distance_m` over the simulated time; 0 where there is only one sample",
         lambda r: r.travelled / r.duration if r.duration > 0 else 0.0,
     ),
     Metric(
         "tilt_max_deg",
         "deg",
-        "largest angle between robot axis and centreline",
+        "largest angle between the robot axis and the centreline's tangent at the robot's centre",
         lambda r: float(np.degrees(r.trajectory["tilt"].max())),
     ),
     Metric(
         "tilt_exit_deg",
         "deg",
-        "the same angle at the end",
+        "the same angle in the last sample",
         lambda r: float(np.degrees(r.trajectory["tilt"][-1])),
     ),
     Metric(
         "energy_j",
         "J",
-        "mechanical, of the rotors of all crawler motors, braking not recovered",
+        "mechanical work of the rotors of all crawler motors: the positive part of each shaft's "
+        "power, integrated, over the motor's efficiency; braking gives nothing back",
         lambda r: float(r.integral(np.maximum(r.power, 0.0)).sum()) / r.efficiency,
     ),
     Metric(
         "no_load_slip_m_s",
         "m/s",
-        "what slip reads in a straight pipe without load",
+        "mean size of the slip velocity when nothing pulls: of the same robot at the same friction "
+        "and speed in a straight pipe without gravity, a run of its own",
         lambda r: r.no_load_slip,
         in_tables=False,
     ),
     Metric(
         "slip_ratio_mean",
         "1",
-        "mean of the magnitude of the slip ratio",
+        "mean size of the slip ratio, 0 to 1: slip velocity over the larger of belt and module "
+        "speed; 0 without contact and where both are below 1 mm/s",
         lambda r: r.mean(np.abs(r.trajectory["slip_ratio"])).tolist(),
         per_module=True,
     ),
     Metric(
         "slip_distance_m",
         "m",
-        "belt travel that moved nothing",
+        "size of the slip velocity, integrated: slip ahead and slip behind add up; none without "
+        "contact",
         lambda r: r.integral(np.abs(r.trajectory["slip_velocity"])).tolist(),
         per_module=True,
     ),
     Metric(
         "traction_rms_n",
         "N",
-        "root mean square of the traction",
+        "root mean square of the wall's force on the module along its axis",
         lambda r: r.rms(r.trajectory["traction"]),
         per_module=True,
     ),
     Metric(
         "normal_force_mean_n",
         "N",
-        "mean normal force",
+        "mean of the sum of the normal forces at the module's lugs, 0 without contact",
         lambda r: r.mean(r.trajectory["normal_force"]).tolist(),
         per_module=True,
     ),
     Metric(
         "contact_fraction",
         "1",
-        "part of the time in contact",
+        "part of the time in which at least one lug of the module touches the wall, 0 to 1",
         lambda r: r.mean(_touching(r)).tolist(),
         per_module=True,
     ),
     Metric(
         "spring_travel_max_m",
         "m",
-        "largest travel of the arm from where it started",
+        "largest travel of the arm, either way, from where it stood at the start",
         lambda r: _largest(r.trajectory["slide"] - r.trajectory["slide"][0]),
         per_module=True,
     ),
     Metric(
         "pitch_max_deg",
         "deg",
-        "largest pitch of the arm",
+        "largest pitch of the arm against the robot axis, either way",
         lambda r: np.degrees(np.abs(r.trajectory["pitch"]).max(axis=0)).tolist(),
         per_module=True,
     ),
     Metric(
-        "motor_torque_max_n_m",
+        "motor_torque_max_nm",
         "N m",
-        "largest torque of the crawler motor",
+        "largest size of the torque of the crawler motor at its output shaft",
         lambda r: _largest(r.trajectory["motor_torque"]),
         per_module=True,
     ),
     Metric(
         "torque_rms_nm",
         "N m",
-        "root mean square of the torque of the crawler motor",
+        "root mean square of the same torque",
         lambda r: r.rms(r.trajectory["motor_torque"]),
         per_module=True,
     ),
     Metric(
         "torque_change_nm_s",
         "N m/s",
-        "mean absolute rate of the recorded torque of the crawler motor",
+        "sizes of the changes of the same torque from sample to sample, added up, over the time; "
+        "it depends on `physics.record_period`",
         _torque_change,
         per_module=True,
     ),
     Metric(
         "time_at_limit_s",
         "s",
-        "time at the torque limit, standing still or not",
+        f"time with at least {100 * AT_LIMIT:.0f} % of the torque limit, either way, whether the "
+        "belt stands or runs",
         lambda r: r.integral(_at_limit(r).astype(float)).tolist(),
         per_module=True,
     ),
     Metric(
         "stall_time_s",
         "s",
-        "time at the torque limit with the belt standing still",
+        f"the part of `time_at_limit_s` with a belt slower than {1e3 * STALL_SPEED:.0f} mm/s",
         lambda r: r.integral(_stalled(r)).tolist(),
         per_module=True,
     ),
     Metric(
-        "phase_time_s", "s", "time in each phase of the controller", _phase_times, in_tables=False
+        "phase_time_s",
+        "s",
+        "time in each phase of the controller: a table by the names of the phases",
+        _phase_times,
+        in_tables=False,
     ),
 )
 """Every shipped metric, in the order of ``result.json``."""
+
+
+def table(metrics: Iterable[Metric] = METRICS) -> str:
+    """Markdown table of metrics, as docs/metrics.md shows it."""
+    rows = ["| metric | unit | modules | meaning |", "|---" * 4 + "|"]
+    for metric in metrics:
+        modules = "3" if metric.per_module else ""
+        rows.append(f"| `{metric.name}` | {metric.unit} | {modules} | {metric.meaning} |")
+    return "\n".join(rows) + "\n"
 
 
 def summarise(
@@ -285,3 +310,7 @@ def _figure(metric: Metric, run: Run) -> Figure:
 def _plain(value: Any) -> Figure:
     """A figure that a file can hold: numbers and arrays of NumPy as plain ones."""
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+
+
+if __name__ == "__main__":
+    print(table(), end="")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.record.channels import CHANNELS, MODULE_COUNT, Channel, recorded
-from omnitrack_sim.text import no_such
+from omnitrack_sim.text import listed, no_such
 
 if TYPE_CHECKING:
     import pandas
@@ -22,9 +22,9 @@ JOINT_POSITIONS = 7 + 5 * MODULE_COUNT
 travel of its two belts."""
 
 
-@dataclass(frozen=True)
-class Trajectory:
-    """One recorded run.
+@dataclass(frozen=True, eq=False)
+class Trajectory(Mapping[str, NDArray]):
+    """One recorded run: a mapping of its channels by name. It has T samples, ``len(time)``.
 
     Attributes:
         time: (T,) s, strictly increasing.
@@ -51,22 +51,43 @@ class Trajectory:
 
     def __getitem__(self, name: str) -> NDArray:
         if name not in self.channels:
-            raise KeyError(no_such(name, list(self.schema), "channel "))
+            raise KeyError(self._no_channel(name))
         return self.channels[name]
 
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.channels)
+
     def __len__(self) -> int:
-        return len(self.time)
+        return len(self.channels)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.channels
+
+    def __eq__(self, other: object) -> bool:
+        return self is other
+
+    def __hash__(self) -> int:
+        return id(self)
 
     def __repr__(self) -> str:
-        end = f", {self.time[-1]:.6g} s" if len(self) else ""
-        return f"Trajectory({len(self)} samples{end}, {len(self.schema)} channels)"
+        end = f", {self.time[-1]:.6g} s" if len(self.time) else ""
+        return f"Trajectory({len(self.time)} samples{end}, {len(self)} channels)"
+
+    def _no_channel(self, name: object) -> str:
+        """What to say of a name that no recorded channel has."""
+        if name == "time":
+            return "the times of the samples are trajectory.time, no channel"
+        if name in CHANNELS:
+            kept = f"(choose from: {listed(list(self.schema))})"
+            return f"{name!r} is observed, but not recorded {kept}"
+        return no_such(name, list(self.schema), "channel ")
 
     def columns(self) -> Iterator[tuple[str, Channel, NDArray]]:
         """Name, channel and values (T,) of each column of ``trajectory.parquet`` after ``time``: a
         channel has one for each of its numbers."""
         for name, channel in self.schema.items():
             kind = np.int32 if channel.whole else np.float64
-            flat = np.asarray(self[name]).reshape(len(self), -1).astype(kind)
+            flat = np.asarray(self[name]).reshape(len(self.time), -1).astype(kind)
             for column, values in zip(channel.columns, flat.T, strict=True):
                 yield column, channel, np.ascontiguousarray(values)
 

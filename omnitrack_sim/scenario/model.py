@@ -11,6 +11,7 @@ from typing import Annotated, Any, Self, TypeVar
 import numpy as np
 from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
 
+from omnitrack_sim.arguments import check_controller
 from omnitrack_sim.bounds import MOST_PARTS
 from omnitrack_sim.control.catalogue import controller_of, parameters_model
 from omnitrack_sim.control.interface import Controller
@@ -152,7 +153,11 @@ class Scenario(Table):
 
         Where ``control.kind`` names that class already, its parameters stay; otherwise they are the
         class's defaults.
+
+        Raises:
+            TypeError: it is no class of a controller.
         """
+        check_controller(controller)
         try:
             if self.controller_class is controller:
                 return self

@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from omnitrack_sim.arguments import check_changes, check_is
 from omnitrack_sim.control.catalogue import controller_of, parameters_model
 from omnitrack_sim.errors import Fault, InputError, NetworkError, ScenarioError
 from omnitrack_sim.network import Network
@@ -36,6 +37,7 @@ def load_scenario(source: str | Path, changes: Mapping[str, Any] | None = None) 
     Raises:
         ScenarioError: no such file, bad TOML or JSON, or any fault in it or in the changes; every
             fault is listed with its path in the file.
+        TypeError: the changes are no mapping.
     """
     path, data = read_file(source, SCENARIO, ScenarioError)
     return validate(data, path.parent, changes)
@@ -55,6 +57,8 @@ def validate(
     Raises:
         ScenarioError: lists every fault with its dotted path.
     """
+    if changes is not None:
+        check_changes(changes)
     data, unset = _changed(data, folder, changes) if changes else (data, [])
     data, networks = _with_network(data, folder)
     data, parameters = _with_parameters(data)
@@ -213,5 +217,7 @@ def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
 
     Raises:
         ScenarioError: unknown paths (with the choices at that place) or values that do not fit.
+        TypeError: an argument is of another type.
     """
+    check_is(Scenario, "scenario", scenario)
     return validate(scenario.model_dump(mode="json"), changes=changes)

@@ -32,11 +32,12 @@ def most_seconds(scenario: Scenario) -> float:
 def too_much_work(scenario: Scenario) -> Iterator[Fault]:
     """Figures of a scenario that go beyond the bounds, at the key that is to be changed."""
     physics, seconds = scenario.physics, most_seconds(scenario)
-    asked = f"makes {{:.4g}} {{}} in a time limit of {seconds:.4g} s{_origin(scenario)}"
+    where = _unusual(scenario)
+    asked = f"makes {{:.4g}} {{}} in a time limit of {seconds:.4g} s{_origin(scenario, where)}"
     steps = seconds / physics.timestep
     if steps > MOST_STEPS:
         told = asked.format(steps, "time steps")
-        yield Fault(_unusual(scenario), f"{told}; at most {MOST_STEPS:,}")
+        yield Fault(where, f"{told}; at most {MOST_STEPS:,}")
     elif (samples := samples_of(scenario)) > MOST_SAMPLES:
         told = asked.format(samples, "samples")
         yield Fault("physics.record_period", f"{told}; at most {MOST_SAMPLES:,}")
@@ -66,10 +67,10 @@ def _finest(scenario: Scenario) -> str:
     return "pipes" if scenario.pipes else "network.fittings"
 
 
-def _origin(scenario: Scenario) -> str:
-    """Where the time limit comes from."""
+def _origin(scenario: Scenario, where: str) -> str:
+    """Where the time limit comes from, unless that is the key ``where`` itself."""
     if scenario.physics.time_limit is not None:
-        return " (physics.time_limit)"
+        return "" if where == "physics.time_limit" else " (physics.time_limit)"
     return f" at a cruise speed of {scenario.control.cruise_speed:.4g} m/s"
 
 

@@ -101,16 +101,28 @@ def table_of(path: Path, noun: str, error: type[InputError]) -> dict[str, Any]:
             content = file.read(most + 1)
         if len(content) > most:
             raise ValueError(f"is too large: at most {most} bytes of {language} are read")
-        data = parsed(content.decode("utf-8-sig"), language)
+        text = content.decode("utf-8-sig")
+        data = _read(text, language)
         if not isinstance(data, dict):
             raise ValueError(f"holds no table; a {noun} is a table of keys and values")
         return data
     except OSError as reason:
         raise error(Fault(str(path), f"cannot be read: {reason.strerror}")) from reason
     except UnicodeDecodeError as reason:
-        raise error(Fault(str(path), f"is not valid {language}: {reason}")) from reason
+        problem = f"is no text in UTF-8; a {noun} is a file of TOML or JSON"
+        raise error(Fault(str(path), f"{problem}{_scenario_beside(path)}")) from reason
     except ValueError as reason:
         raise error(Fault(str(path), str(reason))) from reason
+
+
+def _read(text: str, language: str) -> Any:
+    """``parsed``; what is in the other language is told as that."""
+    try:
+        return parsed(text, language)
+    except ValueError:
+        if language == "TOML" and text.lstrip().startswith("{"):
+            raise ValueError("is JSON, it seems; the name of such a file ends in .json") from None
+        raise
 
 
 def parsed(text: str, language: str) -> Any:
@@ -193,13 +205,19 @@ def _found(source: str | Path, kind: Kind, error: type[InputError]) -> Path:
         problem = f"cannot be read: {getattr(reason, 'strerror', None) or reason}"
         raise error(Fault(name, problem)) from reason
     if is_folder:
-        problem, inside = f"is a folder, not a {kind.noun} file", path / "scenario.json"
-        if kind is SCENARIO and is_file(inside):
-            problem += f"; the scenario of this run is {inside}"
+        problem = f"is a folder, not a {kind.noun} file"
+        if kind is SCENARIO:
+            problem += _scenario_beside(path / "scenario.json")
         raise error(Fault(name or "''", problem))
     if there:
         raise error(Fault(name, "is no regular file"))
     raise error(_unknown(name, kind))
+
+
+def _scenario_beside(path: Path) -> str:
+    """Where the scenario of a run is, of a path in the run's folder; empty for other paths."""
+    found = path.with_name("scenario.json")
+    return f"; the scenario of this run is {found}" if is_file(found) else ""
 
 
 def _unknown(name: str, kind: Kind) -> Fault:

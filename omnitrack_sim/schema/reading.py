@@ -152,8 +152,20 @@ def fault_of(
         given = item["input"]
         return Fault(where, f"is {shown(given)}", choices, given if isinstance(given, str) else "")
     if kind == "string_pattern_mismatch":
-        rule = "it names a folder: not empty, no leading dot, no separators, no control characters"
+        rule = (
+            "it names a folder: not empty, no leading dot, no slash or backslash, no control "
+            "characters"
+        )
         return Fault(where, f"is {shown(item['input'])}; {rule}")
+    if kind in ("too_long", "too_short"):
+        bound = "most" if kind == "too_long" else "least"
+        limit = context["max_length" if kind == "too_long" else "min_length"]
+        items = "item" if limit == 1 else "items"
+        return Fault(where, f"must have at {bound} {limit} {items}, not {context['actual_length']}")
+    if kind in ("list_type", "tuple_type") and isinstance(item["input"], dict):
+        told = "is a table; it must be a list"
+        told += "" if "." in where else f" of tables, each of which begins with [[{where}]] in TOML"
+        return Fault(where, told)
     message = _in_words_of_files(item["msg"])
     given = (
         ""

@@ -146,8 +146,7 @@ def start_of(scenarios: Sequence[Scenario], routes: RouteMap, way: NDArray[np.in
 def settings_of(
     scenarios: Sequence[Scenario], routes: RouteMap, way: NDArray[np.intp]
 ) -> tuple[Settings, list[str | None]]:
-    """Control settings of each robot, and a note for each whose cruise speed had to be scaled to
-    its motor.
+    """Control settings of each robot, and a note for each that will not drive at its cruise speed.
 
     The outer module of a bend of radius rho runs at (1 + R / rho) times the robot's speed, so the
     motor's speed limits the cruise speed. Belts are capped at what the motor holds.
@@ -156,16 +155,8 @@ def settings_of(
     highest = np.array([s.robot.feasible_belt_speed for s in scenarios])
     for scenario, w, most in zip(scenarios, way, highest.tolist(), strict=True):
         factor = 1 + _sharpest_bend(scenario, routes.routes[w])
-        wanted = scenario.control.cruise_speed
-        speed = min(wanted, most / factor)
-        cruise.append(speed)
-        notes.append(
-            None
-            if speed == wanted
-            else f"cruise speed scaled from {wanted:.4f} to {speed:.4f} m/s: motor "
-            f"{scenario.robot.motor.name} holds {most:.4f} m/s and the outer module needs "
-            f"{factor:.2f} times the robot's speed"
-        )
+        cruise.append(min(scenario.control.cruise_speed, most / factor))
+        notes.append(_speed_note(scenario, most, factor))
     settings = Settings(
         cruise_speed=np.array(cruise),
         align=each(scenarios, "align"),
@@ -175,6 +166,33 @@ def settings_of(
         reach=np.array([s.robot.reach for s in scenarios]),
     )
     return settings, notes
+
+
+def _speed_note(scenario: Scenario, most: float, factor: float) -> str | None:
+    """What keeps a robot from its cruise speed, and which key would raise it; None where nothing
+    does.
+
+    Args:
+        scenario: of the robot.
+        most: m/s, belt speed that its motor holds.
+        factor: speed of the outermost module over the robot's, in the sharpest bend.
+    """
+    wanted, limit = scenario.control.cruise_speed, scenario.control.speed_limit
+    if wanted <= min(limit, most / factor):
+        return None
+    motor = (
+        f"motor {scenario.robot.motor.name} (robot.motor) holds {most:.4g} m/s and the outer "
+        f"module needs {factor:.2f} times the robot's speed"
+    )
+    if most / factor <= limit:
+        return f"cruise speed lowered from {wanted:.4g} to {most / factor:.4g} m/s: {motor}"
+    note = (
+        f"cruise speed lowered from {wanted:.4g} to {limit:.4g} m/s: control.speed_limit caps the "
+        "belts there"
+    )
+    if wanted * factor > most:
+        note += f"; without it {most / factor:.4g} m/s are possible: {motor}"
+    return note
 
 
 def _sharpest_bend(scenario: Scenario, route: Route) -> float:

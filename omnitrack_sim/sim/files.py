@@ -59,8 +59,16 @@ def read_trajectory(folder: Path) -> Trajectory:
         time, channels, phases, schema = _read_parquet(path)
     with reading(folder / REPLAY_FILE) as path:
         replayed, qpos = _read_npz(path, len(time))
-        _require(np.array_equal(replayed, time), f"its times are not those of {TRAJECTORY_FILE}")
+        if not np.array_equal(replayed, time):
+            raise _OtherRun("other times")
         return Trajectory(time, channels, phases, qpos, schema)
+
+
+class _OtherRun(ValueError):
+    """Two files of a folder are each whole, and not of one run."""
+
+    def __init__(self, difference: str) -> None:
+        super().__init__(f"is not of the same run as {TRAJECTORY_FILE}: {difference}")
 
 
 @contextmanager
@@ -72,9 +80,16 @@ def reading(path: Path) -> Iterator[Path]:
     try:
         yield path
     except FileNotFoundError as error:
-        raise OutputError(f"{path.parent}: is no run: {path.name} is missing") from error
+        told = f"is no run: {path.name} is missing" if path.parent.exists() else "no such folder"
+        raise OutputError(f"{path.parent}: {told}") from error
+    except NotADirectoryError as error:
+        given = path.parent
+        told = f"; {given.parent} is one" if (given.parent / RESULT_FILE).exists() else ""
+        raise OutputError(f"{given}: is a file; a run is the folder of its files{told}") from error
     except OSError as error:
         raise OutputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except _OtherRun as error:
+        raise OutputError(f"{path}: {error}") from error
     except Exception as error:
         cause = str(error) or type(error).__name__
         raise OutputError(f"{path}: is damaged, or no file of a run: {cause}") from error
@@ -191,9 +206,12 @@ def _read_npz(path: Path, samples: int) -> tuple[NDArray[np.float64], NDArray[np
         for name, shape in shapes.items():
             entry = archive.getinfo(f"{name}.npy")
             most = 8 * math.prod(shape) + 1024  # the header of an array is far shorter
-            _require(entry.file_size <= most, f"{name} is larger than {samples} samples")
+            if entry.file_size > most:
+                raise _OtherRun("more samples")
             array = np.load(io.BytesIO(archive.read(entry)), allow_pickle=False)
             _require(array.dtype == float, f"{name} holds {array.dtype}")
+            if array.ndim > 0 and len(array) != samples:
+                raise _OtherRun(f"{len(array)} samples, not {samples}")
             _require(array.shape == shape, f"{name} has shape {array.shape}, expected {shape}")
             arrays[name] = array
     return arrays["time"], arrays["qpos"]

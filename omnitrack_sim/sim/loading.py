@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from omnitrack_sim.arguments import check_is
 from omnitrack_sim.network import Leg
 from omnitrack_sim.record.events import Event, event_of
 from omnitrack_sim.record.metrics import METRICS, Metrics
@@ -86,6 +88,17 @@ def load_result(directory: str | Path) -> Result:
     with reading(folder / TRAJECTORY_FILE):
         _check_trajectory(result, routes)
     return result
+
+
+def as_result(result: Result | str | os.PathLike[str]) -> Result:
+    """A result itself, or the one in the folder of a saved run.
+
+    Raises:
+        OutputError: the folder is no run. TypeError: it is neither result nor folder.
+    """
+    if isinstance(result, str | os.PathLike):
+        return load_result(Path(result))
+    return check_is(Result, "result", result)
 
 
 def _summary(text: bytes) -> _Summary:

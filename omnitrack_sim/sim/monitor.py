@@ -161,13 +161,19 @@ class Monitor:
             return Outcome.SLIPPING
         return Outcome.STUCK
 
-    def reason(self, robot: int, place: Place, time: float) -> str:
-        """Where a robot's run ended, and what was measured there, in words."""
+    def reason(self, robot: int, place: Place, goal: float, time: float) -> str:
+        """Where a robot's run ended, and what was measured there, in words.
+
+        ``goal`` is where the leg at hand is over, m, and ``time`` how long the run took, s.
+        """
         mean, length = self._mean[robot], self.routes.lengths[place.way[robot]]
+        distance = place.distance[robot]
+        there, before = (", the goal,", "") if distance >= goal else ("", f", goal at {goal:.3f} m")
+        tilt = np.degrees(place.tilt[robot])
         forces = ", ".join(f"{force:.1f}" for force in mean[NORMAL_FORCE])
         slips = ", ".join(f"{slip:.2f}" for slip in mean[SLIP_RATIO])
         return (
-            f"at {place.distance[robot]:.3f} m of {length:.3f} m after {time:.2f} s; tilt "
-            f"{np.degrees(place.tilt[robot]):.1f} deg, normal force {forces} N, slip ratio {slips} "
-            f"(means of the last {self._memory:.2g} s)"
+            f"at {distance:.3f} m{there} of a route of {length:.3f} m{before}, after {time:.2f} s; "
+            f"tilt {tilt:.1f} deg, normal force {forces} N, slip ratio {slips} "
+            f"(means of the last {min(self._memory, time):.2g} s)"
         )

@@ -59,7 +59,7 @@ class Result:
         object.__setattr__(self, "metrics", ByName(self.metrics))
 
     def __repr__(self) -> str:
-        name, record = self.scenario.name, len(self.trajectory)
+        name, record = self.scenario.name, len(self.trajectory.time)
         ended = f"{self.outcome.value} after {self.duration_s:.6g} s"
         return f"Result({name!r}: {ended}; {len(self.metrics)} metrics, {record} samples)"
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from omnitrack_sim.arguments import check_all, check_is
 from omnitrack_sim.control import Controller
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.scenario import Scenario, validate
@@ -37,9 +38,12 @@ def run(
         controller, sensors, metrics: of a user's own, see docs/extending.md.
         threads: native threads for the physics; 0 uses all cores.
         progress: see ``Progress``.
+
+    Raises:
+        TypeError: an argument is of another type.
     """
     return run_batch(
-        [scenario],
+        [check_is(Scenario, "scenario", scenario)],
         controller=controller,
         sensors=sensors,
         metrics=metrics,
@@ -61,13 +65,18 @@ def run_batch(
     """Run scenarios, those that share a model in one batch; results in the order of ``scenarios``.
 
     Args:
-        scenarios: any number.
+        scenarios: any number, none too.
         controller, sensors, metrics: of a user's own, see docs/extending.md.
         threads: native threads for the physics; 0 uses all cores. The results do not depend on it.
         progress: see ``Progress``.
         no_load: also measure the slip without load, by a short run for each robot, friction and
             speed; without it ``no_load_slip_m_s`` is not a number.
+
+    Raises:
+        TypeError: an argument is of another type.
     """
+    scenarios = check_all(Scenario, "scenarios", scenarios)
+    sensors, metrics = check_all(Sensor, "sensors", sensors), check_all(Metric, "metrics", metrics)
     if controller is not None:
         scenarios = [scenario.driven_by(controller) for scenario in scenarios]
     slips = no_load_slips(scenarios, sensors) if no_load else None

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from omnitrack_sim.arguments import check_all, check_is
 from omnitrack_sim.control import Command, Controller, ControlSetup, Observation, Settings
 from omnitrack_sim.control.gear import carried_out, heading, seen
 from omnitrack_sim.control.route_map import Place
@@ -64,12 +65,16 @@ class Simulation:
         results = sim.results()
 
     Args:
-        scenarios: they share pipes, robot and clock, see ``builder.batch_key``.
+        scenarios: at least one; they share pipes, robot and clock, see ``builder.batch_key``.
         controller: a class in the place of the scenarios' own; see ``ot.Controller``.
         sensors: further ones; their channels are observed and recorded as the shipped ones are.
         threads: native threads for the physics; 0 uses all cores. The results do not depend on it.
         make_plant: puts another plant in the place of the scenarios' own: other walls, another
             engine.
+
+    Raises:
+        TypeError: an argument is of another type.
+        ValueError: there are no scenarios.
 
     Attributes:
         scenarios: as given. n: their number. period: s between two control steps.
@@ -89,6 +94,9 @@ class Simulation:
         threads: int = 1,
         make_plant: MakePlant | None = None,
     ):
+        scenarios = check_all(Scenario, "scenarios", scenarios)
+        if not scenarios:
+            raise ValueError("scenarios: is empty; a simulation is of one robot at least")
         self.scenarios = [s if controller is None else s.driven_by(controller) for s in scenarios]
         first, self.n = self.scenarios[0], len(self.scenarios)
         self.period = first.physics.control_period
@@ -98,7 +106,7 @@ class Simulation:
         start = start_of(self.scenarios, self.legs.routes, self.legs.way)
         settings, notes = settings_of(self.scenarios, self.legs.routes, self.legs.way)
         self.collider = collider_of(first)
-        sensors = (*first.own_sensors, *sensors)
+        sensors = (*first.own_sensors, *check_all(Sensor, "sensors", sensors))
         refuse_taken("sensors", [sensor.channel.name for sensor in sensors], CHANNELS)
         every = (*SENSORS, *sensors)
         self.channels: tuple[Channel, ...] = (
@@ -192,13 +200,13 @@ class Simulation:
             command: for all n robots; the controller's own when not given.
 
         Raises:
+            TypeError: it is no ``Command``.
             ValueError: an array of the command has the wrong shape.
         """
         if command is None:
             command = self.controller.step(self.observation)
-        if not isinstance(command, Command):
-            maker = type(self.controller).__name__
-            raise TypeError(f"{maker}.step returned {command!r}, which is no ot.Command")
+            check_is(Command, f"what {type(self.controller).__name__}.step returns", command)
+        check_is(Command, "command", command)
         if command.brake is not None and not self.plant.robot.brake_force:
             raise ValueError("command.brake is given to a robot whose robot.brake_force is 0")
         self._take(carried_out(_checked(command, self.n), self.legs.gear))
@@ -292,7 +300,7 @@ class Simulation:
         return Onward(None, ())
 
     def _end(self, robot: int, outcome: Outcome, time: float) -> None:
-        reason = self.monitor.reason(robot, self._place, time)
+        reason = self.monitor.reason(robot, self._place, float(self.legs.end[robot]), time)
         missed = self.legs.missed(robot)
         if outcome is Outcome.REACHED_GOAL and missed:
             outcome, reason = Outcome.STUCK, f"no way to {', '.join(missed)} is left; {reason}"
@@ -346,6 +354,7 @@ class Simulation:
         if self.active.any():
             raise RuntimeError(f"{int(self.active.sum())} of {self.n} robots still run")
         slips = [math.nan] * self.n if no_load_slip is None else no_load_slip
+        metrics = check_all(Metric, "metrics", metrics)
         own = [*self.scenarios[0].own_metrics, *metrics]
         refuse_taken("metrics", [metric.name for metric in own], METRIC_NAMES)
         trajectories = self.recorder.trajectories(self.end_time)

@@ -8,6 +8,7 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from omnitrack_sim.arguments import check_is
 from omnitrack_sim.errors import Fault, InputError, SweepError
 from omnitrack_sim.sweep.batch import INVALID
 from omnitrack_sim.sweep.dispatch import MakeExecutor, Pool, Progress, run_missing
@@ -54,6 +55,7 @@ def run_sweep(
         OutputError: the folder holds something else, or cannot be written; finished batches stay.
         WorkersLost: the given executor has broken; the same call goes on from there.
     """
+    check_is(Sweep, "sweep", sweep)
     layout, batches = Layout(sweep), sweep.batches()
     mine = batches if shard is None else batches[_checked(shard)[0] - 1 :: shard[1]]
     store: Folder | Memory = Memory() if directory is None else Folder(directory, sweep, layout)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,13 +25,17 @@ if TYPE_CHECKING:
     from omnitrack_sim.sim.result import Result
 
 
-def plot_mission(result: Result, path: str | Path, format: str | None = None) -> None:
-    """Write the figure of ``mission_figure``.
+def plot_mission(
+    result: Result | str | os.PathLike[str], path: str | Path, format: str | None = None
+) -> None:
+    """Write the figure of ``mission_figure`` of a run, or of the folder of a saved one.
 
     Raises:
         InputError: no such format. OutputError: the file cannot be written.
     """
-    save_figure(mission_figure(result), path, format)
+    from omnitrack_sim.sim.loading import as_result
+
+    save_figure(mission_figure(as_result(result)), path, format)
 
 
 def mission_figure(result: Result) -> Figure:

@@ -146,5 +146,5 @@ def _ticks(length: float) -> Any:
     """Ticks at round distances, the same in every view of about this length, m."""
     from matplotlib.ticker import MultipleLocator
 
-    steps = np.array([0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0])
+    steps = np.outer(10.0 ** np.arange(-1, 5), [1, 2, 5]).ravel()  # m; pipes are 10 km at most
     return MultipleLocator(float(steps[np.argmax(length / steps <= 6)]))

@@ -51,7 +51,7 @@ def marks_of(result: Result) -> list[Mark]:
         ),
     ]
     falls = [event.time for event in result.events if isinstance(event, FellOff)]
-    rows = np.minimum(np.searchsorted(trajectory.time, falls), len(trajectory) - 1)
+    rows = np.minimum(np.searchsorted(trajectory.time, falls), len(trajectory.time) - 1)
     marks.append(Mark("falls off its way", "\N{DOWNWARDS ARROW}", ALARM, rows))
     known = np.flatnonzero(np.isfinite(trajectory["position"]).all(axis=1))
     if not result.success:
