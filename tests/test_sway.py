@@ -7,7 +7,7 @@ import pytest
 from test_control_laws import PERIOD, Bench, scenario_of
 
 import omnitrack_sim as ot
-from omnitrack_sim.control.sway import LEAST_TURN, PROGRESS, SHAPE, Sway
+from omnitrack_sim.control.sway import JUDGED, LEAST_TURN, PROGRESS, SHAPE, Sway
 from omnitrack_sim.rotations import cross, rotation_about
 from omnitrack_sim.theory.kinematics import module_speeds
 
@@ -15,7 +15,7 @@ RATE = 1.5
 """rad/s, by which belts turn the robots here."""
 TURN = np.pi / 2
 FIRST = np.array([False])
-"""Robots that have not failed before."""
+"""Robots at their first attempt."""
 
 
 def lean(theta5_deg: float, slip: float, progress: float, **changes: float) -> np.ndarray:
@@ -32,14 +32,20 @@ def lean(theta5_deg: float, slip: float, progress: float, **changes: float) -> n
     radius = float(bench.routes.radius[0])
     wall_speed = module_speeds(0.1, RATE * normal[0], RATE * normal[1], radius)
     ahead, towards = bench.routes.ahead[0], bench.routes.directions[0]
-    axis = cross(ahead, towards) * progress * TURN
     # Where the nose points counts from the way in, not from the centreline's tangent.
     _, upright = bench.routes.start_poses(bench.way, np.array([0.1]), np.array([theta5]))
-    for _ in range(round(1.2 * LEAST_TURN / RATE / PERIOD)):
+    readings = {"wall_speed": wall_speed, "angular_velocity": (1 - slip) * RATE * normal}
+
+    def step(part: float, **more: np.ndarray) -> np.ndarray:
+        axis = cross(ahead, towards) * part * TURN
         turned = rotation_about(axis, np.linalg.norm(axis)) @ upright[0]
-        readings = {"wall_speed": wall_speed, "angular_velocity": (1 - slip) * RATE * normal}
-        seen = bench.observe(inside, theta5_deg, **readings, rotation=turned)
-        asked = sway.step(seen, np.array([True]), FIRST).aside
+        seen = bench.observe(inside, theta5_deg, rotation=turned, **more)
+        return sway.step(seen, np.array([True]), FIRST).aside
+
+    for _ in range(round(1.2 * LEAST_TURN / RATE / PERIOD)):
+        step(0.5 * JUDGED, **readings)
+    # What slips later does not count.
+    asked = step(progress, wall_speed=wall_speed) if progress > JUDGED else step(progress)
     assert sway.slip == pytest.approx([slip])
     return asked[0]
 
@@ -65,7 +71,8 @@ def test_the_slip_is_that_of_this_turn() -> None:
     """A robot that has left its turn begins the next one afresh."""
     bench = Bench(scenario_of("tee_turn"))
     sway = Sway(bench.setup, "sway")
-    seen = bench.observe(bench.inside(), wall_speed=module_speeds(0.1, 0.0, RATE, 0.08))
+    entry = float(bench.routes.start[0]) + 0.005
+    seen = bench.observe(entry, wall_speed=module_speeds(0.1, 0.0, RATE, 0.08))
     for _ in range(20):
         sway.step(seen, np.array([True]), FIRST)
     assert sway.slip == pytest.approx([1.0])
@@ -73,11 +80,11 @@ def test_the_slip_is_that_of_this_turn() -> None:
     assert sway.slip == pytest.approx([0.0])
 
 
-def test_a_turn_that_has_failed_is_tried_again_with_all_of_it() -> None:
+def test_a_robot_may_be_told_to_sway_in_full() -> None:
     bench = Bench(scenario_of("tee_turn"))
     seen = bench.observe(bench.inside(), 5.0)
     once, again = (
-        Sway(bench.setup, "sway").step(seen, ~FIRST, failed).aside for failed in (FIRST, ~FIRST)
+        Sway(bench.setup, "sway").step(seen, ~FIRST, full).aside for full in (FIRST, ~FIRST)
     )
     assert not once.any()
     assert np.linalg.norm(again) > 0.1

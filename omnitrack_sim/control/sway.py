@@ -24,6 +24,9 @@ PROGRESS = np.array([1 / 9, 1 / 3, 5 / 9, 7 / 9])
 """How far a robot has turned, in parts of the turn, where ``SHAPE`` is given."""
 SHAPE = np.array([-0.15, 1.0, 0.5, 0.0])
 """Lean at ``PROGRESS``, in parts of the largest; linear between."""
+JUDGED = float(PROGRESS[1])
+"""How far a robot has turned when its slip is judged for good. Farther on the inner module may have
+lost its wall, and its belt then turns nothing on a dry wall either."""
 LEAST_TURN = np.radians(5.0)
 """Rotation by the belts that is enough to tell how much of it slips."""
 
@@ -63,8 +66,8 @@ class Sway:
         setup: of the controller. path: of the ``SwayTable`` in its parameters.
 
     Attributes:
-        by_belts, turned: (n,) rad, how far robots have turned since the turn began by the speeds of
-            their belts, and by the gyroscope.
+        by_belts, turned: (n,) rad, how far robots have turned in the first part of their turn by
+            the speeds of their belts, and by the gyroscope.
     """
 
     def __init__(self, setup: ControlSetup, path: str) -> None:
@@ -82,14 +85,13 @@ class Sway:
         return np.where(known, 1.0 - self.turned / np.maximum(self.by_belts, LEAST_TURN), 0.0)
 
     def step(
-        self, observation: Observation, turning: NDArray[np.bool_], again: NDArray[np.bool_]
+        self, observation: Observation, turning: NDArray[np.bool_], full: NDArray[np.bool_]
     ) -> Lean:
         """How robots shall lean now.
 
         Args:
             observation: of this moment. turning: (n,) robots that turn into a branch now.
-            again: (n,) robots that have failed at this turn before: they sway in full, whatever
-                slips.
+            full: (n,) robots that sway in full, whatever slips.
         """
         place = observation.place
         beside = np.where(place.theta5 < 0, 1.0, -1.0)
@@ -101,17 +103,18 @@ class Sway:
         ahead = self.routes.ahead.take(passage, axis=0)
         towards = self.routes.directions.take(passage, axis=0)
         normal = cross(ahead, towards)
+        axis = rotation[:, :, 2]
+        heading = np.arctan2(dot(axis, towards), dot(axis, ahead))
+        progress = heading / self.routes.turn.take(passage)
         in_robot = np.einsum("nij,ni->nj", rotation, normal)
         radius = self.routes.radius.take(passage)
         belts = dot(angular_velocity(observation.wall_speed, 0.0, radius), in_robot)
         gyro = dot(observation.angular_velocity, in_robot)
-        self.by_belts = np.where(turning, self.by_belts + self.period * belts, 0.0)
-        self.turned = np.where(turning, self.turned + self.period * gyro, 0.0)
-        axis = rotation[:, :, 2]
-        heading = np.arctan2(dot(axis, towards), dot(axis, ahead))
-        progress = heading / self.routes.turn.take(passage)
+        elapsed = np.where(turning & (progress < JUDGED), self.period, 0.0)
+        self.by_belts = np.where(turning, self.by_belts, 0.0) + elapsed * belts
+        self.turned = np.where(turning, self.turned, 0.0) + elapsed * gyro
         share = np.clip((self.slip - self._slip) / self._slip_range, 0.0, 1.0)
-        share = np.where(again, 1.0, share)
+        share = np.where(full, 1.0, share)
         most = np.where(turning, self._most * share, 0.0)
         size = self._side * most * np.interp(progress, PROGRESS, SHAPE)
         return Lean(size[:, None] * normal, most)
