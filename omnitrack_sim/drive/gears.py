@@ -68,6 +68,12 @@ class Drive:
         """Whether motor i drives belt i and nothing else."""
         return np.array_equal(self.matrix, np.eye(MODULES))
 
+    @property
+    def shafts(self) -> int:
+        """Number of shafts that the model has beside the belts, each a joint of its own: one for
+        each motor, none where every motor turns its own belt and nothing else."""
+        return 0 if self.direct else self.motors
+
     @cached_property
     def relative(self) -> Array:
         """What the belts can do while all motors stand still (3, 3): a projection of their
