@@ -68,6 +68,12 @@ class Drive:
         """Whether motor i drives belt i and nothing else."""
         return np.array_equal(self.matrix, np.eye(MODULES))
 
+    @cached_property
+    def strength(self) -> Array:
+        """What the motors can give each belt at most (3,), as multiples of the torque limit of one
+        ``robot.motor``."""
+        return self.size * np.abs(self.matrix).sum(axis=0)
+
     @property
     def shafts(self) -> int:
         """Number of shafts that the model has beside the belts, each a joint of its own: one for
