@@ -114,17 +114,19 @@ def test_in_an_elbow_the_belts_take_the_speeds_that_the_bend_asks_for():
 
 
 def test_brakes_hold_a_belt_and_need_to_be_there():
-    """A braked module's belt stands still; a robot without brakes cannot be told to brake."""
+    """A braked module's belt stands still; a robot without brakes cannot be told to brake, but may
+    well be told not to."""
     change = {"robot.drive": "differential", "robot.brake_force": 60.0}
     simulation = ot.Simulation([ot.override(ot.load_scenario("straight"), change)])
     brake = np.array([[1.0, 0.0, 0.0]])
     for _ in range(20):
         simulation.step(ot.Command(np.full((1, 3), 0.05), brake=brake))
     assert abs(simulation.observation.belt_speed[0, 0]) < 1e-3
+    without = ot.Simulation([ot.load_scenario("straight")])
+    without.step(ot.Command(np.zeros((1, 3)), brake=np.zeros((1, 3))))
+    assert without.time == pytest.approx(without.period)
     with pytest.raises(ValueError, match=r"brake_force is 0"):
-        ot.Simulation([ot.load_scenario("straight")]).step(
-            ot.Command(np.zeros((1, 3)), brake=brake)
-        )
+        without.step(ot.Command(np.zeros((1, 3)), brake=brake))
 
 
 SWAPPED = ot.Drive("swapped", ((0, 1, 0), (1, 0, 0), (0, 0, 1)))
