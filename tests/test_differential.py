@@ -153,6 +153,17 @@ def test_a_run_with_shafts_comes_back_and_is_drawn(name, tmp_path):
             ot.load_result(folder)
 
 
+@pytest.mark.parametrize("name", ["three_motors", "differential", f"{__name__}:PAIR"])
+def test_a_robot_too_weak_to_climb_is_at_the_limit_of_each_belt(name):
+    """With a fifth of the torque that a climb takes every belt is given all that its motors have,
+    within 1 %, which the metrics count as at the limit."""
+    change = {"robot.drive": name, "robot.torque_limit": 0.02, "physics.time_limit": 1.0}
+    result = ot.run(ot.override(ot.load_scenario("vertical_climb"), change))
+    limits = 0.02 * drive_of(name).strength
+    assert result.metrics["motor_torque_max_nm"] == pytest.approx(limits.tolist(), rel=0.01)
+    assert min(result.metrics["time_at_limit_s"]) > 0.5 * result.duration_s
+
+
 def test_controllers_are_told_what_they_can_command():
     """The differential does not steer; three motors do."""
     assert ot.DRIVES["three_motors"].steers
