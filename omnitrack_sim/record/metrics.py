@@ -253,8 +253,8 @@ METRICS: tuple[Metric, ...] = (
         "s",
         f"time with at least {100 * AT_LIMIT:.0f} % of the belt's torque limit, either way, "
         "whether the belt stands or runs; the limit is the most that the motors can give this "
-        "belt: `torque_limit` with a motor for each, else that times the drive's size times the sum of "
-        "the sizes of the belt's gears",
+        "belt: `torque_limit` with a motor for each, else that times the drive's size times the "
+        "sum of the sizes of the belt's gears",
         lambda r: r.integral(_at_limit(r).astype(float)).tolist(),
         per_module=True,
     ),
