@@ -6,8 +6,10 @@ import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.drive import drive_of
-from omnitrack_sim.errors import ScenarioError
+from omnitrack_sim.errors import OutputError, ScenarioError
+from omnitrack_sim.film.render import render_frame
 from omnitrack_sim.model.belt_motors import add_belt_motors, belt_inertia
+from omnitrack_sim.record.trajectory import JOINT_POSITIONS
 
 LOADS = np.array([-6.0, -2.0, 1.0])
 """N, that pull at the three outputs."""
@@ -112,17 +114,54 @@ def test_in_an_elbow_the_belts_take_the_speeds_that_the_bend_asks_for():
 
 
 def test_brakes_hold_a_belt_and_need_to_be_there():
-    """A braked module's belt stands still; a robot without brakes cannot be told to brake."""
+    """A braked module's belt stands still; a robot without brakes cannot be told to brake, but may
+    well be told not to."""
     change = {"robot.drive": "differential", "robot.brake_force": 60.0}
     simulation = ot.Simulation([ot.override(ot.load_scenario("straight"), change)])
     brake = np.array([[1.0, 0.0, 0.0]])
     for _ in range(20):
         simulation.step(ot.Command(np.full((1, 3), 0.05), brake=brake))
     assert abs(simulation.observation.belt_speed[0, 0]) < 1e-3
+    without = ot.Simulation([ot.load_scenario("straight")])
+    without.step(ot.Command(np.zeros((1, 3)), brake=np.zeros((1, 3))))
+    assert without.time == pytest.approx(without.period)
     with pytest.raises(ValueError, match=r"brake_force is 0"):
-        ot.Simulation([ot.load_scenario("straight")]).step(
-            ot.Command(np.zeros((1, 3)), brake=brake)
-        )
+        without.step(ot.Command(np.zeros((1, 3)), brake=brake))
+
+
+SWAPPED = ot.Drive("swapped", ((0, 1, 0), (1, 0, 0), (0, 0, 1)))
+PAIR = ot.Drive("pair", ((1, 0, 0), (0, 0.5, 0.5)), size=1.5)
+
+
+@pytest.mark.parametrize("name", ["differential", f"{__name__}:PAIR", f"{__name__}:SWAPPED"])
+def test_a_run_with_shafts_comes_back_and_is_drawn(name, tmp_path):
+    """One, two and three shafts of their own stand in the replay beside the robot's joints; a
+    replay of more is refused before it is unpacked, and one of fewer for its shape."""
+    change = {"robot.drive": name, "physics.time_limit": 0.2}
+    result = ot.run(ot.override(ot.load_scenario("straight"), change))
+    folder = result.save(tmp_path / "run")
+    loaded = ot.load_result(folder)
+    qpos = result.trajectory.qpos
+    assert qpos.shape[1] == JOINT_POSITIONS + drive_of(name).motors
+    assert np.array_equal(loaded.trajectory.qpos, qpos)
+    assert render_frame(folder, 0.1, width=160, height=90).std() > 0
+    time = result.trajectory.time
+    many, few = np.zeros((len(time), 1000)), qpos[:, :-1]
+    for wrong, told in ((many, "not of the same run"), (few, "shape")):
+        np.savez(folder / "replay.npz", time=time, qpos=wrong)
+        with pytest.raises(OutputError, match=told):
+            ot.load_result(folder)
+
+
+@pytest.mark.parametrize("name", ["three_motors", "differential", f"{__name__}:PAIR"])
+def test_a_robot_too_weak_to_climb_is_at_the_limit_of_each_belt(name):
+    """With a fifth of the torque that a climb takes every belt is given all that its motors have,
+    within 1 %, which the metrics count as at the limit."""
+    change = {"robot.drive": name, "robot.torque_limit": 0.02, "physics.time_limit": 1.0}
+    result = ot.run(ot.override(ot.load_scenario("vertical_climb"), change))
+    limits = 0.02 * drive_of(name).strength
+    assert result.metrics["motor_torque_max_nm"] == pytest.approx(limits.tolist(), rel=0.01)
+    assert min(result.metrics["time_at_limit_s"]) > 0.5 * result.duration_s
 
 
 def test_controllers_are_told_what_they_can_command():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from samples import LUG_RADIUS, TORQUE_LIMIT, sample_trajectory
 
+from omnitrack_sim.drive import DRIVES, Drive
 from omnitrack_sim.record.metrics import Metrics, summarise
 from omnitrack_sim.record.trajectory import Trajectory
 
@@ -116,6 +117,29 @@ def test_time_at_the_limit_counts_in_both_directions_and_while_running():
     metrics = figures(running)
     assert metrics["time_at_limit_s"] == pytest.approx([2.0, 0.0, 4.0], abs=0.03)
     assert metrics["stall_time_s"] == pytest.approx([0.0, 0.0, 4.0])
+
+
+@pytest.mark.parametrize(
+    ("drive", "limits"),
+    [
+        (DRIVES["three_motors"], (1.18, 1.18, 1.18)),
+        (DRIVES["differential"], (1.18, 1.18, 1.18)),
+        (Drive("small", ((1 / 3, 1 / 3, 1 / 3),)), (1.18 / 3, 1.18 / 3, 1.18 / 3)),
+        (Drive("pair", ((1, 0, 0), (0, 0.5, 0.5)), size=1.5), (1.77, 0.885, 0.885)),
+        (Drive("opposed", ((1, 0, 0), (0, 1, -0.5))), (1.18, 1.18, 0.59)),
+    ],
+    ids=lambda value: getattr(value, "name", ""),
+)
+def test_a_belt_is_at_its_limit_where_its_motors_can_give_no_more(drive, limits):
+    """The limits of drives by hand: just below 99 % no belt counts, just above each does."""
+    for part, seconds in ((0.985, 0.0), (0.995, 4.0)):
+        torque = each(*(part * limit for limit in limits))
+        run = sample_trajectory(T, motor_torque=torque, belt_speed=each(0.0, 0.0, 0.0))
+        found = summarise(
+            run, no_load_slip=0.0, lug_radius=LUG_RADIUS, torque_limit=1.18, drive=drive
+        )
+        assert found["time_at_limit_s"] == pytest.approx([seconds] * 3)
+        assert found["stall_time_s"] == found["time_at_limit_s"]
 
 
 def test_contact_on_either_track_is_contact():

@@ -70,7 +70,7 @@ class Command(NamedTuple):
             taken for stuck; none when left out.
         events: what the controller decided, to be told in the result.
         brake: (n, 3) part of ``robot.brake_force``, 0 to 1, by which the belts are braked; all off
-            when left out.
+            when left out, and to be 0 where the robot has no brakes.
     """
 
     belt_speed: Array

@@ -69,6 +69,18 @@ class Drive:
         return np.array_equal(self.matrix, np.eye(MODULES))
 
     @cached_property
+    def strength(self) -> Array:
+        """What the motors can give each belt at most (3,), as multiples of the torque limit of one
+        ``robot.motor``."""
+        return self.size * np.abs(self.matrix).sum(axis=0)
+
+    @property
+    def shafts(self) -> int:
+        """Number of shafts that the model has beside the belts, each a joint of its own: one for
+        each motor, none where every motor turns its own belt and nothing else."""
+        return 0 if self.direct else self.motors
+
+    @cached_property
     def relative(self) -> Array:
         """What the belts can do while all motors stand still (3, 3): a projection of their
         speeds."""

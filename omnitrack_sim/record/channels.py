@@ -208,7 +208,8 @@ CHANNELS: Mapping[str, Channel] = {
             "motor_torque",
             (3,),
             "N m",
-            "torque of each crawler motor at its output shaft, positive drives +belt_speed",
+            "torque that the motors give each belt's shaft through the gears of the drive; with a "
+            "motor for each belt, that motor's; positive drives +belt_speed",
             tail_first="negated",
         ),
         Channel(

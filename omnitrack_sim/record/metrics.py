@@ -14,9 +14,9 @@ from omnitrack_sim.drive import DRIVES, Drive
 from omnitrack_sim.record.trajectory import Trajectory
 
 STALL_SPEED = 0.005
-"""Belt speed below which a motor at its limit counts as stalled, m/s."""
+"""Belt speed below which a belt at its torque limit counts as stalled, m/s."""
 AT_LIMIT = 0.99
-"""Part of the torque limit from which on a motor counts as at its limit."""
+"""Part of its torque limit from which on a belt counts as at its limit."""
 Figure = float | list[float] | dict[str, float]
 Metrics = dict[str, Figure]
 
@@ -29,7 +29,7 @@ class Run:
         trajectory: the record.
         no_load_slip: m/s, what slip reads in a straight pipe without load.
         lug_radius: m, belt speed over shaft speed.
-        torque_limit: N m, of a crawler motor.
+        torque_limit: N m, of one ``robot.motor``; see ``belt_limits``.
         drive: the motors, and the gears between them and the belts.
         efficiency: of the gears.
     """
@@ -57,6 +57,11 @@ class Run:
             if self.duration > 0
             else np.asarray(values[0], float)
         )
+
+    @property
+    def belt_limits(self) -> NDArray[np.float64]:
+        """Largest torque that the motors can give each belt's shaft (3,), N m."""
+        return self.drive.strength * self.torque_limit
 
     @cached_property
     def travelled(self) -> float:
@@ -104,7 +109,7 @@ def _touching(run: Run) -> NDArray[np.float64]:
 
 
 def _at_limit(run: Run) -> NDArray[np.bool_]:
-    return np.abs(run.trajectory["motor_torque"]) >= AT_LIMIT * run.torque_limit
+    return np.abs(run.trajectory["motor_torque"]) >= AT_LIMIT * run.belt_limits
 
 
 def _stalled(run: Run) -> NDArray[np.float64]:
@@ -224,7 +229,7 @@ METRICS: tuple[Metric, ...] = (
     Metric(
         "motor_torque_max_nm",
         "N m",
-        "largest size of the torque of the crawler motor at its output shaft",
+        "largest size of `motor_torque`, what the motors give the belt's shaft",
         lambda r: _largest(r.trajectory["motor_torque"]),
         per_module=True,
     ),
@@ -246,8 +251,10 @@ METRICS: tuple[Metric, ...] = (
     Metric(
         "time_at_limit_s",
         "s",
-        f"time with at least {100 * AT_LIMIT:.0f} % of the torque limit, either way, whether the "
-        "belt stands or runs",
+        f"time with at least {100 * AT_LIMIT:.0f} % of the belt's torque limit, either way, "
+        "whether the belt stands or runs; the limit is the most that the motors can give this "
+        "belt: `torque_limit` with a motor for each, else that times the drive's size times the "
+        "sum of the sizes of the belt's gears",
         lambda r: r.integral(_at_limit(r).astype(float)).tolist(),
         per_module=True,
     ),

@@ -32,14 +32,16 @@ _ADVICE = {
         "with theta5 inside the safe margin."
     ),
     Outcome.STALLED: (
-        "A crawler motor stood still at its torque limit: raise robot.torque_limit, lower "
-        "robot.preload or take "
-        "another robot.motor."
+        "A crawler motor stood still at its torque limit: with a tilt of a few degrees raise "
+        "robot.torque_limit, lower robot.preload or take another robot.motor; with one of tens of "
+        "degrees the robot is wedged across the pipe, and none of these frees it: find in the "
+        "summary plot where it began to tilt, and try another start.theta5_deg or control.kind."
     ),
     Outcome.STUCK: (
         "The robot stopped without a stall or slip: look at tilt and contact in the summary plot, "
-        "and try another "
-        "theta5 or contact length."
+        "and try another start.theta5_deg or robot.contact_length; if robot.drive is not "
+        "three_motors, its belts may lack the speeds that the way asks for, or the force where a "
+        "module has no wall, and three_motors shows whether that is the cause."
     ),
     Outcome.SLIPPING: "The belts ran but the robot did not follow: raise contact.friction or "
     "robot.preload.",

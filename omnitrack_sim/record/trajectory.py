@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 RECORDED = recorded(CHANNELS.values())
 """The channels of every trajectory, by name, in the order of the file."""
 JOINT_POSITIONS = 7 + 5 * MODULE_COUNT
-"""Width of the joint positions: the chassis' pose, and of each module slide, pitch, roll and the
-travel of its two belts."""
+"""Number of joint positions of a robot with a motor for each belt: the chassis' pose, and of each
+module slide, pitch, roll and the travel of its two belts. Shafts of a drive come after them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,8 @@ class Trajectory(Mapping[str, NDArray]):
         time: (T,) s, strictly increasing.
         channels: one array (T, *shape) for each name in ``schema``.
         phases: names that the codes of ``phase`` index.
-        qpos: (T, ``JOINT_POSITIONS``), MuJoCo's joint positions, for the replay.
+        qpos: (T, ``JOINT_POSITIONS`` and ``Drive.shafts`` more), MuJoCo's joint positions, for the
+            replay.
         schema: what the channels hold: ``RECORDED``, and those of a user's own sensors.
     """
 

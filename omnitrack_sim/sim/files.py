@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.drive import Drive
 from omnitrack_sim.errors import OutputError
 from omnitrack_sim.record.channels import CHANNELS, Channel, Vector
 from omnitrack_sim.record.timeline import Visit
@@ -49,8 +50,8 @@ def write_trajectory(trajectory: Trajectory, folder: Path) -> None:
     _write_npz(folder / REPLAY_FILE, time=trajectory.time, qpos=trajectory.qpos)
 
 
-def read_trajectory(folder: Path) -> Trajectory:
-    """The trajectory of a run's folder, valid in itself.
+def read_trajectory(folder: Path, drive: Drive) -> Trajectory:
+    """The trajectory of a run's folder, valid in itself, of a robot with ``drive``.
 
     Raises:
         OutputError: a file is missing or damaged, or the two do not belong together.
@@ -58,7 +59,7 @@ def read_trajectory(folder: Path) -> Trajectory:
     with reading(folder / TRAJECTORY_FILE) as path:
         time, channels, phases, schema = _read_parquet(path)
     with reading(folder / REPLAY_FILE) as path:
-        replayed, qpos = _read_npz(path, len(time))
+        replayed, qpos = _read_npz(path, len(time), JOINT_POSITIONS + drive.shafts)
         if not np.array_equal(replayed, time):
             raise _OtherRun("other times")
         return Trajectory(time, channels, phases, qpos, schema)
@@ -198,16 +199,18 @@ def _write_npz(path: Path, **arrays: np.ndarray) -> None:
             archive.writestr(entry, buffer.getvalue())
 
 
-def _read_npz(path: Path, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Time (T,) and joint positions (T, nq) of a file with T ``samples``."""
-    shapes = {"time": (samples,), "qpos": (samples, JOINT_POSITIONS)}
+def _read_npz(
+    path: Path, samples: int, positions: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Time (T,) and joint positions (T, nq) of a file with T ``samples`` of nq ``positions``."""
+    shapes = {"time": (samples,), "qpos": (samples, positions)}
     arrays = {}
     with zipfile.ZipFile(path) as archive:
         for name, shape in shapes.items():
             entry = archive.getinfo(f"{name}.npy")
             most = 8 * math.prod(shape) + 1024  # the header of an array is far shorter
             if entry.file_size > most:
-                raise _OtherRun("more samples")
+                raise _OtherRun("more samples or joints")
             array = np.load(io.BytesIO(archive.read(entry)), allow_pickle=False)
             _require(array.dtype == float, f"{name} holds {array.dtype}")
             if array.ndim > 0 and len(array) != samples:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from omnitrack_sim.arguments import check_is
+from omnitrack_sim.drive import drive_of
 from omnitrack_sim.network import Leg
 from omnitrack_sim.record.events import Event, event_of
 from omnitrack_sim.record.metrics import METRICS, Metrics
@@ -77,7 +78,7 @@ def load_result(directory: str | Path) -> Result:
         reason=summary.reason,
         duration_s=summary.duration_s,
         metrics=summary.metrics,
-        trajectory=read_trajectory(folder),
+        trajectory=read_trajectory(folder, drive_of(scenario.robot.drive)),
         provenance=summary.provenance,
         events=events,
         legs=tuple(Leg(**vars(leg)) for leg in summary.legs),

@@ -1,5 +1,5 @@
 """One motor, a differential and a brake on each of its outputs: a controller of a user's own that
-steers through a tee with the brakes. Three drives on the same turn in one go.
+steers through a tee with the brakes. Four drives on the same turn in one go.
 
 Run: python scenarios/scripts/brake_steering.py
 """
