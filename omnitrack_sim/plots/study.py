@@ -77,7 +77,8 @@ class Tried:
         """What the best one is the best of: with a check it may be beaten in the search."""
         if not len(self.places):
             return "best"
-        return "best in the check" + ("" if self.best in self.front else ", not on the front")
+        of = "in the search" if self.values.shape[1] == 1 else "on the front"
+        return "best in the check" + ("" if self.best in self.front else f", not {of}")
 
 
 def study_figure(scales: Sequence[Scale], tried: Tried) -> Figure:
@@ -101,8 +102,9 @@ def _course(scale: Scale, tried: Tried) -> Figure:
     worst = np.inf if scale.goal == "minimise" else -np.inf
     so_far = better.accumulate(np.where(shown, values, worst))
     axis.plot(
-        number, np.where(np.isfinite(so_far), so_far, np.nan), color=FRONT, label="best so far"
-    )
+        number, np.where(np.isfinite(so_far), so_far, np.nan),
+        drawstyle="steps-post", color=FRONT, label="best so far",
+    )  # fmt: skip
     if np.isfinite(values[0]):
         axis.axhline(values[0], color=INK, lw=0.8, ls="--", label="start")
     places = np.asarray(tried.places, int)
@@ -115,7 +117,7 @@ def _course(scale: Scale, tried: Tried) -> Figure:
     _note_outside(axis, number, values)
     axis.set_xlabel("candidate")
     axis.set_ylabel(scale.label)
-    axis.legend(fontsize=8)
+    _legend(figure, axis, 1)
     return figure
 
 
@@ -132,10 +134,15 @@ def _fronts(scales: Sequence[Scale], tried: Tried) -> Figure:
         _pair(panel, scales[i], scales[k], tried, i, k)
     for panel in panels.flat[len(pairs) :]:
         panel.set_visible(False)
-    handles, labels = panels.flat[0].get_legend_handles_labels()
+    _legend(figure, panels.flat[0], columns)
+    return figure
+
+
+def _legend(figure: Figure, axis: Axes, columns: int) -> None:
+    """The words of one panel below all, where they cover nothing."""
+    handles, labels = axis.get_legend_handles_labels()
     across = min(len(labels), _LABELS_ACROSS * columns)
     figure.legend(handles, labels, loc="outside lower center", ncols=across, fontsize=8)
-    return figure
 
 
 def _pair(panel: Axes, x: Scale, y: Scale, tried: Tried, i: int, k: int) -> None:
@@ -204,9 +211,13 @@ def _note_outside(axis: Axes, x: Array, y: Array) -> None:
     (left, right), (low, high) = axis.get_xlim(), axis.get_ylim()
     inside = (x >= left) & (x <= right) & (y >= low) & (y <= high)
     outside, without = int((known & ~inside).sum()), int((~known).sum())
-    told = [f"{outside} outside"] * (outside > 0) + [f"{without} without a value"] * (without > 0)
+    told = [
+        f"{count} {where}"
+        for count, where in ((outside, "outside"), (without, "without a value"))
+        if count
+    ]
     if told:
-        text = f"of {len(x)} candidates {', '.join(told)}"
+        text = f"not shown of {len(x)} candidates: {', '.join(told)}"
         axis.set_title(text, loc="right", fontsize=8, color=INK)
 
 
