@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -14,6 +15,7 @@ from typer.testing import CliRunner
 from omnitrack_sim import OutputError, StudyError, load_scenario, load_study, override, run_study
 from omnitrack_sim.cli import app
 from omnitrack_sim.cli.common import with_changes
+from omnitrack_sim.cli.optimise import _print_result
 from omnitrack_sim.optimise import picture
 from omnitrack_sim.optimise import run as study_run
 from omnitrack_sim.optimise.explore import Measured, explore
@@ -234,6 +236,21 @@ def test_a_front_without_candidates_is_written_whole(tmp_path):
     assert result.front.num_rows == 0
     assert result.summary["on_front"] == 0
     assert len((tmp_path / "out" / "front.csv").read_text().splitlines()) == 1
+    (tmp_path / "small.json").write_text(json.dumps(study_data() | {"trials": [trials]}))
+    options = [str(tmp_path / "small.json"), "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, ["optimise", *options])
+    assert done.exit_code == 0, done.output
+    assert "none has a value in every objective" in done.stdout
+
+
+def test_a_best_one_that_is_not_on_the_front_says_so(calm, capsys):
+    """The check may choose a candidate that others beat in the search."""
+    result = run_study(small_study(), calm)
+    number = result.summary["best"]["number"]
+    kept = [i for i, one in enumerate(result.front["number"].to_pylist()) if one != number]
+    for front, told in ((result.front.take(kept), True), (result.history, False)):
+        _print_result(replace(result, front=front), calm)
+        assert ("not this one, which is the best in the check" in capsys.readouterr().out) is told
 
 
 def test_the_figure_leaves_out_what_has_no_weight(monkeypatch):
