@@ -1,6 +1,7 @@
 """The figure of a study: which panels it has, and what is in them."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ def _tried(objectives: int, count: int = 60) -> Tried:
     values[5, 0] = values[9] = np.inf
     feasible = values[:, 0] < 0.8
     front = front_of(values, 1.0 - feasible).tolist()
-    return Tried(values, feasible, front, front[0], values[front] * 1.05)
+    return Tried(values, feasible, front, front[0], values[front] * 1.05, front)
 
 
 def _scales(objectives: int) -> list[Scale]:
@@ -48,11 +49,56 @@ def test_the_front_is_drawn_where_it_is():
     assert (np.diff(y) <= 0).all()
     assert sorted(x) == sorted(tried.values[tried.front, 0])
     assert lines["start"].get_xydata().tolist() == [tried.values[0].tolist()]
-    assert lines["best"].get_xydata().tolist() == [tried.values[tried.best].tolist()]
+    best = lines["best in the check"]
+    assert best.get_xydata().tolist() == [tried.values[tried.best].tolist()]
     low, high = axis.get_xlim()
     assert low < min(x)
     assert max(x) < high
     assert axis.get_xlabel() == "f0 [J], less is better"
+
+
+def test_checks_are_tied_to_their_candidates():
+    """A line goes from each checked candidate to its check, the start's stands apart, and a best
+    one that is not on the front says so."""
+    tried = _tried(2)
+    off = next(i for i in range(1, 60) if i not in (*tried.front, 5, 9))
+    places = [0, off]
+    tried = replace(tried, best=off, places=places, checked=tried.values[places] + 0.01)
+    (axis,) = study_figure(_scales(2), tried).axes
+    lines = {str(line.get_label()): line for line in axis.get_lines()}
+    assert "best in the check, not on the front" in lines
+    for label, place in (("start, checked", 0), ("checked on other trials", off)):
+        check = (tried.values[place] + 0.01).tolist()
+        assert lines[label].get_xydata().tolist() == [check]
+        tie = [tried.values[place].tolist(), check]
+        assert tie in [line.get_xydata().tolist() for line in axis.get_lines()]
+
+
+def test_a_panel_counts_what_it_does_not_show():
+    """Candidates far outside and those without a value are counted above the panel; where all are
+    shown it says nothing."""
+    values = np.linspace([0.1, 0.9], [0.9, 0.1], 101)
+    tried = Tried(values, np.ones(101, bool), [0], 0, np.empty((0, 2)), [])
+    assert study_figure(_scales(2), tried).axes[0].get_title("right") == ""
+    wild = values.copy()
+    wild[50], wild[60] = [9.0, 9.0], [np.inf, 0.5]
+    (axis,) = study_figure(_scales(2), replace(tried, values=wild)).axes
+    told = "not shown of 101 candidates: 1 outside, 1 without a value"
+    assert axis.get_title("right") == told
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "words"),
+    [
+        ("energy_j", "J", "energy [J]"),
+        ("torque_change_nm_s", "N m/s", "torque change [N m/s]"),
+        ("success_rate", "1", "success rate"),
+        ("bores", "m", "bores [m]"),
+    ],
+)
+def test_labels_are_words_with_units(name, unit, words):
+    """The unit that a metric's name ends in stands once, in brackets."""
+    assert Scale(name, unit, "maximise").label == f"{words}, more is better"
 
 
 @pytest.mark.parametrize(("goal", "sign"), [("minimise", 1.0), ("maximise", -1.0)])
@@ -60,9 +106,7 @@ def test_the_course_of_one_objective_only_gets_better(goal, sign):
     """The line of the best so far never gets worse, ends at the best feasible value, and leaves out
     what is beyond the limit."""
     tried = _tried(1)
-    tried = Tried(
-        sign * tried.values, tried.feasible, tried.front, tried.best, sign * tried.checked
-    )
+    tried = replace(tried, values=sign * tried.values, checked=sign * tried.checked)
     (axis,) = study_figure([Scale("f", "1", goal)], tried).axes
     lines = {str(line.get_label()): line for line in axis.get_lines()}
     course = sign * np.asarray(lines["best so far"].get_ydata())
@@ -76,7 +120,7 @@ def test_a_study_without_any_value_has_a_figure(objectives):
     """Where no candidate has a value no point is drawn, neither start nor best is marked, and the
     panel still says what it is of."""
     values = np.full((5, objectives), np.inf)
-    tried = Tried(values, np.zeros(5, bool), [], 0, np.empty((0, objectives)))
+    tried = Tried(values, np.zeros(5, bool), [], 0, np.empty((0, objectives)), [])
     figure = study_figure(_scales(objectives), tried)
     (axis,) = figure.axes
     lines = {str(line.get_label()): line for line in axis.get_lines()}

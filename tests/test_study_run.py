@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -14,7 +15,10 @@ from typer.testing import CliRunner
 from omnitrack_sim import OutputError, StudyError, load_scenario, load_study, override, run_study
 from omnitrack_sim.cli import app
 from omnitrack_sim.cli.common import with_changes
+from omnitrack_sim.cli.optimise import _print_result
+from omnitrack_sim.optimise import picture
 from omnitrack_sim.optimise import run as study_run
+from omnitrack_sim.optimise.explore import Measured, explore
 from omnitrack_sim.plots.style import PictureWarning
 from omnitrack_sim.sweep import dispatch
 
@@ -201,6 +205,74 @@ def test_a_damaged_description_is_named(tmp_path, text):
         run_study(small_study(), tmp_path)
 
 
+@pytest.mark.parametrize("failed", [None, "worst"])
+def test_a_study_in_which_no_trial_passes_is_an_error(tmp_path, failed):
+    """The first generation ends it with what to do, and its trials stay; with a finite value for
+    failures, which all candidates then have, the study goes on."""
+    distance, torque = study_data()["objectives"]
+    objectives = [distance, {key: torque[key] for key in ("metric", "goal", "module")}]
+    objectives[1] |= {} if failed is None else {"failed": failed}
+    with pytest.raises(StudyError) as caught:
+        run_study(small_study(objectives=objectives), tmp_path)
+    (fault,) = caught.value.faults
+    assert fault.where == "objectives.1"
+    assert "torque_rms_nm: no trial of the first generation passed" in fault.problem
+    assert 'use failed = "count"' in fault.problem
+    assert len(pq.read_table(parts(tmp_path)[0])) > 0
+    objectives[1] |= {"failed": "worst", "worst": 9.0}
+    shown = run_study(small_study(objectives=objectives)).summary["best"]["search"]
+    assert (shown["torque_rms_nm"], shown["passed"], shown["trials"]) == (9.0, 0, 2)
+
+
+def test_a_front_without_candidates_is_written_whole(tmp_path):
+    """Where every candidate lacks a value in an objective, because one of its trials is invalid,
+    all files are there and the printed result says so."""
+    bore = {"path": "pipes.*.inner_diameter", "kind": "list", "values": [0.17, 0.3]}
+    trials = study_data()["trials"][0]
+    trials = trials | {"axes": [*trials["axes"], bore], "samples": 1}
+    study = small_study(trials=[trials])
+    result = run_study(study, tmp_path / "out")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
+    assert result.front.num_rows == 0
+    assert result.summary["on_front"] == 0
+    assert len((tmp_path / "out" / "front.csv").read_text().splitlines()) == 1
+    (tmp_path / "small.json").write_text(json.dumps(study_data() | {"trials": [trials]}))
+    options = [str(tmp_path / "small.json"), "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, ["optimise", *options])
+    assert done.exit_code == 0, done.output
+    assert "none has a value in every objective" in done.stdout
+
+
+def test_a_best_one_that_is_not_on_the_front_says_so(calm, capsys):
+    """The check may choose a candidate that others beat in the search."""
+    result = run_study(small_study(), calm)
+    number = result.summary["best"]["number"]
+    kept = [i for i, one in enumerate(result.front["number"].to_pylist()) if one != number]
+    for front, told in ((result.front.take(kept), True), (result.history, False)):
+        _print_result(replace(result, front=front), calm)
+        assert ("not this one, which is the best in the check" in capsys.readouterr().out) is told
+
+
+def test_the_figure_leaves_out_what_has_no_weight(monkeypatch):
+    """An objective that is a limit alone has no panel; candidates beyond it are still marked."""
+    distance, torque = study_data()["objectives"]
+    limited = torque | {"name": "limited", "weight": 0, "limit": 1e-9}
+    study = small_study(objectives=[limited, distance, torque])
+    history = explore(study, lambda asked: [Measured((1.0, 2.0, 3.0)) for _ in asked])
+    drawn = []
+    usual = picture.study_figure
+    monkeypatch.setattr(
+        picture, "study_figure", lambda *given: drawn.append(given) or usual(*given)
+    )
+    picture.draw_front(study, history, history[:2], history[1][0])
+    ((scales, tried),) = drawn
+    assert [scale.name for scale in scales] == ["distance_m", "torque_rms_nm"]
+    assert (tried.values == [2.0, 3.0]).all()
+    assert (tried.checked == [2.0, 3.0]).all()
+    assert list(tried.places) == [0, 1]
+    assert not tried.feasible.any()
+
+
 def test_the_best_values_can_be_set(calm, tmp_path):
     """best.toml goes through ``--set @FILE`` into a scenario, also for a sweep; the values of every
     checked candidate are there."""
@@ -284,11 +356,21 @@ def test_list_and_result_of_the_command(calm):
         return done.stdout
 
     shown = optimise("--list")
-    assert "2 searches of 2 generations of 4 candidates, 2 trials each: 38 trials" in shown
+    assert (
+        "search: the start, 2 x 2 generations x 4 candidates, and 2 centres: 19 candidates of 2 "
+        "trials, 38 trials in all" in shown
+    )
+    assert (
+        "check: the start, 2 centres, and the best 1 of each of 2 directions: at most 5 candidates "
+        "of 3 trials, 15 trials in all" in shown
+    )
     assert "control.cruise_speed" in shown
     assert "torque_rms_nm" in shown
     printed = optimise("--out", calm)
     assert "distance_m, other trials" in printed
+    rows = [line.split() for line in printed.splitlines()]
+    assert ["passed", "0", "of", "2", "0", "of", "2"] in rows
+    assert ["passed,", "other", "trials", "0", "of", "3", "0", "of", "3"] in rows
     assert "best.toml" in printed
     summary = json.loads((calm / "summary.json").read_text())
     assert json.loads(optimise("--out", calm, "--json")) == summary

@@ -83,6 +83,28 @@ def test_all_faults_of_the_form_are_told_at_once():
     assert "candidates" in faults["final.candidate"]
 
 
+def test_faults_of_the_form_hide_no_others():
+    """Beside a bound that is reversed and trials without an axis, what is wrong with the paths and
+    metrics of the other tables is told; objectives are not held against trials that lack a base."""
+    trials = {key: value for key, value in TRIALS.items() if key != "axes"}
+    tables = {
+        "variables": [SPEED | {"low": 0.3}, PRELOAD | {"path": "robot.prelaod"}],
+        "objectives": [DISTANCE | {"goal": "max"}, TORQUE | {"metric": "torque"}],
+    }
+    faults = _faults(**tables, trials=[trials])
+    assert set(faults) == {
+        "variables.0.high",
+        "variables.1.path",
+        "objectives.0.goal",
+        "objectives.1.metric",
+        "trials.0.axes",
+    }
+    assert "did you mean 'preload'" in faults["variables.1.path"]
+    faults = _faults(**tables, trials=[trials, trials | {"base": "nowhere", "name": "far"}])
+    assert "objectives.1.metric" not in faults
+    assert "variables.1.path" in faults
+
+
 def test_all_faults_in_the_light_of_the_trials_are_told_at_once():
     """Unknown paths, metrics and trials, values that are no numbers, bounds out of range, clashes
     and objectives that no trial gives."""
@@ -313,6 +335,8 @@ def test_an_objective_that_no_trial_gives_is_refused():
     not."""
     study = small_study()
     columns = {f"torque_rms_nm_{i}": [None, 1.0] for i in (1, 2, 3)}
-    table = pa.table({"outcome": ["stuck"] * 2, "distance_m": [None, np.nan], **columns})
+    table = pa.table(
+        {"outcome": ["stuck"] * 2, "success": [False] * 2, "distance_m": [None, np.nan]} | columns
+    )
     with pytest.raises(StudyError, match=r"^objectives.0.metric: 'distance_m' has no finite value"):
         Measure(study, study.trials).refuse_unmeasured(table)

@@ -95,9 +95,23 @@ def _print_plan(study: Study) -> None:
         asked.add_row(plain(name), one.goal, of, plain(one.trials or "all"), limit)
     out.print(varied)
     out.print(asked)
+    searches, candidates = study.search_count, study.candidate_count
     out.print(
-        f"{study.search_count} searches of {study.generations} generations of {study.asked_each} "
-        f"candidates, {study.size} trials each: {study.candidate_count * study.size} trials",
+        f"search: the start, {searches} x {study.generations} generations x {study.asked_each} "
+        f"candidates, and {searches} {_plural('centre', searches)}: {candidates} candidates of "
+        f"{study.size} {_plural('trial', study.size)}, {candidates * study.size} trials in all",
+        soft_wrap=True,
+    )
+    most = study.final.candidates
+    if not most:
+        out.print("check: none")
+        return
+    checked = min(1 + searches * (most + 1), candidates)
+    size = sum(sweep.size for sweep in study.unseen)
+    out.print(
+        f"check: the start, {searches} {_plural('centre', searches)}, and the best {most} of each "
+        f"of {searches} {_plural('direction', searches)}: at most {checked} candidates of {size} "
+        f"{_plural('trial', size)}, {checked * size} trials in all",
         soft_wrap=True,
     )
 
@@ -113,17 +127,27 @@ def _print_result(result: StudyResult, target: Path) -> None:
             pair = [summary[which][key] for which in ("start", "best")]
             if pair[0] is not None:
                 table.add_row(plain(of), *(_shown(one[name]) for one in pair))
+    for key, of in (("search", "passed"), ("check", "passed, other trials")):
+        pair = [summary[which][key] for which in ("start", "best")]
+        if pair[0] is not None:
+            table.add_row(of, *(f"{one['passed']} of {one['trials']}" for one in pair))
     for path in result.best:
         pair = [summary[which]["values"][path] for which in ("start", "best")]
         table.add_row(plain(path), *map(_shown, pair), style="dim")
     out.print(table)
-    out.print(
-        f"  candidate {summary['best']['number']} of {summary['candidates']}; "
-        f"{summary['on_front']} on the front",
-        soft_wrap=True,
-    )
+    number = summary["best"]["number"]
+    told = f"{summary['on_front']} on the front of the search"
+    if not result.front.num_rows:
+        told = "none has a value in every objective, so none is better than the start"
+    elif number not in result.front["number"].to_pylist():
+        told += ", not this one, which is the best in the check"
+    out.print(f"  candidate {number} of {summary['candidates']}; {told}", soft_wrap=True)
     place, file = plain(str(target)), plain(str(target / BEST_FILE))
     out.print(f"  saved in {place}; its values: --set @{file}", soft_wrap=True)
+
+
+def _plural(word: str, count: int) -> str:
+    return word if count == 1 else f"{word}s"
 
 
 def _shown(value: Any) -> str:

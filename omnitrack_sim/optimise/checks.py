@@ -33,27 +33,45 @@ RESERVED = (
 _ENDS = ("low", "high")
 
 
-def faults_of(plan: Plan, final: Final, sweeps: Mapping[int, Sweep]) -> list[Fault]:
-    """Every fault of variables, objectives and numbers.
+def faults_of(
+    variables: Mapping[int, Variable],
+    objectives: Mapping[int, Objective],
+    sweeps: Mapping[int, Sweep],
+    all_trials: bool = True,
+) -> list[Fault]:
+    """Every fault of variables and objectives in the light of the trials.
 
     Args:
-        plan: of the file.
-        final: of the file.
-        sweeps: the trials that could be read, by their place in the file.
+        variables: those that are sound by themselves, by their place in the file.
+        objectives: likewise.
+        sweeps: the trials whose base scenarios could be read, by their place in the file.
+        all_trials: whether these are all of the file; if not, no objective is held against them.
     """
     faults: list[Fault] = []
     bases = [base for sweep in sweeps.values() for base in sweep.bases.values()]
     if len(bases) > MOST_BASES:
         return [Fault("trials", f"have {len(bases)} base scenarios; at most {MOST_BASES}")]
-    for i, variable in enumerate(plan.variables):
-        found = [*_path_faults(i, variable, bases), *_clashes(i, plan.variables, sweeps)]
-        faults += found or _bound_faults(i, plan.variables, bases)
+    for i, variable in variables.items():
+        found = [*_path_faults(i, variable, bases), *_clashes(i, variables, sweeps)]
+        faults += found or _bound_faults(i, variables, bases)
     names: list[str] = []
-    taken = [variable.name for variable in plan.variables]
-    for i, objective in enumerate(plan.objectives):
-        faults += _objective_faults(i, objective, list(sweeps.values()), names, taken)
+    taken = [variable.name for variable in variables.values()]
+    counted = list(sweeps.values()) if all_trials else []
+    for i, objective in objectives.items():
+        faults += _objective_faults(i, objective, counted, names, taken)
         names.append(objective.name or objective.metric)
-    return [*faults, *_number_faults(plan, final, sweeps), *_too_much(plan, final, sweeps)]
+    return faults
+
+
+def number_faults(plan: Plan, final: Final, sweeps: Mapping[int, Sweep]) -> list[Fault]:
+    """Numbers of a file that do not go together, or ask for too much.
+
+    Args:
+        plan: of the file.
+        final: of the file.
+        sweeps: the trials that are sound, by their place in the file.
+    """
+    return [*_together(plan, final, sweeps), *_too_much(plan, final, sweeps)]
 
 
 def _path_faults(number: int, variable: Variable, bases: Sequence[Scenario]) -> Iterator[Fault]:
@@ -79,14 +97,14 @@ def _path_faults(number: int, variable: Variable, bases: Sequence[Scenario]) -> 
 
 
 def _clashes(
-    number: int, variables: Sequence[Variable], sweeps: Mapping[int, Sweep]
+    number: int, variables: Mapping[int, Variable], sweeps: Mapping[int, Sweep]
 ) -> Iterator[Fault]:
     """A value that something else sets as well: the first one found."""
     own = variables[number]
     for i, sweep in sweeps.items():
         data = next(iter(sweep.bases.values())).model_dump(mode="json")
         places = {place for path in own.paths for place in matches(data, path)}
-        others = [(f"variables.{k}", one.paths) for k, one in enumerate(variables[:number])]
+        others = [(f"variables.{k}", one.paths) for k, one in variables.items() if k < number]
         others += [(f"trials.{i}.axes.{k}", one.paths) for k, one in enumerate(sweep.axes)]
         others += [(f"trials.{i}.set or --set", tuple(sweep.set))]
         for origin, paths in others:
@@ -97,7 +115,7 @@ def _clashes(
 
 
 def _bound_faults(
-    number: int, variables: Sequence[Variable], bases: Sequence[Scenario]
+    number: int, variables: Mapping[int, Variable], bases: Sequence[Scenario]
 ) -> Iterator[Fault]:
     """Bounds that the scenarios never take, wherever the other variables stand.
 
@@ -119,12 +137,12 @@ def _bound_faults(
 
 
 def _others(
-    base: Scenario, variables: Sequence[Variable], number: int, end: str
+    base: Scenario, variables: Mapping[int, Variable], number: int, end: str
 ) -> dict[str, float | int]:
     """All variables but one at one of their bounds."""
     data = base.model_dump(mode="json")
     changes: dict[str, float | int] = {}
-    for i, variable in enumerate(variables):
+    for i, variable in variables.items():
         if i != number:
             changes |= _placed(data, variable, getattr(variable, end))
     return changes
@@ -192,6 +210,8 @@ def _metric_faults(where: str, objective: Objective, sweeps: Sequence[Sweep]) ->
         yield Fault(f"{where}.metric", problem, choices, given=objective.metric)
         return
     metric = known.get(objective.metric)
+    if metric is None and objective.metric not in OF_TRIALS:
+        return  # it may be one of a base scenario that could not be read
     if metric is not None and not metric.in_tables:
         choices = (SUCCESS_RATE, *OF_TRIALS, *given)
         problem = f"{objective.metric!r} is measured in no trial of a study"
@@ -214,7 +234,7 @@ def metrics_of(bases: Sequence[Scenario]) -> dict[str, Metric]:
     return {metric.name: metric for metric in (*METRICS, *own)}
 
 
-def _number_faults(plan: Plan, final: Final, sweeps: Mapping[int, Sweep]) -> Iterator[Fault]:
+def _together(plan: Plan, final: Final, sweeps: Mapping[int, Sweep]) -> Iterator[Fault]:
     """Numbers that do not go together."""
     weighed = len(plan.weighed)
     for i, objective in enumerate(plan.objectives):

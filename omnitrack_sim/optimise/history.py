@@ -30,7 +30,10 @@ def history_table(study: Study, rows: Rows) -> pa.Table:
 
 def front_table(study: Study, rows: Rows) -> pa.Table:
     """The rows of the candidates on the front, the best of the first objective first."""
-    return history_table(study, rows).take(front(study, rows))
+    import pyarrow as pa
+
+    # Of an empty list pyarrow does not know that it holds places.
+    return history_table(study, rows).take(pa.array(front(study, rows), pa.int64()))
 
 
 def final_table(study: Study, rows: Rows) -> pa.Table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _OF_MODULES = {"mean": np.mean, "max": np.max, "min": np.min, "sum": np.sum}
+LEAVE_OUT = "leave_out"
+"""What becomes of trials that failed where an objective does not say."""
 LOST = (Outcome.DIVERGED.value, ERROR)
 """Outcomes of trials that ran and have no figures to be trusted."""
 
@@ -81,7 +84,7 @@ class Measure:
         if objective.failed == "worst":
             worst |= ~passed
         figures = np.where(worst, objective.worst_value, figures)
-        counted = passed | worst if objective.failed in (None, "leave_out") else passed | True
+        counted = passed | worst if objective.failed in (None, LEAVE_OUT) else passed | True
         return np.array(
             [
                 _aggregate(objective, own[part & kept])
@@ -90,13 +93,15 @@ class Measure:
         )
 
     def refuse_unmeasured(self, table: pa.Table) -> None:
-        """Refuse objectives that no trial gives, though trials have run to an outcome.
+        """Refuse objectives that no trial gives, though trials have run to an outcome, and those
+        that count only trials that passed where none has: no candidate would have a value.
 
         Raises:
             StudyError: names each of them.
         """
         outcome = table["outcome"].to_pylist()
         ran = np.array([one not in (INVALID, *LOST) for one in outcome])
+        passed = np.array(table["success"].to_pylist(), bool)
         faults = []
         for i, objective in enumerate(self.plan.objectives):
             part = np.resize(self._part_of[objective.trials], len(ran)) & ran
@@ -105,6 +110,11 @@ class Measure:
             if not np.isfinite(figures_of(objective, table)[part]).any():
                 problem = f"{objective.metric!r} has no finite value in any of {part.sum()} trials"
                 faults.append(Fault(f"objectives.{i}.metric", problem))
+            elif objective.failed != "count" and objective.worst is None and not passed[part].any():
+                problem = f"{objective.metric}: no trial of the first generation passed, and with "
+                problem += f"failed = {json.dumps(objective.failed or LEAVE_OUT)} only those that "
+                problem += 'passed have a finite value: use failed = "count", or easier trials'
+                faults.append(Fault(f"objectives.{i}", problem))
         if faults:
             raise StudyError(faults)
 

@@ -16,15 +16,18 @@ from omnitrack_sim.plots.style import save_figure
 
 
 def draw_front(study: Study, history: History, checked: History | None, best: Candidate) -> bytes:
-    """``front.png``."""
+    """``front.png``, of the objectives that have a weight; of the others the limits alone count."""
+    weighed = list(study.weighed)
     scales = [
         Scale(name, unit_of_objective(study, objective), objective.goal, objective.limit)
-        for name, objective in zip(study.columns, study.objectives, strict=True)
+        for name, objective in ((study.columns[i], study.objectives[i]) for i in weighed)
     ]
     values = values_of(history)
-    again = values_of(checked) if checked else np.empty((0, len(scales)))
+    again = values_of(checked)[:, weighed] if checked else np.empty((0, len(scales)))
+    places = [one.number for one, _ in checked or ()]
     feasible = violations_of(study, values) == 0
-    tried = Tried(values, feasible, front(study, history), best.number, again)
+    on_front = front(study, history)
+    tried = Tried(values[:, weighed], feasible, on_front, best.number, again, places)
     buffer = io.BytesIO()
     save_figure(study_figure(scales, tried), buffer, "png")
     return buffer.getvalue()

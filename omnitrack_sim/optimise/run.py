@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from omnitrack_sim.arguments import check_is
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.optimise.choice import best_of, to_be_checked
-from omnitrack_sim.optimise.explore import Candidate, History, explore
+from omnitrack_sim.optimise.explore import Candidate, History, Measured, explore
 from omnitrack_sim.optimise.folder import (
     BEST_FILE,
     FINAL_FILE,
@@ -187,8 +187,8 @@ class _Run:
             told[name] = {
                 "number": number,
                 "values": self.study.settings(history[number][0].values),
-                "search": _named(self.study, shown[number].values),
-                "check": _named(self.study, again[number].values) if checked else None,
+                "search": _told(self.study, shown[number]),
+                "check": _told(self.study, again[number]) if checked else None,
             }
         return {
             "name": self.study.name,
@@ -206,10 +206,11 @@ class _Run:
         }
 
 
-def _named(study: Study, values: tuple[float, ...]) -> dict[str, float | None]:
-    """Objectives by name; None where there is no finite value."""
-    named = zip(study.columns, values, strict=True)
-    return {name: value if math.isfinite(value) else None for name, value in named}
+def _told(study: Study, measured: Measured) -> dict[str, float | None]:
+    """Objectives by name, None where there is no finite value; and how many trials passed."""
+    named = zip(study.columns, measured.values, strict=True)
+    told = {name: value if math.isfinite(value) else None for name, value in named}
+    return told | {"passed": measured.passed, "trials": measured.trials}
 
 
 def _write(

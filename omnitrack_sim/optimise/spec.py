@@ -5,16 +5,26 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, Field
 
-from omnitrack_sim.errors import Fault, StudyError, SweepError
-from omnitrack_sim.optimise.checks import faults_of
-from omnitrack_sim.optimise.tables import Final, Objective, Plan, Variable
-from omnitrack_sim.schema.files import STUDY, read_file
+from omnitrack_sim.bounds import MOST_BASES
+from omnitrack_sim.errors import Fault, OmnitrackError, StudyError, SweepError
+from omnitrack_sim.optimise.checks import faults_of, number_faults
+from omnitrack_sim.optimise.tables import (
+    MOST_OBJECTIVES,
+    MOST_VARIABLES,
+    Final,
+    Objective,
+    Plan,
+    Variable,
+)
+from omnitrack_sim.scenario import load_scenario
+from omnitrack_sim.schema.files import STUDY, beside, read_file
 from omnitrack_sim.schema.reading import NAME_PATTERN, checked, fault_of
 from omnitrack_sim.sweep import Sweep
 from omnitrack_sim.sweep.spec import resolve as resolve_sweep
@@ -23,6 +33,7 @@ from omnitrack_sim.sweep.trials import FORMAT, matches, value_at
 FOR_THE_RECORD = ("name", "generations", "final")
 """Keys of a study that what is tried first does not depend on: with another number of generations
 it goes on, or stops earlier."""
+_Table = TypeVar("_Table", bound=BaseModel)
 _TABLES: dict[str, type[BaseModel]] = {
     "variables": Variable,
     "objectives": Objective,
@@ -114,16 +125,23 @@ def resolve(
     Raises:
         StudyError: lists every fault with its dotted path.
     """
-    sweeps, faults = _sweeps(data.get("trials"), folder, changes or {})
+    tables = data.get("trials")
+    sweeps, known, faults = _sweeps(tables, folder, changes or {})
     try:
         file = checked(StudyFile, data, "", _fault, StudyError)
+        variables, objectives = dict(enumerate(file.variables)), dict(enumerate(file.objectives))
     except StudyError as error:
         # pydantic calls a list with a fault in it too short as well.
         places = [fault.where for fault in error.faults]
         own = [f for f in error.faults if not any(one.startswith(f"{f.where}.") for one in places)]
-        raise StudyError(list(dict.fromkeys([*own, *faults]))) from None
-    faults += faults_of(file, file.final, sweeps)
-    if faults:
+        file, faults = None, [*own, *faults]
+        variables = _sound(Variable, data.get("variables"), MOST_VARIABLES)
+        objectives = _sound(Objective, data.get("objectives"), MOST_OBJECTIVES)
+    all_trials = isinstance(tables, list | tuple) and len(known) == len(tables)
+    faults += faults_of(variables, objectives, known, all_trials)
+    if file is not None:
+        faults += number_faults(file, file.final, sweeps)
+    if file is None or faults:
         raise StudyError(list(dict.fromkeys(faults)))
     fields = {name: getattr(file, name) for name in Plan.model_fields}
     first = next(iter(next(iter(sweeps.values())).bases.values())).model_dump(mode="json")
@@ -134,9 +152,11 @@ def resolve(
 
 def _sweeps(
     tables: Any, folder: Path, changes: Mapping[str, Any]
-) -> tuple[dict[int, Sweep], list[Fault]]:
-    """The sweeps of ``trials`` by their place in the file, and what is wrong with them."""
+) -> tuple[dict[int, Sweep], dict[int, Sweep], list[Fault]]:
+    """The sweeps of ``trials`` by their place in the file; the same with those that have a fault
+    but base scenarios that can be read, without their axes; and what is wrong with them."""
     sweeps: dict[int, Sweep] = {}
+    known: dict[int, Sweep] = {}
     faults: list[Fault] = []
     for i, table in enumerate(tables if isinstance(tables, list | tuple) else ()):
         if not isinstance(table, Mapping):
@@ -146,15 +166,47 @@ def _sweeps(
         base = table.get("base")
         name = Path(base).stem if isinstance(base, str) else f"trials_{i}"
         try:
-            sweeps[i] = resolve_sweep({"name": name} | dict(table), folder, changes)
+            sweeps[i] = known[i] = resolve_sweep({"name": name} | dict(table), folder, changes)
         except SweepError as error:
             faults += [_placed(fault, i) for fault in error.faults]
+            alone = _of_bases({"name": name} | dict(table), folder, changes)
+            if alone is not None:
+                known[i] = alone
     names = {i: sweep.name for i, sweep in sweeps.items()}
     for i, name in names.items():
         if name in [names[k] for k in names if k < i]:
             problem = f"{name!r} is the name of earlier trials; give these another name"
             faults.append(Fault(f"trials.{i}.name", problem))
-    return sweeps, faults
+    return sweeps, known, faults
+
+
+def _of_bases(table: Mapping[str, Any], folder: Path, changes: Mapping[str, Any]) -> Sweep | None:
+    """A sweep of nothing but the base scenarios of a table, if they can be read: to hold variables
+    and objectives against, where the rest of the table has a fault."""
+    name, base, own = table["name"], table.get("base"), table.get("set", {})
+    sources = [base] if isinstance(base, str) else base
+    if not isinstance(sources, list | tuple) or not 0 < len(sources) <= MOST_BASES:
+        return None
+    if not isinstance(own, Mapping) or not all(
+        isinstance(one, str) for one in (name, *sources, *own)
+    ):
+        return None
+    try:
+        bases = [load_scenario(beside(folder, one), {**own, **changes}) for one in sources]
+    except OmnitrackError:
+        return None
+    named = {one.name: one for one in bases}
+    return Sweep.model_construct(name=name, bases=named, set=dict(own))
+
+
+def _sound(kind: type[_Table], tables: Any, most: int) -> dict[int, _Table]:
+    """The tables of a list that have no fault by themselves, by their place in it."""
+    found: dict[int, _Table] = {}
+    for i, table in enumerate(tables[:most] if isinstance(tables, list | tuple) else ()):
+        with suppress(StudyError):
+            if isinstance(table, Mapping):
+                found[i] = checked(kind, table, "", _fault, StudyError)
+    return found
 
 
 def _placed(fault: Fault, number: int) -> Fault:

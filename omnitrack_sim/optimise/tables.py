@@ -14,6 +14,7 @@ from omnitrack_sim.table import Table
 
 SUCCESS_RATE = "success_rate"
 """The objective that is no metric of a run: the part of the trials that reached the goal."""
+MOST_VARIABLES, MOST_OBJECTIVES = 100, 10
 DIGITS = 9
 """Significant digits of the values that are tried, so that they read the same in every file."""
 Path = Annotated[str, Field(min_length=1)]
@@ -166,8 +167,8 @@ class Plan(Table):
         seed: of the candidates.
     """
 
-    variables: Annotated[tuple[Variable, ...], Field(min_length=1, max_length=100)]
-    objectives: Annotated[tuple[Objective, ...], Field(min_length=1, max_length=10)]
+    variables: Annotated[tuple[Variable, ...], Field(min_length=1, max_length=MOST_VARIABLES)]
+    objectives: Annotated[tuple[Objective, ...], Field(min_length=1, max_length=MOST_OBJECTIVES)]
     generations: Annotated[int, Field(ge=1, le=100_000)] = 20
     population: Annotated[int, Field(ge=4, le=10_000)] | None = None
     directions: Annotated[int, Field(ge=1, le=100)] | None = None

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 FRONT, CHECKED = MODULE_COLOURS[1], MODULE_COLOURS[0]
 _MOST_PANELS = 15
 """Pairs of objectives that have a panel; of more only the first ones."""
+_LABELS_ACROSS = 3
+"""Words of the legend that stand side by side below a panel."""
 _BULK = (2, 98)
 """Percentiles of the values between which a panel shows everything, beside front and start."""
 
@@ -42,9 +44,11 @@ class Scale:
 
     @property
     def label(self) -> str:
-        """Name, unit and which way is better."""
+        """Name in words, unit and which way is better."""
         unit = "" if self.unit == "1" else f" [{self.unit}]"
-        return f"{self.name}{unit}, {'less' if self.goal == 'minimise' else 'more'} is better"
+        ending = "_" + self.unit.lower().replace(" ", "").replace("/", "_")
+        words = self.name.removesuffix(ending).replace("_", " ")
+        return f"{words}{unit}, {'less' if self.goal == 'minimise' else 'more'} is better"
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +62,7 @@ class Tried:
         front: places of the candidates on the front.
         best: place of the best one.
         checked: (F, m) of the candidates that were checked, on trials of their own.
+        places: (F,) of the candidates that were checked.
     """
 
     values: Array
@@ -65,6 +70,15 @@ class Tried:
     front: Sequence[int]
     best: int
     checked: Array
+    places: Sequence[int]
+
+    @property
+    def best_label(self) -> str:
+        """What the best one is the best of: with a check it may be beaten in the search."""
+        if not len(self.places):
+            return "best"
+        of = "in the search" if self.values.shape[1] == 1 else "on the front"
+        return "best in the check" + ("" if self.best in self.front else f", not {of}")
 
 
 def study_figure(scales: Sequence[Scale], tried: Tried) -> Figure:
@@ -88,18 +102,22 @@ def _course(scale: Scale, tried: Tried) -> Figure:
     worst = np.inf if scale.goal == "minimise" else -np.inf
     so_far = better.accumulate(np.where(shown, values, worst))
     axis.plot(
-        number, np.where(np.isfinite(so_far), so_far, np.nan), color=FRONT, label="best so far"
-    )
+        number, np.where(np.isfinite(so_far), so_far, np.nan),
+        drawstyle="steps-post", color=FRONT, label="best so far",
+    )  # fmt: skip
     if np.isfinite(values[0]):
         axis.axhline(values[0], color=INK, lw=0.8, ls="--", label="start")
-    for i, row in enumerate(tried.checked[np.isfinite(tried.checked).all(axis=1)]):
-        label = "best ones on other trials" if i == 0 else None
-        axis.plot(number[-1], row[0], "D", ms=4, mfc="none", color=CHECKED, label=label)
+    places = np.asarray(tried.places, int)
+    _checks(axis, places, (number, values), (number[places], tried.checked[:, 0]))
+    if shown[tried.best]:
+        _ring(axis, number[tried.best], values[tried.best], tried.best_label)
     _limits(axis, scale, None)
-    _bulk(axis.set_ylim, values, [values[0], *values[tried.front], *tried.checked[:, 0]])
+    told = [values[0], values[tried.best], *values[tried.front], *tried.checked[:, 0]]
+    _bulk(axis.set_ylim, values, told)
+    _note_outside(axis, number, values)
     axis.set_xlabel("candidate")
     axis.set_ylabel(scale.label)
-    axis.legend(fontsize=8)
+    _legend(figure, axis, 1)
     return figure
 
 
@@ -116,9 +134,15 @@ def _fronts(scales: Sequence[Scale], tried: Tried) -> Figure:
         _pair(panel, scales[i], scales[k], tried, i, k)
     for panel in panels.flat[len(pairs) :]:
         panel.set_visible(False)
-    handles, labels = panels.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=8)
+    _legend(figure, panels.flat[0], columns)
     return figure
+
+
+def _legend(figure: Figure, axis: Axes, columns: int) -> None:
+    """The words of one panel below all, where they cover nothing."""
+    handles, labels = axis.get_legend_handles_labels()
+    across = min(len(labels), _LABELS_ACROSS * columns)
+    figure.legend(handles, labels, loc="outside lower center", ncols=across, fontsize=8)
 
 
 def _pair(panel: Axes, x: Scale, y: Scale, tried: Tried, i: int, k: int) -> None:
@@ -131,20 +155,16 @@ def _pair(panel: Axes, x: Scale, y: Scale, tried: Tried, i: int, k: int) -> None
     order = np.lexsort((up[front], across[front]))
     style = "-o" if tried.values.shape[1] == 2 else "o"
     panel.plot(across[front][order], up[front][order], style, ms=4, color=FRONT, label="front")
-    known = tried.checked[np.isfinite(tried.checked[:, [i, k]]).all(axis=1)]
-    panel.plot(
-        known[:, i], known[:, k], "D", ms=5, mfc="none", color=CHECKED,
-        label="best ones on other trials",
-    )  # fmt: skip
+    again = (tried.checked[:, i], tried.checked[:, k])
+    _checks(panel, np.asarray(tried.places, int), (across, up), again)
     if shown[0]:
         panel.plot(across[0], up[0], "s", ms=6, color=INK, label="start")
     if shown[tried.best]:
-        panel.plot(
-            across[tried.best], up[tried.best], "o", ms=10, mfc="none", color=ALARM, label="best"
-        )
+        _ring(panel, across[tried.best], up[tried.best], tried.best_label)
     for own, scale, place in ((panel.set_xlim, across, i), (panel.set_ylim, up, k)):
         told = [scale[0], scale[tried.best], *scale[front], *tried.checked[:, place]]
         _bulk(own, scale, told)
+    _note_outside(panel, across, up)
     _limits(panel, y, x)
     panel.set_xlabel(x.label)
     panel.set_ylabel(y.label)
@@ -158,6 +178,47 @@ def _dots(axis: Axes, x: Array, y: Array, x_refused: Array, y_refused: Array) ->
             x_refused, y_refused, "o", ms=2.5, mfc="none", mew=0.5, color=GREY, alpha=0.6,
             label="beyond a limit",
         )  # fmt: skip
+
+
+def _checks(
+    axis: Axes, places: NDArray[np.intp], tried: tuple[Array, Array], again: tuple[Array, Array]
+) -> None:
+    """What the checked candidates have shown on other trials, each tied to what it had shown in
+    the search; the start, place 0, in its own colour."""
+    known = np.isfinite(again).all(axis=0)
+    for own, label, colour in (
+        (known & (places != 0), "checked on other trials", CHECKED),
+        (known & (places == 0), "start, checked", INK),
+    ):
+        if not own.any():
+            continue
+        ends = [
+            np.stack([before[places[own]], after[own]])
+            for before, after in zip(tried, again, strict=True)
+        ]
+        axis.plot(*ends, color=colour, lw=0.8)
+        axis.plot(ends[0][1], ends[1][1], "D", ms=5, mfc="none", color=colour, label=label)
+
+
+def _ring(axis: Axes, x: float, y: float, label: str) -> None:
+    """A ring about the best one."""
+    axis.plot(x, y, "o", ms=10, mfc="none", color=ALARM, label=label)
+
+
+def _note_outside(axis: Axes, x: Array, y: Array) -> None:
+    """Say above a panel whose range is set how many of the candidates it does not show."""
+    known = np.isfinite(x) & np.isfinite(y)
+    (left, right), (low, high) = axis.get_xlim(), axis.get_ylim()
+    inside = (x >= left) & (x <= right) & (y >= low) & (y <= high)
+    outside, without = int((known & ~inside).sum()), int((~known).sum())
+    told = [
+        f"{count} {where}"
+        for count, where in ((outside, "outside"), (without, "without a value"))
+        if count
+    ]
+    if told:
+        text = f"not shown of {len(x)} candidates: {', '.join(told)}"
+        axis.set_title(text, loc="right", fontsize=8, color=INK)
 
 
 def _limits(axis: Axes, up: Scale, across: Scale | None) -> None:
