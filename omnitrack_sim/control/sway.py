@@ -106,7 +106,7 @@ class Sway:
         axis = rotation[:, :, 2]
         heading = np.arctan2(dot(axis, towards), dot(axis, ahead))
         progress = heading / self.routes.turn.take(passage)
-        in_robot = np.einsum("nij,ni->nj", rotation, normal)
+        in_robot = dot(normal[:, None], rotation.transpose(0, 2, 1))
         radius = self.routes.radius.take(passage)
         belts = dot(angular_velocity(observation.wall_speed, 0.0, radius), in_robot)
         gyro = dot(observation.angular_velocity, in_robot)

@@ -95,7 +95,8 @@ class Tracking:
             back = back / length(back)[:, None]
             target = np.where((centring > 0)[:, None], back, target)
         if np.count_nonzero(lean.aside):
-            target = unit(target + lean.aside)
+            leans = (lean.most > 0)[:, None]
+            target = np.where(leans, unit(target + lean.aside), target)
         angle = angle_between(axis, target)
         wanted = unit(cross(axis, target)) * (direction * self.gain * angle)[:, None]
         if np.count_nonzero(place.curvature):
