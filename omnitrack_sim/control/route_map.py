@@ -122,11 +122,11 @@ class RouteMap:
         ends = [(p.turn_direction, p.radius) if p is not None else next(at_end) for p in passages]
         self.directions = np.array([direction for direction, _ in ends])
         self.radius = np.array([radius for _, radius in ends])
-        bends = [(0.0, 0.0) if np.isinf(a) else (a, b) for a, b in spans]
-        ends_of_bends = self.tangents(np.array(bends), self.way_of)  # (Q, 2, 3)
-        self.ahead = ends_of_bends[:, 0]
-        angle = angle_between(self.ahead, ends_of_bends[:, 1])
-        self.turn = np.where(self.is_turn, angle, np.pi / 2)
+        entries = np.where(np.isinf(self.start), 0.0, self.start)
+        self.ahead = self.tangents(entries[:, None], self.way_of)[:, 0]
+        self.turn = np.array(
+            [p.turn_angle if p is not None and p.is_turn else np.pi / 2 for p in passages]
+        )
         self.corner_radius = np.array(
             [
                 p.corner_radius if p is not None else radius

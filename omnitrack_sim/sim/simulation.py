@@ -203,10 +203,11 @@ class Simulation:
             TypeError: it is no ``Command``.
             ValueError: an array of the command has the wrong shape.
         """
+        where = "command"
         if command is None:
             command = self.controller.step(self.observation)
-            check_is(Command, f"what {type(self.controller).__name__}.step returns", command)
-        check_is(Command, "command", command)
+            where = f"what {type(self.controller).__name__}.step returns"
+        check_is(Command, where, command)
         if command.brake is not None and not self.plant.robot.brake_force and np.any(command.brake):
             raise ValueError("command.brake is given to a robot whose robot.brake_force is 0")
         self._take(carried_out(_checked(command, self.n), self.legs.gear))
