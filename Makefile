@@ -3,14 +3,15 @@
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
+SCREEN_PACKAGES := chromium xvfb xdotool
 EGL_PACKAGES := libegl1 libgl1-mesa-dri libopengl0
 
-.PHONY: demo test check models bench egl clean
+.PHONY: demo test check models bench egl screen clean
 
 demo: $(READY) egl
 	$(BIN)/omnitrack run scenarios/tee_turn.toml --out out/tee_turn
 
-test: $(READY) egl
+test: $(READY) egl screen
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 check: $(READY)
@@ -44,6 +45,15 @@ egl:
 	  { apt-get update -qq && apt-get install -y -qq $(EGL_PACKAGES); } >/dev/null 2>&1 \
 	  || echo "The EGL libraries could not be installed; there will be no video. Needed: $(EGL_PACKAGES)"; \
 	else echo "No EGL: there will be no video. For one, run: sudo apt-get install -y $(EGL_PACKAGES)"; fi
+
+# The tests of pages and windows need a browser, a screen and keys sent to it. Without them these
+# tests are left out.
+screen:
+	@if command -v chromium >/dev/null && command -v Xvfb >/dev/null && command -v xdotool >/dev/null; then :; \
+	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	  { apt-get update -qq && apt-get install -y -qq $(SCREEN_PACKAGES); } >/dev/null 2>&1 \
+	  || echo "Browser and screen could not be installed; their tests are left out. Needed: $(SCREEN_PACKAGES)"; \
+	else echo "The tests of pages and windows are left out. For them, run: sudo apt-get install -y $(SCREEN_PACKAGES)"; fi
 
 clean:
 	rm -rf .venv out dist build .pytest_cache .ruff_cache

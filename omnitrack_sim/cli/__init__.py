@@ -10,7 +10,17 @@ from typing import Annotated, Any
 import typer
 
 import omnitrack_sim
-from omnitrack_sim.cli import catalogue, network, optimise, reproduce, runs, singularity, sweep
+from omnitrack_sim.cli import (
+    catalogue,
+    film,
+    network,
+    optimise,
+    reproduce,
+    runs,
+    singularity,
+    sweep,
+    view,
+)
 from omnitrack_sim.cli.common import app, err, plain
 from omnitrack_sim.errors import Fault, InputError, OmnitrackError
 from omnitrack_sim.text import clipped
@@ -18,6 +28,7 @@ from omnitrack_sim.text import clipped
 __all__ = [
     "app",
     "catalogue",
+    "film",
     "main",
     "network",
     "optimise",
@@ -25,6 +36,7 @@ __all__ = [
     "runs",
     "singularity",
     "sweep",
+    "view",
 ]
 _LONGEST = 4000
 """Characters of a line of a message; a list of faults bounds its lines itself."""

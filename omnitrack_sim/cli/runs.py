@@ -1,10 +1,10 @@
-"""run, render, view: one scenario."""
+"""run: one scenario."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
@@ -21,13 +21,10 @@ from omnitrack_sim.cli.common import (
     print_json,
     progress,
 )
-from omnitrack_sim.errors import Fault, RenderError, ScenarioError
+from omnitrack_sim.cli.film import check_camera
 
 if TYPE_CHECKING:
     from omnitrack_sim.sim.result import Result
-
-GIF: dict[str, Any] = {"width": 640, "height": 360, "fps": 10}
-"""What ``render`` makes of a GIF, which has no such compression as an MP4."""
 
 
 @app.command()
@@ -61,7 +58,7 @@ def run(
     loaded = load(scenario, [*(assignments or []), *([FAST] if fast else [])])
     camera = camera or ("side" if loaded.mission is None else "follow")
     if video:
-        _check_camera(camera)
+        check_camera(camera)
     target = folder or Path("out") / loaded.name
     check_folder(target, RESULT_FILE)
     with progress(f"run {loaded.name}", as_json) as report:
@@ -72,13 +69,6 @@ def run(
         print_json(result.summary())
     else:
         _print_result(result, target)
-
-
-def _check_camera(camera: str) -> None:
-    from omnitrack_sim.film.render import CAMERAS
-
-    if camera not in CAMERAS:
-        raise ScenarioError(Fault("--camera", f"is {camera!r}", CAMERAS, given=camera))
 
 
 def _draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
@@ -205,53 +195,3 @@ def _module_table(result: Result) -> Table:
         assert isinstance(values, list)
         table.add_row(label, unit, *(f"{v:.{digits}f}" for v in values))
     return table
-
-
-@app.command()
-def render(
-    run_dir: Annotated[
-        Path, typer.Argument(metavar="RUN_DIR", help="A folder that `omnitrack run` wrote.")
-    ],
-    camera: Annotated[str, typer.Option(help="side, follow or onboard.")] = "side",
-    file: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            metavar="FILE",
-            help="A .mp4, or a smaller .gif; RUN_DIR/CAMERA.mp4 when not given.",
-        ),
-    ] = None,
-) -> None:
-    """Render a saved run from another camera, as MP4 or GIF."""
-    from omnitrack_sim.film.encoding import film_format
-    from omnitrack_sim.film.render import render_video
-    from omnitrack_sim.sim.loading import load_result
-    from omnitrack_sim.writing import check_file
-
-    _check_camera(camera)
-    target = file or run_dir / f"{camera}.mp4"
-    size = GIF if film_format(target) == "gif" else {}
-    if file is not None:
-        check_file(file)
-    result = load_result(run_dir)
-    with progress("video", False) as report:
-        render_video(result, target, camera=camera, progress=report, **size)
-    out.print(f"saved {plain(str(target))}", soft_wrap=True)
-
-
-@app.command()
-def view(scenario: ScenarioArgument, assignments: SetOption = None) -> None:
-    """Open a scenario's model in MuJoCo's viewer (needs a screen)."""
-    import os
-
-    loaded = load(scenario, assignments)
-    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise RenderError("the viewer needs a screen; `omnitrack run` renders a video without one")
-    import mujoco.viewer
-
-    from omnitrack_sim.sim.builder import scene_of, start_qpos
-
-    model = scene_of(loaded, looks=True).compile()
-    data = mujoco.MjData(model)
-    data.qpos[:] = start_qpos(loaded, model)
-    mujoco.viewer.launch(model, data)
