@@ -22,8 +22,10 @@ from omnitrack_sim.rotations import Array, cross, dot, length, rotation_about
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim.builder import settings_of
 from omnitrack_sim.theory.kinematics import module_speeds
+from omnitrack_sim.theory.singularity import safe_margin, sector_angle
 
 PERIOD, BORE = 0.01, 0.16
+ASIDE = "control.parameters.alignment.aside_tee_turn"
 UPRIGHT = Lean(np.zeros((1, 3)), np.zeros(1))
 STRAIGHT = {"kind": "straight", "length": 0.5}
 WAYS = {
@@ -220,6 +222,22 @@ def test_a_stop_inside_is_worth_it_before_a_tee_turn_only(name: str) -> None:
     assert bool(rolls) == (name == "tee_turn")
 
 
+@pytest.mark.parametrize(("theta5_deg", "rolls"), [(0.0, -1), (2.0, 1), (-5.0, 0), (9.0, 0)])
+def test_a_robot_does_not_turn_into_a_branch_dead_on(theta5_deg: float, rolls: int) -> None:
+    """Before a tee turn it rolls off the best orientation, to the nearer side, and stays where it
+    is beside it; told to keep nothing beside, it stays dead on."""
+    changes: dict[str, Any] = {"control.align": True}
+    for aside, sign in (({}, rolls), ({ASIDE: (0.0, 0.0, 0.0)}, 0)):
+        bench = Bench(scenario_of("tee_turn", **changes, **aside))
+        before = float(bench.routes.start[0]) - bench.scenario.robot.length / 2 - 0.01
+        command = [bench.step(before, theta5_deg) for _ in range(50)][-1]
+        turn = -np.degrees(command.roll[0, 0]) * bench.scenario.robot.lug_radius / (BORE / 2)
+        assert np.sign(turn) == sign
+        if sign:
+            margin = np.degrees(safe_margin(sector_angle(BORE / 2, bench.scenario.robot.reach)))
+            assert abs(theta5_deg + turn) == pytest.approx(0.45 * margin)
+
+
 @pytest.mark.parametrize("attempts", [1, 3])
 def test_a_robot_whose_rolls_do_not_help_gives_up_after_its_attempts(attempts: int) -> None:
     """Before a tee, with modules that do not turn, it plans as many rolls as it may, and goes
@@ -243,14 +261,14 @@ def test_two_elbows_close_together_are_prepared_for_at_once(turn_deg: float) -> 
     pipes = [WAYS["elbow"], WAYS["elbow"] | {"turn_deg": turn_deg}]
     bench = Bench(scenario_of(*pipes, **{"control.align": True}))
     aligner = Aligner(bench.setup, "alignment")
-    best, margin = aligner.best[:, 0, 0], aligner.aim[:, 0, 0]
+    best, margin = aligner.best[:, 0, 0, 0], aligner.aim[:, 0, 0, 0]
     assert best.shape == margin.shape == (AIMS,)
     start, frame = bench.routes.start[:2], bench.scenario.route.centreline.frame
     # Without twist: a direction keeps its coordinates in the frame of the centreline.
     towards = [bench.routes.directions[i] @ frame(start[i : i + 1])[0] for i in (0, 1)]
     later = np.arctan2(towards[0][1], towards[0][0]) - np.arctan2(towards[1][1], towards[1][0])
     single = Bench(scenario_of("elbow", **{"control.align": True}))
-    asked = Aligner(single.setup, "alignment").aim[:, 0, 0]
+    asked = Aligner(single.setup, "alignment").aim[:, 0, 0, 0]
     assert (np.abs(orientation_error(best, 0.0)) <= asked + 1e-9).all()
     assert (np.abs(orientation_error(best + later, 0.0)) <= asked + 1e-9).all()
     assert (margin < asked).all()

@@ -60,15 +60,19 @@ class AlignmentTable(Table):
     # Fractions of the safe margin to aim for, tried in order. If every roll that reaches the first
     # ends near the no-motion line, the planner falls back to the next, wider one. Straight over a
     # tee nearer is steadier: tilt up to 1.1 degrees from 6 degrees beside the best orientation, 0.9
-    # from the best. In a tee turn it is not: dead on, both outer modules lose the wall at the same
-    # time (docs/design-study.md).
+    # from the best.
     aim_elbow: Three = (0.5, 0.5, 1.0)
     aim_tee_turn: Three = (0.5, 0.85, 1.0)
     aim_tee_straight: Three = (0.25, 0.5, 1.0)
+    # Fractions of the safe margin to keep beside the best orientation for a tee turn. Dead on, both
+    # outer modules lose the wall at the same time (docs/design-study.md).
+    aside_tee_turn: Three = (0.45, 0.4, 0.3)
 
 
 AIMS = 3
 """Number of fractions that are tried."""
+SIDES = 2
+"""Number of ranges of theta5 of one aim: one on either side of the best orientation."""
 
 
 def manoeuvres(routes: RouteMap) -> tuple[Manoeuvre | None, ...]:
@@ -110,6 +114,7 @@ class Aligner:
         self._clear_enough = np.radians(each["clear_enough_deg"]) - self._settled
         self._band = each["no_motion_band"][:, None]
         self._aims = {m: each[f"aim_{m}"] for m in _FIRST_COMES}  # (n, AIMS) of each manoeuvre
+        self._aside = each["aside_tee_turn"]  # (n, AIMS)
         n = setup.n
         self.roll = np.array(setup.roll, float)
         self.roll_target = self.roll.copy()
@@ -135,8 +140,8 @@ class Aligner:
         given = self.settings.safe_margin[:, None]
         sector = sector_angle(routes.corner_radius, self.settings.reach[:, None], np.pi / 2)
         margin = np.where(np.isnan(given), safe_margin(sector), given)  # (n, Q) rad
-        self.best = np.zeros((AIMS, *margin.shape))  # (AIMS, n, Q) rad
-        self.aim = np.zeros(self.best.shape)  # (AIMS, n, Q) rad, half-width of the range about it
+        self.best = np.zeros((AIMS, SIDES, *margin.shape))  # (AIMS, SIDES, n, Q) rad
+        self.aim = np.zeros(self.best.shape)  # rad, half-width of the range about it
         # (Q,) goes with any orientation
         self.makes_do = np.array([m in ("elbow", "tee_straight") for m in asked])
         for q, manoeuvre in enumerate(asked):
@@ -149,7 +154,22 @@ class Aligner:
             for i in range(AIMS):
                 widths = [self._aims[wanted][:, i] * margin[:, p] for p, wanted in together]
                 wishes = list(map(Wish, centres, widths))
-                self.best[i, :, q], self.aim[i, :, q] = agreed(wishes)
+                for j, first in enumerate(self._to_the_sides(together[0], wishes[0], i, margin)):
+                    best, aim = agreed([first, *wishes[1:]])
+                    self.best[i, j, :, q], self.aim[i, j, :, q] = best, aim
+
+    def _to_the_sides(
+        self, passage: tuple[int, Manoeuvre], wish: Wish, aim: int, margin: Array
+    ) -> tuple[Wish, Wish]:
+        """What of a wish lies on either side of the best orientation; all of it, twice, where there
+        is nothing to keep beside."""
+        q, manoeuvre = passage
+        if manoeuvre != "tee_turn":
+            return wish, wish
+        aside = np.minimum(self._aside[:, aim] * margin[:, q], wish.margin)
+        middle = np.where(aside > 0, (wish.margin + aside) / 2, 0.0)
+        half = wish.margin - middle
+        return Wish(wish.best + middle, half), Wish(wish.best - middle, half)
 
     def _together(
         self, q: int, manoeuvre: Manoeuvre, asked: Sequence[Manoeuvre | None]
@@ -234,10 +254,11 @@ class Aligner:
         new = due & np.isinf(self.deadline)
         self.deadline = np.where(new, observation.time + self._patience, self.deadline)
         settled = np.abs(observation.roll - self.roll_target).max(axis=-1) < self._settled
-        # The last range is the widest.
-        best = self.best[-1, self._rows, place.passage]
-        width = self.aim[-1, self._rows, place.passage]
-        oriented = np.abs(orientation_error(place.theta5, best)) <= width + ROUNDING
+        # The last ranges are the widest.
+        best = self.best[-1][:, self._rows, place.passage]  # (SIDES, n)
+        width = self.aim[-1][:, self._rows, place.passage]
+        error = np.abs(orientation_error(place.theta5, best))
+        oriented = (error <= width + ROUNDING).any(axis=0)
         off_the_line = no_motion_distance(observation.roll).min(axis=-1) >= self._clear_enough
         # With the nose inside, a fitting that goes with any orientation is not worth a stop.
         inside = (room < 0) & self.makes_do[place.passage]
@@ -277,14 +298,18 @@ class Aligner:
         (m,)."""
         roll = self.roll_target[robots, 0]
         ratio = self.robot.lug_radius / self.routes.radius[passage]
-        best, aims = self.best[:, robots, passage], self.aim[:, robots, passage]  # (AIMS, m) rad
+        best = self.best[..., robots, passage]  # (AIMS, SIDES, m) rad
+        aims = self.aim[..., robots, passage]
         plan, least = None, np.full(len(robots), np.inf)
         for clearance, detour in zip(
             self._clearances[robots].T, self._clearance_detours[robots].T, strict=True
         ):
-            for width, (centre, aim) in enumerate(zip(best, aims, strict=True)):
+            for width, side in np.ndindex(*best.shape[:2]):
+                centre, aim = best[width, side], aims[width, side]
                 other = plan_roll(theta5, roll, centre, aim, ratio, no_motion_margin=clearance)
-                cost = np.abs(other.change) + detour + width * self._aim_detour[robots]
+                # Of two equally long rolls, to either side, the positive one costs less.
+                roll_cost = np.abs(other.change) - ROUNDING * (other.change > 0)
+                cost = roll_cost + detour + width * self._aim_detour[robots]
                 cost = np.where(other.exists, cost, np.inf)
                 plan = other if plan is None else other.where(cost < least, plan)
                 least = np.minimum(cost, least)

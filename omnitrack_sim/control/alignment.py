@@ -127,11 +127,11 @@ class Wish(NamedTuple):
     """A range of theta5 that a fitting asks for.
 
     Attributes:
-        best: rad, middle of the range, modulo the period.
+        best: (n,) rad, or one for all, middle of the range, modulo the period.
         margin: (n,) rad to either side.
     """
 
-    best: float
+    best: float | Array
     margin: Array
 
 
