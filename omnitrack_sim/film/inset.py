@@ -61,7 +61,7 @@ class Inset:
         self.view = projection(network)
         # Pixels of the large map for one pixel of a film with 720 lines.
         self.unit = _FINER * min(height / 720, width / 1280)
-        axes = [self._flat(line) for part in network.parts for line in _lines(part)]
+        axes = [self._flat(line) for part in network.parts for line in axis_lines(part)]
         radius = max(part.fitting.radius for part in network.parts)
         low = np.min([axis.min(axis=0) for axis in axes], axis=0) - radius
         high = np.max([axis.max(axis=0) for axis in axes], axis=0) + radius
@@ -110,7 +110,7 @@ class Inset:
         draw.rounded_rectangle(
             (0, 0, self.size[0] - 1, self.size[1] - 1), round(10 * self.unit), fill=_PANEL
         )
-        lines = [(part, line) for part in network.parts for line in _lines(part)]
+        lines = [(part, line) for part in network.parts for line in axis_lines(part)]
         pieces = [
             (part.fitting.radius, line[i : i + 2])
             for part, line in lines
@@ -181,7 +181,7 @@ def projection(network: Assembly) -> Array:
     Of elevations and oblique views from above the one in which the fewest pipes lie over others or
     are seen end on.
     """
-    lines = [line for part in network.parts for line in _lines(part)]
+    lines = [line for part in network.parts for line in axis_lines(part)]
     points = np.concatenate(lines)
     points = points[:: max(1, len(points) // _MOST)]
     steps = np.concatenate([np.diff(line, axis=0) for line in lines])
@@ -222,7 +222,7 @@ def _distances(points: Array) -> Array:
     return np.linalg.norm(points[:, None] - points[None], axis=-1)
 
 
-def _lines(part: Part) -> list[Array]:
+def axis_lines(part: Part) -> list[Array]:
     """Axes of a part, points (n, 3) m."""
     return [
         line.at(np.linspace(0, line.length, max(2, round(line.length / SPACING) + 1)))[0]

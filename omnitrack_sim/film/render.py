@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omnitrack_sim.errors import Fault, InputError, RenderError
 from omnitrack_sim.film.encoding import MOST_GIF_FPS, Image, film, film_format
+from omnitrack_sim.film.poses import smooth_belts, sound
 from omnitrack_sim.film.viewpoint import DISTANCE, in_the_way, view_directions
 from omnitrack_sim.record.timeline import passage_indices
 from omnitrack_sim.rotations import unit
@@ -36,8 +35,6 @@ It is darker than for the other cameras, because it throws no shadows there.
 """
 APT_LINE = "sudo apt-get install -y libegl1 libgl1-mesa-dri libopengl0"
 """What headless rendering needs on Debian and Ubuntu."""
-FARTHEST = 1e5
-"""Size of positions, m, and of all that is shown beside them, beyond which a sample is unsound."""
 MOST_PIXELS = 7680
 """Longest side of a picture."""
 MOST_FPS = 240
@@ -147,8 +144,8 @@ class _Stage:
         self.camera, routes = camera, result.routes()
         self.model = _compiled(result, camera, width, height)
         self.data = mj.MjData(self.model)
-        self.trajectory = _shown(result.trajectory)
-        self._qpos = _smooth_belts(self.model, self.trajectory, look_pitch(result.scenario.robot))
+        self.trajectory = sound(result.trajectory)
+        self._qpos = smooth_belts(self.model, self.trajectory, look_pitch(result.scenario.robot))
         self._scene = mj.MjvScene(self.model, maxgeom=2000)
         self._gpu = mj.MjrContext(self.model, mj.mjtFontScale.mjFONTSCALE_100)
         mj.mjr_setBuffer(mj.mjtFramebuffer.mjFB_OFFSCREEN, self._gpu)
@@ -225,27 +222,6 @@ class _Stage:
         return eye
 
 
-def _shown(trajectory: Trajectory) -> Trajectory:
-    """The trajectory with the last sound sample in the place of each that physics which has
-    diverged left without a pose.
-
-    Raises:
-        RenderError: no sample is sound.
-    """
-    names = ("position", "distance", "tilt", "belt_speed")
-    values = [trajectory.qpos, *(trajectory[name] for name in names)]
-    far = [np.abs(value.reshape(len(trajectory.time), -1)).max(axis=1) for value in values]
-    sound = np.all([distance < FARTHEST for distance in far], axis=0)  # NaN is not less either
-    if sound.all():
-        return trajectory
-    if not sound.any():
-        raise RenderError("the run has no pose that can be shown")
-    first = int(np.argmax(sound))
-    rows = np.maximum.accumulate(np.where(sound, np.arange(len(trajectory.time)), first))
-    channels = {name: values[rows] for name, values in trajectory.channels.items()}
-    return replace(trajectory, channels=channels, qpos=trajectory.qpos[rows])
-
-
 def _compiled(result: Result, camera: str, width: int, height: int) -> mujoco.MjModel:
     """The scene of a run with everything that is only looked at, for pictures of this size."""
     from omnitrack_sim.model.looks import FIELD_OF_VIEW, add_pipe_insides
@@ -271,7 +247,7 @@ def _inset(result: Result, width: int, height: int) -> Inset | None:
     if not needs_map(routes):
         return None
     goals, plates = result.goal_points(), result.plate_rims()
-    return Inset(_shown(result.trajectory), routes, goals, plates, width, height)
+    return Inset(sound(result.trajectory), routes, goals, plates, width, height)
 
 
 def _fitting_names(trajectory: Trajectory, routes: Sequence[Route]) -> list[str]:
@@ -298,28 +274,6 @@ def _options(mj: Any, camera: str) -> mujoco.MjvOption:
     options.sitegroup[:] = 0
     options.flags[int(mj.mjtVisFlag.mjVIS_ACTUATOR)] = 0
     return options
-
-
-def _smooth_belts(
-    model: mujoco.MjModel, trajectory: Trajectory, pitch: float
-) -> NDArray[np.float64]:
-    """Joint positions (T, nq) with the belts where they have run to, within half a visible pitch.
-
-    The physics moves its closely spaced lugs back after every pitch; seen 25 times a second they
-    would seem to stand still or to run backward. The belt travel is the integral of the recorded
-    belt speed.
-    """
-    qpos = np.array(trajectory.qpos, float)
-    speed = trajectory["belt_speed"]
-    step = np.diff(trajectory.time)[:, None]
-    travel = np.concatenate(
-        [np.zeros((1, 3)), np.cumsum(step * (speed[1:] + speed[:-1]) / 2, axis=0)]
-    )
-    shown = (travel + pitch / 2) % pitch - pitch / 2
-    for module in range(3):
-        for track in ("upper", "lower"):
-            qpos[:, model.joint(f"belt_{track}_{module + 1}").qposadr[0]] = shown[:, module]
-    return qpos
 
 
 def _open_context(width: int, height: int) -> tuple[Any, Any]:

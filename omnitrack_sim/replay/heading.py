@@ -1,0 +1,81 @@
+"""What a replay says of a run in words and figures, and how two scenarios differ."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from omnitrack_sim.record.metrics import METRICS
+from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.sim.result import Result
+from omnitrack_sim.text import finite, shown
+
+HEADLINE = {
+    "distance_m": "distance",
+    "mean_speed_m_s": "mean speed",
+    "tilt_max_deg": "largest tilt",
+    "slip_ratio_mean": "mean slip ratio, modules 1, 2, 3",
+    "energy_j": "energy",
+}
+"""Figures at the head of a page, with the words for them."""
+MOST_DIFFERENCES = 60
+"""Differences of two scenarios that are listed; of further ones the number is told."""
+
+
+def heading_table(result: Result) -> dict[str, Any]:
+    """Name, outcome, versions and figures of a run."""
+    units = {metric.name: (metric.unit, metric.meaning) for metric in METRICS}
+    figures = [
+        {"name": name, "unit": unit, "meaning": meaning.replace("`", ""), "value": value}
+        for name, (unit, meaning) in units.items()
+        if (value := result.metrics.get(name)) is not None
+    ]
+    own = [
+        {"name": name, "unit": "", "meaning": "a metric of the user's own", "value": value}
+        for name, value in result.metrics.items()
+        if name not in units and name != "phase_time_s"
+    ]
+    return finite(
+        {
+            "name": result.scenario.name,
+            "outcome": result.outcome.value.replace("_", " "),
+            "success": result.success,
+            "advice": result.outcome.advice,
+            "reason": result.reason,
+            "duration": result.duration_s,
+            "figures": [*figures, *own],
+            "provenance": _provenance(result),
+        }
+    )
+
+
+def _provenance(result: Result) -> list[list[str]]:
+    """What made the run, as pairs of words."""
+    made = result.provenance
+    versions: dict[str, Any] = made.get("versions") or {}
+    rows = [[str(name), str(version)] for name, version in versions.items() if version]
+    for key in ("seed", "scenario_sha256", "git_commit", "platform"):
+        if made.get(key) is not None:
+            rows.append([key.replace("_", " "), str(made[key])])
+    return rows
+
+
+def differences(one: Scenario, other: Scenario) -> list[list[str]]:
+    """Where two scenarios differ: dotted path and both values, as text."""
+    left, right = (dict(_leaves(scenario.model_dump(mode="json"))) for scenario in (one, other))
+    rows = [
+        [path, shown(left.get(path)), shown(right.get(path))]
+        for path in dict.fromkeys([*left, *right])
+        if left.get(path) != right.get(path)
+    ]
+    rest = len(rows) - MOST_DIFFERENCES
+    return [*rows[:MOST_DIFFERENCES], [f"and {rest} more", "", ""]] if rest > 0 else rows
+
+
+def _leaves(table: dict[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in table.items():
+        path = f"{above}{key}"
+        if isinstance(value, dict) and value:
+            yield from _leaves(value, f"{path}.")
+        else:
+            yield path, value

@@ -1,0 +1,137 @@
+// The map of the pipes: the way so far, the robot and its goals.
+import { Quaternion, Vector3 } from "three";
+import { sized } from "replay/words";
+
+const PAD = 10; // px around the pipes
+
+export class Chart {
+  constructor(map, motion) {
+    this.map = map;
+    this.motion = motion;
+    this.canvas = document.getElementById("map");
+    this.picture = document.createElement("canvas");
+    this.canvas.hidden = false;
+    const points = map.pieces.flatMap(([, a, b]) => [a, b]);
+    const widest = Math.max(...map.pieces.map(([radius]) => radius));
+    this.low = [0, 1].map((i) => points.reduce((m, p) => Math.min(m, p[i]), Infinity) - widest);
+    this.high = [0, 1].map((i) => points.reduce((m, p) => Math.max(m, p[i]), -Infinity) + widest);
+    const [xs, ys, zs] = motion.positions;
+    this.way = Array.from(motion.time, (_, row) => this.flat([xs[row], ys[row], zs[row]]));
+  }
+
+  flat(point) {
+    return this.map.view.map((axis) => axis[0] * point[0] + axis[1] * point[1] + axis[2] * point[2]);
+  }
+
+  pixel([x, y]) {
+    return [PAD + this.scale * (x - this.low[0]), PAD + this.scale * (this.high[1] - y)];
+  }
+
+  /** Fit the map into a corner of a view of this size. */
+  resize(width, height) {
+    const [wide, high] = [0, 1].map((i) => this.high[i] - this.low[i]);
+    const room = [Math.min(300, 0.42 * width) - 2 * PAD, Math.min(260, 0.4 * height) - 2 * PAD];
+    this.scale = Math.min(room[0] / wide, room[1] / high);
+    const size = [this.scale * wide + 2 * PAD, this.scale * high + 2 * PAD];
+    this.canvas.style.width = `${size[0]}px`;
+    this.ratio = sized(this.canvas, ...size);
+    this.picture.width = this.canvas.width;
+    this.picture.height = this.canvas.height;
+    this.paint(this.picture.getContext("2d"));
+  }
+
+  paint(pen) {
+    const { map, ratio } = this;
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    pen.lineCap = "round";
+    for (const [radius, a, b] of map.pieces) {
+      const thick = Math.max(4, 2 * radius * this.scale);
+      // The pale edge ends square, so that it shows at crossings and not where pieces meet.
+      for (const [cap, width, colour] of [["butt", thick + 3, "#fff"], ["round", thick, "#b4bdc8"]]) {
+        pen.lineCap = cap;
+        pen.lineWidth = width;
+        pen.strokeStyle = colour;
+        this.path(pen, [a, b]);
+        pen.stroke();
+      }
+    }
+    pen.fillStyle = "#c8322b";
+    for (const plate of map.plates) {
+      this.path(pen, plate);
+      pen.fill();
+      pen.lineWidth = 3;
+      pen.strokeStyle = "#c8322b";
+      pen.stroke();
+    }
+    for (const goal of map.goals) this.star(pen, this.pixel(goal));
+  }
+
+  path(pen, points) {
+    pen.beginPath();
+    points.forEach((point, i) => pen[i ? "lineTo" : "moveTo"](...this.pixel(point)));
+  }
+
+  star(pen, [x, y]) {
+    pen.beginPath();
+    for (let i = 0; i < 10; i++) {
+      const [reach, angle] = [i % 2 ? 3.2 : 7.5, (Math.PI * i) / 5];
+      pen[i ? "lineTo" : "moveTo"](x + reach * Math.sin(angle), y - reach * Math.cos(angle));
+    }
+    pen.closePath();
+    pen.fillStyle = "#ffd34d";
+    pen.fill();
+    pen.lineWidth = 1;
+    pen.strokeStyle = "#5f4a00";
+    pen.stroke();
+  }
+
+  update() {
+    const { canvas, ratio, motion } = this;
+    const pen = canvas.getContext("2d");
+    pen.setTransform(1, 0, 0, 1, 0, 0);
+    pen.clearRect(0, 0, canvas.width, canvas.height);
+    pen.drawImage(this.picture, 0, 0);
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.trail(pen);
+    motion.pose(0, place, turn);
+    const [x, y] = this.pixel(this.flat(place.toArray()));
+    nose.set(0, 0, 1).applyQuaternion(turn);
+    const ahead = this.flat(nose.toArray());
+    pen.fillStyle = "#22262b";
+    pen.strokeStyle = "#fff";
+    pen.lineWidth = 1.5;
+    pen.beginPath();
+    pen.moveTo(x + 14 * ahead[0], y - 14 * ahead[1]);
+    pen.lineTo(x - 4 * ahead[1], y - 4 * ahead[0]);
+    pen.lineTo(x + 4 * ahead[1], y + 4 * ahead[0]);
+    pen.fill();
+    pen.beginPath();
+    pen.arc(x, y, 5, 0, 2 * Math.PI);
+    pen.fill();
+    pen.stroke();
+  }
+
+  trail(pen) {
+    const { motion, way, map } = this;
+    const [gear] = motion.curves.gear;
+    pen.lineWidth = 2.4;
+    pen.lineJoin = "round";
+    let begun = null;
+    const step = Math.max(1, Math.floor(way.length / 1500));
+    for (let row = 0; row <= motion.row; row += step) {
+      if (gear[row] !== begun) {
+        if (begun !== null) pen.stroke();
+        begun = gear[row];
+        pen.strokeStyle = WAYS[begun < 0 ? 1 : 0];
+        pen.beginPath();
+      }
+      pen.lineTo(...this.pixel(way[row]));
+    }
+    pen.stroke();
+  }
+}
+
+const WAYS = ["#c77700", "#b0246e"]; // nose first, tail first
+const place = new Vector3();
+const nose = new Vector3();
+const turn = new Quaternion();

@@ -1,0 +1,122 @@
+"""A run, or two of them, as a page that plays them."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.film.poses import sound
+from omnitrack_sim.replay.packing import Pack
+from omnitrack_sim.sim.result import Result
+from omnitrack_sim.text import clipped
+from omnitrack_sim.writing import check_file, format_of, write_file
+
+FORMATS = ("html",)
+_Source = Result | str | os.PathLike[str]
+
+
+def write_replay(result: _Source, path: str | Path, compare: _Source | None = None) -> Path:
+    """Write a page that plays a run in a browser: one file, which needs no network.
+
+    Args:
+        result: a ``Result``, or the folder of a saved one.
+        path: file to write, ``.html``.
+        compare: a second run through the same pipes, shown as a translucent robot and as paler
+            curves.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: another ending, or a second run through other pipes.
+        RenderError: a run has no pose that can be shown.
+        OutputError: a folder is no run, or the file cannot be written.
+    """
+    from omnitrack_sim.replay.page import page_of
+    from omnitrack_sim.sim.loading import as_result
+
+    format_of(path, None, "page", FORMATS)
+    check_file(path)
+    runs = [as_result(result)]
+    if compare is not None:
+        runs.append(as_result(compare))
+        _check_pipes(*runs)
+    write_file(path, page_of(replay_data(runs)).encode("utf-8"))
+    return Path(path)
+
+
+def replay_data(runs: list[Result]) -> dict[str, Any]:
+    """All that the page knows of its runs, of which the first one brings the pipes."""
+    from omnitrack_sim.replay.chart import map_table
+    from omnitrack_sim.replay.curves import arrow_scales, panels_of
+    from omnitrack_sim.replay.heading import HEADLINE, differences
+    from omnitrack_sim.replay.scene import Shapes, follow_table, looks_model, pipes_table
+
+    first, pack = runs[0], Pack()
+    shapes, model = Shapes(pack), looks_model(first.scenario, pipes=True)
+    trajectory = sound(first.trajectory)
+    network = first.routes()[0].network
+    return {
+        "runs": [_run_table(run, pack, shapes) for run in runs],
+        "pipes": pipes_table(network, model, shapes),
+        "follow": follow_table(first, trajectory, pack),
+        "map": map_table(first),
+        "panels": [dataclasses.asdict(panel) for panel in panels_of(first.trajectory)],
+        "headline": HEADLINE,
+        "arrows": arrow_scales(trajectory, first.scenario.robot.scale),
+        "differences": differences(*(run.scenario for run in runs)) if len(runs) > 1 else [],
+        "shapes": shapes.tables,
+        "data": pack.text(),
+    }
+
+
+def _run_table(result: Result, pack: Pack, shapes: Any) -> dict[str, Any]:
+    """What the page knows of one run, its robot included."""
+    from omnitrack_sim.replay import curves
+    from omnitrack_sim.replay.heading import heading_table
+    from omnitrack_sim.replay.scene import TIME_STEP, looks_model, robot_table
+
+    trajectory = sound(result.trajectory)
+    model = looks_model(result.scenario, pipes=False)
+    with np.errstate(invalid="ignore", over="ignore"):  # of physics that has diverged
+        return {
+            "heading": heading_table(result),
+            "time": pack.steps(trajectory.time, TIME_STEP),
+            "robot": robot_table(result, trajectory, model, pack, shapes),
+            "curves": curves.curves_table(trajectory, pack),
+            "phases": curves.phases_table(trajectory),
+            "fittings": curves.fittings_table(trajectory, result.routes()),
+            "events": curves.events_table(result),
+            "notes": curves.notes(result),
+        }
+
+
+def _check_pipes(one: Result, other: Result) -> None:
+    """Refuse a second run through other pipes: it cannot be shown in those of the first one.
+
+    Raises:
+        InputError: it drove through other pipes, or other ports were closed.
+    """
+    first, second = (run.routes()[0].network.parts for run in (one, other))
+    problem = ""
+    if len(first) != len(second):
+        problem = f"it has {len(second)} fittings, and the first run {len(first)}"
+    for a, b in zip(first, second, strict=False):
+        moved = np.abs(a.pose.position - b.pose.position).max() > SAME_PLACE
+        turned = np.abs(a.pose.rotation - b.pose.rotation).max() > SAME_PLACE
+        if not problem and (a.fitting != b.fitting or moved or turned):
+            problem = f"{clipped(b.name, 60)} is not {clipped(a.name, 60)} of the first run"
+    if not problem and one.scenario.plates != other.scenario.plates:
+        problem = "other ports are closed by plates"
+    if problem:
+        told = f"drove through other pipes, so that it cannot be shown in the first run's: {problem}"
+        raise InputError(Fault("compare", told))
+
+
+SAME_PLACE = 1e-6
+"""Difference of positions, m, and of rotations, within which two fittings lie alike."""
