@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.record.outcome import Outcome
     from omnitrack_sim.record.timeline import Visit
     from omnitrack_sim.record.trajectory import Trajectory
+    from omnitrack_sim.replay import write_replay
     from omnitrack_sim.robot import MOTORS, Motor, Robot
     from omnitrack_sim.scenario import Scenario, load_scenario, override
     from omnitrack_sim.schema.reading import (
@@ -75,6 +76,7 @@ _HOME = {
     "pipes": ("Elbow", "Assembly", "Reducer", "Step", "Straight", "Tee", "route"),
     "plots": ("plot_mission", "plot_singularity", "plot_summary"),
     "film.render": ("render_frame", "render_video"),
+    "replay": ("write_replay",),
     "robot": ("MOTORS", "Motor", "Robot"),
     "scenario": ("Scenario", "load_scenario", "override"),
     "sim.loading": ("load_result",),
@@ -157,6 +159,7 @@ __all__ = [
     "shipped_studies",
     "shipped_sweeps",
     "shortest_route",
+    "write_replay",
 ]
 
 

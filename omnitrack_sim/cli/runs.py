@@ -22,6 +22,7 @@ from omnitrack_sim.cli.common import (
     progress,
 )
 from omnitrack_sim.cli.film import check_camera
+from omnitrack_sim.cli.replay import PAGE
 
 if TYPE_CHECKING:
     from omnitrack_sim.sim.result import Result
@@ -50,7 +51,7 @@ def run(
         bool, typer.Option("--json", help="Print result.json instead of the table.")
     ] = False,
 ) -> None:
-    """Run one scenario and save result, timeline, trajectory, plots and video."""
+    """Run one scenario and save result, timeline, trajectory, plots, replay page and video."""
     from omnitrack_sim.sim.files import RESULT_FILE
     from omnitrack_sim.sim.run import run as run_scenario
     from omnitrack_sim.writing import check_folder
@@ -72,14 +73,15 @@ def run(
 
 
 def _draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
-    """Add the plots to a saved run, and the film where a camera is given; one that cannot be made
-    is told as a warning and costs only itself."""
+    """Add plots and replay page to a saved run, and the film where a camera is given; one that
+    cannot be made is told as a warning and costs only itself."""
     from omnitrack_sim.film.inset import needs_map
     from omnitrack_sim.film.render import render_video
     from omnitrack_sim.plots import plot_mission, plot_summary
     from omnitrack_sim.plots.style import attempt
+    from omnitrack_sim.replay import write_replay
 
-    def picture(name: str, plot: Callable[[Result, Path], None], called: str) -> None:
+    def picture(name: str, plot: Callable[[Result, Path], object], called: str) -> None:
         file = target / name
         again = f"{called}({str(target)!r}, {str(file)!r})"
         attempt(name, lambda: plot(result, file), again)
@@ -87,6 +89,7 @@ def _draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None
     picture("summary.png", plot_summary, "ot.plot_summary")
     if needs_map(result.routes()):
         picture("map.png", plot_mission, "ot.plot_mission")
+    picture(PAGE, write_replay, "ot.write_replay")
     if camera is not None:
         film = target / "video.mp4"
         with progress("video", quiet) as report:

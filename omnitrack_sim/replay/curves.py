@@ -49,9 +49,7 @@ class Panel:
 
 
 PANELS = (
-    Panel(
-        "Belt speed", "mm/s", "belt_speed", 1e3, "belt_speed_command", first=True, least=20.0
-    ),
+    Panel("Belt speed", "mm/s", "belt_speed", 1e3, "belt_speed_command", first=True, least=20.0),
     Panel("Slip ratio", "1", "slip_ratio", first=True, low=-1.0, high=1.0),
     Panel("Traction", "N", "traction", first=True, least=2.0),
     Panel("Normal force", "N", "normal_force", first=True, low=0.0, least=2.0),

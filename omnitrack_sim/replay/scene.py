@@ -23,13 +23,13 @@ from omnitrack_sim.model.meshes import THICKNESS, cut_normal
 from omnitrack_sim.model.robot import add_robot
 from omnitrack_sim.model.spec import new_spec
 from omnitrack_sim.model.walls import add_plates
-from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.replay.packing import Pack, rounded
 from omnitrack_sim.replay.solids import Solid, geom_colour, in_body, mesh_solid, together
 from omnitrack_sim.robot import MODULES
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.rotations import Array, unit
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.result import Result
 
@@ -149,12 +149,19 @@ def pipes_table(network: Assembly, model: mujoco.MjModel, shapes: Shapes) -> dic
     data, towards = mujoco.MjData(model), view_direction(network)
     mujoco.mj_kinematics(model, data)
 
-    def piece(geom: int) -> dict[str, Any]:
-        turn = np.zeros(4)
+    def piece(geom: int, part: Part | None = None) -> dict[str, Any]:
+        turn, place = np.zeros(4), data.geom_xpos[geom]
         mujoco.mju_mat2Quat(turn, data.geom_xmat[geom])
+        frame = data.geom_xmat[geom].reshape(3, 3)
+
+        def across(points: Array) -> Array:
+            """The exact wall's normals, in the geom's frame."""
+            assert part is not None
+            return unit(part.signed_distance(points @ frame.T + place)[1] @ frame)
+
         return {
-            "shape": shapes.add(mesh_solid(model, geom)),
-            "position": rounded(data.geom_xpos[geom], 6),
+            "shape": shapes.add(mesh_solid(model, geom, across if part else None)),
+            "position": rounded(place, 6),
             "turn": rounded(turn, 7),
         }
 
@@ -162,7 +169,7 @@ def pipes_table(network: Assembly, model: mujoco.MjModel, shapes: Shapes) -> dic
     for part in network.parts:
         rotation, samples = part.pose.rotation, part.bore_samples()
         looks = (f"look_{look}_{part.name}" for look in ("pipe", "front", "inside"))
-        kept, front, inside = (piece(model.geom(look).id) for look in looks)
+        kept, front, inside = (piece(model.geom(look).id, part) for look in looks)
         table = {"name": part.name, "kept": kept, "front": front, "inside": inside}
         table["cut"] = rounded(rotation @ cut_normal(part.fitting, rotation.T @ towards), 6)
         table["low"] = rounded(samples.min(axis=0) - THICKNESS, 4)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -36,9 +37,13 @@ class Solid:
     faces: NDArray[np.int64]
 
 
-def mesh_solid(model: mujoco.MjModel, geom: int) -> Solid:
-    """A geom's mesh or shape, in the geom's own frame."""
-    return creased(*_triangles(model, geom))
+Normals = Callable[[Array], Array]
+"""Directions (n, 3) across a known surface at points (n, 3) m near it, either way."""
+
+
+def mesh_solid(model: mujoco.MjModel, geom: int, across: Normals | None = None) -> Solid:
+    """A geom's mesh or shape, in the geom's own frame; ``across`` as in ``creased``."""
+    return creased(*_triangles(model, geom), across)
 
 
 def in_body(model: mujoco.MjModel, geom: int, solid: Solid) -> Solid:
@@ -98,9 +103,10 @@ def _shape(kind: int, size: Array) -> trimesh.Trimesh:
     raise ValueError(f"geoms of type {kind} are not drawn")
 
 
-def creased(vertices: Array, faces: NDArray[np.int64]) -> Solid:
-    """Triangles with a normal at each corner: the mean of the faces that meet there less than
-    ``CREASE_DEG`` apart, weighted by their angles at the corner."""
+def creased(vertices: Array, faces: NDArray[np.int64], across: Normals | None = None) -> Solid:
+    """Triangles with a normal at each corner: that of the surface which ``across`` knows where it
+    is less than ``CREASE_DEG`` from the face's own, and otherwise the mean of the faces that meet
+    there less than that apart, weighted by their angles at the corner."""
     corners = vertices[faces]  # (m, 3, 3)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normals, axis=1)
@@ -111,10 +117,15 @@ def creased(vertices: Array, faces: NDArray[np.int64]) -> Solid:
     of_face, vertex = order // 3, faces.ravel()[order]
     one, other = _meeting(vertex)
     unit = normals[of_face]
-    near = np.einsum("ij,ij->i", unit[one], unit[other]) > math.cos(math.radians(CREASE_DEG))
+    least = math.cos(math.radians(CREASE_DEG))
+    near = np.einsum("ij,ij->i", unit[one], unit[other]) > least
     share = np.where(near, weight[order][other], 0.0)[:, None] * unit[other]
     total = np.add.reduceat(share, np.flatnonzero(np.diff(one, prepend=-1)), axis=0)
     total /= np.linalg.norm(total, axis=1, keepdims=True)
+    if across is not None:
+        known = across(vertices)[vertex]
+        facing = np.einsum("ij,ij->i", known, unit)
+        total = np.where(np.abs(facing)[:, None] > least, np.sign(facing)[:, None] * known, total)
     told = np.column_stack([vertex, np.rint(NORMAL_STEPS * total).astype(np.int64)])
     kept, index = np.unique(told, axis=0, return_inverse=True)
     drawn = np.empty(len(order), np.int64)

@@ -114,7 +114,9 @@ def _check_pipes(one: Result, other: Result) -> None:
     if not problem and one.scenario.plates != other.scenario.plates:
         problem = "other ports are closed by plates"
     if problem:
-        told = f"drove through other pipes, so that it cannot be shown in the first run's: {problem}"
+        told = (
+            f"drove through other pipes, so that it cannot be shown in the first run's: {problem}"
+        )
         raise InputError(Fault("compare", told))
 
 

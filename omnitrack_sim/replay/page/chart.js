@@ -30,7 +30,7 @@ export class Chart {
   /** Fit the map into a corner of a view of this size. */
   resize(width, height) {
     const [wide, high] = [0, 1].map((i) => this.high[i] - this.low[i]);
-    const room = [Math.min(300, 0.42 * width) - 2 * PAD, Math.min(260, 0.4 * height) - 2 * PAD];
+    const room = [Math.min(300, 0.34 * width) - 2 * PAD, Math.min(260, 0.4 * height) - 2 * PAD];
     this.scale = Math.min(room[0] / wide, room[1] / high);
     const size = [this.scale * wide + 2 * PAD, this.scale * high + 2 * PAD];
     this.canvas.style.width = `${size[0]}px`;

@@ -1,5 +1,5 @@
 // The page: state, loop, keys, and window.replay for whoever drives it by script.
-import { Vector3, WebGLRenderer } from "three";
+import { Quaternion, Vector3, WebGLRenderer } from "three";
 import { Arrows, FORCES } from "replay/arrows";
 import { CAMERAS, Cameras } from "replay/cameras";
 import { Chart } from "replay/chart";
@@ -23,6 +23,7 @@ const KEYS = [
   ["?", "this list"],
 ];
 const at = (id) => document.getElementById(id);
+const SMALL = 60; // px that the modules lie apart, below which their numbers would overlap
 const TABS = ["plots", "events", "figures"];
 
 class Replay {
@@ -47,15 +48,23 @@ class Replay {
     if (data.map) this.chart = new Chart(data.map, this.motions[0]);
     this.openStage(bytes);
     this.addControls();
+    this.addTransport();
     this.fromAddress();
     new ResizeObserver(() => this.resize()).observe(at("view"));
     new ResizeObserver(() => this.resize()).observe(at("right"));
     this.resize();
   }
 
+  /** Without WebGL there is no picture, but all the rest. */
   openStage(bytes) {
     const { data, motions } = this;
-    this.renderer = new WebGLRenderer({ canvas: at("stage"), antialias: true, alpha: true });
+    try {
+      this.renderer = new WebGLRenderer({ canvas: at("stage"), antialias: true, alpha: true });
+    } catch (error) {
+      for (const id of ["choices", "legend"]) at(id).hidden = true;
+      at("message").textContent = `no picture: ${error.message}`;
+      return;
+    }
     this.renderer.setPixelRatio(Math.min(2, window.devicePixelRatio || 1));
     this.stage = new Stage(data, bytes, motions);
     this.cameras = new Cameras(data, bytes, motions[0], at("stage"));
@@ -83,6 +92,9 @@ class Replay {
     };
     this.slipButton = extra("slip", "colour the tracks by slip (t)", () => this.setSlip(!this.stage.slip));
     this.forceButton = extra("forces", "arrows of forces (f)", () => this.setForces(!this.arrows.visible));
+  }
+
+  addTransport() {
     at("play").addEventListener("click", () => this.toggle());
     const scrub = at("scrub");
     [scrub.min, scrub.max] = this.span;
@@ -130,24 +142,28 @@ class Replay {
   }
 
   setCamera(name) {
+    if (!this.stage) return;
     this.cameras.choose(name);
     this.markCamera(name);
     this.stale = true;
   }
 
   setPipes(name) {
+    if (!this.stage) return;
     this.stage.pipes = name;
     this.markPipes(name);
     this.stale = true;
   }
 
   setSlip(on) {
+    if (!this.stage) return;
     this.stage.slip = on;
     this.slipButton.ariaPressed = String(on);
     this.tellLegend();
   }
 
   setForces(on) {
+    if (!this.stage) return;
     this.arrows.visible = on;
     this.forceButton.ariaPressed = String(on);
     this.tellLegend();
@@ -162,7 +178,7 @@ class Replay {
       const stops = [0, 0.25, 0.5, 0.75, 1].map((s) => `#${slipColour(s * SLIP_FULL).getHexString()}`);
       bar.style.background = `linear-gradient(90deg, ${stops.join(", ")})`;
       const air = element("i", { className: "air" });
-      legend.append(element("div", {}, "slip ratio 0 ", bar, ` ${SLIP_FULL} and more`));
+      legend.append(element("div", {}, "slip ratio 0 ", bar, ` \u2265 ${SLIP_FULL}`));
       legend.append(element("div", {}, air, " track off the wall"));
     }
     for (const [name, { words, colour }] of this.arrows.visible ? Object.entries(FORCES) : []) {
@@ -188,9 +204,9 @@ class Replay {
       1: () => this.setCamera(CAMERAS[0]),
       2: () => this.setCamera(CAMERAS[1]),
       3: () => this.setCamera(CAMERAS[2]),
-      p: () => this.setPipes(next(PIPES, this.stage.pipes)),
-      t: () => this.setSlip(!this.stage.slip),
-      f: () => this.setForces(!this.arrows.visible),
+      p: () => this.setPipes(next(PIPES, this.stage?.pipes)),
+      t: () => this.setSlip(!this.stage?.slip),
+      f: () => this.setForces(!this.arrows?.visible),
       "+": () => this.faster(1),
       "-": () => this.faster(-1),
       "?": () => at("help").showModal(),
@@ -209,8 +225,8 @@ class Replay {
   resize() {
     const { clientWidth: width, clientHeight: height } = at("view");
     if (width < 1 || height < 1) return;
-    this.renderer.setSize(width, height, false);
-    this.cameras.resize(width, height);
+    this.renderer?.setSize(width, height, false);
+    this.cameras?.resize(width, height);
     this.chart?.resize(width, height);
     this.plots.resize();
     this.strip.resize();
@@ -230,13 +246,7 @@ class Replay {
   draw() {
     this.stale = false;
     for (const motion of this.motions) motion.seek(this.time);
-    const chassis = this.stage.robots[0].objects[0];
-    this.stage.move();
-    this.cameras.update(chassis);
-    this.stage.openPipes(this.cameras.camera, this.cameras.mode, chassis.position);
-    this.arrows.update();
-    this.renderer.render(this.stage.scene, this.cameras.camera);
-    this.placeBadges();
+    if (this.stage) this.drawStage();
     this.chart?.update();
     this.plots.update(this.time);
     this.strip.update(this.time);
@@ -244,16 +254,34 @@ class Replay {
     this.frames += 1;
   }
 
+  drawStage() {
+    const { stage, cameras } = this;
+    const [chassis] = stage.robots[0].objects;
+    stage.move();
+    cameras.update(chassis);
+    stage.openPipes(cameras.camera, cameras.mode, chassis.position);
+    this.arrows.update();
+    this.renderer.render(stage.scene, cameras.camera);
+    this.placeBadges();
+  }
+
+  /** Numbers on the modules; dots where the robot is too small for them. */
   placeBadges() {
-    const { width, height } = at("stage").getBoundingClientRect();
+    const { clientWidth: width, clientHeight: height } = at("stage");
     const { camera, mode } = this.cameras;
-    this.arrows.modules.forEach((body, module) => {
-      this.motions[0].pose(body, point, this.stage.robots[0].objects[0].quaternion.clone());
+    const places = this.arrows.modules.map((body) => {
+      this.motions[0].pose(body, point, turn);
       point.project(camera);
+      return [((point.x + 1) / 2) * width, ((1 - point.y) / 2) * height, point.z];
+    });
+    const [xs, ys] = [0, 1].map((i) => places.map((place) => place[i]));
+    const spread = Math.max(...xs) - Math.min(...xs) + Math.max(...ys) - Math.min(...ys);
+    places.forEach(([x, y, depth], module) => {
       const badge = this.badges[module];
-      badge.hidden = mode === "onboard" || Math.abs(point.z) > 1;
-      badge.style.left = `${((point.x + 1) / 2) * width}px`;
-      badge.style.top = `${((1 - point.y) / 2) * height}px`;
+      badge.hidden = mode === "onboard" || Math.abs(depth) > 1;
+      badge.className = spread < SMALL ? "dot" : "";
+      badge.style.left = `${x}px`;
+      badge.style.top = `${y}px`;
     });
   }
 
@@ -293,6 +321,7 @@ class Replay {
 }
 
 const point = new Vector3();
+const turn = new Quaternion();
 const data = JSON.parse(at("data").textContent);
 const replay = new Replay(data, await unpacked(data.data));
 window.replay = replay;
@@ -302,5 +331,5 @@ const loop = (now) => {
 };
 replay.draw();
 replay.ready = true;
-at("message").hidden = true;
+at("message").hidden = Boolean(replay.stage);
 requestAnimationFrame(loop);

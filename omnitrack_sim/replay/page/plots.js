@@ -130,7 +130,10 @@ export class Plots {
     pen.textAlign = "center";
     for (const time of ticks(this.span, Math.max(3, Math.floor(width / 60)))) {
       line(pen, x(time), TOP, x(time), TOP + height);
-      pen.fillText(`${tickText(time)} s`, Math.min(x(time), LEFT + width - 10), TOP + height + 4);
+      const text = `${tickText(time)} s`;
+      const room = pen.measureText(text).width / 2;
+      const middle = Math.min(LEFT + width - room, Math.max(LEFT + room, x(time)));
+      pen.fillText(text, middle, TOP + height + 4);
     }
   }
 

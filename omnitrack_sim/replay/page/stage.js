@@ -10,6 +10,7 @@ export const SLIP_FULL = 0.5;
 const SLIP_STOPS = ["#c9d3de", "#f5d573", "#f3883a", "#d5342a", "#7f0a2a"].map((c) => new Color(c));
 const AIR = new Color("#3d434b");
 const GHOST = "#5a6fb0";
+const LAMP = 0.1; // brightness of the light at the nose, of a robot of scale 1
 const EDGE_ON = 0.3; // cosine to the cut below which a half would hide the robot
 
 export class Stage {
@@ -20,7 +21,7 @@ export class Stage {
     this.addPipes();
     this.robots = motions.map((motion, index) => this.addRobot(motion, index > 0));
     this.sky = new HemisphereLight(0xffffff, 0x8f99a8, 1.9);
-    this.lamp = new PointLight(0xfff6e6, 0, 0, 1.2);
+    this.lamp = new PointLight(0xfff6e6, 0, 0, 1);
     this.scene.add(this.sky);
     this.robots[0].objects[0].add(this.lamp);
     this.lamp.position.set(0, 0, 0.09 * motions[0].table.robot.scale);
@@ -141,7 +142,7 @@ export class Stage {
       inside.material = clear ? this.clear : hides ? this.faded : this.solid;
       inside.renderOrder = clear || hides ? 3 : 0;
     }
-    this.lamp.intensity = mode === "onboard" ? 0.5 : 0;
+    this.lamp.intensity = mode === "onboard" ? LAMP * this.robots[0].motion.table.robot.scale : 0;
   }
 }
 

@@ -46,6 +46,7 @@ function figure(value) {
   return Array.isArray(value) ? value.map(one) : [one(value)];
 }
 
+const MOST_IN_HEAD = 2; // differences of the scenarios told beside the outcome
 const said = (unit) => (unit === "1" || !unit ? "" : ` ${unit}`);
 
 /** Name, outcome and headline figures. */
@@ -59,7 +60,9 @@ export function tellHead(data) {
   document.getElementById("reason").textContent = first.reason;
   if (second) {
     const ghost = element("span", { className: "chip ghost", title: second.reason });
-    ghost.textContent = `compared with ${second.name}: ${second.outcome} after ` +
+    const few = data.differences.slice(0, MOST_IN_HEAD).map(([path, , value]) => `${path} ${value}`);
+    const more = data.differences.length > MOST_IN_HEAD ? " \u2026" : "";
+    ghost.textContent = `second run (${few.join(", ")}${more}): ${second.outcome} after ` +
       `${second.duration.toFixed(2)} s`;
     chip.after(ghost);
   }
