@@ -26,7 +26,7 @@ def run_dir(tmp_path_factory) -> Path:
 
 
 def test_run_leaves_its_files(run_dir):
-    """A run without video leaves six files and nothing temporary beside them."""
+    """A run without video leaves seven files and nothing temporary beside them."""
     names = {p.name for p in run_dir.iterdir()}
     assert names == {
         "scenario.json",
@@ -34,6 +34,7 @@ def test_run_leaves_its_files(run_dir):
         "timeline.csv",
         "trajectory.parquet",
         "replay.npz",
+        "replay.html",
         "summary.png",
     }
     assert [p.name for p in run_dir.parent.iterdir()] == ["straight"]

@@ -101,7 +101,7 @@ def test_what_fails_is_told_and_nothing_more():
 
 
 def test_plots_that_fail_cost_no_run(tmp_path, monkeypatch):
-    """Plot, map and film fail: each is told, and the run is there and whole."""
+    """Plot, map, page and film fail: each is told, and the run is there and whole."""
 
     def fails(*_, **__):
         raise RuntimeError("no such colour")
@@ -109,6 +109,7 @@ def test_plots_that_fail_cost_no_run(tmp_path, monkeypatch):
     for target in (
         "omnitrack_sim.plots.plot_summary",
         "omnitrack_sim.plots.plot_mission",
+        "omnitrack_sim.replay.write_replay",
         "omnitrack_sim.film.render.render_video",
     ):
         monkeypatch.setattr(target, fails)
@@ -119,9 +120,10 @@ def test_plots_that_fail_cost_no_run(tmp_path, monkeypatch):
     assert [str(w.message).partition(":")[0] for w in told] == [
         "no summary.png",
         "no map.png",
+        "no replay.html",
         "no video",
     ]
     again = f"ot.plot_mission('{tmp_path}/run', '{tmp_path}/run/map.png') draws it again"
     assert again in str(told[1].message)
-    assert f"`omnitrack render {tmp_path}/run --camera side" in str(told[2].message)
+    assert f"`omnitrack render {tmp_path}/run --camera side" in str(told[3].message)
     assert load_result(tmp_path / "run").scenario.name == "chain"

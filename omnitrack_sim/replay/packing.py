@@ -7,7 +7,7 @@ import zlib
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 STEPS = 65534
 """Steps between the lowest and the highest number of a column that is rounded to its own range."""
@@ -47,9 +47,9 @@ class Pack:
         finite stays a gap."""
         table = np.asarray(values, float).reshape(len(np.asarray(values)), -1)
         there = np.isfinite(table)
-        low = np.where(there, table, np.inf).min(axis=0, initial=np.inf)
-        high = np.where(there, table, -np.inf).max(axis=0, initial=-np.inf)
-        low, high = (np.where(np.isfinite(bound), bound, 0.0) for bound in (low, high))
+        least = np.where(there, table, np.inf).min(axis=0, initial=np.inf)
+        most = np.where(there, table, -np.inf).max(axis=0, initial=-np.inf)
+        low, high = (np.where(np.isfinite(bound), bound, 0.0) for bound in (least, most))
         step = np.where(high > low, (high - low) / STEPS, 1.0)
         rounded = np.rint(np.where(there, table - low, 0.0) / step)
         place = self.whole(np.where(there, rounded, STEPS + 1))
@@ -62,5 +62,4 @@ class Pack:
 
 def rounded(values: ArrayLike, digits: int) -> Any:
     """Numbers as lists for JSON, with so many digits after the point."""
-    array: NDArray[np.float64] = np.round(np.asarray(values, float), digits)
-    return (array + 0.0).tolist()  # 0.0, not -0.0
+    return (np.round(np.asarray(values, float), digits) + 0.0).tolist()  # 0.0, not -0.0

@@ -24,7 +24,7 @@ def page_of(data: dict[str, Any]) -> str:
         "TITLE": html.escape(printable(f"{name}, replay")),
         "STYLE": _file("style.css"),
         "DATA": _as_script(data),
-        "LICENCE": html.escape(_text(LIBRARY / "LICENSE")),
+        "LICENCE": html.escape(_text(LIBRARY / "LICENSE"), quote=False),
         "SCRIPTS": "\n".join(_scripts()),
     }
     page = _file("replay.html")

@@ -43,13 +43,13 @@ TIME_STEP = 1e-6
 """What times are rounded to, s."""
 
 
-def looks_model(scenario: Scenario, pipes: bool) -> mujoco.MjModel:
-    """The robot, its joints as in the model of a run, and everything that is looked at; nothing
-    collides. Pipes and plates are left out where they are not wanted."""
-    spec, network = new_spec("replay"), scenario.route.network
+def looks_model(scenario: Scenario, network: Assembly | None = None) -> mujoco.MjModel:
+    """The robot, its joints as in the model of a run, and what is looked at of it and of the pipes
+    of ``network``, if one is given."""
+    spec = new_spec("replay")
     add_robot(spec, scenario.robot, line_tracks=True)
     add_robot_looks(spec, scenario.robot)
-    if pipes:
+    if network is not None:
         add_plates(spec, network, scenario.plates, looks=True)
         add_pipe_looks(spec, network)
         add_pipe_insides(spec, network)

@@ -58,9 +58,8 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
     from omnitrack_sim.replay.scene import Shapes, follow_table, looks_model, pipes_table
 
     first, pack = runs[0], Pack()
-    shapes, model = Shapes(pack), looks_model(first.scenario, pipes=True)
-    trajectory = sound(first.trajectory)
-    network = first.routes()[0].network
+    network, trajectory = first.routes()[0].network, sound(first.trajectory)
+    shapes, model = Shapes(pack), looks_model(first.scenario, network)
     return {
         "runs": [_run_table(run, pack, shapes) for run in runs],
         "pipes": pipes_table(network, model, shapes),
@@ -82,7 +81,7 @@ def _run_table(result: Result, pack: Pack, shapes: Any) -> dict[str, Any]:
     from omnitrack_sim.replay.scene import TIME_STEP, looks_model, robot_table
 
     trajectory = sound(result.trajectory)
-    model = looks_model(result.scenario, pipes=False)
+    model = looks_model(result.scenario)
     with np.errstate(invalid="ignore", over="ignore"):  # of physics that has diverged
         return {
             "heading": heading_table(result),
@@ -114,9 +113,7 @@ def _check_pipes(one: Result, other: Result) -> None:
     if not problem and one.scenario.plates != other.scenario.plates:
         problem = "other ports are closed by plates"
     if problem:
-        told = (
-            f"drove through other pipes, so that it cannot be shown in the first run's: {problem}"
-        )
+        told = f"it drove through other pipes than the first run: {problem}"
         raise InputError(Fault("compare", told))
 
 

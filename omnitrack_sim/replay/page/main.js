@@ -302,7 +302,8 @@ class Replay {
 
   /** Where a body of a run is now: {position: [x, y, z] m, quaternion: [w, x, y, z]}. */
   pose(name, run = 0) {
-    this.draw();
+    for (const motion of this.motions) motion.seek(this.time);
+    this.stage.move();
     const body = this.stage.robots[run].objects.find((object) => object.name === name);
     if (!body) throw new Error(`there is no body ${name}`);
     const { x, y, z, w } = body.quaternion;

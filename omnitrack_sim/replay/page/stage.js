@@ -10,7 +10,7 @@ export const SLIP_FULL = 0.5;
 const SLIP_STOPS = ["#c9d3de", "#f5d573", "#f3883a", "#d5342a", "#7f0a2a"].map((c) => new Color(c));
 const AIR = new Color("#3d434b");
 const GHOST = "#5a6fb0";
-const LAMP = 0.1; // brightness of the light at the nose, of a robot of scale 1
+const LAMP = 0.16; // brightness of the light at the nose, of a robot of scale 1
 const EDGE_ON = 0.3; // cosine to the cut below which a half would hide the robot
 
 export class Stage {

@@ -34,7 +34,7 @@ export function drag(target, go) {
 export function text3(value) {
   if (value === null || !Number.isFinite(value)) return "\u2013";
   const size = Math.abs(value);
-  const digits = size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3;
+  const digits = size >= 99.95 ? 0 : size >= 9.995 ? 1 : size >= 0.9995 ? 2 : 3;
   return (size < 5e-4 ? 0 : value).toFixed(digits).replace("-", "\u2212");
 }
 

@@ -1,0 +1,247 @@
+"""Replay pages as files: what is in them, when there is none, and the command that writes them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from samples import sample_result, sample_trajectory, two_legs_result
+from test_cli import omnitrack
+
+from omnitrack_sim import load_scenario, override, write_replay
+from omnitrack_sim.errors import InputError, OutputError, RenderError
+from omnitrack_sim.record.channels import Channel
+from omnitrack_sim.record.trajectory import RECORDED, Trajectory
+from omnitrack_sim.replay.curves import arrow_scales
+from omnitrack_sim.replay.heading import differences
+from omnitrack_sim.replay.packing import STEPS, Pack
+from omnitrack_sim.replay.page import LIBRARY
+from omnitrack_sim.replay.solids import NORMAL_STEPS, creased
+from omnitrack_sim.replay.write import replay_data
+from omnitrack_sim.scenario import validate
+from omnitrack_sim.sim.provenance import provenance_of
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    return sample_result().save(tmp_path_factory.mktemp("runs") / "run")
+
+
+def in_pipes(**changes):
+    """A sample whose scenario has other values."""
+    scenario = override(sample_result().scenario, changes)
+    return sample_result(scenario=scenario, provenance=provenance_of(scenario))
+
+
+def test_the_library_is_that_of_its_package():
+    """three.js is unchanged: each file has the hash that stands beside it, and no file is without
+    one."""
+    lines = (LIBRARY / "SHA256SUMS").read_text().splitlines()
+    told = {name: digest for digest, name in (line.split() for line in lines)}
+    files = {path.name for path in LIBRARY.iterdir()} - {"SHA256SUMS", "README.md"}
+    assert set(told) == files
+    for name, digest in told.items():
+        assert hashlib.sha256((LIBRARY / name).read_bytes()).hexdigest() == digest
+
+
+def test_no_script_ends_its_element():
+    """Scripts stand in the page as they are, so none may hold what ends or comments out one."""
+    for path in (*LIBRARY.glob("*.js"), *(LIBRARY.parents[1] / "page").glob("*.js")):
+        text = path.read_text(encoding="utf-8").lower()
+        assert "</script" not in text, path
+        assert "<!--" not in text, path
+
+
+def test_the_same_run_gives_the_same_bytes(run, tmp_path):
+    """From the result and from its folder; it holds no address of anything to fetch, and no
+    path."""
+    for name in ("one", "other"):
+        write_replay(run if name == "one" else sample_result(), tmp_path / f"{name}.html")
+    page = (tmp_path / "one.html").read_bytes()
+    assert page == (tmp_path / "other.html").read_bytes()
+    assert str(tmp_path).encode() not in page
+    assert re.findall(rb'(?:src|href)="(?!data:,")[^"]*"', page) == []
+
+
+def test_a_page_holds_the_licence(run, tmp_path):
+    """three.js goes with its licence wherever the page goes."""
+    page = write_replay(run, tmp_path / "a.html").read_text(encoding="utf-8")
+    assert (LIBRARY / "LICENSE").read_text(encoding="utf-8") in page
+
+
+def test_words_in_the_data_are_no_markup(tmp_path):
+    """No name can end the element of the data, and the title is escaped."""
+    name, reason = "<!--<script>&<b>", "</script><script>alert(1)</script>"
+    scenario = validate({"name": name, "pipes": [{"kind": "straight", "length": 1.0}]})
+    result = sample_result(scenario=scenario, reason=reason)
+    page = write_replay(result, tmp_path / "a.html").read_text(encoding="utf-8")
+    assert name not in page
+    assert reason not in page
+    assert "<title>&lt;!--&lt;script&gt;&amp;&lt;b&gt;, replay</title>" in page
+    (data,) = re.findall(r'id="data">(.*?)</script>', page, flags=re.DOTALL)
+    heading = json.loads(data)["runs"][0]["heading"]
+    assert (heading["name"], heading["reason"]) == (name, reason)
+
+
+def test_a_run_of_two_legs_has_map_legs_and_gears():
+    """What the page tells of a mission: the map, fittings by leg and gear, phases in order."""
+    data = replay_data([two_legs_result()])
+    fittings = data["runs"][0]["fittings"]
+    assert {(fitting["leg"], fitting["tail"]) for fitting in fittings} == {(1, False), (2, True)}
+    assert data["map"]["goals"]
+    assert len(data["map"]["view"]) == 2
+    starts = [phase["start"] for phase in data["runs"][0]["phases"]]
+    assert starts == sorted(starts)
+    assert replay_data([sample_result()])["map"] is None
+
+
+def test_physics_that_diverged_is_shown_up_to_there(tmp_path):
+    """Unsound samples stand still; of a run without a sound one there is no page."""
+    trajectory = sample_trajectory()
+    trajectory.qpos[100:] = np.nan
+    trajectory.channels["tilt"][100:] = np.inf
+    assert write_replay(sample_result(trajectory), tmp_path / "a.html").stat().st_size > 800_000
+    trajectory.qpos[:] = np.nan
+    with pytest.raises(RenderError, match="no pose"):
+        write_replay(sample_result(trajectory), tmp_path / "b.html")
+    assert not (tmp_path / "b.html").exists()
+
+
+def test_a_run_of_one_sample_has_a_page(tmp_path):
+    """A run may end where it began."""
+    two = sample_trajectory(samples=2)
+    channels = {name: values[:1] for name, values in two.channels.items()}
+    one = replace(two, time=two.time[:1], qpos=two.qpos[:1], channels=channels)
+    assert write_replay(sample_result(one), tmp_path / "a.html").exists()
+
+
+def test_channels_of_own_sensors_have_plots():
+    """A channel of one's own is among the plots, with its unit; one of many numbers is not."""
+    plain = sample_trajectory()
+    own = {
+        "current": Channel("current", (2,), "A", "of two motors"),
+        "picture": Channel("picture", (64,), "1", "of a camera"),
+    }
+    channels = {**plain.channels, "current": np.ones((201, 2)), "picture": np.zeros((201, 64))}
+    trajectory = Trajectory(plain.time, channels, plain.phases, plain.qpos, {**RECORDED, **own})
+    data = replay_data([sample_result(trajectory)])
+    panels = {panel["channel"]: panel["unit"] for panel in data["panels"]}
+    assert panels["current"] == "A"
+    assert "picture" not in panels
+    assert data["runs"][0]["curves"]["current"]["columns"] == 2
+
+
+def test_tables_keep_numbers_and_gaps():
+    """Rounded to a part of their range, and whole numbers exactly, negative ones too."""
+    pack, values = Pack(), np.array([[0.0, 5.0], [np.nan, 5.0], [1.0, 5.0]])
+    place = pack.ranged(values)
+    assert (place["rows"], place["columns"], place["gap"]) == (3, 2, STEPS + 1)
+    assert place["low"] == [0.0, 5.0]
+    assert pack.whole(np.array([-3, 70_000, -70_000]))["bytes"] == 3
+
+
+def test_edges_stay_sharp_and_round_things_round():
+    """A box has three normals at each corner; a ball one, which points away from its centre."""
+    box = trimesh.creation.box()
+    solid = creased(np.array(box.vertices), np.array(box.faces))
+    assert len(solid.vertices) == 24
+    assert set(np.abs(solid.normals).max(axis=1).tolist()) == {NORMAL_STEPS}
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    solid = creased(np.array(ball.vertices), np.array(ball.faces))
+    assert len(solid.vertices) == len(ball.vertices)
+    np.testing.assert_allclose(solid.normals / NORMAL_STEPS, solid.vertices, atol=0.02)
+
+
+def test_arrows_are_as_long_as_half_a_bore_at_most():
+    """98 % of the forces are at most 80 mm long; the scale is 1, 2 or 5 times a power of ten."""
+    trajectory = sample_trajectory()
+    for name, scale in arrow_scales(trajectory, 1.0).items():
+        longest = scale * np.percentile(np.abs(trajectory[name]), 98)
+        assert 0.03 < longest <= 0.08
+        assert f"{scale:.0e}"[0] in "125"
+
+
+def test_differences_of_scenarios_are_told_by_path():
+    """Both values; nothing of what is the same."""
+    one, other = load_scenario("straight"), load_scenario("straight")
+    assert differences(one, other) == []
+    other = override(other, {"contact.friction": 0.3})
+    assert differences(one, other) == [["contact.friction", repr(one.contact.friction), "0.3"]]
+
+
+@pytest.mark.parametrize(
+    ("pipes", "told"),
+    [
+        ([{"kind": "straight", "length": 1.1}], "is not"),
+        ([{"kind": "straight", "length": 0.5}] * 2, "has 2 fittings, and the first run 1"),
+    ],
+)
+def test_a_run_through_other_pipes_is_refused(tmp_path, pipes, told):
+    """A ghost in the walls would mislead."""
+    scenario = validate({"name": "other", "pipes": pipes})
+    with pytest.raises(InputError, match=told):
+        write_replay(sample_result(), tmp_path / "a.html", compare=sample_result(scenario=scenario))
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_a_robot_of_another_size_is_a_ghost_of_its_own():
+    """Its solids are its own; what both have in common stands in the page once."""
+    alone = len(replay_data([in_pipes()])["shapes"])
+    same = replay_data([in_pipes(), in_pipes(**{"contact.friction": 0.4})])
+    other = replay_data([in_pipes(), in_pipes(**{"robot.contact_length": 0.1})])
+    assert len(same["shapes"]) == alone < len(other["shapes"])
+
+
+def test_another_ending_is_refused(run, tmp_path):
+    """A page is HTML."""
+    with pytest.raises(InputError, match=r"choose from: html"):
+        write_replay(run, tmp_path / "a.pdf")
+
+
+def test_what_is_no_run_is_refused(run, tmp_path):
+    """No positions, a damaged file, no folder; as the run and as the one beside it."""
+    damaged = Path(shutil.copytree(run, tmp_path / "damaged"))
+    (damaged / "replay.npz").unlink()
+    with pytest.raises(OutputError, match=r"is no run: replay\.npz is missing"):
+        write_replay(damaged, tmp_path / "a.html")
+    (damaged / "replay.npz").write_bytes(b"PK")
+    for one, other in ((damaged, None), (run, damaged)):
+        with pytest.raises(OutputError, match=r"replay\.npz: is damaged"):
+            write_replay(one, tmp_path / "a.html", compare=other)
+    with pytest.raises(TypeError, match=r"it must be an ot\.Result"):
+        write_replay(3, tmp_path / "a.html")  # type: ignore[arg-type]
+    assert [*tmp_path.iterdir()] == [damaged]
+
+
+def test_the_command_writes_a_page_beside_the_run(run):
+    """And says where; a second one takes its place."""
+    for _ in range(2):
+        done = omnitrack("replay", str(run), "--compare", str(run))
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.strip() == f"saved {run}/replay.html"
+    assert (run / "replay.html").stat().st_size < 4e6
+
+
+def test_the_command_ends_with_2_for_bad_input(run, tmp_path):
+    """A file, no folder, an ending that is none, pipes that differ."""
+    scenario = validate({"name": "other", "pipes": [{"kind": "straight", "length": 2.0}]})
+    other = sample_result(scenario=scenario, provenance=provenance_of(scenario))
+    other.save(tmp_path / "other")
+    for words, told in (
+        ([tmp_path / "nothing"], "no such folder"),
+        ([run / "result.json"], "is a file"),
+        ([run, "--out", tmp_path / "a.txt"], "choose from: html"),
+        ([run, "--out", tmp_path / "none" / "a.html"], "none"),
+        ([run, "--compare", tmp_path / "other"], "other pipes"),
+    ):
+        done = omnitrack("replay", *map(str, words))
+        assert done.returncode == 2, words
+        assert told in " ".join(done.stderr.split())
+    assert [path.name for path in tmp_path.iterdir()] == ["other"]
