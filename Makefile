@@ -1,4 +1,5 @@
-# make demo: run the tee turn and leave results, plot and video in out/tee_turn.
+# make demo: run the tee turn and leave results, plot, video and replay page in
+# out/tee_turn.
 # make test: run the whole test suite. Both set up .venv and the system libraries first.
 PYTHON ?= python3
 BIN := .venv/bin
@@ -10,6 +11,7 @@ EGL_PACKAGES := libegl1 libgl1-mesa-dri libopengl0
 
 demo: $(READY) egl
 	$(BIN)/omnitrack run scenarios/tee_turn.toml --out out/tee_turn
+	@echo "To play it, open $(CURDIR)/out/tee_turn/replay.html in a browser"
 
 test: $(READY) egl screen
 	$(BIN)/python -m pytest -n 2 --dist loadfile

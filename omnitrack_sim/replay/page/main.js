@@ -68,8 +68,8 @@ class Replay {
     this.renderer.setPixelRatio(Math.min(2, window.devicePixelRatio || 1));
     this.stage = new Stage(data, bytes, motions);
     this.cameras = new Cameras(data, bytes, motions[0], at("stage"));
-    this.stage.lightFor(this.cameras.outside);
-    this.stage.lightFor(this.cameras.onboard);
+    this.stage.lightFor(this.cameras.outside, 1.7);
+    this.stage.lightFor(this.cameras.onboard, 0.2);
     this.arrows = new Arrows(this.stage.scene, motions[0], data.arrows);
     this.cameras.controls.addEventListener("change", () => (this.stale = true));
     this.badges = MODULES.map((colour, i) => {

@@ -10,7 +10,8 @@ export const SLIP_FULL = 0.5;
 const SLIP_STOPS = ["#c9d3de", "#f5d573", "#f3883a", "#d5342a", "#7f0a2a"].map((c) => new Color(c));
 const AIR = new Color("#3d434b");
 const GHOST = "#5a6fb0";
-const LAMP = 0.16; // brightness of the light at the nose, of a robot of scale 1
+const LAMP = 0.32; // brightness of the light at the nose, of a robot of scale 1
+const [DAY, DUSK] = [1.9, 0.6]; // brightness around, outside the pipes and in them
 const EDGE_ON = 0.3; // cosine to the cut below which a half would hide the robot
 
 export class Stage {
@@ -20,7 +21,7 @@ export class Stage {
     this.shapes = data.shapes.map((shape) => geometryOf(bytes, shape));
     this.addPipes();
     this.robots = motions.map((motion, index) => this.addRobot(motion, index > 0));
-    this.sky = new HemisphereLight(0xffffff, 0x8f99a8, 1.9);
+    this.sky = new HemisphereLight(0xffffff, 0x8f99a8, DAY);
     this.lamp = new PointLight(0xfff6e6, 0, 0, 1);
     this.scene.add(this.sky);
     this.robots[0].objects[0].add(this.lamp);
@@ -30,8 +31,8 @@ export class Stage {
   }
 
   /** The light over the shoulder of a camera. */
-  lightFor(camera) {
-    const light = new DirectionalLight(0xffffff, 1.7);
+  lightFor(camera, brightness) {
+    const light = new DirectionalLight(0xffffff, brightness);
     light.position.set(-0.5, 0.9, 0.6);
     light.target.position.set(0, 0, -1);
     camera.add(light, light.target);
@@ -142,7 +143,9 @@ export class Stage {
       inside.material = clear ? this.clear : hides ? this.faded : this.solid;
       inside.renderOrder = clear || hides ? 3 : 0;
     }
-    this.lamp.intensity = mode === "onboard" ? LAMP * this.robots[0].motion.table.robot.scale : 0;
+    const within = mode === "onboard";
+    this.lamp.intensity = within ? LAMP * this.robots[0].motion.table.robot.scale : 0;
+    this.sky.intensity = within ? DUSK : DAY;
   }
 }
 
