@@ -199,6 +199,17 @@ def test_a_robot_of_another_size_is_a_ghost_of_its_own():
     assert len(same["shapes"]) == alone < len(other["shapes"])
 
 
+def test_the_example_of_the_page_on_replays_runs(tmp_path, monkeypatch):
+    """Its Python writes the page of two runs."""
+    root = Path(__file__).parents[1]
+    text = (root / "docs" / "replay.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    exec(compile(code, "replay.md", "exec"), {"__name__": "replay"})
+    assert [path.name for path in tmp_path.iterdir()] == ["replay.html"]
+    assert "control.cruise_speed" in (tmp_path / "replay.html").read_text(encoding="utf-8")
+
+
 def test_another_ending_is_refused(run, tmp_path):
     """A page is HTML."""
     with pytest.raises(InputError, match=r"choose from: html"):
@@ -211,6 +222,11 @@ def test_what_is_no_run_is_refused(run, tmp_path):
     (damaged / "replay.npz").unlink()
     with pytest.raises(OutputError, match=r"is no run: replay\.npz is missing"):
         write_replay(damaged, tmp_path / "a.html")
+    later = json.loads((run / "scenario.json").read_text()) | {"of_a_later_version": 1}
+    (damaged / "scenario.json").write_text(json.dumps(later))
+    with pytest.raises(OutputError, match=r"scenario\.json: .*of_a_later_version"):
+        write_replay(damaged, tmp_path / "a.html")
+    shutil.copy(run / "scenario.json", damaged)
     (damaged / "replay.npz").write_bytes(b"PK")
     for one, other in ((damaged, None), (run, damaged)):
         with pytest.raises(OutputError, match=r"replay\.npz: is damaged"):
