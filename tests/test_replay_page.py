@@ -322,6 +322,8 @@ def test_head_and_figures_tell_the_run(mission, mission_tab):
     page.get_by_role("button", name="figures").click()
     rows = page.locator("#figures-tab tbody tr")
     assert rows.count() >= 12
+    assert "[object" not in page.locator("#figures-tab").inner_text()
+    assert page.locator("#figures-tab td", has_text="phase_time_s cruise").count() == 1
     page.get_by_role("button", name="events").click()
     first = page.locator("#events li button").first
     first.click()

@@ -24,17 +24,6 @@ MOST_DIFFERENCES = 60
 
 def heading_table(result: Result) -> dict[str, Any]:
     """Name, outcome, versions and figures of a run."""
-    units = {metric.name: (metric.unit, metric.meaning) for metric in METRICS}
-    figures = [
-        {"name": name, "unit": unit, "meaning": meaning.replace("`", ""), "value": value}
-        for name, (unit, meaning) in units.items()
-        if (value := result.metrics.get(name)) is not None
-    ]
-    own = [
-        {"name": name, "unit": "", "meaning": "a metric of the user's own", "value": value}
-        for name, value in result.metrics.items()
-        if name not in units and name != "phase_time_s"
-    ]
     return finite(
         {
             "name": result.scenario.name,
@@ -43,10 +32,25 @@ def heading_table(result: Result) -> dict[str, Any]:
             "advice": result.outcome.advice,
             "reason": result.reason,
             "duration": result.duration_s,
-            "figures": [*figures, *own],
+            "figures": _figures(result),
             "provenance": _provenance(result),
         }
     )
+
+
+def _figures(result: Result) -> list[dict[str, Any]]:
+    """The metrics of a run in the order of its file, with a row for each entry of a table."""
+    known = {metric.name: metric for metric in METRICS}
+    rows = []
+    for name, value in result.metrics.items():
+        metric = known.get(name)
+        words = {"unit": "", "meaning": "a metric of the user's own"}
+        if metric is not None:
+            words = {"unit": metric.unit, "meaning": metric.meaning.replace("`", "")}
+        entries = value if isinstance(value, dict) else {"": value}
+        for entry, one in entries.items():
+            rows.append({"name": f"{name} {entry}".strip(), "value": one, **words})
+    return rows
 
 
 def _provenance(result: Result) -> list[list[str]]:

@@ -104,7 +104,10 @@ export function tellFigures(data) {
 
 function tableOf(heads, rows) {
   const head = element("tr", {}, ...heads.map((text) => element("th", {}, text)));
-  const cells = (row) => row.map((text) => element("td", {}, text));
+  const cells = (row) => row.map((text, i) => {
+    const colSpan = i === row.length - 1 ? 1 + heads.length - row.length : 1;
+    return element("td", { colSpan }, text);
+  });
   return element("table", {}, element("thead", {}, head),
     element("tbody", {}, ...rows.map((row) => element("tr", {}, ...cells(row)))));
 }
