@@ -105,7 +105,8 @@ export function tellFigures(data) {
 function tableOf(heads, rows) {
   const head = element("tr", {}, ...heads.map((text) => element("th", {}, text)));
   const cells = (row) => row.map((text, i) => {
-    const colSpan = i === row.length - 1 ? 1 + heads.length - row.length : 1;
+    const rest = i === row.length - 1 ? heads.length - row.length : 0;
+    const colSpan = 1 + Math.max(0, rest);
     return element("td", { colSpan }, text);
   });
   return element("table", {}, element("thead", {}, head),
