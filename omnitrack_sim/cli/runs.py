@@ -79,7 +79,7 @@ def _draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None
     from omnitrack_sim.plots import plot_mission, plot_summary
     from omnitrack_sim.plots.style import attempt
 
-    def picture(name: str, plot: Callable[[Result, Path], None], called: str) -> None:
+    def picture(name: str, plot: Callable[[Result, Path], object], called: str) -> None:
         file = target / name
         again = f"{called}({str(target)!r}, {str(file)!r})"
         attempt(name, lambda: plot(result, file), again)
