@@ -75,7 +75,7 @@ def test_a_map_has_a_cell_a_grid_point_and_bins_of_draws():
     assert np.ma.asarray(axis.collections[0].get_array()).size == 64
     assert axis.texts
     assert all(re.fullmatch("[0-4]", text.get_text()) for text in axis.texts)
-    assert (axis.get_xlabel(), axis.get_ylabel()) == ("robot.preload [N]", "contact.friction [1]")
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("robot.preload [N]", "contact.friction")
 
 
 def test_main_effects_are_sorted_by_their_spread():
