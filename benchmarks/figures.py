@@ -2,16 +2,14 @@
 
     python benchmarks/figures.py [RUN_DIR] [--repeat N]
 
-Prints the processor seconds that ``plot_summary`` takes alone, once everything is imported and one
-figure was drawn, and those of a new process that imports what it needs and draws one; beside them,
-for scale, those of ``import matplotlib.figure`` in a new process. Without RUN_DIR the tee turn is
-run first.
+Prints the processor seconds of ``plot_summary`` alone, once everything is imported and a figure was
+drawn, and those of its first call in a new process, with what it imports; beside them, for scale,
+those of ``import matplotlib.figure`` in a new process. Without RUN_DIR the tee turn is run first.
 """
 
 from __future__ import annotations
 
 import argparse
-import resource
 import statistics
 import subprocess
 import sys
@@ -20,11 +18,17 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from omnitrack_sim import load_result, load_scenario, plot_summary, run
+import omnitrack_sim as ot
 
-_READ = "import omnitrack_sim as ot; result = ot.load_result({run!r}); "
-_DRAW = "import time, sys; before = time.process_time(); ot.plot_summary(result, {out!r}); "
-_TELL = "print(time.process_time() - before)"
+_IMPORT = "import time; begin = time.process_time(); import matplotlib.figure"
+_FIRST = """
+import time
+import omnitrack_sim as ot
+result = ot.load_result({run!r})
+begin = time.process_time()
+ot.plot_summary(result, {file!r})
+"""
+_TELL = "\nprint(time.process_time() - begin)"
 
 
 def main() -> None:
@@ -33,52 +37,48 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=5, help="of each measurement")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        place = asked.run or run(load_scenario("tee_turn")).save(Path(folder) / "run")
+        place = asked.run or ot.run(ot.load_scenario("tee_turn")).save(Path(folder) / "run")
         measure(place, Path(folder), asked.repeat)
 
 
 def measure(place: Path, folder: Path, repeat: int) -> None:
     """Print a row for each measurement: median and least of ``repeat``."""
-    result = load_result(place)
+    result, file = ot.load_result(place), folder / "summary.png"
     print(f"{result!r}; processor seconds, median (least) of {repeat}")
-    own = {"run": str(place), "out": str(folder / "summary.png")}
-    whole = (_READ + _DRAW + _TELL).format(**own)
-    _row(
-        "import matplotlib.figure, new process", lambda: _spent("import matplotlib.figure"), repeat
-    )
-    _row("plot_summary and what it imports", lambda: float(_output(whole)), repeat)
-    for ending in ("png", "pdf", "svg"):
-        file = folder / f"summary.{ending}"
-        plot_summary(result, file)
-        _row(f"plot_summary alone, {ending}", lambda f=file: _timed(result, f), repeat)
+    first = _FIRST.format(run=str(place), file=str(file))
+    _row("import matplotlib.figure, in a new process", lambda: _told(_IMPORT), repeat)
+    _row("plot_summary with what it imports, there", lambda: _told(first), repeat)
+    figures = {
+        "plot_summary, not written": lambda: ot.plot_summary(result),
+        **{
+            f"plot_summary, {ending}": lambda f=file.with_suffix(f".{ending}"): ot.plot_summary(
+                result, f
+            )
+            for ending in ("png", "pdf", "svg")
+        },
+        "plot_mission, png": lambda: ot.plot_mission(result, file),
+        "plot_compare, png": lambda: ot.plot_compare(result, result, file),
+    }
+    for text, draw in figures.items():
+        draw()  # what is loaded or made once, is
+        _row(text, lambda d=draw: _timed(d), repeat)
 
 
 def _row(text: str, once: Callable[[], float], repeat: int) -> None:
     times = [once() for _ in range(repeat)]
-    print(f"{text:42} {statistics.median(times):6.2f} ({min(times):.2f})", flush=True)
+    print(f"{text:44} {statistics.median(times):6.2f} ({min(times):.2f})", flush=True)
 
 
-def _timed(result, file: Path | None) -> float:
-    before = time.process_time()
-    plot_summary(result, file)
-    return time.process_time() - before
+def _timed(draw: Callable[[], object]) -> float:
+    begin = time.process_time()
+    draw()
+    return time.process_time() - begin
 
 
-def _output(code: str) -> str:
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return done.stdout
-
-
-def _spent(code: str) -> float:
-    """Processor seconds of a new Python that runs ``code``, less those of one that runs nothing."""
-    return _child(code) - _child("pass")
-
-
-def _child(code: str) -> float:
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    _output(code)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return (after.ru_utime + after.ru_stime) - (before.ru_utime + before.ru_stime)
+def _told(code: str) -> float:
+    """What code measures and tells in a new process."""
+    command = [sys.executable, "-c", code + _TELL]
+    return float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
 
 
 if __name__ == "__main__":

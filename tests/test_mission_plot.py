@@ -69,6 +69,28 @@ def test_names_do_not_cover_each_other(figure):
             assert not any(box.overlaps(other) for other in boxes[:i])
 
 
+def test_names_stand_by_their_parts(figure):
+    """From each name of a map to the axis of its part it is no further than a bore and 13 points,
+    the largest gap."""
+    renderer = figure.canvas.get_renderer()
+    parts = {part.name: part for part in two_legs_result().routes()[0].network.parts}
+    maps = [axis for axis in figure.axes if axis.get_ylabel() in ("y [m]", "z [m]")]
+    assert len(maps) == 4
+    for axis in maps:
+        # Of views one above the other only the lower one names the axis across.
+        columns = [0, "xyz".index(axis.get_ylabel()[0])]
+        for text in axis.texts:
+            line, _, _ = parts[text.get_text()].axes[0]
+            pixels = axis.transData.transform(
+                line.at(np.linspace(0, line.length, 50))[0][:, columns]
+            )
+            box = text.get_window_extent(renderer)
+            gaps = np.maximum(np.maximum(box.min - pixels, pixels - box.max), 0.0)
+            bore = np.ptp(axis.transData.transform([[0, 0], [0.08, 0]])[:, 0])
+            most = bore + 13.5 * renderer.points_to_pixels(1.0)
+            assert np.linalg.norm(gaps, axis=1).min() < most, text.get_text()
+
+
 def test_colours_are_the_recorded_values(figure):
     """The pieces of the first leg carry slip on the left and force on the right, in all four
     views."""

@@ -1,4 +1,4 @@
-"""Figures of runs: the summary, single channels, and what all functions that plot have in common."""
+"""Figures of runs and networks: summary, channels, and what all functions that plot share."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_without_a_path_a_figure_comes_back_and_nothing_is_written(name, tmp_pat
 
 @pytest.mark.parametrize("name", DRAWN)
 def test_a_path_is_written_by_its_ending_and_the_figure_comes_back(name, tmp_path):
-    """The same bytes twice and by the figure's own ``savefig``; its text is text: no date, and in PDF
+    """The same bytes twice and by the figure's own ``savefig``; no date in it, and in PDF
     fonts that journals take."""
     for ending in ENDINGS:
         first, again, own = (tmp_path / f"{which}.{ending}" for which in ("a", "b", "c"))
@@ -122,7 +122,9 @@ def test_command_and_measured_value_of_a_module_are_apart():
     assert len({axis.get_ylim() for axis in axes}) == 1
     for i, axis in enumerate(axes):
         measured, asked = axis.lines
-        np.testing.assert_allclose(measured.get_ydata(), 1e3 * result.trajectory["belt_speed"][:, i])
+        np.testing.assert_allclose(
+            measured.get_ydata(), 1e3 * result.trajectory["belt_speed"][:, i]
+        )
         np.testing.assert_allclose(asked.get_ydata(), 1e3 * command[:, i])
         assert to_rgb(measured.get_color()) == MODULE_COLOURS[i] != to_rgb(asked.get_color())
         assert asked.get_linewidth() > measured.get_linewidth()
@@ -209,7 +211,10 @@ def test_one_module_of_a_channel():
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ({"channel": "slipratio"}, "channel: is 'slipratio'; did you mean 'slip_ratio'.*choose from"),
+        (
+            {"channel": "slipratio"},
+            "channel: is 'slipratio'; did you mean 'slip_ratio'.*choose from",
+        ),
         ({"channel": "slide", "module": 4}, r"module: is 4 \(choose from: 1, 2, 3"),
         ({"channel": "tilt", "module": 1}, "module: tilt has no modules"),
         ({"channel": "tilt", "ax": Figure().subplots(), "path": "a.png"}, "given with ax"),
@@ -230,7 +235,7 @@ def test_a_view_of_a_network_goes_into_an_axis():
     names = {text.get_text() for text in axis.texts}
     assert "shelf" in names
     assert "riser" not in names  # it stands upright
-    with pytest.raises(InputError, match="view: is 'top'.*elevation, side, plan"):
+    with pytest.raises(InputError, match=r"view: is 'top'.*elevation, side, plan"):
         ot.plot_network(NETWORK, view="top")
 
 

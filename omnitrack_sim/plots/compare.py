@@ -113,10 +113,8 @@ def _head(figure: Figure, found: Comparison, names: list[str]) -> None:
             Line2D([], [], label=label, marker="o" if run.success else "X", ms=3.5, **look)
         )
     same = found.a.scenario.name == found.b.scenario.name
-    count = len(found.values)
-    differ = f"{count} {'value' if count == 1 else 'values'} of the scenarios differ"
     title = (
         found.a.scenario.name if same else f"{found.a.scenario.name} and {found.b.scenario.name}"
     )
-    _GRID.title(figure, title, differ, True)
+    _GRID.title(figure, title, found.headline, True)
     _GRID.legend(figure, handles, 0.28)

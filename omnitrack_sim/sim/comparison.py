@@ -58,7 +58,15 @@ class Comparison:
 
     def __repr__(self) -> str:
         ends = [f"{r.scenario.name!r} {r.outcome.value}" for r in (self.a, self.b)]
-        return f"Comparison({' / '.join(ends)}; {len(self.values)} values of the scenarios differ)"
+        return f"Comparison({' / '.join(ends)}; {self.headline})"
+
+    @property
+    def headline(self) -> str:
+        """In how many values the scenarios differ, in words."""
+        count = len(self.values)
+        if count == 0:
+            return "the scenarios are the same"
+        return "1 value differs" if count == 1 else f"{count} values differ"
 
     @cached_property
     def values(self) -> tuple[Difference, ...]:
