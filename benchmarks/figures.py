@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import omnitrack_sim as ot
@@ -48,20 +49,15 @@ def measure(place: Path, folder: Path, repeat: int) -> None:
     first = _FIRST.format(run=str(place), file=str(file))
     _row("import matplotlib.figure, in a new process", lambda: _told(_IMPORT), repeat)
     _row("plot_summary with what it imports, there", lambda: _told(first), repeat)
-    figures = {
-        "plot_summary, not written": lambda: ot.plot_summary(result),
-        **{
-            f"plot_summary, {ending}": lambda f=file.with_suffix(f".{ending}"): ot.plot_summary(
-                result, f
-            )
-            for ending in ("png", "pdf", "svg")
-        },
-        "plot_mission, png": lambda: ot.plot_mission(result, file),
-        "plot_compare, png": lambda: ot.plot_compare(result, result, file),
-    }
+    figures = {"plot_summary, not written": partial(ot.plot_summary, result)}
+    for ending in ("png", "pdf", "svg"):
+        to = file.with_suffix(f".{ending}")
+        figures[f"plot_summary, {ending}"] = partial(ot.plot_summary, result, to)
+    figures["plot_mission, png"] = partial(ot.plot_mission, result, file)
+    figures["plot_compare, png"] = partial(ot.plot_compare, result, result, file)
     for text, draw in figures.items():
         draw()  # what is loaded or made once, is
-        _row(text, lambda d=draw: _timed(d), repeat)
+        _row(text, partial(_timed, draw), repeat)
 
 
 def _row(text: str, once: Callable[[], float], repeat: int) -> None:
