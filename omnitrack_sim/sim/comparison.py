@@ -66,7 +66,7 @@ class Comparison:
         count = len(self.values)
         if count == 0:
             return "the scenarios are the same"
-        return "1 value differs" if count == 1 else f"{count} values differ"
+        return f"the scenarios differ in {count} {'value' if count == 1 else 'values'}"
 
     @cached_property
     def values(self) -> tuple[Difference, ...]:
