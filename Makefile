@@ -7,7 +7,7 @@ READY := .venv/.ready
 SCREEN_PACKAGES := chromium xvfb xdotool
 EGL_PACKAGES := libegl1 libgl1-mesa-dri libopengl0
 
-.PHONY: demo test check models bench egl screen clean
+.PHONY: demo test check models bench tutorial egl screen clean
 
 demo: $(READY) egl
 	$(BIN)/omnitrack run scenarios/tee_turn.toml --out out/tee_turn
@@ -28,6 +28,9 @@ models: $(READY)
 
 bench: $(READY)
 	$(BIN)/python benchmarks/speed.py
+
+tutorial: $(READY)
+	$(BIN)/python docs/tutorial.py
 
 # A bare Debian has python3 without ensurepip: python3-venv brings it.
 $(READY): pyproject.toml

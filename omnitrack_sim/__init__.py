@@ -26,7 +26,14 @@ if TYPE_CHECKING:
     from omnitrack_sim.network import Network, load_network, random_network, shortest_route
     from omnitrack_sim.optimise import Study, StudyResult, load_study, run_study
     from omnitrack_sim.pipes import Assembly, Elbow, Reducer, Step, Straight, Tee, route
-    from omnitrack_sim.plots import plot_mission, plot_singularity, plot_summary
+    from omnitrack_sim.plots import (
+        plot_channel,
+        plot_compare,
+        plot_mission,
+        plot_network,
+        plot_singularity,
+        plot_summary,
+    )
     from omnitrack_sim.record.channels import Channel
     from omnitrack_sim.record.events import Event, Remark
     from omnitrack_sim.record.metrics import Metric
@@ -43,11 +50,12 @@ if TYPE_CHECKING:
         shipped_sweeps,
     )
     from omnitrack_sim.sensing import Sensor
+    from omnitrack_sim.sim.comparison import Comparison, compare
     from omnitrack_sim.sim.loading import load_result
     from omnitrack_sim.sim.result import Result
     from omnitrack_sim.sim.run import run, run_batch
     from omnitrack_sim.sim.simulation import Simulation
-    from omnitrack_sim.sweep import Sweep, load_sweep, run_sweep
+    from omnitrack_sim.sweep import Sweep, load_sweep, plot_sweep, run_sweep
     from omnitrack_sim.theory.singularity import TurnCase
 
 __version__ = "0.1.0"
@@ -74,11 +82,19 @@ _HOME = {
     "network": ("Network", "load_network", "random_network", "shortest_route"),
     "record.outcome": ("Outcome",),
     "pipes": ("Elbow", "Assembly", "Reducer", "Step", "Straight", "Tee", "route"),
-    "plots": ("plot_mission", "plot_singularity", "plot_summary"),
+    "plots": (
+        "plot_channel",
+        "plot_compare",
+        "plot_mission",
+        "plot_network",
+        "plot_singularity",
+        "plot_summary",
+    ),
     "film.render": ("render_frame", "render_video"),
     "replay": ("write_replay",),
     "robot": ("MOTORS", "Motor", "Robot"),
     "scenario": ("Scenario", "load_scenario", "override"),
+    "sim.comparison": ("Comparison", "compare"),
     "sim.loading": ("load_result",),
     "sim.result": ("Result",),
     "sim.run": ("run", "run_batch"),
@@ -90,7 +106,7 @@ _HOME = {
     "sensing": ("Sensor",),
     "theory.singularity": ("TurnCase",),
     "optimise": ("Study", "StudyResult", "load_study", "run_study"),
-    "sweep": ("Sweep", "load_sweep", "run_sweep"),
+    "sweep": ("Sweep", "load_sweep", "plot_sweep", "run_sweep"),
     "record.timeline": ("Visit",),
     "record.trajectory": ("Trajectory",),
 }
@@ -102,6 +118,7 @@ __all__ = [
     "Assembly",
     "Channel",
     "Command",
+    "Comparison",
     "ControlSetup",
     "Controller",
     "Drive",
@@ -137,15 +154,20 @@ __all__ = [
     "Trajectory",
     "TurnCase",
     "Visit",
+    "compare",
     "load_network",
     "load_result",
     "load_scenario",
     "load_study",
     "load_sweep",
     "override",
+    "plot_channel",
+    "plot_compare",
     "plot_mission",
+    "plot_network",
     "plot_singularity",
     "plot_summary",
+    "plot_sweep",
     "random_network",
     "render_frame",
     "render_video",

@@ -104,6 +104,16 @@ def test_example_of_the_sweep_page_is_valid():
         assert name in omnitrack_sim.__all__
 
 
+def test_the_page_of_figures_has_every_function_and_shows_what_there_is():
+    """Each public function that plots; names that are public, pictures that are there."""
+    text = (ROOT / "docs" / "plots.md").read_text(encoding="utf-8")
+    used = set(re.findall(r"\bot\.(\w+)", text))
+    assert {name for name in omnitrack_sim.__all__ if name.startswith("plot_")} <= used
+    assert used - {"plot_"} <= set(omnitrack_sim.__all__)
+    for picture in re.findall(r"!\[[^]]*\]\(([^)]+)\)", text):
+        assert (ROOT / "docs" / picture).is_file()
+
+
 def test_networks_and_their_keys_are_documented():
     """The README names every shipped network, docs/networks.md every key of a network file."""
     text = (ROOT / "docs" / "networks.md").read_text(encoding="utf-8")

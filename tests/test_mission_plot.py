@@ -8,7 +8,7 @@ from matplotlib.collections import LineCollection
 from PIL import Image
 from samples import sample_result, sample_trajectory, two_legs_result
 
-from omnitrack_sim.plots import mission_figure, plot_mission
+from omnitrack_sim.plots import plot_mission
 from omnitrack_sim.plots.mission.signs import marks_of
 from omnitrack_sim.record.events import FellOff
 from omnitrack_sim.record.outcome import Outcome
@@ -18,7 +18,7 @@ from omnitrack_sim.scenario import validate
 
 @pytest.fixture(scope="module")
 def figure():
-    return mission_figure(two_legs_result())
+    return plot_mission(two_legs_result())
 
 
 def texts(figure) -> list[str]:
@@ -50,7 +50,7 @@ def test_a_long_route_names_so_many_parts_as_can_be_read():
     """Of 300 parts each fourth, from the first to the last; a few ticks on every axis of a route of
     kilometres."""
     pipes = [{"kind": "straight", "length": 8.0}] * 300
-    figure = mission_figure(sample_result(scenario=validate({"pipes": pipes})))
+    figure = plot_mission(sample_result(scenario=validate({"pipes": pipes})))
     names = [name for name in texts(figure) if name.startswith("straight_")]
     every_fourth = [f"straight_{i}" for i in range(0, 300, 4)]
     assert names[: len(every_fourth)] == every_fourth
@@ -67,6 +67,28 @@ def test_names_do_not_cover_each_other(figure):
         boxes = [text.get_window_extent(renderer) for text in axis.texts]
         for i, box in enumerate(boxes):
             assert not any(box.overlaps(other) for other in boxes[:i])
+
+
+def test_names_stand_by_their_parts(figure):
+    """From each name of a map to the axis of its part it is no further than a bore and 13 points,
+    the largest gap."""
+    renderer = figure.canvas.get_renderer()
+    parts = {part.name: part for part in two_legs_result().routes()[0].network.parts}
+    maps = [axis for axis in figure.axes if axis.get_ylabel() in ("y [m]", "z [m]")]
+    assert len(maps) == 4
+    for axis in maps:
+        # Of views one above the other only the lower one names the axis across.
+        columns = [0, "xyz".index(axis.get_ylabel()[0])]
+        for text in axis.texts:
+            line, _, _ = parts[text.get_text()].axes[0]
+            pixels = axis.transData.transform(
+                line.at(np.linspace(0, line.length, 50))[0][:, columns]
+            )
+            box = text.get_window_extent(renderer)
+            gaps = np.maximum(np.maximum(box.min - pixels, pixels - box.max), 0.0)
+            bore = np.ptp(axis.transData.transform([[0, 0], [0.08, 0]])[:, 0])
+            most = bore + 13.5 * renderer.points_to_pixels(1.0)
+            assert np.linalg.norm(gaps, axis=1).min() < most, text.get_text()
 
 
 def test_colours_are_the_recorded_values(figure):
@@ -99,24 +121,24 @@ def test_a_fall_is_marked_where_it_was():
     fell = two_legs_result(events=[FellOff(0, time, "tee_1", "tee_1.run_end")])
     (mark,) = [mark for mark in marks_of(fell) if mark.text == "falls off its way"]
     assert mark.rows.tolist() == [100]
-    assert "falls off its way" in legends(mission_figure(fell))
+    assert "falls off its way" in legends(plot_mission(fell))
     assert "falls off its way" not in [mark.text for mark in marks_of(result)]
 
 
 def test_a_failed_run_shows_its_end():
     """The outcome stands in the head and at the place where the run ended."""
-    figure = mission_figure(two_legs_result(outcome=Outcome.STUCK))
+    figure = plot_mission(two_legs_result(outcome=Outcome.STUCK))
     assert "end: stuck" in legends(figure)
     assert any("stuck after" in text.get_text() for text in figure.texts)
 
 
 def test_same_run_same_bytes(tmp_path):
-    """No clock enters; the bitmap is as wide as the other figures."""
+    """No clock enters; the bitmap is as wide as a page."""
     for name in ("a.png", "b.png"):
         plot_mission(two_legs_result(), tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     with Image.open(tmp_path / "a.png") as image:
-        assert image.size[0] == 1680
+        assert image.size[0] == 1575
 
 
 @pytest.mark.parametrize("samples", [1, 2, 201])

@@ -1,29 +1,140 @@
-"""The summary figure shows every panel, phase and module of a run."""
+"""Figures of runs and networks: summary, channels, and what all functions that plot share."""
 
 from __future__ import annotations
 
+import gc
+import io
+import re
+import subprocess
+import sys
+import weakref
+
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from PIL import Image
-from samples import sample_result, sample_trajectory
+from samples import sample_result, sample_trajectory, two_legs_result
 
-from omnitrack_sim.plots import MODULE_COLOURS, PANELS, plot_summary, summary_figure
+import omnitrack_sim as ot
+from omnitrack_sim.errors import InputError
+from omnitrack_sim.plots import MODULE_COLOURS, plot_channel, plot_summary
+from omnitrack_sim.plots.panels import PANELS, panel_of
 from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.record.trajectory import RECORDED, Trajectory
+
+NETWORK = ot.load_network("fig14")
+DRAWN = {
+    "summary": lambda *path, **format: ot.plot_summary(sample_result(), *path, **format),
+    "channel": lambda *path, **format: ot.plot_channel(sample_result(), "slide", *path, **format),
+    "mission": lambda *path, **format: ot.plot_mission(two_legs_result(), *path, **format),
+    "network": lambda *path, **format: ot.plot_network(NETWORK, *path, **format),
+    "singularity": lambda *path, **format: ot.plot_singularity(
+        ot.TurnCase(), *(path or [None]), "sector", **format
+    ),
+    "compare": lambda *path, **format: ot.plot_compare(
+        sample_result(), sample_result(), *path, **format
+    ),
+}
+"""Every public function that plots, called with what it draws; ``plot_sweep`` has its own test."""
+ENDINGS = ("png", "pdf", "svg")
 
 
-def test_panels_carry_units():
-    """Every panel has a title of its own and a unit in brackets."""
-    axes = summary_figure(sample_result()).axes
-    assert len({axis.get_title(loc="left") for axis in axes}) == len(PANELS) == len(axes)
-    assert all(axis.get_ylabel().startswith("[") for axis in axes)
+@pytest.mark.parametrize("name", DRAWN)
+def test_without_a_path_a_figure_comes_back_and_nothing_is_written(name, tmp_path, monkeypatch):
+    """It shows itself in a notebook, as a bitmap some 800 pixels wide at most."""
+    monkeypatch.chdir(tmp_path)
+    figure = DRAWN[name]()
+    assert isinstance(figure, Figure)
+    assert list(tmp_path.iterdir()) == []
+    with Image.open(io.BytesIO(figure._repr_png_())) as image:
+        assert image.format == "PNG"
+        assert 300 < image.size[0] < 900
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_path_is_written_by_its_ending_and_the_figure_comes_back(name, tmp_path):
+    """The same bytes twice and by the figure's own ``savefig``; no date in it, and in PDF
+    fonts that journals take."""
+    for ending in ENDINGS:
+        first, again, own = (tmp_path / f"{which}.{ending}" for which in ("a", "b", "c"))
+        assert isinstance(DRAWN[name](first), Figure)
+        DRAWN[name](again, format=ending)
+        DRAWN[name]().savefig(own)
+        assert first.read_bytes() == again.read_bytes() == own.read_bytes()
+    pdf, svg = (tmp_path / f"a.{ending}" for ending in ("pdf", "svg"))
+    assert b"CreationDate" not in pdf.read_bytes()
+    assert b"/Type3" not in pdf.read_bytes()
+    assert b"<dc:date>" not in svg.read_bytes()
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_format_that_there_is_not_is_refused(name, tmp_path):
+    """Nothing is written; a format without a path would do nothing, and is told."""
+    with pytest.raises(InputError, match="png, svg, pdf"):
+        DRAWN[name](tmp_path / "a.bmp")
+    with pytest.raises(InputError, match="without a path"):
+        DRAWN[name](format="png")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_figures_do_not_pile_up():
+    """A figure that nothing holds is gone, and pyplot, which keeps lists of figures, is not
+    loaded."""
+    code = (
+        "import sys; sys.path.insert(0, 'tests'); from samples import sample_result\n"
+        "import omnitrack_sim as ot; ot.plot_summary(sample_result())\n"
+        "print('matplotlib.pyplot' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+    gone = weakref.ref(plot_summary(sample_result()))
+    gc.collect()
+    assert gone() is None
+
+
+def test_every_panel_has_its_unit_and_none_has_one_without_a_name():
+    """The axes of the summary: name and unit, or the name alone of numbers without a unit."""
+    labels = [axis.get_ylabel() for axis in plot_summary(sample_result()).axes]
+    assert len(set(labels)) == len(labels) == 15
+    bare = [label for label in labels if not label.endswith("]")]
+    assert sorted(bare) == ["Contact points", "Slip ratio"]
+    assert not any("[1]" in label for label in labels)
+    for channel, panel in PANELS.items():
+        unit = RECORDED[channel].unit
+        scale = {"m": 1.0, "mm": 1e3, "m/s": 1.0, "mm/s": 1e3, "deg": 180 / np.pi}
+        assert panel.scale == pytest.approx(scale.get(panel.unit, 1.0))
+        assert panel.unit.removeprefix("m") == unit or (unit, panel.unit) in {
+            ("rad", "deg"),
+            ("m", "m"),
+            ("1", "1"),
+            (unit, unit),
+        }
+
+
+def test_command_and_measured_value_of_a_module_are_apart():
+    """A panel of one module has two lines of other colour and width, both with their values, and
+    the three panels of the belt speeds have one scale."""
+    command = np.full((201, 3), 0.1) + np.array([0.0, 0.02, 0.04])
+    result = sample_result(sample_trajectory(belt_speed_command=command))
+    axes = [a for a in plot_summary(result).axes if a.get_ylabel().startswith("Belt speed")]
+    assert len({axis.get_ylim() for axis in axes}) == 1
+    for i, axis in enumerate(axes):
+        measured, asked = axis.lines
+        np.testing.assert_allclose(
+            measured.get_ydata(), 1e3 * result.trajectory["belt_speed"][:, i]
+        )
+        np.testing.assert_allclose(asked.get_ydata(), 1e3 * command[:, i])
+        assert to_rgb(measured.get_color()) == MODULE_COLOURS[i] != to_rgb(asked.get_color())
+        assert asked.get_linewidth() > measured.get_linewidth()
+        assert asked.get_zorder() < measured.get_zorder()
 
 
 def test_module_lines_hold_the_channels():
-    """The lines of a module panel are the recorded values in the modules' colours."""
+    """The lines of a panel with all modules are the recorded values in the modules' colours."""
     result = sample_result()
-    axis = next(a for a in summary_figure(result).axes if a.get_title(loc="left") == "Normal force")
+    axis = next(a for a in plot_summary(result).axes if a.get_ylabel() == "Normal force [N]")
     for i in range(3):
         line = next(line for line in axis.lines if line.get_label() == f"module {i + 1}")
         assert to_rgb(line.get_color()) == MODULE_COLOURS[i]
@@ -32,26 +143,32 @@ def test_module_lines_hold_the_channels():
 
 def test_phases_and_modules_are_named_once():
     """The legends name each module and each phase that occurred exactly once."""
-    figure = summary_figure(sample_result())
+    figure = plot_summary(sample_result())
     names = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
     assert sorted(names) == sorted(
-        ["module 1", "module 2", "module 3", "commanded", "straight", "turn", "leave"]
+        ["module 1", "module 2", "module 3", "command", "straight", "turn", "leave"]
     )
 
 
 def test_outcome_is_written():
     """The head says how the run ended."""
-    figure = summary_figure(sample_result(outcome=Outcome.NO_MOTION_LINE))
+    figure = plot_summary(sample_result(outcome=Outcome.NO_MOTION_LINE))
     assert any("no motion line after 4.00 s" in text.get_text() for text in figure.texts)
 
 
-def test_png_is_large_and_repeats(tmp_path):
-    """The bitmap is 1680 x 1260, and the same run gives the same bytes."""
-    for name in ("a.png", "b.png"):
-        plot_summary(sample_result(), tmp_path / name)
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    with Image.open(tmp_path / "a.png") as image:
-        assert image.size == (1680, 1260)
+def test_texts_of_the_summary_keep_apart():
+    """Names, ticks and legends of the page do not cover each other, and none is cut off."""
+    figure = plot_summary(two_legs_result())
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    names = [axis.yaxis.label for axis in figure.axes] + [*figure.texts]
+    names += [text for legend in figure.legends for text in legend.get_texts()]
+    boxes = [text.get_window_extent(renderer) for text in names]
+    for i, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[:i]), names[i].get_text()
+        assert figure.bbox.x0 <= box.x0
+        assert box.x1 <= figure.bbox.x1
 
 
 @pytest.mark.parametrize("samples", [1, 2])
@@ -63,3 +180,86 @@ def test_shortest_runs_can_be_drawn(tmp_path, samples):
     short = Trajectory(full.time[:samples], channels, full.phases, full.qpos[:samples])
     plot_summary(sample_result(short), tmp_path / "short.png")
     assert (tmp_path / "short.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("channel", RECORDED)
+def test_every_channel_can_be_drawn_beside_others(channel):
+    """In the axis that is given: a line for each of its numbers, contacts of both tracks added."""
+    figure = Figure()
+    left, right = figure.subplots(1, 2)
+    result = sample_result()
+    assert plot_channel(result, channel, ax=right) is figure
+    assert not left.lines
+    panel = panel_of(RECORDED[channel])
+    count = 3 if channel == "contact_count" else int(np.prod(RECORDED[channel].shape, dtype=int))
+    own = [line for line in right.lines if "command" not in str(line.get_label())]
+    assert len(own) == count
+    assert right.get_ylabel() == panel.label_of()
+    assert [line for line in right.lines if len(line.get_ydata()) != 201] == []
+
+
+def test_one_module_of_a_channel():
+    """Its measured value and its command, and a legend that names them and the phases."""
+    figure = plot_channel(sample_result(), "roll", module=2)
+    (axis,) = figure.axes
+    assert axis.get_ylabel() == "Module roll, module 2 [deg]"
+    assert [line.get_label() for line in axis.lines] == ["module 2", "command"]
+    names = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    assert names == ["module 2", "command", "straight", "turn", "leave"]
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (
+            {"channel": "slipratio"},
+            "channel: is 'slipratio'; did you mean 'slip_ratio'.*choose from",
+        ),
+        ({"channel": "slide", "module": 4}, r"module: is 4 \(choose from: 1, 2, 3"),
+        ({"channel": "tilt", "module": 1}, "module: tilt has no modules"),
+        ({"channel": "tilt", "ax": Figure().subplots(), "path": "a.png"}, "given with ax"),
+    ],
+)
+def test_a_chart_that_there_is_not_is_refused(given, told):
+    """By the name of the argument, with what would be right."""
+    with pytest.raises(InputError, match=told):
+        plot_channel(sample_result(), **given)
+
+
+def test_a_view_of_a_network_goes_into_an_axis():
+    """The view that is asked for, with the parts that it shows lengthwise; others are refused."""
+    figure = Figure()
+    axis = figure.subplots()
+    assert ot.plot_network(NETWORK, view="plan", ax=axis) is figure
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("x [m]", "y [m]")
+    names = {text.get_text() for text in axis.texts}
+    assert "shelf" in names
+    assert "riser" not in names  # it stands upright
+    with pytest.raises(InputError, match=r"view: is 'top'.*elevation, side, plan"):
+        ot.plot_network(NETWORK, view="top")
+
+
+def test_names_of_a_network_keep_apart_and_stand_by_their_parts():
+    """Of 50 parts: each is named once, no two names overlap, and from each name to the axis of its
+    part it is no further than a bore and 13 points (the largest gap), in the view where it is."""
+    network = ot.random_network(3, 50)
+    figure = ot.plot_network(network)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer, parts = canvas.get_renderer(), {part.name: part for part in network.pipes.parts}
+    views = [axis for axis in figure.axes if re.fullmatch(r". \[m\]", axis.get_xlabel())]
+    named = [text.get_text() for axis in views for text in axis.texts]
+    assert sorted(named) == sorted(parts)
+    for axis in views:
+        columns = ["xyz".index(label[0]) for label in (axis.get_xlabel(), axis.get_ylabel())]
+        boxes = [text.get_window_extent(renderer) for text in axis.texts]
+        for i, (text, box) in enumerate(zip(axis.texts, boxes, strict=True)):
+            assert not any(box.overlaps(other) for other in boxes[:i]), text.get_text()
+            part = parts[text.get_text()]
+            line, _, _ = part.axes[0]
+            points = line.at(np.linspace(0, line.length, 50))[0][:, columns]
+            pixels = axis.transData.transform(points)
+            gaps = np.maximum(np.maximum(box.min - pixels, pixels - box.max), 0.0)
+            bore = np.ptp(axis.transData.transform([[0, 0], [part.fitting.radius, 0]])[:, 0])
+            most = bore + 13.5 * renderer.points_to_pixels(1.0)
+            assert np.linalg.norm(gaps, axis=1).min() < most, text.get_text()

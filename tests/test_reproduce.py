@@ -10,7 +10,7 @@ from samples import sample_result
 
 from omnitrack_sim import Outcome, override
 from omnitrack_sim.errors import OutputError
-from omnitrack_sim.plots import singularity_figure
+from omnitrack_sim.plots import plot_singularity
 from omnitrack_sim.plots.style import PictureWarning
 from omnitrack_sim.reproduce import Verdict, command, driving, readings, tees, theory
 from omnitrack_sim.reproduce.command import _at, _by_friction
@@ -158,7 +158,7 @@ def fails():
 
 def test_pictures_that_fail_cost_no_claim(tmp_path, monkeypatch):
     """Claims, page and the other figures are there; the page says what is missing."""
-    good = partial(singularity_figure, TurnCase(), "sector")
+    good = partial(plot_singularity, TurnCase(), figure="sector")
     drawn = {"good": ("A sector.", good), "bad": ("Nothing.", fails)}
     monkeypatch.setattr(command, "run_all", lambda *_: {})
     monkeypatch.setattr(command, "measure", lambda *_: [CLAIM])

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from omnitrack_sim.errors import InputError
-from omnitrack_sim.plots import FIGURES, plot_singularity, singularity_figure
+from omnitrack_sim.plots import FIGURES, plot_singularity
 from omnitrack_sim.plots.singularity import SECTOR_COLOUR
 from omnitrack_sim.theory.singularity import TurnCase, mitre_ellipse
 
@@ -13,7 +13,7 @@ CASE = TurnCase()
 
 
 def _axes(name, case=CASE):
-    return singularity_figure(case, name).axes
+    return plot_singularity(case, figure=name).axes
 
 
 def test_sections_are_the_ellipses_of_the_cuts():
@@ -83,7 +83,7 @@ def test_map_holds_the_contact_of_the_real_geometry():
 )
 def test_any_case_can_be_drawn(name, case):
     """No contact at all, no sector, another tee, one module."""
-    assert singularity_figure(case, name).axes
+    assert plot_singularity(case, figure=name).axes
 
 
 def test_same_case_same_bytes(tmp_path, monkeypatch):

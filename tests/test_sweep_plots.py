@@ -4,14 +4,18 @@ import io
 import re
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
+import omnitrack_sim as ot
+from omnitrack_sim.errors import InputError
 from omnitrack_sim.plots.manoeuvres import SINGULAR_COLOUR
 from omnitrack_sim.plots.style import save_figure
 from omnitrack_sim.plots.sweep import THETA5, Spread, sweep_figure
 from omnitrack_sim.sweep import load_sweep
-from omnitrack_sim.sweep.picture import CLASSES, spreads, turn_case
+from omnitrack_sim.sweep.picture import CLASSES, draw_map, spreads, turn_case
 from omnitrack_sim.sweep.spec import resolve
 from omnitrack_sim.theory.singularity import TurnCase
 
@@ -75,7 +79,86 @@ def test_a_map_has_a_cell_a_grid_point_and_bins_of_draws():
     assert np.ma.asarray(axis.collections[0].get_array()).size == 64
     assert axis.texts
     assert all(re.fullmatch("[0-4]", text.get_text()) for text in axis.texts)
-    assert (axis.get_xlabel(), axis.get_ylabel()) == ("robot.preload [N]", "contact.friction [1]")
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("robot.preload [N]", "contact.friction")
+
+
+def test_cells_of_two_values_have_a_legend_and_no_scale():
+    """Where each cell has all passed or all failed; with gaps they are named too. Rates between
+    have a scale."""
+    x, y = (v.ravel() for v in np.meshgrid([1.0, 2.0, 3.0], [10.0, 20.0], indexing="ij"))
+    spreads = [Spread("a", "m", x), Spread("b", "1", y)]
+
+    def legend(passed, x=spreads[0]):
+        figure = sweep_figure([x, spreads[1]], passed)
+        names = figure.axes[0].get_legend()
+        return len(figure.axes), names and [text.get_text() for text in names.get_texts()]
+
+    assert legend(np.array([0, 1, 1, 0, 1, 1.0])) == (1, ["passed", "failed"])
+    gap = np.array([0, 1, 1, 0, np.nan, 1.0])
+    assert legend(gap) == (1, ["passed", "failed", "no outcome"])
+    twice = Spread("a", "m", np.array([1.0, 1.0, 2.0, 2.0, 3.0, 3.0]))
+    both = [twice, Spread("b", "1", np.ones(6))]
+    figure = sweep_figure(both, np.array([0, 1, 1, 1, 0, 0.0]))
+    assert (len(figure.axes), figure.axes[0].get_legend()) == (2, None)
+
+
+AXES = [
+    {"path": "contact.friction", "kind": "list", "values": [0.5, 0.7]},
+    {"path": "robot.preload", "kind": "list", "values": [10.0, 20.0, 30.0]},
+    {"path": "control.kind", "kind": "list", "values": ["jacobian", "paper"]},
+]
+
+
+def sweep_and_table(axes):
+    """A sweep and a table as it would leave: trials with a preload above 15 N pass."""
+    sweep = resolve({"name": "s", "base": "straight", "axes": axes})
+    preload = sweep.trials().get("robot.preload", [20.0] * sweep.size)
+    passed = [value > 15.0 for value in preload]
+    ends = ["reached_goal" if good else "slipping" for good in passed]
+    return sweep, pa.table({"outcome": ends, "success": passed})
+
+
+def test_one_chart_of_a_sweep_goes_into_an_axis(tmp_path):
+    """Rates over one axis, a map over two, and without a choice all axes, if one chart can show
+    them; on paper the figure of the folder."""
+    sweep, table = sweep_and_table(AXES)
+    figure = Figure()
+    left, right = figure.subplots(1, 2)
+    assert ot.plot_sweep(sweep, table, over="robot.preload", ax=left) is figure
+    assert left.lines[0].get_ydata().tolist() == [0, 100, 100]
+    assert (left.get_xlabel(), left.get_ylabel()) == ("robot.preload [N]", "success rate [%]")
+    ot.plot_sweep(sweep, table, over=["contact.friction", "robot.preload"], ax=right)
+    rates = np.ma.asarray(right.collections[0].get_array())
+    assert rates.tolist() == [[0, 0], [100, 100], [100, 100]]
+    ot.plot_sweep(*sweep_and_table(AXES[:1]), ax=Figure().subplots())
+    ot.plot_sweep(sweep, table, tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes() == draw_map(sweep, table)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"over": "friction"}, "over: is 'friction'; did you mean 'contact.friction'"),
+        ({"over": ["contact.friction", "control.kind"]}, "over: name one axis, or two of numbers"),
+        ({"ax": Figure().subplots()}, "over: name one axis, or two of numbers"),
+        ({"over": []}, "over: name one axis"),
+        ({"path": "a.bmp"}, "png, svg, pdf"),
+    ],
+)
+def test_a_chart_of_a_sweep_that_there_is_not_is_refused(given, told):
+    """With what there is."""
+    with pytest.raises(InputError, match=told):
+        ot.plot_sweep(*sweep_and_table(AXES), **given)
+
+
+def test_a_table_of_other_trials_is_refused():
+    """Its rows are not those of the sweep."""
+    sweep, table = sweep_and_table(AXES)
+    for other in (table.slice(1), None):
+        with pytest.raises(InputError, match="table: is not the table of all 12 trials of 's'"):
+            ot.plot_sweep(sweep, other)
+    with pytest.raises(TypeError, match="sweep: is 's'"):
+        ot.plot_sweep("s", table)
 
 
 def test_main_effects_are_sorted_by_their_spread():

@@ -12,6 +12,7 @@ import typer
 import omnitrack_sim
 from omnitrack_sim.cli import (
     catalogue,
+    compare,
     film,
     network,
     optimise,
@@ -29,6 +30,7 @@ from omnitrack_sim.text import clipped
 __all__ = [
     "app",
     "catalogue",
+    "compare",
     "film",
     "main",
     "network",

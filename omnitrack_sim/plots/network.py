@@ -1,18 +1,33 @@
-"""A pipe network drawn: in space, from above and from the side, with a route in it."""
+"""A pipe network drawn: from two sides, from above and in space, with a route in it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from omnitrack_sim.arguments import check_is
+from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.network import Network
 from omnitrack_sim.pipes import Assembly, Centreline, Part, Route
-from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, save_figure, styled
+from omnitrack_sim.plots.names import draw_names
+from omnitrack_sim.plots.style import (
+    ALARM,
+    DPI,
+    GREY,
+    INK,
+    MODULE_COLOURS,
+    PAGE,
+    PAPER,
+    TICKS,
+    styled,
+)
 from omnitrack_sim.rotations import Array
+from omnitrack_sim.text import clipped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,116 +42,209 @@ ROUTE_SPACING = 0.01
 MOST_NAMES = 80
 """Parts that a figure names; of more, each so-many-th is named, for no more names can be read."""
 PIPE, ROUTE = "#d3d8de", MODULE_COLOURS[1]
+VIEWS = ("elevation", "side", "plan")
+"""The larger elevation, the other one, and the plan."""
 _AXES = "xyz"
+_NAMES, _FEW_NAMES, _FEW = 5.5, 6.5, 25
+"""Size of the names, points; of up to ``_FEW`` parts ``_FEW_NAMES``."""
+_ROOM = (6.0, 6.6)
+"""Inches that the views may take together, to the right and up."""
+_LEAST = (1.4, 1.2)
+"""Inches that are left for a column or a row of views at least: the view in space has the last."""
+_LEFT, _BELOW, _RIGHT, _HEAD = 0.46, 0.36, 0.08, 0.42  # inches around the views
+_BESIDE, _BETWEEN = 0.46, 0.5  # inches between the views
+_HEIGHTS = (2.0, 8.0)
+"""Least and largest height of one view alone, inches."""
 
 
 def plot_network(
     network: Network,
-    path: str | Path | BinaryIO,
+    path: str | Path | None = None,
     route: Route | None = None,
+    *,
+    view: str | None = None,
+    ax: Axes | None = None,
     format: str | None = None,
-) -> None:
-    """Write the figure of ``network_figure``.
+) -> Figure:
+    """A pipe network as an engineer draws it: elevations from two sides, the plan from above below
+    the first one, all to one scale, and a view in space.
 
-    Raises:
-        InputError: no such format. OutputError: the file cannot be written.
-    """
-    save_figure(network_figure(network, route), path, format)
-
-
-def network_figure(network: Network, route: Route | None = None) -> Figure:
-    """Three views of a network: in space, an elevation, and the plan from above.
-
-    Of the two elevations the wider one is shown. Parts are named, and open ends are marked.
+    Parts are named, each in the view that shows most of it, and open ends are marked.
 
     Args:
         network: what to draw.
+        path: file to write; none: the figure is returned and nothing is written.
         route: highlighted when given.
+        view: ``elevation``, ``side`` or ``plan``, to draw this one alone; with ``ax`` none means
+            the one that shows most.
+        ax: where to draw one view, which has its limits and its size then; none: in a figure of its
+            own.
+        format: ``png``, ``pdf`` or ``svg``; none: from the ending of ``path``.
+
+    Returns:
+        The figure, or that of ``ax``.
+
+    Raises:
+        InputError: no such view or format; ``path`` is given with ``ax``.
+        OutputError: the file cannot be written.
     """
-    return styled(lambda: _draw(network, route))
+    from omnitrack_sim.plots.picture import chart, page
+
+    check_is(Network, "network", network)
+    if view is not None and view not in VIEWS:
+        raise InputError(Fault("view", f"is {view!r}", VIEWS, str(view)))
+    drawing = _Drawing(network, route)
+    if view is None and ax is None:
+        return page(lambda: styled(lambda: _draw(drawing), PAPER), path, format)
+    one = drawing.widest if view is None else view
+    wide, tall = drawing.size[list(drawing.pairs[one])]
+    size = (PAGE, float(np.clip(PAGE * tall / wide, *_HEIGHTS)))
+    return chart(lambda axis: _draw_one(axis, drawing, one), size, path, ax, format, PAPER)
 
 
-def _draw(network: Network, route: Route | None) -> Figure:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+class _Drawing:
+    """A network with the faces of its pipes, its extent, and the world axes of each view."""
 
-    quads = faces(network.pipes)
-    low, high = quads.reshape(-1, 3).min(axis=0), quads.reshape(-1, 3).max(axis=0)
-    across = 0 if high[0] - low[0] >= high[1] - low[1] else 1
-    figure = Figure(figsize=(13.5, 5.4), layout="constrained")
-    grid = figure.add_gridspec(1, 3, width_ratios=[1.15, 1, 1])
-    space: Any = figure.add_subplot(grid[0], projection="3d")
-    _draw_space(space, network, quads, low, high, route)
-    views = [((across, 2), f"elevation, along {'yx'[across]}"), ((0, 1), "plan, from above")]
-    axes = [figure.add_subplot(grid[column]) for column in (1, 2)]
-    for axis, (pair, title) in zip(axes, views, strict=True):
-        _draw_view(axis, network, quads, pair, title, route)
-    canvas = FigureCanvasAgg(figure)  # measures the names as they are drawn
-    canvas.draw()
-    renderer = canvas.get_renderer()
-    taken: list[list[Any]] = [[] for _ in axes]
-    for part in named_parts(network.pipes):
-        view = widest_view(part, [pair for pair, _ in views])
-        point = middle(part)[list(views[view][0])]
-        taken[view].append(label(axes[view], renderer, part.name, point, taken[view]))
-    title = (
-        f"{network.name}: {len(network.pipes.parts)} parts, {network.length:.2f} m, "
-        f"{len(network.open_ends)} open ends"
-    )
-    if route is not None:
-        title += f"; route of {route.centreline.length:.2f} m through {len(route.fittings)} parts"
-    figure.suptitle(title, fontsize=10.5, color=INK)
+    def __init__(self, network: Network, route: Route | None) -> None:
+        self.network, self.route = network, route
+        self.quads, self.ends = faces(network.pipes), _open_ends(network, route)
+        points = self.quads.reshape(-1, 3)
+        room = 0.04 * np.ptp(points, axis=0).max()
+        self.low, self.high = points.min(axis=0) - room, points.max(axis=0) + room
+        across = 0 if self.size[0] >= self.size[1] else 1
+        self.pairs = {
+            "elevation": (across, 2),
+            "side": (1 - across, 2),
+            "plan": (across, 1 - across),
+        }
+
+    @property
+    def size(self) -> Array:
+        """(3,) m, along the world axes."""
+        return self.high - self.low
+
+    @property
+    def widest(self) -> str:
+        """The view that is largest."""
+        return max(self.pairs, key=lambda view: float(np.prod(self.size[list(self.pairs[view])])))
+
+    @property
+    def letters(self) -> float:
+        """Size of the names, points."""
+        return _FEW_NAMES if len(self.network.pipes.parts) <= _FEW else _NAMES
+
+    def title(self, view: str) -> str:
+        along = "xyz"[3 - sum(self.pairs[view])]
+        return "plan, from above" if view == "plan" else f"elevation, along {along}"
+
+    @property
+    def head(self) -> str:
+        """What the network is, in a line."""
+        pipes, ends = self.network.pipes.parts, self.network.open_ends
+        text = f"{len(pipes)} parts, {self.network.length:.2f} m, {len(ends)} open ends"
+        if self.route is not None:
+            length, passed = self.route.centreline.length, len(self.route.fittings)
+            text += f"; route of {length:.2f} m through {passed} parts"
+        return text
+
+
+def _draw(drawing: _Drawing) -> Figure:
+    from omnitrack_sim.plots.picture import Picture
+
+    across, depth = drawing.pairs["plan"]
+    wide, deep, tall = drawing.size[[across, depth, 2]]
+    scale = min(_ROOM[0] / (wide + deep), _ROOM[1] / (tall + deep))  # inches a metre
+    row, second = max(_LEAST[1], scale * deep), _LEFT + scale * wide + _BESIDE
+    above = _BELOW + row + _BETWEEN
+    height = above + scale * tall + _HEAD
+    figure = Picture(figsize=(PAGE, height), dpi=DPI)
+    places = {
+        "elevation": (_LEFT, above, wide, tall),
+        "side": (second, above, deep, tall),
+        "plan": (_LEFT, _BELOW + row - scale * deep, wide, deep),
+    }
+    axes = {}
+    for view, (x, y, w, h) in places.items():
+        box = (x / PAGE, y / height, scale * w / PAGE, scale * h / height)
+        axes[view] = figure.add_axes(box)
+        _draw_view(axes[view], drawing, view)
+    _name(axes, drawing, named_parts(drawing.network.pipes))
+    _draw_space(figure, (second, 0.1, PAGE - second, row + _BELOW), height, drawing)
+    top = 1 - 0.07 / height
+    text: dict[str, Any] = {"color": INK, "va": "top"}
+    name = clipped(drawing.network.name, 60)
+    figure.text(_LEFT / PAGE, top, name, size=10, weight="bold", **text)
+    figure.text(1 - _RIGHT / PAGE, top, drawing.head, size=8, ha="right", **text)
     return figure
 
 
-def _draw_space(
-    space: Any, network: Network, quads: Array, low: Array, high: Array, route: Route | None
-) -> None:
-    from matplotlib.ticker import MaxNLocator
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+def _draw_one(axis: Axes, drawing: _Drawing, view: str) -> None:
+    """One view, with the names of the parts that are not seen along their axis."""
+    _draw_view(axis, drawing, view)
+    axis.set_aspect("equal", adjustable="box")
+    axis.get_figure(root=True).draw_without_rendering()  # type: ignore[union-attr]
+    columns = list(drawing.pairs[view])
+    parts = named_parts(drawing.network.pipes)
+    lengths = [np.ptp(_lines(part)[0][:, columns], axis=0).max() for part in parts]
+    seen = [p for p, length in zip(parts, lengths, strict=True) if length > p.fitting.radius]
+    _name({view: axis}, drawing, seen)
 
-    space.set_proj_type("ortho")
-    alpha = 0.16 if route is not None else 0.24
-    space.add_collection3d(
-        Poly3DCollection(quads, facecolors="#7f93a8", alpha=alpha, edgecolors="none")
+
+def _name(axes: dict[str, Axes], drawing: _Drawing, parts: Sequence[Part]) -> None:
+    """Write the names of parts into the views, off the route and the open ends."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure = next(iter(axes.values())).get_figure(root=True)
+    renderer = FigureCanvasAgg(figure).get_renderer()  # measures the names as they are drawn
+    pairs = [drawing.pairs[view] for view in axes]
+    taken = [end.place[None] for end in drawing.ends]
+    if drawing.route is not None:
+        taken.append(_way(drawing.route))
+    off: Array = np.concatenate([np.zeros((0, 3)), *taken])
+    draw_names(
+        [*axes.values()], pairs, renderer, drawing.network.pipes, parts, off, drawing.letters
     )
-    for part in network.pipes.parts:
-        for line in _lines(part):
-            space.plot(*line.T, color=GREY, linewidth=0.7)
-    if route is not None:
-        space.plot(*_way(route).T, color=ROUTE, linewidth=2.4)
-    for name, point in _open_ends(network, route):
-        space.plot(*point[:, None], "o", color=_mark(name), markersize=5)
-        space.text(*point, f"  {name}", fontsize=7.5, color=_mark(name))
-    for axis, a, b in zip(_AXES, low, high, strict=True):
-        getattr(space, f"set_{axis}lim")(a, b)
-        getattr(space, f"set_{axis}label")(f"{axis}, m", labelpad=8)
-        getattr(space, f"{axis}axis").set_major_locator(
-            MaxNLocator(max(1, round(5 * (b - a) / (high - low).max())))
+
+
+def _draw_space(
+    figure: Figure, corner: tuple[float, float, float, float], height: float, drawing: _Drawing
+) -> None:
+    """The network in space, in a rectangle of the figure given in inches."""
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+    x, y, w, h = corner
+    space: Any = figure.add_axes((x / PAGE, y / height, w / PAGE, h / height), projection="3d")
+    space.set_proj_type("ortho")
+    space.set_axis_off()
+    alpha = 0.2 if drawing.route is not None else 0.3
+    colours = {"facecolors": "#7f93a8", "alpha": alpha, "edgecolors": "none"}
+    space.add_collection3d(Poly3DCollection(drawing.quads, **colours))
+    lines = [line for part in drawing.network.pipes.parts for line in _lines(part)]
+    space.add_collection3d(Line3DCollection(lines, colors=GREY, linewidths=0.5))
+    if drawing.route is not None:
+        space.plot(*_way(drawing.route).T, color=ROUTE, linewidth=1.6)
+    for end in drawing.ends:
+        space.plot(*end.place[:, None], "o", color=end.colour, markersize=2.5)
+        space.text(
+            *end.place, end.name and f" {end.name}", fontsize=drawing.letters, color=end.colour
         )
-    space.set_box_aspect(high - low, zoom=0.9)
+    space.set(**{f"{axis}lim": (drawing.low[i], drawing.high[i]) for i, axis in enumerate(_AXES)})
+    space.set_box_aspect(drawing.size, zoom=1.25)
     space.view_init(elev=24, azim=-58)
 
 
-def _draw_view(
-    axis: Axes,
-    network: Network,
-    quads: Array,
-    pair: tuple[int, int],
-    title: str,
-    route: Route | None,
-) -> None:
-    columns = list(pair)
-    draw_pipes(axis, network.pipes, pair, quads)
-    if route is not None:
-        axis.plot(*_way(route)[:, columns].T, color=ROUTE, linewidth=2.4, alpha=0.85)
-    for name, point in _open_ends(network, route):
-        axis.plot(*point[columns, None], "o", color=_mark(name), markersize=5, zorder=4)
-    axis.set_aspect("equal", adjustable="box", anchor="W")
-    axis.set_title(title, loc="left")
-    axis.set_xlabel(f"{_AXES[pair[0]]}, m")
-    axis.set_ylabel(f"{_AXES[pair[1]]}, m")
-    axis.margins(0.06)
+def _draw_view(axis: Axes, drawing: _Drawing, view: str) -> None:
+    columns = list(drawing.pairs[view])
+    draw_pipes(axis, drawing.network.pipes, drawing.pairs[view], drawing.quads)
+    if drawing.route is not None:
+        axis.plot(*_way(drawing.route)[:, columns].T, color=ROUTE, linewidth=1.6, alpha=0.85)
+    for end in drawing.ends:
+        axis.plot(*end.place[columns, None], "o", color=end.colour, markersize=2.5, zorder=4)
+    for name, column in zip("xy", columns, strict=True):
+        getattr(axis, f"set_{name}lim")(drawing.low[column], drawing.high[column])
+        getattr(axis, f"set_{name}label")(f"{_AXES[column]} [m]", labelpad=1.5)
+    axis.tick_params(**TICKS)
+    axis.set_title(drawing.title(view), loc="left", fontsize=7, color=INK, pad=3)
 
 
 def draw_pipes(axis: Axes, pipes: Assembly, pair: tuple[int, int], quads: Array) -> None:
@@ -160,70 +268,41 @@ def faces(pipes: Assembly) -> Array:
     return np.concatenate([_quads(part) for part in pipes.parts])
 
 
-def widest_view(part: Part, pairs: Sequence[tuple[int, int]]) -> int:
-    """Index of the view, of ``pairs`` of world axes, that shows most of a part."""
-    points = np.concatenate(_lines(part))
-    return int(
-        np.argmax(
-            [
-                np.prod(np.ptp(points[:, list(pair)], axis=0) + part.fitting.largest_radius)
-                for pair in pairs
-            ]
-        )
-    )
-
-
 def named_parts(pipes: Assembly) -> Sequence[Part]:
     """The parts that a figure names: all, or where they are many at most ``MOST_NAMES``, evenly
     spread over their list."""
     return pipes.parts[:: math.ceil(len(pipes.parts) / MOST_NAMES)]
 
 
-def label(axis: Axes, renderer: Any, text: str, point: Array, taken: Sequence[Any]) -> Any:
-    """Write a name at a place (2,) m, moved up or down until it covers none of the boxes ``taken``;
-    returns its own box, pixels."""
-    found: Any = None
-    for shift in (0, 9, -9, 18, -18, 27, -27, 36, -36):
-        if found is not None:
-            found.remove()
-        found = axis.annotate(
-            text,
-            (float(point[0]), float(point[1])),
-            xytext=(0, shift),
-            textcoords="offset points",
-            ha="center",
-            va="center",
-            fontsize=7,
-            color=INK,
-            zorder=6,
-            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.6},
-        )
-        box = found.get_window_extent(renderer)
-        if not any(box.overlaps(other) for other in taken):
-            break
-    return box
+@dataclass(frozen=True)
+class _End:
+    """An open end.
 
-
-def _open_ends(network: Network, route: Route | None) -> list[tuple[str, Array]]:
-    """Name and place (3,) m of each open end.
-
-    The name is the user's where there is one. The ends of the route are marked by "from" and "to".
+    Attributes:
+        name: the user's, with "from" and "to" at the ends of a route; empty where there is none.
+        place: (3,) m.
+        colour: of its sign.
     """
+
+    name: str
+    place: Array
+    colour: Any
+
+
+def _open_ends(network: Network, route: Route | None) -> list[_End]:
     named = {port: name for name, port in network.ports.items()}
     ends = {}
     if route is not None:
         first, last = route.fittings[0], route.fittings[-1]
-        ends = {(first.index, first.enter): "from ", (last.index, last.leave): "to "}
+        ends = {(first.index, first.enter): "from", (last.index, last.leave): "to"}
     found = []
     for port in network.open_ends:
-        index, name = network.end("", port)
-        place = network.pipes.parts[index].port(name).position
-        found.append((ends.get((index, name), "") + named.get(port, port), place))
+        index, own = network.end("", port)
+        word = ends.get((index, own))
+        name = named.get(port, "") if word is None else f"{word} {named.get(port, port)}"
+        place = network.pipes.parts[index].port(own).position
+        found.append(_End(name, place, ALARM if word is None else ROUTE))
     return found
-
-
-def _mark(name: str) -> Any:
-    return ROUTE if name.startswith(("from ", "to ")) else ALARM
 
 
 def _way(route: Route) -> Array:
@@ -235,12 +314,6 @@ def _way(route: Route) -> Array:
 def _lines(part: Part) -> list[Array]:
     """Axes of a part, points (n, 3) m."""
     return [line.at(_places(line))[0] for line, _, _ in part.axes]
-
-
-def middle(part: Part) -> Array:
-    """Where a part's name stands (3,) m."""
-    line, _, _ = part.axes[0]
-    return line.at(np.array([line.length / 2]))[0][0]
 
 
 def _caps(part: Part) -> list[Array]:

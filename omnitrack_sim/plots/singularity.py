@@ -15,7 +15,7 @@ import numpy as np
 
 from omnitrack_sim.arguments import check_is
 from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, save_figure, styled
+from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, styled
 from omnitrack_sim.theory.singularity import (
     DEFINITIONS,
     TeePath,
@@ -39,13 +39,17 @@ _MM = 1e3
 
 
 def plot_singularity(
-    case: TurnCase, path: str | Path, figure: str = "all", format: str | None = None
-) -> None:
-    """Write a figure of a robot at a tee.
+    case: TurnCase,
+    path: str | Path | None = None,
+    figure: str = "all",
+    *,
+    format: str | None = None,
+) -> Figure:
+    """A figure of a robot at a tee.
 
     Args:
         case: the robot and the tee.
-        path: file to write.
+        path: file to write; none: the figure is returned and nothing is written.
         figure: a key of ``FIGURES``, or ``all`` for a page with all of them.
         format: ``png``, ``svg`` or ``pdf``; none: from the ending of ``path``.
 
@@ -53,32 +57,29 @@ def plot_singularity(
         InputError: no such figure or format.
         OutputError: the file cannot be written.
     """
-    save_figure(singularity_figure(case, figure), path, format)
-
-
-def singularity_figure(case: TurnCase, figure: str = "all") -> Figure:
-    """The figure of ``plot_singularity``, not tied to any window."""
-    from matplotlib.figure import Figure
+    from omnitrack_sim.plots.picture import page
 
     check_is(TurnCase, "case", case)
     if figure != "all" and figure not in FIGURES:
         raise InputError(Fault("figure", f"is {figure!r}", ("all", *FIGURES), figure))
+    return page(lambda: styled(lambda: _drawn(case, figure)), path, format)
 
-    def draw() -> Figure:
-        if figure == "all":
-            return _page(case)
-        size, fill = FIGURES[figure]
-        drawn = Figure(figsize=size, layout="constrained")
-        fill(drawn, case)
-        return drawn
 
-    return styled(draw)
+def _drawn(case: TurnCase, figure: str) -> Figure:
+    from omnitrack_sim.plots.picture import Picture
+
+    if figure == "all":
+        return _page(case)
+    size, fill = FIGURES[figure]
+    drawn = Picture(figsize=size, layout="constrained")
+    fill(drawn, case)
+    return drawn
 
 
 def _page(case: TurnCase) -> Figure:
-    from matplotlib.figure import Figure
+    from omnitrack_sim.plots.picture import Picture
 
-    page = Figure(figsize=(15, 9.2), layout="constrained")
+    page = Picture(figsize=(15, 9.2), layout="constrained")
     top, bottom = np.asarray(page.subfigures(2, 1), object)
     rows = (top.subfigures(1, 2), bottom.subfigures(1, 3, width_ratios=(0.9, 1, 1.1)))
     places = [place for row in rows for place in np.ravel(np.asarray(row, object))]

@@ -90,9 +90,9 @@ def study_figure(scales: Sequence[Scale], tried: Tried) -> Figure:
 
 
 def _course(scale: Scale, tried: Tried) -> Figure:
-    from matplotlib.figure import Figure
+    from omnitrack_sim.plots.picture import Picture
 
-    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    figure = Picture(figsize=(6.4, 4.2), layout="constrained")
     axis = figure.subplots()
     values = tried.values[:, 0]
     number = np.arange(float(len(values)))
@@ -122,13 +122,13 @@ def _course(scale: Scale, tried: Tried) -> Figure:
 
 
 def _fronts(scales: Sequence[Scale], tried: Tried) -> Figure:
-    from matplotlib.figure import Figure
+    from omnitrack_sim.plots.picture import Picture
 
     pairs = list(itertools.combinations(range(len(scales)), 2))[:_MOST_PANELS]
     columns = min(len(pairs), 3)
     rows = -(-len(pairs) // columns)
     size = (5.2 if len(pairs) == 1 else 3.8) * columns
-    figure = Figure(figsize=(size + 0.4, 3.6 * rows + 0.6), layout="constrained")
+    figure = Picture(figsize=(size + 0.4, 3.6 * rows + 0.6), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False)
     for panel, (i, k) in zip(panels.flat, pairs, strict=False):
         _pair(panel, scales[i], scales[k], tried, i, k)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 MODULE_COLOURS = ((0.95, 0.55, 0.05), (0.10, 0.45, 0.80), (0.05, 0.62, 0.42))
 """Red, green, blue of modules 1, 2, 3: orange, blue and green as on the model (``model.looks``)."""
 GREY, INK, ALARM = "#7a7f87", "#22262b", "#c8322b"
+PAGE, COLUMN = 7.16, 3.5
+"""Widths of what fills a page and of what fills one of two columns of a paper, inches."""
+DPI = 220
+"""Dots per inch of bitmaps: a page is 1575 pixels wide, and so is what is wider than a page."""
 FORMATS = ("png", "svg", "pdf")
 STYLE: dict[Any, Any] = {
     "font.size": 9,
@@ -34,10 +38,28 @@ STYLE: dict[Any, Any] = {
     "lines.linewidth": 1.1,
     "legend.frameon": False,
     "svg.hashsalt": "omnitrack_sim",
+    # Letters as TrueType fonts, which journals ask for, not as drawings (type 3).
+    "pdf.fonttype": 42,
     # Names come from users. They are drawn as they are, whatever they mean to TeX.
     "text.parse_math": False,
     "text.usetex": False,
 }
+PAPER: dict[Any, Any] = {
+    "font.size": 7.5,
+    "axes.labelsize": 7.5,
+    "axes.titlesize": 7.5,
+    "axes.linewidth": 0.5,
+    "lines.linewidth": 0.9,
+    "legend.fontsize": 7.0,
+    "legend.handlelength": 1.6,
+    "legend.columnspacing": 1.3,
+    "legend.borderaxespad": 0.0,
+    "legend.borderpad": 0.0,
+}
+"""What figures that are as wide as a page or a column have beside ``STYLE``: text that can be read
+there."""
+TICKS: dict[str, Any] = {"labelsize": 6.5, "length": 2.0, "width": 0.5, "pad": 1.8}
+"""Their ticks, for ``tick_params``."""
 _NOT_TOLD = ("Glyph .* missing from font", "constrained_layout not applied")
 """Beginnings of warnings about names that have letters the font lacks, or hundreds of them."""
 _Drawn = TypeVar("_Drawn")
@@ -66,23 +88,29 @@ def attempt(what: str, draw: Callable[[], _Drawn], again: str = "") -> _Drawn | 
         return None
 
 
-def styled(draw: Callable[[], Figure]) -> Figure:
-    """The figure that ``draw`` makes, in the package's style."""
-    with _style():
+def styled(draw: Callable[[], _Drawn], more: Mapping[Any, Any] | None = None) -> _Drawn:
+    """What ``draw`` makes in the package's style, with what ``more`` changes of it."""
+    with style(more):
         return draw()
 
 
 @contextmanager
-def _style() -> Iterator[None]:
+def style(more: Mapping[Any, Any] | None = None) -> Iterator[None]:
+    """The package's style, with what ``more`` changes of it."""
     import matplotlib
     import numpy as np
 
     # Of physics that has diverged, numbers may be none or too large.
     quiet = np.errstate(invalid="ignore", over="ignore")
-    with matplotlib.rc_context(STYLE), warnings.catch_warnings(), quiet:
+    with matplotlib.rc_context(STYLE | dict(more or {})), warnings.catch_warnings(), quiet:
         for beginning in _NOT_TOLD:
             warnings.filterwarnings("ignore", beginning, UserWarning)
         yield
+
+
+def labelled(name: str, unit: str) -> str:
+    """What an axis is called: the name with its unit, or the name alone of numbers without one."""
+    return name if unit in ("", "1", "code") else f"{name} [{unit}]"
 
 
 def figure_format(path: str | Path | BinaryIO, format: str | None = None) -> str:
@@ -101,24 +129,28 @@ def save_figure(figure: Figure, path: str | Path | BinaryIO, format: str | None 
 
     Args:
         figure: of ``styled``.
-        path: file to write, at 140 dots per inch as a bitmap; or an open binary file, with
-            ``format``.
+        path: file to write; bitmaps have ``DPI``; or an open binary file, with ``format``.
         format: of ``FORMATS``; none: from the ending of ``path``.
 
     Raises:
         InputError: no such format.
         OutputError: the file cannot be written.
     """
-    chosen = figure_format(path, format)
-    stampless = {
-        "png": {"Software": None},
-        "pdf": {"CreationDate": None, "Producer": None},
-        "svg": {"Date": None},
-    }
-    options: dict[str, Any] = {"format": chosen, "dpi": 140, "metadata": stampless[chosen]}
-    with _style():
+    options = saving(figure, figure_format(path, format))
+    with style():
         if isinstance(path, str | Path):
             with whole_file(path) as part:
                 figure.savefig(part, **options)
         else:
             figure.savefig(path, **options)
+
+
+def saving(figure: Figure, format: str) -> dict[str, Any]:
+    """Options of matplotlib's ``savefig``: dots per inch, and neither date nor program."""
+    stampless = {
+        "png": {"Software": None},
+        "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
+        "svg": {"Date": None, "Creator": None},
+    }
+    dpi = round(DPI * min(1.0, PAGE / figure.get_figwidth()))
+    return {"format": format, "dpi": dpi, "metadata": stampless[format]}

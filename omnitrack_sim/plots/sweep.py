@@ -9,8 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.plots.manoeuvres import PASSED_COLOUR, success_colours, success_figure
-from omnitrack_sim.plots.style import GREY, INK, styled
+from omnitrack_sim.plots.manoeuvres import (
+    FAILED_COLOUR,
+    PASSED_COLOUR,
+    success_colours,
+    success_figure,
+)
+from omnitrack_sim.plots.style import COLUMN, GREY, INK, PAGE, PAPER, TICKS, labelled, styled
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.theory.singularity import TurnCase
@@ -29,6 +34,10 @@ BINS, QUANTILES, FEW = 8, 10, 5
 
 A cell of a map with fewer than ``FEW`` trials shows their number.
 """
+CHART = (COLUMN, 2.9)
+"""Size of one chart, inches."""
+_NO_OUTCOME = "#dfe2e6"
+"""Colour of cells in which no trial has an outcome."""
 MOST_ORIENTATIONS = 240
 """Up to how many different orientations each has a cell of its own; more are rounded to degrees."""
 
@@ -52,7 +61,7 @@ class Spread:
     @property
     def label(self) -> str:
         """Name and unit."""
-        return self.name if self.order else f"{self.name} [{self.unit}]"
+        return labelled(self.name, self.unit)
 
 
 def sweep_figure(axes: Sequence[Spread], passed: Array, case: TurnCase | None = None) -> Figure:
@@ -72,12 +81,23 @@ def sweep_figure(axes: Sequence[Spread], passed: Array, case: TurnCase | None = 
     words = [axis for axis in axes if axis.order]
     by_orientation = len(numbers) == 1 and numbers[0].name == THETA5
     if not np.isfinite(passed).any():
-        return styled(lambda: _main_effects(axes, passed))
+        return styled(lambda: _main_effects(axes, passed), PAPER)
     if by_orientation and (not words or (len(words) == 1 and len(words[0].order) <= MOST_ROWS)):
         return _orientations(numbers[0], words[0] if words else None, passed, case)
     if len(numbers) == 2 and not words:
-        return styled(lambda: _map(numbers[0], numbers[1], passed))
-    return styled(lambda: _main_effects(axes, passed))
+        return styled(lambda: _one_map(numbers[0], numbers[1], passed), PAPER)
+    return styled(lambda: _main_effects(axes, passed), PAPER)
+
+
+def draw_chart(axis: Axes, over: Sequence[Spread], passed: Array) -> None:
+    """Success in one chart: the rates over one axis of a sweep with their Wilson 95 % intervals, or
+    a map over two that are numbers."""
+    axis.tick_params(**TICKS)
+    if len(over) == 2:
+        _map(axis, over[0], over[1], passed)
+    else:
+        _panel(axis, _effect(over[0], passed), over[0])
+        axis.set_ylabel("success rate [%]")
 
 
 def _orientations(
@@ -100,48 +120,55 @@ def _orientations(
     )
 
 
-def _map(x: Spread, y: Spread, passed: Array) -> Figure:
-    """Success rate over two numbers."""
-    from matplotlib.figure import Figure
+def _one_map(x: Spread, y: Spread, passed: Array) -> Figure:
+    from omnitrack_sim.plots.picture import Picture
 
+    figure = Picture(figsize=CHART, layout="constrained")
+    draw_chart(figure.subplots(), (x, y), passed)
+    return figure
+
+
+def _map(axis: Axes, x: Spread, y: Spread, passed: Array) -> None:
+    """Success rate over two numbers."""
     (column, x_edges), (row, y_edges) = _cells(x), _cells(y)
     shape = (len(y_edges) - 1, len(x_edges) - 1)
     known = np.isfinite(passed)
     cell = np.ravel_multi_index((row[known], column[known]), shape)
     total = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape)
     good = np.bincount(cell, passed[known], minlength=shape[0] * shape[1]).reshape(shape)
-    rate = np.where(total > 0, good / np.maximum(total, 1), np.nan)
-    figure = Figure(figsize=(6.4, 5.0), layout="constrained")
-    axis = figure.subplots()
-    axis.set_facecolor("#dfe2e6")  # shows where no trial has an outcome
-    mesh = axis.pcolormesh(
-        x_edges,
-        y_edges,
-        np.ma.masked_invalid(100 * rate),
-        cmap=success_colours(),
-        vmin=0,
-        vmax=100,
-        lw=0,
-    )
+    rate = np.ma.masked_invalid(np.where(total > 0, 100 * good / np.maximum(total, 1), np.nan))
+    axis.set_facecolor(_NO_OUTCOME)
+    look = {"cmap": success_colours(), "vmin": 0, "vmax": 100, "lw": 0, "rasterized": True}
+    mesh = axis.pcolormesh(x_edges, y_edges, rate, **look)
     if total.max(initial=0) > 1:
-        for i, j in zip(*np.nonzero(total < FEW), strict=True):
-            x_middle, y_middle = x_edges[j : j + 2].mean(), y_edges[i : i + 2].mean()
-            axis.text(
-                float(x_middle),
-                float(y_middle),
-                str(total[i, j]),
-                ha="center",
-                va="center",
-                size=7,
-                color=INK,
-            )
-    bar = figure.colorbar(mesh, ax=axis, pad=0.02)
-    bar.set_label("success rate [%]")
-    bar.outline.set_visible(False)  # type: ignore[operator]
+        _few(axis, x_edges, y_edges, total)
+    if set(rate.compressed().tolist()) <= {0.0, 100.0}:
+        _two_colours(axis, bool((total == 0).any()))
+    else:
+        bar = axis.get_figure(root=True).colorbar(mesh, ax=axis, pad=0.02)  # type: ignore[union-attr]
+        bar.set_label("success rate [%]")
+        bar.ax.tick_params(**TICKS)
+        bar.outline.set_visible(False)  # type: ignore[operator]
     axis.grid(False)
     axis.set_xlabel(x.label)
     axis.set_ylabel(y.label)
-    return figure
+
+
+def _few(axis: Axes, x_edges: Array, y_edges: Array, total: NDArray) -> None:
+    """Write their number into cells with few trials."""
+    for i, j in zip(*np.nonzero(total < FEW), strict=True):
+        place = float(x_edges[j : j + 2].mean()), float(y_edges[i : i + 2].mean())
+        axis.text(*place, str(total[i, j]), ha="center", va="center", size=5.5, color=INK)
+
+
+def _two_colours(axis: Axes, gaps: bool) -> None:
+    """Name the colours of cells that have all passed or all failed; a scale would tell no more."""
+    from matplotlib.patches import Patch
+
+    shown = [(PASSED_COLOUR, "passed"), (FAILED_COLOUR, "failed")]
+    shown += [(_NO_OUTCOME, "no outcome")] if gaps else []
+    handles = [Patch(fc=colour, label=text) for colour, text in shown]
+    axis.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.02), ncols=len(handles))
 
 
 def _cells(spread: Spread) -> tuple[NDArray[np.intp], Array]:
@@ -160,16 +187,18 @@ def _cells(spread: Spread) -> tuple[NDArray[np.intp], Array]:
 
 def _main_effects(axes: Sequence[Spread], passed: Array) -> Figure:
     """One panel for each axis, with the success rate over its values."""
-    from matplotlib.figure import Figure
+    from omnitrack_sim.plots.picture import Picture
 
     effects = sorted(
         ((_effect(axis, passed), axis) for axis in axes), key=lambda pair: -_spread_of(pair[0])
     )
     columns = min(len(effects), 3)
     rows = -(-len(effects) // columns)
-    figure = Figure(figsize=(3.4 * columns + 0.4, 2.9 * rows + 0.3), layout="constrained")
+    width = COLUMN if columns == 1 else PAGE
+    figure = Picture(figsize=(width, 1.9 * rows + 0.3), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False, sharey=True)
     for panel, (effect, axis) in zip(panels.flat, effects, strict=False):
+        panel.tick_params(**TICKS)
         _panel(panel, effect, axis)
     for panel in panels.flat[len(effects) :]:
         panel.set_visible(False)
@@ -178,7 +207,7 @@ def _main_effects(axes: Sequence[Spread], passed: Array) -> Figure:
     known = np.isfinite(passed)
     figure.suptitle(
         f"{int(passed[known].sum())} of {int(known.sum())} passed; bars: Wilson 95 % intervals",
-        size=9.5,
+        size=8,
         color=INK,
     )
     return figure
@@ -224,12 +253,12 @@ def _panel(panel: Axes, effect: _Effect, axis: Spread) -> None:
     style: dict[str, Any] = {
         "color": PASSED_COLOUR,
         "ecolor": GREY,
-        "elinewidth": 1.0,
-        "capsize": 2.5,
+        "elinewidth": 0.8,
+        "capsize": 2.0,
         "marker": "o",
     }
     errors = np.maximum(0.0, [rate - ends[:, 0], ends[:, 1] - rate])
-    panel.errorbar(place, rate, errors, ms=4, ls="none" if axis.order else "-", **style)
+    panel.errorbar(place, rate, errors, ms=3, ls="none" if axis.order else "-", **style)
     if axis.order:
         panel.set_xticks(
             range(len(axis.order)), [word.replace(" ", "\n", 1) for word in axis.order]

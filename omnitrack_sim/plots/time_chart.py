@@ -33,10 +33,10 @@ SHADES = {
 """Colours of the bands, by manoeuvre."""
 START: dict[str, Any] = {
     "marker": "o",
-    "markersize": 7,
+    "markersize": 4.5,
     "markerfacecolor": "white",
     "markeredgecolor": INK,
-    "markeredgewidth": 1.4,
+    "markeredgewidth": 0.9,
     "linestyle": "none",
 }
 """The sign for places: a white disc with a dark edge."""
@@ -62,15 +62,15 @@ class Mark:
 def signs(mark: Mark) -> list[dict[str, Any]]:
     """The line styles that draw a mark: a glyph on a white disc, or a plain marker."""
     if mark.marker.isascii():
-        return [START | {"marker": mark.marker, "markersize": 10, "markerfacecolor": mark.colour}]
-    disc = START | {"markersize": 11, "markeredgecolor": mark.colour, "markeredgewidth": 0.9}
+        return [START | {"marker": mark.marker, "markersize": 6.5, "markerfacecolor": mark.colour}]
+    disc = START | {"markersize": 7, "markeredgecolor": mark.colour, "markeredgewidth": 0.6}
     glyph = {
         "marker": _glyph(mark.marker),
-        "markersize": 6,
+        "markersize": 4,
         "color": mark.colour,
         "linestyle": "none",
     }
-    return [disc, glyph | {"markeredgewidth": 0.3}]
+    return [disc, glyph | {"markeredgewidth": 0.2}]
 
 
 @cache
@@ -112,14 +112,14 @@ def draw_time_chart(
     _bands(strip, (speed, tilt), heights, renderer, trajectory, routes)
     tilt.plot(time, np.degrees(trajectory["tilt"]), color=INK)
     tilt.set_ylim(0, max(1.0, 1.3 * _largest(np.degrees(trajectory["tilt"]))))
-    tilt.set_ylabel("tilt, deg")
+    tilt.set_ylabel("tilt [deg]")
     tilt.tick_params(labelbottom=False)
     shown = 1e3 * _speed(trajectory)
     speed.plot(time, shown, color=INK)
     speed.set_ylim(-1.15 * _largest(-shown) - 1.0, 1.15 * _largest(shown) + 1.0)
     speed.axhline(0.0, color=GREY, linewidth=0.6)
-    speed.set_ylabel("speed, mm/s\n+ nose ahead")
-    speed.set_xlabel("time, s")
+    speed.set_ylabel("speed [mm/s]")
+    speed.set_xlabel("time [s]")
     high = tilt.get_ylim()[1]
     for mark in marks:
         for style in signs(mark):
@@ -191,7 +191,7 @@ def _leg_row(strip: Axes, height: float, trajectory: Trajectory) -> None:
         strip.plot([start, end], [middle] * 2, color=GREY, linewidth=0.8, marker="|", markersize=6)
         gear = ", tail first" if trajectory["gear"][first] < 0 else ""
         text = f" leg {leg[first] + 1}{gear} "
-        name = strip.text((start + end) / 2, middle, text, ha="center", va="center", fontsize=7.5)
+        name = strip.text((start + end) / 2, middle, text, ha="center", va="center", fontsize=6)
         name.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
 
 
@@ -211,7 +211,7 @@ def _manoeuvre_legend(strip: Axes, shown: dict[str, str]) -> None:
         borderpad=0.1,
         borderaxespad=0.3,
         columnspacing=1.6,
-        fontsize=8,
+        fontsize=6.5,
     )
 
 
@@ -222,7 +222,7 @@ def _band_name(
     left, right = (strip.transData.transform((x, 0.0))[0] for x in (start, end))
     room = float(right - left)
     bottom, top = (strip.transData.transform((0.0, y))[1] for y in (low, low + height))
-    for size in (8.0, 7.0, 6.0, 5.0):
+    for size in (6.5, 5.5, 4.5):
         for angle in (0, 90):
             text = strip.text(
                 (start + end) / 2, low + height / 2, name, ha="center", va="center", color=INK

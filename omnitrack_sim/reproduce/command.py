@@ -19,7 +19,7 @@ from omnitrack_sim.plots.manoeuvres import (
     rates_figure,
     success_figure,
 )
-from omnitrack_sim.plots.singularity import singularity_figure
+from omnitrack_sim.plots.singularity import plot_singularity
 from omnitrack_sim.plots.style import attempt, save_figure
 from omnitrack_sim.reproduce import driving, elbows, tees, theory
 from omnitrack_sim.reproduce.claim import Claim, FigureName
@@ -171,12 +171,12 @@ def _region_figures() -> _Figures:
     return {
         "fig9_sector": (
             "Fig. 9: the singular sector.",
-            partial(singularity_figure, case, "sector"),
+            partial(plot_singularity, case, figure="sector"),
         ),
         "contact_map_geometry": (
             "Contact over orientation and turn in the exact geometry of two pipes; red: a module "
             "has no wall.",
-            partial(singularity_figure, case, "map"),
+            partial(plot_singularity, case, figure="map"),
         ),
     }
 

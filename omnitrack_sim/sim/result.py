@@ -26,6 +26,7 @@ from omnitrack_sim.sim.files import (
     write_timeline,
     write_trajectory,
 )
+from omnitrack_sim.sim.notebook import result_html
 from omnitrack_sim.text import strict_json
 from omnitrack_sim.writing import whole_folder
 
@@ -62,6 +63,9 @@ class Result:
         name, record = self.scenario.name, len(self.trajectory.time)
         ended = f"{self.outcome.value} after {self.duration_s:.6g} s"
         return f"Result({name!r}: {ended}; {len(self.metrics)} metrics, {record} samples)"
+
+    def _repr_html_(self) -> str:
+        return result_html(self)
 
     @property
     def success(self) -> bool:

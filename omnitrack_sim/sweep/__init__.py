@@ -2,6 +2,7 @@
 
 from omnitrack_sim.sweep.dispatch import Status
 from omnitrack_sim.sweep.engine import run_sweep
+from omnitrack_sim.sweep.picture import plot_sweep
 from omnitrack_sim.sweep.spec import Sweep, load_sweep
 
-__all__ = ["Status", "Sweep", "load_sweep", "run_sweep"]
+__all__ = ["Status", "Sweep", "load_sweep", "plot_sweep", "run_sweep"]

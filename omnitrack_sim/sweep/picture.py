@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from omnitrack_sim.plots.style import save_figure
-from omnitrack_sim.plots.sweep import Spread, sweep_figure
+from omnitrack_sim.arguments import check_is
+from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.plots.style import PAPER, save_figure
+from omnitrack_sim.plots.sweep import CHART, Spread, draw_chart, sweep_figure
 from omnitrack_sim.rotations import Array, direction_of
 from omnitrack_sim.schema.tables import unit_of
 from omnitrack_sim.sweep.axes import DirectionAxis
@@ -18,6 +22,8 @@ from omnitrack_sim.theory.singularity import TurnCase
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 ALONG = 1 / 3
 """Components of a unit vector along the run axis, from - to + this, that count as across.
@@ -27,15 +33,74 @@ Each of the three classes has a third of the sphere.
 CLASSES = ("against the run axis", "across", "along")
 
 
+def plot_sweep(
+    sweep: Sweep,
+    table: pa.Table,
+    path: str | Path | None = None,
+    *,
+    over: str | Sequence[str] | None = None,
+    ax: Axes | None = None,
+    format: str | None = None,
+) -> Figure:
+    """Success over what a sweep has varied.
+
+    Args:
+        sweep: that was run.
+        table: of ``run_sweep``, all trials.
+        path: file to write; none: the figure is returned and nothing is written.
+        over: one axis of the sweep for the rates over it with Wilson 95 % intervals, or two that
+            are numbers for a map; none: the figure that a sweep's folder has (docs/sweeps.md).
+        ax: where to draw one chart; none: in a figure of its own.
+        format: ``png``, ``pdf`` or ``svg``; none: from the ending of ``path``.
+
+    Returns:
+        The figure, or that of ``ax``.
+
+    Raises:
+        InputError: the table has other trials; no such axis or format; ``ax`` is given, and the
+            sweep has more axes than one chart can show; ``path`` is given with ``ax``.
+        OutputError: the file cannot be written.
+    """
+    from omnitrack_sim.plots.picture import chart, page
+
+    check_is(Sweep, "sweep", sweep)
+    if getattr(table, "num_rows", None) != sweep.size:
+        told = f"is not the table of all {sweep.size} trials of {sweep.name!r}"
+        raise InputError(Fault("table", told))
+    passed = _passed(table)
+    if over is None and ax is None:
+        return page(lambda: sweep_figure(spreads(sweep), passed, turn_case(sweep)), path, format)
+    chosen = _chosen(spreads(sweep), over)
+    return chart(lambda axis: draw_chart(axis, chosen, passed), CHART, path, ax, format, PAPER)
+
+
+def _chosen(found: list[Spread], over: str | Sequence[str] | None) -> list[Spread]:
+    """The axes of one chart, by their names; all where none are named."""
+    by_name = {spread.name: spread for spread in found}
+    names = list(by_name) if over is None else [over] if isinstance(over, str) else [*over]
+    for name in names:
+        if name not in by_name:
+            raise InputError(Fault("over", f"is {name!r}", tuple(by_name), str(name)))
+    chosen = [by_name[name] for name in names]
+    if len(chosen) not in (1, 2) or (len(chosen) == 2 and any(one.order for one in chosen)):
+        problem = "name one axis, or two of numbers, for one chart"
+        raise InputError(Fault("over", problem, tuple(by_name)))
+    return chosen
+
+
 def draw_map(sweep: Sweep, table: pa.Table) -> bytes:
     """``success_map.png``."""
+    buffer = io.BytesIO()
+    save_figure(sweep_figure(spreads(sweep), _passed(table), turn_case(sweep)), buffer, "png")
+    return buffer.getvalue()
+
+
+def _passed(table: pa.Table) -> Array:
+    """Of each trial 1 passed, 0 failed, not a number where it has no outcome of the robot."""
     ends = zip(table["outcome"].to_pylist(), table["success"].to_pylist(), strict=True)
-    passed = np.array(
+    return np.array(
         [np.nan if outcome in (INVALID, ERROR) else float(success) for outcome, success in ends]
     )
-    buffer = io.BytesIO()
-    save_figure(sweep_figure(spreads(sweep), passed, turn_case(sweep)), buffer, "png")
-    return buffer.getvalue()
 
 
 def spreads(sweep: Sweep) -> list[Spread]:

@@ -36,10 +36,10 @@ def contact_map_figure(result: Result, route: Route | None = None) -> Figure:
             up, normal force [N] as colour. Grey rings show where a module is off the wall (below
             ``NO_CONTACT_FORCE``).
     """
-    from matplotlib.figure import Figure
+    from omnitrack_sim.plots.picture import Picture
 
     def draw() -> Figure:
-        figure = Figure(figsize=(7.6, 4.4), layout="constrained")
+        figure = Picture(figsize=(7.6, 4.4), layout="constrained")
         axis = figure.subplots()
         _contacts(axis, result.trajectory)
         if route is not None:

@@ -34,13 +34,13 @@ def angular_velocity_figure(result: Result, lug_radius: float | None = None) -> 
         Two panels over time [s]: angular velocity [rad/s], with the commanded one dashed, and
         module roll [deg].
     """
-    from matplotlib.figure import Figure
+    from omnitrack_sim.plots.picture import Picture
 
     radius = result.scenario.robot.lug_radius if lug_radius is None else lug_radius
     trajectory = result.trajectory
 
     def draw() -> Figure:
-        figure = Figure(figsize=(7.2, 4.8), layout="constrained")
+        figure = Picture(figsize=(7.2, 4.8), layout="constrained")
         axes = figure.subplots(2, 1, sharex=True, height_ratios=(1.7, 1))
         _pairs(
             axes[0],
@@ -75,13 +75,13 @@ def along_figure(result: Result) -> Figure:
         Three panels over the arc length of the robot's centre [m]: traction [N], normal force [N],
         slip velocity [mm/s].
     """
-    from matplotlib.figure import Figure
+    from omnitrack_sim.plots.picture import Picture
 
     trajectory = result.trajectory
     channels = ("traction", 1.0), ("normal_force", 1.0), ("slip_velocity", _MM)
 
     def draw() -> Figure:
-        figure = Figure(figsize=(7.2, 6.2), layout="constrained")
+        figure = Picture(figsize=(7.2, 6.2), layout="constrained")
         axes = figure.subplots(3, 1, sharex=True)
         for axis, (name, scale) in zip(axes, channels, strict=True):
             _module_lines(axis, trajectory, trajectory["distance"], trajectory[name] * scale)

@@ -31,10 +31,10 @@ def elbow_figure(results: Mapping[str, Sequence[Result]]) -> Figure:
         Four panels over theta5 at the start [deg]: tilt at the exit and largest tilt [deg], slip
         distance as the mean of the modules [mm], duration [s]. Runs that failed have hollow marks.
     """
-    from matplotlib.figure import Figure
+    from omnitrack_sim.plots.picture import Picture
 
     def draw() -> Figure:
-        figure = Figure(figsize=(7.6, 5.2), layout="constrained")
+        figure = Picture(figsize=(7.6, 5.2), layout="constrained")
         axes = figure.subplots(2, 2, sharex=True)
         for axis, (label, value) in zip(axes.flat, _ELBOW_PANELS, strict=True):
             for k, runs in enumerate(results.values()):

@@ -29,10 +29,10 @@ def rates_figure(
         reference: a rate from 0 to 1, drawn as a dashed line.
         label: what the rate is; the axis shows it in %.
     """
-    from matplotlib.figure import Figure
+    from omnitrack_sim.plots.picture import Picture
 
     def draw() -> Figure:
-        figure = Figure(figsize=(6.4, 1.2 + 0.42 * max(1, len(groups))), layout="constrained")
+        figure = Picture(figsize=(6.4, 1.2 + 0.42 * max(1, len(groups))), layout="constrained")
         axis = figure.subplots()
         _bars(axis, groups)
         if reference is not None:

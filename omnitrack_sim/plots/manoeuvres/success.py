@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnitrack_sim.plots.style import INK, styled
+from omnitrack_sim.plots.style import INK, PAGE, PAPER, TICKS, styled
 from omnitrack_sim.rotations import wrap_angle
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def success_figure(
         Two panels: on the left rows over theta5 [deg] with their success rates [%], on the right
             the same as rings, repeated around the circle.
     """
-    from matplotlib.figure import Figure
+    from omnitrack_sim.plots.picture import Picture
 
     theta5 = _wrapped(np.asarray(theta5_deg, float), period_deg)
     rows = {
@@ -57,7 +57,7 @@ def success_figure(
     margin = (period_deg - sector_deg) / 2
 
     def draw() -> Figure:
-        figure = Figure(figsize=(9.2, max(3.6, 2.2 + 0.5 * len(rows))), layout="constrained")
+        figure = Picture(figsize=(PAGE, max(2.8, 1.6 + 0.36 * len(rows))), layout="constrained")
         line = figure.add_subplot(figure.add_gridspec(1, 2, width_ratios=(1.75, 1))[0])
         ring: Any = figure.add_subplot(1, 2, 2, projection="polar")
         ring.set_subplotspec(line.get_gridspec()[1])  # type: ignore[union-attr]
@@ -67,7 +67,7 @@ def success_figure(
         _success_legend(figure, rows, margin, period_deg / 2, real_margin_deg)
         return figure
 
-    return styled(draw)
+    return styled(draw, PAPER)
 
 
 def _wrapped(theta5: NDArray, period: float) -> NDArray:
@@ -134,12 +134,13 @@ def _success_rows(
             weight="bold",
         )
     axis.text(
-        1.015, -0.78, "passed", transform=axis.get_yaxis_transform(), va="center", color=INK, size=8
+        1.015, -0.78, "passed", transform=axis.get_yaxis_transform(), va="center", color=INK, size=7
     )
     axis.set_yticks(range(len(rows)), list(rows))
     axis.set_ylim(len(rows) - 0.45, -0.95)
     axis.set_xlim(-period / 2, period / 2)
     axis.set_xticks(np.linspace(-period / 2, period / 2, 9))
+    axis.tick_params(**TICKS)
     axis.tick_params(axis="y", length=0)
     axis.grid(False)
     axis.set_xlabel("theta5 at the start [deg]")
@@ -192,6 +193,7 @@ def _success_rings(
     axis.set_yticks([])
     axis.grid(False)
     axis.set_xticks(np.radians(np.arange(0, 360, 30)))
+    axis.tick_params(**TICKS)
     axis.set_xlabel("theta5 [deg], outer ring: top row")
 
 
@@ -222,4 +224,4 @@ def _success_legend(
                 [], [], color=INK, lw=1.1, ls=_DASHES, label=f"real geometry, ±{real_margin:.2f}°"
             )
         )
-    figure.legend(handles=handles, loc="outside upper left", ncols=len(handles))
+    figure.legend(handles=handles, loc="outside upper left", ncols=len(handles), borderaxespad=0.4)

@@ -7,21 +7,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from omnitrack_sim.plots.style import INK
+from omnitrack_sim.plots.style import INK, PAGE, TICKS
 from omnitrack_sim.rotations import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-WIDTH, LEFT, RIGHT = 12.0, 0.82, 0.25
+WIDTH, LEFT, RIGHT = PAGE, 0.46, 0.08
 """Width of the figure and of its margins, inches."""
-_BETWEEN = 0.85  # inches between the two columns
+_BETWEEN = 0.42  # inches between the two columns
 COLUMN = (WIDTH - LEFT - RIGHT - _BETWEEN) / 2
 """Width of a column, which holds both views of one quantity, inches."""
-_TALLEST = 5.6  # inches, largest height of the views of one quantity
-_HEAD = 0.66  # inches for the title
-_STACKED, _ASIDE = 0.30, 0.72  # inches between two views, one above the other or side by side
+_TALLEST = 4.2  # inches, largest height of the views of one quantity
+_HEAD = 0.42  # inches for the title
+_STACKED, _ASIDE = 0.24, 0.38  # inches between two views, one above the other or side by side
+_PANELS = 0.1  # inches between the panels of the time chart
 _AXES = "xyz"
 
 
@@ -91,14 +92,14 @@ class Layout:
                 texts, ((across, 2), (across, other)), (tall, depth), places, strict=True
             )
         ]
-        self.legs = 0.2 if several_legs else 0.0
-        self.chart_bottom = 0.48
-        self.panel = 1.05
-        self.strip = 0.62
-        self.legend = self.chart_bottom + 2 * self.panel + 0.14 + self.legs + self.strip + 0.36
-        self.map_bottom = self.legend + 0.82
-        self.bar = self.map_bottom + self.map_height + 0.54
-        self.height = self.bar + 0.14 + _HEAD
+        self.legs = 0.16 if several_legs else 0.0
+        self.chart_bottom = 0.36
+        self.panel = 0.72
+        self.strip = 0.46
+        self.legend = self.chart_bottom + 2 * self.panel + _PANELS + self.legs + self.strip + 0.22
+        self.map_bottom = self.legend + 0.56
+        self.bar = self.map_bottom + self.map_height + 0.36
+        self.height = self.bar + 0.08 + _HEAD
         self.left_of = [LEFT, LEFT + COLUMN + _BETWEEN]
 
     def box(
@@ -117,9 +118,10 @@ class Layout:
             getattr(axis, f"set_{name}lim")(
                 *(limits[::-1] if view.flipped and name == "y" else limits)
             )
-            getattr(axis, f"set_{name}label")(f"{_AXES[index]}, m")
+            getattr(axis, f"set_{name}label")(f"{_AXES[index]} [m]", labelpad=1.5)
             getattr(axis, f"{name}axis").set_major_locator(_ticks(limits[1] - limits[0]))
-        axis.set_title(view.title, loc="left", fontsize=8.5, color=INK, pad=4)
+        axis.tick_params(**TICKS)
+        axis.set_title(view.title, loc="left", fontsize=7, color=INK, pad=3)
         if not self.aside and view is self.views[0]:
             axis.set_xlabel("")
             axis.tick_params(labelbottom=False)
@@ -128,7 +130,7 @@ class Layout:
 
     def chart(self, figure: Figure) -> tuple[Axes, Axes, Axes]:
         """Axes of the time chart: bands, tilt, speed."""
-        width, tilt = WIDTH - LEFT - RIGHT, self.chart_bottom + self.panel + 0.14
+        width, tilt = WIDTH - LEFT - RIGHT, self.chart_bottom + self.panel + _PANELS
         rows = (
             (tilt + self.panel, self.legs + self.strip),
             (tilt, self.panel),
@@ -138,7 +140,8 @@ class Layout:
             figure.add_axes(self.box(LEFT, bottom, width, height)) for bottom, height in rows
         )
         for axis in (above, below):
-            axis.yaxis.set_label_coords(-0.045, 0.5)
+            axis.tick_params(**TICKS)
+            axis.yaxis.set_label_coords(-0.05, 0.5)
         return strip, above, below
 
 

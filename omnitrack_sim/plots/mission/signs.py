@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 _PLATE: dict[str, Any] = {
     "facecolor": f"{ALARM}40",
     "edgecolor": ALARM,
-    "linewidth": 2.5,
+    "linewidth": 1.8,
     "joinstyle": "bevel",
 }
 _GOAL: dict[str, Any] = START | {
     "marker": "*",
-    "markersize": 13,
+    "markersize": 8,
     "markerfacecolor": "#ffd23f",
-    "markeredgewidth": 0.9,
+    "markeredgewidth": 0.6,
 }
 
 
@@ -90,8 +90,8 @@ def draw_legend(
     if tail_first:
         handles.append(
             (
-                Line2D([], [], color=INK, lw=4.2, solid_capstyle="butt"),
-                Line2D([], [], color="white", lw=0.9, ls=(0, (2, 2))),
+                Line2D([], [], color=INK, lw=3.0, solid_capstyle="butt"),
+                Line2D([], [], color="white", lw=0.7, ls=(0, (2, 2))),
             )
         )
         texts.append("tail first")
@@ -101,5 +101,5 @@ def draw_legend(
     for mark in marks:
         handles.append(tuple(Line2D([], [], **style) for style in signs(mark)))
         texts.append(mark.text)
-    place = {"loc": "center", "bbox_to_anchor": (0.5, (layout.legend + 0.22) / layout.height)}
-    figure.legend(handles, texts, ncols=len(texts), columnspacing=2.2, handletextpad=0.5, **place)
+    place = {"loc": "center", "bbox_to_anchor": (0.5, (layout.legend + 0.16) / layout.height)}
+    figure.legend(handles, texts, ncols=len(texts), columnspacing=1.8, handletextpad=0.4, **place)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.plots.mission.layout import COLUMN, Layout, View
-from omnitrack_sim.plots.style import INK
+from omnitrack_sim.plots.style import INK, TICKS
 from omnitrack_sim.record.timeline import FORCE_WINDOW, running_mean
 from omnitrack_sim.rotations import Array
 
@@ -85,7 +85,7 @@ def colour_bar(
     scale = ScalarMappable(Normalize(0.0, top), colours)
     width = 0.62 * COLUMN
     left = layout.left_of[column] + (COLUMN - width) / 2
-    axis = figure.add_axes(layout.box(left, layout.bar, width, 0.11))
+    axis = figure.add_axes(layout.box(left, layout.bar, width, 0.07))
     bar = figure.colorbar(
         scale,
         cax=axis,
@@ -95,8 +95,8 @@ def colour_bar(
     bar.locator = MaxNLocator(6)
     bar.update_ticks()
     bar.outline.set_linewidth(0.5)  # type: ignore[operator]
-    axis.tick_params(labelsize=8, length=2.5, pad=2)
-    axis.set_title(text, fontsize=9.5, color=INK, pad=5)
+    axis.tick_params(**TICKS)
+    axis.set_title(text, fontsize=7.5, color=INK, pad=3)
     return scale
 
 
@@ -132,14 +132,14 @@ def draw_way(
             points = points + _beside(trajectory, routes[stretch.leg], stretch, view)
         flat = points[:, columns]
         pieces = np.stack([flat[:-1], flat[1:]], axis=1)
-        axis.plot(*flat.T, color=INK, linewidth=4.2, solid_capstyle="round", zorder=3)
+        axis.plot(*flat.T, color=INK, linewidth=3.0, solid_capstyle="round", zorder=3)
         lines = LineCollection(
             list(pieces), array=value, cmap=scale.cmap, norm=scale.norm, zorder=3.1
         )
-        lines.set(linewidth=3.2, capstyle="projecting")
+        lines.set(linewidth=2.2, capstyle="projecting")
         axis.add_collection(lines, autolim=False)
         if stretch.tail_first:
-            axis.plot(*flat.T, color="white", linewidth=0.9, linestyle=(0, (4, 4)), zorder=3.2)
+            axis.plot(*flat.T, color="white", linewidth=0.7, linestyle=(0, (4, 4)), zorder=3.2)
 
 
 def _beside(trajectory: Trajectory, route: Route, stretch: Stretch, view: View) -> Array:

@@ -1,0 +1,87 @@
+"""A small picture of a run, as SVG: what a notebook shows beside the figures.
+
+It is written by hand, for a result that is shown must not wait for matplotlib to load.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.record.trajectory import Trajectory, spans
+
+_COLOURS = ("#f28c0d", "#1a73cc", "#0d9e6b")
+"""Of the modules, as on the model."""
+_INK, _GREY, _SHADES = "#22262b", "#7a7f87", ("#ffffff", "#e3e7ed", "#f2ede3")
+_LEFT, _WIDTH, _HEIGHT, _BETWEEN = 112, 380, 44, 12  # pixels
+_MOST_POINTS = 380
+"""Points of a line: one a pixel; of more samples the least and the largest of each pixel."""
+_ROWS = (("distance", "m", 1.0), ("tilt", "deg", 180 / np.pi), ("normal_force", "N", 1.0))
+
+
+def sketch(trajectory: Trajectory) -> str:
+    """Distance, tilt and normal forces over time as an SVG element, phases behind them."""
+    height = len(_ROWS) * (_HEIGHT + _BETWEEN) + 20
+    rows = [
+        _row(trajectory, *row, top=_BETWEEN // 2 + i * (_HEIGHT + _BETWEEN))
+        for i, row in enumerate(_ROWS)
+    ]
+    end = float(trajectory.time[-1])
+    axis = _text(_LEFT, height - 8, "0 s") + _text(
+        _LEFT + _WIDTH, height - 8, f"{end:.2f} s", "end"
+    )
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{_LEFT + _WIDTH + 12}" height="{height}" '
+        f'font-family="sans-serif" font-size="10">{"".join(rows)}{axis}</svg>'
+    )
+
+
+def _row(trajectory: Trajectory, channel: str, unit: str, scale: float, top: int) -> str:
+    """One channel: phases behind it, its range at the left, and its lines."""
+    values = scale * np.asarray(trajectory[channel], float).reshape(len(trajectory.time), -1)
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    x = _LEFT + _WIDTH * _part(trajectory.time)
+    y = top + _HEIGHT * (1.0 - (values - low) / max(high - low, 1e-9))
+    colours = _COLOURS if values.shape[1] > 1 else (_INK,)
+    lines = [_line(x, column, colour) for column, colour in zip(y.T, colours, strict=True)]
+    name = f"{channel.replace('_', ' ')}, {unit}"
+    texts = [
+        _text(2, top + _HEIGHT / 2 + 3, name, "start"),
+        _text(_LEFT - 4, top + 8, f"{high:.3g}", "end"),
+        _text(_LEFT - 4, top + _HEIGHT, f"{low:.3g}", "end"),
+    ]
+    return "".join([_phases(trajectory, x, top), *texts, *lines])
+
+
+def _part(time: NDArray) -> NDArray[np.float64]:
+    """Time (T,) as a part of the whole, 0 to 1."""
+    return (time - time[0]) / max(float(time[-1] - time[0]), 1e-9)
+
+
+def _phases(trajectory: Trajectory, x: NDArray, top: int) -> str:
+    return "".join(
+        f'<rect x="{x[first]:.1f}" y="{top}" width="{x[last] - x[first]:.1f}" height="{_HEIGHT}" '
+        f'fill="{_SHADES[int(trajectory["phase"][first]) % len(_SHADES)]}"/>'
+        for first, last in spans(trajectory["phase"])
+    )
+
+
+def _line(x: NDArray, y: NDArray, colour: str) -> str:
+    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(*_thinned(x, y), strict=True))
+    return f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="1.2"/>'
+
+
+def _thinned(x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
+    """The finite points of a line; of many the two ends of what it covers in each pixel."""
+    known = np.isfinite(y)
+    x, y = x[known], y[known]
+    if len(x) <= 2 * _MOST_POINTS:
+        return x, y
+    starts = np.flatnonzero(np.diff(np.floor(x), prepend=-1.0))
+    ends = np.stack([np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)], axis=1)
+    return np.repeat(x[starts], 2), ends.ravel()
+
+
+def _text(x: float, y: float, text: str, anchor: str = "start") -> str:
+    return f'<text x="{x:g}" y="{y:g}" fill="{_GREY}" text-anchor="{anchor}">{text}</text>'
