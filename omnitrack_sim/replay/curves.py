@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.pipes import Route
-from omnitrack_sim.plots.summary import PHASE_SHADES
+from omnitrack_sim.plots.panels import shade_of
 from omnitrack_sim.plots.time_chart import SHADES
 from omnitrack_sim.record.events import Note
 from omnitrack_sim.record.timeline import passage_indices
@@ -92,7 +92,7 @@ def phases_table(trajectory: Trajectory) -> list[dict[str, Any]]:
             "name": name.replace("_", " "),
             "start": start,
             "end": end,
-            "colour": PHASE_SHADES[codes[name] % len(PHASE_SHADES)],
+            "colour": shade_of(codes[name]),
         }
         for name, start, end in trajectory.phase_spans()
     ]
