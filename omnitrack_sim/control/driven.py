@@ -1,9 +1,11 @@
-"""Driving by orders: someone steers the robot, from a keyboard or by a list in its scenario, and may
-hand over to another controller, the autopilot.
+"""Driving by orders: someone steers the robot, from a keyboard or by a list in its scenario, and
+may hand over to another controller, the autopilot.
 
 An order says what is asked from its time on: a speed, a heading, a roll. The heading is a direction
 and no rate of turning, because nobody reacts fast enough for a rate: in a tee, where the inner
-module has lost the wall, the springs can turn a robot over in 0.2 s. Orders are kept as they are given, so that a scenario that holds them repeats the run that they made
+module has lost the wall, the springs can turn a robot over in 0.2 s.
+
+Orders are kept as they are given, so that a scenario that holds them repeats the run that they made
 to the same bytes.
 """
 
@@ -11,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -73,7 +76,7 @@ class DrivenTable(Table):
     @field_validator("orders")
     @classmethod
     def _in_order(cls, orders: tuple[Order, ...]) -> tuple[Order, ...]:
-        for before, order in zip(orders, orders[1:], strict=False):
+        for before, order in pairwise(orders):
             if order.time < before.time:
                 raise ValueError(f"has one for {order.time:g} s behind one for {before.time:g} s")
         return orders
@@ -118,6 +121,7 @@ class DrivenController:
     forward stays forward when the robot is sent on tail first.
 
     Attributes:
+        setup: what it was made from.
         roll: (n, 3) rad, what the rotary motors were asked last.
         by_hand: (n,) robots that obey their driver; the others are with their autopilots.
     """
@@ -125,7 +129,7 @@ class DrivenController:
     Parameters: ClassVar[type[Table]] = DrivenTable
 
     def __init__(self, setup: ControlSetup) -> None:
-        self._setup, n = setup, setup.n
+        self.setup, n = setup, setup.n
         self._tables: Sequence[DrivenTable] = setup.parameters
         self._orders = [list(table.orders) for table in self._tables]
         self._obeyed = [0] * n
@@ -156,7 +160,9 @@ class DrivenController:
         """
         orders = self._orders[robot]
         if orders and order.time < orders[-1].time:
-            raise ValueError(f"an order for {order.time} s comes behind one for {orders[-1].time} s")
+            raise ValueError(
+                f"an order for {order.time} s comes behind one for {orders[-1].time} s"
+            )
         orders.append(order)
 
     def orders(self, robot: int = 0) -> tuple[Order, ...]:
@@ -215,8 +221,8 @@ class DrivenController:
         table = self._tables[robot]
         parameters = table.autopilot_model(**table.autopilot_parameters)
         setup = replace(
-            self._setup,
-            parameters=[parameters] * self._setup.n,
+            self.setup,
+            parameters=[parameters] * self.setup.n,
             place=observation.place,
             roll=self._roll_in_gear(observation),
         )
@@ -224,14 +230,14 @@ class DrivenController:
 
     def _roll_in_gear(self, observation: Observation) -> Array:
         """``roll`` as robots are told it that drive in the gear of their legs."""
-        asked = Command(np.zeros((self._setup.n, 3)), self.roll)
+        asked = Command(np.zeros((self.setup.n, 3)), self.roll)
         roll = carried_out(asked, observation.gear).roll
         assert roll is not None
         return np.array(roll)
 
     def _driven(self, observation: Observation) -> Command:
         """The command of all robots as if all were driven by hand."""
-        setup, gear = self._setup, observation.gear.astype(float)
+        setup, gear = self.setup, observation.gear.astype(float)
         step = setup.robot.roll_rate * setup.period
         self.roll += np.clip(self._roll_target - self.roll, -step, step)
         speed = wall_speeds(
@@ -264,7 +270,12 @@ class DrivenController:
         autopilot = self._autopilots[robot]
         assert autopilot is not None
         own = autopilot.step(observation)
-        belts, roll, phase, resting = command.belt_speed, command.roll, command.phase, command.resting
+        belts, roll, phase, resting = (
+            command.belt_speed,
+            command.roll,
+            command.phase,
+            command.resting,
+        )
         assert roll is not None
         assert phase is not None
         assert resting is not None

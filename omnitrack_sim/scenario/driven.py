@@ -22,7 +22,7 @@ def to_drive(scenario: Scenario, driver: str) -> Scenario:
     """
     data = scenario.model_dump(mode="json")
     autopilot = autopilot_of(scenario)
-    data["name"] = f"{scenario.name.removesuffix('_driven')}_driven"
+    data["name"] = driven_name(scenario.name)
     data["expect"] = {}
     data["control"] |= {
         "kind": KIND,
@@ -35,6 +35,11 @@ def to_drive(scenario: Scenario, driver: str) -> Scenario:
     if data["physics"]["time_limit"] is None:
         data["physics"]["time_limit"] = LONGEST_DRIVE
     return validate(data)
+
+
+def driven_name(name: str) -> str:
+    """The name of a scenario that somebody drives."""
+    return f"{name.removesuffix('_driven')}_driven"
 
 
 def with_orders(scenario: Scenario, orders: Sequence[Order]) -> Scenario:

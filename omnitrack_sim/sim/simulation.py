@@ -189,6 +189,22 @@ class Simulation:
         return Observation(readings, self._place, self.legs.number, gear)
 
     @property
+    def readings(self) -> Mapping[str, Array]:
+        """What the robots measure now, each in its own frame whatever its gear, by the names of the
+        channels."""
+        return self._readings
+
+    @property
+    def place(self) -> Place:
+        """Where the robots are along their routes."""
+        return self._place
+
+    @property
+    def phase(self) -> list[str]:
+        """The phase of each robot."""
+        return [self.phases[code] for code in self._phase]
+
+    @property
     def time(self) -> Array:
         """Simulated time (n,) s."""
         return self._readings["time"]
