@@ -62,7 +62,7 @@ def view(
     """Show a scenario as it runs, or a saved run again, in a window (needs a screen)."""
     pace = _speed(speed)
     settings = [*(assignments or []), *([FAST] if fast else [])]
-    if Path(source).is_dir():
+    if _is_folder(source):
         if settings:
             raise InputError(Fault(source, "is a saved run; --set and --fast are for scenarios"))
         _replay(source, pace)
@@ -74,6 +74,16 @@ def view(
     require_screen()
     with Window(loaded) as window:
         Player(loaded, window, pace).play()
+
+
+def _is_folder(source: str) -> bool:
+    """Whether a folder is meant, and no shipped scenario of the same name."""
+    from omnitrack_sim.schema.reading import shipped_scenarios
+
+    try:
+        return Path(source).is_dir() and source not in shipped_scenarios()
+    except OSError:  # too long, no permission; told by whoever reads it
+        return False
 
 
 def _replay(folder: str, speed: float) -> None:
@@ -123,7 +133,7 @@ def drive(
 
 def _save(driver: Driver, target: Path) -> None:
     """Save what was driven, with its plots, and say how it ended."""
-    if driver.stage.time == 0:
+    if not driver.driven:
         out.print("nothing was driven, and nothing is saved")
         return
     result = driver.result()

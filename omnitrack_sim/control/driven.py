@@ -250,7 +250,9 @@ class DrivenController:
             setup.settings.speed_limit,
         )
         if not setup.drive.steers:
-            speed = np.repeat(speed.mean(axis=1, keepdims=True), 3, axis=1)
+            # What cannot be given is not asked.
+            straight = np.minimum(np.abs(self._speed), setup.settings.speed_limit)
+            speed = np.repeat((gear * np.copysign(straight, self._speed))[:, None], 3, axis=1)
         self._belt_sign = held_belt_sign(observation.roll, self._band, self._belt_sign)
         nobody_hangs = np.ones(setup.n, bool)
         phase = np.zeros(setup.n, int)

@@ -11,8 +11,12 @@ LADDER = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0, 2.0, 4.0, 8.0, 16.0, math.inf)
 """Speeds that can be chosen, simulated over wall seconds; the last one is as fast as possible."""
 FRAME = 1 / 30
 """Wall time between two pictures, s."""
-LATEST = 0.1
-"""Wall time that steps may take before the next picture, s: what is late then is given up."""
+LATE_FRAME = 0.25
+"""The same while steps are overdue, s."""
+STINT = 0.1
+"""Wall time that steps may take before keys are looked at again, s."""
+MOST_OVERDUE = 0.5
+"""Wall time by which steps may be late, s: what is later is given up."""
 _MEASURED = 1.0  # s of wall time over which the reached speed is measured
 _ROUNDING = 1e-9  # s
 
@@ -38,8 +42,8 @@ class Stage(Protocol):
 class Pace:
     """Takes the steps that are due, and says when to draw and how long to sleep.
 
-    Steps come first: when the machine is too slow for the chosen speed there are fewer pictures, at
-    least one every ``LATEST`` s, and simulated time falls behind; it does not hurry afterwards.
+    Steps come first: while some are overdue there are fewer pictures. What the machine cannot make
+    up for is given up, so that simulated time falls behind and does not hurry afterwards.
 
     Args:
         speed: simulated over wall seconds; infinite: as fast as possible.
@@ -47,11 +51,12 @@ class Pace:
 
     Attributes:
         speed: as above. paused: no steps are due. reached: the speed of the last second.
+        overdue: steps are late.
     """
 
     def __init__(self, speed: float = 1.0, clock: Callable[[], float] = time.monotonic) -> None:
         self.speed, self.paused, self._clock = speed, False, clock
-        self.reached = 0.0
+        self.reached, self.overdue = 0.0, False
         self._from: tuple[float, float] | None = None  # wall and simulated time, s, in step
         self._drawn = -math.inf
         self._mark: tuple[float, float] | None = None
@@ -59,6 +64,7 @@ class Pace:
     def anew(self) -> None:
         """Count from now on: after a leap, a pause, another speed."""
         self._from = self._mark = None
+        self.overdue = False
 
     def faster(self, steps: int) -> None:
         """The speed that is ``steps`` further up the ladder, or down it."""
@@ -84,9 +90,11 @@ class Pace:
         due = simulated + (now - wall) * self.speed if now > wall else simulated
         while stage.next_time is not None and stage.next_time <= due + _ROUNDING:
             stage.step()
-            if self._clock() > now + LATEST:
-                self._from = (self._clock(), stage.time)
+            if self._clock() > now + STINT:
                 break
+        self.overdue = stage.next_time is not None and stage.next_time <= due + _ROUNDING
+        if self.overdue and (due - stage.time) / self.speed > MOST_OVERDUE:
+            self._from = (self._clock(), stage.time)
         self._measure(stage.time)
 
     def _measure(self, simulated: float) -> None:
@@ -100,13 +108,15 @@ class Pace:
     def draws(self) -> bool:
         """Whether a picture is due; if so, the next one is due a frame later."""
         now = self._clock()
-        if now - self._drawn < FRAME - _ROUNDING:
+        if now - self._drawn < (LATE_FRAME if self.overdue else FRAME) - _ROUNDING:
             return False
         self._drawn = now
         return True
 
     def rest(self, stage: Stage) -> float:
         """How long nothing will be due, s; a key may come before."""
+        if self.overdue:
+            return 0.0
         now = self._clock()
         left = self._drawn + FRAME - now
         if self._from is not None and stage.next_time is not None and not self.paused:

@@ -87,6 +87,8 @@ class Player:
 
     def _speed(self) -> str:
         pace = self.pace
+        if self.stage.next_time is None:
+            return "over"
         if pace.paused:
             return "paused"
         if pace.speed == float("inf"):
@@ -179,6 +181,11 @@ class Driver(Player):
             towards=self.window.towards,
         )
 
+    @property
+    def driven(self) -> bool:
+        """Whether the driver has asked for anything."""
+        return bool(self._controller.orders())
+
     def result(self) -> Result:
         """The run as it was driven, ended here if it is not over. Its scenario holds the orders,
         and repeats it to the same bytes."""
@@ -200,9 +207,11 @@ class Driver(Player):
 
     def _orders(self) -> Lines:
         """What the driver asks for."""
+        if not self.simulation.active[0]:
+            return [("the run is over", "Delete saves it and closes")]
         order = self._wheel.order
         if order.by != "hand":
-            return [("driven by", "the controller" if order.by == "autopilot" else "nobody")]
+            return [("driven by", "the controller; Space takes over")]
         steer = "off"
         if order.heading is not None:
             nose = self.simulation.readings["rotation"][0][:, 2]

@@ -106,7 +106,7 @@ class Teleoperation:
             Do.AWAY: across,
             Do.TOWARDS: -across,
         }.get(do)
-        if about is None:
+        if about is None or not about.any():  # no steering, or along the line of sight
             return None
         heading = rotation_about(about, HEADING_STEP) @ before
         if heading @ pose.nose < min(math.cos(FARTHEST_HEADING), float(before @ pose.nose)):
