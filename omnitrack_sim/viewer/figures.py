@@ -75,9 +75,9 @@ def contact_lines(moment: Moment) -> Lines:
     """What the modules do at the wall, modules 1 to 3, and how the robot is turned."""
     return [
         ("module", _three("{:>6d}", (1, 2, 3))),
-        ("slip ratio", _three("{:>6z.2f}", moment.slip_ratio)),
-        ("traction, N", _three("{:>6z.1f}", moment.traction)),
-        ("normal force, N", _three("{:>6z.1f}", moment.normal_force)),
+        ("slip ratio", _three("{:>z6.2f}", moment.slip_ratio)),
+        ("traction, N", _three("{:>z6.1f}", moment.traction)),
+        ("normal force, N", _three("{:>z6.1f}", moment.normal_force)),
         ("theta5", f"{np.degrees(moment.place.theta5[0]):z.1f} deg"),
         ("motion singularity", _told(region_of(moment.routes, moment.place, moment.reach))),
     ]

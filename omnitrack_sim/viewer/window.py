@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 INSTALL = "pip install 'omnitrack_sim[view]'"
 """What brings the window's library."""
+_BACK = 1.25
+"""Distance of the camera, in that of the films: the window has panels in its corners."""
 _CLOSING = 5.0  # s, longest wait for the window to go
 _CLEAR = 0.88  # by how much a pipe that stands before the robot becomes clear
 _SUN = (0.55, -0.40)  # from the viewer to the sun: part upward, part to the right
@@ -118,7 +120,7 @@ class Window:
             # The nearer halves of the pipes are not drawn, but they would throw shadows.
             assert handle.user_scn is not None
             handle.user_scn.flags[int(mujoco.mjtRndFlag.mjRND_SHADOW)] = 0
-            eye.distance = DISTANCE * self._size
+            eye.distance = _BACK * DISTANCE * self._size
             eye.azimuth = math.degrees(math.atan2(-self._back[1], -self._back[0]))
             eye.elevation = -math.degrees(math.asin(max(-1.0, min(1.0, self._back[2]))))
         return self
@@ -129,11 +131,16 @@ class Window:
             self._handle.close()
 
     def __exit__(self, *_: object) -> None:
+        import glfw
+
         self.close()
-        if self._handle is not None:
-            # The process must not end while the window's thread is still taking it down.
-            patience = time.monotonic() + _CLOSING
-            while self._handle.m is not None and time.monotonic() < patience:
+        # The process must not end while the window's thread is still taking it down.
+        patience = time.monotonic() + _CLOSING
+        while self._handle is not None and time.monotonic() < patience:
+            if self._handle.m is None:
+                glfw.terminate()
+                self._handle = None
+            else:
                 time.sleep(0.02)
 
     @property
