@@ -117,16 +117,16 @@ def test_heading_turns_the_robot_into_the_branch():
     assert set(result.trajectory["phase"]) == {0}
 
 
-def test_robot_of_the_worst_orientation_hangs_in_the_tee():
-    """The same heading with theta5 in the middle of the motion singularity region: the robot gets
-    as far as the opening, and no further."""
-    changes = {"physics.collider": COLLIDER, "start.distance": 0.25, "start.theta5_deg": 60.0}
+def test_robot_in_the_region_hangs_in_the_tee():
+    """The same heading with theta5 well within the motion singularity region: the robot gets into
+    the opening, and no further."""
+    changes = {"physics.collider": COLLIDER, "start.distance": 0.25, "start.theta5_deg": 40.0}
     scenario = ot.override(ot.load_scenario("tee_turn"), changes)
     plan = [(at(0), {"speed": 0.1, "heading": (1.0, 0.0, 0.0)}), (at(8.0), {"by": "end"})]
     result = driven(scenario, plan)
     assert result.outcome is ot.Outcome.ENDED
-    assert np.abs(np.diff(result.trajectory["distance"][-50:])).max() < 1e-3
     assert 0.35 < result.trajectory["distance"][-1] < 0.5
+    assert np.degrees(result.trajectory["tilt"][-1]) > 20
 
 
 def test_forward_is_where_the_nose_points():
