@@ -47,31 +47,34 @@ def require_screen() -> None:
     Raises:
         RenderError: no screen, no library, or no OpenGL; the message says what to do.
     """
-    if sys.platform.startswith("linux") and not (
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    ):
-        told = "the viewer needs a screen; `omnitrack run` and `omnitrack render` do without one"
-        raise RenderError(f"{told} (DISPLAY and WAYLAND_DISPLAY are not set)")
     try:
         import glfw
     except ImportError as error:
         raise RenderError(f"the viewer's library cannot be loaded ({error}): {INSTALL}") from error
+    if not sys.platform.startswith("linux"):
+        return  # elsewhere windows may be opened by one thread only, which is MuJoCo's
+    screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if not screen:
+        told = "the viewer needs a screen; `omnitrack run` and `omnitrack render` do without one"
+        raise RenderError(f"{told} (DISPLAY and WAYLAND_DISPLAY are not set)")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        opened = bool(glfw.init())
-        if opened:
-            glfw.window_hint(glfw.VISIBLE, glfw.FALSE)
-            window = glfw.create_window(64, 64, "omnitrack", None, None)
-            opened = window is not None
-            if opened:
-                glfw.destroy_window(window)
-            glfw.terminate()
+        opened = _opens(glfw)
     if not opened:
         reasons = "; ".join(str(each.message) for each in caught) or "no reason is given"
-        raise RenderError(
-            f"no window with OpenGL can be opened on the screen "
-            f"{os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')!r} ({reasons})"
-        )
+        raise RenderError(f"no window with OpenGL opens on the screen {screen!r} ({reasons})")
+
+
+def _opens(glfw: Any) -> bool:
+    """Whether a window, which nobody sees, can be opened."""
+    if not glfw.init():
+        return False
+    glfw.window_hint(glfw.VISIBLE, glfw.FALSE)
+    window = glfw.create_window(64, 64, "omnitrack", None, None)
+    if window is not None:
+        glfw.destroy_window(window)
+    glfw.terminate()
+    return window is not None
 
 
 class Window:
@@ -101,16 +104,7 @@ class Window:
         self._handle: Handle | None = None
 
     def __enter__(self) -> Window:
-        import mujoco.viewer
-
-        self._handle = mujoco.viewer.launch_passive(
-            self.model,
-            self._data,
-            key_callback=self._keys.put,
-            show_left_ui=False,
-            show_right_ui=False,
-        )
-        handle = self._handle
+        self._handle = handle = self._launched()
         with handle.lock():
             option, eye = handle.opt, handle.cam
             option.geomgroup[:] = 0
@@ -124,6 +118,25 @@ class Window:
             eye.azimuth = math.degrees(math.atan2(-self._back[1], -self._back[0]))
             eye.elevation = -math.degrees(math.asin(max(-1.0, min(1.0, self._back[2]))))
         return self
+
+    def _launched(self) -> Handle:
+        """MuJoCo's window, in a thread of its own.
+
+        Raises:
+            RenderError: MuJoCo cannot open one here, as on macOS without its own launcher.
+        """
+        try:
+            import mujoco.viewer
+
+            return mujoco.viewer.launch_passive(
+                self.model,
+                self._data,
+                key_callback=self._keys.put,
+                show_left_ui=False,
+                show_right_ui=False,
+            )
+        except (ImportError, RuntimeError) as error:
+            raise RenderError(f"MuJoCo opens no window: {error}") from error
 
     def close(self) -> None:
         """Close it, as its user can."""
@@ -153,6 +166,8 @@ class Window:
         """Unit vector (3,), world frame, from the picture to the viewer."""
         assert self._handle is not None
         eye = self._handle.cam
+        if eye.type == mujoco.mjtCamera.mjCAMERA_FIXED:
+            return self._data.cam_xmat[eye.fixedcamid].reshape(3, 3)[:, 2].copy()
         up, around = math.radians(eye.elevation), math.radians(eye.azimuth)
         ahead = [math.cos(up) * math.cos(around), math.cos(up) * math.sin(around), math.sin(up)]
         return -np.array(ahead)
@@ -188,9 +203,9 @@ class Window:
         centre = np.array(self._data.qpos[:3])
         moved = centre - (eye.lookat if self._centre is None else self._centre)
         self._centre = centre
+        eye.lookat[:] = eye.lookat + moved
         if eye.type != mujoco.mjtCamera.mjCAMERA_FREE:
             return
-        eye.lookat[:] = eye.lookat + moved
         back = self.towards
         nose = self._data.body("chassis").xmat.reshape(3, 3)[:, 2]
         targets = centre + 0.05 * self._size * np.array([[0.0], [1.0], [-1.0]]) * nose
