@@ -211,7 +211,7 @@ def rows_below(heading: str, page: str) -> dict[str, list[str]]:
         ("### `control.parameters.alignment`", FeedbackTable().alignment),
         ("### `control.parameters.recovery`", FeedbackTable().recovery),
         ('### `control.parameters` of "paper" and "equal"', PaperTable()),
-        ('### `control.parameters` of "driven"', DrivenTable()),
+        ('### `control.parameters` of "driven"', DrivenTable.model_construct()),
     ],
     ids=lambda value: type(value).__name__ if isinstance(value, BaseModel) else "",
 )
