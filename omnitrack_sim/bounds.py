@@ -31,6 +31,9 @@ MOST_PIECES = 200_000
 has one wall a fitting and no such bound."""
 MOST_GOALS = 200
 """Goals of a mission: each has legs of its own, whose routes stay in memory."""
+MOST_ORDERS = 5_000
+"""Orders of a driver in a scenario: each is a key that was pressed, and takes 250 bytes of a file
+that may have 2 MB."""
 MOST_TRIALS = 1_000_000
 """Trials of a sweep: each is a row of its table, and a run of a second or more."""
 MOST_AXES = 50

@@ -12,6 +12,7 @@ from pydantic import BaseModel
 import omnitrack_sim
 from omnitrack_sim.cli import app
 from omnitrack_sim.control.catalogue import CONTROLLERS, parameters_model
+from omnitrack_sim.control.driven import DrivenTable
 from omnitrack_sim.control.jacobian import FeedbackTable
 from omnitrack_sim.control.paper import PaperTable
 from omnitrack_sim.network import Mission, Network
@@ -210,6 +211,7 @@ def rows_below(heading: str, page: str) -> dict[str, list[str]]:
         ("### `control.parameters.alignment`", FeedbackTable().alignment),
         ("### `control.parameters.recovery`", FeedbackTable().recovery),
         ('### `control.parameters` of "paper" and "equal"', PaperTable()),
+        ('### `control.parameters` of "driven"', DrivenTable.model_construct()),
     ],
     ids=lambda value: type(value).__name__ if isinstance(value, BaseModel) else "",
 )

@@ -65,14 +65,14 @@ def run(
     with progress(f"run {loaded.name}", as_json) as report:
         result = run_scenario(loaded, progress=report)
     result.save(target)
-    _draw(result, target, camera if video else None, as_json)
+    draw(result, target, camera if video else None, as_json)
     if as_json:
         print_json(result.summary())
     else:
-        _print_result(result, target)
+        print_result(result, target)
 
 
-def _draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
+def draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
     """Add plots and replay page to a saved run, and the film where a camera is given; one that
     cannot be made is told as a warning and costs only itself."""
     from omnitrack_sim.film.inset import needs_map
@@ -99,7 +99,7 @@ def _draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None
             )
 
 
-def _print_result(result: Result, target: Path) -> None:
+def print_result(result: Result, target: Path) -> None:
     colour = "green" if result.success else "yellow"
     out.print(
         f"[bold {colour}]{result.outcome.value}[/] {plain(result.outcome.advice)}", soft_wrap=True

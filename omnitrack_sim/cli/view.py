@@ -1,24 +1,156 @@
-"""view: a scenario in MuJoCo's viewer."""
+"""view and drive: a scenario in MuJoCo's window, as it runs or driven by keyboard; a saved run
+again."""
 
 from __future__ import annotations
 
-from omnitrack_sim.cli.common import ScenarioArgument, SetOption, app, load
-from omnitrack_sim.errors import RenderError
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from omnitrack_sim.cli.common import (
+    FAST,
+    FastOption,
+    ScenarioArgument,
+    SetOption,
+    app,
+    load,
+    out,
+)
+from omnitrack_sim.cli.runs import draw, print_result
+from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.viewer.keys import DRIVE, REPLAY, VIEW, Key, help_lines
+
+if TYPE_CHECKING:
+    from omnitrack_sim.viewer.show import Driver
 
 
-@app.command()
-def view(scenario: ScenarioArgument, assignments: SetOption = None) -> None:
-    """Open a scenario's model in MuJoCo's viewer (needs a screen)."""
-    import os
+def _keys(keys: tuple[Key, ...]) -> str:
+    """The keys of a window, for ``--help``."""
+    return "; ".join(f"{name}: {meaning}" for name, meaning in help_lines(keys))
 
-    loaded = load(scenario, assignments)
-    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise RenderError("the viewer needs a screen; `omnitrack run` renders a video without one")
-    import mujoco.viewer
 
-    from omnitrack_sim.sim.builder import scene_of, start_qpos
+SpeedOption = Annotated[
+    str,
+    typer.Option(
+        "--speed",
+        metavar="FACTOR",
+        help="Simulated seconds in a second, such as 0.5; max: as fast as possible.",
+    ),
+]
+SLOWEST, FASTEST = 0.01, 1000.0
+"""Speeds that can be asked for."""
 
-    model = scene_of(loaded, looks=True).compile()
-    data = mujoco.MjData(model)
-    data.qpos[:] = start_qpos(loaded, model)
-    mujoco.viewer.launch(model, data)
+
+@app.command(
+    epilog=f"Keys of a scenario: {_keys(VIEW)}. Keys of a saved run: {_keys(REPLAY)}. "
+    "The mouse moves the camera."
+)
+def view(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO|RUN_DIR",
+            help="A scenario file or the name of a shipped one; or the folder of a saved run.",
+        ),
+    ],
+    assignments: SetOption = None,
+    fast: FastOption = False,
+    speed: SpeedOption = "1",
+) -> None:
+    """Show a scenario as it runs, or a saved run again, in a window (needs a screen)."""
+    pace = _speed(speed)
+    settings = [*(assignments or []), *([FAST] if fast else [])]
+    if _is_folder(source):
+        if settings:
+            raise InputError(Fault(source, "is a saved run; --set and --fast are for scenarios"))
+        _replay(source, pace)
+        return
+    loaded = load(source, settings)
+    from omnitrack_sim.viewer.show import Player
+    from omnitrack_sim.viewer.window import Window, require_screen
+
+    require_screen()
+    with Window(loaded) as window:
+        Player(loaded, window, pace).play()
+
+
+def _is_folder(source: str) -> bool:
+    """Whether a folder is meant, and no shipped scenario of the same name."""
+    from omnitrack_sim.schema.reading import shipped_scenarios
+
+    try:
+        return Path(source).is_dir() and source not in shipped_scenarios()
+    except OSError:  # too long, no permission; told by whoever reads it
+        return False
+
+
+def _replay(folder: str, speed: float) -> None:
+    from omnitrack_sim.sim.loading import load_result
+    from omnitrack_sim.viewer.show import Replayer
+    from omnitrack_sim.viewer.window import Window, require_screen
+
+    result = load_result(folder)
+    require_screen()
+    with Window(result.scenario) as window:
+        Replayer(result, window, speed).play()
+
+
+@app.command(epilog=f"Keys: {_keys(DRIVE)}. The mouse moves the camera.")
+def drive(
+    scenario: ScenarioArgument,
+    assignments: SetOption = None,
+    fast: FastOption = False,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="DIR", help="Where the run goes; out/NAME_driven when not given."
+        ),
+    ] = None,
+    speed: SpeedOption = "1",
+) -> None:
+    """Drive a scenario's robot by keyboard, in a window (needs a screen), and save the run."""
+    from omnitrack_sim.scenario.driven import driven_name
+    from omnitrack_sim.sim.files import RESULT_FILE
+    from omnitrack_sim.writing import check_folder
+
+    pace = _speed(speed)
+    loaded = load(scenario, [*(assignments or []), *([FAST] if fast else [])])
+    target = folder or Path("out") / driven_name(loaded.name)
+    check_folder(target, RESULT_FILE)
+    from omnitrack_sim.viewer.show import Driver
+    from omnitrack_sim.viewer.window import Window, require_screen
+
+    require_screen()
+    with Window(loaded) as window:
+        driver = Driver(loaded, window, pace)
+        try:
+            driver.play()
+        finally:  # what has been driven is kept when Ctrl-C ends the window, too
+            _save(driver, target)
+
+
+def _save(driver: Driver, target: Path) -> None:
+    """Save what was driven, with its plots, and say how it ended."""
+    if not driver.driven:
+        out.print("nothing was driven, and nothing is saved")
+        return
+    result = driver.result()
+    result.save(target)
+    draw(result, target, None, quiet=False)
+    print_result(result, target)
+
+
+def _speed(text: str) -> float:
+    """Simulated over wall seconds, of ``--speed``."""
+    if text == "max":
+        return math.inf
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = math.nan
+    if not SLOWEST <= speed <= FASTEST:
+        problem = f"is {text!r}; it must be a number from {SLOWEST:g} to {FASTEST:g}, or max"
+        raise InputError(Fault("--speed", problem))
+    return speed

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from omnitrack_sim.control.alignment import (
@@ -79,6 +79,17 @@ SIDES = 2
 def manoeuvres(routes: RouteMap) -> tuple[Manoeuvre | None, ...]:
     """What each passage of the routes asks for; None after the last one of a route."""
     return tuple(None if p is None else p.manoeuvre for p in routes.passages)
+
+
+def held_belt_sign(roll: Array, band: ArrayLike, before: Array) -> Array:
+    """Direction (n, 3) in which the belts drive forward.
+
+    Args:
+        roll: (n, 3) rad, as measured.
+        band: size of cos(roll) below which the direction stays what it was ``before``, (n, 3).
+    """
+    cosine = np.cos(roll)
+    return np.where(np.abs(cosine) > band, np.sign(cosine), before)
 
 
 class Standing(NamedTuple):
@@ -207,9 +218,7 @@ class Aligner:
 
     def belt_sign(self, roll: Array) -> Array:
         """Direction (n, 3) in which the belts drive forward at the measured ``roll`` (n, 3) rad."""
-        cosine = np.cos(roll)
-        clear = np.abs(cosine) > self._band
-        self._belt_sign = np.where(clear, np.sign(cosine), self._belt_sign)
+        self._belt_sign = held_belt_sign(roll, self._band, self._belt_sign)
         return self._belt_sign
 
     def begin_leg(self, robot: int, turned: bool, way: int) -> None:

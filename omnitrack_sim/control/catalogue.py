@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel
 
+from omnitrack_sim.control.driven import KIND, DrivenController
 from omnitrack_sim.control.interface import Controller
 from omnitrack_sim.control.jacobian import JacobianController
 from omnitrack_sim.control.paper import EqualController, PaperController
@@ -15,6 +16,7 @@ CONTROLLERS: dict[str, type[Controller]] = {
     "jacobian": JacobianController,
     "paper": PaperController,
     "equal": EqualController,
+    KIND: DrivenController,
 }
 """Shipped controllers by the name that a scenario's ``control.kind`` gives. Others are named by
 ``module:Class`` or handed over in Python."""

@@ -71,6 +71,7 @@ class Command(NamedTuple):
         events: what the controller decided, to be told in the result.
         brake: (n, 3) part of ``robot.brake_force``, 0 to 1, by which the belts are braked; all off
             when left out, and to be 0 where the robot has no brakes.
+        over: (n,) bool, robots whose run is over after this control period; none when left out.
     """
 
     belt_speed: Array
@@ -79,6 +80,7 @@ class Command(NamedTuple):
     resting: NDArray[np.bool_] | None = None
     events: Sequence[Event] = ()
     brake: Array | None = None
+    over: NDArray[np.bool_] | None = None
 
     def __repr__(self) -> str:
         given = [name for name, value in zip(self._fields, self, strict=True) if value is not None]

@@ -51,14 +51,27 @@ def belt_travel(trajectory: Trajectory) -> NDArray[np.float64]:
 def smooth_belts(
     model: mujoco.MjModel, trajectory: Trajectory, pitch: float
 ) -> NDArray[np.float64]:
-    """Joint positions (T, nq) with the belts where they have run to, within half a visible pitch.
+    """Joint positions (T, nq) with the belts where they have run to: see ``show_belts``."""
+    qpos = np.array(trajectory.qpos, float)
+    show_belts(model, qpos, belt_travel(trajectory), pitch)
+    return qpos
+
+
+def show_belts(
+    model: mujoco.MjModel, qpos: NDArray[np.float64], travel: NDArray[np.float64], pitch: float
+) -> None:
+    """Put the belts of joint positions where they have run to, within half a visible pitch.
 
     The physics moves its closely spaced lugs back after every pitch; seen 25 times a second they
     would seem to stand still or to run backward.
+
+    Args:
+        model: of a scene with looks.
+        qpos: (..., nq), changed.
+        travel: (..., 3) m, as of ``belt_travel``.
+        pitch: m, ``looks.look_pitch``.
     """
-    qpos = np.array(trajectory.qpos, float)
-    shown = (belt_travel(trajectory) + pitch / 2) % pitch - pitch / 2
-    for module in range(shown.shape[1]):
+    shown = (travel + pitch / 2) % pitch - pitch / 2
+    for module in range(shown.shape[-1]):
         for track in TRACKS:
-            qpos[:, model.joint(f"belt_{track}_{module + 1}").qposadr[0]] = shown[:, module]
-    return qpos
+            qpos[..., model.joint(f"belt_{track}_{module + 1}").qposadr[0]] = shown[..., module]

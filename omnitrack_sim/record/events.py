@@ -114,6 +114,18 @@ class BackedOff(Event):
 
 
 @dataclass(frozen=True)
+class Driven(Event):
+    """Somebody else drives the robot from here on: a driver, or a controller."""
+
+    who: str
+
+    @property
+    def text(self) -> str:
+        """Who drives."""
+        return f"driven by {self.who} from here on"
+
+
+@dataclass(frozen=True)
 class GoalReached(Event):
     """A goal of a mission is reached, and there is another one to follow."""
 

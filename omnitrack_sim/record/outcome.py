@@ -16,6 +16,7 @@ class Outcome(StrEnum):
     NO_MOTION_LINE = "no_motion_line"
     LEFT_PIPE = "left_pipe"
     TIMED_OUT = "timed_out"
+    ENDED = "ended"
     DIVERGED = "diverged"
 
     @property
@@ -56,6 +57,7 @@ _ADVICE = {
         "gravity against the friction."
     ),
     Outcome.TIMED_OUT: "Time ran out while the robot still moved: raise physics.time_limit.",
+    Outcome.ENDED: "Whoever drove the robot ended the run.",
     Outcome.DIVERGED: "The physics diverged: lower physics.timestep or look for extreme "
     "parameters.",
 }

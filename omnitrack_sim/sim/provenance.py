@@ -9,12 +9,18 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from omnitrack_sim.control.driven import KIND
 from omnitrack_sim.scenario import Scenario
 
 
 def provenance_of(scenario: Scenario) -> dict[str, Any]:
-    """What made a result: seed, scenario hash, versions, platform, git commit of a checkout."""
-    return {"seed": scenario.seed, "scenario_sha256": scenario.hash, **environment()}
+    """What made a result: seed, scenario hash, versions, platform, git commit of a checkout; and
+    who drove, where that was no controller."""
+    made = {"seed": scenario.seed, "scenario_sha256": scenario.hash, **environment()}
+    if scenario.control.kind != KIND:
+        return made
+    table = scenario.control_parameters
+    return made | {"driven_by": table.driver, "orders": len(table.orders)}
 
 
 @cache

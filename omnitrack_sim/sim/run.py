@@ -13,6 +13,7 @@ from omnitrack_sim.arguments import check_all, check_is
 from omnitrack_sim.control import Controller
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.scenario import Scenario, validate
+from omnitrack_sim.scenario.driven import autopilot_of
 from omnitrack_sim.sensing import Sensor
 from omnitrack_sim.sim.builder import batch_key
 from omnitrack_sim.sim.result import Result
@@ -142,7 +143,7 @@ def _unloaded(scenario: Scenario) -> Scenario:
             "robot": scenario.robot.model_dump(),
             "physics": scenario.physics.model_dump() | {"time_limit": BASELINE_TIME},
             "contact": scenario.contact.model_dump(),
-            "control": scenario.control.model_dump(),
+            "control": autopilot_of(scenario),
             "monitor": scenario.monitor.model_dump(),
             "record": scenario.record.model_dump(),
             "world": {"gravity": [0.0, 0.0, 0.0]},

@@ -171,7 +171,7 @@ class Simulation:
         self._measured = ["time", *(c.name for c in schema.values() if c.source == "plant")]
         self._belt_command, self._roll_command = np.zeros((self.n, 3)), start.roll.copy()
         self._phase, self._nobody = np.zeros(self.n, int), np.zeros(self.n, bool)
-        self._resting, self._brake = self._nobody, None
+        self._resting, self._over, self._brake = self._nobody, self._nobody, None
         self._readings, self._place = readings, place
 
     def _noted(self, robot: int, note: str | None) -> list[Event]:
@@ -187,6 +187,22 @@ class Simulation:
         gear = self.legs.gear
         readings = seen(self._readings, gear, self.channels)
         return Observation(readings, self._place, self.legs.number, gear)
+
+    @property
+    def readings(self) -> Mapping[str, Array]:
+        """What the robots measure now, each in its own frame whatever its gear, by the names of the
+        channels."""
+        return self._readings
+
+    @property
+    def place(self) -> Place:
+        """Where the robots are along their routes."""
+        return self._place
+
+    @property
+    def phase(self) -> list[str]:
+        """The phase of each robot."""
+        return [self.phases[code] for code in self._phase]
 
     @property
     def time(self) -> Array:
@@ -230,7 +246,7 @@ class Simulation:
 
     def _take(self, command: Command) -> None:
         """Keep what is asked of the robots that still run."""
-        speed, roll, phase, resting, _, brake = command
+        speed, roll, phase, resting, _, brake, over = command
         roll = self._roll_command if roll is None else roll
         phase = self._phase if phase is None else phase
         if np.count_nonzero(self.active) < self.n:
@@ -242,6 +258,7 @@ class Simulation:
         self._belt_command, self._roll_command = speed.copy(), roll.copy()
         self._phase = phase.copy()
         self._resting = self._nobody if resting is None else resting
+        self._over = self._nobody if over is None else over
         self._brake = None if brake is None else np.minimum(np.maximum(brake, 0.0), 1.0)
         for event in command.events:
             if self.active[event.robot]:
@@ -265,6 +282,9 @@ class Simulation:
             self._resting,
             self.plant.diverged,
         )
+        if np.count_nonzero(self._over):
+            ended = np.flatnonzero(self._over).tolist()
+            verdicts += [Verdict(robot, Outcome.ENDED) for robot in ended]
         if verdicts:
             self._dispatch(verdicts)
         if self._tick % self._record_every == 0 or not self.active.any():
@@ -397,6 +417,7 @@ def _checked(command: Command, n: int) -> Command:
         ("phase", command.phase, robots),
         ("resting", command.resting, robots),
         ("brake", command.brake, modules),
+        ("over", command.over, robots),
     ):
         if value is None or (isinstance(value, np.ndarray) and value.shape == shape):
             continue

@@ -1,0 +1,211 @@
+"""Robots that obey a driver's orders, and what is kept of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from runs import COLLIDER, rolling_tee, same_result, there_and_back
+
+import omnitrack_sim as ot
+from omnitrack_sim.bounds import MOST_ORDERS
+from omnitrack_sim.control.driven import DrivenController, Order
+from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.scenario.driven import LONGEST_DRIVE, to_drive, with_orders
+from omnitrack_sim.sim.provenance import provenance_of
+
+Plan = Sequence[tuple[Callable[[ot.Simulation], bool], dict[str, Any]]]
+
+
+def driven(scenario: Scenario, plan: Plan) -> ot.Result:
+    """A run to whose driver each order of the plan occurs in turn, as soon as its condition
+    holds."""
+    scenario = to_drive(scenario, "a test")
+    simulation, left = ot.Simulation([scenario]), list(plan)
+    controller = simulation.controller
+    assert isinstance(controller, DrivenController)
+    while simulation.active.any():
+        while left and left[0][0](simulation):
+            controller.give(Order(time=float(simulation.time[0]), **left.pop(0)[1]))
+        simulation.step()
+    assert not left
+    scenario = with_orders(scenario, controller.orders())
+    (result,) = simulation.results()
+    made = provenance_of(scenario) | {"collider": simulation.collider}
+    return replace(result, scenario=scenario, provenance=made)
+
+
+def at(time: float) -> Callable[[ot.Simulation], bool]:
+    return lambda simulation: bool(simulation.time[0] >= time)
+
+
+@pytest.fixture(scope="module")
+def handed_over() -> ot.Result:
+    """Rolled by hand, turned by the autopilot, taken over in the turn, handed over again."""
+    scenario = rolling_tee(**{"physics.time_limit": None})
+    plan = [
+        (at(0), {"speed": 0.05}),
+        (at(0.5), {"roll_deg": 30.0}),
+        (at(1.0), {"by": "autopilot"}),
+        (at(4.0), {"speed": 0.1}),
+        (at(4.5), {"by": "autopilot"}),
+    ]
+    return driven(scenario, plan)
+
+
+def test_saved_run_repeats_itself(handed_over, tmp_path):
+    """A driven run's scenario makes the same run again, byte for byte in all files: alone, read
+    from its folder, and in a batch with another one."""
+    again = ot.run(handed_over.scenario)
+    assert same_result(again, handed_over)
+    again.save(tmp_path / "again")
+    loaded = ot.load_result(tmp_path / "again")
+    ot.run(ot.load_scenario(tmp_path / "again" / "scenario.json")).save(tmp_path / "third")
+    names = [path.name for path in (tmp_path / "again").iterdir()]
+    for name in names:
+        assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "third" / name).read_bytes()
+    assert loaded.provenance["driven_by"] == "a test"
+    assert loaded.provenance["orders"] == 5
+    other = with_orders(handed_over.scenario, [Order(time=0.0, speed=0.1), Order(time=1, by="end")])
+    batch = ot.run_batch([handed_over.scenario, other], no_load=False)
+    assert same_result(batch[0], handed_over)
+    assert same_result(batch[1], ot.run(other))
+
+
+def test_record_tells_who_drove(handed_over):
+    """Events and phases name driver and autopilot, and the run is not under the author's
+    expectation or name."""
+    who = [event.who for event in handed_over.events if hasattr(event, "who")]
+    assert who == ["a test", "controller jacobian", "a test", "controller jacobian"]
+    names = [name for name, _, _ in handed_over.trajectory.phase_spans()]
+    assert names[0] == "by_hand"
+    assert names.count("by_hand") == 2
+    assert {"align", "tee_turn"} <= set(names)
+    assert handed_over.outcome is ot.Outcome.REACHED_GOAL
+    assert handed_over.as_expected is None
+    assert handed_over.scenario.name == "tee_turn_driven"
+    assert handed_over.scenario.physics.time_limit == LONGEST_DRIVE
+
+
+def test_driven_scenario_is_driven_anew_without_its_orders(handed_over):
+    """Name and autopilot stay, the orders go."""
+    anew = to_drive(handed_over.scenario, "keyboard")
+    assert anew.name == "tee_turn_driven"
+    assert anew.control.parameters["autopilot"] == "jacobian"
+    assert anew.control.parameters["orders"] == []
+
+
+def test_no_load_slip_is_that_of_the_autopilot(handed_over):
+    """It is measured with a controller that drives, and not with orders meant for other pipes."""
+    scenario = rolling_tee(**{"physics.time_limit": 0.1})
+    plain = ot.run(scenario).metrics["no_load_slip_m_s"]
+    again = ot.run(with_orders(handed_over.scenario, [Order(time=0.05, by="end")]))
+    assert again.metrics["no_load_slip_m_s"] == plain
+
+
+def test_heading_turns_the_robot_into_the_branch():
+    """The nose is told where to point before the tee; the robot drives in and straightens up."""
+    scenario = ot.override(
+        ot.load_scenario("tee_turn"), {"physics.collider": COLLIDER, "start.distance": 0.25}
+    )
+    result = driven(scenario, [(at(0), {"speed": 0.1, "heading": (1.0, 0.0, 0.0)})])
+    assert result.outcome is ot.Outcome.REACHED_GOAL
+    assert result.metrics["tilt_exit_deg"] < 2
+    assert set(result.trajectory["phase"]) == {0}
+
+
+def test_robot_in_the_region_hangs_in_the_tee():
+    """The same heading with theta5 well within the motion singularity region: the robot gets into
+    the opening, and no further."""
+    changes = {"physics.collider": COLLIDER, "start.distance": 0.25, "start.theta5_deg": 40.0}
+    scenario = ot.override(ot.load_scenario("tee_turn"), changes)
+    plan = [(at(0), {"speed": 0.1, "heading": (1.0, 0.0, 0.0)}), (at(8.0), {"by": "end"})]
+    result = driven(scenario, plan)
+    assert result.outcome is ot.Outcome.ENDED
+    assert 0.35 < result.trajectory["distance"][-1] < 0.5
+    assert np.degrees(result.trajectory["tilt"][-1]) > 20
+
+
+def test_forward_is_where_the_nose_points():
+    """A driver who keeps going forward goes on forward where the mission wants to go back, and
+    only his own order turns him round; standing still he is not taken for stuck."""
+    plan = [
+        (at(0), {"speed": 0.15}),
+        (lambda s: bool(s.legs.number[0] == 1 and s.time[0] > 2.0), {"speed": 0.0}),
+        (at(7.0), {"speed": -0.15}),
+    ]
+    result = driven(there_and_back(), plan)
+    trajectory = result.trajectory
+    forward = (trajectory["gear"] < 0) & (trajectory.time < 2.0)
+    assert forward.any()
+    assert (np.diff(trajectory["position"][forward, 2]) > 0).all()
+    assert result.outcome is ot.Outcome.REACHED_GOAL
+    assert result.duration_s > 9.0
+
+
+def test_roll_keeps_to_the_motors_rate():
+    """The modules roll no faster than the robot's rotary motors, to where they are told."""
+    scenario = ot.override(ot.load_scenario("straight"), {"physics.collider": COLLIDER})
+    result = driven(scenario, [(at(0), {"roll_deg": 45.0}), (at(1.0), {"by": "end"})])
+    asked = result.trajectory["roll_command"]
+    rates = np.diff(asked[:, 0]) / np.diff(result.trajectory.time)
+    assert rates.max() <= scenario.robot.roll_rate * (1 + 1e-6)
+    assert asked[-1] == pytest.approx(np.radians([45.0] * 3))
+
+
+def test_orders_beyond_the_belts_are_cut():
+    """The belts are asked no more than their limit, forward as in a turn."""
+    scenario = ot.override(ot.load_scenario("straight"), {"physics.collider": COLLIDER})
+    plan = [(at(0), {"speed": 5.0, "heading": (0.0, 1.0, 1.0)}), (at(0.2), {"by": "end"})]
+    result = driven(scenario, plan)
+    assert np.abs(result.trajectory["belt_speed_command"]).max() <= scenario.control.speed_limit
+
+
+def test_orders_come_in_order():
+    """An order for the past of another one is refused, live."""
+    simulation = ot.Simulation([to_drive(ot.load_scenario("straight"), "a test")])
+    controller = simulation.controller
+    assert isinstance(controller, DrivenController)
+    controller.give(Order(time=1.0))
+    with pytest.raises(ValueError, match="comes behind"):
+        controller.give(Order(time=0.5))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "told"),
+    [
+        ({"orders": [{"time": 2.0}, {"time": 1.0}]}, "orders: has one for 1 s behind one for 2 s"),
+        ({"orders": [{"time": 0.0}] * (MOST_ORDERS + 1)}, f"at most {MOST_ORDERS} items"),
+        ({"orders": [{"time": 0.0, "by": "luck"}]}, "'hand', 'autopilot'|hand, autopilot, end"),
+        ({"autopilot": "driven"}, "autopilot: drives by orders itself"),
+        ({"autopilot": "jacobean"}, "did you mean 'jacobian'"),
+        ({"autopilot": "paper", "autopilot_parameters": {"elbow_delay": -1}}, "elbow_delay"),
+        ({"autopilot_parameters": {"nonsense": 1}}, "autopilot_parameters.nonsense"),
+    ],
+)
+def test_faults_of_orders_are_told(parameters, told):
+    """Each fault of ``control.parameters`` is named by its place."""
+    changes = {"control.kind": "driven", "control.parameters": parameters}
+    with pytest.raises(ot.ScenarioError, match=told) as caught:
+        ot.override(ot.load_scenario("straight"), changes)
+    assert "control.parameters" in str(caught.value)
+
+
+def test_controller_of_a_users_own_ends_its_run():
+    """``Command.over`` ends the runs that it names, the others go on."""
+
+    class Patient:
+        def __init__(self, setup: Any) -> None:
+            self.until = np.linspace(0.1, 0.2, setup.n)
+
+        def step(self, observation: ot.Observation) -> ot.Command:
+            over = observation.time >= self.until - 1e-9
+            return ot.Command(np.zeros((len(over), 3)), over=over)
+
+    scenario = ot.override(ot.load_scenario("straight"), {"physics.collider": COLLIDER})
+    results = ot.run_batch([scenario] * 2, controller=Patient, no_load=False)
+    assert [result.outcome for result in results] == [ot.Outcome.ENDED] * 2
+    assert [result.duration_s for result in results] == pytest.approx([0.11, 0.21])
