@@ -96,7 +96,8 @@ def draw_chart(axis: Axes, over: Sequence[Spread], passed: Array) -> None:
     if len(over) == 2:
         _map(axis, over[0], over[1], passed)
     else:
-        _panel(axis, _effect(over[0], passed), over[0])
+        effect = _effect(over[0], passed)
+        _panel(axis, effect, over[0], _lowest(effect))
         axis.set_ylabel("success rate [%]")
 
 
@@ -197,9 +198,10 @@ def _main_effects(axes: Sequence[Spread], passed: Array) -> Figure:
     width = COLUMN if columns == 1 else PAGE
     figure = Picture(figsize=(width, 1.9 * rows + 0.3), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False, sharey=True)
+    lowest = min(_lowest(effect) for effect, _ in effects)
     for panel, (effect, axis) in zip(panels.flat, effects, strict=False):
         panel.tick_params(**TICKS)
-        _panel(panel, effect, axis)
+        _panel(panel, effect, axis, lowest)
     for panel in panels.flat[len(effects) :]:
         panel.set_visible(False)
     for panel in panels[:, 0]:
@@ -214,6 +216,8 @@ def _main_effects(axes: Sequence[Spread], passed: Array) -> Figure:
 
 
 _Effect = list[tuple[float, int, int]]
+NEARLY_ALL = 80.0
+"""Lower end of the intervals, %, above which the scale of the rates does not begin at 0."""
 
 
 def _effect(axis: Spread, passed: Array) -> _Effect:
@@ -244,12 +248,24 @@ def _spread_of(effect: _Effect) -> float:
     return max(rates) - min(rates) if rates else 0.0
 
 
-def _panel(panel: Axes, effect: _Effect, axis: Spread) -> None:
+def _intervals(effect: _Effect) -> Array:
+    """Wilson's interval of each rate (k, 2), %."""
+    found = [wilson_interval(good, total) for _, good, total in effect]
+    return 100 * np.array(found).reshape(-1, 2)
+
+
+def _lowest(effect: _Effect) -> float:
+    """Where the scale of the rates begins, %: at 0, or where nearly all pass little below the
+    lowest interval, so that differences can be seen."""
+    least = _intervals(effect).min(initial=100.0)
+    return 0.0 if least < NEARLY_ALL else 5 * float(np.floor(least / 5))
+
+
+def _panel(panel: Axes, effect: _Effect, axis: Spread, lowest: float) -> None:
+    """The rates over one axis, on a scale from ``lowest`` % to 100 %."""
     place = np.array([entry[0] for entry in effect])
     rate = np.array([100 * good / total for _, good, total in effect])
-    ends = 100 * np.array([wilson_interval(good, total) for _, good, total in effect]).reshape(
-        -1, 2
-    )
+    ends = _intervals(effect)
     style: dict[str, Any] = {
         "color": PASSED_COLOUR,
         "ecolor": GREY,
@@ -266,5 +282,6 @@ def _panel(panel: Axes, effect: _Effect, axis: Spread) -> None:
         panel.set_xlim(-0.5, len(axis.order) - 0.5)
     else:
         panel.locator_params(axis="x", nbins=6)
-    panel.set_ylim(-4, 104)
+    room = 0.04 * (100 - lowest)
+    panel.set_ylim(lowest - room, 100 + room)
     panel.set_xlabel(axis.label)
