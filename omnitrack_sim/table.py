@@ -48,6 +48,12 @@ def units_of(table: type[BaseModel]) -> dict[str, Unit]:
     return {key: unit for key, unit in found.items() if unit is not None}
 
 
+def symbol_of(table: type[BaseModel], key: str) -> str:
+    """The unit of a key; empty where it has none."""
+    unit = units_of(table).get(key)
+    return unit.symbol if unit is not None else "deg" if key.endswith("_deg") else ""
+
+
 def meanings_of(table: type[BaseModel]) -> dict[str, str]:
     """The keys of a table with what is said below each in its class, or in one that it extends.
 
@@ -55,10 +61,12 @@ def meanings_of(table: type[BaseModel]) -> dict[str, str]:
     """
     found: dict[str, str] = {}
     for base in reversed(table.__mro__):
+        if base is BaseModel or not issubclass(base, BaseModel):
+            continue
         try:
             source = textwrap.dedent(inspect.getsource(base))
         except (OSError, TypeError):
-            continue  # made while running, or built in: nothing is said there
+            continue  # made while running: nothing is said there
         body = next(item for item in ast.parse(source).body if isinstance(item, ast.ClassDef)).body
         for key, below in pairwise(body):
             if isinstance(key, ast.AnnAssign) and isinstance(below, ast.Expr):

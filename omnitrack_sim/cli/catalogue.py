@@ -32,8 +32,7 @@ def scenarios(
         "network": shipped_networks(),
     }
     told = {
-        kind: {name: _comment(path) for name, path in files.items()}
-        for kind, files in kinds.items()
+        kind: {name: comment(path) for name, path in files.items()} for kind, files in kinds.items()
     }
     if as_json:
         rows = dict(told.pop("scenario"))
@@ -48,7 +47,7 @@ def scenarios(
         out.print(table)
 
 
-def _comment(path: Path) -> str:
+def comment(path: Path) -> str:
     """The comment at the head of a scenario, sweep, study or network file."""
     lines = path.read_text(encoding="utf-8").splitlines()
     head = lines[

@@ -121,7 +121,7 @@ Acceleration = Annotated[float, Field(ge=-1000, le=1000)]
 
 
 class World(Table):
-    """Gravity, world frame."""
+    """What surrounds pipes and robot."""
 
     gravity: Annotated[tuple[Acceleration, Acceleration, Acceleration], Unit("m/s²")] = (
         0.0,
@@ -147,8 +147,8 @@ class Control(Table):
 
     kind: str = "jacobian"
     """The controller: "jacobian" tracks the centreline; "paper" sets speeds as written (Eq. 20, and
-    inner module backward in a tee), open loop; "equal" runs all modules at cruise speed;
-    `module:Class` names a class of your own."""
+    inner module backward in a tee), open loop; "equal" runs all modules at cruise speed; "driven"
+    obeys a driver's orders; `module:Class` names a class of your own."""
     cruise_speed: Annotated[float, Field(ge=1e-6, le=1), Unit("m/s")] = 0.1
     """Speed of the robot's centre, in turns as well."""
     align: bool = True
@@ -267,7 +267,7 @@ class Expect(Table):
 
     outcome: Outcome | None = None
     """What the author expects: `reached_goal`, `motion_singularity`, `stalled`, `stuck`,
-    `slipping`, `no_motion_line`, `left_pipe`, `timed_out` or `diverged`."""
+    `slipping`, `no_motion_line`, `left_pipe`, `timed_out`, `ended` or `diverged`."""
 
 
 _TABLES: dict[str, type[Table]] = {
