@@ -27,7 +27,7 @@ from omnitrack_sim.record import channels, metrics
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario import validate as validate_scenario
 from omnitrack_sim.schema.fittings import table_of
-from omnitrack_sim.schema.reading import (
+from omnitrack_sim.schema.shipped import (
     shipped_networks,
     shipped_scenarios,
     shipped_studies,

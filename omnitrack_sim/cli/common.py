@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 from typer.core import TyperGroup
 
+from omnitrack_sim.cli import complete
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.text import printable, strict_json
 
@@ -35,7 +36,6 @@ class _Commands(TyperGroup):
 
 app = typer.Typer(
     cls=_Commands,
-    add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="Simulate the Omnidirectional Tractable Three Module Robot in pipes.",
@@ -71,6 +71,7 @@ ScenarioArgument = Annotated[
     typer.Argument(
         metavar="SCENARIO",
         help="A scenario file (TOML, or the scenario.json of a run), or the name of a shipped one.",
+        autocompletion=complete.scenarios,
     ),
 ]
 SetOption = Annotated[
@@ -79,6 +80,7 @@ SetOption = Annotated[
         "--set",
         metavar="PATH=VALUE",
         help="Override a value, such as control.cruise_speed=0.12; @FILE overrides many.",
+        autocompletion=complete.settings,
     ),
 ]
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import app, out, plain
 from omnitrack_sim.errors import Fault, InputError, OutputError, ScenarioError
 
@@ -23,7 +24,12 @@ def new(
     ],
     source: Annotated[
         str,
-        typer.Option("--from", metavar="SCENARIO", help="Whose values it has: a file or a name."),
+        typer.Option(
+            "--from",
+            metavar="SCENARIO",
+            help="Whose values it has: a file or a name.",
+            autocompletion=complete.scenarios,
+        ),
     ] = "tee_turn",
 ) -> None:
     """Write a scenario file with all keys, their units, defaults and meanings."""
@@ -50,7 +56,7 @@ def _target(name: str) -> Path:
 
 def _text(target: Path, source: str) -> str:
     """The text of the new file, which is read as the scenario that it begins from."""
-    from omnitrack_sim.cli.catalogue import comment
+    from omnitrack_sim.cli.complete import comment
     from omnitrack_sim.scenario import load_scenario
     from omnitrack_sim.scenario.template import template
     from omnitrack_sim.schema.files import SCENARIO, read_file

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
+from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
     FAST,
     FastOption,
@@ -30,7 +31,12 @@ if TYPE_CHECKING:
 @app.command()
 def optimise(
     source: Annotated[
-        str, typer.Argument(metavar="STUDY", help="A study file, or the name of a shipped one.")
+        str,
+        typer.Argument(
+            metavar="STUDY",
+            help="A study file, or the name of a shipped one.",
+            autocompletion=complete.studies,
+        ),
     ],
     assignments: SetOption = None,
     fast: FastOption = False,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
+from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
     FAST,
     FastOption,
@@ -39,7 +40,12 @@ _LONGEST = 1000
 @app.command()
 def sweep(
     source: Annotated[
-        str, typer.Argument(metavar="SWEEP", help="A sweep file, or the name of a shipped one.")
+        str,
+        typer.Argument(
+            metavar="SWEEP",
+            help="A sweep file, or the name of a shipped one.",
+            autocompletion=complete.sweeps,
+        ),
     ],
     assignments: SetOption = None,
     fast: FastOption = False,
