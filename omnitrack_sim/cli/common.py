@@ -1,4 +1,4 @@
-"""What the commands share: the application, consoles, scenarios from arguments, progress bars."""
+"""What the commands share: the application, consoles, scenarios from arguments, progress."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from rich.text import Text
 from typer.core import TyperGroup
 
 from omnitrack_sim.cli import complete
+from omnitrack_sim.cli.lines import Lines, time_left
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.text import printable, strict_json
 
@@ -177,12 +178,17 @@ def assignment(text: str) -> tuple[str, Any]:
 
 @contextmanager
 def progress(title: str, quiet: bool) -> Iterator[Any]:
-    """A progress bar on standard error.
+    """How far something is, on standard error: a bar, or a line now and then where that is no
+    terminal.
 
-    Yields the function that moves it, called with the fraction done and a text; None if ``quiet``.
+    Yields the function that is told, called with the fraction done and a text; None if ``quiet``.
+    What it is told at the fraction 0 is how much work there is.
     """
     if quiet:
         yield None
+        return
+    if not err.is_terminal:
+        yield _in_lines(Lines(title, err))
         return
     columns = (
         TextColumn("{task.description}"),
@@ -195,3 +201,13 @@ def progress(title: str, quiet: bool) -> Iterator[Any]:
         yield lambda part, text="": bar.update(
             task, completed=part, description=plain(f"{title} {text}".strip())
         )
+
+
+def _in_lines(lines: Lines) -> Callable[..., None]:
+    def tell(part: float, text: str = "") -> None:
+        if part == 0 and text:
+            lines.say(text)
+        words = (f"{100 * part:.0f} %", time_left(part, lines.elapsed))
+        lines.tell(part, ", ".join(filter(None, words)))
+
+    return tell
