@@ -44,6 +44,8 @@ python_maximum_signature_line_length = 80
 add_module_names = False
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
+napoleon_attr_annotations = False  # the signature has the types, the text shapes and units
+toc_object_entries_show_parents = "hide"
 
 # Appearance
 html_theme = "pydata_sphinx_theme"

@@ -84,7 +84,7 @@ def _directive(name: str) -> str:
     if isinstance(thing, FunctionType):
         return f".. autofunction:: omnitrack_sim.{name}\n"
     text = "\n   ".join(inspect.cleandoc(doc_of_value(name) or "").splitlines())
-    return f".. py:data:: omnitrack_sim.{name}\n\n   {text}\n"
+    return f".. py:data:: {name}\n   :module: omnitrack_sim\n\n   {text}\n"
 
 
 def members_of(thing: type) -> list[str]:

@@ -63,6 +63,7 @@ class Scenario(Table):
     network: Network | None = None
     """Instead of `pipes`: a network, as a file, a shipped one's name or a table."""
     mission: Mission | None = None
+    """Where to go in the network."""
     start: Start = Start()
     world: World = World()
     contact: Contact = Contact()
