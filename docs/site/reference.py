@@ -19,6 +19,7 @@ TITLES = {
     "control": "Controllers",
     "sensing": "Sensors",
     "record": "What is recorded",
+    "replay": "Replay pages",
     "film": "Films",
     "plots": "Figures",
     "sweep": "Sweeps",
