@@ -1,13 +1,14 @@
 # make demo: run the tee turn and leave results, plot, video and replay page in
 # out/tee_turn.
 # make test: run the whole test suite. Both set up .venv and the system libraries first.
+# make docs: build the documentation into out/site, strictly.
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 SCREEN_PACKAGES := chromium xvfb xdotool
 EGL_PACKAGES := libegl1 libgl1-mesa-dri libopengl0
 
-.PHONY: demo test check models bench tutorial egl screen clean
+.PHONY: demo test check docs models bench tutorial egl screen clean
 
 demo: $(READY) egl
 	$(BIN)/omnitrack run scenarios/tee_turn.toml --out out/tee_turn
@@ -22,6 +23,9 @@ check: $(READY)
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 	$(BIN)/omnitrack models --check
+
+docs: $(READY)
+	$(BIN)/python docs/site/build.py
 
 models: $(READY)
 	$(BIN)/omnitrack models --write

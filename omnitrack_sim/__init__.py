@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.replay import write_replay
     from omnitrack_sim.robot import MOTORS, Motor, Robot
     from omnitrack_sim.scenario import Scenario, load_scenario, override
-    from omnitrack_sim.schema.reading import (
+    from omnitrack_sim.schema.shipped import (
         shipped_networks,
         shipped_scenarios,
         shipped_studies,
@@ -73,7 +73,7 @@ _HOME = {
         "StudyError",
         "SweepError",
     ),
-    "schema.reading": (
+    "schema.shipped": (
         "shipped_networks",
         "shipped_scenarios",
         "shipped_studies",

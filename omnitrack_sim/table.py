@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
+import textwrap
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 
 class Table(BaseModel):
-    """A frozen table of a file; unknown keys are errors."""
+    """A frozen table of a file; unknown keys are errors. What a key means is said below it, see
+    ``meanings_of``."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -41,6 +46,34 @@ def units_of(table: type[BaseModel]) -> dict[str, Unit]:
         for key, info in table.model_fields.items()
     }
     return {key: unit for key, unit in found.items() if unit is not None}
+
+
+def symbol_of(table: type[BaseModel], key: str) -> str:
+    """The unit of a key; empty where it has none."""
+    unit = units_of(table).get(key)
+    return unit.symbol if unit is not None else "deg" if key.endswith("_deg") else ""
+
+
+def meanings_of(table: type[BaseModel]) -> dict[str, str]:
+    """The keys of a table with what is said below each in its class, or in one that it extends.
+
+    It reads the source, so that tables whose meanings nobody asks for are made without it.
+    """
+    found: dict[str, str] = {}
+    for base in reversed(table.__mro__):
+        if base is BaseModel or not issubclass(base, BaseModel):
+            continue
+        try:
+            source = textwrap.dedent(inspect.getsource(base))
+        except (OSError, TypeError):
+            continue  # made while running: nothing is said there
+        body = next(item for item in ast.parse(source).body if isinstance(item, ast.ClassDef)).body
+        for key, below in pairwise(body):
+            if isinstance(key, ast.AnnAssign) and isinstance(below, ast.Expr):
+                said = getattr(below.value, "value", None)
+                if isinstance(key.target, ast.Name) and isinstance(said, str):
+                    found[key.target.id] = " ".join(said.split())
+    return {key: found[key] for key in table.model_fields if key in found}
 
 
 Positive = Annotated[float, Field(gt=0)]

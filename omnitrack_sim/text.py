@@ -6,7 +6,7 @@ import json
 import math
 import re
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
 
@@ -80,6 +80,22 @@ def no_such(name: object, choices: Sequence[str], what: str = "") -> str:
     """What to say of a name that none of the choices is; ``what`` is a word before it."""
     question = did_you_mean(str(name), choices)
     return f"there is no {what}{shown(name)}{question} (choose from: {listed(choices)})"
+
+
+def toml_key(name: str) -> str:
+    """A name as a key of TOML, in quotes where it needs them."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else as_toml(name)
+
+
+def as_toml(value: Any) -> str:
+    """Plain data as a value of TOML in one line: a text, number, truth value, list or table."""
+    if isinstance(value, Mapping):
+        inside = ", ".join(f"{toml_key(key)} = {as_toml(item)}" for key, item in value.items())
+        return f"{{ {inside} }}" if inside else "{}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(as_toml, value))}]"
+    # JSON's texts are TOML's but for one character.
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def strict_json(value: Any) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
 
 import omnitrack_sim
 from omnitrack_sim.cli import app
@@ -26,15 +27,27 @@ from omnitrack_sim.record import channels, metrics
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario import validate as validate_scenario
 from omnitrack_sim.schema.fittings import table_of
-from omnitrack_sim.schema.reading import (
+from omnitrack_sim.schema.shipped import (
     shipped_networks,
     shipped_scenarios,
     shipped_studies,
     shipped_sweeps,
 )
-from omnitrack_sim.schema.tables import MonitorTable, Pipe
+from omnitrack_sim.schema.tables import (
+    Contact,
+    Control,
+    Expect,
+    Goal,
+    MonitorTable,
+    Physics,
+    Pipe,
+    RecordTable,
+    Start,
+    World,
+)
 from omnitrack_sim.sweep.axes import AXES
 from omnitrack_sim.sweep.spec import SweepFile, resolve
+from omnitrack_sim.table import meanings_of, symbol_of
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -198,36 +211,79 @@ def test_the_metric_page_holds_the_table_of_the_metrics():
 def rows_below(heading: str, page: str) -> dict[str, list[str]]:
     """The rows of the table below a heading of docs/scenarios.md: cells by the key."""
     section = page.partition(f"\n{heading}\n")[2].partition("\n#")[0]
-    rows = [line.strip("| ").split(" | ") for line in section.splitlines() if line[:3] == "| `"]
+    rows = [
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in section.splitlines()
+        if line[:3] == "| `"
+    ]
     return {cells[0].strip("`"): cells[1:] for cells in rows}
 
 
-@pytest.mark.parametrize(
-    ("heading", "table"),
-    [
-        ("## `monitor`", MonitorTable()),
-        ("### `control.parameters.tracking`", FeedbackTable().tracking),
-        ("### `control.parameters.damping`", FeedbackTable().damping),
-        ("### `control.parameters.alignment`", FeedbackTable().alignment),
-        ("### `control.parameters.recovery`", FeedbackTable().recovery),
-        ('### `control.parameters` of "paper" and "equal"', PaperTable()),
-        ('### `control.parameters` of "driven"', DrivenTable.model_construct()),
-    ],
-    ids=lambda value: type(value).__name__ if isinstance(value, BaseModel) else "",
-)
-def test_parameters_are_documented_with_their_defaults(heading, table):
-    """docs/scenarios.md has a row with default, unit and meaning for each key of the monitor's and
-    the controllers' tables, and no other row."""
+TABLES = {
+    "## `mission`": [Mission],
+    "## `start`": [Start],
+    "## `world`, `contact`": [World, Contact],
+    "## `control`": [Control],
+    "### `control.parameters.tracking`": [type(FeedbackTable().tracking)],
+    "### `control.parameters.sway`": [type(FeedbackTable().sway)],
+    "### `control.parameters.damping`": [type(FeedbackTable().damping)],
+    "### `control.parameters.alignment`": [type(FeedbackTable().alignment)],
+    "### `control.parameters.recovery`": [type(FeedbackTable().recovery)],
+    '### `control.parameters` of "paper" and "equal"': [PaperTable],
+    '### `control.parameters` of "driven"': [DrivenTable],
+    "## `monitor`": [MonitorTable],
+    "## `record`": [RecordTable],
+    "## `physics`": [Physics],
+    "## `goal`, `expect`": [Goal, Expect],
+}
+LINK = re.compile(r"\[([^\]]*)\]\([^)]*\)")
+
+
+def said(cell: str) -> str:
+    """What a cell of the page says, as it stands in the code: without links, as a sentence."""
+    text = LINK.sub(r"\1", re.sub(r" \(\[[^\]]*\]\([^)]*\)\)", "", cell))
+    return text[:1].upper() + text[1:].rstrip(".") + "."
+
+
+@pytest.mark.parametrize(("heading", "tables"), TABLES.items(), ids=list(TABLES))
+def test_keys_are_documented_as_they_are_declared(heading, tables):
+    """docs/scenarios.md has a row for each key of a table, with the default, unit and meaning that
+    the code has, and no other row."""
     rows = rows_below(heading, (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8"))
-    assert PaperTable().alignment == FeedbackTable().alignment
-    values = {key: value for key, value in table if not isinstance(value, BaseModel)}
-    assert set(rows) == set(values)
-    for key, value in values.items():
+    keys = {
+        key: (table, info.get_default(call_default_factory=True))
+        for table in tables
+        for key, info in table.model_fields.items()
+    }
+    keys = {key: told for key, told in keys.items() if not isinstance(told[1], BaseModel)}
+    assert set(rows) == set(keys)
+    for key, (table, value) in keys.items():
         default, unit, meaning = rows[key]
-        told = json.loads(default)
-        assert told == (list(value) if isinstance(value, tuple) else value), key
-        assert unit
-        assert len(meaning.split()) > 2
+        if value in (None, (), PydanticUndefined):
+            assert default in ("", "none"), key
+        else:
+            assert json.loads(default) == (list(value) if isinstance(value, tuple) else value), key
+        assert unit == symbol_of(table, key), key
+        assert said(meaning) == meanings_of(table)[key], key
+
+
+def test_keys_of_pipes_are_documented_as_they_are_declared():
+    """Each kind of fitting has its keys in the table of pipes, with unit and meaning."""
+    page = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    section = page.partition("\n## `pipes`\n")[2].partition("\n#")[0]
+    rows = [
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in section.splitlines()
+        if line[:3] == "| `"
+    ]
+    for kind in shipped_fittings():
+        table = table_of(kind, Pipe)
+        own = {row[0].strip("`"): row[3:] for row in rows if row[1] == "all" or kind in row[1]}
+        assert set(own) == set(table.model_fields)
+        for key, (unit, meaning) in own.items():
+            assert unit == symbol_of(table, key), key
+            assert said(meaning) == meanings_of(table)[key], key
+    assert PaperTable().alignment == FeedbackTable().alignment
 
 
 def test_every_table_of_parameters_is_documented():

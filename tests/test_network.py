@@ -13,7 +13,7 @@ from omnitrack_sim.errors import NetworkError
 from omnitrack_sim.network import load_network, random_network, shortest_route, validate
 from omnitrack_sim.pipes import Elbow, Step, Straight, Tee, route
 from omnitrack_sim.rotations import Pose, frame_along
-from omnitrack_sim.schema.reading import shipped_networks
+from omnitrack_sim.schema.shipped import shipped_networks
 
 
 def ring(length: float) -> dict:

@@ -1,12 +1,18 @@
-"""The progress bar of sweeps and studies: what stands behind it, and what an interruption says."""
+"""The progress of sweeps and studies, and of single works: the bar of a terminal, the lines
+elsewhere, and what an interruption says."""
 
+import json
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import typer
 from rich.progress import Progress
 
-from omnitrack_sim.cli import trials
+from omnitrack_sim.cli import lines, trials
+from omnitrack_sim.cli.common import Screen, progress
 from omnitrack_sim.cli.trials import trials_bar
 
 
@@ -14,13 +20,27 @@ def _status(done, found=0, lost=0):
     return SimpleNamespace(total=10, found=found, done=done, lost=lost)
 
 
-def _bar(quiet=False):
+def _bar():
     return trials_bar(
-        "sweep [x]", quiet, lambda s, pace: (pace, f"{s.done} passed"), lambda s: f"{s.done} done"
+        "sweep [x]", lambda s, pace: (pace, f"{s.done} passed"), lambda s: f"{s.done} done"
     )
 
 
-def test_the_bar_tells_pace_and_losses_of_this_run(monkeypatch):
+@pytest.fixture
+def terminal(monkeypatch):
+    """Standard error is a terminal."""
+    monkeypatch.setattr(trials, "err", Screen(stderr=True, force_terminal=True))
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """The time that lines are told at; the test turns it."""
+    now = SimpleNamespace(s=100.0)
+    monkeypatch.setattr(lines.time, "monotonic", lambda: now.s)
+    return now
+
+
+def test_the_bar_tells_pace_and_losses_of_this_run(monkeypatch, terminal):
     """Pace and time left count what this run did; what is not known yet is left out."""
     told = []
     monkeypatch.setattr(Progress, "update", lambda self, task, **new: told.append(new["text"]))
@@ -32,20 +52,79 @@ def test_the_bar_tells_pace_and_losses_of_this_run(monkeypatch):
     assert told == ["2 passed", "0.50 trials/s, 0:00:12 left, 4 passed, 1 times workers lost"]
 
 
-def _interrupted(quiet, told):
-    with _bar(quiet) as tell:
+def test_without_a_terminal_lines_tell_size_pace_and_losses(clock, capfd):
+    """At once how many trials there are; the pace with the first that are done; then a line each
+    10 s at most, when a tenth more is done or five minutes have passed; not the end."""
+    with _bar() as tell:
+        for after, done, lost in (
+            (0, 2, 0),
+            (4, 4, 0),
+            (9, 6, 0),  # too soon
+            (5, 6, 1),
+            (20, 6, 1),  # no headway
+            (281, 6, 1),
+            (20, 10, 1),
+        ):
+            clock.s += after
+            tell(_status(done, found=2, lost=lost))
+    assert capfd.readouterr().err.splitlines() == [
+        "sweep [x]: 10 trials, 2 of them done before",
+        "sweep [x]: 4 of 10 trials, 0.50 trials/s, 0:00:12 left, 4 passed",
+        "sweep [x]: 6 of 10 trials, 0.22 trials/s, 0:00:18 left, 6 passed, 1 times workers lost",
+        "sweep [x]: 6 of 10 trials, 0.01 trials/s, 0:05:19 left, 6 passed, 1 times workers lost",
+    ]
+
+
+def test_without_a_terminal_work_that_takes_a_while_tells_lines(clock, capfd):
+    """How much there is; nothing in the first 10 s; then how far it is and what is left."""
+    with progress("run \x1b[2J", False) as tell:
+        tell(0.0, "3 runs")
+        for part in (0.1, 0.2, 0.25, 0.4, 1.0):
+            clock.s += 6.0
+            tell(part, "cruise")
+    assert capfd.readouterr().err.splitlines() == [
+        "run \\x1b[2J: 3 runs",
+        "run \\x1b[2J: 20 %, 0:00:48 left",
+        "run \\x1b[2J: 40 %, 0:00:36 left",
+    ]
+
+
+def test_a_short_or_quiet_work_tells_nothing(capfd):
+    """What is over within seconds, and what prints for machines."""
+    with progress("run", False) as tell:
+        tell(0.5, "cruise")
+    with progress("run", True) as tell:
+        assert tell is None
+    assert capfd.readouterr().err == ""
+
+
+def _interrupted(told):
+    with _bar() as tell:
         for done in told:
             tell(_status(done))
         raise KeyboardInterrupt
 
 
-@pytest.mark.parametrize("quiet", [False, True])
 @pytest.mark.parametrize(
     ("told", "said"), [([], "nothing is done"), ([1, 3], "3 done")], ids=["at once", "on the way"]
 )
-def test_an_interruption_says_how_far_it_came(quiet, told, said, capfd):
+def test_an_interruption_says_how_far_it_came(told, said, capfd):
     """Exit status 130, and the last status is the one that counts."""
     with pytest.raises(typer.Exit) as ended:
-        _interrupted(quiet, told)
+        _interrupted(told)
     assert ended.value.exit_code == 130
     assert f"interrupted: {said}; the same command goes on" in capfd.readouterr().err
+
+
+def test_a_piped_sweep_tells_its_size_and_keeps_its_json_clean(tmp_path):
+    """Of the command itself: standard output is the summary alone."""
+    (tmp_path / "two.toml").write_text(
+        'base = "straight"\n'
+        '[[axes]]\npath = "contact.friction"\nkind = "list"\nvalues = [0.8, 0.9]\n',
+        encoding="utf-8",
+    )
+    command = [Path(sys.executable).with_name("omnitrack"), "sweep", "two.toml", "--json"]
+    command += ["--set", "physics.time_limit=0.1", "--workers", "1"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stderr.splitlines()) == (0, ["sweep two: 2 trials"])
+    assert json.loads(done.stdout)["trials"] == 2

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import app, load, out, plain, print_json
 from omnitrack_sim.errors import Fault, ScenarioError
 
@@ -18,7 +19,7 @@ def scenarios(
 ) -> None:
     """List the scenarios, sweeps, studies and networks of the package; `omnitrack run`, `sweep`,
     `optimise` and `network NAME` find them."""
-    from omnitrack_sim.schema.reading import (
+    from omnitrack_sim.schema.shipped import (
         shipped_networks,
         shipped_scenarios,
         shipped_studies,
@@ -32,7 +33,7 @@ def scenarios(
         "network": shipped_networks(),
     }
     told = {
-        kind: {name: _comment(path) for name, path in files.items()}
+        kind: {name: complete.comment(path) for name, path in files.items()}
         for kind, files in kinds.items()
     }
     if as_json:
@@ -48,20 +49,14 @@ def scenarios(
         out.print(table)
 
 
-def _comment(path: Path) -> str:
-    """The comment at the head of a scenario, sweep, study or network file."""
-    lines = path.read_text(encoding="utf-8").splitlines()
-    head = lines[
-        : next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))
-    ]
-    return " ".join(line.lstrip("# ") for line in head)
-
-
 @app.command()
 def parameters(
     scenario: Annotated[
         str | None,
-        typer.Argument(help="Show the robot of this scenario instead of the default one."),
+        typer.Argument(
+            help="Show the robot of this scenario instead of the default one.",
+            autocompletion=complete.scenarios,
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
 ) -> None:

@@ -1,4 +1,4 @@
-"""What the commands share: the application, consoles, scenarios from arguments, progress bars."""
+"""What the commands share: the application, consoles, scenarios from arguments, progress."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 from typer.core import TyperGroup
 
+from omnitrack_sim.cli import complete
+from omnitrack_sim.cli.lines import Lines, time_left
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.text import printable, strict_json
 
@@ -35,7 +37,6 @@ class _Commands(TyperGroup):
 
 app = typer.Typer(
     cls=_Commands,
-    add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="Simulate the Omnidirectional Tractable Three Module Robot in pipes.",
@@ -71,6 +72,7 @@ ScenarioArgument = Annotated[
     typer.Argument(
         metavar="SCENARIO",
         help="A scenario file (TOML, or the scenario.json of a run), or the name of a shipped one.",
+        autocompletion=complete.scenarios,
     ),
 ]
 SetOption = Annotated[
@@ -79,6 +81,7 @@ SetOption = Annotated[
         "--set",
         metavar="PATH=VALUE",
         help="Override a value, such as control.cruise_speed=0.12; @FILE overrides many.",
+        autocompletion=complete.settings,
     ),
 ]
 
@@ -175,12 +178,17 @@ def assignment(text: str) -> tuple[str, Any]:
 
 @contextmanager
 def progress(title: str, quiet: bool) -> Iterator[Any]:
-    """A progress bar on standard error.
+    """How far something is, on standard error: a bar, or a line now and then where that is no
+    terminal.
 
-    Yields the function that moves it, called with the fraction done and a text; None if ``quiet``.
+    Yields the function that is told, called with the fraction done and a text; None if ``quiet``.
+    What it is told at the fraction 0 is how much work there is.
     """
     if quiet:
         yield None
+        return
+    if not err.is_terminal:
+        yield _in_lines(Lines(title, err))
         return
     columns = (
         TextColumn("{task.description}"),
@@ -193,3 +201,13 @@ def progress(title: str, quiet: bool) -> Iterator[Any]:
         yield lambda part, text="": bar.update(
             task, completed=part, description=plain(f"{title} {text}".strip())
         )
+
+
+def _in_lines(lines: Lines) -> Callable[..., None]:
+    def tell(part: float, text: str = "") -> None:
+        if part == 0 and text:
+            lines.say(text)
+        words = (f"{100 * part:.0f} %", time_left(part, lines.elapsed))
+        lines.tell(part, ", ".join(filter(None, words)))
+
+    return tell

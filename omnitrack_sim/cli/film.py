@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import app, out, plain, progress
 from omnitrack_sim.errors import Fault, ScenarioError
 
@@ -27,7 +28,9 @@ def render(
     run_dir: Annotated[
         Path, typer.Argument(metavar="RUN_DIR", help="A folder that `omnitrack run` wrote.")
     ],
-    camera: Annotated[str, typer.Option(help="side, follow or onboard.")] = "side",
+    camera: Annotated[
+        str, typer.Option(help="side, follow or onboard.", autocompletion=complete.cameras)
+    ] = "side",
     file: Annotated[
         Path | None,
         typer.Option(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
+from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import app, out, plain, print_json
 from omnitrack_sim.errors import Fault, NetworkError
 
@@ -21,7 +22,11 @@ if TYPE_CHECKING:
 def network(
     source: Annotated[
         str | None,
-        typer.Argument(metavar="NETWORK", help="A network file, or the name of a shipped one."),
+        typer.Argument(
+            metavar="NETWORK",
+            help="A network file, or the name of a shipped one.",
+            autocompletion=complete.networks,
+        ),
     ] = None,
     start: Annotated[
         str | None, typer.Option("--from", metavar="PORT", help="Open end a route starts at.")
@@ -84,7 +89,7 @@ def _check_outputs(to_file: Path | None, plot: Path | None, export: Path | None)
 
 def _network(source: str | None, seed: int | None, fittings: int | None) -> Network:
     from omnitrack_sim.network import load_network, random_network
-    from omnitrack_sim.schema.reading import shipped_networks
+    from omnitrack_sim.schema.shipped import shipped_networks
 
     if (source is None) == (seed is None):
         raise NetworkError(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
+from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
     FAST,
     FastOption,
@@ -30,7 +31,12 @@ if TYPE_CHECKING:
 @app.command()
 def optimise(
     source: Annotated[
-        str, typer.Argument(metavar="STUDY", help="A study file, or the name of a shipped one.")
+        str,
+        typer.Argument(
+            metavar="STUDY",
+            help="A study file, or the name of a shipped one.",
+            autocompletion=complete.studies,
+        ),
     ],
     assignments: SetOption = None,
     fast: FastOption = False,
@@ -58,17 +64,15 @@ def optimise(
         _print_plan(study)
         return
     target = folder or Path("out") / study.name
-    result = _run(study, target, make_workers(workers, dask), as_json)
+    result = _run(study, target, make_workers(workers, dask))
     if as_json:
         print_json(result.summary)
     else:
         _print_result(result, target)
 
 
-def _run(
-    study: Study, target: Path, executor: Callable[[], Executor] | None, quiet: bool
-) -> StudyResult:
-    """Run a study under a progress bar."""
+def _run(study: Study, target: Path, executor: Callable[[], Executor] | None) -> StudyResult:
+    """Run a study and tell how far it is."""
     from omnitrack_sim.optimise import run_study
 
     def words(status: StudyStatus, pace: str) -> tuple[str, ...]:
@@ -77,7 +81,7 @@ def _run(
     def reached(status: StudyStatus) -> str:
         return f"{status.stage}, {status.done} trials are done"
 
-    with trials_bar(f"optimise {study.name}", quiet, words, reached) as report:
+    with trials_bar(f"optimise {study.name}", words, reached) as report:
         return run_study(study, target, executor=executor, progress=report)
 
 

@@ -38,7 +38,7 @@ def reproduce(
 
     if format not in FORMATS:
         raise InputError(Fault("--format", f"is {format!r}", FORMATS, given=format))
-    with progress("reproduce", as_json) as report:
+    with progress("reproduce", False) as report:
         claims = reproduce_paper(folder, quick=quick, format=format, progress=report)
     if as_json:
         print_json([claim.row() for claim in claims])

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
+from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
     FAST,
     FastOption,
@@ -44,7 +45,8 @@ def run(
             help=(
                 "Camera of the video: side, follow or onboard; when not given follow for a "
                 "mission and side otherwise."
-            )
+            ),
+            autocompletion=complete.cameras,
         ),
     ] = None,
     as_json: Annotated[

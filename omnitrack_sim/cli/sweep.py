@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
+from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
     FAST,
     FastOption,
@@ -39,7 +40,12 @@ _LONGEST = 1000
 @app.command()
 def sweep(
     source: Annotated[
-        str, typer.Argument(metavar="SWEEP", help="A sweep file, or the name of a shipped one.")
+        str,
+        typer.Argument(
+            metavar="SWEEP",
+            help="A sweep file, or the name of a shipped one.",
+            autocompletion=complete.sweeps,
+        ),
     ],
     assignments: SetOption = None,
     fast: FastOption = False,
@@ -81,7 +87,7 @@ def sweep(
         raise OutputError(
             f"{target}: holds no sweep to go on with; leave out --continue to begin one"
         )
-    done = _run(loaded, target, make_workers(workers, dask), share, as_json)
+    done = _run(loaded, target, make_workers(workers, dask), share)
     _print_outcome(loaded, target, done, as_json)
 
 
@@ -90,9 +96,8 @@ def _run(
     target: Path,
     executor: Callable[[], Executor] | None,
     share: tuple[int, int] | None,
-    quiet: bool,
 ) -> int:
-    """Run a sweep under a progress bar; returns the number of rows that are there afterwards."""
+    """Run a sweep and tell how far it is; returns the number of rows that are there afterwards."""
     from omnitrack_sim.sweep import run_sweep
 
     def words(status: Status, pace: str) -> tuple[str, ...]:
@@ -101,7 +106,7 @@ def _run(
     def reached(status: Status) -> str:
         return f"{status.done} of {status.total} trials are done"
 
-    with trials_bar(f"sweep {loaded.name}", quiet, words, reached) as report:
+    with trials_bar(f"sweep {loaded.name}", words, reached) as report:
         table = run_sweep(loaded, target, executor=executor, shard=share, progress=report)
     return table.num_rows
 

@@ -1,4 +1,4 @@
-"""What the commands that run many trials share: their workers, a progress bar, interruption."""
+"""What the commands that run many trials share: their workers, progress, interruption."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from omnitrack_sim.cli.common import err, plain
+from omnitrack_sim.cli.lines import WAIT, Lines, clock
 from omnitrack_sim.errors import Fault, InputError
 
 if TYPE_CHECKING:
@@ -58,16 +59,15 @@ def make_workers(workers: int | None, dask: str | None) -> Callable[[], Executor
 @contextmanager
 def trials_bar(
     title: str,
-    quiet: bool,
     words: Callable[[_Status, str], tuple[str, ...]],
     reached: Callable[[_Status], str],
 ) -> Iterator[Callable[[_Status], None]]:
-    """A progress bar on standard error; yields the function that is told the status.
+    """How far trials are, on standard error: a bar, or a line now and then where that is no
+    terminal; yields the function that is told the status.
 
     Args:
-        title: stands before the bar.
-        quiet: draw no bar.
-        words: what stands behind the bar, from the status and the pace, which is empty at first.
+        title: stands before it.
+        words: what stands behind it, from the status and the pace, which is empty at first.
         reached: how far the trials are, for the message of an interruption.
 
     Raises:
@@ -75,7 +75,7 @@ def trials_bar(
     """
     seen: list[_Status] = []
     try:
-        with _bar(title, quiet, words) as show:
+        with (_bar if err.is_terminal else _lines)(title, words) as show:
 
             def tell(status: _Status) -> None:
                 seen[:] = [status]
@@ -90,11 +90,8 @@ def trials_bar(
 
 @contextmanager
 def _bar(
-    title: str, quiet: bool, words: Callable[[_Status, str], tuple[str, ...]]
+    title: str, words: Callable[[_Status, str], tuple[str, ...]]
 ) -> Iterator[Callable[[_Status], None]]:
-    if quiet:
-        yield lambda status: None
-        return
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -105,12 +102,46 @@ def _bar(
         task = bar.add_task(plain(title), total=None, text="")
 
         def show(status: _Status) -> None:
-            lost = f"{status.lost} times workers lost" if status.lost else ""
-            said = (*words(status, _pace(status, bar.tasks[0].elapsed or 0.0)), lost)
-            text = ", ".join(filter(None, said))
+            text = _told(status, words, bar.tasks[0].elapsed or 0.0)
             bar.update(task, completed=status.done, total=status.total, text=text)
 
         yield show
+
+
+@contextmanager
+def _lines(
+    title: str, words: Callable[[_Status, str], tuple[str, ...]]
+) -> Iterator[Callable[[_Status], None]]:
+    """First how many trials there are, then the pace when the first of them are done, if the others
+    take a while."""
+    lines = Lines(title, err)
+    pace_is_told = False
+
+    def show(status: _Status) -> None:
+        nonlocal pace_is_told
+        text = f"{status.done} of {status.total} trials"
+        text = ", ".join(filter(None, (text, _told(status, words, lines.elapsed))))
+        ran = status.done - status.found
+        if ran and not pace_is_told:
+            pace_is_told = True
+            if _seconds_left(status, lines.elapsed) > WAIT:
+                lines.say(text)
+        lines.tell(status.done / max(status.total, 1), text)
+
+    def first(status: _Status) -> None:
+        nonlocal tell
+        found = f", {status.found} of them done before" if status.found else ""
+        lines.say(f"{status.total} trials{found}")
+        tell = show
+
+    tell = first
+    yield lambda status: tell(status)
+
+
+def _told(status: _Status, words: Callable[[_Status, str], tuple[str, ...]], elapsed: float) -> str:
+    """What stands behind a bar or in a line."""
+    lost = f"{status.lost} times workers lost" if status.lost else ""
+    return ", ".join(filter(None, (*words(status, _pace(status, elapsed)), lost)))
 
 
 def _pace(status: Status, elapsed: float) -> str:
@@ -118,12 +149,10 @@ def _pace(status: Status, elapsed: float) -> str:
     ran = status.done - status.found
     if not ran or not elapsed:
         return ""
-    left = max(status.total - status.done, 0) * elapsed / ran
-    return f"{ran / elapsed:.2f} trials/s, {_duration(left)} left"
+    left = clock(_seconds_left(status, elapsed))
+    return f"{ran / elapsed:.2f} trials/s, {left} left"
 
 
-def _duration(seconds: float) -> str:
-    """Seconds as hours, minutes and seconds."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}"
+def _seconds_left(status: Status, elapsed: float) -> float:
+    """The time that the others take at the pace of those that ran."""
+    return max(status.total - status.done, 0) * elapsed / (status.done - status.found)

@@ -27,7 +27,7 @@ from omnitrack_sim.control.interface import ControlSetup, Observation
 from omnitrack_sim.control.route_map import Place, RouteMap
 from omnitrack_sim.record.events import Event, NotAligned, Rolled
 from omnitrack_sim.rotations import Array
-from omnitrack_sim.table import NotNegative, Part, Table
+from omnitrack_sim.table import NotNegative, Part, Table, Unit
 from omnitrack_sim.theory.kinematics import belt_sign
 from omnitrack_sim.theory.singularity import safe_margin, sector_angle
 
@@ -38,36 +38,44 @@ _FIRST_COMES: tuple[Manoeuvre, ...] = ("tee_turn", "tee_straight", "elbow")
 class AlignmentTable(Table):
     """When a robot rolls its modules before a fitting, and how far."""
 
-    roll_settled: Part = 0.02  # rad, error at which a roll counts as done
-    # Rolls in a row before one fitting; slip while rolling makes the first one fall short.
-    attempts: Annotated[int, Field(ge=1, le=1000)] = 3
-    # s at D = 160 mm, with the square root of D at others: time beyond what a roll should take
-    # after which it is looked at as it is. The belts' grip may hold a module off its target.
-    patience: Part = 1.0
+    roll_settled: Annotated[Part, Unit("rad")] = 0.02
+    """Error of the roll at which it counts as done."""
+    attempts: Annotated[int, Field(ge=1, le=1000), Unit("1")] = 3
+    """Rolls in a row before one fitting; slip while rolling makes the first one fall short."""
+    patience: Annotated[Part, Unit("s")] = 1.0
+    """Time beyond what a roll should take after which it is looked at as it is, for D = 160 mm. The
+    belts' grip may hold a module off its target."""
     # Distances of the roll from the no-motion line, the best first, and the further roll that a
     # robot puts up with to have so much. Out of a branch 60 of 60 robots pass with 90 and 60
     # degrees, 58 with 40 and 11 with 30, where the track away from the wall touches and brakes;
     # straight over a tee such a robot falls into a branch that opens downward.
     clearances_deg: Three = (60.0, 45.0, 30.0)
+    """Distances of the roll from the no-motion line that are tried, the best first."""
     clearance_detours_deg: Three = (0.0, 90.0, 360.0)
-    # Further roll that a robot puts up with to come into the next narrower range of the aims.
+    """What each of these costs, as further roll: a robot puts up with so much of it to have the one
+    before."""
     aim_detour_deg: NotNegative = 90.0
-    # Distance of the roll from the no-motion line with which an oriented robot drives on.
+    """Further roll that a robot puts up with to come into the next narrower range."""
     clear_enough_deg: Annotated[float, Field(ge=0, le=90)] = 45.0
-    # Size of cos(roll) below which the belts keep their direction: at the no-motion line its sign
-    # is noise.
-    no_motion_band: Annotated[float, Field(ge=0, le=1)] = 0.1
+    """Distance of the roll from the no-motion line with which a robot of good theta5 drives on."""
+    no_motion_band: Annotated[float, Field(ge=0, le=1), Unit("1")] = 0.1
+    """Size of cos(roll) below which the belts keep their direction; at the no-motion line its sign
+    is noise."""
     # Fractions of the safe margin to aim for, tried in order. If every roll that reaches the first
     # ends near the no-motion line, the planner falls back to the next, wider one. Straight over a
     # tee nearer is steadier: tilt up to 1.1 degrees from 6 degrees beside the best orientation, 0.9
     # from the best.
-    aim_elbow: Three = (0.5, 0.5, 1.0)
-    aim_tee_turn: Three = (0.5, 0.85, 1.0)
-    aim_tee_straight: Three = (0.25, 0.5, 1.0)
-    # Fractions of the safe margin to keep beside the best orientation for a turn into a branch:
-    # dead on, both outer modules lose the wall at the same time (docs/design-study.md). Out of a
-    # branch dead on is best: up a slippery run 33 of 40 pass, 29 from 5 or 10 degrees beside.
-    aside_tee_turn: Three = (0.45, 0.4, 0.3)
+    aim_elbow: Annotated[Three, Unit("1")] = (0.5, 0.5, 1.0)
+    """Half-widths of the range for an elbow, the narrowest first, as parts of the safe margin."""
+    aim_tee_turn: Annotated[Three, Unit("1")] = (0.5, 0.85, 1.0)
+    """Likewise for a turn in a tee."""
+    aim_tee_straight: Annotated[Three, Unit("1")] = (0.25, 0.5, 1.0)
+    """Likewise straight over a tee."""
+    # Out of a branch dead on is best: up a slippery run 33 of 40 pass, 29 from 5 or 10 degrees
+    # beside (docs/design-study.md).
+    aside_tee_turn: Annotated[Three, Unit("1")] = (0.45, 0.4, 0.3)
+    """What each range for a turn in a tee keeps off the best orientation, where the robot turns
+    into the branch: dead on, both outer modules lose the wall at the same time. 0: nothing."""
 
 
 AIMS = 3

@@ -29,7 +29,7 @@ from omnitrack_sim.control.tracking import TrackingTable, wall_speeds
 from omnitrack_sim.errors import InputError
 from omnitrack_sim.record.events import Driven, Event
 from omnitrack_sim.rotations import Array, cross, unit
-from omnitrack_sim.table import Angle, NotNegative, Part, Table
+from omnitrack_sim.table import Angle, NotNegative, Part, Table, Unit
 from omnitrack_sim.theory.kinematics import belt_sign
 
 BY_HAND = "by_hand"
@@ -43,28 +43,37 @@ Component = Annotated[float, Field(ge=-1e6, le=1e6)]
 class Order(Table):
     """What a driver asks for from ``time`` on, until the next order."""
 
-    time: Annotated[float, Field(ge=0)]  # s
-    # The driver, the autopilot, or nobody any more: the run is over after the control step.
+    time: Annotated[float, Field(ge=0), Unit("s")]
+    """From which on it holds."""
     by: Literal["hand", "autopilot", "end"] = "hand"
-    speed: Annotated[float, Field(ge=-100, le=100)] = 0.0  # m/s, nose first positive
-    # Where the nose shall point, world frame; none: wherever the pipe leads it.
+    """Who drives: the driver, the autopilot, or nobody any more: the run is over after the control
+    step."""
+    speed: Annotated[float, Field(ge=-100, le=100), Unit("m/s")] = 0.0
+    """Nose first; negative: tail first."""
     heading: tuple[Component, Component, Component] | None = None
-    roll_deg: Angle | None = None  # of all modules; none: as it is
+    """Where the nose shall point, world frame. Left out: wherever the pipe leads it."""
+    roll_deg: Angle | None = None
+    """Of all modules. Left out: as it is."""
 
 
 class DrivenTable(Table):
     """``[control.parameters]`` of the controller ``driven``."""
 
     driver: Annotated[str, Field(min_length=1, max_length=80)] = "its orders"
-    # How the nose is turned towards a heading, as of "jacobian" in a tee turn: rad per D of travel
-    # for 1 rad of error, the most of it, and rotation asked in addition, per rad/s that it is too
-    # slow or too fast.
-    gain: NotNegative = TrackingTable().gain
-    rotation_limit: Part = TrackingTable().rotation_limit
-    damping: NotNegative = DampingTable().tee_turn
-    autopilot: str = "jacobian"  # a shipped controller, or module:Class
+    """Who drives, in events and provenance: "keyboard" of a robot that was driven by keys."""
+    # How the nose is turned towards a heading, as of "jacobian" in a tee turn.
+    gain: Annotated[NotNegative, Unit("rad/D")] = TrackingTable().gain
+    """Rotation towards the heading for each D of travel while the nose is off it by 1 rad."""
+    rotation_limit: Annotated[Part, Unit("rad/D")] = TrackingTable().rotation_limit
+    """Cap on that rotation."""
+    damping: Annotated[NotNegative, Unit("1")] = DampingTable().tee_turn
+    """Rotation asked in addition, for each rad/s that the nose turns too slowly or too fast."""
+    autopilot: str = "jacobian"
+    """The controller to which the driver can hand over: a shipped one, or `module:Class`."""
     autopilot_parameters: dict[str, Any] = Field(default_factory=dict)
+    """The `control.parameters` of the autopilot; once the scenario is checked, all of them."""
     orders: Annotated[tuple[Order, ...], Field(max_length=MOST_ORDERS)] = ()
+    """A list of tables with the keys below, in the order of their times; at most 5,000."""
 
     @field_validator("autopilot")
     @classmethod

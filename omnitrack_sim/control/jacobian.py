@@ -3,7 +3,7 @@ retry."""
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from omnitrack_sim.control.leg_watch import LegWatch
 from omnitrack_sim.control.recovery import Recovery, RecoveryTable
 from omnitrack_sim.control.sway import Sway, SwayTable
 from omnitrack_sim.control.tracking import Tracking, TrackingTable, wall_speeds
-from omnitrack_sim.table import NotNegative, Table
+from omnitrack_sim.table import NotNegative, Table, Unit
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT, BACK_OFF = range(6)
 _PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT, None: CRUISE}
@@ -23,19 +23,22 @@ _PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT, N
 class DampingTable(Table):
     """Rotation asked in addition, per rad/s that the rotation is too slow or too fast."""
 
-    elbow: NotNegative = 2.5  # it keeps the robot centred
-    # In a tee, where the inner module has lost the wall, the springs can turn the robot over in
-    # 0.2 s.
-    tee_turn: NotNegative = 1.85
-    tee_straight: NotNegative = 3.0
+    elbow: Annotated[NotNegative, Unit("1")] = 2.5
+    """In elbows; it keeps the robot centred."""
+    tee_turn: Annotated[NotNegative, Unit("1")] = 1.85
+    """In turns into a branch. There the inner module has lost the wall and the springs can turn the
+    robot over in 0.2 s."""
+    tee_straight: Annotated[NotNegative, Unit("1")] = 3.0
+    """Straight over a tee."""
     # Out of a branch 298 of 300 robots pass, 294 with 5, 273 with 8, 296 with 1.5 (friction 0.7 to
     # 1.0, no retry). Also while backing off into the branch again, where the tail has to find the
     # way in: 7 of 10 robots pass in the end, and none without it. Backing off from elsewhere goes
     # better without.
-    merge: NotNegative = 2.5
-    # s at D = 160 mm, with the square root of D at others: time constant of the measured rotation
-    # rate. Single lugs shake the robot.
-    rate_filter: NotNegative = 0.005
+    merge: Annotated[NotNegative, Unit("1")] = 2.5
+    """Out of a branch into a run, and while backing off into the branch to try again."""
+    rate_filter: Annotated[NotNegative, Unit("s")] = 0.005
+    """Time constant of the low pass on the measured rotation rate, for D = 160 mm. Single lugs
+    shake the robot."""
 
 
 class FeedbackTable(Table):

@@ -17,7 +17,7 @@ from omnitrack_sim.control.leg_watch import LegWatch
 from omnitrack_sim.control.route_map import Place, angle_between
 from omnitrack_sim.robot import MODULE_ANGLES
 from omnitrack_sim.rotations import Array, cross, dot, unit
-from omnitrack_sim.table import Table
+from omnitrack_sim.table import Table, Unit
 from omnitrack_sim.theory.kinematics import elbow_speeds
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT = range(5)
@@ -28,13 +28,15 @@ class PaperTable(Table):
     """``[control.parameters]`` of the controllers ``paper`` and ``equal``. D is the bore that the
     robot is made for."""
 
-    # D, how far the head is past the bend's start when an elbow begins.
-    elbow_delay: Annotated[float, Field(ge=0, le=10)] = 0.0
-    # D, how far the head is past the near edge of a tee's opening when a turn begins; published.
-    tee_trigger: Annotated[float, Field(ge=-10, le=10)] = 0.25
-    # A turn is complete when the robot's axis, in the plane of the bend, is this near to the way
-    # out or past it.
+    elbow_delay: Annotated[float, Field(ge=0, le=10), Unit("D")] = 0.0
+    """How far the head is past the bend's start when an elbow begins; 0.454 begins it with the
+    centre at the bend."""
+    tee_trigger: Annotated[float, Field(ge=-10, le=10), Unit("D")] = 0.25
+    """How far the head is past the near edge of a tee's opening when a turn begins; half a pipe
+    radius is published."""
     complete_deg: Annotated[float, Field(ge=0, le=90)] = 2.0
+    """A turn is complete when the robot's axis, in the plane of the bend, is this near to the way
+    out, or past it."""
     alignment: AlignmentTable = AlignmentTable()
 
 

@@ -14,24 +14,27 @@ from omnitrack_sim.control.aligner import Aligner
 from omnitrack_sim.control.interface import ControlSetup, Observation
 from omnitrack_sim.record.events import BackedOff, Event
 from omnitrack_sim.rotations import Array
-from omnitrack_sim.table import Part, Table
+from omnitrack_sim.table import Part, Table, Unit
 
 
 class RecoveryTable(Table):
     """When a turn has failed and is tried again. D is the bore that the robot is made for."""
 
-    # How often a robot tries one fitting again before it is left to hang.
-    retries: Annotated[int, Field(ge=0, le=1000)] = 2
-    progress: Part = 0.0125  # D, advance beyond the farthest point so far that is headway
-    # D that cruising would have taken the robot without headway after which a turn has failed; half
-    # of what ends the run. Out of a branch most robots that hang for a while get through.
-    patience: Part = 0.9375
-    merge_patience: Part = 1.6875
-    fallen: Part = 0.25  # D, fall behind the farthest point after which a turn has failed
-    # Offset from the centreline, in pipe radii, beyond which a robot has gone past the branch; at 1
-    # the run ends.
-    beside: Part = 0.6
-    back_off: Part = 3.75  # D that cruising would take after which backing off is given up
+    retries: Annotated[int, Field(ge=0, le=1000), Unit("1")] = 2
+    """How often a robot tries one fitting again before it is left to hang."""
+    progress: Annotated[Part, Unit("D")] = 0.0125
+    """Advance beyond the farthest point so far that counts as headway."""
+    patience: Annotated[Part, Unit("D")] = 0.9375
+    """Way that cruising would have taken the robot without headway, after which the turn has
+    failed; half of `monitor.patience`."""
+    merge_patience: Annotated[Part, Unit("D")] = 1.6875
+    """The same out of a branch, where most robots that hang for a while get through."""
+    fallen: Annotated[Part, Unit("D")] = 0.25
+    """Fall behind the farthest point after which the turn has failed."""
+    beside: Annotated[Part, Unit("pipe radii")] = 0.6
+    """Offset from the centreline beyond which a robot has gone past the branch."""
+    back_off: Annotated[Part, Unit("D")] = 3.75
+    """Way that cruising would have taken it after which backing off is given up."""
 
 
 class Backing(NamedTuple):

@@ -17,7 +17,7 @@ from pydantic import Field
 
 from omnitrack_sim.control.interface import ControlSetup, Observation
 from omnitrack_sim.rotations import Array, cross, dot
-from omnitrack_sim.table import NotNegative, Part, Table
+from omnitrack_sim.table import NotNegative, Part, Table, Unit
 from omnitrack_sim.theory.kinematics import angular_velocity
 
 PROGRESS = np.array([1 / 9, 1 / 3, 5 / 9, 7 / 9])
@@ -37,12 +37,14 @@ class SwayTable(Table):
     The slip of the turn is the part of the rotation by the belts that the gyroscope does not see.
     """
 
-    # Largest lean that is asked for; a robot reaches half of it. 0: none.
     lean_deg: Annotated[float, Field(ge=0, le=80)] = 40.0
+    """Largest lean that is asked for, 0 to 80; a robot reaches half of it. 0: none."""
     # A turn with less slip is left alone. On a dry wall it is -0.14 to -0.02, in turns that fail
     # without sway 0.23 and more.
-    slip: NotNegative = 0.1
-    slip_range: Part = 0.2  # slip beyond that with which the lean is in full
+    slip: Annotated[NotNegative, Unit("1")] = 0.1
+    """A turn that slips no more than this is left alone."""
+    slip_range: Annotated[Part, Unit("1")] = 0.2
+    """Slip beyond that with which the lean is in full."""
 
 
 class Lean(NamedTuple):

@@ -9,13 +9,15 @@ points anywhere into that stretch is right.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
 from omnitrack_sim.control.interface import ControlSetup
 from omnitrack_sim.control.route_map import Place, angle_between
 from omnitrack_sim.control.sway import Lean
 from omnitrack_sim.rotations import Array, cross, dot, length, unit
-from omnitrack_sim.table import NotNegative, Part, Table
+from omnitrack_sim.table import NotNegative, Part, Table, Unit
 from omnitrack_sim.theory.kinematics import module_speeds
 
 LEADS = 7
@@ -27,18 +29,24 @@ class TrackingTable(Table):
 
     # Part of the cruise speed in a turn from a tee's run into its branch. On a slippery wall the
     # weight carries the robot past the branch while it turns: the sooner it is round, the better.
-    turn_speed: Part = 1.3
-    gain: NotNegative = 6.4  # rad per D of travel, for 1 rad of heading error
-    lookahead: NotNegative = 0.1875  # D
-    rotation_limit: Part = 2.4  # rad per D of travel, where nothing leans
-    # D, how far the heading may be ahead of the lookahead point. In the open middle of a tee the
-    # robot turns faster than the arc; turning it back would push it out of the branch again.
-    heading_lead: NotNegative = 0.5625
-    # 1/m at D = 160 mm, as 1/D at others: slope back to the centreline for each metre beside it, on
-    # straights. Friction holds a robot that leaves a bend beside the centreline there: 10 mm take
-    # all load off a module, and over an opening the robot falls.
-    centring: NotNegative = 7.0
-    steepest_return: Part = 0.1  # rad, of that slope
+    turn_speed: Annotated[Part, Unit("1")] = 1.3
+    """Speed in a turn from a tee's run into its branch, as a part of the cruise speed."""
+    gain: Annotated[NotNegative, Unit("rad/D")] = 6.4
+    """Rotation for each D of travel while the heading is wrong by 1 rad."""
+    lookahead: Annotated[NotNegative, Unit("D")] = 0.1875
+    """How far ahead of the robot's centre the centreline's direction is taken."""
+    rotation_limit: Annotated[Part, Unit("rad/D")] = 2.4
+    """Cap on the rotation for each D of travel; while a robot leans, 1 + tan(lean) times that."""
+    heading_lead: Annotated[NotNegative, Unit("D")] = 0.5625
+    """Length of the stretch of centreline beyond the lookahead point that the heading may point
+    into without being turned back. In the open middle of a tee the robot turns faster than the arc;
+    turning it back would push it out of the branch again."""
+    centring: Annotated[NotNegative, Unit("1/m")] = 7.0
+    """Slope back to the centreline for each metre beside it, on straights and straight over tees;
+    given for D = 160 mm, and in proportion to 1/D. Friction holds a robot that leaves a bend beside
+    the centreline; 10 mm take all load off a module. 0 leaves it there."""
+    steepest_return: Annotated[Part, Unit("rad")] = 0.1
+    """Cap on that slope."""
 
 
 class Tracking:

@@ -16,13 +16,14 @@ from omnitrack_sim.table import Table
 class Mission(Table):
     """Where to go in a network."""
 
-    start: str  # open end
-    # open ends, in order
+    start: str
+    """Open end where the robot begins, such as "inlet" or "riser.start"."""
     goals: Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_GOALS)]
-    # fittings that are not entered
+    """Open ends, in the order they are driven to; at least one."""
     avoid: Annotated[tuple[str, ...], Field(max_length=MOST_PARTS)] = ()
-    # ports closed by a plate that the robot does not know of
+    """Fittings that are not entered."""
     blocked: Annotated[tuple[str, ...], Field(max_length=MOST_PARTS)] = ()
+    """Ports closed by a plate that the robot does not know of."""
 
 
 def ports_of(network: Network, mission: Mission) -> tuple[list[End], tuple[End, ...]]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import re
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
@@ -24,6 +22,7 @@ from omnitrack_sim.schema.paths import keys_at
 from omnitrack_sim.schema.reading import NAME_PATTERN, checked, fault_of
 from omnitrack_sim.schema.tables import Direction
 from omnitrack_sim.table import Angle, Table
+from omnitrack_sim.text import as_toml, toml_key
 
 PartName = Annotated[str, Field(pattern=r"^[^\s./\\\x00-\x1f]+$")]
 """A part's name is also one of a port and of a geom: no dot, no space, no separator."""
@@ -168,17 +167,17 @@ class Network(Table):
     def to_toml(self) -> str:
         """The file's text; read again it gives an equal network."""
         data = self.model_dump(mode="json", exclude_defaults=True)
-        lines = [f"name = {_toml(self.name)}"]
+        lines = [f"name = {as_toml(self.name)}"]
         for table in ("place", "ports"):
             if data.get(table):
                 lines += [
                     "",
                     f"[{table}]",
-                    *(f"{_key(k)} = {_toml(v)}" for k, v in data[table].items()),
+                    *(f"{toml_key(k)} = {as_toml(v)}" for k, v in data[table].items()),
                 ]
         for table in ("fittings", "joints"):
             for row in data.get(table, ()):
-                lines += ["", f"[[{table}]]", *(f"{k} = {_toml(v)}" for k, v in row.items())]
+                lines += ["", f"[[{table}]]", *(f"{k} = {as_toml(v)}" for k, v in row.items())]
         return "\n".join(lines) + "\n"
 
     @cached_property
@@ -270,13 +269,3 @@ def _fault(item: Any, data: Mapping[str, Any]) -> Fault:
             f"is {item['input']!r}; a part's name has no dot, space or separator and is not empty",
         )
     return fault_of(item, "fittings", (), lambda places: keys_at(Network, data, places))
-
-
-def _key(name: str) -> str:
-    """A name as a TOML key, in quotes where it needs them."""
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _toml(name)
-
-
-def _toml(value: Any) -> str:
-    """A string, number or list as TOML."""
-    return json.dumps(value, ensure_ascii=False)

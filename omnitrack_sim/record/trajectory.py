@@ -28,7 +28,7 @@ class Trajectory(Mapping[str, NDArray]):
 
     Attributes:
         time: (T,) s, strictly increasing.
-        channels: one array (T, *shape) for each name in ``schema``.
+        channels: one array for each name in ``schema``: T, then the channel's shape.
         phases: names that the codes of ``phase`` index.
         qpos: (T, ``JOINT_POSITIONS`` and ``Drive.shafts`` more), MuJoCo's joint positions, for the
             replay.

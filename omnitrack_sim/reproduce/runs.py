@@ -114,6 +114,8 @@ def run_all(
 ) -> Runs:
     """Run every list on all cores. Scenarios that share a model share a batch across all lists."""
     flat = [scenario for group in lists.values() for scenario in group]
+    if progress is not None:
+        progress(0.0, f"{len(flat)} runs")
     done = iter(run_batch(flat, threads=0, progress=progress))
     return {name: [next(done) for _ in group] for name, group in lists.items()}
 

@@ -10,9 +10,7 @@ from omnitrack_sim.drive import drive_of
 from omnitrack_sim.errors import Fault, GeometryError, InputError, NetworkError
 from omnitrack_sim.network.layout import End
 from omnitrack_sim.scenario.work import too_much_work
-from omnitrack_sim.schema.reading import (
-    shipped_networks,
-)
+from omnitrack_sim.schema.shipped import shipped_networks
 from omnitrack_sim.schema.tables import (
     Start,
 )

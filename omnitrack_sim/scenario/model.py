@@ -53,12 +53,17 @@ class Scenario(Table):
     docs/scenarios.md."""
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)] = "scenario"
+    """Of the run, and of the folder that its results go to."""
     pipes: Annotated[
         tuple[Annotated[SerializeAsAny[Pipe], WrapValidator(by_kind(Pipe))], ...],
         Field(max_length=MOST_PARTS),
     ] = ()
+    """The pipes in the order of the route, each joined to the one before, the x axes of the ports
+    together, then turned."""
     network: Network | None = None
+    """Instead of `pipes`: a network, as a file, a shipped one's name or a table."""
     mission: Mission | None = None
+    """Where to go in the network."""
     start: Start = Start()
     world: World = World()
     contact: Contact = Contact()
@@ -70,6 +75,7 @@ class Scenario(Table):
     record: RecordTable = RecordTable()
     expect: Expect = Expect()
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    """Recorded with the run; a run itself draws no random number."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

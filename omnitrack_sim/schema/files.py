@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.schema.reading import (
-    MOST_LEVELS,
+from omnitrack_sim.schema.reading import MOST_LEVELS
+from omnitrack_sim.schema.shipped import (
     shipped_networks,
     shipped_scenarios,
     shipped_studies,

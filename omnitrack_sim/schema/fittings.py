@@ -21,13 +21,11 @@ KIND_FAULT = "fitting_kind"
 
 
 class FittingEntry(Table):
-    """A fitting in a list of a file; every list adds its keys. ``table_of`` adds those of a kind.
-
-    Attributes:
-        kind: a shipped one, or ``module:Class`` of one that the user brings.
-    """
+    """A fitting in a list of a file; every list adds its keys, and ``table_of`` those of a kind."""
 
     kind: str
+    """What it is: "straight", "reducer", "elbow", "tee", "wye", or `module:Class` of a fitting
+    of your own."""
     of: ClassVar[type[Fitting]]
 
     @classmethod

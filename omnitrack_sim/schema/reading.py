@@ -1,19 +1,17 @@
 """From the plain data of a file to a model, checked as a whole; faults are told with their place
-in the file. And where the shipped files are."""
+in the file."""
 
 from __future__ import annotations
 
 import datetime
 import json
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.naming import ByName
 from omnitrack_sim.schema.fittings import KIND_FAULT
 from omnitrack_sim.text import shown
 
@@ -186,39 +184,3 @@ def _in_words_of_files(message: str) -> str:
     ):
         message = message.replace(pydantics, ours)
     return message
-
-
-def _scenario_folder() -> Path:
-    """Where the shipped scenarios are: inside the installed package, or beside it in a checkout."""
-    package = Path(__file__).parents[1]
-    inside = package / "_scenarios"
-    return inside if inside.is_dir() else package.parent / "scenarios"
-
-
-def shipped_scenarios() -> ByName[Path]:
-    """Scenarios that come with the package, by name.
-
-    The name is the file's path below ``scenarios/`` without its ending.
-    """
-    folder = _scenario_folder()
-    groups = ("*.toml", "paper/*.toml", "missions/*.toml")
-    files = [path for group in groups for path in sorted(folder.glob(group))]
-    return ByName((path.relative_to(folder).with_suffix("").as_posix(), path) for path in files)
-
-
-def shipped_sweeps() -> ByName[Path]:
-    """Sweep files that come with the package, by name."""
-    files = sorted((_scenario_folder() / "sweeps").glob("*.toml"))
-    return ByName((path.stem, path) for path in files)
-
-
-def shipped_studies() -> ByName[Path]:
-    """Study files that come with the package, by name."""
-    files = sorted((_scenario_folder() / "studies").glob("*.toml"))
-    return ByName((path.stem, path) for path in files)
-
-
-def shipped_networks() -> ByName[Path]:
-    """Network files that come with the package, by name."""
-    files = sorted((_scenario_folder() / "networks").glob("*.toml"))
-    return ByName((path.stem, path) for path in files)

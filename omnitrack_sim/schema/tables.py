@@ -13,7 +13,7 @@ from omnitrack_sim.pipes.fittings import known_fittings
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.schema.fittings import FittingEntry
-from omnitrack_sim.table import Angle, Part, Positive, Table, units_of
+from omnitrack_sim.table import Angle, Part, Positive, Table, Unit, units_of
 
 
 def _has_a_direction(axis: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -24,27 +24,6 @@ def _has_a_direction(axis: tuple[float, float, float]) -> tuple[float, float, fl
 
 Direction = Annotated[tuple[float, float, float], AfterValidator(_has_a_direction)]
 """A vector whose length means nothing, world frame."""
-
-
-UNITS: dict[str, str] = {
-    "start.distance": "m",
-    "start.axis": "1",
-    "world.gravity": "m/s²",
-    "contact.friction": "1",
-    "control.cruise_speed": "m/s",
-    "control.speed_limit": "m/s",
-    "control.tee_turn_radius": "m",
-    "control.tee_merge_radius": "m",
-    "physics.timestep": "s",
-    "physics.control_period": "s",
-    "physics.record_period": "s",
-    "physics.time_limit": "s",
-    "physics.wall_tolerance": "m",
-    "physics.staves": "1",
-    "goal.distance": "m",
-}
-"""Units of the numbers by path; those in degrees end in ``_deg``, the robot's parameters and the
-fittings have their own."""
 
 
 _ROBOT_UNITS = {
@@ -77,9 +56,14 @@ class Pipe(FittingEntry):
     """A fitting in the list ``pipes``, which is in the order of the route."""
 
     name: str | None = None
-    enter: str  # one of the fitting's ports
-    leave: str  # another one
-    turn_deg: Angle = 0.0  # rotation about the joint's axis
+    """What messages call it. Left out: its kind and number."""
+    enter: str
+    """Port that is entered: `start` or `end`; of a tee or wye `run_start`, `run_end` or
+    `branch`."""
+    leave: str
+    """Another port. A pipe with two ports is left by the one that it is not entered by."""
+    turn_deg: Angle = 0.0
+    """Rotation about the joint's axis; elbows in a row without it stay in one plane."""
 
     @classmethod
     def keys_for(cls, fitting: type[Fitting]) -> dict[str, Any]:
@@ -119,11 +103,17 @@ class Pipe(FittingEntry):
 class Start(Table):
     """Where and how the robot begins, and how the route lies in the world."""
 
-    theta5_deg: Angle = 0.0  # module 1 from the turning direction of the next fitting
-    distance: float = 0.10  # m along the centreline from the start port to the robot's centre
-    roll_deg: Angle = 0.0  # roll of all modules; 0: upper track at the wall
-    axis: Direction = (0.0, 0.0, 1.0)  # direction of the route's first axis, world frame
-    turn_deg: Angle = 0.0  # rotation of the whole route about that axis
+    theta5_deg: Angle = 0.0
+    """Module 1 from the turning direction of the next fitting: 0 points into the turn, or at a
+    tee's opening."""
+    distance: Annotated[float, Unit("m")] = 0.10
+    """Along the centreline, from the start port to the robot's centre."""
+    roll_deg: Angle = 0.0
+    """Roll of all modules; 0: upper track at the wall, 180: lower track."""
+    axis: Annotated[Direction, Unit("1")] = (0.0, 0.0, 1.0)
+    """Direction of the route's first axis in the world; not with a network."""
+    turn_deg: Angle = 0.0
+    """Rotation of the whole route about that axis; not with a network."""
 
 
 Acceleration = Annotated[float, Field(ge=-1000, le=1000)]
@@ -131,17 +121,21 @@ Acceleration = Annotated[float, Field(ge=-1000, le=1000)]
 
 
 class World(Table):
-    """Gravity, world frame."""
+    """What surrounds pipes and robot."""
 
-    gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)  # m/s²
+    gravity: Annotated[tuple[Acceleration, Acceleration, Acceleration], Unit("m/s²")] = (
+        0.0,
+        0.0,
+        -9.81,
+    )
+    """Acceleration, world frame."""
 
 
 class Contact(Table):
     """Lugs on the wall."""
 
-    friction: Annotated[float, Field(ge=0, le=5)] = (
-        0.9  # Coulomb coefficient; latex on dry plastic, assumed
-    )
+    friction: Annotated[float, Field(ge=0, le=5), Unit("1")] = 0.9
+    """Coulomb coefficient of the lugs on the wall; 0.9 is assumed, for latex on dry plastic."""
 
 
 Radius = Annotated[float, Field(ge=1e-3, le=1000)]
@@ -151,18 +145,28 @@ Radius = Annotated[float, Field(ge=1e-3, le=1000)]
 class Control(Table):
     """The controller, and what every controller is asked for."""
 
-    kind: str = "jacobian"  # a shipped controller, or module:Class
-    cruise_speed: Annotated[float, Field(ge=1e-6, le=1)] = 0.1  # m/s
-    align: bool = True  # roll to a safe orientation before a fitting
-    retry: bool = True  # back off and try again where a turn makes no headway
-    speed_limit: Annotated[float, Field(ge=1e-6, le=100)] = 0.2  # m/s, of a belt
-    # m, centreline's arc from run to branch, as far as it fits the tee
-    tee_turn_radius: Radius = ARCS.turn
-    tee_merge_radius: Radius = ARCS.merge  # m, likewise from branch to run
-    # of theta5; none: by the robot's reach
+    kind: str = "jacobian"
+    """The controller: "jacobian" tracks the centreline; "paper" sets speeds as written (Eq. 20, and
+    inner module backward in a tee), open loop; "equal" runs all modules at cruise speed; "driven"
+    obeys a driver's orders; `module:Class` names a class of your own."""
+    cruise_speed: Annotated[float, Field(ge=1e-6, le=1), Unit("m/s")] = 0.1
+    """Speed of the robot's centre, in turns as well."""
+    align: bool = True
+    """Stop and roll to a safe orientation before a fitting."""
+    retry: bool = True
+    """Back off, align anew and try again where a turn makes no headway; how often says
+    `control.parameters.recovery.retries`."""
+    speed_limit: Annotated[float, Field(ge=1e-6, le=100), Unit("m/s")] = 0.2
+    """Cap on a belt's speed."""
+    tee_turn_radius: Annotated[Radius, Unit("m")] = ARCS.turn
+    """Radius of the centreline's arc from run to branch; a short tee gets what fits it."""
+    tee_merge_radius: Annotated[Radius, Unit("m")] = ARCS.merge
+    """Likewise from branch to run."""
     safe_margin_deg: Annotated[float, Field(ge=1e-3, le=60)] | None = None
-    # The controller's own table, see docs/scenarios.md; all its keys stand here once it is checked.
+    """Half-width of the safe range of theta5. Left out: by the motion singularity region of
+    `robot.reach`, 11.73 for 96.1 mm."""
     parameters: dict[str, Any] = Field(default_factory=dict)
+    """A table that only this controller has."""
 
     @property
     def arcs(self) -> Arcs:
@@ -173,27 +177,34 @@ class Control(Table):
 class MonitorTable(Table):
     """When a run is over. D is the bore that the robot is made for."""
 
-    progress: Part = 0.0125  # D, advance beyond the farthest point so far that is progress
-    # Without progress for both of these a run is over: s at D = 160 mm (with the square root of D
-    # at others), and D that cruising would have taken the robot.
-    patience_time: Part = 3.0
-    patience: Part = 1.875
-    slide_back: Part = 0.625  # D, fall behind the farthest point that ends a run
-    # s at D = 160 mm, with the square root of D at others: time constant of the averages that the
-    # cause of a failure is read from.
-    memory: Part = 0.5
-    # Offset from the centreline, in pipe radii, beyond which a robot has gone astray in a tee turn;
-    # 1 elsewhere.
-    tee_room: Part = 1.5
-    # How often a robot that has fallen into another pipe of its network plans on from there.
-    falls: Annotated[int, Field(ge=0, le=1000)] = 2
-    # Mean normal force, in weights of the robot, below which a module counts as having lost the
-    # wall.
-    lost_contact: Part = 0.102
-    no_motion_cosine: Part = 0.2  # size of cos(roll) below which modules are on the line
-    slipping_ratio: Part = 0.5  # mean slip ratio of two modules above which a robot slips
-    # Part of the commanded belt speed below which a motor at its limit counts as stalled.
-    stalled_speed: Part = 0.2
+    progress: Annotated[Part, Unit("D")] = 0.0125
+    """Advance beyond the farthest point so far that counts as headway."""
+    patience_time: Annotated[Part, Unit("s")] = 3.0
+    """A robot hangs when it has made no headway for longer than this, for D = 160 mm, and for
+    longer than `patience` as well. In plain pipes the run is then over; in a mission another way is
+    tried first."""
+    patience: Annotated[Part, Unit("D")] = 1.875
+    """Way that cruising would have taken it in the meantime."""
+    slide_back: Annotated[Part, Unit("D")] = 0.625
+    """A robot hangs, too, when it has fallen so far behind the farthest point."""
+    memory: Annotated[Part, Unit("s")] = 0.5
+    """Time constant of the averages that the name of a failure is read from, for D = 160 mm."""
+    tee_room: Annotated[Part, Unit("pipe radii")] = 1.5
+    """Offset from the centreline beyond which a robot in a tee turn has left its way (`left_pipe`,
+    or in a mission a fall); elsewhere 1."""
+    falls: Annotated[int, Field(ge=0, le=1000), Unit("1")] = 2
+    """How often a robot that has fallen off its way into another pipe of its network plans on from
+    there; 0 to 1000."""
+    lost_contact: Annotated[Part, Unit("robot weights")] = 0.102
+    """`motion_singularity`: in a tee turn, the normal force of a module is below this part of the
+    robot's weight."""
+    no_motion_cosine: Annotated[Part, Unit("1")] = 0.2
+    """`no_motion_line`: the size of cos(roll) of all modules is below this."""
+    slipping_ratio: Annotated[Part, Unit("1")] = 0.5
+    """`slipping`: two modules have a larger slip ratio than this; otherwise the robot is
+    `stuck`."""
+    stalled_speed: Annotated[Part, Unit("1")] = 0.2
+    """`stalled`: a motor at its torque limit runs below this part of the commanded speed."""
 
 
 ColliderName = Literal["primitives", "exact"]
@@ -202,19 +213,22 @@ ColliderName = Literal["primitives", "exact"]
 class Physics(Table):
     """Numerics."""
 
-    timestep: Annotated[float, Field(ge=SHORTEST_STEP, le=0.005)] = 0.002  # s
-    control_period: Annotated[float, Field(gt=0, le=0.05)] = 0.01  # s
-    record_period: Annotated[float, Field(gt=0, le=1)] = 0.02  # s
-    time_limit: Positive | None = None  # s; none: four times the route at cruise speed, and 20 s
-    collider: ColliderName = (
-        "primitives"  # walls of boxes and lugs, or "exact" surfaces and whole tracks (extra fast)
-    )
-    wall_tolerance: Annotated[float, Field(ge=1e-6, le=2e-3)] = (
-        1e-4  # m, walls against the exact surface
-    )
-    staves: Annotated[int, Field(ge=8, le=720)] | None = (
-        None  # wall pieces around a bore; none: by tolerance
-    )
+    timestep: Annotated[float, Field(ge=SHORTEST_STEP, le=0.005), Unit("s")] = 0.002
+    """Of the physics."""
+    control_period: Annotated[float, Field(gt=0, le=0.05), Unit("s")] = 0.01
+    """Whole number of time steps."""
+    record_period: Annotated[float, Field(gt=0, le=1), Unit("s")] = 0.02
+    """Whole number of control periods."""
+    time_limit: Annotated[Positive | None, Unit("s")] = None
+    """Simulated time after which the run is over; of a mission that of its first leg, and further
+    legs add their own. Left out: four route lengths at cruise speed, and 20 s."""
+    collider: ColliderName = "primitives"
+    """Walls of boxes and rows of sphere lugs; or "exact": true surfaces and whole tracks, 5 times
+    faster (extra `fast`)."""
+    wall_tolerance: Annotated[float, Field(ge=1e-6, le=2e-3), Unit("m")] = 1e-4
+    """Largest distance of the walls from the exact surface on straights, reducers and elbows."""
+    staves: Annotated[Annotated[int, Field(ge=8, le=720)] | None, Unit("1")] = None
+    """Wall pieces around a bore. Left out: by the tolerance."""
 
     @field_validator("control_period", "record_period")
     @classmethod
@@ -232,21 +246,43 @@ class Physics(Table):
 class Goal(Table):
     """Where the run is over."""
 
-    distance: Positive | None = (
-        None  # m along the centreline; none: the robot's nose at the end of the route
-    )
+    distance: Annotated[Positive | None, Unit("m")] = None
+    """Arc length of the robot's centre; not with a mission. Left out: the robot's nose at the end
+    of the route."""
 
 
 class RecordTable(Table):
     """Sensors and metrics of a user's own, by the name ``module:Object``; see docs/extending.md."""
 
-    sensors: Annotated[
-        tuple[str, ...], Field(max_length=100)
-    ] = ()  # values of ot.Sensor: their channels are observed and recorded
-    metrics: Annotated[tuple[str, ...], Field(max_length=100)] = ()  # values of ot.Metric
+    sensors: Annotated[tuple[str, ...], Field(max_length=100)] = ()
+    """A list of sensors whose channels controllers see and the trajectory has; robots of one batch
+    share it."""
+    metrics: Annotated[tuple[str, ...], Field(max_length=100)] = ()
+    """A list of metrics that are computed beside the shipped ones, also for the tables of sweeps;
+    robots of one batch share it."""
 
 
 class Expect(Table):
     """What the author of the file expects; ``omnitrack run`` says whether it came true."""
 
     outcome: Outcome | None = None
+    """What the author expects: `reached_goal`, `motion_singularity`, `stalled`, `stuck`,
+    `slipping`, `no_motion_line`, `left_pipe`, `timed_out`, `ended` or `diverged`."""
+
+
+_TABLES: dict[str, type[Table]] = {
+    "start": Start,
+    "world": World,
+    "contact": Contact,
+    "control": Control,
+    "monitor": MonitorTable,
+    "physics": Physics,
+    "goal": Goal,
+}
+UNITS: dict[str, str] = {
+    f"{name}.{key}": unit.symbol
+    for name, table in _TABLES.items()
+    for key, unit in units_of(table).items()
+}
+"""Units of the numbers by path; those in degrees end in ``_deg``, the robot's parameters and the
+fittings have their own."""

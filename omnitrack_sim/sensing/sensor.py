@@ -20,7 +20,7 @@ class Sensor:
 
     Attributes:
         channel: name, shape, unit, meaning, and how it looks to a robot that drives tail first.
-        read: from a ``State`` to an array (n, *channel.shape) of its own.
+        read: from a ``State`` to an array of its own: n, then the channel's shape.
     """
 
     channel: Channel

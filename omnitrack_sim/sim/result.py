@@ -37,7 +37,8 @@ class Result:
 
     Attributes:
         scenario: what was run, resolved.
-        outcome: how it ended. reason: where, and what was measured there.
+        outcome: how it ended.
+        reason: where, and what was measured there.
         duration_s: simulated seconds.
         metrics: see ``metrics.summarise``.
         trajectory: the record.

@@ -77,11 +77,14 @@ class Simulation:
         ValueError: there are no scenarios.
 
     Attributes:
-        scenarios: as given. n: their number. period: s between two control steps.
+        scenarios: as given.
+        n: their number.
+        period: s between two control steps.
         controller: made for these robots.
         active: (n,) bool, robots whose run is not over.
         observation: what the robots measure now.
-        endings: how each robot's run ended; None while it runs. end_time: (n,) s.
+        endings: how each robot's run ended; None while it runs.
+        end_time: (n,) s.
         legs: what they drive. plant, motors, monitor, recorder: the parts of the loop.
     """
 

@@ -120,6 +120,7 @@ class FittingTable(Table):
     """
 
     inner_diameter: Bore = BORE
+    """The bore; of a reducer that at its port `start`; joined bores differ by at most 1 mm."""
 
 
 class Fitting(ABC):

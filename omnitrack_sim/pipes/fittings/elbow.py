@@ -74,7 +74,9 @@ class Elbow(Fitting):
         """Keys in files."""
 
         mean_radius: Annotated[Size, Unit("m", "Rm")] = 0.24
+        """Of the axis, at least the pipe radius."""
         angle_deg: Annotated[float, Field(ge=0.01, le=180), Unit("deg", "")] = 90.0
+        """By which it bends, up to 180."""
 
     def __post_init__(self) -> None:
         radius = self.inner_diameter / 2

@@ -131,7 +131,9 @@ class Reducer(Axial):
         """Keys in files."""
 
         length: Annotated[Size, Unit("m", "L")]
+        """Along the axis; the half cone angle is at most 20 degrees."""
         end_diameter: Bore
+        """The bore at its port `end`, larger or smaller than `inner_diameter`."""
 
     def __post_init__(self) -> None:
         sizes = {name: getattr(self, name) for name in ("length", "inner_diameter", "end_diameter")}

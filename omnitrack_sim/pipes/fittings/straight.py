@@ -49,6 +49,7 @@ class Straight(Axial):
         """Keys in files."""
 
         length: Annotated[Size, Unit("m", "L")]
+        """Along the axis."""
 
     def __post_init__(self) -> None:
         check(self.kind, length=positive(self.length), inner_diameter=positive(self.inner_diameter))

@@ -152,8 +152,11 @@ class Tee(Fitting):
         """Keys in files."""
 
         run_length: Annotated[Size, Unit("m", "run")] = 0.32
+        """Along the run."""
         branch_length: Annotated[Size, Unit("m", "branch")] = 0.16
+        """From the run's axis."""
         fillet_radius: Annotated[Size, Unit("m")] = 0.005
+        """Of the rounded rim."""
 
     def __post_init__(self) -> None:
         least = self.inner_diameter / 2 + max(self.fillet_radius, 0.0)

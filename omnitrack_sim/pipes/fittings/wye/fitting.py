@@ -71,10 +71,15 @@ class Wye(Fitting):
         """Keys in files."""
 
         run_length: Annotated[Size, Unit("m", "run")] = 0.44
+        """Along the run, at least as long as the rim asks for."""
         branch_length: Annotated[Size, Unit("m", "branch")] = 0.22
+        """From the run's axis."""
         angle_deg: Annotated[float, Field(ge=45, le=90), Unit("deg", "")] = 45.0
+        """Between the branch and the run towards `run_end`; 45 to 90."""
         fillet_radius: Annotated[Size, Unit("m")] = 0.005
+        """Of the rounded rim."""
         branch_diameter: Bore = BORE
+        """Of the branch, 0.4 to 1 of `inner_diameter`, which is the run's."""
 
     def __post_init__(self) -> None:
         run, branch, fillet = self.inner_diameter, self.branch_diameter, self.fillet_radius

@@ -1,0 +1,152 @@
+"""The pages of the reference: every public name of the package, by the room that it lives in."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from itertools import pairwise
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+from pydantic import BaseModel
+
+import omnitrack_sim as ot
+
+TITLES = {
+    "scenario": "Scenarios",
+    "sim": "Runs and their results",
+    "control": "Controllers",
+    "sensing": "Sensors",
+    "record": "What is recorded",
+    "replay": "Replay pages",
+    "film": "Films",
+    "plots": "Figures",
+    "sweep": "Sweeps",
+    "optimise": "Studies",
+    "network": "Networks",
+    "pipes": "Pipes",
+    "robot": "Robot and motors",
+    "drive": "Drives",
+    "theory": "Theory",
+    "schema": "What is shipped",
+    "errors": "Errors",
+}
+"""Rooms by their titles, in the order of the pages; a further room stands behind, by its name."""
+
+
+def rooms() -> dict[str, list[str]]:
+    """The public names by their room."""
+    found: dict[str, list[str]] = {room: [] for room in TITLES}
+    for module, names in ot._HOME.items():
+        found.setdefault(module.partition(".")[0], []).extend(names)
+    return {room: sorted(names, key=str.lower) for room, names in found.items() if names}
+
+
+def write_reference(target: Path) -> None:
+    """Write ``api.md`` and one page for each room."""
+    lists, children = [], []
+    for room, names in rooms().items():
+        title = TITLES.get(room, room.capitalize())
+        links = ", ".join(f"{{py:obj}}`{name} <omnitrack_sim.{name}>`" for name in names)
+        lists.append(f"| [{title}](api-{room}.md) | {links} |")
+        children.append(f"api-{room}")
+        directives = "\n".join(_directive(name) for name in names)
+        page = f"# {title}\n\n```{{eval-rst}}\n{directives}```\n"
+        (target / f"api-{room}.md").write_text(page, encoding="utf-8")
+    (target / "api.md").write_text(_HEAD + "\n".join(lists) + _tail(children), encoding="utf-8")
+
+
+_HEAD = """# Reference
+
+The public names of `omnitrack_sim`. Units are SI and angles radians, unless a name ends in `_deg`.
+
+```python
+import omnitrack_sim as ot
+```
+
+| | names |
+|---|---|
+"""
+
+
+def _tail(children: list[str]) -> str:
+    listed = "\n".join(children)
+    return f"\n\n```{{toctree}}\n:hidden:\n\n{listed}\n```\n"
+
+
+def _directive(name: str) -> str:
+    """How Sphinx is told to document a public name."""
+    thing = getattr(ot, name)
+    if inspect.isclass(thing):
+        members = ", ".join(members_of(thing))
+        chosen = f"   :members: {members}\n" if members else ""
+        return f".. autoclass:: omnitrack_sim.{name}\n{chosen}"
+    if isinstance(thing, FunctionType):
+        return f".. autofunction:: omnitrack_sim.{name}\n"
+    text = "\n   ".join(inspect.cleandoc(doc_of_value(name) or "").splitlines())
+    return f".. py:data:: {name}\n   :module: omnitrack_sim\n\n   {text}\n"
+
+
+def members_of(thing: type) -> list[str]:
+    """The public methods and properties of a class that this package defines, in its order."""
+    found: dict[str, None] = {}
+    for base in reversed(thing.__mro__):
+        if base.__module__.partition(".")[0] != "omnitrack_sim":
+            continue
+        validators = getattr(base, "__pydantic_decorators__", None)
+        for name, value in vars(base).items():
+            if name.startswith("_") or (validators and name in validators.field_validators):
+                continue
+            if isinstance(value, FunctionType | classmethod | staticmethod) or hasattr(
+                value, "__get__"
+            ):
+                found[name] = None
+    fields = thing.model_fields if issubclass(thing, BaseModel) else {}
+    return [name for name in found if name not in fields and _is_callable_or_property(thing, name)]
+
+
+def _is_callable_or_property(thing: type, name: str) -> bool:
+    value = inspect.getattr_static(thing, name)
+    kinds = FunctionType | classmethod | staticmethod | property
+    return isinstance(value, kinds) or type(value).__name__ == "cached_property"
+
+
+def undocumented() -> list[str]:
+    """Public names, and public members of classes, without a docstring of their own."""
+    missing = []
+    for name in ot.__all__:
+        thing = getattr(ot, name)
+        if not inspect.isclass(thing):
+            own = thing.__doc__ if isinstance(thing, FunctionType) else doc_of_value(name)
+            missing += [] if own else [name]
+            continue
+        missing += [] if vars(thing).get("__doc__") else [name]
+        missing += [
+            f"{name}.{member}"
+            for member in members_of(thing)
+            if not inspect.getdoc(getattr(thing, member))
+        ]
+    return missing
+
+
+def doc_of_value(name: str) -> str | None:
+    """The text below the assignment of a public value, in the room that it comes from."""
+    room = next(module for module, names in ot._HOME.items() if name in names)
+    folder = Path(ot.__file__).parent / room.replace(".", "/")
+    for path in sorted(folder.glob("*.py")) if folder.is_dir() else [folder.with_suffix(".py")]:
+        body = ast.parse(path.read_text(encoding="utf-8")).body
+        for statement, below in pairwise(body):
+            if _assigned(statement) == name and isinstance(below, ast.Expr):
+                value: Any = below.value
+                return value.value if isinstance(value, ast.Constant) else None
+    return None
+
+
+def _assigned(statement: ast.stmt) -> str | None:
+    target = None
+    if isinstance(statement, ast.AnnAssign):
+        target = statement.target
+    elif isinstance(statement, ast.Assign):
+        target = statement.targets[0]
+    return target.id if isinstance(target, ast.Name) else None

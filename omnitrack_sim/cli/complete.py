@@ -1,0 +1,139 @@
+"""What a shell completes: names of what is shipped, files, cameras and paths of `--set`."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omnitrack_sim.schema.shipped import (
+    shipped_networks,
+    shipped_scenarios,
+    shipped_studies,
+    shipped_sweeps,
+)
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+Choices = list[tuple[str, str]]
+"""Words that may stand there, each with what a shell may show beside it."""
+
+
+def scenarios(incomplete: str) -> Choices:
+    """Shipped scenarios, and files."""
+    return _named(shipped_scenarios(), incomplete)
+
+
+def sweeps(incomplete: str) -> Choices:
+    """Shipped sweeps, and files."""
+    return _named(shipped_sweeps(), incomplete)
+
+
+def studies(incomplete: str) -> Choices:
+    """Shipped studies, and files."""
+    return _named(shipped_studies(), incomplete)
+
+
+def networks(incomplete: str) -> Choices:
+    """Shipped networks, and files."""
+    return _named(shipped_networks(), incomplete)
+
+
+def cameras(incomplete: str) -> Choices:
+    """The cameras of films."""
+    from omnitrack_sim.film.render import CAMERAS
+
+    return [(name, "") for name in CAMERAS if name.startswith(incomplete)]
+
+
+def settings(incomplete: str) -> Choices:
+    """The paths of `--set`, each with unit and meaning; those of controllers are the default one's.
+
+    A shell sets a blank behind the only one that is left, so that all of a path is offered at once.
+    """
+    return [(f"{path}=", _short(told)) for path, told in _paths() if path.startswith(incomplete)]
+
+
+def comment(path: Path) -> str:
+    """The comment at the head of a scenario, sweep, study or network file."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    length = next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))
+    return " ".join(line.lstrip("# ") for line in lines[:length])
+
+
+def _named(shipped: Mapping[str, Path], incomplete: str) -> Choices:
+    names = {name: path for name, path in shipped.items() if name.startswith(incomplete)}
+    told = [(name, _short(comment(path))) for name, path in names.items()]
+    return told + [(path, "") for path in _files(incomplete)]
+
+
+def _short(text: str) -> str:
+    """A text in one line of a shell; Typer breaks longer ones, and shells then read two."""
+    return textwrap.shorten(text, 76, placeholder="...")
+
+
+def _files(incomplete: str) -> list[str]:
+    """Folders, and files of TOML and JSON, whose paths begin so."""
+    head, slash, tail = incomplete.rpartition("/")
+    try:
+        found = sorted(Path(head + slash or ".").iterdir())
+    except OSError:
+        return []
+    return [
+        f"{head}{slash}{path.name}{'/' if path.is_dir() else ''}"
+        for path in found
+        if path.name.startswith(tail)
+        and (tail or not path.name.startswith("."))
+        and (path.is_dir() or path.suffix in (".toml", ".json"))
+    ]
+
+
+def _paths() -> Iterator[tuple[str, str]]:
+    """Dotted path, and unit and meaning, of every value of a scenario."""
+    from omnitrack_sim.control.catalogue import CONTROLLERS, parameters_model
+    from omnitrack_sim.pipes.fittings import shipped_fittings
+    from omnitrack_sim.robot import Robot
+    from omnitrack_sim.scenario import Scenario
+    from omnitrack_sim.schema.fittings import table_of
+    from omnitrack_sim.schema.tables import Control, Pipe
+
+    scenario = Scenario.model_construct()
+    for name, table in scenario:
+        if name == "robot":
+            yield from ((f"robot.{row.name}", row.source) for row in Robot().parameters())
+        else:
+            yield from _below(name, table)
+    controller = parameters_model(CONTROLLERS[Control().kind])
+    yield from _below("control.parameters", controller())
+    keys = {
+        key: meaning
+        for kind in shipped_fittings()
+        for key, meaning in _told(table_of(kind, Pipe)).items()
+    }
+    yield from ((f"pipes.*.{key}", meaning) for key, meaning in keys.items() if key != "kind")
+
+
+def _below(path: str, table: Any) -> Iterator[tuple[str, str]]:
+    """The values of a table, and of those in it; none of what is no table."""
+    from pydantic import BaseModel
+
+    if not isinstance(table, BaseModel):
+        return
+    told = _told(type(table))
+    for key, value in table:
+        if isinstance(value, BaseModel):
+            yield from _below(f"{path}.{key}", value)
+        elif key != "parameters":
+            yield f"{path}.{key}", told.get(key, "")
+
+
+def _told(table: type[BaseModel]) -> dict[str, str]:
+    """Unit and meaning of the keys of a table."""
+    from omnitrack_sim.table import meanings_of, symbol_of
+
+    return {
+        key: ": ".join(filter(None, (symbol_of(table, key), meaning)))
+        for key, meaning in meanings_of(table).items()
+    }

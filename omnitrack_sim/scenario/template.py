@@ -1,0 +1,205 @@
+"""A scenario file to begin with: all keys with units, defaults and meanings, and the values of a
+scenario that there is."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined, to_jsonable_python
+
+from omnitrack_sim.control.catalogue import parameters_model
+from omnitrack_sim.network import Mission
+from omnitrack_sim.pipes.fittings import shipped_fittings
+from omnitrack_sim.robot import MOTORS, Motor, Robot
+from omnitrack_sim.robot.quantity import Quantity, quantity_of
+from omnitrack_sim.scenario.model import Scenario
+from omnitrack_sim.schema.fittings import table_of
+from omnitrack_sim.schema.tables import Pipe
+from omnitrack_sim.table import meanings_of, symbol_of
+from omnitrack_sim.text import as_toml
+
+WIDTH = 100
+"""Longest line of a comment, characters."""
+UNSET, INSTEAD = "#", "#: "
+"""Before a key that stands at its default, and before what could stand in the place of something
+else."""
+_HEAD = f"""
+A key behind {UNSET} stands at its default: take the {UNSET} away to change it. (none) is a default
+that no value stands for. What stands behind {INSTEAD.strip()} could be there as well or instead.
+Units are SI, or degrees where a key ends in _deg. D is the bore that the robot is made for, 160 mm
+times robot.scale; times in [monitor] and [control.parameters] are for 160 mm, and grow with the
+square root of D.
+"""
+_ROBOT = """
+The robot. Behind a unit stands the range, and behind a meaning where the default comes from. All
+values are for 160 mm pipes and are scaled together by `scale`, unless `values_at_scale` says that
+they are for another size.
+"""
+_MOTOR = "The crawler motor as a table, in the place of its name."
+_FURTHER = "Other kinds, which have the keys `name` to `inner_diameter` as well:"
+_MISSION = "In the place of [[pipes]]: a network, and what the robot does in it."
+
+
+def template(name: str, title: str, data: Mapping[str, Any], scenario: Scenario) -> str:
+    """The text of a scenario file.
+
+    Args:
+        name: of the new scenario.
+        title: what it shows, for its head.
+        data: what the file that it begins from says, as plain data.
+        scenario: that file's.
+
+    Returns:
+        TOML that is read as the same scenario of another name.
+    """
+    data = _without_none(data) | {"name": name}
+    has_pipes = bool(data.get("pipes"))
+    told = meanings_of(Scenario)
+    lines = [*_comment(title), "#", *_comment(_HEAD), ""]
+    for key in ("name", "seed", *(() if has_pipes else ("network",))):
+        lines += _key(key, told[key], "", Scenario.model_fields[key].default, data)
+    lines += _pipes(data["pipes"], scenario) if has_pipes else _table("mission", Mission, data)
+    for key, info in Scenario.model_fields.items():
+        if key == "robot":
+            lines += _robot(data.get("robot", {}))
+        elif key == "control":
+            lines += _control(data, scenario)
+        elif isinstance(info.default, BaseModel):
+            lines += _table(key, type(info.default), data)
+    return "\n".join([*lines, *(_other_mission() if has_pipes else ())]) + "\n"
+
+
+def _without_none(value: Any) -> Any:
+    """Plain data without keys that stand at None, which TOML cannot say."""
+    if isinstance(value, Mapping):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return [_without_none(item) for item in value] if isinstance(value, list) else value
+
+
+def _comment(text: str) -> list[str]:
+    """A text as lines of a comment."""
+    return [f"# {line}" for line in textwrap.wrap(" ".join(text.split()), WIDTH - 2)]
+
+
+def _key(
+    key: str, meaning: str, unit: str, default: Any, given: Mapping[str, Any], mark: str = UNSET
+) -> list[str]:
+    """The lines of one key: its value, or its default behind ``mark``, with unit and meaning behind
+    it, or the meaning above where there is no room for it."""
+    said = f"{key} = {as_toml(given[key])}" if key in given else f"{mark}{key} = {_told(default)}"
+    unit = "" if unit == "1" else unit
+    whole = f"{said}  # {': '.join(filter(None, (unit, meaning)))}"
+    if len(whole) <= WIDTH:
+        return [whole if unit or meaning else said]
+    return [*_comment(meaning), f"{said}  # {unit}" if unit else said]
+
+
+def _told(default: Any) -> str:
+    """A default as TOML, or why there is no such value."""
+    if default is PydanticUndefined:
+        return "(needed)"
+    return "(none)" if default is None else as_toml(to_jsonable_python(default))
+
+
+def _keys(
+    model: type[BaseModel], given: Mapping[str, Any], mark: str = UNSET
+) -> Iterator[tuple[str, list[str]]]:
+    """The keys of a table that are no tables themselves, with their lines."""
+    told = meanings_of(model)
+    for key, info in model.model_fields.items():
+        default = info.get_default(call_default_factory=True)
+        if not isinstance(default, BaseModel) and key != "parameters":
+            unit = symbol_of(model, key)
+            yield key, _key(key, told.get(key, ""), unit, default, given, mark)
+
+
+def _table(path: str, model: type[BaseModel], above: Mapping[str, Any]) -> list[str]:
+    """The lines of a table, and of those in it; ``above`` is the table that it stands in."""
+    given = above.get(path.rpartition(".")[2], {})
+    first = (model.__doc__ or "").partition("\n\n")[0].replace("``", "`")
+    lines = ["", *_comment(first), f"[{path}]"]
+    lines += [line for _, told in _keys(model, given) for line in told]
+    for key, info in model.model_fields.items():
+        default = info.get_default(call_default_factory=True)
+        if isinstance(default, BaseModel):
+            lines += _table(f"{path}.{key}", type(default), given)
+    return lines
+
+
+def _other_mission() -> list[str]:
+    """The keys of a mission, for a scenario that has none."""
+    network = _key("network", meanings_of(Scenario)["network"], "", "fig14", {}, INSTEAD)
+    keys = [line for _, told in _keys(Mission, {}, INSTEAD) for line in told]
+    return ["", *_comment(_MISSION), *network, f"{INSTEAD}[mission]", *keys]
+
+
+def _pipes(pipes: list[Mapping[str, Any]], scenario: Scenario) -> list[str]:
+    """The pipes, and the shipped kinds that are not among them. A meaning stands there once."""
+    lines = ["", *_comment(meanings_of(Scenario)["pipes"])]
+    told: set[str] = set()
+    for given, pipe in zip(pipes, scenario.pipes, strict=True):
+        model = table_of(pipe.kind, Pipe)
+        meanings = meanings_of(model)
+        lines += ["", "[[pipes]]"]
+        for key in ("kind", *(key for key in model.model_fields if key != "kind")):
+            meaning = meanings.get(key, "")
+            once = "" if meaning in told else meaning
+            lines += _key(key, once, symbol_of(model, key), getattr(pipe, key), given)
+            told.add(meaning)
+    return [*lines, *_further_fittings({pipe.kind for pipe in scenario.pipes})]
+
+
+def _further_fittings(seen: set[str]) -> list[str]:
+    """The keys that the shipped kinds of pipe beside those seen have of their own."""
+    common = {*Pipe.model_fields, "inner_diameter"}
+    lines = ["", *_comment(_FURTHER)]
+    for kind in shipped_fittings():
+        if kind not in seen:
+            lines += [f"{INSTEAD}[[pipes]]", f'{INSTEAD}kind = "{kind}"']
+            keys = _keys(table_of(kind, Pipe), {}, INSTEAD)
+            lines += [line for key, told in keys if key not in common for line in told]
+    return lines
+
+
+def _robot(given: Mapping[str, Any]) -> list[str]:
+    """The robot's parameters; its crawler motor, which may be a table, stands at the end."""
+    lines = ["", *_comment(_ROBOT), "[robot]"]
+    fields = Robot.model_fields
+    for key in (key for key in fields if key != "motor"):
+        lines += _figure(key, quantity_of(fields[key]), fields[key].default, given)
+    motor = given.get("motor")
+    if isinstance(motor, Mapping):
+        like = [f"like = {as_toml(motor['like'])}"] if "like" in motor else []
+        return [*lines, "", "[robot.motor]", *like, *_motor(motor, UNSET)]
+    lines += _figure("motor", quantity_of(fields["motor"]), "simulation", given)
+    return [*lines, "", *_comment(_MOTOR), f"{INSTEAD}[robot.motor]", *_motor({}, INSTEAD)]
+
+
+def _motor(given: Mapping[str, Any], mark: str) -> list[str]:
+    """The figures of a motor; one that is like a shipped one has that one's."""
+    shown = MOTORS[given.get("like", "simulation")]
+    lines = []
+    for key, info in Motor.model_fields.items():
+        default = info.default if key in ("name", "source") else getattr(shown, key)
+        lines += _figure(key, quantity_of(info), default, given, mark)
+    return lines
+
+
+def _figure(
+    key: str, quantity: Quantity, default: Any, given: Mapping[str, Any], mark: str = UNSET
+) -> list[str]:
+    """The lines of one parameter of the robot, or figure of a motor."""
+    unit = "" if quantity.unit == "1" else quantity.unit
+    if quantity.within is not None:
+        unit = ", ".join(filter(None, (unit, "{:g} to {:g}".format(*quantity.within))))
+    return _key(key, f"{quantity.source} ({quantity.provenance})", unit, default, given, mark)
+
+
+def _control(data: Mapping[str, Any], scenario: Scenario) -> list[str]:
+    """The controller's table, and the one that only it has."""
+    model = parameters_model(scenario.controller_class)
+    own = _table("control.parameters", model, data.get("control", {}))
+    return [*_table("control", type(scenario.control), data), *own]
