@@ -52,6 +52,19 @@ def test_every_form_is_drawn_and_repeats(form, left_out):
     assert len(files[0]) > 5_000
 
 
+@pytest.mark.parametrize(("failed", "lowest"), [(1, True), (N // 2, False)])
+def test_rates_near_one_are_seen_apart(failed, lowest):
+    """Where nearly all have passed the scale begins little below the lowest interval, at a whole
+    5 %; otherwise at 0. No interval is cut."""
+    passed = (np.arange(N) >= failed).astype(float)
+    for panel in sweep_figure(FORMS["effects"], passed, TurnCase()).axes[:3]:
+        low, high = panel.get_ylim()
+        assert (low > 50) == lowest
+        assert high > 100
+        ends = np.concatenate([line.get_segments() for line in panel.collections])[..., 1]
+        assert ends.min() >= low
+
+
 def test_orientations_have_the_sector_of_the_case_behind_them():
     """The singular range is that of the robot; without a tee there is none."""
 

@@ -257,7 +257,7 @@ def _intervals(effect: _Effect) -> Array:
 def _lowest(effect: _Effect) -> float:
     """Where the scale of the rates begins, %: at 0, or where nearly all pass little below the
     lowest interval, so that differences can be seen."""
-    least = _intervals(effect).min(initial=100.0)
+    least = _intervals(effect).min() if effect else 0.0
     return 0.0 if least < NEARLY_ALL else 5 * float(np.floor(least / 5))
 
 
