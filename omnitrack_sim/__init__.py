@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.record.outcome import Outcome
     from omnitrack_sim.record.timeline import Visit
     from omnitrack_sim.record.trajectory import Trajectory
-    from omnitrack_sim.replay import write_replay
+    from omnitrack_sim.replay import ReplayPage, show_replay, write_replay
     from omnitrack_sim.robot import MOTORS, Motor, Robot
     from omnitrack_sim.scenario import Scenario, load_scenario, override
     from omnitrack_sim.schema.shipped import (
@@ -91,7 +91,7 @@ _HOME = {
         "plot_summary",
     ),
     "film.render": ("render_frame", "render_video"),
-    "replay": ("write_replay",),
+    "replay": ("ReplayPage", "show_replay", "write_replay"),
     "robot": ("MOTORS", "Motor", "Robot"),
     "scenario": ("Scenario", "load_scenario", "override"),
     "sim.comparison": ("Comparison", "compare"),
@@ -137,6 +137,7 @@ __all__ = [
     "Reducer",
     "Remark",
     "RenderError",
+    "ReplayPage",
     "Result",
     "Robot",
     "Scenario",
@@ -181,6 +182,7 @@ __all__ = [
     "shipped_studies",
     "shipped_sweeps",
     "shortest_route",
+    "show_replay",
     "write_replay",
 ]
 

@@ -16,7 +16,7 @@ from PIL import Image
 from runs import COLLIDER
 from samples import sample_result, sample_trajectory
 
-from omnitrack_sim import Result, load_scenario, override, run, write_replay
+from omnitrack_sim import Result, load_scenario, override, run, show_replay, write_replay
 from omnitrack_sim.film.poses import smooth_belts
 from omnitrack_sim.model.looks import look_pitch
 from omnitrack_sim.record.events import Remark
@@ -353,6 +353,22 @@ def test_events_are_told_under_the_pointer(browser, place):
         assert page.locator("#tip").text_content() == f"1.00 s, met {reason}"
         assert page.evaluate("[window.hacked === undefined, document.images.length]") == [True, 0]
         assert MARKUP in page.title()
+
+
+def test_a_notebook_shows_the_page_in_a_frame(browser, place, tees):
+    """What a notebook gets plays in a page of another's, and is the page that would be written."""
+    shown = show_replay(tees[0])
+    assert shown.html == write_replay(tees[0], place / "one.html").read_text(encoding="utf-8")
+    notebook = place / "notebook.html"
+    notebook.write_text(f"<body>{shown._repr_html_()}</body>", encoding="utf-8")
+    context = browser.new_context(offline=True)
+    page = context.new_page()
+    page.goto(notebook.as_uri())
+    (frame,) = [frame for frame in page.frames if frame != page.main_frame]
+    frame.wait_for_function("window.replay?.ready", timeout=60_000)
+    frame.evaluate("replay.seek(1.0)")
+    assert frame.evaluate("replay.time") == pytest.approx(1.0)
+    context.close()
 
 
 def test_a_phone_shows_all_of_it(browser, mission_page):

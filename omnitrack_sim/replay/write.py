@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,47 @@ from omnitrack_sim.writing import check_file, format_of, write_file
 
 FORMATS = ("html",)
 _Source = Result | str | os.PathLike[str]
+
+
+@dataclass(frozen=True, repr=False)
+class ReplayPage:
+    """A page that plays a run; notebooks show it as it is.
+
+    Attributes:
+        html: the whole page. height: of the frame in a notebook, pixels.
+    """
+
+    html: str
+    height: int = 640
+
+    def __repr__(self) -> str:
+        return f"ReplayPage({len(self.html)} characters)"
+
+    def _repr_html_(self) -> str:
+        style = f"width:100%;height:{self.height}px;border:1px solid #ccc"
+        return f'<iframe srcdoc="{escape(self.html)}" style="{style}" allowfullscreen></iframe>'
+
+
+def show_replay(result: _Source, compare: _Source | None = None) -> ReplayPage:
+    """The page of ``write_replay`` for a notebook, which shows it and saves it with its outputs.
+
+    Args:
+        result: a ``Result``, or the folder of a saved one.
+        compare: a second run through the same pipes.
+
+    Raises:
+        InputError: a second run through other pipes.
+        RenderError: a run has no pose that can be shown.
+        OutputError: a folder is no run.
+    """
+    from omnitrack_sim.replay.page import page_of
+    from omnitrack_sim.sim.loading import as_result
+
+    runs = [as_result(result)]
+    if compare is not None:
+        runs.append(as_result(compare))
+        _check_pipes(*runs)
+    return ReplayPage(page_of(replay_data(runs)))
 
 
 def write_replay(result: _Source, path: str | Path, compare: _Source | None = None) -> Path:
@@ -37,16 +80,9 @@ def write_replay(result: _Source, path: str | Path, compare: _Source | None = No
         RenderError: a run has no pose that can be shown.
         OutputError: a folder is no run, or the file cannot be written.
     """
-    from omnitrack_sim.replay.page import page_of
-    from omnitrack_sim.sim.loading import as_result
-
     format_of(path, None, "page", FORMATS)
     check_file(path)
-    runs = [as_result(result)]
-    if compare is not None:
-        runs.append(as_result(compare))
-        _check_pipes(*runs)
-    write_file(path, page_of(replay_data(runs)).encode("utf-8"))
+    write_file(path, show_replay(result, compare).html.encode("utf-8"))
     return Path(path)
 
 
