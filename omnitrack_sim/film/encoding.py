@@ -16,8 +16,6 @@ Image = NDArray[np.uint8]
 Append = Callable[[Image], None]
 FORMATS = ("mp4", "gif")
 """H.264 that plays while it loads, and animated GIF, which repeats."""
-MOST_GIF_FPS = 50
-"""Players show faster GIFs slower than they are."""
 
 
 def film_format(path: str | Path) -> str:

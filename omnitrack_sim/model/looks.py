@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike
 
-from omnitrack_sim.model.meshes import THICKNESS, cutaway_mesh, inside_mesh
+from omnitrack_sim.model.meshes import THICKNESS, cutaway_mesh
 from omnitrack_sim.model.parts import coil, lug_row, triangular_prism
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.record.channels import TRACKS
@@ -21,9 +21,6 @@ ROBOT_GROUP = 2
 PIPE_GROUP = 1
 FRONT_GROUP = 4
 """The halves of the pipes that are cut away: hidden, but for the camera within the pipe."""
-INSIDE_GROUP = 5
-"""The insides of the pipes, which are seen from within only: from outside one looks through the
-nearer wall."""
 COLOURS: dict[str, tuple[float, float, float]] = {
     "module_1": (0.95, 0.55, 0.05),
     "module_2": (0.10, 0.45, 0.80),
@@ -78,11 +75,12 @@ def view_direction(network: Assembly) -> Array:
     )
 
 
-def add_robot_looks(spec: mujoco.MjSpec, robot: Robot) -> None:
+def add_robot_looks(spec: mujoco.MjSpec, robot: Robot, coarse: bool = False) -> None:
     """Clothe the bodies of ``model.robot.add_robot``: chassis, shafts, springs, arms, modules and
     lugs (group 2). Lugs are drawn on their tracks, or on the module of a robot that has none.
 
-    Everything is drawn on a robot of scale 1, and then made as large as this one.
+    Everything is drawn on a robot of scale 1, and then made as large as this one. ``coarse``: lugs
+    and springs have a third of the faces, for films, in which a face is as large as a pixel.
     """
     _add_materials(spec)
     size = robot.scale
@@ -92,8 +90,10 @@ def add_robot_looks(spec: mujoco.MjSpec, robot: Robot) -> None:
     meshes = {
         "chassis_core": triangular_prism(0.010, 2 * shaft),
         "chassis_end": triangular_prism(0.016, 0.018),
-        "spring": coil(0.0056, 0.0009, 0.024, 6),
-        "lugs": lug_row(robot.lug_radius, 0.0065, look_pitch(robot), LUGS_SHOWN),
+        "spring": coil(0.0056, 0.0009, 0.024, 6, *((8, 4) if coarse else (14, 6))),
+        "lugs": lug_row(
+            robot.lug_radius, 0.0065, look_pitch(robot), LUGS_SHOWN, 14 if coarse else 36
+        ),
     }
     for name, mesh in meshes.items():
         mesh.vertices *= size
@@ -216,34 +216,13 @@ def add_pipe_looks(
             _add_pipe(spec, f"{look}_{part.name}", mesh, part, group)
 
 
-def add_pipe_insides(spec: mujoco.MjSpec, network: Assembly) -> None:
-    """The inner surface of each part of the network as ``inside_<part>`` (group 5), for a viewer
-    who moves about.
-
-    Renderers that pass over faces seen from behind, as MuJoCo's does, open the pipes towards any
-    viewer by themselves.
-    """
-    _add_materials(spec)
-    for part in network.parts:
-        _add_pipe(spec, f"inside_{part.name}", inside_mesh(part.fitting), part, INSIDE_GROUP)
-
-
-def follow_direction(network: Assembly) -> Array:
-    """Unit vector (3,), world: from the robot to the camera that keeps with it, where nothing
-    speaks against it."""
-    towards = view_direction(network)
-    up = _upward(towards)
-    return unit(towards + 0.20 * up + 0.16 * np.cross(up, towards))
-
-
 def add_cameras(spec: mujoco.MjSpec, network: Assembly, size: float = 1.0) -> None:
     """Cameras ``side`` (all pipes), ``follow`` (with the robot, from the cut side) ``onboard``
     (forward); lights. ``size`` is the scale of the robot that the last two keep with."""
     towards = view_direction(network)
+    frame = camera_frame(towards)
     up = _upward(towards)
-    right = np.cross(up, towards)
-    back = unit(towards + 0.20 * up + 0.16 * right)
-    frame = _camera_frame(back, up)
+    right, back = np.cross(up, towards), frame[:, 2]
     low, high = _corners(network)
     middle, distance = _fit(low, high, frame)
     world, chassis = spec.worldbody, spec.body("chassis")
@@ -292,8 +271,11 @@ def _upward(towards: Array) -> Array:
     return unit(up - (up @ towards) * towards)
 
 
-def _camera_frame(back: Array, up: Array) -> Array:
-    """Camera axes as columns (3, 3): right, up, back."""
+def camera_frame(towards: Array) -> Array:
+    """Axes as columns (3, 3), world: right, up, back of a camera that looks at pipes which are cut
+    open in direction ``towards`` (3,), from a little above and to the right of it."""
+    up = _upward(towards)
+    back = unit(towards + 0.20 * up + 0.16 * np.cross(up, towards))
     right = unit(np.cross(up, back))
     return np.stack([right, np.cross(back, right), back], axis=-1)
 
