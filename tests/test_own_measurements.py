@@ -17,7 +17,7 @@ from omnitrack_sim.errors import InputError
 from omnitrack_sim.record.channels import CHANNELS, Vector
 from omnitrack_sim.sensing import State
 from omnitrack_sim.sweep.spec import resolve
-from omnitrack_sim.sweep.workers import LocalPool
+from omnitrack_sim.pool import LocalPool
 
 POWER = ot.Sensor(
     ot.Channel("belt_power", (3,), "W", "mechanical power of each belt", tail_first="swapped"),

@@ -134,7 +134,11 @@ class Follow:
         targets = centre + 0.05 * np.array([[0.0], [1.0], [-1.0]]) * nose
         seen = [eye.sees(*sphere, self._aspect) for sphere in self._spheres]
         clearness = np.array(seen, float)
-        near = [i for i, sphere in enumerate(self._spheres) if seen[i] and _meets(sphere, targets, place)]
+        near = [
+            i
+            for i, sphere in enumerate(self._spheres)
+            if seen[i] and _meets(sphere, targets, place)
+        ]
         covers = in_the_way([self._parts[i] for i in near], place, targets)
         clearness[near] = 1 - (1 - _CLEAR) * covers
         return View(eye, sun, tuple(clearness.tolist()))

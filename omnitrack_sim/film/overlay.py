@@ -23,7 +23,7 @@ class Overlay:
 
     def __init__(self, width: int, height: int):
         self.scale = min(height / 720, width / 1280)
-        self._large, self._small = _font(self._px(26)), _font(self._px(17))
+        self._large, self._small = font(self._px(26)), font(self._px(17))
 
     def _px(self, size: float) -> int:
         return max(1, round(size * self.scale))
@@ -83,7 +83,7 @@ class Overlay:
 
 
 @cache
-def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     """DejaVu Sans from matplotlib's data; Pillow's own letters if it is not there."""
     from importlib.util import find_spec
 

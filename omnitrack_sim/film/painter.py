@@ -241,7 +241,9 @@ class Painter:
         self._robot, self.pipes = Painted(robot), [Painted(pipe) for pipe in pipes]
         self._depth = _Program(*shaders.depth(bodies))
         self._lamp, still = lamp, sun is not None
-        self._light = _Program(*(shaders.lamp(bodies) if lamp else shaders.sun(bodies, still, False)))
+        self._light = _Program(
+            *(shaders.lamp(bodies) if lamp else shaders.sun(bodies, still, False))
+        )
         self._gloss = _Program(*shaders.sun(bodies, still, True))
         self._ground, self._smooth = _Program(*shaders.GROUND), _Program(*shaders.SMOOTH)
         self._edges, self._reduce = _Program(*shaders.EDGES), _Program(*shaders.REDUCE)

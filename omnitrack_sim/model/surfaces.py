@@ -24,7 +24,8 @@ SEAM_WIDTH, SEAM_HEIGHT = 0.005, 0.0005
 """Of the weld between two parts, m: along the pipe, and into the bore."""
 _AROUND, _ALONG = 14, 3  # faces of a round primitive about its axis and along a quarter circle
 _TO_CENTRE = 0.02  # of the way from a corner to its triangle's centre, where its normal is taken
-_SEAM_SECTIONS = 96
+_SECTIONS_CUT, _SECTIONS_INSIDE = 72, 48  # corners of a pipe's cross-section
+_SAME = np.array(3 * [1e-5] + 3 * [0.03] + 4 * [0.01])  # m, and parts of unit vectors and colours
 
 Faces = NDArray[np.int32]
 
@@ -183,7 +184,7 @@ def _strips(rows: int, columns: int, closed: bool) -> Faces:
 def cut_pipe(part: Part, towards: Array) -> Surface:
     """The half of a part away from a viewer in direction ``towards`` (3,), world frame."""
     local = part.pose.rotation.T @ towards
-    mesh = cutaway_mesh(part.fitting, local)
+    mesh = cutaway_mesh(part.fitting, local, sections=_SECTIONS_CUT)
     cut = cut_normal(part.fitting, local)
     return _wall(part, mesh, cut)
 
@@ -191,7 +192,7 @@ def cut_pipe(part: Part, towards: Array) -> Surface:
 def pipe_inside(part: Part) -> Surface:
     """The inner surface of a part, which is seen from within only: painted without the faces that
     look away, the pipe is open towards any viewer."""
-    return _wall(part, inside_mesh(part.fitting), np.zeros(3))
+    return _wall(part, inside_mesh(part.fitting, _SECTIONS_INSIDE), np.zeros(3))
 
 
 def _wall(part: Part, mesh: trimesh.Trimesh, cut: Array) -> Surface:
@@ -207,13 +208,17 @@ def _wall(part: Part, mesh: trimesh.Trimesh, cut: Array) -> Surface:
     normal = np.where(curved[:, None, None], inward, flat[:, None])
     sectioned = ~curved & (flat @ cut > 0.99)
     colour = np.where(sectioned[:, None], (*SECTION, 0.0), (*PIPE, PIPE_GLOSS))
-    pose = part.pose
-    return _painted(
-        pose.apply(corners.reshape(-1, 3)),
-        unit(normal.reshape(-1, 3)) @ pose.rotation.T,
-        np.arange(3 * len(corners)).reshape(-1, 3),
-        np.repeat(colour, 3, axis=0),
+    pose, wanted = part.pose, np.broadcast_to(colour[:, None], (len(colour), 3, 4))
+    corner = np.concatenate([corners, unit(normal), wanted], axis=-1).reshape(-1, 10)
+    # Corners that meet with nearly the same normal are one vertex, which is painted once.
+    _, first, index = np.unique(
+        np.round(corner / _SAME),
+        axis=0,
+        return_index=True,
+        return_inverse=True,
     )
+    position, normal, colours = np.split(corner[first], [3, 6], axis=1)
+    return _painted(pose.apply(position), normal @ pose.rotation.T, index.reshape(-1, 3), colours)
 
 
 def seam(port: Pose, radius: float, away: Array) -> Surface:
@@ -224,12 +229,12 @@ def seam(port: Pose, radius: float, away: Array) -> Surface:
         radius: of the narrower bore that meets there, m.
         away: (3,) world direction in which the pipes are cut away, or zeros.
     """
-    angle = np.linspace(0.0, 2 * np.pi, _SEAM_SECTIONS + 1)
+    angle = np.linspace(0.0, 2 * np.pi, _SECTIONS_INSIDE + 1)
     out = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)[:, None]
-    along = np.array([-0.5, -0.25, 0.25, 0.5])[:, None] * [[0.0, 0.0, SEAM_WIDTH]]
-    height = np.array([-0.2, 1.0, 1.0, -0.2])[:, None] * SEAM_HEIGHT
+    along = np.array([-0.5, 0.0, 0.5])[:, None] * [[0.0, 0.0, SEAM_WIDTH]]
+    height = np.array([-0.2, 1.0, -0.2])[:, None] * SEAM_HEIGHT
     position = (radius - height) * out + along
-    tilt = np.array([-0.7, -0.3, 0.3, 0.7])[:, None] * [[0.0, 0.0, 1.0]]
+    tilt = np.array([-0.7, 0.0, 0.7])[:, None] * [[0.0, 0.0, 1.0]]
     normal = unit((tilt - out).reshape(-1, 3))
     rows, columns = position.shape[:2]
     faces = _strips(rows, columns, closed=False)

@@ -30,7 +30,7 @@ from omnitrack_sim.optimise.spec import Study
 from omnitrack_sim.optimise.trials import Trials
 from omnitrack_sim.sweep.dispatch import MakeExecutor, Pool, Status
 from omnitrack_sim.sweep.table import to_csv, to_parquet
-from omnitrack_sim.sweep.workers import LocalPool
+from omnitrack_sim.pool import LocalPool
 
 if TYPE_CHECKING:
     import pyarrow as pa
