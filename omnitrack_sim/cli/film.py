@@ -133,7 +133,7 @@ def filmed(
     quiet: bool,
     processes: int | None = None,
     fps: int = 25,
-    **size: int,
+    **size: Any,
 ) -> None:
     """Film a run, with a progress bar unless ``quiet``, by as many processes as pay if not told."""
     from omnitrack_sim.film.render import render_video

@@ -17,10 +17,11 @@ from omnitrack_sim.rotations import Array, matrix_from_quaternion, unit
 
 AROUND_WAY = 0.3
 """How far around the robot's way the camera ``side`` shows pipes, m, along a pipe."""
-SHADOW_REACH = 0.2
+SHADOW_REACH = 0.17
 """How far behind the robot it throws a shadow, m."""
 _MARGIN = 1.06
-_OVERLAY = 0.27  # of the picture's width: the panel in the lower left corner
+_PANEL = (0.28, 0.33)  # of the picture's width and height: the panel in the lower left corner
+_HALF = np.tan(np.radians(FIELD_OF_VIEW / 2))  # half of the picture's height at 1 m
 _CLEAR = 0.12  # how much is left of a pipe that is in the way
 _SUN = (0.55, -0.40)  # of the sun's direction: up and to the right of the viewer's
 _ONBOARD_ANGLE, _ONBOARD_PLACE = 88.0, 0.086  # degrees; m before the robot's centre
@@ -55,7 +56,7 @@ class Camera(Protocol):
     cut: Array
 
     def view(self, row: int, centre: Array, quaternion: Array) -> View:
-        """How sample ``row`` is seen, with the chassis at ``centre`` (3,) m, ``quaternion`` (4,)."""
+        """How sample ``row`` is seen, with the chassis at ``centre`` (3,) m and ``quaternion``."""
         ...
 
     def still_sun(self) -> Sun | None:
@@ -68,13 +69,21 @@ class Side:
 
     stands, lamp = True, False
 
-    def __init__(self, trajectory: Trajectory, network: Assembly, aspect: float, reach: float):
-        """For pictures of this aspect ratio; ``reach``: of the robot about its centre, m."""
+    def __init__(
+        self, trajectory: Trajectory, network: Assembly, aspect: float, reach: float, panel: bool
+    ):
+        """For pictures of this aspect ratio.
+
+        ``reach``: of the robot about its centre, m; ``panel``: leave room for the panel.
+        """
         self._network, self._reach = network, reach
         self.cut = view_direction(network)
         self._frame = camera_frame(self.cut)
         seen = _seen_from(trajectory, network)
         middle, distance = _fit(seen, self._frame, aspect)
+        if panel and _behind_panel(seen, self._frame, middle, distance, aspect):
+            middle, distance = _fit(seen, self._frame, aspect * (1 - _PANEL[0]))
+            middle -= _PANEL[0] * distance * _HALF * aspect * self._frame[:, 0]
         far = 2 * distance + float(np.linalg.norm(seen - middle, axis=1).max())
         self._eye = Eye(
             middle + distance * self._frame[:, 2],
@@ -198,9 +207,10 @@ def _sphere(points: Array) -> tuple[Array, float]:
 def _fit(points: Array, frame: Array, aspect: float) -> tuple[Array, float]:
     """What to look at (3,) m, and from how far, m, to have ``points`` in the picture with a small
     margin."""
-    half = np.tan(np.radians(FIELD_OF_VIEW / 2))
+    half = _HALF
     seen = points @ frame  # right, up, back
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
+    distance = 0.0
     for _ in range(20):  # what is nearer to the eye takes more room: the middle shifts
         about = seen - middle
         wanted = np.abs(about[:, :2]) / [half * aspect, half]
@@ -208,3 +218,13 @@ def _fit(points: Array, frame: Array, aspect: float) -> tuple[Array, float]:
         flat = about[:, :2] / (distance - about[:, 2:])
         middle[:2] += distance * (flat.min(axis=0) + flat.max(axis=0)) / 2
     return frame @ middle, distance
+
+
+def _behind_panel(
+    points: Array, frame: Array, middle: Array, distance: float, aspect: float
+) -> bool:
+    """Whether one of ``points`` (n, 3) m would be behind the panel in the lower left corner."""
+    right, up, back = ((points - middle) @ frame).T
+    half = _HALF * (distance - back)
+    left, low = 0.5 + 0.5 * right / (half * aspect), 0.5 + 0.5 * up / half
+    return bool(((left < _PANEL[0]) & (low < _PANEL[1])).any())

@@ -296,7 +296,7 @@ class Painter:
         GL.glEnable(GL.GL_DEPTH_TEST)
         GL.glDepthMask(True)
         GL.glDepthFunc(GL.GL_LEQUAL)
-        GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
+        GL.glClear(int(GL.GL_COLOR_BUFFER_BIT) | int(GL.GL_DEPTH_BUFFER_BIT))
         GL.glFrontFace(GL.GL_CW)  # rows come from the top
         GL.glEnable(GL.GL_CULL_FACE)
         _bind(0, self._near.depths)
@@ -385,7 +385,7 @@ class Painter:
 
 
 def _bind(unit: int, texture: int) -> None:
-    GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
+    GL.glActiveTexture(int(GL.GL_TEXTURE0) + unit)
     GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
 
 

@@ -123,12 +123,12 @@ void main() {
   float reach = length(ray);
   ray /= reach;
   float cone = smoothstep(0.2, 0.95, dot(ray, ahead));
-  float falloff = 1.0 / (1.0 + 2.0 * reach + 14.0 * reach * reach);
+  float falloff = 1.0 / (1.0 + 3.0 * reach + 22.0 * reach * reach);
   float meets = max(-dot(n, ray), 0.0);
-  float rough = 0.80 + 0.26 * noise(90.0 * at) + 0.14 * noise(400.0 * at);
+  float rough = 0.84 + 0.20 * noise(110.0 * at) + 0.12 * noise(450.0 * at);
   vec3 light = falloff * (vec3(0.05, 0.06, 0.075)
-             + vec3(2.5, 2.38, 2.15) * cone * (0.25 + 0.75 * meets));
-  shown = vec4(paint.rgb * rough * light + paint.a * 1.2 * falloff * cone * pow(meets, 12.0), 1.0);
+             + vec3(5.0, 4.7, 4.15) * cone * (0.12 + 0.88 * meets));
+  shown = vec4(1.0 - exp(-paint.rgb * rough * light), 1.0);
 }
 """
 

@@ -64,7 +64,7 @@ class Stage:
         self.data = self._mujoco.MjData(self.model)
         self._qpos = _smooth_belts(self.model, self.trajectory, look_pitch(result.scenario.robot))
         self._pose(0)
-        self._camera = self._made(camera, result, size)
+        self._camera = self._made(camera, result, size, overlay)
         self._painter = self._prepared(routes[0], size, fine)
         self._overlay = Overlay(*size) if overlay else None
         self._fittings = _fitting_names(self.trajectory, routes)
@@ -158,7 +158,7 @@ class Stage:
         body = self.data.body("chassis")
         return np.array(body.xpos), np.array(body.xquat)
 
-    def _made(self, camera: str, result: Result, size: tuple[int, int]) -> Camera:
+    def _made(self, camera: str, result: Result, size: tuple[int, int], panel: bool) -> Camera:
         """The camera of this name."""
         from omnitrack_sim.film.cameras import Follow, Onboard, Side
         from omnitrack_sim.model.surfaces import body_spheres, robot_surface
@@ -173,7 +173,7 @@ class Stage:
         )
         reach = _REACH * float((reach + self._spheres[1][self._bodies]).max())
         if camera == "side":
-            return Side(self.trajectory, routes[0].network, aspect, reach)
+            return Side(self.trajectory, routes[0].network, aspect, reach, panel)
         if camera == "follow":
             return Follow(self.trajectory, routes, aspect, reach)
         return Onboard(routes[0].network, aspect, result.scenario.robot.scale)

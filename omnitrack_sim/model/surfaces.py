@@ -17,12 +17,11 @@ from omnitrack_sim.model.meshes import THICKNESS, cut_normal, cutaway_mesh, insi
 from omnitrack_sim.pipes import Part
 from omnitrack_sim.rotations import Array, Pose, matrix_from_quaternion, unit
 
-PIPE, SECTION, JOINT = (0.60, 0.665, 0.735), (0.93, 0.95, 0.97), (0.36, 0.41, 0.47)
+PIPE, SECTION, JOINT = (0.64, 0.705, 0.775), (0.93, 0.95, 0.97), (0.36, 0.41, 0.47)
 """Red, green, blue of a pipe's wall, of where it is cut, and of the seams between parts."""
-PIPE_GLOSS = 0.16
 SEAM_WIDTH, SEAM_HEIGHT = 0.005, 0.0005
 """Of the weld between two parts, m: along the pipe, and into the bore."""
-_AROUND, _ALONG = 14, 3  # faces of a round primitive about its axis and along a quarter circle
+_AROUND, _ALONG = 16, 4  # faces of a round primitive about its axis and along a quarter circle
 _TO_CENTRE = 0.02  # of the way from a corner to its triangle's centre, where its normal is taken
 _SECTIONS_CUT, _SECTIONS_INSIDE = 72, 48  # corners of a pipe's cross-section
 _SAME = np.array(3 * [1e-5] + 3 * [0.03] + 4 * [0.01])  # m, and parts of unit vectors and colours
@@ -139,7 +138,11 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[Array, Array, Faces]:
 def _unit_box() -> tuple[Array, Array, Faces]:
     box = trimesh.creation.box((2.0, 2.0, 2.0))
     corners = np.asarray(box.vertices)[box.faces].reshape(-1, 3)
-    return corners, np.repeat(box.face_normals, 3, axis=0), np.arange(36).reshape(-1, 3)
+    return (
+        corners,
+        np.repeat(box.face_normals, 3, axis=0),
+        np.arange(36, dtype=np.int32).reshape(-1, 3),
+    )
 
 
 @cache
@@ -207,7 +210,7 @@ def _wall(part: Part, mesh: trimesh.Trimesh, cut: Array) -> Surface:
     curved = (inward * flat[:, None]).sum(axis=-1).min(axis=1) > 0.7
     normal = np.where(curved[:, None, None], inward, flat[:, None])
     sectioned = ~curved & (flat @ cut > 0.99)
-    colour = np.where(sectioned[:, None], (*SECTION, 0.0), (*PIPE, PIPE_GLOSS))
+    colour = np.where(sectioned[:, None], (*SECTION, 0.0), (*PIPE, 0.0))
     pose, wanted = part.pose, np.broadcast_to(colour[:, None], (len(colour), 3, 4))
     corner = np.concatenate([corners, unit(normal), wanted], axis=-1).reshape(-1, 10)
     # Corners that meet with nearly the same normal are one vertex, which is painted once.
@@ -241,4 +244,4 @@ def seam(port: Pose, radius: float, away: Array) -> Surface:
     world = port.apply(position.reshape(-1, 3))
     behind = (world[faces].mean(axis=1) - port.position) @ away <= 0
     turned = faces[behind][:, ::-1]  # seen from within
-    return _painted(world, normal @ port.rotation.T, turned, (*JOINT, 0.1))
+    return _painted(world, normal @ port.rotation.T, turned, (*JOINT, 0.0))
