@@ -217,6 +217,7 @@ class Painter:
     def __init__(
         self,
         robot: Surface,
+        casting: Surface,
         pipes: Sequence[Surface],
         bodies: int,
         size: tuple[int, int],
@@ -228,6 +229,7 @@ class Painter:
         """
         Args:
             robot: in the frames of its bodies.
+            casting: what of it throws shadows.
             pipes: what stands still, in the world frame.
             bodies: how many there are, with the world.
             size: width and height of the pictures, pixels.
@@ -238,7 +240,8 @@ class Painter:
         self.width, self.height = size
         self._scale = 2 if fine else 1
         wide, high = self._scale * self.width, self._scale * self.height
-        self._robot, self.pipes = Painted(robot), [Painted(pipe) for pipe in pipes]
+        self._robot, self._casting = Painted(robot), Painted(casting)
+        self.pipes = [Painted(pipe) for pipe in pipes]
         self._depth = _Program(*shaders.depth(bodies))
         self._lamp, still = lamp, sun is not None
         self._light = _Program(
@@ -284,7 +287,7 @@ class Painter:
         shared: dict[str, Any] = {"pose": rows, "view": eye.matrix(self.width / self.height)}
         if sun is not None:
             self._begin_map()
-            surfaces = [self._robot] if robot else []
+            surfaces = [self._casting] if robot else []
             self._near.cast(surfaces, self._depth, view=sun.matrix, pose=rows)
             shared |= {"towards": sun.towards, "up": [0.0, 0.0, 1.0], "back": eye.frame[:, 2]}
             shared |= {"near_map": 0, "clearness": 1.0}

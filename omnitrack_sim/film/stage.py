@@ -181,7 +181,7 @@ class Stage:
     def _prepared(self, route: Route, size: tuple[int, int], fine: bool) -> Painter:
         """The painter with robot, pipes and seams."""
         from omnitrack_sim.film.painter import Painter
-        from omnitrack_sim.model.surfaces import cut_pipe, pipe_inside, seam
+        from omnitrack_sim.model.surfaces import cut_pipe, pipe_inside, robot_surface, seam
 
         network, cut = route.network, self._camera.cut
         pipes = [cut_pipe(p, cut) if cut.any() else pipe_inside(p) for p in network.parts]
@@ -192,7 +192,10 @@ class Stage:
             pipes.append(seam(a.port(port), radius, cut))
             self._joined.append((i, j))
         sun, lamp = self._camera.still_sun(), self._camera.lamp
-        return Painter(self._robot, pipes, self.model.nbody, size, fine=fine, lamp=lamp, sun=sun)
+        # Light between the coils of a spring would be a row of dots.
+        casting = robot_surface(self.model, without="spring")
+        robot = self._robot, casting
+        return Painter(*robot, pipes, self.model.nbody, size, fine=fine, lamp=lamp, sun=sun)
 
 
 def _shown(trajectory: Trajectory) -> Trajectory:

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -69,7 +70,10 @@ def _spread(
     """As ``painted``, by worker processes."""
     with TemporaryDirectory(prefix="omnitrack-film-") as folder, LocalPool(processes) as pool:
         asked = Path(folder) / "asked"
-        asked.write_bytes(pickle.dumps((result, size, camera, dict(options))))
+        # Tables of fittings are classes made while files are read, which cannot be pickled.
+        scenario = result.scenario.model_dump(mode="json", exclude_none=True)
+        rest = replace(result, scenario=None)  # type: ignore[arg-type]
+        asked.write_bytes(pickle.dumps((scenario, rest, size, camera, dict(options))))
         under_way: deque[Future[Image]] = deque()
         try:
             for time in times:
@@ -89,7 +93,9 @@ def _paint(asked: Path, time: float) -> Image:
         # Software OpenGL takes a thread for each processor, and so does each of these processes.
         os.environ.setdefault("LP_NUM_THREADS", "1")
         from omnitrack_sim.film.stage import Stage
+        from omnitrack_sim.scenario import Scenario
 
-        result, size, camera, options = pickle.loads(asked.read_bytes())
+        scenario, rest, size, camera, options = pickle.loads(asked.read_bytes())
+        result = replace(rest, scenario=Scenario.model_validate(scenario))
         _stages.append(Stage(result, size, camera, **options))
     return _stages[0].picture(time)

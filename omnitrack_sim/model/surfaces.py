@@ -19,7 +19,7 @@ from omnitrack_sim.rotations import Array, Pose, matrix_from_quaternion, unit
 
 PIPE, SECTION, JOINT = (0.64, 0.705, 0.775), (0.93, 0.95, 0.97), (0.36, 0.41, 0.47)
 """Red, green, blue of a pipe's wall, of where it is cut, and of the seams between parts."""
-SEAM_WIDTH, SEAM_HEIGHT = 0.005, 0.0005
+SEAM_WIDTH, SEAM_HEIGHT = 0.005, 0.001
 """Of the weld between two parts, m: along the pipe, and into the bore."""
 _AROUND, _ALONG = 16, 4  # faces of a round primitive about its axis and along a quarter circle
 _TO_CENTRE = 0.02  # of the way from a corner to its triangle's centre, where its normal is taken
@@ -59,10 +59,14 @@ class Surface:
         return cls(**arrays, faces=np.concatenate(faces).astype(np.int32))
 
 
-def robot_surface(model: mujoco.MjModel) -> Surface:
-    """The visible geoms of a model, of the robot and of plates, each in the frame of its body."""
-    shown = np.flatnonzero(model.geom_group == ROBOT_GROUP)
-    return Surface.joined([_geom(model, int(i)) for i in shown])
+def robot_surface(model: mujoco.MjModel, without: str = "") -> Surface:
+    """The visible geoms of a model, of the robot and of plates, each in the frame of its body;
+    those of the mesh ``without`` are left out."""
+    shown = model.geom_group == ROBOT_GROUP
+    if without:
+        mesh = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_MESH, without)
+        shown &= (model.geom_type != mujoco.mjtGeom.mjGEOM_MESH) | (model.geom_dataid != mesh)
+    return Surface.joined([_geom(model, int(i)) for i in np.flatnonzero(shown)])
 
 
 def body_spheres(surface: Surface, bodies: int) -> tuple[Array, Array]:
@@ -235,7 +239,7 @@ def seam(port: Pose, radius: float, away: Array) -> Surface:
     angle = np.linspace(0.0, 2 * np.pi, _SECTIONS_INSIDE + 1)
     out = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)[:, None]
     along = np.array([-0.5, 0.0, 0.5])[:, None] * [[0.0, 0.0, SEAM_WIDTH]]
-    height = np.array([-0.2, 1.0, -0.2])[:, None] * SEAM_HEIGHT
+    height = np.array([0.3, 1.0, 0.3])[:, None] * SEAM_HEIGHT
     position = (radius - height) * out + along
     tilt = np.array([-0.7, 0.0, 0.7])[:, None] * [[0.0, 0.0, 1.0]]
     normal = unit((tilt - out).reshape(-1, 3))
