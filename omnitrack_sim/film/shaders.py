@@ -267,7 +267,7 @@ GROUND = (_SCREEN, _GROUND)
 """Programs of what is behind everything, from top to bottom."""
 BLOCK = 8
 """Width of the blocks in which edges are looked for, pixels."""
-LEAST_CONTRAST = 0.05
+LEAST_CONTRAST = 0.06
 """Of green, from 0 to 1, from which on there is an edge."""
 EDGES = (_SCREEN, _EDGES.replace("BLOCK", f"{BLOCK}.0"))
 """Programs that find the contrast within each block of pixels and those around it."""

@@ -21,7 +21,9 @@ PIPE, SECTION, JOINT = (0.64, 0.705, 0.775), (0.93, 0.95, 0.97), (0.36, 0.41, 0.
 """Red, green, blue of a pipe's wall, of where it is cut, and of the seams between parts."""
 SEAM_WIDTH, SEAM_HEIGHT = 0.005, 0.001
 """Of the weld between two parts, m: along the pipe, and into the bore."""
-_AROUND, _ALONG = 16, 4  # faces of a round primitive about its axis and along a quarter circle
+_ROUND, _THIN, _THIN_RADIUS = (16, 4), (8, 2), 0.005
+"""Faces of a round primitive about its axis, and corners along a quarter circle; of one that is
+thinner than this, m."""
 _TO_CENTRE = 0.02  # of the way from a corner to its triangle's centre, where its normal is taken
 _SECTIONS_CUT, _SECTIONS_INSIDE = 72, 48  # corners of a pipe's cross-section
 _SAME = np.array(3 * [1e-5] + 3 * [0.03] + 4 * [0.01])  # m, and parts of unit vectors and colours
@@ -114,13 +116,14 @@ def _shape(model: mujoco.MjModel, geom: int) -> tuple[Array, Array, Faces]:
     kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         return _mesh(model, int(model.geom_dataid[geom]))
+    detail = _THIN if size[0] < _THIN_RADIUS else _ROUND
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         position, normal, faces = _unit_box()
         return position * size, normal, faces
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        position, normal, faces = _unit_cylinder()
+        position, normal, faces = _unit_cylinder(*detail)
         return position * size[[0, 0, 1]], normal, faces
-    position, normal, faces = _unit_sphere()
+    position, normal, faces = _unit_sphere(*detail)
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
         ends = np.sign(position[:, 2:]) * [[0.0, 0.0, 1.0]]
         return size[0] * position + size[1] * ends, normal, faces
@@ -150,31 +153,31 @@ def _unit_box() -> tuple[Array, Array, Faces]:
 
 
 @cache
-def _unit_sphere() -> tuple[Array, Array, Faces]:
+def _unit_sphere(around: int, along: int) -> tuple[Array, Array, Faces]:
     """Its equator is there twice, so that a capsule can be pulled apart there."""
-    up = np.linspace(0.0, np.pi / 2, _ALONG)
+    up = np.linspace(0.0, np.pi / 2, along)
     angle = np.concatenate([-up[::-1] - 1e-9, up + 1e-9])
     profile = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return _revolved(profile, profile)
+    return _revolved(profile, profile, around)
 
 
 @cache
-def _unit_cylinder() -> tuple[Array, Array, Faces]:
+def _unit_cylinder(around: int, along: int) -> tuple[Array, Array, Faces]:
     profile = np.array([[0, -1], [1, -1], [1, -1], [1, 1], [1, 1], [0, 1]], float)
     normal = np.array([[0, -1], [0, -1], [1, 0], [1, 0], [0, 1], [0, 1]], float)
-    return _revolved(profile, normal)
+    return _revolved(profile, normal, around)
 
 
-def _revolved(profile: Array, normal: Array) -> tuple[Array, Array, Faces]:
+def _revolved(profile: Array, normal: Array, around: int) -> tuple[Array, Array, Faces]:
     """A profile (k, 2) of radius and height, from below, turned about z, with its normals."""
-    angle = np.arange(_AROUND) * 2 * np.pi / _AROUND
+    angle = np.arange(around) * 2 * np.pi / around
     turn = np.stack([np.cos(angle), np.sin(angle)], axis=-1)[:, None]
 
     def turned(values: Array) -> Array:
-        height = np.broadcast_to(values[:, 1], (_AROUND, len(values)))
+        height = np.broadcast_to(values[:, 1], (around, len(values)))
         return np.concatenate([turn * values[:, :1], height[..., None]], axis=-1).reshape(-1, 3)
 
-    return turned(profile), turned(normal), _strips(_AROUND, len(profile), closed=True)
+    return turned(profile), turned(normal), _strips(around, len(profile), closed=True)
 
 
 def _strips(rows: int, columns: int, closed: bool) -> Faces:
