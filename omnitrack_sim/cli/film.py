@@ -141,7 +141,9 @@ def filmed(
     if processes is None:
         processes = processes_for(result.duration_s, fps)
     with progress("video", quiet) as report:
-        render_video(result, target, camera, fps=fps, progress=report, processes=processes, **size)
+        render_video(
+            result, target, camera=camera, fps=fps, progress=report, processes=processes, **size
+        )
 
 
 def _size(text: str) -> dict[str, int]:
