@@ -63,8 +63,7 @@ def render_video(
     count = max(1, int(np.floor((end - start) * fps)) + 1)
     check_frames(count, width, height)
     times = (start + np.arange(count) / fps).tolist()
-    # Of a camera that stands still most is painted once, so that it may be painted finer.
-    options = {"inset": inset, "fine": camera == "side"}
+    options = {"inset": inset, "fine": False}
     with film(path, width, height, fps) as append:
         frames = painted(result, times, (width, height), camera, options, processes)
         for index, frame in enumerate(frames):
