@@ -9,7 +9,7 @@ import numpy as np
 
 from omnitrack_sim.film.sight import Eye, Sun
 from omnitrack_sim.film.viewpoint import DISTANCE, in_the_way, view_directions
-from omnitrack_sim.model.looks import FIELD_OF_VIEW, camera_frame, view_direction
+from omnitrack_sim.model.looks import FIELD_OF_VIEW, camera_frame, follow_direction, view_direction
 from omnitrack_sim.model.meshes import THICKNESS
 from omnitrack_sim.pipes import Assembly, Route
 from omnitrack_sim.record.trajectory import Trajectory
@@ -126,8 +126,7 @@ class Follow:
         """For pictures of this aspect ratio; ``reach``: of the robot about its centre, m."""
         network = routes[0].network
         self._parts, self._aspect, self._reach = network.parts, aspect, reach
-        liking = camera_frame(view_direction(network))[:, 2]
-        self._back = view_directions(trajectory, routes, liking)  # (T, 3)
+        self._back = view_directions(trajectory, routes, follow_direction(network))  # (T, 3)
         self._spheres = [_sphere(part.bore_samples()) for part in network.parts]
 
     def view(self, row: int, centre: Array, quaternion: Array) -> View:

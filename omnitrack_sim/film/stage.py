@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.errors import RenderError
+from omnitrack_sim.film.poses import smooth_belts, sound
 from omnitrack_sim.record.timeline import passage_indices
 
 if TYPE_CHECKING:
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 APT_LINE = "sudo apt-get install -y libegl1 libgl1-mesa-dri libopengl0"
 """What headless rendering needs on Debian and Ubuntu."""
-FARTHEST = 1e5
-"""Size of positions, m, and of all that is shown beside them, beyond which a sample is unsound."""
 _REACH = 1.1  # of the robot about its centre, over what it is at the start
 
 
@@ -59,10 +57,10 @@ class Stage:
         from omnitrack_sim.film.overlay import Overlay
         from omnitrack_sim.model.looks import look_pitch
 
-        self.trajectory, routes = _shown(result.trajectory), result.routes()
+        self.trajectory, routes = sound(result.trajectory), result.routes()
         self.model = _compiled(result)
         self.data = self._mujoco.MjData(self.model)
-        self._qpos = _smooth_belts(self.model, self.trajectory, look_pitch(result.scenario.robot))
+        self._qpos = smooth_belts(self.model, self.trajectory, look_pitch(result.scenario.robot))
         self._pose(0)
         self._camera = self._made(camera, result, size, overlay)
         self._painter = self._prepared(routes[0], size, fine)
@@ -198,27 +196,6 @@ class Stage:
         return Painter(*robot, pipes, self.model.nbody, size, fine=fine, lamp=lamp, sun=sun)
 
 
-def _shown(trajectory: Trajectory) -> Trajectory:
-    """The trajectory with the last sound sample in the place of each that physics which has
-    diverged left without a pose.
-
-    Raises:
-        RenderError: no sample is sound.
-    """
-    names = ("position", "distance", "tilt", "belt_speed")
-    values = [trajectory.qpos, *(trajectory[name] for name in names)]
-    far = [np.abs(value.reshape(len(trajectory.time), -1)).max(axis=1) for value in values]
-    sound = np.all([distance < FARTHEST for distance in far], axis=0)  # NaN is not less either
-    if sound.all():
-        return trajectory
-    if not sound.any():
-        raise RenderError("the run has no pose that can be shown")
-    first = int(np.argmax(sound))
-    rows = np.maximum.accumulate(np.where(sound, np.arange(len(trajectory.time)), first))
-    channels = {name: values[rows] for name, values in trajectory.channels.items()}
-    return replace(trajectory, channels=channels, qpos=trajectory.qpos[rows])
-
-
 def _compiled(result: Result) -> mujoco.MjModel:
     """The robot of a run and the plates in its pipes, as they are seen."""
     from omnitrack_sim.model.scene import build_looks
@@ -236,7 +213,7 @@ def _inset(result: Result, width: int, height: int) -> Inset | None:
     if not needs_map(routes):
         return None
     goals, plates = result.goal_points(), result.plate_rims()
-    return Inset(_shown(result.trajectory), routes, goals, plates, width, height)
+    return Inset(sound(result.trajectory), routes, goals, plates, width, height)
 
 
 def _fitting_names(trajectory: Trajectory, routes: Sequence[Route]) -> list[str]:
@@ -249,28 +226,6 @@ def _fitting_names(trajectory: Trajectory, routes: Sequence[Route]) -> list[str]
         names[leg][place]
         for leg, place in zip(legs, passage_indices(trajectory, routes).tolist(), strict=True)
     ]
-
-
-def _smooth_belts(
-    model: mujoco.MjModel, trajectory: Trajectory, pitch: float
-) -> NDArray[np.float64]:
-    """Joint positions (T, nq) with the belts where they have run to, within half a visible pitch.
-
-    The physics moves its closely spaced lugs back after every pitch; seen 25 times a second they
-    would seem to stand still or to run backward. The belt travel is the integral of the recorded
-    belt speed.
-    """
-    qpos = np.array(trajectory.qpos, float)
-    speed = trajectory["belt_speed"]
-    step = np.diff(trajectory.time)[:, None]
-    travel = np.concatenate(
-        [np.zeros((1, 3)), np.cumsum(step * (speed[1:] + speed[:-1]) / 2, axis=0)]
-    )
-    shown = (travel + pitch / 2) % pitch - pitch / 2
-    for module in range(3):
-        for track in ("upper", "lower"):
-            qpos[:, model.joint(f"belt_{track}_{module + 1}").qposadr[0]] = shown[:, module]
-    return qpos
 
 
 def _open_context(width: int, height: int) -> tuple[Any, Any]:

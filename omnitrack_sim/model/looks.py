@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike
 
-from omnitrack_sim.model.meshes import THICKNESS, cutaway_mesh
+from omnitrack_sim.model.meshes import THICKNESS, cutaway_mesh, inside_mesh
 from omnitrack_sim.model.parts import coil, lug_row, triangular_prism
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.record.channels import TRACKS
@@ -21,6 +21,9 @@ ROBOT_GROUP = 2
 PIPE_GROUP = 1
 FRONT_GROUP = 4
 """The halves of the pipes that are cut away: hidden, but for the camera within the pipe."""
+INSIDE_GROUP = 5
+"""The insides of the pipes, which are seen from within only: from outside one looks through the
+nearer wall."""
 COLOURS: dict[str, tuple[float, float, float]] = {
     "module_1": (0.95, 0.55, 0.05),
     "module_2": (0.10, 0.45, 0.80),
@@ -214,6 +217,24 @@ def add_pipe_looks(
         for look, keep, group in (("pipe", True, PIPE_GROUP), ("front", False, FRONT_GROUP)):
             mesh = cutaway_mesh(part.fitting, local, keep=keep)
             _add_pipe(spec, f"{look}_{part.name}", mesh, part, group)
+
+
+def add_pipe_insides(spec: mujoco.MjSpec, network: Assembly) -> None:
+    """The inner surface of each part of the network as ``inside_<part>`` (group 5), for a viewer
+    who moves about.
+
+    Renderers that pass over faces seen from behind, as MuJoCo's does, open the pipes towards any
+    viewer by themselves.
+    """
+    _add_materials(spec)
+    for part in network.parts:
+        _add_pipe(spec, f"inside_{part.name}", inside_mesh(part.fitting), part, INSIDE_GROUP)
+
+
+def follow_direction(network: Assembly) -> Array:
+    """Unit vector (3,), world: from the robot to the camera that keeps with it, where nothing
+    speaks against it."""
+    return camera_frame(view_direction(network))[:, 2]
 
 
 def add_cameras(spec: mujoco.MjSpec, network: Assembly, size: float = 1.0) -> None:
