@@ -101,12 +101,32 @@ class Inset:
         """Have the way drawn up to the first ``count`` of its points, in the colour of the gear."""
         if count < self._driven:
             self._panel, self._driven = self._background.copy(), 0
+            self._small = self._panel.reduce(_FINER)
         if count > self._driven:
-            draw = ImageDraw.Draw(self._panel)
-            for i in range(max(0, self._driven - 1), count - 1):
+            draw, first = ImageDraw.Draw(self._panel), max(0, self._driven - 1)
+            for i in range(first, count - 1):
                 self._step(draw, self._rows[i], self._rows[i + 1])
             self._driven = count
-            self._small = self._panel.reduce(_FINER)
+            points = self._points[self._rows[first:count]]
+            self._renew(points.min(axis=0), points.max(axis=0))
+
+    def _renew(self, low: Array, high: Array) -> None:
+        """Reduce what has been drawn between two corners (2,) of the large map, pixels."""
+        box = self._box(low - 4 * self.unit, high + 4 * self.unit)
+        if box is not None:
+            self._small.paste(self._crop(box).reduce(_FINER), box[:2])
+
+    def _crop(self, box: tuple[int, int, int, int]) -> Image.Image:
+        """What of the large map shows in a box of the small one."""
+        left, top, right, bottom = (_FINER * edge for edge in box)
+        return self._panel.crop((left, top, right, bottom))
+
+    def _box(self, low: Array, high: Array) -> tuple[int, int, int, int] | None:
+        """Pixels of the small map that two corners of the large one span; None without any."""
+        size = self._small.size
+        left, top = np.floor(low / _FINER).astype(int).clip(0, size).tolist()
+        right, bottom = np.ceil(high / _FINER).astype(int).clip(0, size).tolist()
+        return (left, top, right, bottom) if right > left and bottom > top else None
 
     def _flat(self, points: Array) -> Array:
         """``points`` (n, 3) m projected onto the map, (n, 2) m to the right and up."""
@@ -174,15 +194,11 @@ class Inset:
         centre = self._points[row]
         if not np.isfinite(centre).all():
             return
-        reach = 24 * self.unit
-        low = np.floor((centre - reach) / _FINER).astype(int).clip(0, panel.size)
-        high = np.ceil((centre + reach) / _FINER).astype(int).clip(0, panel.size)
-        if (high <= low).any():
-            return
-        box = [*(_FINER * low).tolist(), *(_FINER * high).tolist()]
-        near = self._panel.crop((box[0], box[1], box[2], box[3]))
-        self._draw_robot(ImageDraw.Draw(near), centre - _FINER * low, row)
-        panel.paste(near.reduce(_FINER), (int(low[0]), int(low[1])))
+        box = self._box(centre - 24 * self.unit, centre + 24 * self.unit)
+        if box is not None:
+            near = self._crop(box)
+            self._draw_robot(ImageDraw.Draw(near), centre - _FINER * np.array(box[:2]), row)
+            panel.paste(near.reduce(_FINER), box[:2])
 
     def _draw_robot(self, draw: ImageDraw.ImageDraw, centre: Array, row: int) -> None:
         """``centre`` (2,) pixels."""

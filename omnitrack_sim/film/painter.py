@@ -16,12 +16,13 @@ from omnitrack_sim.model.surfaces import Surface
 
 NEAR_MAP, FAR_MAP = 1024, 3072
 """Width of the shadow maps of the robot, for each picture, and of all pipes, texels."""
-TOP, BOTTOM = (0.105, 0.125, 0.155), (0.255, 0.285, 0.325)
-"""Red, green, blue behind everything."""
+GROUND = (0.145, 0.168, 0.2)
+"""Red, green, blue behind everything outside of a pipe."""
 MARGIN = shaders.REACH
 """How far what changes in a picture can change pixels beside it, pixels."""
 _SIZES = (3, 3, 4, 1)  # floats of position, normal, colour, body
 _TO_TEXELS = np.array([[0.5, 0, 0, 0.5], [0, 0.5, 0, 0.5], [0, 0, 0.5, 0.5], [0, 0, 0, 1]])
+_HERE = np.eye(3, 4)  # the pose of the world, which pipes belong to
 _FILLS_ITS_MAP = (1.5, 4.0)  # slope and units by which depths in a map lie behind
 
 Image = NDArray[np.uint8]
@@ -80,13 +81,17 @@ class _Program:
         GL.glLinkProgram(self.id)
         if not GL.glGetProgramiv(self.id, GL.GL_LINK_STATUS):
             raise RuntimeError(GL.glGetProgramInfoLog(self.id).decode())
+        self._places: dict[str, int] = {}
 
     def use(self, **values: int | float | ArrayLike) -> None:
         """From here on, with these values: of a texture's number, a number, vectors of 3, rows of
         vectors of 4, or a matrix (4, 4)."""
         GL.glUseProgram(self.id)
         for name, value in values.items():
-            self._set(GL.glGetUniformLocation(self.id, name), value)
+            if name not in self._places:
+                self._places[name] = GL.glGetUniformLocation(self.id, name)
+            if self._places[name] >= 0:  # it is used
+                self._set(self._places[name], value)
 
     def _set(self, place: int, value: int | float | ArrayLike) -> None:
         if isinstance(value, int):
@@ -128,8 +133,11 @@ class _Canvas:
         """Paint here from now on, in this region only."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._buffer)
         GL.glViewport(0, 0, self.width, self.height)
-        GL.glEnable(GL.GL_SCISSOR_TEST)
-        GL.glScissor(*region)
+        if region == (0, 0, self.width, self.height):
+            GL.glDisable(GL.GL_SCISSOR_TEST)  # clearing all of it is faster
+        else:
+            GL.glEnable(GL.GL_SCISSOR_TEST)
+            GL.glScissor(*region)
 
     def copy(self, source: _Canvas, region: Region) -> None:
         """Take over a region of another canvas of this size."""
@@ -248,7 +256,7 @@ class Painter:
             *(shaders.lamp(bodies) if lamp else shaders.sun(bodies, still, False))
         )
         self._gloss = _Program(*shaders.sun(bodies, still, True))
-        self._ground, self._smooth = _Program(*shaders.GROUND), _Program(*shaders.SMOOTH)
+        self._smooth = _Program(*shaders.SMOOTH)
         self._edges, self._reduce = _Program(*shaders.EDGES), _Program(*shaders.REDUCE)
         self._drawn, self._smoothed = _Canvas(wide, high, depths=True), _Canvas(wide, high)
         self._reduced = _Canvas(*size) if fine else self._smoothed
@@ -259,8 +267,7 @@ class Painter:
         self._still: dict[str, Any] = {}
         if sun is not None:
             self._begin_map()
-            here = np.tile(np.eye(3, 4), (bodies, 1))
-            self._far.cast(self.pipes, self._depth, view=sun.matrix, pose=here)
+            self._far.cast(self.pipes, self._depth, view=sun.matrix, pose=_HERE)
             self._still = {"far_view": _TO_TEXELS @ sun.matrix, "far_map": 1}
 
     def paint(
@@ -295,10 +302,10 @@ class Painter:
         else:
             shared |= {"eye": eye.position, "ahead": -eye.frame[:, 2]}
         self._drawn.begin(self._around(region, self._scale, 2))
-        GL.glClearColor(0.0, 0.0, 0.0, 1.0)
         GL.glEnable(GL.GL_DEPTH_TEST)
         GL.glDepthMask(True)
         GL.glDepthFunc(GL.GL_LEQUAL)
+        GL.glClearColor(*((0.0, 0.0, 0.0) if self._lamp else GROUND), 1.0)
         GL.glClear(int(GL.GL_COLOR_BUFFER_BIT) | int(GL.GL_DEPTH_BUFFER_BIT))
         GL.glFrontFace(GL.GL_CW)  # rows come from the top
         GL.glEnable(GL.GL_CULL_FACE)
@@ -307,20 +314,15 @@ class Painter:
         if robot:
             self._gloss.use(**shared)
             self._robot.draw()
-        self._light.use(**shared)
+        self._light.use(**shared | {"pose": _HERE})
         self._draw(clearness or [1.0] * len(self.pipes))
         return self._finished(region)
 
     def _draw(self, clearness: Sequence[float]) -> None:
-        """The pipes, then what is behind them, then the pipes that are partly clear."""
+        """The pipes, then those that are partly clear."""
         for pipe, share in zip(self.pipes, clearness, strict=True):
             if share >= 1:
                 pipe.draw()
-        if not self._lamp:
-            GL.glDisable(GL.GL_CULL_FACE)
-            self._ground.use(top=TOP, bottom=BOTTOM)
-            self._fill()
-            GL.glEnable(GL.GL_CULL_FACE)
         part = [(p, share) for p, share in zip(self.pipes, clearness, strict=True) if 0 < share < 1]
         if part:
             GL.glDepthMask(False)

@@ -139,21 +139,10 @@ void main() {}
 
 _SCREEN = """\
 #version 330
-out float height;
 void main() {
   vec2 corner = vec2(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0);
   gl_Position = vec4(corner, 1.0, 1.0);
-  height = 0.5 + 0.5 * corner.y;
 }
-"""
-
-_GROUND = """\
-#version 330
-in float height;
-out vec4 shown;
-uniform vec3 top;
-uniform vec3 bottom;
-void main() { shown = vec4(mix(top, bottom, height), 1.0); }
 """
 
 # After T. Lottes, FXAA 3.11 (NVIDIA, 2011): edges are found by the contrast of green, followed to
@@ -263,8 +252,6 @@ def depth(bodies: int) -> tuple[str, str]:
     return _vertex(bodies), _NOTHING
 
 
-GROUND = (_SCREEN, _GROUND)
-"""Programs of what is behind everything, from top to bottom."""
 BLOCK = 8
 """Width of the blocks in which edges are looked for, pixels."""
 LEAST_CONTRAST = 0.06

@@ -95,7 +95,7 @@ def add_robot_looks(spec: mujoco.MjSpec, robot: Robot, coarse: bool = False) -> 
         "chassis_end": triangular_prism(0.016, 0.018),
         "spring": coil(0.0056, 0.0009, 0.024, 6, *((8, 3) if coarse else (14, 6))),
         "lugs": lug_row(
-            robot.lug_radius, 0.0065, look_pitch(robot), LUGS_SHOWN, 14 if coarse else 36
+            robot.lug_radius, 0.0065, look_pitch(robot), LUGS_SHOWN, 10 if coarse else 36
         ),
     }
     for name, mesh in meshes.items():
