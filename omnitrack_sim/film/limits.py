@@ -12,8 +12,8 @@ MOST_FPS = 240
 MOST_GIF_FPS = 50
 """Players show faster GIFs slower than they are."""
 MOST_FILM = 5e11
-"""Pixels of all frames of a film: five hours at 1280 x 720 and 25 frames a second, which take
-hours to paint."""
+"""Pixels of all frames of a film: six hours at 1280 x 720 and 25 frames a second, which take
+most of a day to paint."""
 MOST_PROCESSES = 64
 
 
