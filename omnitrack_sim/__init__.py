@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         SweepError,
     )
     from omnitrack_sim.film.render import render_frame, render_video
+    from omnitrack_sim.film.strip import render_strip
     from omnitrack_sim.network import Network, load_network, random_network, shortest_route
     from omnitrack_sim.optimise import Study, StudyResult, load_study, run_study
     from omnitrack_sim.pipes import Assembly, Elbow, Reducer, Step, Straight, Tee, route
@@ -91,6 +92,7 @@ _HOME = {
         "plot_summary",
     ),
     "film.render": ("render_frame", "render_video"),
+    "film.strip": ("render_strip",),
     "replay": ("ReplayPage", "show_replay", "write_replay"),
     "robot": ("MOTORS", "Motor", "Robot"),
     "scenario": ("Scenario", "load_scenario", "override"),
@@ -171,6 +173,7 @@ __all__ = [
     "plot_sweep",
     "random_network",
     "render_frame",
+    "render_strip",
     "render_video",
     "route",
     "run",

@@ -136,8 +136,8 @@ def test_sweeps_and_studies(place, out, told):
 @pytest.mark.parametrize(
     ("out", "told"),
     [
-        ("film.png", "mp4, gif"),
-        ("film", "mp4, gif"),
+        ("film.png", "mp4, webm, gif"),
+        ("film", "mp4, webm, gif"),
         ("folder.gif", "is a folder"),
         ("missing/film.mp4", "No such file or directory"),
         (f"{LONG}.mp4", "name too long"),

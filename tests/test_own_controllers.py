@@ -15,8 +15,8 @@ from runs import same_result
 
 import omnitrack_sim as ot
 from omnitrack_sim.errors import Fault
+from omnitrack_sim.pool import LocalPool
 from omnitrack_sim.sweep.spec import resolve
-from omnitrack_sim.sweep.workers import LocalPool
 
 MODULE = '''
 from typing import Literal

@@ -14,10 +14,10 @@ from runs import COLLIDER, same_record, there_and_back
 
 import omnitrack_sim as ot
 from omnitrack_sim.errors import InputError
+from omnitrack_sim.pool import LocalPool
 from omnitrack_sim.record.channels import CHANNELS, Vector
 from omnitrack_sim.sensing import State
 from omnitrack_sim.sweep.spec import resolve
-from omnitrack_sim.sweep.workers import LocalPool
 
 POWER = ot.Sensor(
     ot.Channel("belt_power", (3,), "W", "mechanical power of each belt", tail_first="swapped"),

@@ -13,7 +13,9 @@ from samples import drive, sample_result, two_legs, two_legs_result
 from omnitrack_sim.errors import InputError, OutputError
 from omnitrack_sim.film.inset import Inset, needs_map, projection
 from omnitrack_sim.film.overlay import Overlay
-from omnitrack_sim.film.render import render_frame, render_video
+from omnitrack_sim.film.render import render_frame, render_frames, render_video
+from omnitrack_sim.film.stage import Stage
+from omnitrack_sim.film.strip import FRAMES, render_strip, strip_times
 from omnitrack_sim.film.viewpoint import in_the_way, view_directions
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.rotations import quaternion_from_matrix
@@ -90,7 +92,21 @@ def test_a_gif_is_a_gif(result, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["run.gif"]
 
 
-@pytest.mark.parametrize("ending", ["mp4", "gif"])
+def test_a_webm_is_vp9(result, tmp_path):
+    """One second at 10 frames a second is 11 frames of VP9, which look as they should."""
+    path = render_video(result, tmp_path / "run.webm", width=319, height=179, fps=10)
+    with av.open(str(path)) as film:
+        stream = film.streams.video[0]
+        assert "webm" in film.format.name
+        assert (stream.width, stream.height, stream.codec_context.name) == (*SIZE, "vp9")
+        frames = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+    assert len(frames) == 11
+    still = render_frame(result, 1.0, "side", *SIZE)
+    assert np.abs(frames[-1].astype(int) - still).mean() < 4
+    assert [p.name for p in tmp_path.iterdir()] == ["run.webm"]
+
+
+@pytest.mark.parametrize("ending", ["mp4", "webm", "gif"])
 def test_same_run_same_film(result, tmp_path, ending):
     """Rendered twice, the files are the same byte for byte."""
     films = [
@@ -103,7 +119,7 @@ def test_same_run_same_film(result, tmp_path, ending):
 @pytest.mark.parametrize("name", ["run.png", "run", "run.avi", "run.mp4.part", ".mp4"])
 def test_other_formats_are_refused_before_anything_is_read(tmp_path, name):
     """With those there are."""
-    with pytest.raises(InputError, match="choose from: mp4, gif") as caught:
+    with pytest.raises(InputError, match="choose from: mp4, webm, gif") as caught:
         render_video("nowhere", tmp_path / name)
     assert name in str(caught.value)
 
@@ -164,6 +180,143 @@ def test_a_run_that_diverged_stops_in_its_film(result, camera, value):
         for run, time in ((broken, 1.0), (result, plain.time[-6]))
     )
     assert np.abs(end - sound).mean() < 8  # the camera that follows turns a little earlier
+
+
+@pytest.mark.parametrize("camera", ["side", "follow"])
+def test_several_processes_make_the_same_film(result, tmp_path, camera):
+    """Byte for byte, and nothing else stays."""
+    films = [
+        render_video(result, tmp_path / f"{n}.mp4", camera, width=64, height=36, fps=5, processes=n)
+        for n in (1, 2)
+    ]
+    assert films[0].read_bytes() == films[1].read_bytes()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["1.mp4", "2.mp4"]
+
+
+@pytest.mark.parametrize("fine", [False, True])
+def test_still_pipes_painted_once_are_those_painted_each_time(result, fine):
+    """What the camera that stands paints anew, over the pipes without a robot, gives the picture
+    that is painted as a whole, to the bit, wherever the robot is."""
+    with Stage(result, SIZE, "side", fine=fine) as stage:
+        for row in (0, 17, 34, 50):
+            kept = stage._seen(row)
+            view = stage._camera.view(row, *stage._chassis())
+            region = stage._changed(view)
+            assert region is not None
+            assert region.width * region.height < 0.7 * SIZE[0] * SIZE[1]
+            assert (kept == stage._painted(view)).all()
+
+
+def test_no_specks_in_the_wall_of_a_pipe(result):
+    """Above the robot no pixel is much darker than all those two pixels away from it, where these
+    are of a wall in the light: a wall must not throw dots of shadow on itself."""
+    frame = render_frame(result, 0.0, "side", 640, 360)[:240, 100:]
+    grey = frame.astype(int).sum(axis=2) / 3
+    shifts = [(i, j) for i in (-2, 0, 2) for j in (-2, 0, 2) if i or j]
+    around = np.min([np.roll(grey, shift, axis=(0, 1)) for shift in shifts], axis=0)
+    assert (around > 90).sum() > 15_000
+    assert ((around > 90) & (around - grey > 20))[2:-2, 2:-2].sum() == 0
+
+
+def test_a_pipe_stands_out_from_what_is_behind_it(result):
+    """The wall in the light is three times as bright as the ground, and the cut edge brighter."""
+    (frame,) = render_frames(result, [0.0], "side", 640, 360, overlay=False)
+    grey = frame.astype(int).sum(axis=2) / 3
+    ground, wall, edge = np.percentile(grey, [5, 90, 99.9])
+    assert wall > 3 * ground
+    assert edge > wall + 40
+
+
+def test_the_side_camera_shows_the_pipes_on_the_way(result):
+    """The same picture with and without a long pipe that the robot does not come to."""
+    longer = result.scenario.model_dump(exclude_none=True)
+    frames = []
+    for length in (0.4, 4.0):
+        longer["pipes"][-1]["length"] = length
+        run = replace(result, scenario=Scenario.model_validate(longer))
+        (frame,) = render_frames(run, [0.5], "side", *SIZE, overlay=False)
+        frames.append(frame.astype(int))
+    orange = [(f[..., 0] > f[..., 2] + 60).sum() for f in frames]
+    assert orange[1] > 0.8 * orange[0] > 0
+
+
+def test_onboard_nearer_walls_are_brighter(result):
+    """The lamp's light falls off: the wall beside the robot is brighter than farther on."""
+    frame = render_frame(result, 0.0, "onboard", *SIZE).astype(float).mean(axis=2)
+    assert frame[20:40, 60:260].mean() > 1.5 * frame[75:105, 145:175].mean()
+    assert frame[20:40, 60:260].std() > 3  # its texture
+
+
+def test_a_strip_has_its_stills_letters_and_times(result, tmp_path):
+    """Six stills in two rows of three, on white paper; the first is the picture at its time."""
+    path = render_strip(result, tmp_path / "strip.png", width=160, height=120)
+    sheet = imageio.imread(path)
+    assert sheet.shape == (2 * (120 + 10 + 3) + 3, 3 * 163 + 3, 3)
+    assert (sheet[0] == 255).all()
+    times = strip_times(result)
+    assert len(times) == FRAMES
+    assert times == sorted(times)
+    (first,) = render_frames(result, times[:1], "side", 160, 120, inset=False, overlay=False)
+    assert (sheet[3:123, 3:163] == first).all()
+    assert sheet[124:132, 3:163].min() < 80  # letter and time
+
+
+def test_a_strip_covers_the_fittings(result):
+    """From just before the elbow to the end of the run, which ends in it or behind it."""
+    (elbow,) = (visit for visit in result.timeline() if visit.kind == "elbow")
+    times = strip_times(result, 4)
+    assert times[0] == pytest.approx(max(0.0, elbow.time_enter_s - 0.3))
+    end = result.duration_s if elbow.time_leave_s is None else elbow.time_leave_s + 0.3
+    assert times[-1] == pytest.approx(min(end, result.trajectory.time[-1]))
+
+
+@pytest.mark.parametrize("ending", ["png", "jpg", "pdf"])
+def test_same_run_same_strip(result, tmp_path, ending):
+    """Made twice, the files are the same byte for byte."""
+    strips = [
+        render_strip(
+            result,
+            tmp_path / f"{k}.{ending}",
+            times=[0.1, 0.9],
+            camera="follow",
+            width=64,
+            height=48,
+        ).read_bytes()
+        for k in range(2)
+    ]
+    assert strips[0] == strips[1]
+
+
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        ({"count": 0}, "count: are 0 stills; must be from 1 to 26"),
+        ({"times": [0.5] * 27}, "times: are 27 stills"),
+        ({"times": [0.5, 1.5, float("nan")]}, r"times\[1\]: is 1.5 s; the run goes from 0 to 1 s"),
+        ({"camera": "above"}, "camera"),
+        ({"width": 0}, "width: is 0"),
+    ],
+)
+def test_strips_that_cannot_be_made_are_refused(result, tmp_path, asked, told):
+    """With the place of the fault, and nothing is written."""
+    with pytest.raises(InputError, match=told):
+        render_strip(result, tmp_path / "strip.png", **asked)
+    assert not list(tmp_path.iterdir())
+
+
+def test_films_longer_than_anybody_waits_for_are_refused(result, tmp_path):
+    """A run of a day at full size."""
+    long = Trajectory(
+        86400 * result.trajectory.time,
+        result.trajectory.channels,
+        result.trajectory.phases,
+        result.trajectory.qpos,
+    )
+    with pytest.raises(
+        InputError, match="frames: are 2160001 of 1280 x 720 pixels; at most 542534"
+    ):
+        render_video(replace(result, trajectory=long), tmp_path / "film.mp4")
+    assert not list(tmp_path.iterdir())
 
 
 def test_unwritable_film_is_a_clean_error(result, tmp_path):
@@ -241,9 +394,11 @@ def test_map_shows_the_way_driven_so_far():
         result.trajectory, result.routes(), result.goal_points(), result.plate_rims(), 1280, 720
     )
     grey = np.full((720, 1280, 3), 90, np.uint8)
-    frames = [
-        inset.write(grey, row).astype(int) for row in (0, 900, len(result.trajectory.time) - 1)
-    ]
+    frames = []
+    for row in (0, 900, len(result.trajectory.time) - 1):
+        frame = grey.copy()
+        inset.write(frame, row)
+        frames.append(frame.astype(int))
     yellow = [
         int(((f[..., 0] > 220) & (f[..., 1] > 170) & (f[..., 2] < 100)).sum()) for f in frames
     ]
@@ -252,6 +407,9 @@ def test_map_shows_the_way_driven_so_far():
     assert pink[0] == pink[1] == 0
     assert pink[2] > 50
     assert (frames[2][:, :800] == 90).all()
+    again = grey.copy()
+    inset.write(again, 900)
+    assert (again == frames[1]).all()  # whatever was drawn before
 
 
 def test_map_of_a_plane_network_is_an_elevation():
@@ -271,11 +429,15 @@ def test_overlay_names_fitting_and_gear():
     overlay, grey = Overlay(1280, 720), np.full((720, 1280, 3), 90, np.uint8)
     trajectory = two_legs_result().trajectory
     last = len(trajectory.time) - 1
-    named, long = (
-        overlay.write(grey, trajectory, last, name) for name in ("drop", "a_very_long_name_" * 5)
-    )
+
+    def written(shown: Trajectory, name: str) -> np.ndarray:
+        frame = grey.copy()
+        overlay.write(frame, shown, last, name)
+        return frame
+
+    named, long = (written(trajectory, name) for name in ("drop", "a_very_long_name_" * 5))
     assert (named != long).any()
     assert (long[:, 360:] == 90).all()
     channels = dict(trajectory.channels) | {"gear": np.ones(last + 1)}
     nose_first = Trajectory(trajectory.time, channels, trajectory.phases, trajectory.qpos)
-    assert (overlay.write(grey, nose_first, last, "drop") != named).any()
+    assert (written(nose_first, "drop") != named).any()

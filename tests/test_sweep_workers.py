@@ -29,8 +29,9 @@ from sweep_samples import (
 )
 
 from omnitrack_sim import load_sweep, run_sweep
+from omnitrack_sim.pool import LocalPool
 from omnitrack_sim.sweep import dispatch, workers
-from omnitrack_sim.sweep.workers import DaskPool, LocalPool, WorkersLost
+from omnitrack_sim.sweep.workers import DaskPool, WorkersLost
 
 
 def started(*arguments: object, **more: object) -> subprocess.Popen:

@@ -245,7 +245,8 @@ def _run(rng: random.Random) -> list[str]:
 
 def _render(rng: random.Random) -> list[str]:
     name = rng.choice(("earlier", "earlier", _place(rng), _argument(rng)))
-    return ["render", *_some(rng, camera=_argument, out=_place), "--", name]
+    told = _some(rng, camera=_argument, out=_place, size=_argument, strip=_argument, at=_argument)
+    return ["render", *told, "--", name]
 
 
 def _sweep(rng: random.Random) -> list[str]:

@@ -22,7 +22,7 @@ from omnitrack_sim.cli.common import (
     print_json,
     progress,
 )
-from omnitrack_sim.cli.film import check_camera
+from omnitrack_sim.cli.film import check_camera, filmed
 from omnitrack_sim.cli.replay import PAGE
 
 if TYPE_CHECKING:
@@ -78,7 +78,6 @@ def draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
     """Add plots and replay page to a saved run, and the film where a camera is given; one that
     cannot be made is told as a warning and costs only itself."""
     from omnitrack_sim.film.inset import needs_map
-    from omnitrack_sim.film.render import render_video
     from omnitrack_sim.plots import plot_mission, plot_summary
     from omnitrack_sim.plots.style import attempt
     from omnitrack_sim.replay import write_replay
@@ -94,11 +93,8 @@ def draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
     picture(PAGE, write_replay, "ot.write_replay")
     if camera is not None:
         film = target / "video.mp4"
-        with progress("video", quiet) as report:
-            again = f"`omnitrack render {target} --camera {camera} --out {film}`"
-            attempt(
-                "video", lambda: render_video(result, film, camera=camera, progress=report), again
-            )
+        again = f"`omnitrack render {target} --camera {camera} --out {film}`"
+        attempt("video", lambda: filmed(result, film, camera, quiet), again)
 
 
 def print_result(result: Result, target: Path) -> None:

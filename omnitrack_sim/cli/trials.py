@@ -45,7 +45,8 @@ _Status = TypeVar("_Status", bound=Status)
 
 def make_workers(workers: int | None, dask: str | None) -> Callable[[], Executor] | None:
     """A function that makes the workers; None for trials in this process."""
-    from omnitrack_sim.sweep.workers import DaskPool, LocalPool
+    from omnitrack_sim.pool import LocalPool
+    from omnitrack_sim.sweep.workers import DaskPool
 
     if dask is not None:
         if workers is not None:

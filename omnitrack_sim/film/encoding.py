@@ -14,10 +14,8 @@ from omnitrack_sim.writing import format_of, whole_file
 
 Image = NDArray[np.uint8]
 Append = Callable[[Image], None]
-FORMATS = ("mp4", "gif")
-"""H.264 that plays while it loads, and animated GIF, which repeats."""
-MOST_GIF_FPS = 50
-"""Players show faster GIFs slower than they are."""
+FORMATS = ("mp4", "webm", "gif")
+"""H.264 that plays while it loads, VP9, and animated GIF, which repeats."""
 
 
 def film_format(path: str | Path) -> str:
@@ -47,22 +45,33 @@ def film(path: str | Path, width: int, height: int, fps: int) -> Iterator[Append
 
     imopen: Any = imageio.v3.imopen  # its types know no names of plugins
     format = film_format(path)
-    options = {"movflags": "faststart"} if format == "mp4" else {}
+    # Without bitexact a WebM would be given a number of its own each time.
+    options = {"mp4": {"movflags": "faststart"}, "webm": {"fflags": "+bitexact"}}.get(format, {})
     with (
         whole_file(path) as part,
         imopen(
             part, "w", plugin="pyav", extension=f".{format}", container=format, options=options
         ) as file,
     ):
-        begin = _begin_mp4 if format == "mp4" else _begin_gif
+        begin = {"mp4": _begin_mp4, "webm": _begin_webm, "gif": _begin_gif}[format]
         begin(file, width, height, fps)
         yield file.write_frame
 
 
 def _begin_mp4(file: Any, width: int, height: int, fps: int) -> None:
     file.init_video_stream("libx264", fps=fps, pixel_format="yuv420p")
-    # imageio has no parameter for the encoder's options, and its own take three times as long.
-    file._video_stream.options = {"crf": "20", "preset": "veryfast"}
+    # imageio has no parameter for the encoder's options. Its own take three times as long. A
+    # plainer search and fewer kinds of frames than those of the preset take a third less, and the
+    # file is 2 % larger.
+    plain = "subme=1:weightp=0:bframes=1:b-adapt=0"
+    file._video_stream.options = {"crf": "20", "preset": "veryfast", "x264-params": plain}
+
+
+def _begin_webm(file: Any, width: int, height: int, fps: int) -> None:
+    file.init_video_stream("libvpx-vp9", fps=fps, pixel_format="yuv420p")
+    stream = file._video_stream
+    stream.bit_rate = 0  # constant quality, which "crf" says
+    stream.options = {"crf": "32", "deadline": "realtime", "cpu-used": "6", "row-mt": "1"}
 
 
 def _begin_gif(file: Any, width: int, height: int, fps: int) -> None:

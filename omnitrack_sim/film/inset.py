@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from omnitrack_sim.pipes import Assembly, Part, Route
-from omnitrack_sim.record.trajectory import Trajectory, spans
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.rotations import Array, matrix_from_quaternion
 
 FEW_FITTINGS = 3
@@ -76,6 +76,8 @@ class Inset:
             round(18 * self.unit / _FINER),
         )
         self._background = self._pipes(network, goals, plates)
+        self._panel, self._driven = self._background.copy(), 0
+        self._small = self._panel.reduce(_FINER)
         step = np.abs(np.diff(trajectory["distance"], prepend=trajectory["distance"][0]))
         marks = np.floor(np.cumsum(np.where(np.isfinite(step), step, 0.0)) / 0.01)
         known = np.isfinite(trajectory["position"]).all(axis=1)
@@ -84,16 +86,47 @@ class Inset:
         )
         self._points = self._pixels(trajectory["position"])  # (T, 2)
 
-    def write(self, frame: NDArray[np.uint8], row: int) -> NDArray[np.uint8]:
-        """A copy of ``frame`` (h, w, 3) with the map as of sample ``row``."""
-        panel = self._background.copy()
-        draw = ImageDraw.Draw(panel)
-        self._way(draw, row)
-        self._robot(draw, row)
-        small = panel.resize((self.size[0] // _FINER, self.size[1] // _FINER), Image.Resampling.BOX)
-        image = Image.fromarray(np.ascontiguousarray(frame))
-        image.paste(small.convert("RGB"), self.place, small.getchannel("A"))
-        return np.asarray(image)
+    def write(self, frame: NDArray[np.uint8], row: int) -> None:
+        """Draw the map as of sample ``row`` into ``frame`` (h, w, 3)."""
+        self._drive(int(np.searchsorted(self._rows, row, side="right")))
+        panel = self._small.copy()
+        self._robot(panel, row)
+        left, top = self.place
+        corner = frame[top : top + panel.height, left : left + panel.width]
+        image = Image.fromarray(np.ascontiguousarray(corner))
+        image.paste(panel.convert("RGB"), (0, 0), panel.getchannel("A"))
+        corner[:] = np.asarray(image)
+
+    def _drive(self, count: int) -> None:
+        """Have the way drawn up to the first ``count`` of its points, in the colour of the gear."""
+        if count < self._driven:
+            self._panel, self._driven = self._background.copy(), 0
+            self._small = self._panel.reduce(_FINER)
+        if count > self._driven:
+            draw, first = ImageDraw.Draw(self._panel), max(0, self._driven - 1)
+            for i in range(first, count - 1):
+                self._step(draw, self._rows[i], self._rows[i + 1])
+            self._driven = count
+            points = self._points[self._rows[first:count]]
+            self._renew(points.min(axis=0), points.max(axis=0))
+
+    def _renew(self, low: Array, high: Array) -> None:
+        """Reduce what has been drawn between two corners (2,) of the large map, pixels."""
+        box = self._box(low - 4 * self.unit, high + 4 * self.unit)
+        if box is not None:
+            self._small.paste(self._crop(box).reduce(_FINER), box[:2])
+
+    def _crop(self, box: tuple[int, int, int, int]) -> Image.Image:
+        """What of the large map shows in a box of the small one."""
+        left, top, right, bottom = (_FINER * edge for edge in box)
+        return self._panel.crop((left, top, right, bottom))
+
+    def _box(self, low: Array, high: Array) -> tuple[int, int, int, int] | None:
+        """Pixels of the small map that two corners of the large one span; None without any."""
+        size = self._small.size
+        left, top = np.floor(low / _FINER).astype(int).clip(0, size).tolist()
+        right, bottom = np.ceil(high / _FINER).astype(int).clip(0, size).tolist()
+        return (left, top, right, bottom) if right > left and bottom > top else None
 
     def _flat(self, points: Array) -> Array:
         """``points`` (n, 3) m projected onto the map, (n, 2) m to the right and up."""
@@ -146,22 +179,29 @@ class Inset:
             [tuple(corner) for corner in corners.tolist()], fill=(255, 230, 120), outline=_EDGE
         )
 
-    def _way(self, draw: ImageDraw.ImageDraw, row: int) -> None:
-        """The way driven up to ``row``, in the colour of the gear."""
-        rows = np.append(self._rows[self._rows < row], row)
-        tail_first = self.trajectory["gear"][rows] < 0
-        for first, last in spans(tail_first):
-            points = self._points[rows[first : last + 1]]
-            colour = TAIL_FIRST if tail_first[first] else NOSE_FIRST
-            if len(points) > 1 and np.isfinite(points).all():
-                path = [tuple(point) for point in points.tolist()]
-                draw.line(path, fill=colour, width=max(1, round(3.2 * self.unit)), joint="curve")
+    def _step(self, draw: ImageDraw.ImageDraw, row: int, after: int) -> None:
+        """The way from one sample to another one."""
+        ends = self._points[[row, after]]
+        colour = TAIL_FIRST if self.trajectory["gear"][after] < 0 else NOSE_FIRST
+        thick = max(1, round(3.2 * self.unit))
+        draw.line([tuple(end) for end in ends.tolist()], fill=colour, width=thick)
+        for x, y in ends.tolist():
+            reach = thick / 2 - 0.5
+            draw.ellipse((x - reach, y - reach, x + reach, y + reach), fill=colour)
 
-    def _robot(self, draw: ImageDraw.ImageDraw, row: int) -> None:
+    def _robot(self, panel: Image.Image, row: int) -> None:
         """A dot with an arrow towards the nose, short if that points along the line of sight."""
         centre = self._points[row]
         if not np.isfinite(centre).all():
             return
+        box = self._box(centre - 24 * self.unit, centre + 24 * self.unit)
+        if box is not None:
+            near = self._crop(box)
+            self._draw_robot(ImageDraw.Draw(near), centre - _FINER * np.array(box[:2]), row)
+            panel.paste(near.reduce(_FINER), box[:2])
+
+    def _draw_robot(self, draw: ImageDraw.ImageDraw, centre: Array, row: int) -> None:
+        """``centre`` (2,) pixels."""
         nose = matrix_from_quaternion(self.trajectory["quaternion"][row])[:, 2]
         ahead = (nose @ self.view[:, :2]) * [1, -1]
         aside = np.array([-ahead[1], ahead[0]]) / max(float(np.hypot(*ahead)), 1e-9)

@@ -23,40 +23,38 @@ class Overlay:
 
     def __init__(self, width: int, height: int):
         self.scale = min(height / 720, width / 1280)
-        self._large, self._small = _font(self._px(26)), _font(self._px(17))
+        self._large, self._small = font(self._px(26)), font(self._px(17))
 
     def _px(self, size: float) -> int:
         return max(1, round(size * self.scale))
 
     def write(
         self, frame: NDArray[np.uint8], trajectory: Trajectory, row: int, fitting: str = ""
-    ) -> NDArray[np.uint8]:
-        """A copy of ``frame`` (h, w, 3) with the values of sample ``row`` in its lower left corner.
+    ) -> None:
+        """Write the values of sample ``row`` into the lower left corner of ``frame`` (h, w, 3).
 
         ``fitting`` is the name of the part that the robot's centre is in.
         """
-        image = Image.fromarray(np.ascontiguousarray(frame))
+        px, bottom = self._px, len(frame) - self._px(18)
+        corner = frame[max(0, bottom - px(224)) : bottom, px(18) : px(18) + px(337)]
+        if 0 in corner.shape:
+            return
+        image = Image.fromarray(np.ascontiguousarray(corner))
         draw = ImageDraw.Draw(image, "RGBA")
-        px = self._px
-        left, top = px(18), image.height - px(242)
-        draw.rounded_rectangle(
-            (left, top, left + px(336), image.height - px(18)), px(10), fill=_PANEL
-        )
+        draw.rounded_rectangle((0, 0, px(336), image.height - 1), px(10), fill=_PANEL)
         phase = trajectory.phases[int(trajectory["phase"][row])].replace("_", " ")
-        draw.text((left + px(16), top + px(10)), phase, font=self._large, fill=_TEXT)
+        draw.text((px(16), px(10)), phase, font=self._large, fill=_TEXT)
         place = f"{trajectory.time[row]:5.2f} s     {1000 * trajectory['distance'][row]:5.0f} mm"
         place += f"     tilt {np.degrees(trajectory['tilt'][row]):.0f}°"
         where = f"in {fitting}" if fitting else ""
         if trajectory["gear"][row] < 0:
             where += ", tail first" if where else "tail first"
-        draw.text(
-            (left + px(16), top + px(46)), self._cut(where, px(304)), font=self._small, fill=_TEXT
-        )
-        draw.text((left + px(16), top + px(72)), place, font=self._small, fill=_TEXT)
-        draw.text((left + px(16), top + px(100)), "belt speed, mm/s", font=self._small, fill=_FAINT)
+        draw.text((px(16), px(46)), self._cut(where, px(304)), font=self._small, fill=_TEXT)
+        draw.text((px(16), px(72)), place, font=self._small, fill=_TEXT)
+        draw.text((px(16), px(100)), "belt speed, mm/s", font=self._small, fill=_FAINT)
         for module, speed in enumerate(trajectory["belt_speed"][row]):
-            self._bar(draw, left + px(16), top + px(128 + 30 * module), module, float(speed))
-        return np.asarray(image)
+            self._bar(draw, px(16), px(128 + 30 * module), module, float(speed))
+        corner[:] = np.asarray(image)
 
     def _cut(self, text: str, width: int) -> str:
         """The text on one line, cut so that it is at most ``width`` pixels long."""
@@ -85,7 +83,7 @@ class Overlay:
 
 
 @cache
-def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     """DejaVu Sans from matplotlib's data; Pillow's own letters if it is not there."""
     from importlib.util import find_spec
 

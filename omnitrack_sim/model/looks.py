@@ -78,11 +78,12 @@ def view_direction(network: Assembly) -> Array:
     )
 
 
-def add_robot_looks(spec: mujoco.MjSpec, robot: Robot) -> None:
+def add_robot_looks(spec: mujoco.MjSpec, robot: Robot, coarse: bool = False) -> None:
     """Clothe the bodies of ``model.robot.add_robot``: chassis, shafts, springs, arms, modules and
     lugs (group 2). Lugs are drawn on their tracks, or on the module of a robot that has none.
 
-    Everything is drawn on a robot of scale 1, and then made as large as this one.
+    Everything is drawn on a robot of scale 1, and then made as large as this one. ``coarse``: lugs
+    and springs have a third of the faces, for films, in which a face is as large as a pixel.
     """
     _add_materials(spec)
     size = robot.scale
@@ -92,8 +93,10 @@ def add_robot_looks(spec: mujoco.MjSpec, robot: Robot) -> None:
     meshes = {
         "chassis_core": triangular_prism(0.010, 2 * shaft),
         "chassis_end": triangular_prism(0.016, 0.018),
-        "spring": coil(0.0056, 0.0009, 0.024, 6),
-        "lugs": lug_row(robot.lug_radius, 0.0065, look_pitch(robot), LUGS_SHOWN),
+        "spring": coil(0.0056, 0.0009, 0.024, 6, *((8, 3) if coarse else (14, 6))),
+        "lugs": lug_row(
+            robot.lug_radius, 0.0065, look_pitch(robot), LUGS_SHOWN, 10 if coarse else 36
+        ),
     }
     for name, mesh in meshes.items():
         mesh.vertices *= size
@@ -231,19 +234,16 @@ def add_pipe_insides(spec: mujoco.MjSpec, network: Assembly) -> None:
 def follow_direction(network: Assembly) -> Array:
     """Unit vector (3,), world: from the robot to the camera that keeps with it, where nothing
     speaks against it."""
-    towards = view_direction(network)
-    up = _upward(towards)
-    return unit(towards + 0.20 * up + 0.16 * np.cross(up, towards))
+    return camera_frame(view_direction(network))[:, 2]
 
 
 def add_cameras(spec: mujoco.MjSpec, network: Assembly, size: float = 1.0) -> None:
     """Cameras ``side`` (all pipes), ``follow`` (with the robot, from the cut side) ``onboard``
     (forward); lights. ``size`` is the scale of the robot that the last two keep with."""
     towards = view_direction(network)
+    frame = camera_frame(towards)
     up = _upward(towards)
-    right = np.cross(up, towards)
-    back = unit(towards + 0.20 * up + 0.16 * right)
-    frame = _camera_frame(back, up)
+    right, back = np.cross(up, towards), frame[:, 2]
     low, high = _corners(network)
     middle, distance = _fit(low, high, frame)
     world, chassis = spec.worldbody, spec.body("chassis")
@@ -292,8 +292,11 @@ def _upward(towards: Array) -> Array:
     return unit(up - (up @ towards) * towards)
 
 
-def _camera_frame(back: Array, up: Array) -> Array:
-    """Camera axes as columns (3, 3): right, up, back."""
+def camera_frame(towards: Array) -> Array:
+    """Axes as columns (3, 3), world: right, up, back of a camera that looks at pipes which are cut
+    open in direction ``towards`` (3,), from a little above and to the right of it."""
+    up = _upward(towards)
+    back = unit(towards + 0.20 * up + 0.16 * np.cross(up, towards))
     right = unit(np.cross(up, back))
     return np.stack([right, np.cross(back, right), back], axis=-1)
 

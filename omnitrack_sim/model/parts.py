@@ -28,7 +28,9 @@ def triangular_prism(inradius: float, length: float, corner: float = 0.003) -> t
     return manifold_to_trimesh(Manifold.extrude(section, length).translate((0.0, 0.0, -length / 2)))
 
 
-def lug_row(radius: float, depth: float, pitch: float, count: int) -> trimesh.Trimesh:
+def lug_row(
+    radius: float, depth: float, pitch: float, count: int, steps: int = 36
+) -> trimesh.Trimesh:
     """A row of half-round lugs along z, centred, on the +x side of the module axis.
 
     Args:
@@ -36,6 +38,7 @@ def lug_row(radius: float, depth: float, pitch: float, count: int) -> trimesh.Tr
         depth: radial height of a lug, m.
         pitch: distance of neighbouring lugs, m; a lug takes 62 % of it.
         count: number of lugs.
+        steps: faces along the arc of a lug.
     """
     half, bevel = 0.31 * pitch, 0.1 * pitch
     profile = [
@@ -47,7 +50,7 @@ def lug_row(radius: float, depth: float, pitch: float, count: int) -> trimesh.Tr
         (radius - depth, half),
     ]
     lug = Manifold.revolve(
-        CrossSection([np.array(profile)]), circular_segments=36, revolve_degrees=LUG_ARC_DEG
+        CrossSection([np.array(profile)]), circular_segments=steps, revolve_degrees=LUG_ARC_DEG
     )
     lug = lug.rotate((0.0, 0.0, -LUG_ARC_DEG / 2))
     places = (np.arange(count) - (count - 1) / 2) * pitch

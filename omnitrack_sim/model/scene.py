@@ -62,3 +62,19 @@ def build_scene(
         add_pipe_looks(spec, network)
         add_cameras(spec, network, size=robot.scale)
     return spec
+
+
+def build_looks(
+    network: Assembly, robot: Robot, plates: Sequence[tuple[int, str]] = ()
+) -> mujoco.MjSpec:
+    """The robot, and the plates that close ports of a network, as they are seen: without walls.
+
+    The joints are those of ``build_scene``.
+    """
+    from omnitrack_sim.model.looks import add_robot_looks
+
+    spec = new_spec("omnitrack_looks")
+    add_plates(spec, network, plates, looks=True)
+    add_robot(spec, robot)
+    add_robot_looks(spec, robot, coarse=True)
+    return spec

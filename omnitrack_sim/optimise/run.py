@@ -28,9 +28,9 @@ from omnitrack_sim.optimise.history import final_table, front_table, history_tab
 from omnitrack_sim.optimise.picture import draw_front
 from omnitrack_sim.optimise.spec import Study
 from omnitrack_sim.optimise.trials import Trials
+from omnitrack_sim.pool import LocalPool
 from omnitrack_sim.sweep.dispatch import MakeExecutor, Pool, Status
 from omnitrack_sim.sweep.table import to_csv, to_parquet
-from omnitrack_sim.sweep.workers import LocalPool
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -312,12 +312,13 @@ def _strips(runs: Runs) -> tuple[list[Strip], list[str]]:
     """Frames of a few runs; where they cannot be made, as without OpenGL, a sentence that says
     so."""
     from omnitrack_sim.film.render import render_frames
+    from omnitrack_sim.film.strip import strip_times
 
     strips = []
     try:
         for name, title in STRIPS.values():
             result = runs[name][len(runs[name]) // 2]
-            times = np.linspace(0.0, result.duration_s, FRAMES).tolist()
+            times = strip_times(result, FRAMES)
             strips.append(Strip(title, render_frames(result, times, width=640, height=360), times))
     except Exception as error:  # as of ``attempt``
         return [], [f"No frames: {error}"]

@@ -166,11 +166,13 @@ def _figure(picture: Picture, claims: Sequence[Claim]) -> str:
 
 
 def _strip(strip: Strip) -> str:
+    from omnitrack_sim.film.strip import label
+
     frames = "".join(
         f'<figure><img src="data:image/jpeg;base64,{_jpeg(frame)}" '
         f'alt="{_text(strip.title)} at {time:.1f} s">'
-        f"<figcaption>{time:.1f} s</figcaption></figure>"
-        for frame, time in zip(strip.frames, strip.times, strict=True)
+        f"<figcaption>{label(index)} {time:.1f} s</figcaption></figure>"
+        for index, (frame, time) in enumerate(zip(strip.frames, strip.times, strict=True))
     )
     return f'<h3>{_text(strip.title)}</h3><div class="strip">{frames}</div>'
 
