@@ -1,8 +1,8 @@
 """Draws the stills and the map that the documents show:
 python benchmarks/stills.py [--out FOLDER]
 
-It runs three shipped scenarios and takes a minute. The other pictures are drawn by the commands that
-their pages name.
+It runs three shipped scenarios and takes a minute. The other pictures are drawn by the commands
+that their pages name.
 """
 
 from __future__ import annotations
