@@ -122,7 +122,7 @@ def test_a_worker_that_is_killed_once_costs_nothing(calm, tmp_path, monkeypatch)
 def test_workers_that_never_work_are_told(monkeypatch):
     """Workers that die at once, and a given executor that breaks, end with an error that says
     so."""
-    monkeypatch.setattr(workers, "begin_worker", no_worker)
+    monkeypatch.setattr("omnitrack_sim.pool.begin_worker", no_worker)
     with pytest.raises(WorkersLost, match="before they run anything"):
         run_sweep(small_sweep(), executor=lambda: LocalPool(1))
     with LocalPool(1) as pool, pytest.raises(WorkersLost, match="callable"):
