@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.film.render import CAMERAS
+from omnitrack_sim.film.limits import CAMERAS
 
 OMNITRACK = Path(sys.executable).with_name("omnitrack")
 
@@ -29,7 +29,7 @@ def completed(line, cwd, shell="bash"):
     ("line", "words"),
     [
         ("omnitrack reprod", ["reproduce"]),
-        ("omnitrack run tee", ["tee_straight", "tee_turn", "tee_mine.toml"]),
+        ("omnitrack run tee", ["tee_merge", "tee_straight", "tee_turn", "tee_mine.toml"]),
         ("omnitrack run ", [*ot.shipped_scenarios(), "mine/", "tee_mine.toml"]),
         ("omnitrack run mine/", ["mine/a.json"]),
         ("omnitrack new x --from paper/elbow_p", ["paper/elbow_preferred"]),

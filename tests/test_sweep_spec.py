@@ -31,6 +31,7 @@ GRAVITY = {"path": "world.gravity", "kind": "direction"}
 SHIPPED = {
     "tee_orientation": 120,
     "tee_monte_carlo": 10_000,
+    "tee_merge": 1_000,
     "elbow_orientation": 120,
     "preload_friction": 144,
     "design_reach_length": 400,

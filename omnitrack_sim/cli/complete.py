@@ -43,7 +43,7 @@ def networks(incomplete: str) -> Choices:
 
 def cameras(incomplete: str) -> Choices:
     """The cameras of films."""
-    from omnitrack_sim.film.render import CAMERAS
+    from omnitrack_sim.film.limits import CAMERAS
 
     return [(name, "") for name in CAMERAS if name.startswith(incomplete)]
 

@@ -78,7 +78,7 @@ def view(
 
 def _is_folder(source: str) -> bool:
     """Whether a folder is meant, and no shipped scenario of the same name."""
-    from omnitrack_sim.schema.reading import shipped_scenarios
+    from omnitrack_sim.schema.shipped import shipped_scenarios
 
     try:
         return Path(source).is_dir() and source not in shipped_scenarios()

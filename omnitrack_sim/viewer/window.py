@@ -15,7 +15,6 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.errors import RenderError
-from omnitrack_sim.film.render import FOLLOW_SUN
 from omnitrack_sim.film.viewpoint import DISTANCE, in_the_way
 from omnitrack_sim.model.looks import (
     FIELD_OF_VIEW,
@@ -34,6 +33,8 @@ if TYPE_CHECKING:
 
 INSTALL = "pip install 'omnitrack_sim[view]'"
 """What brings the window's library."""
+SUN = [0.26, 0.25, 0.23]
+"""Red, green, blue of the sun, which throws no shadow here and may not outshine the pipes."""
 _BACK = 1.25
 """Distance of the camera, in that of the films: the window has panels in its corners."""
 _CLOSING = 5.0  # s, longest wait for the window to go
@@ -93,7 +94,7 @@ class Window:
         network = scenario.route.network
         add_pipe_insides(spec, network)
         spec.visual.global_.fovy = FIELD_OF_VIEW
-        spec.light("sun").diffuse = FOLLOW_SUN
+        spec.light("sun").diffuse = SUN
         self.model = spec.compile()
         self._data = mujoco.MjData(self.model)
         self._parts = network.parts
