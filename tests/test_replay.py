@@ -15,7 +15,7 @@ import trimesh
 from samples import sample_result, sample_trajectory, two_legs_result
 from test_cli import omnitrack
 
-from omnitrack_sim import load_scenario, override, write_replay
+from omnitrack_sim import override, write_replay
 from omnitrack_sim.errors import InputError, OutputError, RenderError
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
@@ -170,17 +170,21 @@ def test_arrows_are_as_long_as_half_a_bore_at_most():
 
 def test_differences_of_scenarios_are_told_by_path():
     """Both values; nothing of what is the same."""
-    one, other = load_scenario("straight"), load_scenario("straight")
-    assert differences(one, other) == []
-    other = override(other, {"contact.friction": 0.3})
-    assert differences(one, other) == [["contact.friction", repr(one.contact.friction), "0.3"]]
+    pipe = {"kind": "straight", "length": 1.0}
+    one, named, other = (
+        sample_result(scenario=validate({"name": "a", "pipes": [pipe | {"name": name}]} | changes))
+        for name, changes in (("x", {}), ("y", {}), ("y", {"contact": {"friction": 0.3}}))
+    )
+    assert differences(one, named) == []
+    friction = one.scenario.contact.friction
+    assert differences(one, other) == [["contact.friction", "", f"{friction:.4g}", "0.3"]]
 
 
 @pytest.mark.parametrize(
     ("pipes", "told"),
     [
         ([{"kind": "straight", "length": 1.1}], "is not"),
-        ([{"kind": "straight", "length": 0.5}] * 2, "has 2 fittings, and the first run 1"),
+        ([{"kind": "straight", "length": 0.5}] * 2, "has 2 fittings, and the first run 1; ot.comp"),
     ],
 )
 def test_a_run_through_other_pipes_is_refused(tmp_path, pipes, told):
@@ -255,7 +259,8 @@ def test_the_command_ends_with_2_for_bad_input(run, tmp_path):
         ([run / "result.json"], "is a file"),
         ([run, "--out", tmp_path / "a.txt"], "choose from: html"),
         ([run, "--out", tmp_path / "none" / "a.html"], "none"),
-        ([run, "--compare", tmp_path / "other"], "other pipes"),
+        ([run, "--compare", tmp_path / "other"], f"--compare {tmp_path / 'other'}: it drove"),
+        ([run, "--compare", tmp_path / "other"], f"`omnitrack compare {run} {tmp_path / 'other'}`"),
     ):
         done = omnitrack("replay", *map(str, words))
         assert done.returncode == 2, words

@@ -243,6 +243,22 @@ def test_scrubbing_shows_the_pose_of_that_time(tees, pair_tab):
     np.testing.assert_allclose(shown, wanted, atol=TOLERANCE)
 
 
+def test_a_plot_has_two_ticks_at_least(pair_tab):
+    """Whatever its bounds, so that its scale can be read."""
+    code = """async () => {
+        const { ticks } = await import("replay/plots");
+        const counts = [];
+        for (let i = 0; i < 400; i++) {
+            const [low, size] = [-0.013 * i, 1.7 * 1.03 ** i];
+            for (const steps of [[], [1, 2, 5, 10, 15, 30, 45, 90, 180]]) {
+                counts.push(ticks([low, low + size], 4, steps).length);
+            }
+        }
+        return Math.min(...counts);
+    }"""
+    assert pair_tab.evaluate(code) >= 2
+
+
 def test_keys_drive_the_page(pair_tab):
     """Space plays and pauses, arrows step, home and end go to the ends, digits choose cameras, a
     question mark opens the help."""
@@ -268,6 +284,10 @@ def test_keys_drive_the_page(pair_tab):
     page.keyboard.press("?")
     assert page.locator("#help").is_visible()
     assert "MIT" in page.locator("#help").text_content()
+    assert page.evaluate("document.activeElement.textContent") == "close"
+    page.keyboard.press("?")
+    assert page.locator("#help").is_hidden()
+    page.keyboard.press("?")
     page.keyboard.press("Escape")
     assert page.locator("#help").is_hidden()
 
@@ -306,8 +326,10 @@ def test_a_second_run_is_a_ghost_with_curves(tees, pair_tab):
     wanted = [np.interp(1.2, other.time, column) for column in other["position"].T]
     np.testing.assert_allclose(ghost, wanted, atol=TOLERANCE)
     assert np.linalg.norm(np.subtract(ghost, own)) > 1e-3
-    assert "second run (control.cruise_speed 0.08)" in head
+    assert "second run (control.cruise_speed 0.08 m/s)" in head
     assert curves == 9
+    assert head.index(tees[0].reason) < head.index("second run (")
+    assert "second run, translucent" in page.locator("#legend").text_content()
 
 
 def test_head_and_figures_tell_the_run(mission, mission_tab):
@@ -324,6 +346,8 @@ def test_head_and_figures_tell_the_run(mission, mission_tab):
     assert rows.count() >= 12
     assert "[object" not in page.locator("#figures-tab").inner_text()
     assert page.locator("#figures-tab td", has_text="phase_time_s cruise").count() == 1
+    distance = rows.filter(has_text="headway along the centreline")
+    assert distance.locator("td").last.get_attribute("colspan") == "3"
     page.get_by_role("button", name="events").click()
     first = page.locator("#events li button").first
     first.click()

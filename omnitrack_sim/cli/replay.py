@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from omnitrack_sim.cli.common import app, out, plain
+from omnitrack_sim.errors import Fault, InputError
 
 PAGE = "replay.html"
 """Name of the page in the folder of its run."""
@@ -32,8 +33,14 @@ def replay(
 ) -> None:
     """Write a page that plays a saved run in any browser, without a network."""
     from omnitrack_sim.replay import write_replay
+    from omnitrack_sim.replay.alike import other_pipes
     from omnitrack_sim.sim.loading import load_result
 
     result = load_result(run_dir)  # before the place of the page, which may be in its folder
-    target = write_replay(result, file or run_dir / PAGE, compare=compare)
+    other = None if compare is None else load_result(compare)
+    if other is not None and (problem := other_pipes(result, other)):
+        hint = "compares figures and scenarios of any two runs"
+        told = f"{problem}; `omnitrack compare {run_dir} {compare}` {hint}"
+        raise InputError(Fault(f"--compare {compare}", told))
+    target = write_replay(result, file or run_dir / PAGE, compare=other)
     out.print(f"saved {plain(str(target))}", soft_wrap=True)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 from omnitrack_sim.record.metrics import METRICS
-from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.sim.comparison import compare
+from omnitrack_sim.sim.notebook import value_row
 from omnitrack_sim.sim.result import Result
-from omnitrack_sim.text import finite, shown
+from omnitrack_sim.text import finite
 
 HEADLINE = {
     "distance_m": "distance",
@@ -64,22 +64,13 @@ def _provenance(result: Result) -> list[list[str]]:
     return rows
 
 
-def differences(one: Scenario, other: Scenario) -> list[list[str]]:
-    """Where two scenarios differ: dotted path and both values, as text."""
-    left, right = (dict(_leaves(scenario.model_dump(mode="json"))) for scenario in (one, other))
+def differences(one: Result, other: Result) -> list[list[str]]:
+    """Where the scenarios of two runs differ, as ``compare`` tells it: dotted path, unit and both
+    values, as text. Names are left out: they change nothing of a run."""
     rows = [
-        [path, shown(left.get(path)), shown(right.get(path))]
-        for path in dict.fromkeys([*left, *right])
-        if left.get(path) != right.get(path)
+        list(value_row(value))
+        for value in compare(one, other).values
+        if value.name.rpartition(".")[2] != "name"
     ]
     rest = len(rows) - MOST_DIFFERENCES
-    return [*rows[:MOST_DIFFERENCES], [f"and {rest} more", "", ""]] if rest > 0 else rows
-
-
-def _leaves(table: dict[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in table.items():
-        path = f"{above}{key}"
-        if isinstance(value, dict) and value:
-            yield from _leaves(value, f"{path}.")
-        else:
-            yield path, value
+    return [*rows[:MOST_DIFFERENCES], [f"and {rest} more", "", "", ""]] if rest > 0 else rows

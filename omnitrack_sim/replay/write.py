@@ -13,9 +13,9 @@ import numpy as np
 
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.film.poses import sound
+from omnitrack_sim.replay.alike import other_pipes
 from omnitrack_sim.replay.packing import Pack
 from omnitrack_sim.sim.result import Result
-from omnitrack_sim.text import clipped
 from omnitrack_sim.writing import check_file, format_of, write_file
 
 FORMATS = ("html",)
@@ -59,7 +59,9 @@ def show_replay(result: _Source, compare: _Source | None = None) -> ReplayPage:
     runs = [as_result(result)]
     if compare is not None:
         runs.append(as_result(compare))
-        _check_pipes(*runs)
+        if problem := other_pipes(*runs):
+            hint = "ot.compare(a, b) compares figures and scenarios of any two runs"
+            raise InputError(Fault("compare", f"{problem}; {hint}"))
     return ReplayPage(page_of(replay_data(runs)))
 
 
@@ -104,7 +106,7 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
         "panels": [dataclasses.asdict(panel) for panel in panels_of(first.trajectory)],
         "headline": HEADLINE,
         "arrows": arrow_scales(trajectory, first.scenario.robot.scale),
-        "differences": differences(*(run.scenario for run in runs)) if len(runs) > 1 else [],
+        "differences": differences(*runs) if len(runs) > 1 else [],
         "shapes": shapes.tables,
         "data": pack.text(),
     }
@@ -129,29 +131,3 @@ def _run_table(result: Result, pack: Pack, shapes: Any) -> dict[str, Any]:
             "events": curves.events_table(result),
             "notes": curves.notes(result),
         }
-
-
-def _check_pipes(one: Result, other: Result) -> None:
-    """Refuse a second run through other pipes: it cannot be shown in those of the first one.
-
-    Raises:
-        InputError: it drove through other pipes, or other ports were closed.
-    """
-    first, second = (run.routes()[0].network.parts for run in (one, other))
-    problem = ""
-    if len(first) != len(second):
-        problem = f"it has {len(second)} fittings, and the first run {len(first)}"
-    for a, b in zip(first, second, strict=False):
-        moved = np.abs(a.pose.position - b.pose.position).max() > SAME_PLACE
-        turned = np.abs(a.pose.rotation - b.pose.rotation).max() > SAME_PLACE
-        if not problem and (a.fitting != b.fitting or moved or turned):
-            problem = f"{clipped(b.name, 60)} is not {clipped(a.name, 60)} of the first run"
-    if not problem and one.scenario.plates != other.scenario.plates:
-        problem = "other ports are closed by plates"
-    if problem:
-        told = f"it drove through other pipes than the first run: {problem}"
-        raise InputError(Fault("compare", told))
-
-
-SAME_PLACE = 1e-6
-"""Difference of positions, m, and of rotations, within which two fittings lie alike."""

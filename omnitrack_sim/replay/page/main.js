@@ -20,7 +20,7 @@ const KEYS = [
   ["t", "tracks: coloured by slip, or by module"],
   ["f", "arrows of the forces on or off"],
   ["+ \u2212", "faster, slower"],
-  ["?", "this list"],
+  ["?", "this list on or off"],
 ];
 const at = (id) => document.getElementById(id);
 const SMALL = 60; // px that the modules lie apart, below which their numbers would overlap
@@ -181,6 +181,10 @@ class Replay {
       legend.append(element("div", {}, "slip ratio 0 ", bar, ` \u2265 ${SLIP_FULL}`));
       legend.append(element("div", {}, air, " track off the wall"));
     }
+    if (this.motions.length > 1) {
+      const veil = element("i", { className: "veil" });
+      legend.append(element("div", {}, veil, " second run, translucent"));
+    }
     for (const [name, { words, colour }] of this.arrows.visible ? Object.entries(FORCES) : []) {
       const sign = element("i", { className: "arrow" });
       sign.style.color = colour;
@@ -190,7 +194,11 @@ class Replay {
   }
 
   key(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey || at("help").open) return;
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (at("help").open) {
+      if (event.key === "?") at("help").close();
+      return;
+    }
     if (event.target.tagName === "SELECT" || event.target.type === "checkbox") return;
     const { key } = event;
     const step = event.shiftKey ? 1 : 0.1;

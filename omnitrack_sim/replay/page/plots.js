@@ -232,8 +232,14 @@ function paintCurve(pen, { motion, values, colour, width, alpha, dash: pattern }
   pen.setLineDash([]);
 }
 
-/** Round numbers within bounds, about `count` of them; `steps` are taken before other ones. */
-export function ticks([low, high], count, steps = []) {
+/** Round numbers within bounds, about `count` >= 4 of them and at least two; `steps` are taken
+ * before other ones where they give two. */
+export function ticks(bounds, count, steps = []) {
+  const found = spaced(bounds, count, steps);
+  return found.length < 2 ? spaced(bounds, 2 * count, []) : found;
+}
+
+function spaced([low, high], count, steps) {
   const raw = (high - low) / count;
   if (!(raw > 0)) return [];
   const power = 10 ** Math.floor(Math.log10(raw));

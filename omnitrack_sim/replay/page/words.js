@@ -30,7 +30,7 @@ export function drag(target, go) {
   }
 }
 
-/** A number with three digits that count. */
+/** A number with three digits, of which at most three stand after the point. */
 export function text3(value) {
   if (value === null || !Number.isFinite(value)) return "\u2013";
   const size = Math.abs(value);
@@ -38,15 +38,20 @@ export function text3(value) {
   return (size < 5e-4 ? 0 : value).toFixed(digits).replace("-", "\u2212");
 }
 
+const ROUNDING = 1e-9; // in units of a figure; less is left over by floating point
+
+/** The numbers of a figure, each with three digits that count. */
 function figure(value) {
   const one = (v) => {
     if (typeof v !== "number") return String(v ?? "\u2013");
-    return v !== 0 && Math.abs(v) < 5e-4 ? v.toExponential(1).replace("-", "\u2212") : text3(v);
+    const small = Math.abs(v) > ROUNDING && Math.abs(v) < 0.9995;
+    return small ? v.toPrecision(3).replaceAll("-", "\u2212") : text3(v);
   };
   return Array.isArray(value) ? value.map(one) : [one(value)];
 }
 
 const MOST_IN_HEAD = 2; // differences of the scenarios told beside the outcome
+const MOST_SIGNS = 24; // of a value in the head; of a longer one only the key is told
 const said = (unit) => (unit === "1" || !unit ? "" : ` ${unit}`);
 
 /** Name, outcome and headline figures. */
@@ -59,12 +64,13 @@ export function tellHead(data) {
   chip.title = first.advice;
   document.getElementById("reason").textContent = first.reason;
   if (second) {
-    const ghost = element("span", { className: "chip ghost", title: second.reason });
-    const few = data.differences.slice(0, MOST_IN_HEAD).map(([path, , value]) => `${path} ${value}`);
-    const more = data.differences.length > MOST_IN_HEAD ? " \u2026" : "";
-    ghost.textContent = `second run (${few.join(", ")}${more}): ${second.outcome} after ` +
+    const ghost = element("span", { className: "chip ghost" });
+    ghost.textContent = `second run${differing(data.differences)}: ${second.outcome} after ` +
       `${second.duration.toFixed(2)} s`;
-    chip.after(ghost);
+    const all = data.differences.map(([key, unit, one, other]) =>
+      `${key}: ${one} \u2192 ${other}${said(unit)}`);
+    ghost.title = [second.reason, ...all].join("\n");
+    document.getElementById("second").append(ghost);
   }
   const list = document.getElementById("headline");
   for (const [name, words] of Object.entries(data.headline)) {
@@ -79,27 +85,40 @@ export function tellHead(data) {
   }
 }
 
+/** What the second run has other than the first, in brackets: short values before long ones. */
+function differing(differences) {
+  if (!differences.length) return "";
+  const short = ([, , , value]) => value.length <= MOST_SIGNS;
+  const ordered = [...differences.filter(short), ...differences.filter((one) => !short(one))];
+  const few = ordered.slice(0, MOST_IN_HEAD).map((one) =>
+    (short(one) ? `${one[0]} ${one[3]}${said(one[1])}` : one[0]));
+  const rest = differences.length - few.length;
+  return ` (${few.join(", ")}${rest ? ` and ${rest} more` : ""})`;
+}
+
 /** All figures of the runs, and where their scenarios differ. */
 export function tellFigures(data) {
   const box = document.getElementById("figures-tab");
   const headings = data.runs.map((run) => run.heading);
   if (data.differences.length) {
     box.append(element("h2", {}, "Where the scenarios differ"));
-    box.append(tableOf(["key", "this run", "second run"], data.differences));
+    box.append(tableOf(["key", "unit", "this run", "second run"], data.differences));
   }
   headings.forEach((heading, i) => {
     const which = headings.length > 1 ? (i ? "second run" : "this run") : "the run";
     box.append(element("h2", {}, `Figures of ${which}`));
     box.append(element("p", {}, `${heading.name}: ${heading.outcome}, ${heading.reason}`));
-    const table = tableOf(["figure", "unit", "1", "2", "3"], heading.figures.map((one) => {
-      const values = figure(one.value);
-      return [one.name, one.unit, ...values];
+    const table = tableOf(["figure", "unit", "module 1", "2", "3"], heading.figures.map((one) => {
+      const what = element("small", {}, one.meaning.split(/[;:]/)[0]);
+      return [element("span", {}, one.name, what), said(one.unit), ...figure(one.value)];
     }));
+    table.className = "figures";
     heading.figures.forEach((one, row) => (table.tBodies[0].rows[row].title = one.meaning));
     box.append(table);
   });
   box.append(element("p", { className: "note" },
-    "Three values are those of modules 1, 2 and 3. Hold the pointer over a figure for what it is."));
+    "Three values are those of modules 1, 2 and 3, a single one is of the whole robot. Hold the " +
+    "pointer over a figure for its full definition."));
 }
 
 function tableOf(heads, rows) {
