@@ -115,8 +115,8 @@ def _print_plan(study: Study) -> None:
     size = sum(sweep.size for sweep in study.unseen)
     out.print(
         f"check: the start, {counted(searches, 'centre')}, and the best {most} of each "
-        f"of {counted(searches, 'direction')}: at most {checked} candidates of {size} "
-        f"{_plural('trial', size)}, {checked * size} trials in all",
+        f"of {counted(searches, 'direction')}: at most {checked} candidates of "
+        f"{counted(size, 'trial')}, {checked * size} trials in all",
         soft_wrap=True,
     )
 
