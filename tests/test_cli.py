@@ -207,7 +207,7 @@ def test_singularity_writes_its_figure(tmp_path):
             ["--plot", "a.png", "--figure", "x"],
             "all, sections, orientations, sector, definitions, map",
         ),
-        (["--plot", "missing/a.png"], "missing/a.png: cannot be written"),
+        (["--plot", "missing/a.png"], "a.png: the folder missing does not exist"),
     ],
 )
 def test_singularity_refuses_bad_input(tmp_path, arguments, message):
