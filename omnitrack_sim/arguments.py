@@ -3,10 +3,15 @@ type is told by the argument's name, with what would be right."""
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from numbers import Real
 from typing import Any, TypeVar
 
+import numpy as np
+
+from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.text import shown
 
 _Thing = TypeVar("_Thing")
@@ -84,6 +89,28 @@ def check_controller(controller: Any) -> None:
         raise TypeError(f"controller: is {_told(controller)}; it must be a class, not its instance")
     if not callable(getattr(controller, "step", None)):
         raise TypeError(f"controller: {controller.__name__} has no method step; see ot.Controller")
+
+
+def check_time(where: str, time: object) -> None:
+    """Look at a time in a run, s.
+
+    Raises:
+        TypeError: it is no number.
+        InputError: it is NaN.
+    """
+    if not isinstance(time, Real):
+        raise TypeError(f"{where}: is {_told(time)}; it must be a number, s")
+    if math.isnan(time):
+        raise InputError(Fault(where, "is nan; it must be a number, s"))
+
+
+def check_times(where: str, times: object) -> None:
+    """Look at times in a run, s; errors as of ``check_time``, and TypeError where they are no
+    list."""
+    if not isinstance(times, Sequence | np.ndarray) or isinstance(times, str):
+        raise TypeError(f"{where}: is {_told(times)}; it must be a list of numbers, s")
+    for i, time in enumerate(times):
+        check_time(f"{where}[{i}]", time)
 
 
 def _told(value: object) -> str:

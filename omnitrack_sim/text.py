@@ -32,6 +32,12 @@ def printable(text: str) -> str:
     )
 
 
+def counted(count: int, one: str, more: str = "") -> str:
+    """A number of things in words: "1 batch", "2 batches"; ``more`` when not given is ``one`` and
+    an s."""
+    return f"{count} {one if count == 1 else more or f'{one}s'}"
+
+
 def clipped(text: str, most: int) -> str:
     """``text``, or its first ``most`` characters and how many there are."""
     return text if len(text) <= most else f"{text[:most]}... ({len(text)} characters)"

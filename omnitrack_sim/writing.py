@@ -208,6 +208,9 @@ def _place(path: str | Path) -> tuple[Path, int | None]:
 
 def _file_place(path: str | Path) -> Path:
     target, mode = _place(path)
+    if mode is None and not target.parent.exists():
+        folder = target.parent if os.path.islink(path) else Path(path).parent
+        raise OutputError(f"{path}: the folder {folder} does not exist")
     if mode is not None and stat.S_ISDIR(mode):
         raise OutputError(f"{path}: is a folder; choose a file")
     if mode is not None and not stat.S_ISREG(mode):

@@ -6,12 +6,31 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from samples import sample_result, sample_trajectory
 
 import omnitrack_sim as ot
+from omnitrack_sim.film.render import render_frames
 
 STRAIGHT = ot.load_scenario("straight")
 ANY: Any = ot
+RESULT = sample_result()
+AXES = Figure().subplots(2)
+NETWORK = ot.load_network("fig14")
+
+
+@pytest.mark.parametrize(
+    ("call", "place"),
+    [
+        (lambda: ot.render_frame(RESULT, float("nan")), "time"),
+        (lambda: render_frames(RESULT, [0.0, float("nan")]), r"times\[1\]"),
+        (lambda: ot.render_strip(RESULT, "a.png", times=[np.nan]), r"times\[0\]"),
+    ],
+)
+def test_a_time_that_is_none_is_refused(call, place):
+    """NaN shows no sample; nothing is painted."""
+    with pytest.raises(ot.InputError, match=f"{place}: is nan; it must be a number, s"):
+        call()
 
 
 class NoController:
@@ -37,6 +56,13 @@ class NoController:
         (lambda: ANY.run(STRAIGHT, sensors=ot.MOTORS), "sensors: is"),
         (lambda: ANY.run(STRAIGHT, metrics=[len]), r"metrics\[0\]: is <built-in"),
         (lambda: ANY.Simulation([STRAIGHT]).step([0.1] * 3), "command: is .* an ot.Command"),
+        (lambda: ANY.plot_channel(RESULT, "tilt", ax=3), "ax: is 3, of type int.*must be axes"),
+        (lambda: ANY.plot_channel(RESULT, "tilt", ax=AXES), "ax: is an array of axes; give one"),
+        (lambda: ANY.plot_network(NETWORK, ax=AXES), "ax: is an array of axes; give one of them"),
+        (lambda: ANY.render_frame(RESULT, "x"), "time: is 'x', of type str; .* a number, s"),
+        (lambda: render_frames(RESULT, [0, None]), r"times\[1\]: is None; it must be a number"),
+        (lambda: render_frames(RESULT, 3), "times: is 3, of type int; .* a list of numbers"),
+        (lambda: ANY.render_strip(RESULT, "a.png", times=["x"]), r"times\[0\]: is 'x'"),
         (lambda: ANY.plot_summary(3, "a.png"), "result: is 3, of type int.*ot.load_result"),
         (lambda: ANY.plot_mission(None, "a.png"), "result: is None"),
         (lambda: ANY.render_frame(STRAIGHT, 0.0), "result: is Scenario"),

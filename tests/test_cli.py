@@ -176,7 +176,10 @@ def test_singularity_table_judges_an_orientation_and_plans_its_roll():
     done = omnitrack("singularity", "--theta5-deg", "60")
     assert all(name in done.stdout for name in ("ellipse", "crotch", "strip", "real", "96.55"))
     assert "theta5 60 deg: singular" in done.stdout
-    assert "theta5 becomes 11.73 deg, belts then run with sign -1" in done.stdout
+    assert (
+        "theta5 becomes 11.73 deg, and the belts then drive backward for a positive speed"
+        in done.stdout
+    )
     done = omnitrack("singularity", "--theta5-deg", "60", "--reach", "0.088")
     assert "no plan: the safe margin is zero" in done.stdout
 
@@ -204,7 +207,7 @@ def test_singularity_writes_its_figure(tmp_path):
             ["--plot", "a.png", "--figure", "x"],
             "all, sections, orientations, sector, definitions, map",
         ),
-        (["--plot", "missing/a.png"], "missing/a.png: cannot be written"),
+        (["--plot", "missing/a.png"], "a.png: the folder missing does not exist"),
     ],
 )
 def test_singularity_refuses_bad_input(tmp_path, arguments, message):

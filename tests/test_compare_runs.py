@@ -12,10 +12,11 @@ from typer.testing import CliRunner
 
 import omnitrack_sim as ot
 from omnitrack_sim.cli import app
-from omnitrack_sim.errors import InputError, OutputError
+from omnitrack_sim.errors import InputError, OmnitrackError, OutputError
 from omnitrack_sim.plots.compare import EACH, WHOLE
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.scenario import validate
+from omnitrack_sim.sim.notebook import figure_row
 
 PIPES = [{"kind": "straight", "length": 1.0}, {"kind": "elbow"}]
 BASE = validate({"name": "base", "pipes": PIPES})
@@ -69,6 +70,16 @@ def test_figures_are_all_numbers_of_both_with_units():
     mine = figures["mine_n"]
     assert (mine.a, mine.b, mine.difference, mine.unit, mine.differs) == (None, 3.0, None, "", True)
     assert sorted(one.name for one in found.figures if one.differs) == ["duration_s", "mine_n"]
+
+
+def test_the_noise_of_floats_is_no_difference():
+    """4e-13 of a number is none, 6e-6 of it is, and the table shows digits that tell it."""
+    metrics = dict(result().metrics) | {"no_load_slip_m_s": 4.127e-06, "contact_fraction": 0.997454}
+    other = metrics | {"no_load_slip_m_s": 4.127e-06 + 1.763e-18, "contact_fraction": 0.997447492}
+    found = ot.compare(result(metrics=metrics), result(metrics=other))
+    (changed,) = (one for one in found.figures if one.differs)
+    row = ("contact_fraction", "1", "0.997454", "0.9974475", "-6.5e-06")
+    assert figure_row(changed) == row
 
 
 def test_numbers_that_are_none_are_the_same():
@@ -158,11 +169,13 @@ def test_the_command_prints_json_and_nothing_else(folders, tmp_path):
         ("a.png", ["a.png"]),
         ("a.PDF", ["a.PDF"]),
         ("new/both", ["new", "new/both", "new/both/comparison.json", "new/both/comparison.png"]),
-        ("here.v1", ["here.v1", "here.v1/comparison.json", "here.v1/comparison.png"]),
+        ("there.v1", ["there.v1", "there.v1/comparison.json", "there.v1/comparison.png"]),
     ],
 )
 def test_the_command_writes_a_figure_or_a_folder(folders, tmp_path, out, files):
-    """By the ending; the figure is that of Python."""
+    """By the ending; the figure is that of Python. A folder that is there may have an ending."""
+    if out == "there.v1":
+        (tmp_path / out).mkdir()
     done = command(*folders, "--out", tmp_path / out)
     assert done.exit_code == 0, done.exception
     assert sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*")) == files
@@ -185,12 +198,18 @@ def test_a_folder_that_is_no_run_is_refused(folders, tmp_path, missing, told):
 
 
 @pytest.mark.parametrize(
-    ("out", "told"), [("file", "is a file; choose a folder"), ("no/a.png", "No such file")]
+    ("out", "told"),
+    [
+        ("file", "is a file; choose a folder"),
+        ("no/a.png", "the folder no does not exist"),
+        ("a.jpg", "no figure ends in .jpg, and a new folder has no ending (choose from: .png"),
+    ],
 )
 def test_a_place_that_cannot_be_written_is_refused_first(tmp_path, out, told):
     """Before the runs are read: that they are missing is not told."""
     (tmp_path / "file").write_text("mine")
     done = command("nothing", "nothing", "--out", tmp_path / out)
-    assert isinstance(done.exception, OutputError)
-    assert told in str(done.exception)
+    assert isinstance(done.exception, OmnitrackError)
+    assert told in str(done.exception).replace(f"{tmp_path}/", "")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
     assert (tmp_path / "file").read_text() == "mine"

@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import json
 import random
+import re
 import shutil
 import zipfile
 from pathlib import Path
@@ -61,6 +62,18 @@ def test_a_file_that_is_cut_short_is_named(run, name):
     for part in (0.1, 0.5, 0.9, 0.99):
         (run / name).write_bytes(data[: int(part * len(data))])
         assert refused(run, name)
+
+
+def test_a_damaged_record_can_be_made_again_from_its_scenario(run):
+    """The advice stands where the scenario is whole, and only there."""
+    again = f"`omnitrack run {run}/scenario.json --out {run}` makes the run again"
+    for name in ("replay.npz", "trajectory.parquet"):
+        (run / name).write_bytes(b"damaged")
+        assert refused(run, name, re.escape(again))
+    (run / "scenario.json").write_bytes(b"damaged")
+    with pytest.raises(OutputError) as caught:
+        load_result(run)
+    assert "omnitrack run" not in str(caught.value)
 
 
 def loaded(folder: Path) -> Result | str:

@@ -90,6 +90,19 @@ def test_record_tells_who_drove(handed_over):
     assert handed_over.scenario.physics.time_limit == LONGEST_DRIVE
 
 
+def test_the_end_is_no_change_of_drivers():
+    """Who ends a run while the autopilot drives does not drive from there on, and the last step is
+    the autopilot's."""
+    plan = [(at(0.05), {"by": "autopilot"}), (at(0.1), {"by": "end"})]
+    result = driven(rolling_tee(), plan)
+    assert [event.who for event in result.events if hasattr(event, "who")] == [
+        "a test",
+        "controller jacobian",
+    ]
+    assert result.trajectory.phase_spans()[-1][0] != "by_hand"
+    assert result.duration_s < 0.2
+
+
 def test_driven_scenario_is_driven_anew_without_its_orders(handed_over):
     """Name and autopilot stay, the orders go."""
     anew = to_drive(handed_over.scenario, "keyboard")

@@ -69,7 +69,7 @@ COMMANDS = {
         ("..", "png, svg, pdf"),
         ("/dev/full", "png, svg, pdf"),
         ("pipe.svg", "is a device"),
-        ("missing/plot.svg", "No such file or directory"),
+        ("missing/plot.svg", "missing does not exist"),
         ("file/plot.svg", "Not a directory"),
         ("/proc/plot.svg", "cannot be written"),
         (f"{LONG}.svg", "name too long"),
@@ -87,7 +87,7 @@ def test_figures(place, command, plot, told):
         ("/", "is a folder"),
         ("..", "is a folder"),
         ("/dev/full", "is a device"),
-        ("missing/net.toml", "No such file or directory"),
+        ("missing/net.toml", "missing does not exist"),
         (f"{LONG}.toml", "name too long"),
     ],
 )
@@ -139,7 +139,7 @@ def test_sweeps_and_studies(place, out, told):
         ("film.png", "mp4, webm, gif"),
         ("film", "mp4, webm, gif"),
         ("folder.gif", "is a folder"),
-        ("missing/film.mp4", "No such file or directory"),
+        ("missing/film.mp4", "missing does not exist"),
         (f"{LONG}.mp4", "name too long"),
     ],
 )

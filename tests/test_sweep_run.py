@@ -355,7 +355,7 @@ def test_bad_arguments_end_with_status_2(tmp_path, arguments, told):
 def test_list_shows_trials_and_runs_nothing(tmp_path):
     """--list tells number and first trials and writes nothing; the catalogue names the sweeps."""
     done = omnitrack("sweep", "tee_monte_carlo", "--list", cwd=tmp_path)
-    assert "10000 trials in 313 batches of 1 models" in done.stdout
+    assert "10000 trials in 313 batches of 1 model\n" in done.stdout
     assert "and 9990 more" in done.stdout
     assert list(tmp_path.iterdir()) == []
     assert "sweeps/tee_orientation" in json.loads(omnitrack("scenarios", "--json").stdout)

@@ -49,12 +49,12 @@ def test_the_bar_tells_pace_and_losses_of_this_run(monkeypatch, terminal):
     with _bar() as tell:
         tell(_status(2, found=2))
         tell(_status(4, found=2, lost=1))
-    assert told == ["2 passed", "0.50 trials/s, 0:00:12 left, 4 passed, 1 times workers lost"]
+    assert told == ["2 passed", "0.50 trials/s, 0:00:12 left, 4 passed, workers lost 1 time"]
 
 
 def test_without_a_terminal_lines_tell_size_pace_and_losses(clock, capfd):
     """At once how many trials there are; the pace with the first that are done; then a line each
-    10 s at most, when a tenth more is done or five minutes have passed; not the end."""
+    10 s at most, when a tenth more is done or five minutes have passed; and the end."""
     with _bar() as tell:
         for after, done, lost in (
             (0, 2, 0),
@@ -70,8 +70,9 @@ def test_without_a_terminal_lines_tell_size_pace_and_losses(clock, capfd):
     assert capfd.readouterr().err.splitlines() == [
         "sweep [x]: 10 trials, 2 of them done before",
         "sweep [x]: 4 of 10 trials, 0.50 trials/s, 0:00:12 left, 4 passed",
-        "sweep [x]: 6 of 10 trials, 0.22 trials/s, 0:00:18 left, 6 passed, 1 times workers lost",
-        "sweep [x]: 6 of 10 trials, 0.01 trials/s, 0:05:19 left, 6 passed, 1 times workers lost",
+        "sweep [x]: 6 of 10 trials, 0.22 trials/s, 0:00:18 left, 6 passed, workers lost 1 time",
+        "sweep [x]: 6 of 10 trials, 0.01 trials/s, 0:05:19 left, 6 passed, workers lost 1 time",
+        "sweep [x]: 10 of 10 trials, 10 passed, workers lost 1 time",
     ]
 
 
@@ -86,6 +87,7 @@ def test_without_a_terminal_work_that_takes_a_while_tells_lines(clock, capfd):
         "run \\x1b[2J: 3 runs",
         "run \\x1b[2J: 20 %, 0:00:48 left",
         "run \\x1b[2J: 40 %, 0:00:36 left",
+        "run \\x1b[2J: done in 0:00:30",
     ]
 
 
@@ -116,8 +118,9 @@ def test_an_interruption_says_how_far_it_came(told, said, capfd):
     assert f"interrupted: {said}; the same command goes on" in capfd.readouterr().err
 
 
-def test_a_piped_sweep_tells_its_size_and_keeps_its_json_clean(tmp_path):
-    """Of the command itself: standard output is the summary alone."""
+def test_a_piped_sweep_tells_its_size_and_its_end_and_keeps_its_json_clean(tmp_path):
+    """Of the command itself, also where nothing is left to do: standard output is the summary
+    alone."""
     (tmp_path / "two.toml").write_text(
         'base = "straight"\n'
         '[[axes]]\npath = "contact.friction"\nkind = "list"\nvalues = [0.8, 0.9]\n',
@@ -125,6 +128,8 @@ def test_a_piped_sweep_tells_its_size_and_keeps_its_json_clean(tmp_path):
     )
     command = [Path(sys.executable).with_name("omnitrack"), "sweep", "two.toml", "--json"]
     command += ["--set", "physics.time_limit=0.1", "--workers", "1"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert (done.returncode, done.stderr.splitlines()) == (0, ["sweep two: 2 trials"])
-    assert json.loads(done.stdout)["trials"] == 2
+    for first in ("2 trials", "2 trials, all of them done before"):
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        told = [f"sweep two: {first}", "sweep two: 2 of 2 trials, 0 passed"]
+        assert (done.returncode, done.stderr.splitlines()) == (0, told)
+        assert json.loads(done.stdout)["trials"] == 2

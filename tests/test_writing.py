@@ -176,7 +176,7 @@ def test_names_as_long_as_the_system_takes(tmp_path):
     ("place", "told"),
     [
         ("folder", "is a folder; choose a file"),
-        ("missing/a.txt", "No such file or directory"),
+        ("missing/a.txt", "missing does not exist"),
         ("file/a.txt", "Not a directory"),
         ("/dev/full", "is a device"),
         ("/proc/a.txt", "cannot be written"),

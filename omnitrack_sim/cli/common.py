@@ -188,7 +188,9 @@ def progress(title: str, quiet: bool) -> Iterator[Any]:
         yield None
         return
     if not err.is_terminal:
-        yield _in_lines(Lines(title, err))
+        lines = Lines(title, err)
+        yield _in_lines(lines)
+        lines.end()
         return
     columns = (
         TextColumn("{task.description}"),

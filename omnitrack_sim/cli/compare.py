@@ -9,6 +9,7 @@ import typer
 from rich.table import Table
 
 from omnitrack_sim.cli.common import app, out, plain, print_json
+from omnitrack_sim.errors import Fault, InputError
 
 if TYPE_CHECKING:
     from omnitrack_sim.sim.comparison import Comparison
@@ -58,11 +59,16 @@ def _is_figure(target: Path) -> bool:
 
 def _check(target: Path | None) -> None:
     """Refuse places that cannot be written, before anything is read."""
+    from omnitrack_sim.plots.style import FORMATS
     from omnitrack_sim.writing import check_file, check_folder
 
     if target is not None and _is_figure(target):
         check_file(target)
     elif target is not None:
+        if target.suffix and not target.is_dir():
+            problem = f"no figure ends in {target.suffix}, and a new folder has no ending"
+            endings = tuple(f".{format}" for format in FORMATS)
+            raise InputError(Fault(f"--out {target}", problem, endings))
         check_folder(target)
 
 

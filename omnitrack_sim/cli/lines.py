@@ -27,6 +27,7 @@ class Lines:
         self.began = self._told_at = time.monotonic()
         self._told = 0.0
         self._first = True
+        self.told_any = False
 
     @property
     def elapsed(self) -> float:
@@ -35,15 +36,21 @@ class Lines:
 
     def tell(self, part: float, words: str) -> None:
         """Tell ``words`` if a line is due when this part of the work, 0 to 1, is done. The end is
-        not told: what comes of the work follows it."""
+        told by ``end``."""
         since = time.monotonic() - self._told_at
         far = abs(part - self._told) >= STEP  # the check of a study begins anew at 0
         if part < 1 and since >= WAIT and (self._first or far or since >= LONGEST):
             self._told, self._first = part, False
             self.say(words)
 
+    def end(self) -> None:
+        """Tell how long the work took, if anything was told of it."""
+        if self.told_any:
+            self.say(f"done in {clock(self.elapsed)}")
+
     def say(self, words: str) -> None:
         """Tell ``words`` at once."""
+        self.told_any = True
         self._told_at = time.monotonic()
         self.console.print(printable(f"{self.title}: {words}"), markup=False, soft_wrap=True)
 

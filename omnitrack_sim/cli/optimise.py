@@ -21,6 +21,7 @@ from omnitrack_sim.cli.common import (
     with_changes,
 )
 from omnitrack_sim.cli.trials import DaskOption, WorkersOption, make_workers, trials_bar
+from omnitrack_sim.text import counted
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -102,8 +103,8 @@ def _print_plan(study: Study) -> None:
     searches, candidates = study.search_count, study.candidate_count
     out.print(
         f"search: the start, {searches} x {study.generations} generations x {study.asked_each} "
-        f"candidates, and {searches} {_plural('centre', searches)}: {candidates} candidates of "
-        f"{study.size} {_plural('trial', study.size)}, {candidates * study.size} trials in all",
+        f"candidates, and {counted(searches, 'centre')}: {candidates} candidates of "
+        f"{counted(study.size, 'trial')}, {candidates * study.size} trials in all",
         soft_wrap=True,
     )
     most = study.final.candidates
@@ -113,9 +114,9 @@ def _print_plan(study: Study) -> None:
     checked = min(1 + searches * (most + 1), candidates)
     size = sum(sweep.size for sweep in study.unseen)
     out.print(
-        f"check: the start, {searches} {_plural('centre', searches)}, and the best {most} of each "
-        f"of {searches} {_plural('direction', searches)}: at most {checked} candidates of {size} "
-        f"{_plural('trial', size)}, {checked * size} trials in all",
+        f"check: the start, {counted(searches, 'centre')}, and the best {most} of each "
+        f"of {counted(searches, 'direction')}: at most {checked} candidates of "
+        f"{counted(size, 'trial')}, {checked * size} trials in all",
         soft_wrap=True,
     )
 
@@ -148,10 +149,6 @@ def _print_result(result: StudyResult, target: Path) -> None:
     out.print(f"  candidate {number} of {summary['candidates']}; {told}", soft_wrap=True)
     place, file = plain(str(target)), plain(str(target / BEST_FILE))
     out.print(f"  saved in {place}; its values: --set @{file}", soft_wrap=True)
-
-
-def _plural(word: str, count: int) -> str:
-    return word if count == 1 else f"{word}s"
 
 
 def _shown(value: Any) -> str:

@@ -209,6 +209,7 @@ def _print_orientation(orientation: dict[str, Any]) -> None:
         out.print(
             f"  roll the modules by {plan['roll_change_deg']:.1f} deg to {plan['roll_deg']:.1f}: "
             "theta5 becomes "
-            f"{plan['theta5_deg']:.2f} deg, belts then run with sign {plan['belt_sign']:+d}",
+            f"{plan['theta5_deg']:.2f} deg, and the belts then drive "
+            f"{'forward' if plan['belt_sign'] > 0 else 'backward'} for a positive speed",
             soft_wrap=True,
         )

@@ -24,7 +24,7 @@ from omnitrack_sim.cli.common import (
 )
 from omnitrack_sim.cli.trials import DaskOption, WorkersOption, make_workers, trials_bar
 from omnitrack_sim.errors import Fault, InputError, OutputError
-from omnitrack_sim.text import clipped
+from omnitrack_sim.text import clipped, counted
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -149,7 +149,8 @@ def _print_trials(loaded: Sweep) -> None:
     columns = loaded.trials()
     batches = loaded.batches()
     models = {batch.model for batch in batches}
-    out.print(f"{loaded.size} trials in {len(batches)} batches of {len(models)} models")
+    size, parts = counted(loaded.size, "trial"), counted(len(batches), "batch", "batches")
+    out.print(f"{size} in {parts} of {counted(len(models), 'model')}")
     table = Table("trial", "values", box=None, padding=(0, 2))
     for i in range(min(LISTED, loaded.size)):
         values = ", ".join(f"{name} = {_shown(column[i])}" for name, column in columns.items())

@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from omnitrack_sim.cli.common import err, plain
 from omnitrack_sim.cli.lines import WAIT, Lines, clock
 from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.text import counted
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -114,14 +115,14 @@ def _lines(
     title: str, words: Callable[[_Status, str], tuple[str, ...]]
 ) -> Iterator[Callable[[_Status], None]]:
     """First how many trials there are, then the pace when the first of them are done, if the others
-    take a while."""
+    take a while, and in the end how many are done."""
     lines = Lines(title, err)
+    last: _Status | None = None
     pace_is_told = False
 
     def show(status: _Status) -> None:
         nonlocal pace_is_told
-        text = f"{status.done} of {status.total} trials"
-        text = ", ".join(filter(None, (text, _told(status, words, lines.elapsed))))
+        text = _line(status, _told(status, words, lines.elapsed))
         ran = status.done - status.found
         if ran and not pace_is_told:
             pace_is_told = True
@@ -131,17 +132,30 @@ def _lines(
 
     def first(status: _Status) -> None:
         nonlocal tell
-        found = f", {status.found} of them done before" if status.found else ""
-        lines.say(f"{status.total} trials{found}")
+        many = "all" if status.found == status.total else str(status.found)
+        found = f", {many} of them done before" if status.found else ""
+        lines.say(f"{counted(status.total, 'trial')}{found}")
         tell = show
 
+    def keep(status: _Status) -> None:
+        nonlocal last
+        last = status
+        tell(status)
+
     tell = first
-    yield lambda status: tell(status)
+    yield keep
+    if last is not None:
+        lines.say(_line(last, _told(last, words, 0.0)))
+
+
+def _line(status: Status, told: str) -> str:
+    """How many trials are done, and what else there is to tell."""
+    return ", ".join(filter(None, (f"{status.done} of {counted(status.total, 'trial')}", told)))
 
 
 def _told(status: _Status, words: Callable[[_Status, str], tuple[str, ...]], elapsed: float) -> str:
-    """What stands behind a bar or in a line."""
-    lost = f"{status.lost} times workers lost" if status.lost else ""
+    """What stands behind a bar or in a line; without a pace after 0 s."""
+    lost = f"workers lost {counted(status.lost, 'time')}" if status.lost else ""
     return ", ".join(filter(None, (*words(status, _pace(status, elapsed)), lost)))
 
 

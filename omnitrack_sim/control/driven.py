@@ -210,7 +210,8 @@ class DrivenController:
     def _take_on(self, robot: int, order: Order, observation: Observation) -> Iterable[Event]:
         table, time, was = self._tables[robot], float(observation.time[robot]), self.by_hand[robot]
         self._over[robot] = order.by == "end"
-        self.by_hand[robot] = order.by != "autopilot"
+        if order.by != "end":  # the last step is driven by who drives
+            self.by_hand[robot] = order.by == "hand"
         self._speed[robot], self._steered[robot] = order.speed, order.heading is not None
         if order.heading is not None:
             self._heading[robot] = unit(np.array(order.heading))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from omnitrack_sim.arguments import check_time, check_times
 from omnitrack_sim.film.encoding import Image, film, film_format
 from omnitrack_sim.film.limits import check_frames, check_request
 from omnitrack_sim.film.workers import painted
@@ -86,9 +87,11 @@ def render_frame(
     A time before the start or after the end shows the first or the last sample.
 
     Raises:
-        InputError: unknown camera, or a size that is out of range.
+        InputError: unknown camera, a size that is out of range, or a time that is NaN.
+        TypeError: ``time`` is no number.
         RenderError: no offscreen OpenGL on this machine; the message says what to install.
     """
+    check_time("time", time)
     return render_frames(result, [time], camera, width, height, inset)[0]
 
 
@@ -107,6 +110,7 @@ def render_frames(
     """
     from omnitrack_sim.sim.loading import as_result
 
+    check_times("times", times)
     check_request(camera, width, height)
     check_frames(len(times), width, height)
     options = {"inset": inset, "overlay": overlay}

@@ -12,6 +12,7 @@ import numpy as np
 from PIL import Image as Picture
 from PIL import ImageDraw
 
+from omnitrack_sim.arguments import check_times
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.film.encoding import Image
 from omnitrack_sim.film.limits import check_request
@@ -61,6 +62,8 @@ def render_strip(
     path = Path(path)
     format = format_of(path, None, "picture", FORMATS)
     check_request(camera, width, height)
+    if times is not None:
+        check_times("times", times)
     number = count if times is None else len(times)
     if not 1 <= number <= MOST_FRAMES:
         place = "count" if times is None else "times"

@@ -9,15 +9,16 @@ import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.plots.style import FORMATS, figure_format, save_figure, saving, style
+from omnitrack_sim.text import shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-
-    from matplotlib.axes import Axes
 
 _NOTEBOOK_DPI = 110
 """Dots per inch in a notebook, where a page is then as wide as the text."""
@@ -87,12 +88,27 @@ def chart(
             return own
 
         return page(make, path, format)
+    _check_ax(ax)
     if path is not None:
         raise InputError(Fault("path", "is given with ax; draw first and save the figure of ax"))
     _check_format(path, format)
     with style(more):
         draw(ax)
     return ax.get_figure(root=True)  # type: ignore[return-value]
+
+
+def _check_ax(ax: object) -> None:
+    """Look at where a chart is to be drawn.
+
+    Raises:
+        TypeError: it is no axes of matplotlib.
+    """
+    if isinstance(ax, Axes):
+        return
+    if isinstance(ax, np.ndarray | list | tuple):
+        raise TypeError("ax: is an array of axes; give one of them")
+    told = "it must be axes, such as figure.subplots() makes"
+    raise TypeError(f"ax: is {shown(ax)}, of type {type(ax).__name__}; {told}")
 
 
 def _check_format(path: str | Path | None, format: str | None) -> None:

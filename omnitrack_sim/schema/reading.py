@@ -151,8 +151,8 @@ def fault_of(
         return Fault(where, f"is {shown(given)}", choices, given if isinstance(given, str) else "")
     if kind == "string_pattern_mismatch":
         rule = (
-            "it names a folder: not empty, no leading dot, no slash or backslash, no control "
-            "characters"
+            "it names a folder, so it must not be empty, begin with a dot, or hold a slash, a "
+            "backslash or a control character"
         )
         return Fault(where, f"is {shown(item['input'])}; {rule}")
     if kind in ("too_long", "too_short"):

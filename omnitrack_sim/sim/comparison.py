@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,6 +15,9 @@ from omnitrack_sim.sim.loading import as_result
 from omnitrack_sim.sim.notebook import comparison_html
 from omnitrack_sim.sim.result import Result
 
+NOISE = 1e-9
+"""Part of the larger of two numbers by which they may differ and count as the same: what the order
+of a sum, or one version of a library, makes of a run is far below it."""
 _UNITS = {metric.name: metric.unit for metric in METRICS}
 
 
@@ -41,7 +45,10 @@ class Difference:
 
     @property
     def differs(self) -> bool:
-        """Whether a and b are not the same; what is not a number is the same as itself."""
+        """Whether a and b are not the same; numbers are if they differ by no more than ``NOISE`` of
+        the larger one, and what is not a number is the same as itself."""
+        if self.difference is not None and math.isfinite(self.difference):
+            return abs(self.difference) > NOISE * max(abs(self.a), abs(self.b))
         return self.a != self.b and not (self.a != self.a and self.b != self.b)
 
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -11,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from omnitrack_sim.arguments import check_is
 from omnitrack_sim.drive import drive_of
+from omnitrack_sim.errors import OutputError
 from omnitrack_sim.network import Leg
 from omnitrack_sim.record.events import Event, event_of
 from omnitrack_sim.record.metrics import METRICS, Metrics
@@ -72,13 +76,15 @@ def load_result(directory: str | Path) -> Result:
         scenario = read_back(json.loads(path.read_bytes()))
         if scenario.hash != summary.provenance.get("scenario_sha256"):
             raise ValueError(f"it is not the scenario that {RESULT_FILE} tells the end of")
+    with _advised(folder):
+        trajectory = read_trajectory(folder, drive_of(scenario.robot.drive))
     result = Result(
         scenario=scenario,
         outcome=summary.outcome,
         reason=summary.reason,
         duration_s=summary.duration_s,
         metrics=summary.metrics,
-        trajectory=read_trajectory(folder, drive_of(scenario.robot.drive)),
+        trajectory=trajectory,
         provenance=summary.provenance,
         events=events,
         legs=tuple(Leg(**vars(leg)) for leg in summary.legs),
@@ -86,7 +92,7 @@ def load_result(directory: str | Path) -> Result:
     with reading(folder / RESULT_FILE):
         _check_legs(result)
         routes = len(result.routes())
-    with reading(folder / TRAJECTORY_FILE):
+    with _advised(folder), reading(folder / TRAJECTORY_FILE):
         _check_trajectory(result, routes)
     return result
 
@@ -100,6 +106,17 @@ def as_result(result: Result | str | os.PathLike[str]) -> Result:
     if isinstance(result, str | os.PathLike):
         return load_result(Path(result))
     return check_is(Result, "result", result)
+
+
+@contextmanager
+def _advised(folder: Path) -> Iterator[None]:
+    """Say of a damaged record of a run, whose scenario has been read, how it is made again."""
+    try:
+        yield
+    except OutputError as error:
+        scenario, place = (shlex.quote(str(path)) for path in (folder / SCENARIO_FILE, folder))
+        again = f"`omnitrack run {scenario} --out {place}` makes the run again"
+        raise OutputError(f"{error}; {again}") from error
 
 
 def _summary(text: bytes) -> _Summary:

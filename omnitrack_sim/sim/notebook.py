@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,10 @@ _HEADLINE = (
     ("motor_torque_max_nm", "largest motor torque", "N m", 3),
 )
 """Metric, what people call it, unit, digits."""
+_DIGITS, _MOST_DIGITS = 4, 12
+"""Of a number as people read it, and at most where two numbers hardly differ."""
+_ROUGH = 0.05
+"""Part of a difference by which that of two rounded numbers may be off."""
 _MOST_EVENTS = 12
 _LONGEST = 200
 """Characters of a name, value or event."""
@@ -76,23 +81,30 @@ def _sides(comparison: Comparison) -> tuple[Result, Result]:
 
 def value_row(one: Difference) -> tuple[str, ...]:
     """Path, unit, A and B of a value of the scenarios as text."""
-    return one.name, _unit(one), told(one.a), told(one.b)
+    return one.name, one.unit, told(one.a), told(one.b)
 
 
 def figure_row(one: Difference) -> tuple[str, ...]:
-    """Name, unit, A, B and B - A of a figure as text."""
-    return one.name, _unit(one), told(one.a), told(one.b), told(one.difference)
-
-
-def _unit(one: Difference) -> str:
-    return "" if one.unit == "1" else one.unit
+    """Name, unit, A, B and B - A of a figure as text. A and B have as many digits as show how they
+    differ, and B - A is the difference of what is shown."""
+    a, b, exact = one.a, one.b, one.difference
+    if exact is None or not math.isfinite(exact):
+        return one.name, one.unit, told(a), told(b), told(exact)
+    for digits in range(_DIGITS, _MOST_DIGITS + 1):
+        texts = [
+            f"{value:.{digits}g}" if isinstance(value, float) else str(value) for value in (a, b)
+        ]
+        shown = float(texts[1]) - float(texts[0])
+        if abs(shown - exact) <= _ROUGH * abs(exact):
+            break
+    return one.name, one.unit, *texts, told(shown)
 
 
 def told(value: Any) -> str:
     """A value as people read it: four digits, and a dash for what is not there."""
     if value is None:
         return "-"
-    text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    text = f"{value:.{_DIGITS}g}" if isinstance(value, float) else str(value)
     return clipped(printable(text), _LONGEST)
 
 

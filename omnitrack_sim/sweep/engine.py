@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from omnitrack_sim.arguments import check_is
 from omnitrack_sim.errors import Fault, InputError, SweepError
 from omnitrack_sim.sweep.batch import INVALID
-from omnitrack_sim.sweep.dispatch import MakeExecutor, Pool, Progress, run_missing
+from omnitrack_sim.sweep.dispatch import MakeExecutor, Pool, Progress, all_found, run_missing
 from omnitrack_sim.sweep.folder import Folder, Memory
 from omnitrack_sim.sweep.picture import draw_map
 from omnitrack_sim.sweep.spec import Sweep
@@ -43,7 +43,7 @@ def run_sweep(
             asked again when workers die. An executor given as such is left open.
         shard: (i, n), i from 1: run only every n-th batch. The shard that finishes last writes the
             files of the whole.
-        progress: called with the ``Status`` after each batch.
+        progress: called with the ``Status`` at the beginning and after each batch.
 
     Returns:
         One row for each trial, in order: the whole sweep if all batches are done, else the trials
@@ -62,6 +62,8 @@ def run_sweep(
     if isinstance(store, Folder):
         table = _finished(sweep, store)
         if table is not None:
+            if progress is not None:
+                progress(all_found(table))
             return table
     with Pool(executor) as pool:
         run_missing(mine, store, layout, pool, progress)
