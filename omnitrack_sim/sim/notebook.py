@@ -90,13 +90,13 @@ def figure_row(one: Difference) -> tuple[str, ...]:
     a, b, exact = one.a, one.b, one.difference
     if exact is None or not math.isfinite(exact):
         return one.name, one.unit, told(a), told(b), told(exact)
-    for digits in range(_DIGITS, _MOST_DIGITS + 1):
-        texts = [
-            f"{value:.{digits}g}" if isinstance(value, float) else str(value) for value in (a, b)
-        ]
+    digits = _DIGITS
+    while True:
+        texts = [f"{n:.{digits}g}" if isinstance(n, float) else str(n) for n in (a, b)]
         shown = float(texts[1]) - float(texts[0])
-        if abs(shown - exact) <= _ROUGH * abs(exact):
+        if digits == _MOST_DIGITS or abs(shown - exact) <= _ROUGH * abs(exact):
             break
+        digits += 1
     return one.name, one.unit, *texts, told(shown)
 
 
