@@ -131,5 +131,6 @@ def test_a_piped_sweep_tells_its_size_and_its_end_and_keeps_its_json_clean(tmp_p
     for first in ("2 trials", "2 trials, all of them done before"):
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
         told = [f"sweep two: {first}", "sweep two: 2 of 2 trials, 0 passed"]
-        assert (done.returncode, done.stderr.splitlines()) == (0, told)
+        lines = done.stderr.splitlines()  # a slow machine tells its pace between the two
+        assert (done.returncode, lines[0], lines[-1]) == (0, *told)
         assert json.loads(done.stdout)["trials"] == 2
