@@ -177,7 +177,7 @@ def test_differences_of_scenarios_are_told_by_path():
     )
     assert differences(one, named) == []
     friction = one.scenario.contact.friction
-    assert differences(one, other) == [["contact.friction", "", f"{friction:.4g}", "0.3"]]
+    assert differences(one, other) == [["contact.friction", "1", f"{friction:.4g}", "0.3"]]
 
 
 @pytest.mark.parametrize(
