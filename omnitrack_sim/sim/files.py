@@ -146,7 +146,10 @@ def _read_parquet(path: Path) -> _Table:
     import pyarrow.parquet as pq
 
     with path.open("rb") as file:
-        table = pq.read_table(file, page_checksum_verification=True)
+        # Without threads, which abort a process that ends while they begin.
+        table = pq.read_table(
+            file, use_threads=False, pre_buffer=False, page_checksum_verification=True
+        )
     about = table.schema.metadata
     schema = {**RECORDED}
     for data in json.loads(about[b"own_channels"]):
