@@ -1,9 +1,12 @@
 """The package's layers, its light import, and the built wheel."""
 
+import ast
 import os
 import subprocess
 import sys
 import venv
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -35,6 +38,19 @@ def test_import_is_light():
     code = f"import sys, omnitrack_sim; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_every_imported_name_is_there():
+    """Each name that a module of the package takes from another one, also within a function, is
+    there. Pyright does not look: MuJoCo's bindings are only partly typed."""
+    for file in sorted((ROOT / "omnitrack_sim").rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            module = node.module if isinstance(node, ast.ImportFrom) else None
+            if module is None or not module.startswith("omnitrack_sim"):
+                continue
+            for name in (alias.name for alias in node.names):
+                found = hasattr(import_module(module), name)
+                assert found or find_spec(f"{module}.{name}"), f"{file.name}: {module}.{name}"
 
 
 def test_every_public_name_is_there():
