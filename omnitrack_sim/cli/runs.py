@@ -11,7 +11,6 @@ from rich.table import Table
 
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
-    FAST,
     FastOption,
     ScenarioArgument,
     SetOption,
@@ -21,6 +20,7 @@ from omnitrack_sim.cli.common import (
     plain,
     print_json,
     progress,
+    settings_asked,
 )
 from omnitrack_sim.cli.film import check_camera, filmed
 from omnitrack_sim.cli.replay import PAGE
@@ -58,7 +58,7 @@ def run(
     from omnitrack_sim.sim.run import run as run_scenario
     from omnitrack_sim.writing import check_folder
 
-    loaded = load(scenario, [*(assignments or []), *([FAST] if fast else [])])
+    loaded = load(scenario, settings_asked(assignments, fast))
     camera = camera or ("side" if loaded.mission is None else "follow")
     if video:
         check_camera(camera)

@@ -13,13 +13,13 @@ from rich.table import Table
 
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
-    FAST,
     FastOption,
     SetOption,
     app,
     out,
     plain,
     print_json,
+    settings_asked,
     with_changes,
 )
 from omnitrack_sim.cli.trials import DaskOption, WorkersOption, make_workers, trials_bar
@@ -76,7 +76,7 @@ def sweep(
 
     loaded = with_changes(
         lambda changes: load_sweep(source, changes),
-        [*(assignments or []), *([FAST] if fast else [])],
+        settings_asked(assignments, fast),
     )
     if only_list:
         _print_trials(loaded)

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from omnitrack_sim.cli.common import (
-    FAST,
     FastOption,
     ScenarioArgument,
     SetOption,
     app,
     load,
     out,
+    settings_asked,
 )
 from omnitrack_sim.cli.runs import draw, print_result
 from omnitrack_sim.errors import Fault, InputError
@@ -61,7 +61,7 @@ def view(
 ) -> None:
     """Show a scenario as it runs, or a saved run again, in a window (needs a screen)."""
     pace = _speed(speed)
-    settings = [*(assignments or []), *([FAST] if fast else [])]
+    settings = settings_asked(assignments, fast)
     if _is_folder(source):
         if settings:
             raise InputError(Fault(source, "is a saved run; --set and --fast are for scenarios"))
@@ -116,7 +116,7 @@ def drive(
     from omnitrack_sim.writing import check_folder
 
     pace = _speed(speed)
-    loaded = load(scenario, [*(assignments or []), *([FAST] if fast else [])])
+    loaded = load(scenario, settings_asked(assignments, fast))
     target = folder or Path("out") / driven_name(loaded.name)
     check_folder(target, RESULT_FILE)
     from omnitrack_sim.viewer.show import Driver

@@ -8,12 +8,18 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from omnitrack_sim.film.sight import Eye, Sun
-from omnitrack_sim.film.viewpoint import DISTANCE, in_the_way, view_directions
+from omnitrack_sim.film.viewpoint import (
+    DISTANCE,
+    in_the_way,
+    over_the_shoulder,
+    upright,
+    view_directions,
+)
 from omnitrack_sim.model.looks import FIELD_OF_VIEW, camera_frame, follow_direction, view_direction
 from omnitrack_sim.model.meshes import THICKNESS
 from omnitrack_sim.pipes import Assembly, Route
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.rotations import Array, matrix_from_quaternion, unit
+from omnitrack_sim.rotations import Array, matrix_from_quaternion
 
 AROUND_WAY = 0.3
 """How far around the robot's way the camera ``side`` shows pipes, m, along a pipe."""
@@ -23,7 +29,6 @@ _MARGIN = 1.06
 _PANEL = (0.28, 0.33)  # of the picture's width and height: the panel in the lower left corner
 _HALF = np.tan(np.radians(FIELD_OF_VIEW / 2))  # half of the picture's height at 1 m
 _CLEAR = 0.12  # how much is left of a pipe that is in the way
-_SUN = (0.55, -0.40)  # of the sun's direction: up and to the right of the viewer's
 _ONBOARD_ANGLE, _ONBOARD_PLACE = 88.0, 0.086  # degrees; m before the robot's centre
 _FARTHEST = 30.0  # m seen by the moving cameras
 
@@ -93,7 +98,7 @@ class Side:
             max(far, _FARTHEST),
         )
         right, up, _ = self._frame.T
-        self._towards = unit(self.cut + _SUN[0] * up + _SUN[1] * right)
+        self._towards = over_the_shoulder(self.cut, right, up)
         eye = self._eye
         spheres = [_sphere(part.bore_samples()) for part in network.parts]
         self._clearness = tuple(float(eye.sees(*sphere, aspect)) for sphere in spheres)
@@ -132,12 +137,11 @@ class Follow:
     def view(self, row: int, centre: Array, quaternion: Array) -> View:
         """See ``Camera``."""
         back = self._back[row]
-        right = unit(np.cross([0.0, 0.0, 1.0], back))
-        up = np.cross(back, right)
+        right, up = upright(back)
         place = centre + DISTANCE * back
         frame = np.stack([right, up, back], axis=-1)
         eye = Eye(place, frame, np.radians(FIELD_OF_VIEW), 0.05, _FARTHEST)
-        sun = Sun(unit(back + _SUN[0] * up + _SUN[1] * right), centre, self._reach, SHADOW_REACH)
+        sun = Sun(over_the_shoulder(back, right, up), centre, self._reach, SHADOW_REACH)
         nose = matrix_from_quaternion(quaternion)[:, 2]
         targets = centre + 0.05 * np.array([[0.0], [1.0], [-1.0]]) * nose
         seen = [eye.sees(*sphere, self._aspect) for sphere in self._spheres]

@@ -15,6 +15,8 @@ DISTANCE = 0.68
 """From the robot's centre to the viewer, m."""
 SPACING = 0.06
 """Travel between two neighbouring places for which a direction is chosen, m."""
+SUN_UP, SUN_RIGHT = 0.55, -0.40
+"""How far above the viewer, and to the right, the sun stands, in parts of the way to the viewer."""
 WALL = 0.004
 """How far into its wall a pipe still hides what is behind it, m."""
 _ELEVATIONS, _AZIMUTHS = np.radians([-15, 0, 15, 30, 45, 60]), np.radians(np.arange(0, 360, 22.5))
@@ -50,6 +52,18 @@ def view_directions(trajectory: Trajectory, routes: Sequence[Route], liking: Arr
         padded = np.concatenate([chosen[:1], chosen, chosen[-1:]])
         chosen = unit(padded[:-2] + 2 * padded[1:-1] + padded[2:])
     return unit(np.stack([np.interp(travel, travel[rows], column) for column in chosen.T], axis=-1))
+
+
+def upright(back: Array) -> tuple[Array, Array]:
+    """Right and up (3,), of a picture that is seen from the direction ``back`` (3,)."""
+    right = unit(np.cross([0.0, 0.0, 1.0], back))
+    return right, np.cross(back, right)
+
+
+def over_the_shoulder(back: Array, right: Array, up: Array) -> Array:
+    """Direction (3,) to a sun that stands over the shoulder of a viewer in the direction ``back``
+    (3,), whose picture has these directions (3,)."""
+    return unit(back + SUN_UP * up + SUN_RIGHT * right)
 
 
 def in_the_way(parts: Sequence[Part], eye: Array, targets: Array) -> Array:

@@ -82,17 +82,22 @@ def body_spheres(surface: Surface, bodies: int) -> tuple[Array, Array]:
     return centres, radii
 
 
+def geom_colour(model: mujoco.MjModel, geom: int) -> Array:
+    """Red, green, blue (3,) of a geom, 0 to 1, sRGB."""
+    material = int(model.geom_matid[geom])
+    return (model.geom_rgba[geom] if material < 0 else model.mat_rgba[material])[:3]
+
+
 def _geom(model: mujoco.MjModel, geom: int) -> Surface:
     position, normal, faces = _shape(model, geom)
     rotation = matrix_from_quaternion(model.geom_quat[geom])
     material = int(model.geom_matid[geom])
-    rgb = model.geom_rgba[geom, :3] if material < 0 else model.mat_rgba[material, :3]
     gloss = 0.25 if material < 0 else float(model.mat_specular[material])
     return _painted(
         position @ rotation.T + model.geom_pos[geom],
         normal @ rotation.T,
         faces,
-        (*rgb.tolist(), gloss),
+        (*geom_colour(model, geom).tolist(), gloss),
         int(model.geom_bodyid[geom]),
     )
 

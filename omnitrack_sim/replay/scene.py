@@ -22,12 +22,13 @@ from omnitrack_sim.model.looks import (
 from omnitrack_sim.model.meshes import THICKNESS, cut_normal
 from omnitrack_sim.model.robot import add_robot
 from omnitrack_sim.model.spec import new_spec
+from omnitrack_sim.model.surfaces import geom_colour
 from omnitrack_sim.model.walls import add_plates
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.replay.packing import Pack, rounded
-from omnitrack_sim.replay.solids import Solid, geom_colour, in_body, mesh_solid, together
+from omnitrack_sim.replay.solids import Solid, in_body, mesh_solid, together
 from omnitrack_sim.robot import MODULES
 from omnitrack_sim.rotations import Array, unit
 from omnitrack_sim.scenario import Scenario
@@ -122,7 +123,7 @@ def _body(model: mujoco.MjModel, name: str, shapes: Shapes) -> dict[str, Any]:
     if not solids:
         return {"name": name}
     colours = [
-        [len(solid.vertices), geom_colour(model, geom)]
+        [len(solid.vertices), rounded(geom_colour(model, geom), 4)]
         for solid, geom in zip(solids, geoms.tolist(), strict=True)
     ]
     return {"name": name, "shape": shapes.add(together(solids)), "colours": colours}
@@ -178,8 +179,10 @@ def pipes_table(network: Assembly, model: mujoco.MjModel, shapes: Shapes) -> dic
     plates = np.flatnonzero((model.geom_bodyid == 0) & (model.geom_group == ROBOT_GROUP)).tolist()
     return {
         "parts": parts,
-        "plates": [piece(geom) | {"colour": geom_colour(model, geom)} for geom in plates],
-        "pipe": [round(float(value), 4) for value in model.mat("pipe").rgba[:3]],
+        "plates": [
+            piece(geom) | {"colour": rounded(geom_colour(model, geom), 4)} for geom in plates
+        ],
+        "pipe": rounded(model.mat("pipe").rgba[:3], 4),
         "towards": rounded(towards, 6),
         "back": rounded(follow_direction(network), 6),
         "fov": FIELD_OF_VIEW,

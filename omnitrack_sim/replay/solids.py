@@ -65,13 +65,6 @@ def together(solids: list[Solid]) -> Solid:
     )
 
 
-def geom_colour(model: mujoco.MjModel, geom: int) -> list[float]:
-    """Red, green, blue of a geom, 0 to 1, sRGB."""
-    material = int(model.geom_matid[geom])
-    rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
-    return [round(float(value), 4) for value in rgba[:3]]
-
-
 def _triangles(model: mujoco.MjModel, geom: int) -> tuple[Array, NDArray[np.int64]]:
     """Vertices (n, 3) m and faces (m, 3) of a geom, in its own frame."""
     kinds, kind = mujoco.mjtGeom, int(model.geom_type[geom])

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.errors import RenderError
-from omnitrack_sim.film.viewpoint import DISTANCE, in_the_way
+from omnitrack_sim.film.viewpoint import DISTANCE, in_the_way, over_the_shoulder, upright
 from omnitrack_sim.model.looks import (
     FIELD_OF_VIEW,
     INSIDE_GROUP,
@@ -23,7 +23,7 @@ from omnitrack_sim.model.looks import (
     add_pipe_insides,
     follow_direction,
 )
-from omnitrack_sim.rotations import Array, unit
+from omnitrack_sim.rotations import Array
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.builder import scene_of
 from omnitrack_sim.viewer.figures import Lines
@@ -39,7 +39,6 @@ _BACK = 1.25
 """Distance of the camera, in that of the films: the window has panels in its corners."""
 _CLOSING = 5.0  # s, longest wait for the window to go
 _CLEAR = 0.88  # by how much a pipe that stands before the robot becomes clear
-_SUN = (0.55, -0.40)  # from the viewer to the sun: part upward, part to the right
 
 
 def require_screen() -> None:
@@ -214,10 +213,8 @@ class Window:
         clear = in_the_way(self._parts, eye.lookat + eye.distance * back, targets)
         for geom, share in zip(self._insides, clear, strict=True):
             self.model.geom_rgba[geom] = (red, green, blue, 1 - _CLEAR * share)
-        right = unit(np.cross([0.0, 0.0, 1.0], back))
-        up, aside = _SUN
-        sun = -unit(back + up * np.cross(back, right) + aside * right)
-        self._data.light_xdir[self.model.light("sun").id] = sun
+        sun = over_the_shoulder(back, *upright(back))
+        self._data.light_xdir[self.model.light("sun").id] = -sun
 
 
 def _text(corner: mujoco.mjtGridPos, lines: Lines) -> tuple[int | None, int, str, str]:
