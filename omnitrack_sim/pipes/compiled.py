@@ -33,7 +33,7 @@ STANDS_FOR: dict[Callable[..., Any], str] = {}
 def compiled(what: _Function) -> _Function: ...
 @overload
 def compiled(
-    what: Literal["surface", "span", "collide"],
+    what: Literal["surface", "span", "collide", "trace", "nearest"],
 ) -> Callable[[_Function], _Function]: ...
 def compiled(what: Any) -> Any:
     """``@compiled`` marks a helper; ``@compiled("surface")`` and ``@compiled("span")`` mark what a

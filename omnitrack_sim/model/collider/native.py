@@ -29,6 +29,10 @@ SIGNATURES = {
     "surface": types.float64(_doubles, _double, _double, _double, _doubles),
     "span": types.float64(_doubles, _doubles, *[_double] * 6, _doubles),
     "collide": types.int32(_pointer, _pointer, _pointer, types.int32, types.int32, _double),
+    "trace": types.int32(
+        _doubles, _doubles, _doubles, _word, _doubles, _word, _doubles, _double, _doubles, _doubles
+    ),
+    "nearest": types.int32(_doubles, _doubles, _doubles, _word, _word, _doubles, _doubles),
 }
 _I64 = ir.IntType(64)
 

@@ -1,0 +1,323 @@
+"""Rays against the exact walls: plain Python on numbers, compiled by ``walls``.
+
+A ray is followed by steps of the distance to the wall (sphere tracing), which never pass through
+it. Each part of a network counts between its port planes. A ray that leaves through an open end
+meets nothing; one that leaves through a plate meets that.
+"""
+
+from __future__ import annotations
+
+import math
+
+from omnitrack_sim.model.collider.through import at, call_span, call_surface, scratch
+from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
+
+KIND, CENTRE, REACH, POSITION, ROTATION, PORTS, PLANES, SIZES = 0, 1, 4, 5, 8, 17, 18, 46
+"""Places in the record of a part: number of its kind, a ball around it (3 and its radius, m), its
+pose (3 m, and 9 row by row), the number of its ports; for each port its place (3 m), its direction
+outward (3), world frame, and 1 where a plate closes it; sizes."""
+PORT_SIZE, PART_SIZE = 7, 56
+RANGE, NORMAL, PART, LIT, JOINT, GRAIN, HIT_SIZE = 0, 1, 4, 5, 6, 7, 8
+"""Places of what a ray has met: distance, m, infinite where it has met nothing; the wall's unit
+normal (3) into the bore, world frame; number of the part, from the first of its map, -1 for
+nothing; 1 where the lamp shines on it; distance from the nearest port plane, m; grain of the
+surface, -1 to 1."""
+HIT = 2e-4
+"""Distance from the wall, m, from which the rest is one step by the slope."""
+SHORT = 1e-7
+"""A step at least, m, which crosses port planes in spite of rounding."""
+TOLERANCE = 1e-6
+"""Room beyond a port plane, m, in which a part still counts: there are no gaps at joints."""
+MOST_STEPS = 300
+MOST_NEAR = 32
+"""Parts that one ray can meet."""
+GRAIN_SIZE = 0.012
+"""Of the patches of the surface's grain, m."""
+
+
+@compiled
+def _in_part(parts, p, x, y, z, row):
+    """A coordinate of the world vector (x, y, z) in the frame of the part at ``p``: rotation
+    transposed."""
+    r = p + ROTATION
+    return parts[r + row] * x + parts[r + 3 + row] * y + parts[r + 6 + row] * z
+
+
+@compiled
+def _surface(parts, p, x, y, z, out):
+    """Distance of a world point from the wall of the part at ``p``; gradient, fitting frame, in
+    ``out``."""
+    dx, dy, dz = x - parts[p + POSITION], y - parts[p + POSITION + 1], z - parts[p + POSITION + 2]
+    return call_surface(
+        int(parts[p + KIND]),
+        at(parts, p + SIZES),
+        _in_part(parts, p, dx, dy, dz, 0),
+        _in_part(parts, p, dx, dy, dz, 1),
+        _in_part(parts, p, dx, dy, dz, 2),
+        out,
+    )
+
+
+@compiled
+def _span(parts, p, x, y, z, ux, uy, uz, ends, out):
+    """Have ``out`` hold the part of the line x + s u, from LOW to HIGH in it, that lies between the
+    port planes of the part at ``p``."""
+    dx, dy, dz = x - parts[p + POSITION], y - parts[p + POSITION + 1], z - parts[p + POSITION + 2]
+    call_span(
+        int(parts[p + KIND]),
+        at(parts, p + SIZES),
+        ends,
+        _in_part(parts, p, dx, dy, dz, 0),
+        _in_part(parts, p, dx, dy, dz, 1),
+        _in_part(parts, p, dx, dy, dz, 2),
+        _in_part(parts, p, ux, uy, uz, 0),
+        _in_part(parts, p, ux, uy, uz, 1),
+        _in_part(parts, p, ux, uy, uz, 2),
+        out,
+    )
+
+
+@compiled
+def _near(parts, first, last, x, y, z, ux, uy, uz, far, near, ends, out):
+    """Write the parts that the ray may meet to ``near``, each with its span; returns their
+    number."""
+    count = 0
+    for part in range(first, last):
+        p = part * PART_SIZE
+        cx, cy, cz = parts[p + CENTRE] - x, parts[p + CENTRE + 1] - y, parts[p + CENTRE + 2] - z
+        along = cx * ux + cy * uy + cz * uz
+        reach = parts[p + REACH]
+        beside = cx * cx + cy * cy + cz * cz - along * along
+        if beside > reach * reach or along < -reach or along > far + reach:
+            continue
+        out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -TOLERANCE, far, 0.0, 0.0
+        _span(parts, p, x, y, z, ux, uy, uz, ends, out)
+        if out[HIGH] >= out[LOW] and count < MOST_NEAR:
+            near[3 * count] = part
+            near[3 * count + 1], near[3 * count + 2] = out[LOW] - TOLERANCE, out[HIGH] + TOLERANCE
+            count += 1
+    return count
+
+
+@compiled
+def _widest(parts, near, count, x, y, z, ux, uy, uz, s, out):
+    """Place in ``near`` of the part in whose bore the ray is at s, the widest where there are
+    several, -1 outside all; and the distance from its wall."""
+    best, which = -1e30, -1
+    for k in range(count):
+        if near[3 * k + 1] <= s <= near[3 * k + 2]:
+            d = _surface(
+                parts, int(near[3 * k]) * PART_SIZE, x + s * ux, y + s * uy, z + s * uz, out
+            )
+            if d > best:
+                best, which = d, k
+    return which, best
+
+
+@compiled
+def _follow(parts, near, count, x, y, z, ux, uy, uz, far, out):
+    """Where along a ray the wall is, m, and the place in ``near`` of its part; ``far`` and -1 where
+    the ray gets so far, and the place of the last part where it leaves through a port."""
+    s, last = 0.0, -1
+    for _ in range(MOST_STEPS):
+        k, d = _widest(parts, near, count, x, y, z, ux, uy, uz, s, out)
+        if k < 0:
+            return s, last, 0
+        last = k
+        if d < HIT:
+            d_here = _surface(
+                parts, int(near[3 * k]) * PART_SIZE, x + s * ux, y + s * uy, z + s * uz, out
+            )
+            p = int(near[3 * k]) * PART_SIZE
+            slope = (
+                out[0] * _in_part(parts, p, ux, uy, uz, 0)
+                + out[1] * _in_part(parts, p, ux, uy, uz, 1)
+                + out[2] * _in_part(parts, p, ux, uy, uz, 2)
+            )
+            if slope < -1e-3:
+                s += min(d_here / -slope, 20.0 * HIT)
+            return s, k, 1
+        s_end = near[3 * k + 2]
+        s += max(min(d, s_end - s), SHORT)
+        if s >= far:
+            return far, k, -1
+    return s, last, 1
+
+
+@compiled
+def _grain(x, y, z):
+    """A smooth pattern of the place (fitting frame, m), -1 to 1: dirt and the like."""
+    a, b, c = x / GRAIN_SIZE, y / GRAIN_SIZE, z / GRAIN_SIZE
+    first = math.sin(a + 1.7 * math.sin(0.83 * b + 0.4)) * math.sin(b + 1.3 * math.sin(0.71 * c))
+    second = math.sin(2.3 * c + 1.1 * math.sin(1.9 * a)) * math.sin(1.7 * a + 2.9 * b)
+    return 0.6 * first + 0.4 * second
+
+
+@compiled
+def _plate(parts, p, x, y, z):
+    """Place of the port of the part at ``p`` whose plane a world point is nearest to, and the
+    distance from it, m."""
+    best, where = 1e30, p + PLANES
+    for port in range(int(parts[p + PORTS])):
+        q = p + PLANES + port * PORT_SIZE
+        beyond = abs(
+            (x - parts[q]) * parts[q + 3]
+            + (y - parts[q + 1]) * parts[q + 4]
+            + (z - parts[q + 2]) * parts[q + 5]
+        )
+        if beyond < best:
+            best, where = beyond, q
+    return where, best
+
+
+@compiled
+def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, hits, h, out):
+    """Write what a ray has met to ``hits`` from ``h`` on, and whether the lamp shines on it."""
+    hits[h + RANGE], hits[h + PART], hits[h + LIT] = math.inf, -1.0, 0.0
+    hits[h + NORMAL] = hits[h + NORMAL + 1] = hits[h + NORMAL + 2] = 0.0
+    hits[h + JOINT], hits[h + GRAIN] = math.inf, 0.0
+    if met < 0 or k < 0:
+        return False
+    p = int(near[3 * k]) * PART_SIZE
+    wx, wy, wz = x + s * ux, y + s * uy, z + s * uz
+    q, beyond = _plate(parts, p, wx, wy, wz)
+    if met == 0:
+        if parts[q + 6] == 0.0:
+            return False
+        hits[h + NORMAL], hits[h + NORMAL + 1] = -parts[q + 3], -parts[q + 4]
+        hits[h + NORMAL + 2] = -parts[q + 5]
+    else:
+        _surface(parts, p, wx, wy, wz, out)
+        r = p + ROTATION
+        for row in range(3):
+            hits[h + NORMAL + row] = (
+                parts[r + 3 * row] * out[0]
+                + parts[r + 3 * row + 1] * out[1]
+                + parts[r + 3 * row + 2] * out[2]
+            )
+    hits[h + RANGE], hits[h + PART], hits[h + JOINT] = s, near[3 * k] - first, beyond
+    dx, dy, dz = (
+        wx - parts[p + POSITION],
+        wy - parts[p + POSITION + 1],
+        wz - parts[p + POSITION + 2],
+    )
+    hits[h + GRAIN] = _grain(
+        _in_part(parts, p, dx, dy, dz, 0),
+        _in_part(parts, p, dx, dy, dz, 1),
+        _in_part(parts, p, dx, dy, dz, 2),
+    )
+    return True
+
+
+@compiled
+def _lit(parts, first, last, x, y, z, lx, ly, lz, work, ends, out):
+    """1.0 where nothing stands between a point of a wall, moved a little into the bore, and the
+    lamp."""
+    dx, dy, dz = lx - x, ly - y, lz - z
+    far = math.sqrt(dx * dx + dy * dy + dz * dz)
+    if far < 1e-9:
+        return 1.0
+    ux, uy, uz = dx / far, dy / far, dz / far
+    count = _near(parts, first, last, x, y, z, ux, uy, uz, far, work, ends, out)
+    _, _, met = _follow(parts, work, count, x, y, z, ux, uy, uz, far, out)
+    return 1.0 if met < 0 else 0.0
+
+
+@compiled("trace")
+def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
+    """What the rays of cameras meet.
+
+    Args:
+        parts: records of PART_SIZE numbers.
+        maps: (cameras, 2) first and last + 1 of the parts that are a camera's world.
+        poses: (cameras, 12) m place, and rotation row by row, of each camera in the world.
+        cameras: their number.
+        rays: (count, 3) unit vectors, camera frame.
+        count: of rays a camera.
+        lamp: (3,) m, camera frame, then 1 where it is wanted what the lamp shines on.
+        far: m, beyond which nothing is seen.
+        work: room for 3 MOST_NEAR numbers, and as many for the way to the lamp, and zeros for
+            ports.
+        hits: (cameras, count, HIT_SIZE), written to.
+    """
+    out = scratch()
+    to_lamp, ends = at(work, 3 * MOST_NEAR), at(work, 6 * MOST_NEAR)
+    for camera in range(cameras):
+        first, last, c = int(maps[2 * camera]), int(maps[2 * camera + 1]), 12 * camera
+        x, y, z = poses[c], poses[c + 1], poses[c + 2]
+        lx = x + poses[c + 3] * lamp[0] + poses[c + 4] * lamp[1] + poses[c + 5] * lamp[2]
+        ly = y + poses[c + 6] * lamp[0] + poses[c + 7] * lamp[1] + poses[c + 8] * lamp[2]
+        lz = z + poses[c + 9] * lamp[0] + poses[c + 10] * lamp[1] + poses[c + 11] * lamp[2]
+        for ray in range(count):
+            rx, ry, rz = rays[3 * ray], rays[3 * ray + 1], rays[3 * ray + 2]
+            ux = poses[c + 3] * rx + poses[c + 4] * ry + poses[c + 5] * rz
+            uy = poses[c + 6] * rx + poses[c + 7] * ry + poses[c + 8] * rz
+            uz = poses[c + 9] * rx + poses[c + 10] * ry + poses[c + 11] * rz
+            near = _near(parts, first, last, x, y, z, ux, uy, uz, far, work, ends, out)
+            s, k, met = _follow(parts, work, near, x, y, z, ux, uy, uz, far, out)
+            h = (camera * count + ray) * HIT_SIZE
+            seen = _write(parts, first, work, k, met, s, x, y, z, ux, uy, uz, hits, h, out)
+            if seen and lamp[3] > 0.0:
+                nx, ny, nz = hits[h + NORMAL], hits[h + NORMAL + 1], hits[h + NORMAL + 2]
+                lift = 5.0 * HIT
+                hits[h + LIT] = _lit(
+                    parts,
+                    first,
+                    last,
+                    x + s * ux + lift * nx,
+                    y + s * uy + lift * ny,
+                    z + s * uz + lift * nz,
+                    lx,
+                    ly,
+                    lz,
+                    to_lamp,
+                    ends,
+                    out,
+                )
+    return 0
+
+
+@compiled("nearest")
+def nearest(parts, maps, points, robots, count, work, found):
+    """Distances of points from the walls, positive in the bore, with gradients.
+
+    Args:
+        parts, maps: as of ``trace``, a map for each robot.
+        points: (robots, count, 3) m, world frame.
+        work: zeros for ports.
+        found: (robots, count, 5), written to: distance, m; unit gradient (3), world frame; number
+            of the part, from the first of the map, -1 where the point lies between the port planes
+            of none, and then the distance counts for nothing.
+    """
+    out = scratch()
+    for robot in range(robots):
+        first, last = int(maps[2 * robot]), int(maps[2 * robot + 1])
+        for point in range(count):
+            i = robot * count + point
+            x, y, z = points[3 * i], points[3 * i + 1], points[3 * i + 2]
+            best = -1e30
+            found[5 * i], found[5 * i + 4] = 0.0, -1.0
+            found[5 * i + 1] = found[5 * i + 2] = found[5 * i + 3] = 0.0
+            for part in range(first, last):
+                p = part * PART_SIZE
+                cx, cy, cz = (
+                    x - parts[p + CENTRE],
+                    y - parts[p + CENTRE + 1],
+                    z - parts[p + CENTRE + 2],
+                )
+                if cx * cx + cy * cy + cz * cz > parts[p + REACH] * parts[p + REACH]:
+                    continue
+                out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -SHORT, SHORT, 0.0, 0.0
+                _span(parts, p, x, y, z, 0.57735, 0.57735, 0.57735, work, out)
+                if out[HIGH] < out[LOW]:
+                    continue
+                d = _surface(parts, p, x, y, z, out)
+                if d > best:
+                    best = d
+                    found[5 * i], found[5 * i + 4] = d, float(part - first)
+                    for row in range(3):
+                        r = p + ROTATION + 3 * row
+                        found[5 * i + 1 + row] = (
+                            parts[r] * out[0] + parts[r + 1] * out[1] + parts[r + 2] * out[2]
+                        )
+    return 0

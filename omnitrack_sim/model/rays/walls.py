@@ -1,0 +1,142 @@
+"""The walls that rays meet: parts of networks as records, and the compiled functions on them."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Collection, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.model.collider import bring, install
+from omnitrack_sim.model.collider.record import wall_number
+from omnitrack_sim.model.rays import trace
+from omnitrack_sim.pipes import Part
+from omnitrack_sim.rotations import Array
+
+_WORK = 6 * trace.MOST_NEAR + 8
+
+
+class RayWalls:
+    """Maps, each a number of placed parts, whose walls rays meet. Needs the extra ``fast``.
+
+    A map may be the true network or what a robot takes for it; robots may share one.
+
+    Args:
+        maps: parts of each map. closed: (part index, port) that a plate closes, of each map.
+
+    Raises:
+        ImportError: numba is missing.
+        GeometryError: a kind of fitting has a wall that does not compile.
+    """
+
+    def __init__(
+        self,
+        maps: Sequence[Sequence[Part]],
+        closed: Sequence[Collection[tuple[int, str]]] | None = None,
+    ) -> None:
+        install()
+        plates = [()] * len(maps) if closed is None else closed
+        records = [
+            part_record(part, [port for i, port in shut if i == index])
+            for parts, shut in zip(maps, plates, strict=True)
+            for index, part in enumerate(parts)
+        ]
+        for fitting in dict.fromkeys(type(part.fitting) for parts in maps for part in parts):
+            bring(fitting)
+        self._parts = np.array(records).reshape(-1, trace.PART_SIZE)
+        ends = np.cumsum([0, *(len(parts) for parts in maps)])
+        self._spans = np.stack([ends[:-1], ends[1:]], axis=-1).astype(float)
+
+    def trace(
+        self,
+        which: NDArray[np.intp],
+        position: Array,
+        rotation: Array,
+        rays: Array,
+        far: float,
+        lamp: Array | None = None,
+    ) -> Array:
+        """What the rays of n cameras meet (n, k, 8), in the order of ``trace``: range, m (infinite
+        for nothing); unit normal into the bore (3), world frame; number of the part in its map, -1
+        for nothing; 1 where the lamp shines; distance from the nearest joint or end, m; grain, -1
+        to 1.
+
+        Args:
+            which: (n,) map of each camera.
+            position: (n, 3) m, world frame. rotation: (n, 3, 3) camera frame in the world.
+            rays: (k, 3) unit vectors, camera frame.
+            far: m, beyond which nothing is seen.
+            lamp: (3,) m, camera frame; none: nobody asks what it shines on.
+        """
+        n, k = len(position), len(rays)
+        poses = np.concatenate([position, rotation.reshape(n, 9)], axis=1)
+        light = np.zeros(4) if lamp is None else np.array([*lamp, 1.0])
+        hits = np.empty((n, k, trace.HIT_SIZE))
+        _entry("trace")(
+            *_pointers(self._parts, self._spans[which], poses),
+            n,
+            *_pointers(np.ascontiguousarray(rays, float)),
+            k,
+            *_pointers(light),
+            far,
+            *_pointers(np.zeros(_WORK), hits),
+        )
+        return hits
+
+    def nearest(self, which: NDArray[np.intp], points: Array) -> tuple[Array, Array, Array]:
+        """Distances (n, k) m of points (n, k, 3) m from the walls, positive in the bore; unit
+        gradients (n, k, 3); and the parts (n, k) that they lie in, -1 for none, where the distance
+        means nothing. World frame; ``which`` (n,): map of each row."""
+        n, k = points.shape[:2]
+        found = np.empty((n, k, 5))
+        _entry("nearest")(
+            *_pointers(self._parts, self._spans[which], np.ascontiguousarray(points)),
+            n,
+            k,
+            *_pointers(np.zeros(8), found),
+        )
+        return found[..., 0], found[..., 1:4], found[..., 4]
+
+
+def part_record(part: Part, closed: Collection[str] = ()) -> Array:
+    """The record (PART_SIZE,) of a placed part, for this process only; ``closed``: ports that a
+    plate closes."""
+    fitting, pose = part.fitting, part.pose
+    record = np.zeros(trace.PART_SIZE)
+    low, high = fitting.bounds
+    record[trace.KIND] = wall_number(fitting.wall)
+    record[trace.CENTRE : trace.CENTRE + 3] = pose.apply((low + high) / 2)
+    # Points that are measured a little outside the wall still belong to it.
+    record[trace.REACH] = float(np.linalg.norm(high - low)) / 2 + fitting.largest_radius / 2
+    record[trace.POSITION : trace.POSITION + 3] = pose.position
+    record[trace.ROTATION : trace.ROTATION + 9] = pose.rotation.ravel()
+    record[trace.PORTS] = len(fitting.port_names)
+    for i, name in enumerate(fitting.ports):
+        port, place = part.port(name), trace.PLANES + trace.PORT_SIZE * i
+        record[place : place + 3] = port.position
+        record[place + 3 : place + 6] = port.rotation[:, 2]
+        record[place + 6] = name in closed
+    record[trace.SIZES : trace.SIZES + len(fitting.sizes)] = fitting.sizes
+    return record
+
+
+@cache
+def _entry(name: str) -> Any:
+    """A compiled function, which holds no interpreter lock."""
+    from omnitrack_sim.model.collider.compile import compile_entry
+
+    install()
+    kept = compile_entry(getattr(trace, name))
+    _kept.append(kept)
+    return kept.ctypes
+
+
+_kept: list[Any] = []
+"""Compiled functions, for good: their addresses are called."""
+
+
+def _pointers(*arrays: Array) -> list[Any]:
+    return [array.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for array in arrays]

@@ -1,0 +1,106 @@
+"""Rays on the exact walls, against the walls' own distance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import omnitrack_sim as ot
+
+pytest.importorskip("numba")
+from omnitrack_sim.model.rays import RayWalls
+
+AHEAD, SIDE = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+ONE = np.zeros(1, int)
+
+
+def cone(count=300, half_angle=0.9):
+    """Directions spread evenly about z, camera frame."""
+    k = np.arange(count) + 0.5
+    tilt, turn = half_angle * np.sqrt(k / count), k * 2.399963
+    return np.stack(
+        [np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)], axis=-1
+    )
+
+
+@pytest.mark.parametrize("name", ["tee_turn", "elbow_short", "reducer", "wye_turn"])
+def test_rays_end_on_the_wall_and_pass_through_none(name):
+    """Where a ray ends the distance from the wall is nothing, and it is positive all along it."""
+    route = ot.load_scenario(name).route
+    walls, line = RayWalls([route.network.parts]), route.centreline
+    distance = np.linspace(0.1, line.length - 0.1, 7)
+    position, frames = line.at(distance)[0], line.frame(distance)
+    rays = cone()
+    hits = walls.trace(np.zeros(7, int), position, frames, rays, 2.0)
+    reach, normal = hits[..., 0], hits[..., 1:4]
+    directions = np.einsum("nij,kj->nki", frames, rays)
+    met = np.isfinite(reach)
+    assert met.mean() > 0.8
+    far = np.where(met, reach, 0.0)[..., None]
+    ends, gradient = route.network.signed_distance(position[:, None] + far * directions)
+    assert np.abs(ends[met]).max() < 2e-4
+    beside_joints = met & (hits[..., 6] > 1e-3)  # at a reducer's end the wall has an edge
+    assert (normal * gradient).sum(axis=-1)[beside_joints].min() > 0.999
+    for part in np.linspace(0.05, 0.98, 12):
+        inside, _ = route.network.signed_distance(position[:, None] + part * far * directions)
+        assert inside[met].min() > -1e-6
+
+
+def test_a_ray_along_a_pipe_leaves_through_its_open_end_and_meets_a_plate():
+    """Nothing is met where the pipe is open; a plate is met in the port's plane."""
+    route = ot.load_scenario("straight").route
+    line = route.centreline
+    position, frame = line.at(np.array([0.2]))[0], line.frame(np.array([0.2]))
+    parts = route.network.parts
+    way_out = line.length - 0.2
+    last = len(parts) - 1, route.fittings[-1].leave
+    for closed, wanted in (((), np.inf), ((last,), way_out)):
+        walls = RayWalls([parts], [closed])
+        hit = walls.trace(ONE, position, frame, AHEAD[None], way_out + 1.0)[0, 0]
+        assert hit[0] == pytest.approx(wanted, abs=1e-5)
+    assert hit[1:4] @ frame[0, :, 2] == pytest.approx(-1.0)
+
+
+def test_the_lamp_does_not_shine_round_the_corner_of_a_branch():
+    """A lamp beside the lens leaves a part of what the lens sees in the dark, at the lens none."""
+    route = ot.load_scenario("tee_turn").route
+    walls, line = RayWalls([route.network.parts]), route.centreline
+    tee = next(part for part in route.network.parts if part.fitting.kind == "tee")
+    start = route.fittings[0].s_enter
+    at = np.array([float(np.linalg.norm(tee.pose.position)) - 0.12 + start])
+    position, frame = line.at(at)[0], line.frame(at)
+    lit = {}
+    for beside in (0.0, 0.03):
+        lamp = np.array([beside, 0.0, 0.0])
+        hits = walls.trace(ONE, position, frame, cone(2000, 1.2), 2.0, lamp)[0]
+        lit[beside] = hits[np.isfinite(hits[:, 0]), 5].mean()
+    assert lit[0.0] > 0.999
+    assert lit[0.03] < lit[0.0]
+
+
+def test_points_lie_as_deep_as_the_network_says():
+    """``nearest`` is ``Assembly.signed_distance`` within the bore."""
+    network = ot.load_scenario("tee_turn").route.network
+    line = ot.load_scenario("tee_turn").route.centreline
+    generator = np.random.default_rng(1)
+    middle = line.at(generator.uniform(0.05, line.length - 0.05, 400))[0]
+    points = middle + generator.uniform(-0.04, 0.04, (400, 3))
+    distance, gradient, part = RayWalls([network.parts]).nearest(ONE, points[None])
+    wanted, slope = network.signed_distance(points)
+    inside = wanted > 0.001
+    assert inside.sum() > 300
+    assert (part[0, inside] >= 0).all()
+    assert distance[0, inside] == pytest.approx(wanted[inside], abs=1e-12)
+    assert gradient[0, inside] == pytest.approx(slope[inside], abs=1e-9)
+
+
+def test_each_camera_has_a_map_of_its_own():
+    """Cameras look at the map that they are given, in one call."""
+    straight, tee = (ot.load_scenario(name).route for name in ("straight", "tee_turn"))
+    walls = RayWalls([straight.network.parts, tee.network.parts])
+    line = tee.centreline
+    position, frame = line.at(np.array([0.2] * 2))[0], line.frame(np.array([0.2] * 2))
+    both = walls.trace(np.array([0, 1]), position, frame, cone(), 2.0)
+    alone = RayWalls([tee.network.parts]).trace(ONE, position[:1], frame[:1], cone(), 2.0)
+    assert both[1].tobytes() == alone[0].tobytes()
+    assert both[0].tobytes() != alone[0].tobytes()
