@@ -20,8 +20,8 @@ PORT_SIZE, PART_SIZE = 7, 56
 RANGE, NORMAL, PART, LIT, JOINT, GRAIN, HIT_SIZE = 0, 1, 4, 5, 6, 7, 8
 """Places of what a ray has met: distance, m, infinite where it has met nothing; the wall's unit
 normal (3) into the bore, world frame; number of the part, from the first of its map, -1 for
-nothing; 1 where the lamp shines on it; distance from the nearest port plane, m; grain of the
-surface, -1 to 1."""
+nothing; how squarely the lamp shines on it: cosine of the angle from its normal, 0 in the dark;
+distance from the nearest port plane, m; grain of the surface, -1 to 1."""
 HIT = 2e-4
 """Distance from the wall, m, from which the rest is one step by the slope."""
 SHORT = 1e-7
@@ -210,17 +210,22 @@ def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, hits, h, out):
 
 
 @compiled
-def _lit(parts, first, last, x, y, z, lx, ly, lz, work, ends, out):
-    """1.0 where nothing stands between a point of a wall, moved a little into the bore, and the
-    lamp."""
+def _lit(parts, first, last, x, y, z, nx, ny, nz, lx, ly, lz, work, ends, out):
+    """How squarely the lamp at l shines on the wall at a point with normal n; 0 where something
+    stands between them. The way to the lamp begins a little off the wall."""
+    lift = 5.0 * HIT
+    x, y, z = x + lift * nx, y + lift * ny, z + lift * nz
     dx, dy, dz = lx - x, ly - y, lz - z
     far = math.sqrt(dx * dx + dy * dy + dz * dz)
     if far < 1e-9:
         return 1.0
     ux, uy, uz = dx / far, dy / far, dz / far
+    facing = ux * nx + uy * ny + uz * nz
+    if facing <= 0.0:
+        return 0.0
     count = _near(parts, first, last, x, y, z, ux, uy, uz, far, work, ends, out)
     _, _, met = _follow(parts, work, count, x, y, z, ux, uy, uz, far, out)
-    return 1.0 if met < 0 else 0.0
+    return facing if met < 0 else 0.0
 
 
 @compiled("trace")
@@ -234,7 +239,7 @@ def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
         cameras: their number.
         rays: (count, 3) unit vectors, camera frame.
         count: of rays a camera.
-        lamp: (3,) m, camera frame, then 1 where it is wanted what the lamp shines on.
+        lamp: (3,) m, camera frame, then 1 where its light is asked for.
         far: m, beyond which nothing is seen.
         work: room for 3 MOST_NEAR numbers, and as many for the way to the lamp, and zeros for
             ports.
@@ -258,15 +263,16 @@ def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
             h = (camera * count + ray) * HIT_SIZE
             seen = _write(parts, first, work, k, met, s, x, y, z, ux, uy, uz, hits, h, out)
             if seen and lamp[3] > 0.0:
-                nx, ny, nz = hits[h + NORMAL], hits[h + NORMAL + 1], hits[h + NORMAL + 2]
-                lift = 5.0 * HIT
                 hits[h + LIT] = _lit(
                     parts,
                     first,
                     last,
-                    x + s * ux + lift * nx,
-                    y + s * uy + lift * ny,
-                    z + s * uz + lift * nz,
+                    x + s * ux,
+                    y + s * uy,
+                    z + s * uz,
+                    hits[h + NORMAL],
+                    hits[h + NORMAL + 1],
+                    hits[h + NORMAL + 2],
                     lx,
                     ly,
                     lz,

@@ -61,8 +61,8 @@ class RayWalls:
     ) -> Array:
         """What the rays of n cameras meet (n, k, 8), in the order of ``trace``: range, m (infinite
         for nothing); unit normal into the bore (3), world frame; number of the part in its map, -1
-        for nothing; 1 where the lamp shines; distance from the nearest joint or end, m; grain, -1
-        to 1.
+        for nothing; how squarely the lamp shines there, cosine, 0 in the dark; distance from the
+        nearest joint or end, m; grain, -1 to 1.
 
         Args:
             which: (n,) map of each camera.

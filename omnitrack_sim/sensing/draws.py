@@ -1,0 +1,54 @@
+"""Random numbers by counting: each is a function of a key, a name and a number of the draw.
+
+So a robot draws the same alone and in a batch, whatever the others do, and whatever was drawn
+before.
+"""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.rotations import Array
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+Keys = NDArray[np.uint64]
+
+
+def keys(texts: list[str]) -> Keys:
+    """A key (n,) for each robot, from a text of its own."""
+    digests = (hashlib.sha256(text.encode()).digest()[:8] for text in texts)
+    return np.array([int.from_bytes(digest, "little") for digest in digests], np.uint64)
+
+
+def uniform(keys: Keys, name: str, draw: int, count: int) -> Array:
+    """Numbers (n, count) in (0, 1).
+
+    Args:
+        keys: (n,) of the robots. name: of what is drawn. draw: its number. count: of numbers.
+
+    The mixing is that of SplitMix64 (Steele, Lea and Flood, 2014).
+    """
+    stream = int.from_bytes(hashlib.sha256(f"{name} {draw}".encode()).digest()[:8], "little")
+    with np.errstate(over="ignore"):
+        start = _mixed(keys ^ np.uint64(stream))
+        z = _mixed(start[:, None] + np.arange(1, count + 1, dtype=np.uint64) * _GOLDEN)
+    return ((z >> np.uint64(11)).astype(float) + 0.5) * 2.0**-53
+
+
+def normal(keys: Keys, name: str, draw: int, count: int) -> Array:
+    """Numbers (n, count) of the standard normal distribution, by Box and Muller; see
+    ``uniform``."""
+    half = (count + 1) // 2
+    u = uniform(keys, name, draw, 2 * half)
+    size, turn = np.sqrt(-2.0 * np.log(u[:, :half])), 2 * np.pi * u[:, half:]
+    return np.concatenate([size * np.cos(turn), size * np.sin(turn)], axis=1)[:, :count]
+
+
+def _mixed(z: Keys) -> Keys:
+    z = (z ^ (z >> np.uint64(30))) * _FIRST
+    z = (z ^ (z >> np.uint64(27))) * _SECOND
+    return z ^ (z >> np.uint64(31))
