@@ -47,7 +47,8 @@ def look(
     readings |= more
     watching.average(readings, np.full((n, 3), SPEED), saturated)
     goal = np.full(n, LENGTH - 0.1)
-    return watching.look(readings, place(distance, aside), goal, resting, diverged)
+    arrived = np.asarray(distance) >= goal
+    return watching.look(readings, place(distance, aside), arrived, resting, diverged)
 
 
 def looks(watching: Monitor, seconds: float, distance: list[float], **more: Any) -> list[Verdict]:

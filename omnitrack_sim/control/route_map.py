@@ -27,6 +27,8 @@ class Place:
             the end of the way after its last one.
         turning: (n, 3) unit vectors, world frame, of its turning direction.
         frame: (n, 3, 3) of the robots that drive nose first, in the world.
+        distance_std, theta5_std, tilt_std: (n,) m, rad and rad, standard deviations, where the
+            place is an estimate; None where it is the truth.
     """
 
     way: NDArray[np.intp]
@@ -39,6 +41,9 @@ class Place:
     passage: NDArray[np.intp]
     turning: Array
     frame: Array
+    distance_std: Array | None = None
+    theta5_std: Array | None = None
+    tilt_std: Array | None = None
 
     def __repr__(self) -> str:
         return f"Place({len(self.way)} robots)"
@@ -194,6 +199,14 @@ class RouteMap:
         turning = self._turning_direction(distance, self._passage(distance, way), normal)
         side = cross(tangent, turning)
         x = np.cos(theta5)[:, None] * turning + np.sin(theta5)[:, None] * side
+        return position, np.stack([x, cross(tangent, x), tangent], axis=-1)
+
+    def poses(self, way: NDArray[np.intp], distance: Array, turn: Array) -> tuple[Array, Array]:
+        """Positions (k, 3) m and rotations (k, 3, 3) on the centreline at arc lengths (k,) m, along
+        its tangent, with module 1 turned by ``turn`` (k,) rad from the centreline's normal."""
+        position, tangent, normal, _ = self.centreline.at(distance, self._way(way))
+        side = cross(tangent, normal)
+        x = np.cos(turn)[:, None] * normal + np.sin(turn)[:, None] * side
         return position, np.stack([x, cross(tangent, x), tangent], axis=-1)
 
     def _passage(self, distance: Array, way: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -16,7 +16,7 @@ TRACKS = ("upper", "lower")
 MODULE_COUNT = 3
 Frame = Literal["", "world", "robot", "route"]
 TailFirst = Literal["same", "swapped", "negated", "turned", "facing", "behind"]
-Source = Literal["plant", "route", "command", "leg"]
+Source = Literal["plant", "route", "command", "leg", "estimate"]
 
 
 _SHAPES: Mapping[str, tuple[tuple[int, ...], ...]] = {
@@ -41,7 +41,8 @@ class Channel:
         meaning: one line for the docs and for the file's metadata.
         frame: that vectors are expressed in; empty where the quantity has none.
         source: "plant" is read by a sensor, "route" follows from the pose and the route, "command"
-            is what the controller asked for, "leg" is where the robot is in its mission.
+            is what the controller asked for, "leg" is where the robot is in its mission, "estimate"
+            is what the robot takes itself to be.
         tail_first: how a robot that drives tail first sees the quantity, so that it may take itself
             for one that drives nose first. Its frame is then turned by 180 degrees about x:
             "swapped" exchanges modules 2 and 3, "negated" changes the sign and, where there is a

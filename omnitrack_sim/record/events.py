@@ -176,6 +176,26 @@ class LegBegan(Event):
 
 
 @dataclass(frozen=True)
+class LostItself(Event):
+    """A robot that drives by its own sensors does not know where it is, and stops."""
+
+    @property
+    def text(self) -> str:
+        """What it does."""
+        return "does not know where it is: stops and looks"
+
+
+@dataclass(frozen=True)
+class FoundItself(Event):
+    """A robot knows again where it is."""
+
+    @property
+    def text(self) -> str:
+        """What it does."""
+        return "knows where it is again: goes on"
+
+
+@dataclass(frozen=True)
 class GaveUp(Event):
     """A robot that hangs has no other way left."""
 

@@ -16,6 +16,7 @@ class Outcome(StrEnum):
     NO_MOTION_LINE = "no_motion_line"
     LEFT_PIPE = "left_pipe"
     TIMED_OUT = "timed_out"
+    LOST = "lost"
     ENDED = "ended"
     DIVERGED = "diverged"
 
@@ -57,6 +58,10 @@ _ADVICE = {
         "gravity against the friction."
     ),
     Outcome.TIMED_OUT: "Time ran out while the robot still moved: raise physics.time_limit.",
+    Outcome.LOST: (
+        "The robot did not know where it was, or took itself to be at a goal where it was not: look at "
+        "the estimates in the record, and try another sensing.camera or less noise."
+    ),
     Outcome.ENDED: "Whoever drove the robot ended the run.",
     Outcome.DIVERGED: "The physics diverged: lower physics.timestep or look for extreme "
     "parameters.",

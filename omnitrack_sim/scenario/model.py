@@ -42,6 +42,7 @@ from omnitrack_sim.schema.tables import (
     World,
 )
 from omnitrack_sim.sensing import Sensor
+from omnitrack_sim.sensing.table import SensingTable
 from omnitrack_sim.table import Table
 
 _Thing = TypeVar("_Thing")
@@ -69,13 +70,14 @@ class Scenario(Table):
     contact: Contact = Contact()
     robot: Robot = Robot()
     control: Control = Control()
+    sensing: SensingTable = SensingTable()
     physics: Physics = Physics()
     goal: Goal = Goal()
     monitor: MonitorTable = MonitorTable()
     record: RecordTable = RecordTable()
     expect: Expect = Expect()
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    """Recorded with the run; a run itself draws no random number."""
+    """Of the noise of onboard sensors; a run without them draws no random number."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

@@ -267,7 +267,7 @@ class Expect(Table):
 
     outcome: Outcome | None = None
     """What the author expects: `reached_goal`, `motion_singularity`, `stalled`, `stuck`,
-    `slipping`, `no_motion_line`, `left_pipe`, `timed_out`, `ended` or `diverged`."""
+    `slipping`, `no_motion_line`, `left_pipe`, `timed_out`, `lost`, `ended` or `diverged`."""
 
 
 _TABLES: dict[str, type[Table]] = {

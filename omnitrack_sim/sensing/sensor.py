@@ -32,7 +32,8 @@ class Addresses:
     """Where the parts of the robot are in MuJoCo's arrays; modules first, then tracks.
 
     Attributes:
-        slide, pitch, roll: (3,) in ``qpos``. slide_dofs: (3,) and belt_dofs: (3, 2) in ``qvel``.
+        slide, pitch, roll: (3,) and belts: (3, 2) in ``qpos``. slide_dofs: (3,) and belt_dofs:
+            (3, 2) in ``qvel``.
         tracks: (3, 2) bodies.
         places: (3, 3) in ``xpos``, of the modules.
         forward: (3, 3) in ``xmat``: the modules' axes.
@@ -45,6 +46,7 @@ class Addresses:
     slide: NDArray[np.intp]
     pitch: NDArray[np.intp]
     roll: NDArray[np.intp]
+    belts: NDArray[np.intp]
     slide_dofs: NDArray[np.intp]
     belt_dofs: NDArray[np.intp]
     places: NDArray[np.intp]

@@ -87,6 +87,12 @@ class Legs:
             return self._put(robot, self._after(robot, planner, leg, time, distance))
         return self._put(robot, self._round(robot, planner, leg, time, distance))
 
+    def in_a_pipe(self, robot: int, position: Array, axis: Array) -> bool:
+        """Whether a robot at ``position`` (3,) m with its nose along ``axis`` (3,), world frame, is
+        in any pipe of its network; outside plain pipes there is no network."""
+        planner = self._planners[robot]
+        return planner is not None and planner.find(position, axis) is not None
+
     def plan_anew(self, robot: int, time: float, position: Array, axis: Array) -> Onward:
         """Put a robot that is off its way onto a leg from where it lies, where that is in a pipe of
         its network and there is one.

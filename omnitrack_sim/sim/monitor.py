@@ -74,7 +74,7 @@ class Monitor:
         self,
         readings: Mapping[str, Array],
         place: Place,
-        goal: Array,
+        arrived: NDArray[np.bool_],
         resting: NDArray[np.bool_],
         diverged: NDArray[np.bool_],
     ) -> list[Verdict]:
@@ -82,7 +82,7 @@ class Monitor:
 
         Args:
             readings: of the sensors. place: of the robots.
-            goal: (n,) m, arc length where the leg at hand is over.
+            arrived: (n,) robots that are at the end of the leg at hand, or take themselves to be.
             resting: (n,) robots that stand still or drive backward on purpose.
             diverged: (n,) robots whose physics has gone wrong.
         """
@@ -94,8 +94,8 @@ class Monitor:
         hanging = (self._waiting > self._patience) | (distance < self._farthest - self._slide_back)
         found = (
             (diverged, Outcome.DIVERGED),
-            (distance >= goal, Outcome.REACHED_GOAL),
-            (self._outside(place), Outcome.LEFT_PIPE),
+            (arrived, Outcome.REACHED_GOAL),
+            (self.outside(place), Outcome.LEFT_PIPE),
             (hanging, None),
             (readings["time"] >= self._time_limit, Outcome.TIMED_OUT),
         )
@@ -106,7 +106,7 @@ class Monitor:
             for robot in np.flatnonzero(flags).tolist()
         ]
 
-    def _outside(self, place: Place) -> NDArray[np.bool_]:
+    def outside(self, place: Place) -> NDArray[np.bool_]:
         """Which robots (n,) have left their way."""
         routes = self.routes
         if self._version != routes.version:

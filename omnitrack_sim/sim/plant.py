@@ -111,9 +111,7 @@ class Plant:
         self._lugs = np.array(
             [[_touching_geoms(model, body) for body in pair] for pair in at.tracks]
         )
-        self._belts = np.array(
-            [[model.joint(f"belt_{t}_{i}").qposadr[0] for t in TRACKS] for i in NUMBERS]
-        )  # (3, 2) in qpos
+        self._belts = at.belts
         self._at_wall = np.ones((self.n, 3, 2), bool)
         self._drive = drive_of(self.robot.drive)
         self._gears: list[tuple[int, int]] = []
@@ -279,6 +277,9 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
         slide=joints("slide"),
         pitch=joints("pitch"),
         roll=joints("roll"),
+        belts=np.array(
+            [[model.joint(f"belt_{t}_{i}").qposadr[0] for t in TRACKS] for i in NUMBERS]
+        ),
         slide_dofs=np.array([model.joint(f"slide_{i}").dofadr[0] for i in NUMBERS]),
         belt_dofs=np.array(
             [[model.joint(f"belt_{t}_{i}").dofadr[0] for t in TRACKS] for i in NUMBERS]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,13 +16,14 @@ from omnitrack_sim.control.route_map import Place
 from omnitrack_sim.drive import SpeedLoop, drive_of
 from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.record.channels import CHANNELS, Channel
+from omnitrack_sim.record.estimates import ESTIMATE_METRICS, ESTIMATES
 from omnitrack_sim.record.events import Event, Note
 from omnitrack_sim.record.metrics import METRICS, Metric, summarise
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.model import METRIC_NAMES, refuse_taken
-from omnitrack_sim.sensing import SENSORS, Sensor
+from omnitrack_sim.sensing import SENSORS, Sensor, State
 from omnitrack_sim.sim.builder import (
     collider_of,
     scene_of,
@@ -35,6 +37,9 @@ from omnitrack_sim.sim.provenance import provenance_of
 from omnitrack_sim.sim.recorder import Recorder
 from omnitrack_sim.sim.result import Result
 from omnitrack_sim.text import shown
+
+if TYPE_CHECKING:
+    from omnitrack_sim.sim.onboard import Onboard
 
 Progress = Callable[[float, str], None]
 """Called with the part done, 0 to 1, and a word about the run."""
@@ -115,6 +120,7 @@ class Simulation:
         self.channels: tuple[Channel, ...] = (
             *CHANNELS.values(),
             *(sensor.channel for sensor in sensors),
+            *(ESTIMATES if first.sensing.kind == "onboard" else ()),
         )
         self.plant = (
             Plant(scene_of(first).compile(), first.robot, start, threads, every)
@@ -124,7 +130,7 @@ class Simulation:
         limits = [s.robot.crawler_motor.torque_limit for s in self.scenarios]
         drive, motor = drive_of(first.robot.drive), first.robot.motor
         self.motors = SpeedLoop(drive, motor, limits, first.robot.lug_radius, self.n)
-        self._begin(settings, start)
+        self._begin(settings, start, sensors)
         self.endings: list[Ending | None] = [None] * self.n
         self._events: list[list[Event]] = [self._noted(i, note) for i, note in enumerate(notes)]
         self.active = np.ones(self.n, bool)
@@ -137,22 +143,25 @@ class Simulation:
         running = f"{np.count_nonzero(self.active)} of {self.n} robots run"
         return f"Simulation({running}, at {self.time.max():.6g} s: {shown(names)})"
 
-    def _begin(self, settings: Settings, start: Start) -> None:
+    def _begin(self, settings: Settings, start: Start, sensors: Sequence[Sensor]) -> None:
         """Make the parts that need the first place: controller, monitor, recorder."""
         first, robot = self.scenarios[0], self.scenarios[0].robot
         readings = self.plant.read()
-        for channel in self.channels[len(CHANNELS) :]:
+        for channel in (sensor.channel for sensor in sensors):
             value, shape = readings[channel.name], (self.n, *channel.shape)
             if np.shape(value) != shape:
                 raise ValueError(f"sensor {channel.name!r} reads {np.shape(value)}, not {shape}")
-        place = self._locate(readings)
+        self._near = self.legs.near
+        self.onboard = self._senses(readings)
+        self._readings = readings
+        self._find()
         self.controller: Controller = first.controller_class(
             ControlSetup(
                 routes=self.legs.routes,
                 robot=robot,
                 settings=settings,
                 parameters=[s.control_parameters for s in self.scenarios],
-                place=place,
+                place=self._believed,
                 roll=start.roll,
                 period=self.period,
             )
@@ -175,7 +184,7 @@ class Simulation:
         self._belt_command, self._roll_command = np.zeros((self.n, 3)), start.roll.copy()
         self._phase, self._nobody = np.zeros(self.n, int), np.zeros(self.n, bool)
         self._resting, self._over, self._brake = self._nobody, self._nobody, None
-        self._readings, self._place = readings, place
+        self._gave_up = self._nobody
 
     def _noted(self, robot: int, note: str | None) -> list[Event]:
         """The remarks with which a robot's run begins."""
@@ -188,8 +197,12 @@ class Simulation:
     def observation(self) -> Observation:
         """What the robots measure now, as their controllers see it."""
         gear = self.legs.gear
-        readings = seen(self._readings, gear, self.channels)
-        return Observation(readings, self._place, self.legs.number, gear)
+        told, channels = self._readings, self.channels
+        if self.onboard is not None:
+            told = self.onboard.readings
+            channels = tuple(channel for channel in channels if channel.name in told)
+        readings = seen(told, gear, channels)
+        return Observation(readings, self._believed, self.legs.number, gear)
 
     @property
     def readings(self) -> Mapping[str, Array]:
@@ -229,7 +242,8 @@ class Simulation:
         check_is(Command, where, command)
         if command.brake is not None and not self.plant.robot.brake_force and np.any(command.brake):
             raise ValueError("command.brake is given to a robot whose robot.brake_force is 0")
-        self._take(carried_out(_checked(command, self.n), self.legs.gear))
+        command = self._guarded(_checked(command, self.n))
+        self._take(carried_out(command, self.legs.gear))
         readings = self._readings
         motors = self.motors.advance(
             self._belt_command, readings["belt_speed"], readings["motor_torque"], self.period
@@ -237,8 +251,18 @@ class Simulation:
         self.plant.step(self.active, motors, self._roll_command, self._substeps, self._brake)
         self._tick += 1
         self._readings = self.plant.read()
-        self._place = self._locate(self._readings)
+        if self.onboard is not None:
+            self.onboard.look(self._readings, self.legs.gear, self._believed)
+        self._find()
         self._settle()
+
+    def _guarded(self, command: Command) -> Command:
+        """A command, less what robots that do not know where they are may not do."""
+        if self.onboard is None:
+            return command
+        guarded = self.onboard.guarded(command, self._believed, self.observation.roll)
+        self._gave_up = guarded.given_up
+        return guarded.command._replace(events=[*command.events, *guarded.events])
 
     def advance(self, progress: Progress | None = None) -> None:
         """Run all robots to their ends under their controller."""
@@ -267,12 +291,30 @@ class Simulation:
             if self.active[event.robot]:
                 self._events[event.robot].append(event)
 
-    def _locate(self, readings: Mapping[str, Array]) -> Place:
+    def _senses(self, state: State) -> Onboard | None:
+        """The robots' own sensors; None where they are told the truth."""
+        first = self.scenarios[0]
+        if first.sensing.kind != "onboard":
+            return None
+        from omnitrack_sim.sim.onboard import Onboard
+
+        limits = self.motors.torque_limit[:, 0]
+        return Onboard(self.scenarios, state, limits, self.legs.routes, self.legs.way, self.period)
+
+    def _find(self) -> None:
+        """Find the robots on their routes, and where they take themselves to be."""
+        legs, readings = self.legs, self._readings
+        self._place = self._locate(readings, self._near)
+        self._near = self._place.distance
+        self._believed = self._place
+        if self.onboard is not None:
+            self._believed = self.onboard.place(self._locate(self.onboard.readings, legs.near))
+        legs.seen_at(self._believed.distance)
+
+    def _locate(self, readings: Mapping[str, Array], near: Array) -> Place:
         legs = self.legs
         frames = heading(readings["rotation"], legs.gear)
-        place = legs.routes.locate(readings["position"], frames, legs.way, legs.near)
-        legs.seen_at(place.distance)
-        return place
+        return legs.routes.locate(readings["position"], frames, legs.way, near)
 
     def _settle(self) -> None:
         """Judge where the robots are now, send on who is due, record."""
@@ -280,18 +322,34 @@ class Simulation:
             self.monitor.average(self._readings, self._belt_command, self.motors.saturated)
         verdicts = self.monitor.look(
             self._readings,
-            self._place,
-            self.legs.end,
+            self._believed,
+            self._believed.distance >= self.legs.end,
             self._resting,
             self.plant.diverged,
         )
+        if np.count_nonzero(self._gave_up):
+            lost = np.flatnonzero(self._gave_up).tolist()
+            verdicts = [*(Verdict(robot, Outcome.LOST) for robot in lost), *verdicts]
         if np.count_nonzero(self._over):
             ended = np.flatnonzero(self._over).tolist()
             verdicts += [Verdict(robot, Outcome.ENDED) for robot in ended]
         if verdicts:
             self._dispatch(verdicts)
+        if self.onboard is not None:
+            self._end_those_outside()
         if self._tick % self._record_every == 0 or not self.active.any():
             self._record()
+
+    def _end_those_outside(self) -> None:
+        """End the runs of robots that are in no pipe of their network, whatever they believe."""
+        outside = self.monitor.outside(self._place) & self.active
+        for robot in np.flatnonzero(outside).tolist() if np.count_nonzero(outside) else ():
+            if not self.legs.in_a_pipe(
+                robot,
+                self._readings["position"][robot],
+                self._readings["rotation"][robot, :, 2],
+            ):
+                self._end(robot, Outcome.LEFT_PIPE, float(self.time[robot]))
 
     def _dispatch(self, verdicts: Sequence[Verdict]) -> None:
         """Send robots that have arrived, hang, or have fallen off their way onto their next legs;
@@ -310,27 +368,39 @@ class Simulation:
             time = float(self.time[robot])
             self._end(robot, outcome or self.monitor.cause(robot, place), time)
         if sent:
-            self._place = self._locate(self._readings)
+            again = np.isin(np.arange(self.n), list(sent))
+            self._near = np.where(again, self.legs.near, self._near)
+            self._find()
 
     def _onward(self, robot: int, outcome: Outcome | None) -> Onward:
         """Put a robot onto the leg that a verdict asks for, where there is one."""
         time, readings = float(self.time[robot]), self._readings
         if outcome is Outcome.LEFT_PIPE:
-            axis = readings["rotation"][robot, :, 2]
-            return self.legs.plan_anew(robot, time, readings["position"][robot], axis)
+            told = readings if self.onboard is None else self.onboard.readings
+            axis = told["rotation"][robot, :, 2]
+            return self.legs.plan_anew(robot, time, told["position"][robot], axis)
         if outcome in (None, Outcome.REACHED_GOAL):
-            distance = float(self._place.distance[robot])
+            distance = float(self._believed.distance[robot])
             return self.legs.send_on(robot, time, distance, outcome is not None)
         return Onward(None, ())
 
     def _end(self, robot: int, outcome: Outcome, time: float) -> None:
         reason = self.monitor.reason(robot, self._place, float(self.legs.end[robot]), time)
         missed = self.legs.missed(robot)
+        if outcome is Outcome.REACHED_GOAL and self._elsewhere(robot):
+            outcome, reason = Outcome.LOST, f"took itself to be at the goal; {reason}"
         if outcome is Outcome.REACHED_GOAL and missed:
             outcome, reason = Outcome.STUCK, f"no way to {', '.join(missed)} is left; {reason}"
         self.endings[robot] = Ending(outcome, reason)
         self.active = self.active.copy()
         self.active[robot], self.end_time[robot] = False, time
+
+    def _elsewhere(self, robot: int) -> bool:
+        """Whether a robot that takes itself to be at the end of its leg is not there."""
+        missing = float(self.legs.end[robot] - self._place.distance[robot])
+        return abs(missing) > self.scenarios[robot].robot.nominal_pipe_radius and (
+            self.onboard is not None
+        )
 
     def _record(self) -> None:
         place, legs = self._place, self.legs
@@ -349,8 +419,13 @@ class Simulation:
                 "phase": self._phase,
                 "belt_speed_command": self._belt_command,
                 "roll_command": self._roll_command,
+                **({} if self.onboard is None else self.onboard.estimates(self._believed)),
             },
         )
+
+    @property
+    def _estimate_metrics(self) -> Sequence[Metric]:
+        return () if self.onboard is None else ESTIMATE_METRICS
 
     def _report(self, progress: Progress) -> None:
         part = np.clip(self._place.distance / self.legs.end, 0, 1)
@@ -393,7 +468,7 @@ class Simulation:
                 torque_limit=float(self.motors.torque_limit[i, 0]),
                 drive=self.motors.drive,
                 efficiency=scenario.robot.motor.efficiency,
-                metrics=(*METRICS, *scenario.own_metrics, *metrics),
+                metrics=(*METRICS, *self._estimate_metrics, *scenario.own_metrics, *metrics),
             )
             results.append(
                 Result(

@@ -1,0 +1,430 @@
+"""From what n robots feel and see to their poses in pipes that are on their map."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.robot import MODULE_ANGLES, Robot
+from omnitrack_sim.rotations import Array, cross
+from omnitrack_sim.sensing.optics import Camera, Walls, rays_of
+from omnitrack_sim.sensing.pose_filter import (
+    BIAS,
+    PLACE,
+    POSE,
+    SIZE,
+    SLIP,
+    TURN,
+    PoseFilter,
+    orthonormal,
+    outer,
+    wall_slopes,
+)
+from omnitrack_sim.sensing.proprioception import Felt, skew, turned_by
+from omnitrack_sim.sensing.table import SensingTable
+from omnitrack_sim.theory.kinematics import angular_velocity, belt_sign
+
+FEELING = 0.1
+"""Time between two uses of arms and accelerometer, s."""
+HUBER = 2.0
+"""Errors beyond so many standard deviations count less."""
+AT_STOP = 0.0005
+"""Distance from its outer stop, m, at which an arm may have no wall."""
+MOVED, TURNED = 5e-4, 5e-4
+"""Steps, m and rad, between the pictures that the slopes of a picture are taken from."""
+ROLLS = 72
+"""Turns about the pipe's axis that a robot that does not know its own compares."""
+COARSE = 6
+"""Of the pixels that it compares with: every sixth of every sixth row."""
+DISTINCT = 0.3
+"""Turns that differ by more, rad, are two answers."""
+CONVINCED = 12.0
+"""By how much the cost of any other answer has to be higher."""
+FOUND_STD, FOUND_AT = 0.07, 0.02
+"""Standard deviations of a turn, rad, and of a place along the pipe, m, that were found."""
+VAGUE = 0.01
+"""Standard deviation of its place, m, from which on a robot compares places."""
+WITHIN, FARTHEST, PLACES = 3.0, 0.2, 21
+"""How far it looks, in standard deviations and at most in m, and at how many places."""
+TOLD = 0.5
+"""Part to which the variance has to fall by that."""
+APART = 0.06
+"""Places that are farther apart, m, are two answers."""
+FEW = 0.1
+"""Part of the pixels of a picture with which it tells whether the map is right."""
+BACKWARD = np.array([1.0, -1.0, -1.0])
+
+
+class Shot(NamedTuple):
+    """What is known of a picture when it is taken: where the robots took themselves to be, and
+    which end it was taken from, 1 for the nose, -1 for the tail."""
+
+    number: int
+    picture: Array
+    position: Array
+    rotation: Array
+    facing: NDArray[np.int_]
+
+
+class Localiser:
+    """Where n robots are, on maps that they know.
+
+    Args:
+        table: ``[sensing]``. robot: shared by all. camera: at both ends of each.
+        walls: of the maps. which: (n,) map of each robot.
+        gravity: (n, 3) m/s², world frame, as the maps say.
+        position: (n, 3) m. rotation: (n, 3, 3). Where the robots take themselves to be.
+        direction: (n, 3), of the pipe that each begins in.
+        period: s between two control steps.
+
+    Attributes:
+        filter: the estimate.
+        misfit: (n,) median error of the last picture's pixels, in their standard deviations.
+        unknown: (n,) bool, robots that do not know how they are turned about their axis.
+        shot: the last picture that has arrived.
+    """
+
+    def __init__(
+        self,
+        table: SensingTable,
+        robot: Robot,
+        camera: Camera,
+        walls: Walls,
+        which: NDArray[np.intp],
+        gravity: Array,
+        position: Array,
+        rotation: Array,
+        direction: Array,
+        period: float,
+    ) -> None:
+        self._table, self._robot, self._camera, self._walls = table, robot, camera, walls
+        self._which, self._gravity, self._period = which, gravity, period
+        n = len(position)
+        self.filter = PoseFilter(
+            position,
+            rotation,
+            _begin(table, direction),
+            table.filter,
+            table.imu,
+            robot.nominal_pipe_radius,
+        )
+        self.misfit = np.zeros(n)
+        self.unknown = np.full(n, not table.start.theta5_known)
+        self._lens = robot.length / 2 + camera.optics.ahead
+        pixels = np.arange(camera.optics.pixels**2).reshape(2 * (camera.optics.pixels,))
+        rays = rays_of(camera.optics)
+        stride = table.filter.stride
+        self._fine = pixels[stride // 2 :: stride, stride // 2 :: stride].ravel()
+        self._coarse = pixels[COARSE // 2 :: COARSE, COARSE // 2 :: COARSE].ravel()
+        self._rays = rays
+        self._arms = np.stack([np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES), np.zeros(3)], axis=-1)
+        self._force, self._held, self._felt = np.zeros((n, 3)), -self._in_robot(gravity), 0
+        self._puzzled = np.zeros(n)  # s, how long pictures have not been those of the map
+        self._steps = max(1, round(FEELING / period))
+        self._slide = np.zeros((n, 3))
+        self._arriving: deque[tuple[int, Shot]] = deque()
+        self.shot: Shot | None = None
+
+    def feel(self, felt: Felt) -> None:
+        """Take in what the robots feel, at every control step."""
+        at_wall = felt.travel * belt_sign(felt.roll)
+        radius = self._robot.nominal_pipe_radius
+        by_belts = angular_velocity(at_wall, 0.0, radius)
+        differ = (by_belts - felt.turned)[:, :2] * radius
+        skid = np.sqrt((differ**2).sum(axis=-1))
+        self.filter.advance(at_wall.mean(axis=1), felt.turned, skid, self._period)
+        self._force = self._force + felt.force / self._steps
+        self._slide = felt.slide
+        self._felt += 1
+        if self._felt % self._steps == 0:
+            self.filter.settle()
+            information, evidence = self._from_arms()
+            more, further = self._from_gravity()
+            self.filter.correct(information + more, evidence + further, self.filter.position.copy())
+            self._held, self._force = self._force, np.zeros_like(self._force)
+
+    def _in_robot(self, vector: Array) -> Array:
+        """Vectors (n, 3) of the world in the robots' frames."""
+        return np.einsum("nji,nj->ni", self.filter.rotation, vector)
+
+    @property
+    def puzzled(self) -> NDArray[np.bool_]:
+        """Robots (n,) whose pictures have not been those of their map for a while."""
+        return self._puzzled > self._table.filter.misfit_time
+
+    def _from_arms(self) -> tuple[Array, Array]:
+        """Where an arm's module is pressed to the wall, the wall is as far as the arm reaches.
+
+        Where the wall is not along the robot's axis, one end of the track touches it, and the
+        middle may be off it by half of the track times the slope.
+        """
+        outermost = self._robot.slide_range[1] - AT_STOP
+        reach = self._robot.nominal_pipe_radius + self._slide  # (n, 3) m
+        lever = np.einsum("nij,nkj->nki", self.filter.rotation, reach[..., None] * self._arms)
+        distance, gradient, part = self._walls.nearest(
+            self._which, self.filter.position[:, None] + lever
+        )
+        held = (self._slide < outermost) & (part >= 0)
+        slope = np.abs((gradient * self.filter.rotation[:, None, :, 2]).sum(axis=-1))
+        spread = self._table.filter.arm_std + self._robot.contact_length / 2 * slope
+        weight = held * _huber(distance / spread) / spread**2
+        return _normal(wall_slopes(gradient, lever), -distance, weight)
+
+    def _from_gravity(self) -> tuple[Array, Array]:
+        """At rest the accelerometer measures the direction of what holds the robot up."""
+        held = -np.einsum("nij,nj->ni", self.filter.rotation, self._force)  # (n, 3) world
+        error = self._gravity - held
+        slopes = np.zeros((len(held), 3, POSE))
+        slopes[:, :, 3:] = -skew(held)
+        weight = np.where(self.unknown, 0.0, 1.0 / self._table.filter.force_std**2)
+        return _normal(slopes, error, np.repeat(weight[:, None], 3, axis=1))
+
+    # Pictures
+
+    def lens(
+        self, position: Array, rotation: Array, facing: NDArray[np.int_]
+    ) -> tuple[Array, Array]:
+        """Place (n, 3) m and frame (n, 3, 3) of a camera of robots at a pose; see ``Shot``."""
+        frame = np.where((facing < 0)[:, None, None], rotation * BACKWARD, rotation)
+        return position + self._lens * frame[:, :, 2], frame
+
+    def shoot(self, number: int, picture: Array, facing: NDArray[np.int_], latency: int) -> None:
+        """A picture (n, k) is taken now and arrives ``latency`` control steps later."""
+        shot = Shot(number, picture, self.filter.position, self.filter.rotation, facing)
+        self._arriving.append((self._felt + latency, shot))
+
+    def see(self) -> bool:
+        """Take in the picture that arrives now, where there is one."""
+        if not self._arriving or self._arriving[0][0] > self._felt:
+            return False
+        _, shot = self._arriving.popleft()
+        self.shot = shot
+        self.filter.settle()
+        if np.count_nonzero(self.unknown):
+            self._find_turn(shot)
+        self._find_place(shot)
+        self._compare(self.shot)
+        return True
+
+    def _compare(self, shot: Shot) -> None:
+        """Correct the poses by what the picture has other than expected."""
+        rays = self._rays[self._fine]
+        position, frame = self.lens(shot.position, shot.rotation, shot.facing)
+        expected, slopes = self._expected(position, frame, rays)
+        measured = shot.picture[:, self._fine]
+        spread = self._camera.spread(expected)
+        error = (measured - expected) / spread
+        said = np.isfinite(error) & np.isfinite(slopes).all(axis=-1)
+        error = np.where(said, error, 0.0)
+        slopes = np.where(said[..., None], slopes, 0.0)
+        self.misfit = _median(np.abs(error), said)
+        wrong = self.misfit > self._table.filter.misfit
+        self._puzzled = (self._puzzled + 1 / self._camera.optics.rate) * wrong
+        weight = self._table.filter.pixel_share * _huber(error)
+        weight = np.where(self.unknown[:, None], 0.0, weight)
+        scaled = slopes / np.where(said, spread, 1.0)[..., None]
+        turns = np.einsum("nij,nkj->nki", frame, scaled[..., 3:])
+        arm = (position - shot.position)[:, None]
+        world = np.concatenate([scaled[..., :3], turns + cross(arm, scaled[..., :3])], axis=-1)
+        information, evidence = _normal(world, error, weight)
+        change = self.filter.correct(information, evidence, shot.position)
+        self._move_later_shots(change, shot.position)
+
+    def _move_later_shots(self, change: Array, pivot: Array) -> None:
+        """Pictures that are on their way were taken where the robots now know better."""
+        turn = turned_by(change[:, TURN])
+        moved: deque[tuple[int, Shot]] = deque()
+        for due, shot in self._arriving:
+            since = (turn @ (shot.position - pivot)[..., None])[..., 0]
+            position = pivot + change[:, PLACE] + since
+            moved.append((due, shot._replace(position=position, rotation=turn @ shot.rotation)))
+        self._arriving = moved
+
+    def _expected(self, position: Array, frame: Array, rays: Array) -> tuple[Array, Array]:
+        """Expected pictures (n, k) and their slopes (n, k, 6), see ``Camera.slopes``."""
+        camera, far = self._camera, self._camera.optics.far
+        hits = self._walls.trace(self._which, position, frame, rays, far, camera.lamp)
+        expected, slopes = camera.expected(hits, rays), camera.slopes(hits, rays, frame)
+        if slopes is None:
+            slopes = self._slopes(position, frame, rays, expected)
+        return expected, slopes
+
+    def _slopes(self, position: Array, frame: Array, rays: Array, expected: Array) -> Array:
+        """Slopes from pictures of neighbouring poses."""
+        camera, n = self._camera, len(position)
+        places = np.repeat(position[None], POSE, axis=0)
+        frames = np.repeat(frame[None], POSE, axis=0)
+        for axis in range(3):
+            places[axis, :, axis] += MOVED
+            about = np.zeros((n, 3))
+            about[:, axis] = TURNED
+            frames[3 + axis] = frame @ turned_by(about)
+        hits = self._walls.trace(
+            np.tile(self._which, POSE),
+            places.reshape(-1, 3),
+            frames.reshape(-1, 3, 3),
+            rays,
+            camera.optics.far,
+            camera.lamp,
+        )
+        pictures = camera.expected(hits, rays).reshape(POSE, n, -1)
+        steps = np.array([MOVED] * 3 + [TURNED] * 3)[:, None, None]
+        return np.moveaxis((pictures - expected) / steps, 0, -1)
+
+    # Finding a pose among many
+
+    def _find_turn(self, shot: Shot) -> None:
+        """Have robots that do not know how they are turned about their axis compare all turns."""
+        robots = np.flatnonzero(self.unknown)
+        about = np.zeros((ROLLS, 3))
+        about[:, 2] = np.arange(ROLLS) * 2 * np.pi / ROLLS
+        frames = shot.rotation[robots, None] @ turned_by(about)  # (m, ROLLS, 3, 3)
+        places = np.repeat(shot.position[robots, None], ROLLS, axis=1)
+        self.seek(robots, shot, places, frames)
+
+    def _find_place(self, shot: Shot) -> None:
+        """Have robots that are not sure of their place compare places along the direction in which
+        they know it least: mostly along their pipe.
+
+        Close to the truth the slopes of the picture say more; farther off they lead astray, and
+        where pixels begin or cease to see something, as at an open end, they say nothing.
+        """
+        axis, std = self.filter.vaguest()
+        robots = np.flatnonzero((std > VAGUE) & ~self.unknown)
+        if len(robots) == 0:
+            return
+        reach = np.minimum(WITHIN * std[robots], FARTHEST)
+        steps = reach[:, None] * np.linspace(-1.0, 1.0, PLACES)  # (m, c)
+        places = shot.position[robots, None] + steps[..., None] * axis[robots, None]
+        frames = np.repeat(shot.rotation[robots, None], PLACES, axis=1)
+        cost = self._cost(robots, shot, places, frames)
+        prior = 0.5 * (steps / std[robots, None]) ** 2
+        mean, variance = _moments(steps, cost + prior)
+        _, before = _moments(steps, prior)
+        spacing = 2 * reach / (PLACES - 1)
+        variance = variance + spacing**2 / 4
+        # Where all places look alike, what seems to be gained is chance.
+        gained = np.where(variance < TOLD * before, 1 / variance - 1 / before, 0.0)
+        information = np.zeros((len(axis), POSE, POSE))
+        evidence = np.zeros((len(axis), POSE))
+        told = gained > 0
+        robots, gained = robots[told], gained[told]
+        along = axis[robots]
+        information[robots, :3, :3] = gained[:, None, None] * outer(along, along)
+        evidence[robots, :3] = (mean[told] / variance[told])[:, None] * along
+        change = self.filter.correct(information, evidence, shot.position)
+        self._move_later_shots(change, shot.position)
+        turn = turned_by(change[:, TURN])
+        self.shot = shot._replace(
+            position=shot.position + change[:, PLACE], rotation=turn @ shot.rotation
+        )
+
+    def seek(
+        self, robots: NDArray[np.intp], shot: Shot, places: Array, frames: Array
+    ) -> NDArray[np.bool_]:
+        """Put robots to that of their candidates that their picture fits best, where no other one
+        is nearly as good.
+
+        Args:
+            robots: (m,). shot: the picture, and where the robots took themselves to be.
+            places: (m, c, 3) m. frames: (m, c, 3, 3), robot frames in the world.
+
+        Returns:
+            (m,) those that have found themselves.
+        """
+        rows = np.arange(len(robots))
+        cost = self._cost(robots, shot, places, frames)
+        best = cost.argmin(axis=1)
+        place, frame = places[rows, best], frames[rows, best]
+        cosine = ((frame[:, None] * frames).sum(axis=(2, 3)) - 1) / 2
+        aside = np.sqrt(((places - place[:, None]) ** 2).sum(axis=-1))
+        apart = (cosine < np.cos(DISTINCT)) | (aside > APART)
+        other = np.where(apart, cost, np.inf).min(axis=1)
+        sure = other - cost[rows, best] > CONVINCED
+        if np.count_nonzero(sure):
+            self._put(robots[sure], shot, place[sure], frame[sure])
+        return sure
+
+    def _put(self, robots: NDArray[np.intp], shot: Shot, place: Array, frame: Array) -> None:
+        """Put robots to poses that they had when the picture was taken; they have moved on."""
+        pose = self.filter
+        found = np.zeros(len(self.unknown), bool)
+        found[robots] = True
+        position, rotation = pose.position.copy(), pose.rotation.copy()
+        turn = frame @ np.swapaxes(shot.rotation[robots], 1, 2)
+        since = position[robots] - shot.position[robots]
+        position[robots] = place + (turn @ since[..., None])[..., 0]
+        rotation[robots] = orthonormal(turn @ rotation[robots])
+        axis = rotation[:, :, 2]
+        along = outer(axis, axis)
+        covariance = np.zeros((len(found), POSE, POSE))
+        covariance[:, :3, :3] = 0.003**2 * np.eye(3) + FOUND_AT**2 * along
+        covariance[:, 3:, 3:] = 0.03**2 * np.eye(3) + FOUND_STD**2 * along
+        pose.put(found, position, rotation, covariance)
+        self.unknown = self.unknown & ~found
+        self._puzzled = np.where(found, 0.0, self._puzzled)
+
+    def _cost(self, robots: NDArray[np.intp], shot: Shot, places: Array, frames: Array) -> Array:
+        """Half of the squared errors of each robot's candidates (m, c), of picture and gravity."""
+        camera, rays = self._camera, self._rays[self._coarse]
+        m, c = frames.shape[:2]
+        facing = np.repeat(shot.facing[robots], c)
+        position, lens = self.lens(places.reshape(-1, 3), frames.reshape(-1, 3, 3), facing)
+        which = np.repeat(self._which[robots], c)
+        hits = self._walls.trace(which, position, lens, rays, camera.optics.far, camera.lamp)
+        expected = camera.expected(hits, rays).reshape(m, c, -1)
+        measured = shot.picture[robots][:, None, self._coarse]
+        error = (measured - expected) / camera.spread(expected)
+        # Where one of both sees something and the other nothing, they differ by much.
+        nothing = np.isnan(measured) != np.isnan(expected)
+        error = np.where(nothing, HUBER, np.nan_to_num(error))
+        size = np.abs(error)
+        loss = np.where(size < HUBER, size**2 / 2, HUBER * (size - HUBER / 2))
+        picture = self._table.filter.pixel_share * (COARSE / self._table.filter.stride) ** 2
+        held = np.einsum("mcij,mi->mcj", frames, -self._gravity[robots])
+        force = (held - self._held[robots, None]) / self._table.filter.force_std
+        return picture * loss.sum(axis=-1) + 0.5 * (force**2).sum(axis=-1)
+
+
+def _begin(table: SensingTable, direction: Array) -> Array:
+    """Covariance (n, 10, 10) of robots that begin in pipes of directions (n, 3)."""
+    n = len(direction)
+    covariance = np.zeros((n, SIZE, SIZE))
+    along = outer(direction, direction)
+    covariance[:, PLACE, PLACE] = 0.003**2 * np.eye(3) + table.start.distance_std**2 * along
+    turn = 0.02 if table.start.theta5_known else np.pi / np.sqrt(3)
+    covariance[:, TURN, TURN] = 0.03**2 * np.eye(3) + turn**2 * along
+    bias = np.radians(table.imu.gyro_bias_deg)
+    covariance[:, BIAS, BIAS] = bias**2 * np.eye(3)
+    covariance[:, SLIP, SLIP] = table.filter.slip_std**2
+    return covariance
+
+
+def _normal(slopes: Array, error: Array, weight: Array) -> tuple[Array, Array]:
+    """Information (n, 6, 6) and evidence (n, 6) of errors (n, k) with slopes (n, k, 6)."""
+    weighted = slopes * weight[..., None]
+    return np.swapaxes(weighted, 1, 2) @ slopes, np.einsum("nki,nk->ni", weighted, error)
+
+
+def _moments(steps: Array, cost: Array) -> tuple[Array, Array]:
+    """Mean and variance (m,) of places (m, c) whose probability is exp(-cost)."""
+    weight = np.exp(cost.min(axis=1, keepdims=True) - cost)
+    weight = weight / weight.sum(axis=1, keepdims=True)
+    mean = (weight * steps).sum(axis=1)
+    return mean, (weight * (steps - mean[:, None]) ** 2).sum(axis=1)
+
+
+def _huber(error: Array) -> Array:
+    """Weights of errors counted in standard deviations."""
+    return np.minimum(1.0, HUBER / np.maximum(np.abs(error), 1e-12))
+
+
+def _median(size: Array, said: NDArray[np.bool_]) -> Array:
+    """Median (n,) of those ``size`` (n, k) that are ``said``; 0 where hardly any are."""
+    ordered = np.sort(np.where(said, size, np.inf), axis=1)
+    count = said.sum(axis=1)
+    middle = np.take_along_axis(ordered, (count // 2 % size.shape[1])[:, None], axis=1)[:, 0]
+    return np.where(count > FEW * size.shape[1], middle, 0.0)

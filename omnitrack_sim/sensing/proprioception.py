@@ -1,0 +1,171 @@
+"""What n robots feel of themselves: encoders, arms, currents, gyro and accelerometer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.robot import Robot
+from omnitrack_sim.rotations import Array
+from omnitrack_sim.sensing.draws import Keys, normal
+from omnitrack_sim.sensing.sensor import State
+from omnitrack_sim.sensing.table import SensingTable
+
+
+@dataclass(frozen=True)
+class Felt:
+    """Readings of n robots over one control period, robot frame.
+
+    Attributes:
+        time: (n,) s.
+        travel: (n, 3) m, by which each belt has moved on.
+        belt_speed: (n, 3) m/s, the same for a second.
+        roll: (n, 3) rad. slide: (n, 3) m. motor_torque: (n, 3) N m.
+        turned: (n, 3) rad, rotation vector of the chassis over the period, by the gyro.
+        angular_velocity: (n, 3) rad/s, the same for a second.
+        force: (n, 3) m/s², mean of the accelerometer: acceleration less gravity.
+    """
+
+    time: Array
+    travel: Array
+    belt_speed: Array
+    roll: Array
+    slide: Array
+    motor_torque: Array
+    turned: Array
+    angular_velocity: Array
+    force: Array
+
+
+class Proprioception:
+    """Reads the sensors of n robots at every control step.
+
+    Args:
+        table: ``[sensing]``. robot: shared by all. keys: (n,) of the robots' random numbers.
+        gravity: (n, 3) m/s², world frame. torque_limit: (n,) N m, of the motors.
+        period: s between two control steps. lug_pitch: m, after which a belt's joint begins anew.
+        state: at the start.
+    """
+
+    def __init__(
+        self,
+        table: SensingTable,
+        robot: Robot,
+        keys: Keys,
+        gravity: Array,
+        torque_limit: Array,
+        period: float,
+        lug_pitch: float,
+        state: State,
+    ) -> None:
+        self._table, self._keys, self._gravity, self._period = table, keys, gravity, period
+        self._radius, self._pitch = robot.lug_radius, lug_pitch
+        self._torque = torque_limit[:, None]
+        self._belts: NDArray[np.intp] = state.at.belts[:, 0]
+        once = (len(keys), -1)
+        self._wear = 1 + table.encoders.radius_error * self._draw("wear", 0)
+        self._arm_bias = table.arms.bias * self._draw("arm bias", 0)
+        self._torque_bias = table.current.bias * self._draw("torque bias", 0)
+        imu = table.imu
+        self._bias = np.radians(imu.gyro_bias_deg) * self._draw("gyro bias", 0).reshape(once)
+        self._scale = 1 + imu.gyro_scale * self._draw("gyro scale", 0)
+        self._force_bias = imu.force_bias * self._draw("force bias", 0)
+        self._belt_at = state.qpos.take(self._belts, axis=1)
+        self._way, self._counted = np.zeros_like(self._belt_at), np.zeros_like(self._belt_at)
+        self._rotation, self._velocity = state["rotation"], state.qvel[:, :3].copy()
+        self._number = 0
+
+    def _draw(self, name: str, number: int) -> Array:
+        return normal(self._keys, name, number, 3)
+
+    def read(self, state: State) -> Felt:
+        """The readings of this moment, once a control step."""
+        self._number += 1
+        table, number, period = self._table, self._number, self._period
+        travel = self._travel(state)
+        torque = state["motor_torque"] / self._torque + self._torque_bias
+        torque = torque + table.current.noise * self._draw("torque", number)
+        turned = self._turned(state["rotation"])
+        step = 2 * np.pi / table.encoders.counts
+        slide = state["slide"] + self._arm_bias + table.arms.noise * self._draw("arms", number)
+        return Felt(
+            time=state["time"],
+            travel=travel,
+            belt_speed=travel / period,
+            roll=np.round(state["roll"] / step) * step,
+            slide=np.round(slide / table.arms.resolution) * table.arms.resolution,
+            motor_torque=torque * self._torque,
+            turned=turned,
+            angular_velocity=turned / period,
+            force=self._force(state),
+        )
+
+    def _travel(self, state: State) -> Array:
+        """Counts of the belts' encoders since the step before, as m."""
+        at = state.qpos.take(self._belts, axis=1)
+        moved = at - self._belt_at
+        self._belt_at = at
+        # Chains are endless: the joint is moved back by whole pitches.
+        moved = moved - self._pitch * np.rint(moved / self._pitch)
+        self._way = self._way + moved * self._wear
+        step = 2 * np.pi * self._radius / self._table.encoders.counts
+        counted = np.round(self._way / step) * step
+        before, self._counted = self._counted, counted
+        return counted - before
+
+    def _turned(self, rotation: Array) -> Array:
+        """What the gyro adds up over the period, rad."""
+        imu, period = self._table.imu, self._period
+        true = rotation_vector(np.swapaxes(self._rotation, 1, 2) @ rotation)
+        walk = np.radians(imu.gyro_walk_deg) * np.sqrt(period)
+        self._bias = self._bias + walk * self._draw("gyro walk", self._number)
+        noise = np.radians(imu.gyro_noise_deg) * np.sqrt(period)
+        before, self._rotation = self._rotation, rotation
+        self._before = before
+        return self._scale * true + self._bias * period + noise * self._draw("gyro", self._number)
+
+    def _force(self, state: State) -> Array:
+        """Mean of the accelerometer over the period, in the frame of its middle, m/s²."""
+        imu, velocity = self._table.imu, state.qvel[:, :3].copy()
+        before, self._velocity = self._velocity, velocity
+        in_world = (velocity - before) / self._period - self._gravity
+        in_robot = np.einsum("nij,ni->nj", state["rotation"], in_world)
+        noise = imu.force_noise / np.sqrt(self._period)
+        return in_robot + self._force_bias + noise * self._draw("force", self._number)
+
+
+def rotation_vector(rotation: Array) -> Array:
+    """Rotation vectors (n, 3) rad of matrices (n, 3, 3) that turn by less than half a turn."""
+    skew = np.stack(
+        [
+            rotation[:, 2, 1] - rotation[:, 1, 2],
+            rotation[:, 0, 2] - rotation[:, 2, 0],
+            rotation[:, 1, 0] - rotation[:, 0, 1],
+        ],
+        axis=-1,
+    )
+    cosine = np.clip((np.trace(rotation, axis1=1, axis2=2) - 1) / 2, -1.0, 1.0)
+    sine = np.sqrt((skew**2).sum(axis=-1)) / 2
+    angle = np.arctan2(sine, cosine)
+    return skew * np.where(sine > 1e-9, angle / np.maximum(2 * sine, 1e-12), 0.5)[:, None]
+
+
+def turned_by(vector: Array) -> Array:
+    """Matrices (n, 3, 3) of rotation vectors (n, 3) rad, by Rodrigues."""
+    angle = np.sqrt((vector**2).sum(axis=-1))
+    small = angle < 1e-9
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 1.0, np.sin(angle) / safe)[:, None, None]
+    b = np.where(small, 0.5, (1 - np.cos(angle)) / safe**2)[:, None, None]
+    k = skew(vector)
+    return np.eye(3) + a * k + b * (k @ k)
+
+
+def skew(vector: Array) -> Array:
+    """Matrices (..., 3, 3) whose product with w is ``vector`` (..., 3) x w."""
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

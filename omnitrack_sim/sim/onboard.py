@@ -1,0 +1,243 @@
+"""Robots that know only what their own sensors say: sensors, estimate, and what a controller is
+told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.control.gear import TURNED
+from omnitrack_sim.control.interface import Command
+from omnitrack_sim.control.route_map import Place, RouteMap
+from omnitrack_sim.control.search import Search, Searching
+from omnitrack_sim.model.rays import RayWalls
+from omnitrack_sim.model.robot import lug_pitch
+from omnitrack_sim.rotations import Array, quaternion_from_matrix
+from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.sensing.cameras import camera_of
+from omnitrack_sim.sensing.draws import keys, normal, uniform
+from omnitrack_sim.sensing.localiser import Localiser
+from omnitrack_sim.sensing.optics import rays_of
+from omnitrack_sim.sensing.proprioception import Felt, Proprioception
+from omnitrack_sim.sensing.sensor import State
+from omnitrack_sim.sim.builder import each
+from omnitrack_sim.theory.kinematics import belt_sign
+
+
+AROUND, SPACING, TURNS = 0.4, 0.02, 24
+"""Stretch of the way before and behind it in which a robot that is lost looks for itself, m; the
+distance of the places that it compares, m; and the turns about the axis at each."""
+INSIDE = 0.03
+"""A robot whose nose is farther inside a fitting than this, m, goes on with it."""
+
+
+class Onboard:
+    """Sensors and estimates of n robots.
+
+    Args:
+        scenarios: of the robots; they share ``[sensing]``.
+        state: of the physics as they begin. torque_limit: (n,) N m.
+        routes: of their legs. way: (n,) route of each. period: s between two control steps.
+
+    Attributes:
+        readings: what controllers see, (n, ...) by the names of the channels, robot frame.
+        localiser: where the robots take themselves to be.
+        picture: (n, k) the last one taken; None before the first.
+    """
+
+    def __init__(
+        self,
+        scenarios: Sequence[Scenario],
+        state: State,
+        torque_limit: Array,
+        routes: RouteMap,
+        way: NDArray[np.intp],
+        period: float,
+    ) -> None:
+        first, table = scenarios[0], scenarios[0].sensing
+        self._robot, self._period = first.robot, period
+        self._keys = keys([scenario.hash for scenario in scenarios])
+        gravity = each(scenarios, "gravity").astype(float)
+        n = len(scenarios)
+        self._camera = camera_of(table)
+        self._rays = rays_of(self._camera.optics)
+        parts = first.route.network.parts
+        # The pipes as they are, and as the robot's map has them: it knows of no plate.
+        self._walls = RayWalls([parts], [first.plates])
+        self._which = np.zeros(n, np.intp)
+        self._senses = Proprioception(
+            table,
+            first.robot,
+            self._keys,
+            gravity,
+            torque_limit,
+            period,
+            lug_pitch(first.robot),
+            state,
+        )
+        position, rotation, tangent = self._begin(scenarios, state, routes, way)
+        self.localiser = Localiser(
+            table,
+            first.robot,
+            self._camera,
+            RayWalls([parts]),
+            self._which,
+            gravity,
+            position,
+            rotation,
+            tangent,
+            period,
+        )
+        self._routes = routes
+        self._search = Search(table.search, first.robot, each(scenarios, "cruise_speed"))
+        self._sure = np.radians(table.filter.sure_deg)
+        self._every = round(1 / (self._camera.optics.rate * period))
+        self._latency = round(self._camera.optics.latency / period)
+        self._tick, self._pictures, self._both_ends = 0, 0, table.both_ends
+        self.picture: Array | None = None
+        self._shoot(state, np.ones(n, np.int_))
+        self.readings = self._told(self._first_felt(state))
+
+    def _begin(
+        self,
+        scenarios: Sequence[Scenario],
+        state: State,
+        routes: RouteMap,
+        way: NDArray[np.intp],
+    ) -> tuple[Array, Array, Array]:
+        """Where the robots take themselves to be, and the direction of the pipe there."""
+        table = scenarios[0].sensing.start
+        distance = each(scenarios, "distance").astype(float)
+        distance = distance + table.distance_std * normal(self._keys, "start", 0, 1)[:, 0]
+        theta5 = np.radians(each(scenarios, "theta5_deg").astype(float))
+        if not table.theta5_known:
+            theta5 = theta5 + 2 * np.pi * uniform(self._keys, "theta5", 0, 1)[:, 0]
+        position, rotation = routes.start_poses(way, distance, theta5)
+        return position, rotation, rotation[:, :, 2]
+
+    def look(self, state: State, gear: NDArray[np.int_], place: Place) -> None:
+        """Read the sensors at this moment and bring the estimate up to it; ``place`` is where the
+        robots took themselves to be a moment ago."""
+        self._tick += 1
+        felt = self._senses.read(state)
+        self.localiser.feel(felt)
+        if self._tick % self._every == 0:
+            behind = self._both_ends and self._pictures % 2 == 1
+            self._shoot(state, -gear if behind else gear)
+        arrived = self.localiser.see()
+        if arrived and np.count_nonzero(self.localiser.puzzled):
+            self._look_along_the_way(place, gear)
+        self.readings = self._told(felt)
+
+    def _look_along_the_way(self, place: Place, gear: NDArray[np.int_]) -> None:
+        """Have robots whose pictures are not those of the map compare all poses around."""
+        localiser, routes = self.localiser, self._routes
+        robots = np.flatnonzero(localiser.puzzled)
+        shot = localiser.shot
+        assert shot is not None
+        steps = np.arange(-AROUND, AROUND + SPACING / 2, SPACING)
+        distance = place.distance[robots, None] + steps  # (m, c)
+        way = np.repeat(place.way[robots], len(steps))
+        longest = routes.lengths[way].reshape(distance.shape)
+        distance = np.clip(distance, 0.0, longest)
+        places, frames = [], []
+        for turn in np.arange(TURNS) * 2 * np.pi / TURNS:
+            found, frame = routes.poses(way, distance.ravel(), np.full(len(way), turn))
+            places.append(found.reshape(len(robots), -1, 3))
+            frames.append(frame.reshape(len(robots), -1, 3, 3))
+        frame = np.concatenate(frames, axis=1)
+        back = (gear[robots] < 0)[:, None, None, None]
+        frame = np.where(back, frame * TURNED, frame)
+        localiser.seek(robots, shot, np.concatenate(places, axis=1), frame)
+
+    def lost(self, place: Place) -> NDArray[np.bool_]:
+        """Robots (n,) that do not know where they are: their pictures are not those of the map, or
+        they stand before a fitting and do not know well enough how they are turned."""
+        routes, robot = self._routes, self._robot
+        assert place.theta5_std is not None
+        room = routes.start.take(place.passage) - place.distance - robot.length / 2
+        before = (room <= robot.standing_room) & (room > -INSIDE)
+        return self.localiser.puzzled | (before & (place.theta5_std > self._sure))
+
+    def guarded(self, command: Command, place: Place, roll: Array) -> Searching:
+        """A command, less what robots that do not know where they are may not do; who gives up;
+        and what there is to tell. ``roll`` (n, 3) rad, as controllers see it."""
+        return self._search.step(command, self.lost(place), self.readings["time"], roll)
+
+    def _shoot(self, state: State, facing: NDArray[np.int_]) -> None:
+        """Take a picture of the pipes as they are; ``facing`` (n,): 1 from the nose, -1 from the
+        tail."""
+        camera, localiser = self._camera, self.localiser
+        position, frame = localiser.lens(state["position"], state["rotation"], facing)
+        hits = self._walls.trace(
+            self._which, position, frame, self._rays, camera.optics.far, camera.lamp
+        )
+        self.picture = camera.picture(hits, self._rays, self._keys, self._pictures)
+        localiser.shoot(self._pictures, self.picture, facing, self._latency)
+        self._pictures += 1
+
+    def _told(self, felt: Felt) -> Mapping[str, Array]:
+        """What controllers see."""
+        pose = self.localiser.filter
+        return {
+            "time": felt.time,
+            "position": pose.position,
+            "quaternion": quaternion_from_matrix(pose.rotation),
+            "rotation": pose.rotation,
+            "angular_velocity": felt.angular_velocity - pose.bias,
+            "belt_speed": felt.belt_speed,
+            "wall_speed": felt.belt_speed * belt_sign(felt.roll),
+            "motor_torque": felt.motor_torque,
+            "slide": felt.slide,
+            "roll": felt.roll,
+        }
+
+    def _first_felt(self, state: State) -> Felt:
+        """What the robots feel before they have moved."""
+        nothing = np.zeros((len(self._keys), 3))
+        return Felt(
+            time=state["time"],
+            travel=nothing,
+            belt_speed=nothing,
+            roll=state["roll"],
+            slide=state["slide"],
+            motor_torque=nothing,
+            turned=nothing,
+            angular_velocity=nothing,
+            force=nothing,
+        )
+
+    def place(self, place: Place) -> Place:
+        """A place on the route, found from the estimate, with its standard deviations."""
+        pose = self.localiser.filter
+        axis = place.frame[:, :, 2]
+        about = pose.std_about(axis)
+        across = np.sqrt(
+            (pose.std_about(place.frame[:, :, 0]) ** 2 + pose.std_about(place.frame[:, :, 1]) ** 2)
+            / 2
+        )
+        return replace(
+            place,
+            distance_std=pose.std_along(place.tangent),
+            theta5_std=np.where(self.localiser.unknown, np.pi, about),
+            tilt_std=across,
+        )
+
+    def estimates(self, place: Place) -> Mapping[str, Array]:
+        """Values of the channels ``ESTIMATES``, at a place that ``place`` has returned."""
+        assert place.distance_std is not None
+        assert place.theta5_std is not None
+        assert place.tilt_std is not None
+        return {
+            "position_estimate": self.localiser.filter.position,
+            "distance_estimate": place.distance,
+            "distance_std": place.distance_std,
+            "theta5_estimate": place.theta5,
+            "theta5_std": place.theta5_std,
+            "tilt_estimate": place.tilt,
+            "tilt_std": place.tilt_std,
+            "misfit": self.localiser.misfit,
+        }
