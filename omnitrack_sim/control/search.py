@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from omnitrack_sim.control.interface import Command
 from omnitrack_sim.record.events import Event, FoundItself, LostItself
 from omnitrack_sim.robot import Robot

@@ -26,7 +26,6 @@ from omnitrack_sim.sensing.sensor import State
 from omnitrack_sim.sim.builder import each
 from omnitrack_sim.theory.kinematics import belt_sign
 
-
 AROUND, SPACING, TURNS = 0.4, 0.02, 24
 """Stretch of the way before and behind it in which a robot that is lost looks for itself, m; the
 distance of the places that it compares, m; and the turns about the axis at each."""
