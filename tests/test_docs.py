@@ -45,6 +45,7 @@ from omnitrack_sim.schema.tables import (
     Start,
     World,
 )
+from omnitrack_sim.sensing.table import SensingTable
 from omnitrack_sim.sweep.axes import AXES
 from omnitrack_sim.sweep.spec import SweepFile, resolve
 from omnitrack_sim.table import meanings_of, symbol_of
@@ -231,6 +232,12 @@ TABLES = {
     "### `control.parameters.recovery`": [type(FeedbackTable().recovery)],
     '### `control.parameters` of "paper" and "equal"': [PaperTable],
     '### `control.parameters` of "driven"': [DrivenTable],
+    "## `sensing`": [SensingTable],
+    **{
+        f"### `sensing.{key}`": [type(value)]
+        for key, value in SensingTable()
+        if isinstance(value, BaseModel)
+    },
     "## `monitor`": [MonitorTable],
     "## `record`": [RecordTable],
     "## `physics`": [Physics],

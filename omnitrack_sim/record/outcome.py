@@ -59,8 +59,8 @@ _ADVICE = {
     ),
     Outcome.TIMED_OUT: "Time ran out while the robot still moved: raise physics.time_limit.",
     Outcome.LOST: (
-        "The robot did not know where it was, or took itself to be at a goal where it was not: look "
-        "at the estimates in the record, and try another sensing.camera or less noise."
+        "The robot did not know where it was, or took itself to be at a goal where it was not: "
+        "look at the estimates in the record, and try another sensing.camera or less noise."
     ),
     Outcome.ENDED: "Whoever drove the robot ended the run.",
     Outcome.DIVERGED: "The physics diverged: lower physics.timestep or look for extreme "

@@ -14,14 +14,23 @@ from omnitrack_sim.schema.shipped import shipped_networks
 from omnitrack_sim.schema.tables import (
     Start,
 )
+from omnitrack_sim.sensing.cameras import camera_of
 
 if TYPE_CHECKING:
     from omnitrack_sim.scenario.model import Scenario
 
+ROUNDING = 1e-6
+"""Part of a number of periods that may come from rounding."""
+
 
 def faults_of(scenario: Scenario) -> list[Fault]:
     """Every fault of a scenario whose tables are right, one by one."""
-    faults = [*_missing(scenario), *_impossible_pipes(scenario), *_no_such_drive(scenario)]
+    faults = [
+        *_missing(scenario),
+        *_impossible_pipes(scenario),
+        *_no_such_drive(scenario),
+        *_impossible_cameras(scenario),
+    ]
     if not faults and scenario.pipes:
         lengths = (pipe.step(i).fitting.length_of_axes for i, pipe in enumerate(scenario.pipes))
         faults += too_long(sum(lengths), "pipes")
@@ -91,6 +100,26 @@ def _no_such_drive(scenario: Scenario) -> list[Fault]:
     except InputError as error:
         return list(error.faults)
     return []
+
+
+def _impossible_cameras(scenario: Scenario) -> list[Fault]:
+    """A camera that there is not, or whose pictures fall between two control steps."""
+    table, period = scenario.sensing, scenario.physics.control_period
+    if table.kind != "onboard":
+        return []
+    try:
+        optics = camera_of(table).optics
+    except InputError as error:
+        return list(error.faults)
+    faults, where = [], f"sensing.{table.camera}"
+    for key, steps in (("rate", 1 / (optics.rate * period)), ("latency", optics.latency / period)):
+        if abs(steps - round(steps)) > ROUNDING * max(1.0, steps) or (key == "rate" and steps < 1):
+            told = f"is {getattr(optics, key):g}; it has to be a whole number of control periods"
+            rates = [f"{1 / (n * period):g}" for n in (1, 2, 4, 5, 10, 20)]
+            choices = tuple(rates) if key == "rate" else ()
+            problem = f"{told} (physics.control_period, {period:g} s)"
+            faults.append(Fault(f"{where}.{key}", problem, choices))
+    return faults
 
 
 def _impossible_pipes(scenario: Scenario) -> list[Fault]:

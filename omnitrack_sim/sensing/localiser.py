@@ -31,24 +31,34 @@ FEELING = 0.1
 """Time between two uses of arms and accelerometer, s."""
 HUBER = 2.0
 """Errors beyond so many standard deviations count less."""
+WORST = 3.0
+"""Errors beyond so many count as so many where poses are compared: at an edge between near and far
+wall a pixel is as wrong as it can be."""
 AT_STOP = 0.0005
 """Distance from its outer stop, m, at which an arm may have no wall."""
 MOVED, TURNED = 5e-4, 5e-4
 """Steps, m and rad, between the pictures that the slopes of a picture are taken from."""
 ROLLS = 72
 """Turns about the pipe's axis that a robot that does not know its own compares."""
-COARSE = 6
-"""Of the pixels that it compares with: every sixth of every sixth row."""
+COARSE = 4
+"""Of the pixels that it compares with: every fourth of every fourth row."""
 DISTINCT = 0.3
 """Turns that differ by more, rad, are two answers."""
 CONVINCED = 12.0
 """By how much the cost of any other answer has to be higher."""
-FOUND_STD, FOUND_AT = 0.07, 0.02
-"""Standard deviations of a turn, rad, and of a place along the pipe, m, that were found."""
+FOUND_TURN, FOUND_AT = 0.1, 0.02
+"""Standard deviations of a turn, rad, and of a place along the pipe, m, that were found among
+candidates that far apart."""
+DOUBT = 1e-3
+"""Probability of all other turns together below which a robot takes the best."""
 VAGUE = 0.01
 """Standard deviation of its place, m, from which on a robot compares places."""
-WITHIN, FARTHEST, PLACES = 3.0, 0.2, 21
-"""How far it looks, in standard deviations and at most in m, and at how many places."""
+VAGUE_TURN = 0.02
+"""Likewise of its turn about its axis, rad."""
+WITHIN, FARTHEST = 3.0, 0.2
+"""How far it looks, in standard deviations and at most in m."""
+PLACES, FEW_PLACES, FEW_TURNS = 15, 7, 9
+"""At how many places, at how many for all turns, and at how many turns."""
 TOLD = 0.5
 """Part to which the variance has to fall by that."""
 APART = 0.06
@@ -205,7 +215,7 @@ class Localiser:
         self.filter.settle()
         if np.count_nonzero(self.unknown):
             self._find_turn(shot)
-        self._find_place(shot)
+        self._narrow_down(shot)
         self._compare(self.shot)
         return True
 
@@ -277,50 +287,99 @@ class Localiser:
     # Finding a pose among many
 
     def _find_turn(self, shot: Shot) -> None:
-        """Have robots that do not know how they are turned about their axis compare all turns."""
+        """Have robots that do not know how they are turned about their axis compare all turns, at
+        some places along it, and take the best where no other turn is nearly as good."""
         robots = np.flatnonzero(self.unknown)
-        about = np.zeros((ROLLS, 3))
-        about[:, 2] = np.arange(ROLLS) * 2 * np.pi / ROLLS
-        frames = shot.rotation[robots, None] @ turned_by(about)  # (m, ROLLS, 3, 3)
-        places = np.repeat(shot.position[robots, None], ROLLS, axis=1)
-        self.seek(robots, shot, places, frames)
+        axis = self.filter.rotation[robots, :, 2]
+        std = self.filter.std_along(self.filter.rotation[:, :, 2])[robots]
+        turns = np.arange(ROLLS) * 2 * np.pi / ROLLS
+        steps = WITHIN * std[:, None] * np.linspace(-1.0, 1.0, FEW_PLACES)  # (m, p)
+        prior = np.broadcast_to(
+            0.5 * (steps / std[:, None])[:, None] ** 2, (len(robots), ROLLS, FEW_PLACES)
+        )
+        cost = prior + self._around(robots, shot, axis, steps, np.tile(turns, (len(robots), 1)))
+        weight = _chances(cost)  # (m, ROLLS, p)
+        best = weight.sum(axis=2).argmax(axis=1)
+        apart = (turns - turns[best, None] + np.pi) % (2 * np.pi) - np.pi  # (m, ROLLS)
+        sure = (weight * (np.abs(apart) > DISTINCT)[..., None]).sum(axis=(1, 2)) < DOUBT
+        if not np.count_nonzero(sure):
+            return
+        mean_turn, turn_variance = _moments(apart, weight.sum(axis=2))
+        mean_step, step_variance = _moments(steps, weight.sum(axis=1))
+        turn = np.zeros((len(robots), 3))
+        turn[:, 2] = turns[best] + mean_turn
+        self._put(
+            robots[sure],
+            shot,
+            (shot.position[robots] + mean_step[:, None] * axis)[sure],
+            (shot.rotation[robots] @ turned_by(turn))[sure],
+            (turn_variance + (2 * np.pi / ROLLS) ** 2)[sure],
+            (step_variance + (WITHIN * std / FEW_PLACES) ** 2)[sure],
+        )
 
-    def _find_place(self, shot: Shot) -> None:
-        """Have robots that are not sure of their place compare places along the direction in which
-        they know it least: mostly along their pipe.
+    def _narrow_down(self, shot: Shot) -> None:
+        """Have robots that are not sure of their place, or of their turn about their axis, compare
+        poses around their own: places along the direction in which they know theirs least (mostly
+        along their pipe), and turns.
 
         Close to the truth the slopes of the picture say more; farther off they lead astray, and
         where pixels begin or cease to see something, as at an open end, they say nothing.
         """
         axis, std = self.filter.vaguest()
-        robots = np.flatnonzero((std > VAGUE) & ~self.unknown)
+        forward = self.filter.rotation[:, :, 2]
+        turn_std = self.filter.std_about(forward)
+        robots = np.flatnonzero(((std > VAGUE) | (turn_std > VAGUE_TURN)) & ~self.unknown)
         if len(robots) == 0:
             return
         reach = np.minimum(WITHIN * std[robots], FARTHEST)
-        steps = reach[:, None] * np.linspace(-1.0, 1.0, PLACES)  # (m, c)
-        places = shot.position[robots, None] + steps[..., None] * axis[robots, None]
-        frames = np.repeat(shot.rotation[robots, None], PLACES, axis=1)
-        cost = self._cost(robots, shot, places, frames)
-        prior = 0.5 * (steps / std[robots, None]) ** 2
-        mean, variance = _moments(steps, cost + prior)
-        _, before = _moments(steps, prior)
-        spacing = 2 * reach / (PLACES - 1)
-        variance = variance + spacing**2 / 4
-        # Where all places look alike, what seems to be gained is chance.
-        gained = np.where(variance < TOLD * before, 1 / variance - 1 / before, 0.0)
+        steps = reach[:, None] * np.linspace(-1.0, 1.0, PLACES)  # (m, p)
+        turns = WITHIN * turn_std[robots, None] * np.linspace(-1.0, 1.0, FEW_TURNS)  # (m, t)
+        prior = (
+            0.5 * (steps / std[robots, None])[:, None] ** 2
+            + 0.5 * (turns / turn_std[robots, None])[..., None] ** 2
+        )
+        seen = _chances(prior + self._around(robots, shot, axis[robots], steps, turns))
+        before = _chances(prior)
         information = np.zeros((len(axis), POSE, POSE))
         evidence = np.zeros((len(axis), POSE))
-        told = gained > 0
-        robots, gained = robots[told], gained[told]
-        along = axis[robots]
-        information[robots, :3, :3] = gained[:, None, None] * outer(along, along)
-        evidence[robots, :3] = (mean[told] / variance[told])[:, None] * along
+        for values, summed, at, direction in (
+            (steps, 1, PLACE, axis),
+            (turns, 2, TURN, forward),
+        ):
+            mean, variance = _moments(values, seen.sum(axis=summed))
+            _, known = _moments(values, before.sum(axis=summed))
+            spacing = values[:, 1] - values[:, 0]
+            variance = variance + spacing**2 / 4
+            # Where all poses look alike, what seems to be gained is chance.
+            told = variance < TOLD * known
+            gained = np.where(told, 1 / variance - 1 / known, 0.0)
+            along = direction[robots]
+            information[robots, at, at] += gained[:, None, None] * outer(along, along)
+            evidence[robots, at] += np.where(told, mean / variance, 0.0)[:, None] * along
         change = self.filter.correct(information, evidence, shot.position)
         self._move_later_shots(change, shot.position)
         turn = turned_by(change[:, TURN])
         self.shot = shot._replace(
             position=shot.position + change[:, PLACE], rotation=turn @ shot.rotation
         )
+
+    def _around(
+        self, robots: NDArray[np.intp], shot: Shot, axis: Array, steps: Array, turns: Array
+    ) -> Array:
+        """``_cost`` (m, t, p) of poses around those of the picture: ``steps`` (m, p) m along
+        ``axis`` (m, 3), ``turns`` (m, t) rad about the robots' own."""
+        m, t, p = len(robots), turns.shape[1], steps.shape[1]
+        about = np.zeros((m, t, 3))
+        about[..., 2] = turns
+        frames = shot.rotation[robots, None] @ turned_by(about.reshape(-1, 3)).reshape(m, t, 3, 3)
+        places = shot.position[robots, None] + steps[..., None] * axis[:, None]
+        cost = self._cost(
+            robots,
+            shot,
+            np.tile(places, (1, t, 1)),
+            np.repeat(frames, p, axis=1),
+        )
+        return cost.reshape(m, t, p)
 
     def seek(
         self, robots: NDArray[np.intp], shot: Shot, places: Array, frames: Array
@@ -345,11 +404,28 @@ class Localiser:
         other = np.where(apart, cost, np.inf).min(axis=1)
         sure = other - cost[rows, best] > CONVINCED
         if np.count_nonzero(sure):
-            self._put(robots[sure], shot, place[sure], frame[sure])
+            count = int(np.count_nonzero(sure))
+            self._put(
+                robots[sure],
+                shot,
+                place[sure],
+                frame[sure],
+                np.full(count, FOUND_TURN**2),
+                np.full(count, FOUND_AT**2),
+            )
         return sure
 
-    def _put(self, robots: NDArray[np.intp], shot: Shot, place: Array, frame: Array) -> None:
-        """Put robots to poses that they had when the picture was taken; they have moved on."""
+    def _put(
+        self,
+        robots: NDArray[np.intp],
+        shot: Shot,
+        place: Array,
+        frame: Array,
+        turn_variance: Array,
+        step_variance: Array,
+    ) -> None:
+        """Put robots (m,) to poses (m, 3), (m, 3, 3) that they had when the picture was taken; they
+        have moved on. The variances (m,) rad² and m² are those about and along the axis."""
         pose = self.filter
         found = np.zeros(len(self.unknown), bool)
         found[robots] = True
@@ -361,8 +437,10 @@ class Localiser:
         axis = rotation[:, :, 2]
         along = outer(axis, axis)
         covariance = np.zeros((len(found), POSE, POSE))
-        covariance[:, :3, :3] = 0.003**2 * np.eye(3) + FOUND_AT**2 * along
-        covariance[:, 3:, 3:] = 0.03**2 * np.eye(3) + FOUND_STD**2 * along
+        covariance[:, :3, :3] = 0.003**2 * np.eye(3)
+        covariance[:, 3:, 3:] = 0.03**2 * np.eye(3)
+        covariance[robots, :3, :3] += step_variance[:, None, None] * along[robots]
+        covariance[robots, 3:, 3:] += turn_variance[:, None, None] * along[robots]
         pose.put(found, position, rotation, covariance)
         self.unknown = self.unknown & ~found
         self._puzzled = np.where(found, 0.0, self._puzzled)
@@ -380,9 +458,9 @@ class Localiser:
         error = (measured - expected) / camera.spread(expected)
         # Where one of both sees something and the other nothing, they differ by much.
         nothing = np.isnan(measured) != np.isnan(expected)
-        error = np.where(nothing, HUBER, np.nan_to_num(error))
+        error = np.where(nothing, WORST, np.nan_to_num(error))
         size = np.abs(error)
-        loss = np.where(size < HUBER, size**2 / 2, HUBER * (size - HUBER / 2))
+        loss = np.minimum(size, WORST) ** 2 / 2
         picture = self._table.filter.pixel_share * (COARSE / self._table.filter.stride) ** 2
         held = np.einsum("mcij,mi->mcj", frames, -self._gravity[robots])
         force = (held - self._held[robots, None]) / self._table.filter.force_std
@@ -409,12 +487,16 @@ def _normal(slopes: Array, error: Array, weight: Array) -> tuple[Array, Array]:
     return np.swapaxes(weighted, 1, 2) @ slopes, np.einsum("nki,nk->ni", weighted, error)
 
 
-def _moments(steps: Array, cost: Array) -> tuple[Array, Array]:
-    """Mean and variance (m,) of places (m, c) whose probability is exp(-cost)."""
-    weight = np.exp(cost.min(axis=1, keepdims=True) - cost)
-    weight = weight / weight.sum(axis=1, keepdims=True)
-    mean = (weight * steps).sum(axis=1)
-    return mean, (weight * (steps - mean[:, None]) ** 2).sum(axis=1)
+def _chances(cost: Array) -> Array:
+    """Probabilities (m, t, p), in proportion to exp(-cost)."""
+    weight = np.exp(cost.min(axis=(1, 2), keepdims=True) - cost)
+    return weight / weight.sum(axis=(1, 2), keepdims=True)
+
+
+def _moments(values: Array, chances: Array) -> tuple[Array, Array]:
+    """Mean and variance (m,) of values (m, c)."""
+    mean = (chances * values).sum(axis=1)
+    return mean, (chances * (values - mean[:, None]) ** 2).sum(axis=1)
 
 
 def _huber(error: Array) -> Array:

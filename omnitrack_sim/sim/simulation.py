@@ -14,6 +14,7 @@ from omnitrack_sim.control import Command, Controller, ControlSetup, Observation
 from omnitrack_sim.control.gear import carried_out, heading, seen
 from omnitrack_sim.control.route_map import Place
 from omnitrack_sim.drive import SpeedLoop, drive_of
+from omnitrack_sim.errors import Fault, ScenarioError
 from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.record.channels import CHANNELS, Channel
 from omnitrack_sim.record.estimates import ESTIMATE_METRICS, ESTIMATES
@@ -296,6 +297,10 @@ class Simulation:
         first = self.scenarios[0]
         if first.sensing.kind != "onboard":
             return None
+        missing = why_not()
+        if missing is not None:
+            problem = f'is "onboard", for which rays are compiled: {missing}'
+            raise ScenarioError([Fault("sensing.kind", problem)])
         from omnitrack_sim.sim.onboard import Onboard
 
         limits = self.motors.torque_limit[:, 0]

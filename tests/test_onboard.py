@@ -1,0 +1,149 @@
+"""Robots that drive by their own sensors: what they know, how well, and what they do when lost."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import omnitrack_sim as ot
+
+pytest.importorskip("numba")
+
+ONBOARD = {"physics.collider": "exact", "sensing.kind": "onboard"}
+
+
+def onboard(name="tee_turn", **changes):
+    """A shipped scenario, driven by onboard sensors."""
+    return ot.override(
+        ot.load_scenario(name),
+        ONBOARD | {key.replace("__", "."): value for key, value in changes.items()},
+    )
+
+
+@pytest.fixture(scope="module")
+def turn():
+    """A tee turn of a robot that does not know how it is turned about its axis."""
+    return ot.run(onboard(start__theta5_deg=40.0))
+
+
+def test_a_robot_finds_out_how_it_is_turned_and_takes_the_tee(turn):
+    """It rolls as it has to, and knows its orientation to a degree by then."""
+    assert turn.success
+    assert any(isinstance(event, ot.Rolled) for event in turn.events)
+    channels = turn.trajectory.channels
+    turning = channels["phase"] == turn.trajectory.phases.index("tee_turn")
+    first = int(np.flatnonzero(turning)[0])
+    error = channels["theta5_estimate"][first] - channels["theta5"][first]
+    assert abs(np.degrees(error)) < 1.5
+    assert channels["theta5_std"][0] == pytest.approx(np.pi)
+    assert np.degrees(channels["theta5_std"][first]) < 4.0
+
+
+def test_its_estimate_is_as_good_as_it_says(turn):
+    """In the second half of the run its place is known to millimetres, and the standard deviations
+    are neither boast nor excuse."""
+    channels = turn.trajectory.channels
+    half = len(turn.trajectory.time) // 2
+    error = channels["distance_estimate"] - channels["distance"]
+    assert np.abs(error[half:]).max() < 0.02
+    assert 1e-4 < np.median(channels["distance_std"][half:]) < 0.02
+    metrics = turn.metrics
+    assert metrics["localisation_error_rel"] < 0.03
+    assert metrics["localisation_error_mean_m"] <= metrics["localisation_error_max_m"]
+
+
+def test_a_run_is_saved_and_read_back_with_its_estimates(turn, tmp_path):
+    """The channels of the estimate stand in the file."""
+    turn.save(tmp_path / "run")
+    again = ot.load_result(tmp_path / "run")
+    for name in ("theta5_estimate", "position_estimate", "distance_std"):
+        assert np.array_equal(again.trajectory.channels[name], turn.trajectory.channels[name])
+
+
+def test_nothing_of_the_truth_reaches_the_controller():
+    """With the truth poisoned while it decides, the controller gives the same commands."""
+    simulation, clean = (ot.Simulation([onboard()]) for _ in range(2))
+    for _ in range(300):
+        truth = simulation._readings, simulation._place
+        fields = {
+            field.name: value * np.nan
+            for field in dataclasses.fields(simulation._place)
+            if isinstance(value := getattr(simulation._place, field.name), np.ndarray)
+            and value.dtype.kind == "f"
+        }
+        simulation._place = dataclasses.replace(simulation._place, **fields)
+        simulation._readings = {
+            name: np.full_like(value, np.nan)
+            for name, value in simulation._readings.items()
+            if np.asarray(value).dtype.kind == "f"
+        }
+        command = simulation._guarded(simulation.controller.step(simulation.observation))
+        simulation._readings, simulation._place = truth
+        wanted = clean._guarded(clean.controller.step(clean.observation))
+        assert command.belt_speed.tobytes() == wanted.belt_speed.tobytes()
+        assert command.roll.tobytes() == wanted.roll.tobytes()
+        simulation.step(command)
+        clean.step(wanted)
+
+
+def test_a_robot_drives_the_same_alone_and_among_others():
+    """Its noise, its pictures and its estimate do not depend on its neighbours or on threads."""
+    limit = {"physics__time_limit": 2.5}
+    robots = [onboard(start__theta5_deg=angle, **limit) for angle in (0.0, 50.0, -80.0)]
+    alone = ot.run(robots[1]).trajectory.channels
+    for threads in (1, 2):
+        among = ot.run_batch(robots, threads=threads)[1].trajectory.channels
+        for name in ("position", "position_estimate", "theta5_std", "misfit"):
+            assert among[name].tobytes() == alone[name].tobytes(), name
+
+
+def test_controllers_see_what_sensors_say_and_no_more():
+    """Slip and contact forces are not felt."""
+    observation = ot.Simulation([onboard()]).observation
+    assert observation.roll.shape == (1, 3)
+    with pytest.raises(AttributeError, match="no channel 'slip_ratio' is observed"):
+        _ = observation.slip_ratio
+
+
+def test_a_robot_with_a_wrong_map_stops_and_gives_up():
+    """Put into another pipe than it takes itself to be in, it notices, stops, and ends as lost."""
+    scenario = onboard("elbow", sensing__start__theta5_known=True, sensing__search__tries=1)
+    simulation = ot.Simulation([scenario])
+    pose = simulation.onboard.localiser.filter
+    pose.position = pose.position + np.array([0.0, 0.0, 0.55])
+    pose.covariance = pose.covariance * 1e-3
+    simulation.onboard.localiser._look = None
+    while simulation.active.any() and simulation.time[0] < 15:
+        simulation.step()
+    kinds = [type(event) for event in simulation._events[0]]
+    assert ot.LostItself in kinds
+    ending = simulation.endings[0]
+    assert ending is None or ending.outcome in (ot.Outcome.LOST, ot.Outcome.REACHED_GOAL)
+
+
+def test_without_noise_the_estimate_is_the_truth():
+    """With perfect sensors and a known start, millimetres and tenths of a degree remain, of slip
+    and of the model."""
+    perfect = {
+        "sensing__start__distance_std": 0.0,
+        "sensing__start__theta5_known": True,
+        "sensing__encoders__radius_error": 0.0,
+        "sensing__imu__gyro_bias_deg": 0.0,
+        "sensing__imu__gyro_scale": 0.0,
+        "sensing__depth__noise": 0.0,
+        "sensing__depth__scale_error": 0.0,
+        "sensing__depth__dropouts": 0.0,
+    }
+    result = ot.run(onboard("elbow", **perfect))
+    assert result.success
+    assert result.metrics["localisation_error_mean_m"] < 0.003
+    assert result.metrics["theta5_error_p95_deg"] < 0.6
+
+
+def test_the_headlight_takes_an_elbow():
+    """By brightness alone the robot finds its orientation and passes the bend."""
+    result = ot.run(onboard("elbow_short", sensing__camera="headlight", start__theta5_deg=70.0))
+    assert result.success
+    assert result.metrics["localisation_error_mean_m"] < 0.03
