@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from pathlib import Path
@@ -23,6 +24,7 @@ from omnitrack_sim.scenario import load_scenario
 from omnitrack_sim.schema.files import MOST_BYTES
 from omnitrack_sim.sim.loading import load_result
 from omnitrack_sim.sweep import load_sweep
+from omnitrack_sim.text import printable
 
 PIPE = '[[pipes]]\nkind = "straight"\nlength = 1.0\n'
 JSON = '{"pipes": [{"kind": "straight", "length": 1.0}], "seed": 3'
@@ -160,6 +162,26 @@ def test_a_misspelt_run_is_asked_back_by_the_one_beside_it(tmp_path):
     assert f"did you mean '{run}'?" in told(load_scenario, tmp_path / "tee_turni")
     with pytest.raises(OutputError, match=r"no such folder$"):
         load_result(tmp_path / "elbow")
+
+
+@pytest.mark.parametrize(
+    ("load", "text"),
+    [
+        (load_scenario, PIPE),
+        (load_sweep, 'base = "straight"\n'),
+        (load_study, '[[objectives]]\nmetric = "energy_j"\n'),
+        (load_network, '[[fittings]]\nkind = "straight"\nname = "a"\nlength = 1.0\n'),
+    ],
+)
+@pytest.mark.parametrize("name", ["", ".hidden", "a/b", "a\\b", "a\nb"])
+def test_a_name_that_is_none_of_a_folder_is_refused(load, text, name, tmp_path):
+    """The message has the name and the whole rule."""
+    path = written(tmp_path, "file.toml", f"name = {json.dumps(name)}\n{text}")
+    rule = (
+        f"name: is {name!r}; it names a folder, so it must not be empty, begin with a dot, or hold "
+        "a slash, a backslash or a control character"
+    )
+    assert printable(rule) in told(load, path).splitlines()
 
 
 def test_a_file_of_another_kind_names_the_command_that_takes_it(tmp_path):
