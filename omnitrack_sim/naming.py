@@ -1,17 +1,21 @@
-"""Things by their names, and objects of a user's own by the name ``module:Object``."""
+"""Things by their names, objects of a user's own by the name ``module:Object``, and files by names
+that are nearly theirs."""
 
 from __future__ import annotations
 
 import importlib
 import os
+import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn, TypeVar
 
 from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.text import no_such
+from omnitrack_sim.text import nearest, no_such
 
+_ENDING = re.compile(r"\.(toml|json)$", re.IGNORECASE)
 _HANDED_OVER: dict[str, Any] = {}
 _Value = TypeVar("_Value")
 
@@ -83,3 +87,26 @@ def _own(module: Any) -> list[str]:
         if not imported and not name.startswith("_"):
             found.append(f"{module.__name__}:{name}")
     return found
+
+
+def without_ending(name: str) -> str:
+    """The name of a file without ``.toml`` or ``.json``; of a folder as it is."""
+    return _ENDING.sub("", name)
+
+
+def entries_beside(path: Path, fits: Callable[[Path], bool]) -> dict[str, Path]:
+    """What lies in the folder of ``path`` and fits, by its name without ending; nothing where the
+    folder cannot be read."""
+    try:
+        names = sorted(os.listdir(path.parent))
+        found = [path.with_name(name) for name in names]
+        return {without_ending(entry.name): entry for entry in found if fits(entry)}
+    except (OSError, ValueError):  # no such folder, no permission, too long, a null character
+        return {}
+
+
+def near_entry(path: Path, fits: Callable[[Path], bool]) -> Path | None:
+    """What lies in the folder of a path that leads nowhere, fits, and may have been meant."""
+    entries = entries_beside(path, fits)
+    meant = nearest(without_ending(path.name), list(entries))
+    return None if meant is None else entries[meant]

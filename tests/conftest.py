@@ -1,11 +1,13 @@
-"""What several test files of sweeps compare with."""
+"""What several test files compare with or look with."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from pages import chromium
 from sweep_samples import (
     small_sweep,
 )
@@ -24,3 +26,10 @@ def calm(tmp_path_factory) -> Path:
 @pytest.fixture(scope="session")
 def table(calm):
     return pq.read_table(calm / "trials.parquet")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator:
+    """Chromium without a screen or graphics hardware."""
+    with chromium() as browser:
+        yield browser

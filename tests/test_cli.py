@@ -6,8 +6,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from omnitrack_sim import load_result, load_scenario
+from omnitrack_sim.cli import app
 
 SHORT = ["--set", "physics.time_limit=0.3"]
 
@@ -182,6 +184,23 @@ def test_singularity_table_judges_an_orientation_and_plans_its_roll():
     )
     done = omnitrack("singularity", "--theta5-deg", "60", "--reach", "0.088")
     assert "no plan: the safe margin is zero" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ((60, -90), "theta5 becomes 11.73 deg, and the belts then drive forward for a positive"),
+        ((60, 0), "theta5 becomes 11.73 deg, and the belts then drive backward for a positive"),
+        ((0, 0), "theta5 0 deg: safe\n  no roll needed\n"),
+    ],
+    ids=["forward", "backward", "no roll"],
+)
+def test_a_plan_says_which_way_the_belts_drive_after_it(arguments, told):
+    """A roll that ends beyond 90 degrees turns the belts round, a smaller one does not."""
+    theta5, roll = map(str, arguments)
+    done = CliRunner().invoke(app, ["singularity", "--theta5-deg", theta5, "--roll-deg", roll])
+    assert done.exit_code == 0, done.output
+    assert told in done.stdout
 
 
 def test_singularity_writes_its_figure(tmp_path):

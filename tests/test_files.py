@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from pathlib import Path
@@ -9,12 +10,21 @@ from pathlib import Path
 import pytest
 
 from omnitrack_sim.cli.common import settings_of
-from omnitrack_sim.errors import InputError, NetworkError, ScenarioError, StudyError, SweepError
+from omnitrack_sim.errors import (
+    InputError,
+    NetworkError,
+    OutputError,
+    ScenarioError,
+    StudyError,
+    SweepError,
+)
 from omnitrack_sim.network import load_network
 from omnitrack_sim.optimise import load_study
 from omnitrack_sim.scenario import load_scenario
 from omnitrack_sim.schema.files import MOST_BYTES
+from omnitrack_sim.sim.loading import load_result
 from omnitrack_sim.sweep import load_sweep
+from omnitrack_sim.text import printable
 
 PIPE = '[[pipes]]\nkind = "straight"\nlength = 1.0\n'
 JSON = '{"pipes": [{"kind": "straight", "length": 1.0}], "seed": 3'
@@ -120,6 +130,58 @@ def test_paths_that_cannot_be_looked_at_are_faults(tmp_path):
 def test_names_of_another_kind_and_misspelt_names_are_told(load, source, message):
     """A shipped name of another kind names the command that takes it, a misspelt one the name."""
     assert message in told(load, source)
+
+
+@pytest.mark.parametrize("load", [load_scenario, load_sweep, load_study, load_network])
+def test_a_misspelt_file_is_asked_back_by_the_one_beside_it(load, tmp_path, monkeypatch):
+    """In another folder and in the working folder, with its ending or without; a shipped name that
+    is nearer goes before it, and nothing is asked where nothing is near."""
+    (tmp_path / "my_scenario.toml").touch()
+    (tmp_path / "my_scenario.txt").touch()
+    meant = f"did you mean {str(tmp_path / 'my_scenario.toml')!r}?"
+    assert meant in told(load, tmp_path / "my_scenaro.toml")
+    assert meant in told(load, tmp_path / "my_scenario")
+    assert "did you mean" not in told(load, tmp_path / "elsewhere" / "xq.toml")
+    monkeypatch.chdir(tmp_path)
+    assert "did you mean 'my_scenario.toml'?" in told(load, "my_scenaro.toml")
+    assert "did you mean 'my_scenario.toml'?" in told(load, "my_scenaro")
+    (tmp_path / "straight_mine.toml").touch()
+    assert "did you mean 'straight'?" in told(load_scenario, "straigt")
+
+
+def test_a_misspelt_run_is_asked_back_by_the_one_beside_it(tmp_path):
+    """Where a run is read, and where a scenario is, for which the folder of its run stands; a
+    folder that is no run is not meant."""
+    (tmp_path / "tee_turnip").mkdir()
+    run = tmp_path / "tee_turn"
+    run.mkdir()
+    for name in ("result.json", "scenario.json"):
+        (run / name).touch()
+    with pytest.raises(OutputError, match=f"no such folder; did you mean '{run}'"):
+        load_result(tmp_path / "tee_turni")
+    assert f"did you mean '{run}'?" in told(load_scenario, tmp_path / "tee_turni")
+    with pytest.raises(OutputError, match=r"no such folder$"):
+        load_result(tmp_path / "elbow")
+
+
+@pytest.mark.parametrize(
+    ("load", "text"),
+    [
+        (load_scenario, PIPE),
+        (load_sweep, 'base = "straight"\n'),
+        (load_study, '[[objectives]]\nmetric = "energy_j"\n'),
+        (load_network, '[[fittings]]\nkind = "straight"\nname = "a"\nlength = 1.0\n'),
+    ],
+)
+@pytest.mark.parametrize("name", ["", ".hidden", "a/b", "a\\b", "a\nb"])
+def test_a_name_that_is_none_of_a_folder_is_refused(load, text, name, tmp_path):
+    """The message has the name and the whole rule."""
+    path = written(tmp_path, "file.toml", f"name = {json.dumps(name)}\n{text}")
+    rule = (
+        f"name: is {name!r}; it names a folder, so it must not be empty, begin with a dot, or hold "
+        "a slash, a backslash or a control character"
+    )
+    assert printable(rule) in told(load, path).splitlines()
 
 
 def test_a_file_of_another_kind_names_the_command_that_takes_it(tmp_path):

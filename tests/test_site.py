@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import omnitrack_sim as ot
+from omnitrack_sim.cli import app
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -69,6 +70,27 @@ def test_every_page_and_public_name_is_in_the_site(site):
     assert reference.count(">Attributes") > 10
 
 
+def test_every_command_and_option_is_in_the_site(site):
+    """A section for each command, in it what its `--help` says of each option; and the navigation
+    leads there."""
+    page = (site / "commands.html").read_text(encoding="utf-8")
+    for command in app.registered_commands:
+        assert command.callback is not None
+        assert f'<section id="omnitrack-{command.callback.__name__}">' in page
+    run = page.partition('<section id="omnitrack-run">')[2].partition("</section>")[0]
+    text = re.sub(r"<[^>]+>", "", run)
+    for told in (
+        "omnitrack run [OPTIONS] SCENARIO",
+        "SCENARIO &lt;str&gt;",
+        "--out DIR",
+        "Where the results go; out/NAME when not given.",
+        "--video / --no-video",
+        "[default: video]",
+    ):
+        assert told in text, told
+    assert 'href="commands.html"' in (site / "index.html").read_text(encoding="utf-8")
+
+
 def test_equations_are_drawn_by_the_browser(site):
     """They are MathML in the page; no dollar signs are left, and no script draws them."""
     page = (site / "singularity.html").read_text(encoding="utf-8")
@@ -100,7 +122,7 @@ def small_checkout(root: Path) -> None:
         "docs/page.md": EMPTY_PAGE,
         "docs/faulty.md": FAULTY_PAGE,
         "docs/README.md": (
-            "# Documentation\n\n## Pages\n\n* [Start](../README.md)\n* [Page](page.md)\n"
+            "# Documentation\n\n## Pages\n\n* [Start](../README.md)\n* [A page](page.md)\n"
             "* [Benchmarks](../benchmarks/README.md)\n* [Changelog](../CHANGELOG.md)\n"
         ),
     }
@@ -109,8 +131,8 @@ def small_checkout(root: Path) -> None:
 
 
 def test_every_fault_of_a_page_is_told_and_nothing_is_built(tmp_path):
-    """Links, anchors, pictures, blocks, commands, options, scripts, and a page that the contents
-    leave out; the site that was there stays."""
+    """Names, links, anchors, pictures, blocks, commands, options, scripts, and a page that the
+    contents leave out; the site that was there stays."""
     small_checkout(tmp_path)
     old = tmp_path / "out" / "site"
     old.mkdir(parents=True)
@@ -118,6 +140,7 @@ def test_every_fault_of_a_page_is_told_and_nothing_is_built(tmp_path):
     told = built(tmp_path, old)
     assert told.returncode == 1
     for fault in (
+        "docs/page.md: its heading is Page, its name in README.md A page",
         "docs/faulty.md: links to gone.md",
         "docs/faulty.md: links to figures/none.png",
         "docs/faulty.md: links to ../nowhere",
@@ -218,3 +241,38 @@ def test_the_search_works_from_the_disk_and_nothing_is_asked_of_the_network(site
         browser.close()
     assert errors == []
     assert [url for url in requests if not url.startswith(("file:", "data:"))] == []
+
+
+FOUND_FIRST = {
+    "tee": {"Tee turns"},
+    "film": {"Films"},
+    "sweep": {"Sweeps"},
+    "motion singularity": {"Motion singularity"},
+    "retry": {"Tee turns", "Design study"},
+    "preload": {"Tee turns", "Design study"},
+}
+"""What is searched, and the page, or those two, that are about it; the last two are in no title."""
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+def test_the_page_that_is_about_it_is_found_first(site):
+    """Words in titles come before words in headings and text; parts of words come last."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page()
+
+        def titles(query: str) -> list[str]:
+            page.goto(f"{(site / 'search.html').as_uri()}?q={query}")
+            page.wait_for_function(
+                "/finished/.test(document.querySelector('.search-summary')?.innerText)"
+            )
+            return page.locator("#search-results ul.search > li > a").all_inner_texts()
+
+        for query, about in FOUND_FIRST.items():
+            assert titles(query)[0] in about, query
+        found = titles("tee")
+        browser.close()
+    assert found.index("omnitrack_sim.Tee") < found.index("Changelog")
+    assert found.index("Changelog") < found.index("omnitrack_sim.Drive.steers")

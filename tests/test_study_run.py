@@ -321,7 +321,7 @@ def test_a_study_of_invalid_trials_only_is_an_error():
     """When no trial of the first candidates fits, the error says why."""
     bore = {"path": "pipes.*.inner_diameter", "low": 0.196, "high": 0.2}
     reach = {"path": "robot.reach", "low": 0.09, "high": 0.105}
-    with pytest.raises(StudyError, match="all 18 trials of the first ones are invalid") as caught:
+    with pytest.raises(StudyError, match="none of the first 18 trials is valid") as caught:
         run_study(small_study(variables=[bore, reach], step=0.001))
     assert "the arms reach bores" in str(caught.value)
 

@@ -168,7 +168,7 @@ def test_a_table_of_other_trials_is_refused():
     """Its rows are not those of the sweep."""
     sweep, table = sweep_and_table(AXES)
     for other in (table.slice(1), None):
-        with pytest.raises(InputError, match="table: is not the table of all 12 trials of 's'"):
+        with pytest.raises(InputError, match="table: is not the table of 's', which has 12 trials"):
             ot.plot_sweep(sweep, other)
     with pytest.raises(TypeError, match="sweep: is 's'"):
         ot.plot_sweep("s", table)

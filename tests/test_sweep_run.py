@@ -324,7 +324,7 @@ def test_a_full_disk_keeps_the_finished_parts(calm, tmp_path, monkeypatch):
 def test_a_sweep_of_invalid_trials_only_is_an_error(tmp_path):
     """When no trial fits, the error says why."""
     axis = {"path": "robot.preload", "kind": "grid", "start": -3, "stop": -1, "count": 2}
-    with pytest.raises(SweepError, match=r"all 2 trials are invalid\nrobot\.preload"):
+    with pytest.raises(SweepError, match=r"none of 2 trials is valid\nrobot\.preload"):
         run_sweep(small_sweep(axes=[axis]), tmp_path / "sweep")
     assert not (tmp_path / "sweep" / "trials.parquet").exists()
 

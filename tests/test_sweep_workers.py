@@ -152,7 +152,7 @@ def test_kill_of_the_parent_and_ctrl_c(tmp_path):
     wait_until_gone(under)
     _, told = process.communicate()
     assert process.returncode == 130
-    assert "of 24 trials are done; the same command goes on" in told
+    assert "of 24 trials done; the same command goes on" in told
     assert "Traceback" not in told
     done = omnitrack(*command, "--json")
     assert done.returncode == 0, done.stderr

@@ -7,17 +7,21 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import pyarrow as pa
 import pytest
 import typer
 from rich.progress import Progress
+from typer.testing import CliRunner
 
-from omnitrack_sim.cli import lines, trials
+from omnitrack_sim import load_sweep, plot_sweep
+from omnitrack_sim.cli import app, lines, optimise, trials
 from omnitrack_sim.cli.common import Screen, progress
 from omnitrack_sim.cli.trials import trials_bar
+from omnitrack_sim.errors import InputError
 
 
-def _status(done, found=0, lost=0):
-    return SimpleNamespace(total=10, found=found, done=done, lost=lost)
+def _status(done, found=0, lost=0, total=10):
+    return SimpleNamespace(total=total, found=found, done=done, lost=lost)
 
 
 def _bar():
@@ -74,6 +78,29 @@ def test_without_a_terminal_lines_tell_size_pace_and_losses(clock, capfd):
         "sweep [x]: 6 of 10 trials, 0.01 trials/s, 0:05:19 left, 6 passed, workers lost 1 time",
         "sweep [x]: 10 of 10 trials, 10 passed, workers lost 1 time",
     ]
+
+
+def test_one_trial_is_told_in_the_singular(clock, capfd, tmp_path):
+    """In the lines of the progress, in the lists of a sweep and a study, and where the table of
+    another sweep is refused."""
+    with _bar() as tell:
+        for done, lost in ((0, 0), (1, 1)):
+            tell(_status(done, lost=lost, total=1))
+    assert capfd.readouterr().err.splitlines() == [
+        "sweep [x]: 1 trial",
+        "sweep [x]: 1 of 1 trial, 1 passed, workers lost 1 time",
+    ]
+    file = tmp_path / "one.toml"
+    axis = '[[axes]]\npath = "contact.friction"\nkind = "list"\nvalues = [0.8]\n'
+    file.write_text(f'base = "straight"\n{axis}', encoding="utf-8")
+    listed = CliRunner().invoke(app, ["sweep", str(file), "--list"])
+    assert listed.stdout.startswith("1 trial in 1 batch of 1 model\n")
+    sweep = load_sweep(file)
+    assert repr(sweep) == "Sweep('one': 1 trial of straight; contact.friction)"
+    with pytest.raises(InputError, match=r"is not the table of 'one', which has 1 trial$"):
+        plot_sweep(sweep, pa.table({}), tmp_path / "one.png")
+    assert optimise._work(1, 1) == "1 candidate of 1 trial, 1 trial in all"
+    assert optimise._work(2, 3) == "2 candidates of 3 trials, 6 trials in all"
 
 
 def test_without_a_terminal_work_that_takes_a_while_tells_lines(clock, capfd):

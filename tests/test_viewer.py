@@ -16,7 +16,8 @@ from screens import at_window, needs_screen, screen
 import omnitrack_sim as ot
 from omnitrack_sim.model.looks import add_pipe_insides
 from omnitrack_sim.sim.builder import scene_of
-from omnitrack_sim.viewer.figures import region_of
+from omnitrack_sim.viewer.figures import covers_robot, region_of
+from omnitrack_sim.viewer.keys import DRIVE, help_lines
 from omnitrack_sim.viewer.pace import FRAME, LATE_FRAME, MOST_OVERDUE, Pace
 from omnitrack_sim.viewer.stages import LiveStage, ReplayStage
 
@@ -190,6 +191,16 @@ def test_no_region_without_a_tee_turn():
     assert region_of(simulation.legs.routes, simulation.place, reach) is None
 
 
+@pytest.mark.parametrize(
+    ("size", "covers"), [((320, 240), True), ((853, 533), True), ((1000, 600), False)]
+)
+def test_the_keys_are_shown_where_they_do_not_lie_over_the_robot(size, covers):
+    """Of a robot that is driven; one line fits everywhere."""
+    keys = help_lines(DRIVE)
+    assert covers_robot(keys, *size) is covers
+    assert not covers_robot(keys[-1:], *size)
+
+
 def command(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "omnitrack_sim.cli", *arguments],
@@ -241,7 +252,12 @@ def test_screen_that_is_none_and_missing_library_are_told(monkeypatch):
 DRIVE_SCRIPT = """
 simulation = it.simulation
 def order(): return (it._controller.orders() or (None,))[-1]
+panels = lambda: [line for _, lines in it.panels() for line in lines]
+time.sleep(0.5)
+wait(lambda: it.stage.time == 0 and ("speed", "paused") in panels(), "the clock to stand still")
+wait(lambda: any("until your first order" in told for _, told in panels()), "what is waited for")
 press("Next", "Next", "Next", "Next")
+wait(lambda: it.stage.time > 0 and not it.pace.paused, "the clock to go")
 wait(lambda: order() is not None and order().roll_deg == -60, "the roll")
 theta5 = lambda: abs(simulation.place.theta5[0])
 wait(lambda: theta5() < 0.07, "the orientation")
@@ -307,6 +323,7 @@ def looks():
     flags = bytes(option.flags), bytes(handle.user_scn.flags), bytes(option.geomgroup)
     return (*flags, option.label, option.frame, eye.type, eye.distance, eye.azimuth, eye.elevation)
 before = looks()
+wait(lambda: not it.shows_keys and len(it.panels()[2][1]) == 1, "a small window without the keys")
 press("space")
 wait(lambda: it.pace.paused, "the pause")
 press("End")
@@ -318,7 +335,7 @@ wait(lambda: abs(stage.time - (stage._trajectory.time[-3] - 1)) < 0.03, "a secon
 press("Home")
 wait(lambda: stage.row == 0, "the start")
 press("equal", "minus", "minus", "period", "Prior", "Insert", "Delete", "BackSpace", "Return")
-wait(lambda: it.pace.speed == 0.5 and not it._help, "the keys of time and help")
+wait(lambda: it.pace.speed == 0.5 and it.shows_keys, "the keys of time and help")
 press("Up", "Down")
 assert looks() == before, "a key of ours has changed MuJoCo's picture"
 press("ctrl+q")
@@ -348,6 +365,29 @@ wait(lambda: it.stage.next_time is None, "the end")
 print(dict(it.stage.status())["outcome"])
 press("ctrl+q")
 """
+
+
+UNDRIVEN_SCRIPT = """
+wait(lambda: it.waits, "the clock to stand still")
+press("Insert")
+wait(lambda: it.stage.time > 0, "the clock to go")
+press("Insert")
+wait(lambda: it.waits, "the pause")
+press("Delete")
+"""
+
+
+@needs_screen
+def test_nothing_is_saved_of_a_robot_that_was_not_driven(tmp_path):
+    """A window that is closed before the first order leaves no folder; the clock goes without an
+    order, too, when it is told to."""
+    with screen() as display:
+        done = at_window(
+            display, "Driver", UNDRIVEN_SCRIPT, "drive", "straight", "--fast", folder=tmp_path
+        )
+    assert done.returncode == 0, done.stderr
+    assert "nothing is saved" in done.stdout
+    assert list(tmp_path.iterdir()) == []
 
 
 @needs_screen

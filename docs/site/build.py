@@ -15,14 +15,14 @@ from blocks import faults_of_blocks
 from built import faults_of_site
 from reference import undocumented
 from sphinx.cmd.build import main as sphinx
-from stage import ROOT, stage
+from stage import ROOT, misnamed, stage
 
 
 def build(target: Path) -> list[str]:
     """Build the site into a folder; returns what is wrong with it."""
     with tempfile.TemporaryDirectory() as workshop:
         sources, made = Path(workshop, "sources"), Path(workshop, "site")
-        faults = stage(sources)
+        faults = [*misnamed(), *stage(sources)]
         faults += faults_of_blocks(sources)
         faults += [f"omnitrack_sim.{name} has no docstring" for name in undocumented()]
         options = ["-b", "html", "-q", "-W", "--keep-going", "-c", str(Path(__file__).parent)]

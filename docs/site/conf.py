@@ -12,7 +12,7 @@ project = "omnitrack_sim"
 author = "omnitrack_sim developers"
 copyright = author
 release = omnitrack_sim.__version__
-language = "en"
+language = "en"  # also of the stems that the search compares
 
 extensions = [
     "myst_nb",
@@ -52,6 +52,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = "omnitrack_sim"
 html_static_path = [str(HERE / "static")]
 html_css_files = ["site.css"]
+html_search_scorer = str(HERE / "static" / "search_scorer.js")
 html_copy_source = False
 html_show_sourcelink = False
 html_context = {"default_mode": "auto"}  # light or dark, as the reader's system has it

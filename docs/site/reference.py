@@ -47,7 +47,7 @@ def write_reference(target: Path) -> None:
     """Write ``api.md`` and one page for each room."""
     lists, children = [], []
     for room, names in rooms().items():
-        title = TITLES.get(room, room.capitalize())
+        title = f"{TITLES.get(room, room.capitalize())} (Python)"
         links = ", ".join(f"{{py:obj}}`{name} <omnitrack_sim.{name}>`" for name in names)
         lists.append(f"| [{title}](api-{room}.md) | {links} |")
         children.append(f"api-{room}")
@@ -57,7 +57,7 @@ def write_reference(target: Path) -> None:
     (target / "api.md").write_text(_HEAD + "\n".join(lists) + _tail(children), encoding="utf-8")
 
 
-_HEAD = """# Reference
+_HEAD = """# Python names
 
 The public names of `omnitrack_sim`. Units are SI and angles radians, unless a name ends in `_deg`.
 

@@ -11,6 +11,8 @@ import re
 import shutil
 from pathlib import Path
 
+from commands import PAGE as COMMANDS
+from commands import write_commands
 from reference import write_reference
 
 ROOT = Path(__file__).parents[2]
@@ -19,6 +21,8 @@ CONTENTS = DOCS / "README.md"
 """The list of pages; the site's navigation."""
 _LINK = re.compile(r"(?<=\]\()(?!\w+:)([^)#\s]+)")
 _ENTRY = re.compile(r"^\* \[(.+?)\]\((.+?)\)$", re.MULTILINE)
+_HEADING = re.compile(r'^(?: *")?# (.+?)(?:\\n",)?$', re.MULTILINE)
+"""The first heading of a page of Markdown, or of a notebook, in whose JSON it is a line."""
 _FENCE = re.compile(r"^ *```")
 _LANGUAGES = {".toml": "toml", ".xml": "xml", ".py": "python", ".cff": "yaml"}
 """Of files that a page shows."""
@@ -34,6 +38,19 @@ def navigation() -> dict[str, list[tuple[str, Path]]]:
         entries = [(name, (DOCS / target).resolve()) for name, target in _ENTRY.findall(body)]
         sections[title] = entries
     return sections
+
+
+def misnamed() -> list[str]:
+    """Pages whose heading is not their name in the navigation. The start page is the README, which
+    has the project's name."""
+    faults = []
+    for name, path in (entry for entries in navigation().values() for entry in entries):
+        heading = _HEADING.search(path.read_text(encoding="utf-8"))
+        called = heading[1] if heading else None
+        if pages()[path] != "index" and called != name:
+            place = path.relative_to(ROOT)
+            faults.append(f"{place}: its heading is {called}, its name in {CONTENTS.name} {name}")
+    return faults
 
 
 def pages() -> dict[Path, str]:
@@ -62,6 +79,7 @@ def stage(target: Path) -> list[str]:
         (target / f"{page}{source.suffix}").write_text(text, encoding="utf-8")
     for folder in sorted(shown):
         _write_folder(folder, target)
+    write_commands(target)
     write_reference(target)
     return broken
 
@@ -127,4 +145,4 @@ def _toctrees() -> str:
             for name, path in entries
         )
         text += f"\n```{{toctree}}\n:hidden:\n:caption: {title}\n\n{listed}\n```\n"
-    return text + "\n```{toctree}\n:hidden:\n:caption: Reference\n\napi\n```\n"
+    return f"{text}\n```{{toctree}}\n:hidden:\n:caption: Reference\n\n{COMMANDS}\napi\n```\n"

@@ -80,7 +80,7 @@ def _run(study: Study, target: Path, executor: Callable[[], Executor] | None) ->
         return status.stage, pace
 
     def reached(status: StudyStatus) -> str:
-        return f"{status.stage}, {status.done} trials are done"
+        return f"{status.stage}, {counted(status.done, 'trial')} done"
 
     with trials_bar(f"optimise {study.name}", words, reached) as report:
         return run_study(study, target, executor=executor, progress=report)
@@ -102,9 +102,9 @@ def _print_plan(study: Study) -> None:
     out.print(asked)
     searches, candidates = study.search_count, study.candidate_count
     out.print(
-        f"search: the start, {searches} x {study.generations} generations x {study.asked_each} "
-        f"candidates, and {counted(searches, 'centre')}: {candidates} candidates of "
-        f"{counted(study.size, 'trial')}, {candidates * study.size} trials in all",
+        f"search: the start, {searches} x {counted(study.generations, 'generation')} x "
+        f"{counted(study.asked_each, 'candidate')}, and {counted(searches, 'centre')}: "
+        f"{_work(candidates, study.size)}",
         soft_wrap=True,
     )
     most = study.final.candidates
@@ -115,10 +115,16 @@ def _print_plan(study: Study) -> None:
     size = sum(sweep.size for sweep in study.unseen)
     out.print(
         f"check: the start, {counted(searches, 'centre')}, and the best {most} of each "
-        f"of {counted(searches, 'direction')}: at most {checked} candidates of "
-        f"{counted(size, 'trial')}, {checked * size} trials in all",
+        f"of {counted(searches, 'direction')}: at most "
+        f"{_work(checked, size)}",
         soft_wrap=True,
     )
+
+
+def _work(candidates: int, trials: int) -> str:
+    """How many trials so many candidates are, each in so many."""
+    total = counted(candidates * trials, "trial")
+    return f"{counted(candidates, 'candidate')} of {counted(trials, 'trial')}, {total} in all"
 
 
 def _print_result(result: StudyResult, target: Path) -> None:

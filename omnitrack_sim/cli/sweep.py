@@ -104,7 +104,7 @@ def _run(
         return pace, f"{status.successes} passed"
 
     def reached(status: Status) -> str:
-        return f"{status.done} of {status.total} trials are done"
+        return f"{status.done} of {counted(status.total, 'trial')} done"
 
     with trials_bar(f"sweep {loaded.name}", words, reached) as report:
         table = run_sweep(loaded, target, executor=executor, shard=share, progress=report)
@@ -125,7 +125,7 @@ def _print_outcome(loaded: Sweep, target: Path, done: int, as_json: bool) -> Non
     elif summary is None:
         out.print(
             (
-                f"{done} trials of this share are done; the table follows when all "
+                f"of this share {counted(done, 'trial')} done; the table follows when all "
                 f"{loaded.size} are in {plain(str(target))}"
             ),
             soft_wrap=True,

@@ -18,6 +18,7 @@ from omnitrack_sim.robot import MODULES
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.sweep import Sweep
 from omnitrack_sim.sweep.batch import ERROR, INVALID
+from omnitrack_sim.text import counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -108,7 +109,8 @@ class Measure:
             if objective.metric == SUCCESS_RATE or not part.any():
                 continue
             if not np.isfinite(figures_of(objective, table)[part]).any():
-                problem = f"{objective.metric!r} has no finite value in any of {part.sum()} trials"
+                ran_there = counted(int(part.sum()), "trial")
+                problem = f"{objective.metric!r} has no finite value in {ran_there}"
                 faults.append(Fault(f"objectives.{i}.metric", problem))
             elif objective.failed != "count" and objective.worst is None and not passed[part].any():
                 problem = f"{objective.metric}: no trial of the first generation passed, and with "

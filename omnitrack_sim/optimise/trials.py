@@ -24,6 +24,7 @@ from omnitrack_sim.sweep.trials import (
     trial_of,
     value_at,
 )
+from omnitrack_sim.text import counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -100,9 +101,10 @@ class Trials:
 def _refuse_all_invalid(table: pa.Table) -> None:
     if set(table["outcome"].to_pylist()) == {INVALID}:
         reasons = list(dict.fromkeys(table["reason"].to_pylist()))
+        first = counted(table.num_rows, "trial")
         raise StudyError(
             [
-                Fault("variables", f"all {table.num_rows} trials of the first ones are invalid"),
+                Fault("variables", f"none of the first {first} is valid"),
                 *(Fault("", reason) for reason in reasons[:_TOLD_REASONS]),
             ]
         )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.plots.style import ALARM, GREY, INK, MODULE_COLOURS, styled
 from omnitrack_sim.rotations import Array
+from omnitrack_sim.text import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -217,7 +218,7 @@ def _note_outside(axis: Axes, x: Array, y: Array) -> None:
         if count
     ]
     if told:
-        text = f"not shown of {len(x)} candidates: {', '.join(told)}"
+        text = f"not shown of {counted(len(x), 'candidate')}: {', '.join(told)}"
         axis.set_title(text, loc="right", fontsize=8, color=INK)
 
 

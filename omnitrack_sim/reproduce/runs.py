@@ -11,6 +11,7 @@ from omnitrack_sim.robot import GRAVITY, Robot
 from omnitrack_sim.scenario import Scenario, load_scenario, override
 from omnitrack_sim.sim.result import Result
 from omnitrack_sim.sim.run import run_batch
+from omnitrack_sim.text import counted
 
 Runs = Mapping[str, Sequence[Result]]
 """Results, by the names that ``scenarios`` gives to its lists."""
@@ -115,7 +116,7 @@ def run_all(
     """Run every list on all cores. Scenarios that share a model share a batch across all lists."""
     flat = [scenario for group in lists.values() for scenario in group]
     if progress is not None:
-        progress(0.0, f"{len(flat)} runs")
+        progress(0.0, counted(len(flat), "run"))
     done = iter(run_batch(flat, threads=0, progress=progress))
     return {name: [next(done) for _ in group] for name, group in lists.items()}
 

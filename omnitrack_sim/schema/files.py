@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.naming import entries_beside, without_ending
 from omnitrack_sim.schema.reading import MOST_LEVELS
 from omnitrack_sim.schema.shipped import (
     shipped_networks,
@@ -227,12 +228,28 @@ def _unknown(name: str, kind: Kind) -> Fault:
     if name in others:
         return Fault(name, _is_another(others[name], kind, name))
     problem = f"no such file, nor a shipped {kind.noun} of that name"
-    meant = nearest(name, [*shipped, *others])
+    path = Path(name)
+    files = entries_beside(path, lambda entry: _may_be(entry, kind))
+    bare = without_ending(path.name)
+    file = nearest(bare, list(files)) if bare != name else None  # of a path, no shipped name
+    meant = nearest(name, [*shipped, *others, *files])
+    if file is None and meant not in (*shipped, *others):
+        file = meant
+    if file is not None:
+        return Fault(name, f"{problem}; did you mean {str(files[file])!r}?", shipped)
     if meant in others and meant not in shipped:
         of = others[meant]
         problem += f"; did you mean the {of.noun} {meant!r} (`omnitrack {of.command}`)?"
         return Fault(name, problem, shipped)
     return Fault(name, problem, shipped, given=name)
+
+
+def _may_be(entry: Path, kind: Kind) -> bool:
+    """Whether a file may be of a kind, by its ending; the folder of a run stands for its
+    scenario."""
+    if kind is SCENARIO and is_file(entry / "scenario.json"):
+        return True
+    return entry.suffix.lower() in (".toml", ".json") and is_file(entry)
 
 
 def _is_another(found: Kind, wanted: Kind, name: str) -> str:

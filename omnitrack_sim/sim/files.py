@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.drive import Drive
 from omnitrack_sim.errors import OutputError
+from omnitrack_sim.naming import near_entry
 from omnitrack_sim.record.channels import CHANNELS, Channel, Vector
 from omnitrack_sim.record.timeline import Visit
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
@@ -81,8 +82,12 @@ def reading(path: Path) -> Iterator[Path]:
     try:
         yield path
     except FileNotFoundError as error:
-        told = f"is no run: {path.name} is missing" if path.parent.exists() else "no such folder"
-        raise OutputError(f"{path.parent}: {told}") from error
+        folder = path.parent
+        if folder.exists():
+            raise OutputError(f"{folder}: is no run: {path.name} is missing") from error
+        meant = near_entry(folder, lambda entry: (entry / RESULT_FILE).is_file())
+        question = "" if meant is None else f"; did you mean {str(meant)!r}?"
+        raise OutputError(f"{folder}: no such folder{question}") from error
     except NotADirectoryError as error:
         given = path.parent
         told = f"; {given.parent} is one" if (given.parent / RESULT_FILE).exists() else ""

@@ -18,6 +18,7 @@ from omnitrack_sim.sweep.spec import Sweep
 from omnitrack_sim.sweep.summary import summarise_sweep
 from omnitrack_sim.sweep.table import Layout, made_by
 from omnitrack_sim.sweep.trials import Batch
+from omnitrack_sim.text import counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -127,7 +128,7 @@ def _refuse_all_invalid(table: pa.Table) -> None:
         reasons = list(dict.fromkeys(table["reason"].to_pylist()))
         raise SweepError(
             [
-                Fault("axes", f"all {table.num_rows} trials are invalid"),
+                Fault("axes", f"none of {counted(table.num_rows, 'trial')} is valid"),
                 *(Fault("", r) for r in reasons[:_TOLD_REASONS]),
             ]
         )

@@ -18,6 +18,7 @@ from omnitrack_sim.schema.tables import unit_of
 from omnitrack_sim.sweep.axes import DirectionAxis
 from omnitrack_sim.sweep.batch import ERROR, INVALID
 from omnitrack_sim.sweep.spec import Sweep
+from omnitrack_sim.text import counted
 from omnitrack_sim.theory.singularity import TurnCase
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def plot_sweep(
 
     check_is(Sweep, "sweep", sweep)
     if getattr(table, "num_rows", None) != sweep.size:
-        told = f"is not the table of all {sweep.size} trials of {sweep.name!r}"
+        told = f"is not the table of {sweep.name!r}, which has {counted(sweep.size, 'trial')}"
         raise InputError(Fault("table", told))
     passed = _passed(table)
     if over is None and ax is None:

@@ -21,6 +21,7 @@ from omnitrack_sim.sweep.axes import AXES, Axis, GridAxis, ListAxis
 from omnitrack_sim.sweep.checks import axis_faults, clashes, too_much
 from omnitrack_sim.sweep.sampling import Draws, Sampling
 from omnitrack_sim.table import Table
+from omnitrack_sim.text import counted
 
 MOST_LISTED, MOST_GRID = 12, 24
 """Up to how many values a list or grid axis makes groups in the summary if the file names none."""
@@ -62,7 +63,8 @@ class Sweep(_Plan):
 
     def __repr__(self) -> str:
         axes = ", ".join(axis.name for axis in self.axes) or "no axes"
-        return f"Sweep({self.name!r}: {self.size} trials of {', '.join(self.bases)}; {axes})"
+        bases = ", ".join(self.bases)
+        return f"Sweep({self.name!r}: {counted(self.size, 'trial')} of {bases}; {axes})"
 
     __str__ = __repr__
 

@@ -11,7 +11,7 @@ from omnitrack_sim.record.metrics import METRICS, Metric
 from omnitrack_sim.robot import MODULES
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.schema.tables import unit_of
-from omnitrack_sim.sweep.axes import BASE, DirectionAxis
+from omnitrack_sim.sweep.axes import BASE
 from omnitrack_sim.sweep.batch import Row
 from omnitrack_sim.sweep.spec import Sweep
 from omnitrack_sim.sweep.trials import Batch
@@ -149,14 +149,6 @@ def to_csv(table: pa.Table) -> bytes:
     buffer = io.BytesIO()
     csv.write_csv(table, buffer)
     return buffer.getvalue()
-
-
-def axis_columns(sweep: Sweep, name: str) -> list[str]:
-    """The columns of an axis: one, or x, y and z of a vector."""
-    vector = any(axis.name == name and isinstance(axis, DirectionAxis) for axis in sweep.axes)
-    if vector or (name in sweep.crossed and _are_vectors(sweep.crossed[name])):
-        return [f"{name}_{letter}" for letter in XYZ]
-    return [name]
 
 
 def _columns_of(name: str, values: Sequence[Any]) -> dict[str, Sequence[Any]]:

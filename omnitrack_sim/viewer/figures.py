@@ -15,6 +15,20 @@ from omnitrack_sim.theory.singularity import safe_margin, sector_angle
 
 Lines = list[tuple[str, str]]
 """Words and their values, a pair a line."""
+LINE, LETTER, MARGIN = 23, 7, 20
+"""Height of a line of a panel, width of a letter on average, and width of what stands between and
+around its columns, pixels: of MuJoCo's font at the size that the windows take (mjFONTSCALE_100)."""
+ROBOT = 0.2
+"""Half the extent of the robot in the window, where the camera is at first, in heights of it."""
+
+
+def covers_robot(lines: Lines, width: int, height: int) -> bool:
+    """Whether a panel in an upper corner of a window of so many pixels lies over the robot, which
+    is in the middle."""
+    letters = sum(max(len(line[column]) for line in lines) for column in (0, 1))
+    beside = LETTER * letters + MARGIN <= width / 2 - ROBOT * height
+    above = LINE * len(lines) <= (0.5 - ROBOT) * height
+    return not (beside or above)
 
 
 @dataclass(frozen=True)

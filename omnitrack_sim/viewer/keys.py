@@ -66,7 +66,7 @@ _TIME = (
     Key("+  -", (EQUAL, KEYPAD_PLUS), Do.TIME_FASTER, "time runs faster, slower"),
     Key("", (MINUS, KEYPAD_MINUS), Do.TIME_SLOWER, ""),
 )
-_HELP = Key("Period", (PERIOD,), Do.HELP, "show or hide this")
+_HELP = Key("Period", (PERIOD,), Do.HELP, "show or hide the keys")
 VIEW = (
     Key("Space", (SPACE,), Do.PAUSE, "pause, go on"),
     Key("Right", (RIGHT,), Do.STEP, "one control step"),

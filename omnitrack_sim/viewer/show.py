@@ -15,7 +15,7 @@ from omnitrack_sim.sim.provenance import provenance_of
 from omnitrack_sim.sim.result import Result
 from omnitrack_sim.sim.run import no_load_slips
 from omnitrack_sim.sim.simulation import Simulation
-from omnitrack_sim.viewer.figures import Lines
+from omnitrack_sim.viewer.figures import Lines, covers_robot
 from omnitrack_sim.viewer.keys import DRIVE, REPLAY, VIEW, Do, Key, asked, help_lines
 from omnitrack_sim.viewer.pace import Pace
 from omnitrack_sim.viewer.stages import LiveStage, ReplayStage
@@ -42,7 +42,8 @@ class Player:
 
     def __init__(self, scenario: Scenario, window: Window, speed: float = 1.0) -> None:
         self.scenario, self.window = scenario, window
-        self.pace, self._help = Pace(speed), True
+        self.pace = Pace(speed)
+        self._help: bool | None = None  # whether the keys are shown; where there is room for them
         self.stage = self._begin()
 
     def _begin(self) -> LiveStage | ReplayStage:
@@ -63,7 +64,7 @@ class Player:
         """Do what a key asks for."""
         pace = self.pace
         if do is Do.HELP:
-            self._help = not self._help
+            self._help = not self.shows_keys
         elif do is Do.PAUSE:
             pace.paused = not pace.paused
         elif do in (Do.TIME_FASTER, Do.TIME_SLOWER):
@@ -76,13 +77,21 @@ class Player:
             self.stage = self._begin()
             pace.anew()
 
+    @property
+    def shows_keys(self) -> bool:
+        """Whether the panel of the keys is shown: as it was asked for last, and before that where
+        it does not lie over the robot."""
+        if self._help is not None:
+            return self._help
+        return not covers_robot(help_lines(self.keys), *self.window.size)
+
     def panels(self) -> list[tuple[mujoco.mjtGridPos, Lines]]:
         """What stands in the corners of the window."""
         keys = help_lines(self.keys)
         return [
             (_CORNER.mjGRID_TOPLEFT, [*self.stage.status(), ("speed", self._speed())]),
             (_CORNER.mjGRID_BOTTOMLEFT, self.stage.figures()),
-            (_CORNER.mjGRID_TOPRIGHT, keys if self._help else keys[-1:]),
+            (_CORNER.mjGRID_TOPRIGHT, keys if self.shows_keys else keys[-1:]),
         ]
 
     def _speed(self) -> str:
@@ -131,8 +140,8 @@ class Replayer(Player):
 class Driver(Player):
     """Lets a driver drive a scenario's robot; the scenario's controller is the autopilot.
 
-    The run is over when the driver ends it, when the window is closed, or when the robot's run
-    ends as any other.
+    Time stands still until the first order is given. The run is over when the driver ends it, when
+    the window is closed, or when the robot's run ends as any other.
     """
 
     keys = DRIVE
@@ -145,6 +154,12 @@ class Driver(Player):
             float(setup.settings.speed_limit[0]),
             float(np.degrees(self._controller.roll[0, 0])),
         )
+        self.pace.paused = True
+
+    @property
+    def waits(self) -> bool:
+        """Whether time stands still because no order has been given yet."""
+        return self.pace.paused and not self.driven
 
     @property
     def simulation(self) -> Simulation:
@@ -159,8 +174,9 @@ class Driver(Player):
 
     def act(self, do: Do) -> None:
         """Do what a key asks for."""
+        waits = self.waits
         super().act(do)
-        if not self.simulation.active[0]:
+        if not self.simulation.active[0] or (waits and do is Do.FINISH):
             if do is Do.FINISH:
                 self.window.close()
             return
@@ -169,6 +185,7 @@ class Driver(Player):
         order = self._wheel.press(Do.FINISH if full else do, self._pose())
         if order is not None:
             self._controller.give(order)
+            self.pace.paused &= not waits
         if do is Do.FINISH:
             self.window.close()
 
@@ -209,6 +226,8 @@ class Driver(Player):
         """What the driver asks for."""
         if not self.simulation.active[0]:
             return [("the run is over", "Delete saves it and closes")]
+        if self.waits:
+            return [("time stands still", "until your first order, such as Up")]
         order = self._wheel.order
         if order.by != "hand":
             return [("driven by", "the controller; Space takes over")]

@@ -172,6 +172,12 @@ class Window:
         ahead = [math.cos(up) * math.cos(around), math.cos(up) * math.sin(around), math.sin(up)]
         return -np.array(ahead)
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, pixels; nothing before the first picture."""
+        area = None if self._handle is None else self._handle.viewport
+        return (0, 0) if area is None else (area.width, area.height)
+
     def pressed(self, seconds: float) -> list[int]:
         """The keys since the last call, by GLFW's numbers; waits for one for some seconds."""
         found = []

@@ -23,7 +23,7 @@ export class Plots {
         plot.figure.hidden = !tick.checked;
         this.resize();
       });
-      const label = element("label", {}, tick, ` ${panel.title}`);
+      const label = element("label", {}, tick, panel.title);
       chosen.append(label);
     }
     this.addKeys(data);

@@ -44,6 +44,7 @@ export class Stage {
     const color = new Color().setRGB(...pipes.pipe, SRGBColorSpace);
     const look = { color, shininess: 30, specular: 0x222222 };
     this.solid = new MeshPhongMaterial(look);
+    this.skin = new MeshPhongMaterial({ ...look, side: DoubleSide });
     const glass = { ...look, transparent: true, depthWrite: false };
     this.clear = new MeshPhongMaterial({ ...glass, opacity: 0.26, side: DoubleSide });
     this.faded = new MeshPhongMaterial({ ...glass, opacity: 0.12 });
@@ -130,20 +131,23 @@ export class Stage {
 
   /** Choose for each pipe what is seen of it by a camera in a mode. */
   openPipes(camera, mode, robot) {
+    // From within only the inner surface is drawn: where the halves of a wall meet, or the ends of
+    // two walls, the faces between them would be seen as a line.
+    const within = mode === "onboard";
     for (const part of this.parts) {
       const { kept, front, inside } = part;
-      const whole = this.pipes === "whole" || mode === "onboard";
-      const clear = this.pipes === "translucent" && mode !== "onboard";
+      const whole = this.pipes === "whole" && !within;
+      const clear = this.pipes === "translucent" && !within;
       toCamera.copy(camera.position).sub(part.middle).normalize();
-      const facing = whole || clear || mode === "follow" ? 0 : part.cut.dot(toCamera);
+      const facing = whole || clear || within || mode === "follow" ? 0 : part.cut.dot(toCamera);
       kept.visible = whole || facing > EDGE_ON;
       front.visible = whole || facing < -EDGE_ON;
       inside.visible = !kept.visible && !front.visible;
       const hides = inside.visible && !clear && mode === "follow" && inTheWay(part, camera, robot);
-      inside.material = clear ? this.clear : hides ? this.faded : this.solid;
+      const solid = within ? this.skin : this.solid;
+      inside.material = clear ? this.clear : hides ? this.faded : solid;
       inside.renderOrder = clear || hides ? 3 : 0;
     }
-    const within = mode === "onboard";
     this.lamp.intensity = within ? LAMP * this.robots[0].motion.table.robot.scale : 0;
     this.sky.intensity = within ? DUSK : DAY;
   }
