@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
+from omnitrack_sim.record.events import LostItself, Rolled
 
 pytest.importorskip("numba")
 
@@ -31,7 +32,7 @@ def turn():
 def test_a_robot_finds_out_how_it_is_turned_and_takes_the_tee(turn):
     """It rolls as it has to, and knows its orientation to a degree by then."""
     assert turn.success
-    assert any(isinstance(event, ot.Rolled) for event in turn.events)
+    assert any(isinstance(event, Rolled) for event in turn.events)
     channels = turn.trajectory.channels
     turning = channels["phase"] == turn.trajectory.phases.index("tee_turn")
     first = int(np.flatnonzero(turning)[0])
@@ -107,20 +108,34 @@ def test_controllers_see_what_sensors_say_and_no_more():
         _ = observation.slip_ratio
 
 
-def test_a_robot_with_a_wrong_map_stops_and_gives_up():
-    """Put into another pipe than it takes itself to be in, it notices, stops, and ends as lost."""
-    scenario = onboard("elbow", sensing__start__theta5_known=True, sensing__search__tries=1)
+def test_a_blind_robot_stops_before_the_bend_and_gives_up():
+    """With gravity along its pipe nothing tells it how it is turned: it does not drive into the
+    elbow, looks for itself by steps back and rolls, and ends as lost."""
+    blind = onboard("elbow", sensing__depth__dropouts=1.0, sensing__search__tries=1)
+    result = ot.run(blind)
+    assert result.outcome is ot.Outcome.LOST
+    assert [type(event) for event in result.events] == [LostItself]
+    channels, first = result.trajectory.channels, result.routes()[0].fittings[1].s_enter
+    nose = channels["distance"] + result.scenario.robot.length / 2
+    assert nose.max() < first + 0.005
+    assert np.degrees(np.ptp(channels["roll"])) > 30
+
+
+def test_a_robot_that_is_elsewhere_finds_itself():
+    """Put half a pipe farther on than it is, and sure of it, it sees that the picture is not that
+    of its map, compares the poses around, and goes on from where it really is."""
+    scenario = onboard("elbow", sensing__start__theta5_known=True, start__distance=0.15)
     simulation = ot.Simulation([scenario])
     pose = simulation.onboard.localiser.filter
-    pose.position = pose.position + np.array([0.0, 0.0, 0.55])
-    pose.covariance = pose.covariance * 1e-3
-    simulation.onboard.localiser._look = None
-    while simulation.active.any() and simulation.time[0] < 15:
+    pose.position = pose.position + 0.2 * pose.rotation[:, :, 2]
+    pose.covariance = pose.covariance * 1e-2
+    while simulation.active.any():
         simulation.step()
-    kinds = [type(event) for event in simulation._events[0]]
-    assert ot.LostItself in kinds
-    ending = simulation.endings[0]
-    assert ending is None or ending.outcome in (ot.Outcome.LOST, ot.Outcome.REACHED_GOAL)
+    (result,) = simulation.results()
+    error = result.trajectory.channels["distance_estimate"] - result.trajectory.channels["distance"]
+    assert error[5] > 0.15
+    assert result.success
+    assert np.abs(error[-100:]).max() < 0.03
 
 
 def test_without_noise_the_estimate_is_the_truth():

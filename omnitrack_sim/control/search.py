@@ -18,9 +18,11 @@ from omnitrack_sim.theory.kinematics import belt_sign
 
 
 class Searching(NamedTuple):
-    """The command with which searching robots stand, step back or roll; and who gives up (n,)."""
+    """The command with which robots that search stand, step back or roll; who searches (n,), and
+    who gives up (n,)."""
 
     command: Command
+    searching: NDArray[np.bool_]
     given_up: NDArray[np.bool_]
     events: Sequence[Event]
 
@@ -63,8 +65,9 @@ class Search:
         self._roll = np.where(began[:, None], roll, self._roll)
         nobody = np.zeros(len(lost), bool)
         if not np.count_nonzero(lost):
-            return Searching(command, nobody, events)
-        return Searching(self._searching(command, lost, time, roll), self._given_up(time), events)
+            return Searching(command, lost, nobody, events)
+        asked = self._searching(command, lost, time, roll)
+        return Searching(asked, lost, self._given_up(time), events)
 
     def _given_up(self, time: Array) -> NDArray[np.bool_]:
         return time - self._since > self._table.tries * self._round

@@ -44,11 +44,19 @@ COARSE = 4
 """Of the pixels that it compares with: every fourth of every fourth row."""
 DISTINCT = 0.3
 """Turns that differ by more, rad, are two answers."""
-CONVINCED = 12.0
+CONVINCED = 4.0
 """By how much the cost of any other answer has to be higher."""
 FOUND_TURN, FOUND_AT = 0.1, 0.02
 """Standard deviations of a turn, rad, and of a place along the pipe, m, that were found among
 candidates that far apart."""
+BLUR = 4.0
+"""Between candidates that far apart a pixel differs by so many standard deviations."""
+FINALISTS = 8
+"""Candidates that are improved and compared again."""
+NEAR_BY, NEAR_TURN = 0.03, 0.2
+"""By how much a candidate is moved at most at once, m and rad."""
+GOOD = 2.0
+"""Cost, for each pixel that counts, up to which a pose explains its picture."""
 DOUBT = 1e-3
 """Probability of all other turns together below which a robot takes the best."""
 VAGUE = 0.01
@@ -165,6 +173,10 @@ class Localiser:
         """Robots (n,) whose pictures have not been those of their map for a while."""
         return self._puzzled > self._table.filter.misfit_time
 
+    def doubt(self, robot: int) -> None:
+        """What a robot takes for its pose cannot be: it is to look for itself."""
+        self._puzzled[robot] = 2 * self._table.filter.misfit_time
+
     def _from_arms(self) -> tuple[Array, Array]:
         """Where an arm's module is pressed to the wall, the wall is as far as the arm reaches.
 
@@ -223,25 +235,30 @@ class Localiser:
         """Correct the poses by what the picture has other than expected."""
         rays = self._rays[self._fine]
         position, frame = self.lens(shot.position, shot.rotation, shot.facing)
-        expected, slopes = self._expected(position, frame, rays)
+        expected, slopes = self._expected(self._which, position, frame, rays)
         measured = shot.picture[:, self._fine]
         spread = self._camera.spread(expected)
         error = (measured - expected) / spread
         said = np.isfinite(error) & np.isfinite(slopes).all(axis=-1)
         error = np.where(said, error, 0.0)
-        slopes = np.where(said[..., None], slopes, 0.0)
         self.misfit = _median(np.abs(error), said)
         wrong = self.misfit > self._table.filter.misfit
         self._puzzled = (self._puzzled + 1 / self._camera.optics.rate) * wrong
         weight = self._table.filter.pixel_share * _huber(error)
         weight = np.where(self.unknown[:, None], 0.0, weight)
         scaled = slopes / np.where(said, spread, 1.0)[..., None]
-        turns = np.einsum("nij,nkj->nki", frame, scaled[..., 3:])
-        arm = (position - shot.position)[:, None]
-        world = np.concatenate([scaled[..., :3], turns + cross(arm, scaled[..., :3])], axis=-1)
+        world = self._in_world(scaled, said, frame, position - shot.position)
         information, evidence = _normal(world, error, weight)
         change = self.filter.correct(information, evidence, shot.position)
         self._move_later_shots(change, shot.position)
+
+    def _in_world(self, slopes: Array, said: NDArray[np.bool_], frame: Array, arm: Array) -> Array:
+        """Slopes (n, k, 6) of a camera's picture as those of its robot's pose, 0 where nothing is
+        ``said``; ``arm`` (n, 3) m, from the robot's centre to the lens, world frame."""
+        slopes = np.where(said[..., None], slopes, 0.0)
+        turns = np.einsum("nij,nkj->nki", frame, slopes[..., 3:])
+        turns = turns + cross(arm[:, None], slopes[..., :3])
+        return np.concatenate([slopes[..., :3], turns], axis=-1)
 
     def _move_later_shots(self, change: Array, pivot: Array) -> None:
         """Pictures that are on their way were taken where the robots now know better."""
@@ -253,16 +270,25 @@ class Localiser:
             moved.append((due, shot._replace(position=position, rotation=turn @ shot.rotation)))
         self._arriving = moved
 
-    def _expected(self, position: Array, frame: Array, rays: Array) -> tuple[Array, Array]:
+    def _expected(
+        self, which: NDArray[np.intp], position: Array, frame: Array, rays: Array
+    ) -> tuple[Array, Array]:
         """Expected pictures (n, k) and their slopes (n, k, 6), see ``Camera.slopes``."""
         camera, far = self._camera, self._camera.optics.far
-        hits = self._walls.trace(self._which, position, frame, rays, far, camera.lamp)
+        hits = self._walls.trace(which, position, frame, rays, far, camera.lamp)
         expected, slopes = camera.expected(hits, rays), camera.slopes(hits, rays, frame)
         if slopes is None:
-            slopes = self._slopes(position, frame, rays, expected)
+            slopes = self._slopes(which, position, frame, rays, expected)
         return expected, slopes
 
-    def _slopes(self, position: Array, frame: Array, rays: Array, expected: Array) -> Array:
+    def _slopes(
+        self,
+        which: NDArray[np.intp],
+        position: Array,
+        frame: Array,
+        rays: Array,
+        expected: Array,
+    ) -> Array:
         """Slopes from pictures of neighbouring poses."""
         camera, n = self._camera, len(position)
         places = np.repeat(position[None], POSE, axis=0)
@@ -273,7 +299,7 @@ class Localiser:
             about[:, axis] = TURNED
             frames[3 + axis] = frame @ turned_by(about)
         hits = self._walls.trace(
-            np.tile(self._which, POSE),
+            np.tile(which, POSE),
             places.reshape(-1, 3),
             frames.reshape(-1, 3, 3),
             rays,
@@ -394,15 +420,22 @@ class Localiser:
         Returns:
             (m,) those that have found themselves.
         """
-        rows = np.arange(len(robots))
+        rows = np.arange(len(robots))[:, None]
+        cost = self._cost(robots, shot, places, frames, BLUR)
+        best = np.argsort(cost, axis=1, kind="stable")[:, :FINALISTS]
+        places, frames = places[rows, best], frames[rows, best]
+        for blur in (BLUR, BLUR, BLUR, 2.0, 2.0, 1.0):
+            places, frames = self._improved(robots, shot, places, frames, blur)
         cost = self._cost(robots, shot, places, frames)
-        best = cost.argmin(axis=1)
-        place, frame = places[rows, best], frames[rows, best]
+        first = cost.argmin(axis=1)
+        place, frame = places[rows[:, 0], first], frames[rows[:, 0], first]
         cosine = ((frame[:, None] * frames).sum(axis=(2, 3)) - 1) / 2
         aside = np.sqrt(((places - place[:, None]) ** 2).sum(axis=-1))
         apart = (cosine < np.cos(DISTINCT)) | (aside > APART)
         other = np.where(apart, cost, np.inf).min(axis=1)
-        sure = other - cost[rows, best] > CONVINCED
+        least = cost[rows[:, 0], first]
+        pixels = self._table.filter.pixel_share * len(self._fine)
+        sure = (other - least > CONVINCED) & (least < GOOD * pixels)
         if np.count_nonzero(sure):
             count = int(np.count_nonzero(sure))
             self._put(
@@ -414,6 +447,35 @@ class Localiser:
                 np.full(count, FOUND_AT**2),
             )
         return sure
+
+    def _improved(
+        self, robots: NDArray[np.intp], shot: Shot, places: Array, frames: Array, blur: float
+    ) -> tuple[Array, Array]:
+        """Candidates (m, c, 3) and (m, c, 3, 3), each moved to where it fits the picture better: a
+        step of Gauss and Newton."""
+        m, c = places.shape[:2]
+        facing, which = np.repeat(shot.facing[robots], c), np.repeat(self._which[robots], c)
+        flat, turned = places.reshape(-1, 3), frames.reshape(-1, 3, 3)
+        rays = self._rays[self._coarse]
+        position, lens = self.lens(flat, turned, facing)
+        expected, slopes = self._expected(which, position, lens, rays)
+        spread = self._camera.spread(expected) * blur
+        measured = np.repeat(shot.picture[robots][:, self._coarse], c, axis=0)
+        error = (measured - expected) / spread
+        said = np.isfinite(error) & np.isfinite(slopes).all(axis=-1)
+        said &= np.abs(error) < 2 * WORST
+        world = self._in_world(
+            slopes / np.where(said, spread, 1.0)[..., None], said, lens, position - flat
+        )
+        information, evidence = _normal(world, np.where(said, error, 0.0), said.astype(float))
+        stiff = np.diag(1 / np.array([NEAR_BY] * 3 + [NEAR_TURN] * 3) ** 2)
+        change = np.linalg.solve(information + stiff, evidence[..., None])[..., 0]
+        size = np.sqrt((change[:, :3] ** 2).sum(axis=-1)) / NEAR_BY
+        turn = np.sqrt((change[:, 3:] ** 2).sum(axis=-1)) / NEAR_TURN
+        change = change / np.maximum(1.0, np.maximum(size, turn))[:, None]
+        moved = flat + change[:, :3]
+        rotated = orthonormal(turned_by(change[:, 3:]) @ turned)
+        return moved.reshape(m, c, 3), rotated.reshape(m, c, 3, 3)
 
     def _put(
         self,
@@ -445,8 +507,16 @@ class Localiser:
         self.unknown = self.unknown & ~found
         self._puzzled = np.where(found, 0.0, self._puzzled)
 
-    def _cost(self, robots: NDArray[np.intp], shot: Shot, places: Array, frames: Array) -> Array:
-        """Half of the squared errors of each robot's candidates (m, c), of picture and gravity."""
+    def _cost(
+        self,
+        robots: NDArray[np.intp],
+        shot: Shot,
+        places: Array,
+        frames: Array,
+        blur: float = 1.0,
+    ) -> Array:
+        """Half of the squared errors of each robot's candidates (m, c), of picture and gravity;
+        those of pixels are less by ``blur``, where candidates are far apart."""
         camera, rays = self._camera, self._rays[self._coarse]
         m, c = frames.shape[:2]
         facing = np.repeat(shot.facing[robots], c)
@@ -455,7 +525,7 @@ class Localiser:
         hits = self._walls.trace(which, position, lens, rays, camera.optics.far, camera.lamp)
         expected = camera.expected(hits, rays).reshape(m, c, -1)
         measured = shot.picture[robots][:, None, self._coarse]
-        error = (measured - expected) / camera.spread(expected)
+        error = (measured - expected) / camera.spread(expected) / blur
         # Where one of both sees something and the other nothing, they differ by much.
         nothing = np.isnan(measured) != np.isnan(expected)
         error = np.where(nothing, WORST, np.nan_to_num(error))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -130,7 +130,7 @@ class SearchTable(Table):
 class SensingTable(Table):
     """``[sensing]``."""
 
-    kind: Annotated[str, Field(pattern="^(truth|onboard)$")] = "truth"
+    kind: Literal["truth", "onboard"] = "truth"
     """"truth": controllers are told the exact pose; "onboard": they know what the sensors say."""
     camera: str = "depth"
     """"depth" measures distances, "headlight" brightness beside one lamp; `module:Class` names a

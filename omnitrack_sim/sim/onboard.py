@@ -26,7 +26,7 @@ from omnitrack_sim.sensing.sensor import State
 from omnitrack_sim.sim.builder import each
 from omnitrack_sim.theory.kinematics import belt_sign
 
-AROUND, SPACING, TURNS = 0.4, 0.02, 24
+AROUND, SPACING, TURNS = 1.0, 0.02, 24
 """Stretch of the way before and behind it in which a robot that is lost looks for itself, m; the
 distance of the places that it compares, m; and the turns about the axis at each."""
 INSIDE = 0.03
@@ -91,6 +91,7 @@ class Onboard:
             period,
         )
         self._routes = routes
+        self._found: list[int] = []
         self._search = Search(table.search, first.robot, each(scenarios, "cruise_speed"))
         self._sure = np.radians(table.filter.sure_deg)
         self._every = round(1 / (self._camera.optics.rate * period))
@@ -150,7 +151,22 @@ class Onboard:
         frame = np.concatenate(frames, axis=1)
         back = (gear[robots] < 0)[:, None, None, None]
         frame = np.where(back, frame * TURNED, frame)
-        localiser.seek(robots, shot, np.concatenate(places, axis=1), frame)
+        found = localiser.seek(robots, shot, np.concatenate(places, axis=1), frame)
+        self._found = robots[found].tolist()
+
+    def near(self, near: Array, way: NDArray[np.intp]) -> Array:
+        """``near`` (n,) m, and for robots that have found themselves just now the arc length of
+        that place of their way (n,) that they are nearest to."""
+        if not self._found:
+            return near
+        near = near.copy()
+        for robot in self._found:
+            along = np.arange(0.0, self._routes.lengths[way[robot]], SPACING)
+            points = self._routes.poses(np.full(len(along), way[robot]), along, 0 * along)[0]
+            aside = ((points - self.localiser.filter.position[robot]) ** 2).sum(axis=-1)
+            near[robot] = along[aside.argmin()]
+        self._found = []
+        return near
 
     def lost(self, place: Place) -> NDArray[np.bool_]:
         """Robots (n,) that do not know where they are: their pictures are not those of the map, or

@@ -263,7 +263,8 @@ class Simulation:
             return command
         guarded = self.onboard.guarded(command, self._believed, self.observation.roll)
         self._gave_up = guarded.given_up
-        return guarded.command._replace(events=[*command.events, *guarded.events])
+        told = [event for event in command.events if not guarded.searching[event.robot]]
+        return guarded.command._replace(events=[*told, *guarded.events])
 
     def advance(self, progress: Progress | None = None) -> None:
         """Run all robots to their ends under their controller."""
@@ -313,7 +314,9 @@ class Simulation:
         self._near = self._place.distance
         self._believed = self._place
         if self.onboard is not None:
-            self._believed = self.onboard.place(self._locate(self.onboard.readings, legs.near))
+            self._believed = self.onboard.place(
+                self._locate(self.onboard.readings, self.onboard.near(legs.near, legs.way))
+            )
         legs.seen_at(self._believed.distance)
 
     def _locate(self, readings: Mapping[str, Array], near: Array) -> Place:
@@ -369,6 +372,9 @@ class Simulation:
                 sent.add(robot)
                 length = float(self.legs.routes.lengths[self.legs.way[robot]])
                 self.monitor.sent_on(robot, self.scenarios[robot].time_for(length))
+                continue
+            if outcome is Outcome.LEFT_PIPE and self.onboard is not None:
+                self.onboard.localiser.doubt(robot)
                 continue
             time = float(self.time[robot])
             self._end(robot, outcome or self.monitor.cause(robot, place), time)
