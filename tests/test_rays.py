@@ -38,7 +38,8 @@ def test_rays_end_on_the_wall_and_pass_through_none(name):
     assert met.mean() > 0.8
     far = np.where(met, reach, 0.0)[..., None]
     ends, gradient = route.network.signed_distance(position[:, None] + far * directions)
-    assert np.abs(ends[met]).max() < 2e-4
+    assert np.abs(ends[met]).max() < 6e-4
+    assert np.quantile(np.abs(ends[met]), 0.99) < 1e-5
     beside_joints = met & (hits[..., 6] > 1e-3)  # at a reducer's end the wall has an edge
     assert (normal * gradient).sum(axis=-1)[beside_joints].min() > 0.999
     for part in np.linspace(0.05, 0.98, 12):

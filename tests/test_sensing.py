@@ -63,7 +63,7 @@ def test_depth_has_the_noise_of_its_table():
     camera = DepthCamera(DepthTable(scale_error=0.0))
     *_, rays, hits = hits_in("straight", 0.3, camera)
     robots = keys([str(i) for i in range(40)])
-    pictures = camera.picture(np.repeat(hits, 40, axis=0), rays, robots, 1)
+    pictures = camera.picture(np.repeat(hits, 40, axis=0), rays, np.arange(48**2), robots, 1)
     expected = camera.expected(hits, rays)[0]
     near = np.isfinite(expected) & (expected > 0.1)
     assert np.isnan(pictures[:, near]).mean() == pytest.approx(0.02, abs=0.005)

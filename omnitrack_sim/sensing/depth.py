@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from omnitrack_sim.rotations import Array, cross
@@ -40,15 +41,17 @@ class DepthCamera:
         self._table = table
         self._least_sine = np.sin(np.radians(table.grazing_deg))
 
-    def picture(self, hits: Array, rays: Array, keys: Keys, number: int) -> Array:
+    def picture(
+        self, hits: Array, rays: Array, pixels: NDArray[np.intp], keys: Keys, number: int
+    ) -> Array:
         """See ``Camera``."""
-        table, shape = self._table, hits.shape[:2]
+        table = self._table
         reach = hits[..., RANGE]
-        seen = np.isfinite(reach) & (uniform(keys, "dropouts", number, shape[1]) > table.dropouts)
+        seen = np.isfinite(reach) & (uniform(keys, "dropouts", number, pixels) > table.dropouts)
         reach = np.where(seen, reach, 1.0)
         scale = 1.0 + table.scale_error * normal(keys, "scale", 0, 1)
         spread = np.hypot(table.noise * reach, table.noise_floor)
-        measured = scale * reach + spread * normal(keys, "depth", number, shape[1])
+        measured = scale * reach + spread * normal(keys, "depth", number, pixels)
         return np.where(seen, np.round(measured / table.resolution) * table.resolution, np.nan)
 
     def expected(self, hits: Array, rays: Array) -> Array:

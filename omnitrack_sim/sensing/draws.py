@@ -24,28 +24,29 @@ def keys(texts: list[str]) -> Keys:
     return np.array([int.from_bytes(digest, "little") for digest in digests], np.uint64)
 
 
-def uniform(keys: Keys, name: str, draw: int, count: int) -> Array:
-    """Numbers (n, count) in (0, 1).
+def uniform(keys: Keys, name: str, draw: int, which: int | NDArray[np.intp]) -> Array:
+    """Numbers (n, k) in (0, 1).
 
     Args:
-        keys: (n,) of the robots. name: of what is drawn. draw: its number. count: of numbers.
+        keys: (n,) of the robots. name: of what is drawn. draw: its number.
+        which: how many, or (k,) which of them: each depends on its place alone.
 
     The mixing is that of SplitMix64 (Steele, Lea and Flood, 2014).
     """
     stream = int.from_bytes(hashlib.sha256(f"{name} {draw}".encode()).digest()[:8], "little")
     with np.errstate(over="ignore"):
         start = _mixed(keys ^ np.uint64(stream))
-        z = _mixed(start[:, None] + np.arange(1, count + 1, dtype=np.uint64) * _GOLDEN)
+        places = np.arange(which) if isinstance(which, int) else which
+        z = _mixed(start[:, None] + (places + 1).astype(np.uint64) * _GOLDEN)
     return ((z >> np.uint64(11)).astype(float) + 0.5) * 2.0**-53
 
 
-def normal(keys: Keys, name: str, draw: int, count: int) -> Array:
-    """Numbers (n, count) of the standard normal distribution, by Box and Muller; see
+def normal(keys: Keys, name: str, draw: int, which: int | NDArray[np.intp]) -> Array:
+    """Numbers (n, k) of the standard normal distribution, by Box and Muller; see
     ``uniform``."""
-    half = (count + 1) // 2
-    u = uniform(keys, name, draw, 2 * half)
-    size, turn = np.sqrt(-2.0 * np.log(u[:, :half])), 2 * np.pi * u[:, half:]
-    return np.concatenate([size * np.cos(turn), size * np.sin(turn)], axis=1)[:, :count]
+    places = np.arange(which) if isinstance(which, int) else which
+    u, v = uniform(keys, name, draw, 2 * places), uniform(keys, name, draw, 2 * places + 1)
+    return np.sqrt(-2.0 * np.log(u)) * np.cos(2 * np.pi * v)
 
 
 def _mixed(z: Keys) -> Keys:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from omnitrack_sim.rotations import Array
@@ -52,12 +53,14 @@ class HeadlightCamera:
         self.optics, self._table = table, table
         self.lamp = np.array([table.lamp_aside, 0.0, 0.0])
 
-    def picture(self, hits: Array, rays: Array, keys: Keys, number: int) -> Array:
+    def picture(
+        self, hits: Array, rays: Array, pixels: NDArray[np.intp], keys: Keys, number: int
+    ) -> Array:
         """See ``Camera``."""
         table = self._table
         light = self._light(hits, rays) * (1 + table.dirt * hits[..., GRAIN])
         coded = self._coded(light, rays)
-        noisy = coded + table.noise * normal(keys, "headlight", number, hits.shape[1])
+        noisy = coded + table.noise * normal(keys, "headlight", number, pixels)
         steps = 2**table.bits - 1
         return np.round(np.clip(noisy, 0.0, 1.0) * steps) / steps
 

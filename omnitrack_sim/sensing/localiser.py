@@ -38,10 +38,8 @@ AT_STOP = 0.0005
 """Distance from its outer stop, m, at which an arm may have no wall."""
 MOVED, TURNED = 5e-4, 5e-4
 """Steps, m and rad, between the pictures that the slopes of a picture are taken from."""
-ROLLS = 72
+ROLLS = 48
 """Turns about the pipe's axis that a robot that does not know its own compares."""
-COARSE = 4
-"""Of the pixels that it compares with: every fourth of every fourth row."""
 DISTINCT = 0.3
 """Turns that differ by more, rad, are two answers."""
 CONVINCED = 4.0
@@ -61,11 +59,14 @@ DOUBT = 1e-3
 """Probability of all other turns together below which a robot takes the best."""
 VAGUE = 0.01
 """Standard deviation of its place, m, from which on a robot compares places."""
+RESTING = 2
+"""Pictures that a robot lets pass after one that told it nothing; an even number, so that both ends
+have their turn."""
 VAGUE_TURN = 0.02
 """Likewise of its turn about its axis, rad."""
 WITHIN, FARTHEST = 3.0, 0.2
 """How far it looks, in standard deviations and at most in m."""
-PLACES, FEW_PLACES, FEW_TURNS = 15, 7, 9
+PLACES, FEW_PLACES, FEW_TURNS = 15, 5, 9
 """At how many places, at how many for all turns, and at how many turns."""
 TOLD = 0.5
 """Part to which the variance has to fall by that."""
@@ -103,6 +104,7 @@ class Localiser:
         misfit: (n,) median error of the last picture's pixels, in their standard deviations.
         unknown: (n,) bool, robots that do not know how they are turned about their axis.
         shot: the last picture that has arrived.
+        pixels: (k,) those of a picture that are compared with the map, counted row by row.
     """
 
     def __init__(
@@ -135,11 +137,14 @@ class Localiser:
         pixels = np.arange(camera.optics.pixels**2).reshape(2 * (camera.optics.pixels,))
         rays = rays_of(camera.optics)
         stride = table.filter.stride
-        self._fine = pixels[stride // 2 :: stride, stride // 2 :: stride].ravel()
-        self._coarse = pixels[COARSE // 2 :: COARSE, COARSE // 2 :: COARSE].ravel()
-        self._rays = rays
+        self.pixels = pixels[stride // 2 :: stride, stride // 2 :: stride].ravel()
+        self._rays = rays[self.pixels]
+        row, column = np.divmod(np.arange(len(self.pixels)), int(np.sqrt(len(self.pixels))))
+        self._coarse = np.flatnonzero((row + column) % 2 == 0)
         self._arms = np.stack([np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES), np.zeros(3)], axis=-1)
         self._force, self._held, self._felt = np.zeros((n, 3)), -self._in_robot(gravity), 0
+        self._rest = np.zeros(n, np.intp)  # pictures to come until poses are compared again
+        self._against = np.zeros((n, ROLLS))  # what pictures have said against each turn
         self._puzzled = np.zeros(n)  # s, how long pictures have not been those of the map
         self._steps = max(1, round(FEELING / period))
         self._slide = np.zeros((n, 3))
@@ -233,10 +238,10 @@ class Localiser:
 
     def _compare(self, shot: Shot) -> None:
         """Correct the poses by what the picture has other than expected."""
-        rays = self._rays[self._fine]
+        rays = self._rays
         position, frame = self.lens(shot.position, shot.rotation, shot.facing)
         expected, slopes = self._expected(self._which, position, frame, rays)
-        measured = shot.picture[:, self._fine]
+        measured = shot.picture
         spread = self._camera.spread(expected)
         error = (measured - expected) / spread
         said = np.isfinite(error) & np.isfinite(slopes).all(axis=-1)
@@ -315,7 +320,11 @@ class Localiser:
     def _find_turn(self, shot: Shot) -> None:
         """Have robots that do not know how they are turned about their axis compare all turns, at
         some places along it, and take the best where no other turn is nearly as good."""
-        robots = np.flatnonzero(self.unknown)
+        self._rest = np.maximum(self._rest - 1, 0)
+        robots = np.flatnonzero(self.unknown & (self._rest == 0))
+        if len(robots) == 0:
+            return
+        self._rest[robots] = RESTING
         axis = self.filter.rotation[robots, :, 2]
         std = self.filter.std_along(self.filter.rotation[:, :, 2])[robots]
         turns = np.arange(ROLLS) * 2 * np.pi / ROLLS
@@ -325,12 +334,14 @@ class Localiser:
         )
         cost = prior + self._around(robots, shot, axis, steps, np.tile(turns, (len(robots), 1)))
         weight = _chances(cost)  # (m, ROLLS, p)
-        best = weight.sum(axis=2).argmax(axis=1)
+        self._against[robots] -= np.log(np.maximum(weight.sum(axis=2), 1e-300))
+        of_turn = _chances(self._against[robots])
+        best = of_turn.argmax(axis=1)
         apart = (turns - turns[best, None] + np.pi) % (2 * np.pi) - np.pi  # (m, ROLLS)
-        sure = (weight * (np.abs(apart) > DISTINCT)[..., None]).sum(axis=(1, 2)) < DOUBT
+        sure = (of_turn * (np.abs(apart) > DISTINCT)).sum(axis=1) < DOUBT
         if not np.count_nonzero(sure):
             return
-        mean_turn, turn_variance = _moments(apart, weight.sum(axis=2))
+        mean_turn, turn_variance = _moments(apart, of_turn)
         mean_step, step_variance = _moments(steps, weight.sum(axis=1))
         turn = np.zeros((len(robots), 3))
         turn[:, 2] = turns[best] + mean_turn
@@ -354,34 +365,40 @@ class Localiser:
         axis, std = self.filter.vaguest()
         forward = self.filter.rotation[:, :, 2]
         turn_std = self.filter.std_about(forward)
-        robots = np.flatnonzero(((std > VAGUE) | (turn_std > VAGUE_TURN)) & ~self.unknown)
+        vague = ((std > VAGUE) | (turn_std > VAGUE_TURN)) & ~self.unknown
+        self._rest = np.maximum(self._rest - 1, 0)
+        robots = np.flatnonzero(vague & (self._rest == 0))
         if len(robots) == 0:
             return
+        information = np.zeros((len(axis), POSE, POSE))
+        evidence = np.zeros((len(axis), POSE))
+        nowhere, as_is = np.zeros((len(robots), 1)), np.zeros((len(robots), 1))
         reach = np.minimum(WITHIN * std[robots], FARTHEST)
         steps = reach[:, None] * np.linspace(-1.0, 1.0, PLACES)  # (m, p)
         turns = WITHIN * turn_std[robots, None] * np.linspace(-1.0, 1.0, FEW_TURNS)  # (m, t)
-        prior = (
-            0.5 * (steps / std[robots, None])[:, None] ** 2
-            + 0.5 * (turns / turn_std[robots, None])[..., None] ** 2
-        )
-        seen = _chances(prior + self._around(robots, shot, axis[robots], steps, turns))
-        before = _chances(prior)
-        information = np.zeros((len(axis), POSE, POSE))
-        evidence = np.zeros((len(axis), POSE))
-        for values, summed, at, direction in (
-            (steps, 1, PLACE, axis),
-            (turns, 2, TURN, forward),
+        told = np.zeros(len(robots), bool)
+        for values, spread, at, direction, cost in (
+            (steps, std, PLACE, axis, self._around(robots, shot, axis[robots], steps, as_is)),
+            (
+                turns,
+                turn_std,
+                TURN,
+                forward,
+                self._around(robots, shot, axis[robots], nowhere, turns),
+            ),
         ):
-            mean, variance = _moments(values, seen.sum(axis=summed))
-            _, known = _moments(values, before.sum(axis=summed))
-            spacing = values[:, 1] - values[:, 0]
-            variance = variance + spacing**2 / 4
+            prior = 0.5 * (values / spread[robots, None]) ** 2
+            mean, variance = _moments(values, _chances(prior + cost.reshape(prior.shape)))
+            _, known = _moments(values, _chances(prior))
+            variance = variance + (values[:, 1] - values[:, 0]) ** 2 / 4
             # Where all poses look alike, what seems to be gained is chance.
-            told = variance < TOLD * known
-            gained = np.where(told, 1 / variance - 1 / known, 0.0)
+            more = variance < TOLD * known
+            gained = np.where(more, 1 / variance - 1 / known, 0.0)
             along = direction[robots]
             information[robots, at, at] += gained[:, None, None] * outer(along, along)
-            evidence[robots, at] += np.where(told, mean / variance, 0.0)[:, None] * along
+            evidence[robots, at] += np.where(more, mean / variance, 0.0)[:, None] * along
+            told |= more
+        self._rest[robots] = np.where(told, 0, RESTING)
         change = self.filter.correct(information, evidence, shot.position)
         self._move_later_shots(change, shot.position)
         turn = turned_by(change[:, TURN])
@@ -434,7 +451,7 @@ class Localiser:
         apart = (cosine < np.cos(DISTINCT)) | (aside > APART)
         other = np.where(apart, cost, np.inf).min(axis=1)
         least = cost[rows[:, 0], first]
-        pixels = self._table.filter.pixel_share * len(self._fine)
+        pixels = self._table.filter.pixel_share * len(self.pixels)
         sure = (other - least > CONVINCED) & (least < GOOD * pixels)
         if np.count_nonzero(sure):
             count = int(np.count_nonzero(sure))
@@ -505,6 +522,7 @@ class Localiser:
         covariance[robots, 3:, 3:] += turn_variance[:, None, None] * along[robots]
         pose.put(found, position, rotation, covariance)
         self.unknown = self.unknown & ~found
+        self._against[robots] = 0.0
         self._puzzled = np.where(found, 0.0, self._puzzled)
 
     def _cost(
@@ -531,7 +549,7 @@ class Localiser:
         error = np.where(nothing, WORST, np.nan_to_num(error))
         size = np.abs(error)
         loss = np.minimum(size, WORST) ** 2 / 2
-        picture = self._table.filter.pixel_share * (COARSE / self._table.filter.stride) ** 2
+        picture = self._table.filter.pixel_share * len(self.pixels) / len(self._coarse)
         held = np.einsum("mcij,mi->mcj", frames, -self._gravity[robots])
         force = (held - self._held[robots, None]) / self._table.filter.force_std
         return picture * loss.sum(axis=-1) + 0.5 * (force**2).sum(axis=-1)
@@ -558,9 +576,10 @@ def _normal(slopes: Array, error: Array, weight: Array) -> tuple[Array, Array]:
 
 
 def _chances(cost: Array) -> Array:
-    """Probabilities (m, t, p), in proportion to exp(-cost)."""
-    weight = np.exp(cost.min(axis=(1, 2), keepdims=True) - cost)
-    return weight / weight.sum(axis=(1, 2), keepdims=True)
+    """Probabilities (m, ...), in proportion to exp(-cost)."""
+    axes = tuple(range(1, cost.ndim))
+    weight = np.exp(cost.min(axis=axes, keepdims=True) - cost)
+    return weight / weight.sum(axis=axes, keepdims=True)
 
 
 def _moments(values: Array, chances: Array) -> tuple[Array, Array]:

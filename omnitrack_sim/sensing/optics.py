@@ -84,9 +84,17 @@ class Camera(Protocol):
 
     def __init__(self, table: Any) -> None: ...
 
-    def picture(self, hits: Array, rays: Array, keys: Keys, number: int) -> Array:
+    def picture(
+        self, hits: Array, rays: Array, pixels: NDArray[np.intp], keys: Keys, number: int
+    ) -> Array:
         """Picture (n, k) of what rays (k, 3) have met (n, k, 8), with its noise; NaN where a pixel
-        says nothing. ``number``: of the picture."""
+        says nothing.
+
+        Args:
+            pixels: (k,) which ones they are, row by row: the noise of each does not depend on
+                which others are looked at.
+            keys: (n,) of the robots' random numbers. number: of the picture.
+        """
         ...
 
     def expected(self, hits: Array, rays: Array) -> Array:

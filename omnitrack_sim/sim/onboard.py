@@ -161,7 +161,7 @@ class Onboard:
             return near
         near = near.copy()
         for robot in self._found:
-            along = np.arange(0.0, self._routes.lengths[way[robot]], SPACING)
+            along = np.arange(0.0, float(self._routes.lengths[way[robot]]), SPACING)
             points = self._routes.poses(np.full(len(along), way[robot]), along, 0 * along)[0]
             aside = ((points - self.localiser.filter.position[robot]) ** 2).sum(axis=-1)
             near[robot] = along[aside.argmin()]
@@ -187,10 +187,10 @@ class Onboard:
         tail."""
         camera, localiser = self._camera, self.localiser
         position, frame = localiser.lens(state["position"], state["rotation"], facing)
-        hits = self._walls.trace(
-            self._which, position, frame, self._rays, camera.optics.far, camera.lamp
-        )
-        self.picture = camera.picture(hits, self._rays, self._keys, self._pictures)
+        pixels = localiser.pixels
+        rays = self._rays[pixels]
+        hits = self._walls.trace(self._which, position, frame, rays, camera.optics.far, camera.lamp)
+        self.picture = camera.picture(hits, rays, pixels, self._keys, self._pictures)
         localiser.shoot(self._pictures, self.picture, facing, self._latency)
         self._pictures += 1
 

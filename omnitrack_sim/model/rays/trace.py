@@ -21,16 +21,20 @@ RANGE, NORMAL, PART, LIT, JOINT, GRAIN, HIT_SIZE = 0, 1, 4, 5, 6, 7, 8
 """Places of what a ray has met: distance, m, infinite where it has met nothing; the wall's unit
 normal (3) into the bore, world frame; number of the part, from the first of its map, -1 for
 nothing; how squarely the lamp shines on it: cosine of the angle from its normal, 0 in the dark;
-distance from the nearest port plane, m; grain of the surface, -1 to 1."""
-HIT = 2e-4
-"""Distance from the wall, m, from which the rest is one step by the slope."""
+distance from the nearest port plane, m; grain of the surface, -1 to 1. The last three are looked
+for only where there is a lamp."""
+HIT, CLOSE = 5e-4, 0.01
+"""Distance from the wall, m, from which the rest are two steps by the slope, and how long one of
+them may be, m."""
+LONGER = 1.6
+"""A step over the distance from the wall; see ``_follow``."""
 SHORT = 1e-7
 """A step at least, m, which crosses port planes in spite of rounding."""
 TOLERANCE = 1e-6
 """Room beyond a port plane, m, in which a part still counts: there are no gaps at joints."""
 MOST_STEPS = 300
-MOST_NEAR = 32
-"""Parts that one ray can meet."""
+MOST_NEAR, NEAR = 32, 9
+"""Parts that one ray can meet, and numbers for each: the part, its span, the ray in its frame."""
 GRAIN_SIZE = 0.012
 """Of the patches of the surface's grain, m."""
 
@@ -44,43 +48,51 @@ def _in_part(parts, p, x, y, z, row):
 
 
 @compiled
-def _surface(parts, p, x, y, z, out):
-    """Distance of a world point from the wall of the part at ``p``; gradient, fitting frame, in
-    ``out``."""
+def _enter(parts, p, x, y, z, ux, uy, uz, line):
+    """Write the ray x + s u, world frame, to ``line`` in the frame of the part at ``p``: 6
+    numbers."""
     dx, dy, dz = x - parts[p + POSITION], y - parts[p + POSITION + 1], z - parts[p + POSITION + 2]
+    for row in range(3):
+        line[row] = _in_part(parts, p, dx, dy, dz, row)
+        line[3 + row] = _in_part(parts, p, ux, uy, uz, row)
+
+
+@compiled
+def _surface(parts, p, line, s, out):
+    """Distance from the wall of the part at ``p`` at s on a line in its frame; gradient in
+    ``out``."""
     return call_surface(
         int(parts[p + KIND]),
         at(parts, p + SIZES),
-        _in_part(parts, p, dx, dy, dz, 0),
-        _in_part(parts, p, dx, dy, dz, 1),
-        _in_part(parts, p, dx, dy, dz, 2),
+        line[0] + s * line[3],
+        line[1] + s * line[4],
+        line[2] + s * line[5],
         out,
     )
 
 
 @compiled
-def _span(parts, p, x, y, z, ux, uy, uz, ends, out):
-    """Have ``out`` hold the part of the line x + s u, from LOW to HIGH in it, that lies between the
-    port planes of the part at ``p``."""
-    dx, dy, dz = x - parts[p + POSITION], y - parts[p + POSITION + 1], z - parts[p + POSITION + 2]
+def _span(parts, p, line, ends, out):
+    """Have ``out`` hold the part of a line, from LOW to HIGH in it, that lies between the port
+    planes of the part at ``p``."""
     call_span(
         int(parts[p + KIND]),
         at(parts, p + SIZES),
         ends,
-        _in_part(parts, p, dx, dy, dz, 0),
-        _in_part(parts, p, dx, dy, dz, 1),
-        _in_part(parts, p, dx, dy, dz, 2),
-        _in_part(parts, p, ux, uy, uz, 0),
-        _in_part(parts, p, ux, uy, uz, 1),
-        _in_part(parts, p, ux, uy, uz, 2),
+        line[0],
+        line[1],
+        line[2],
+        line[3],
+        line[4],
+        line[5],
         out,
     )
 
 
 @compiled
 def _near(parts, first, last, x, y, z, ux, uy, uz, far, near, ends, out):
-    """Write the parts that the ray may meet to ``near``, each with its span; returns their
-    number."""
+    """Write the parts that the ray may meet to ``near``, each with its span and the ray in its
+    frame, NEAR numbers each; returns their number."""
     count = 0
     for part in range(first, last):
         p = part * PART_SIZE
@@ -88,60 +100,79 @@ def _near(parts, first, last, x, y, z, ux, uy, uz, far, near, ends, out):
         along = cx * ux + cy * uy + cz * uz
         reach = parts[p + REACH]
         beside = cx * cx + cy * cy + cz * cz - along * along
-        if beside > reach * reach or along < -reach or along > far + reach:
+        if beside > reach * reach or along < -reach or along > far + reach or count >= MOST_NEAR:
             continue
+        k = NEAR * count
+        line = at(near, k + 3)
+        _enter(parts, p, x, y, z, ux, uy, uz, line)
         out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -TOLERANCE, far, 0.0, 0.0
-        _span(parts, p, x, y, z, ux, uy, uz, ends, out)
-        if out[HIGH] >= out[LOW] and count < MOST_NEAR:
-            near[3 * count] = part
-            near[3 * count + 1], near[3 * count + 2] = out[LOW] - TOLERANCE, out[HIGH] + TOLERANCE
+        _span(parts, p, line, ends, out)
+        if out[HIGH] >= out[LOW]:
+            near[k] = part
+            near[k + 1], near[k + 2] = out[LOW] - TOLERANCE, out[HIGH] + TOLERANCE
             count += 1
     return count
 
 
 @compiled
-def _widest(parts, near, count, x, y, z, ux, uy, uz, s, out):
-    """Place in ``near`` of the part in whose bore the ray is at s, the widest where there are
-    several, -1 outside all; and the distance from its wall."""
+def _widest(parts, near, count, s, out):
+    """Which of the parts in ``near`` the ray is in at s, the widest where there are several, -1
+    outside all; and the distance from its wall."""
     best, which = -1e30, -1
     for k in range(count):
-        if near[3 * k + 1] <= s <= near[3 * k + 2]:
-            d = _surface(
-                parts, int(near[3 * k]) * PART_SIZE, x + s * ux, y + s * uy, z + s * uz, out
-            )
+        n = NEAR * k
+        if near[n + 1] <= s <= near[n + 2]:
+            d = _surface(parts, int(near[n]) * PART_SIZE, at(near, n + 3), s, out)
             if d > best:
                 best, which = d, k
     return which, best
 
 
 @compiled
-def _follow(parts, near, count, x, y, z, ux, uy, uz, far, out):
-    """Where along a ray the wall is, m, and the place in ``near`` of its part; ``far`` and -1 where
-    the ray gets so far, and the place of the last part where it leaves through a port."""
-    s, last = 0.0, -1
+def _follow(parts, near, count, far, out):
+    """Where along a ray the wall is, m, which of the parts in ``near`` it is of, and 1; ``far``
+    and -1 where the ray gets so far; 0 in the place of 1 where it leaves through a port.
+
+    Steps are longer than the distance from the wall, which halves their number along a pipe. Where
+    the ball at the next place does not reach the one at the last, there may be a wall between: then
+    the step is taken back.
+    """
+    s, last, stretch = 0.0, -1, LONGER
+    from_s, from_d, stretched = 0.0, 0.0, False
     for _ in range(MOST_STEPS):
-        k, d = _widest(parts, near, count, x, y, z, ux, uy, uz, s, out)
+        k, d = _widest(parts, near, count, s, out)
+        if stretched and (k < 0 or from_d + d < s - from_s):
+            s, stretch, stretched = from_s + from_d, 1.0, False
+            continue
         if k < 0:
             return s, last, 0
         last = k
         if d < HIT:
-            d_here = _surface(
-                parts, int(near[3 * k]) * PART_SIZE, x + s * ux, y + s * uy, z + s * uz, out
-            )
-            p = int(near[3 * k]) * PART_SIZE
-            slope = (
-                out[0] * _in_part(parts, p, ux, uy, uz, 0)
-                + out[1] * _in_part(parts, p, ux, uy, uz, 1)
-                + out[2] * _in_part(parts, p, ux, uy, uz, 2)
-            )
-            if slope < -1e-3:
-                s += min(d_here / -slope, 20.0 * HIT)
-            return s, k, 1
-        s_end = near[3 * k + 2]
-        s += max(min(d, s_end - s), SHORT)
+            return _onto_wall(parts, near, k, s, d, out), k, 1
+        left = min(near[NEAR * k + 2], far) - s
+        from_s, from_d = s, d
+        stretched = stretch > 1.0 and stretch * d < left
+        s += stretch * d if stretched else max(min(d, left), SHORT)
         if s >= far:
             return far, k, -1
     return s, last, 1
+
+
+@compiled
+def _onto_wall(parts, near, k, s, d, out):
+    """From a place close to the wall, onto it by its slope."""
+    n = NEAR * k
+    p, line = int(near[n]) * PART_SIZE, at(near, n + 3)
+    for _ in range(3):
+        slope = out[0] * line[3] + out[1] * line[4] + out[2] * line[5]
+        if slope > -1e-2:
+            break
+        there = s + max(-CLOSE, min(d / -slope, CLOSE))
+        beyond = _surface(parts, p, line, there, out)
+        if abs(beyond) >= abs(d) or there > near[n + 2]:
+            break
+        s, d = there, beyond
+    return s
 
 
 @compiled
@@ -171,23 +202,25 @@ def _plate(parts, p, x, y, z):
 
 
 @compiled
-def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, hits, h, out):
+def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, out):
     """Write what a ray has met to ``hits`` from ``h`` on, and whether the lamp shines on it."""
     hits[h + RANGE], hits[h + PART], hits[h + LIT] = math.inf, -1.0, 0.0
     hits[h + NORMAL] = hits[h + NORMAL + 1] = hits[h + NORMAL + 2] = 0.0
     hits[h + JOINT], hits[h + GRAIN] = math.inf, 0.0
     if met < 0 or k < 0:
         return False
-    p = int(near[3 * k]) * PART_SIZE
+    p, line = int(near[NEAR * k]) * PART_SIZE, at(near, NEAR * k + 3)
     wx, wy, wz = x + s * ux, y + s * uy, z + s * uz
-    q, beyond = _plate(parts, p, wx, wy, wz)
+    q, beyond = p, math.inf
+    if met == 0 or lamp[3] > 0.0:
+        q, beyond = _plate(parts, p, wx, wy, wz)
     if met == 0:
         if parts[q + 6] == 0.0:
             return False
         hits[h + NORMAL], hits[h + NORMAL + 1] = -parts[q + 3], -parts[q + 4]
         hits[h + NORMAL + 2] = -parts[q + 5]
     else:
-        _surface(parts, p, wx, wy, wz, out)
+        _surface(parts, p, line, s, out)
         r = p + ROTATION
         for row in range(3):
             hits[h + NORMAL + row] = (
@@ -195,7 +228,7 @@ def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, hits, h, out):
                 + parts[r + 3 * row + 1] * out[1]
                 + parts[r + 3 * row + 2] * out[2]
             )
-    hits[h + RANGE], hits[h + PART], hits[h + JOINT] = s, near[3 * k] - first, beyond
+    hits[h + RANGE], hits[h + PART], hits[h + JOINT] = s, near[NEAR * k] - first, beyond
     dx, dy, dz = (
         wx - parts[p + POSITION],
         wy - parts[p + POSITION + 1],
@@ -224,7 +257,7 @@ def _lit(parts, first, last, x, y, z, nx, ny, nz, lx, ly, lz, work, ends, out):
     if facing <= 0.0:
         return 0.0
     count = _near(parts, first, last, x, y, z, ux, uy, uz, far, work, ends, out)
-    _, _, met = _follow(parts, work, count, x, y, z, ux, uy, uz, far, out)
+    _, _, met = _follow(parts, work, count, far, out)
     return facing if met < 0 else 0.0
 
 
@@ -239,14 +272,14 @@ def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
         cameras: their number.
         rays: (count, 3) unit vectors, camera frame.
         count: of rays a camera.
-        lamp: (3,) m, camera frame, then 1 where its light is asked for.
+        lamp: (3,) m, camera frame, then 1 where there is one.
         far: m, beyond which nothing is seen.
-        work: room for 3 MOST_NEAR numbers, and as many for the way to the lamp, and zeros for
+        work: room for NEAR MOST_NEAR numbers, as many for the way to the lamp, and zeros for
             ports.
         hits: (cameras, count, HIT_SIZE), written to.
     """
     out = scratch()
-    to_lamp, ends = at(work, 3 * MOST_NEAR), at(work, 6 * MOST_NEAR)
+    to_lamp, ends = at(work, NEAR * MOST_NEAR), at(work, 2 * NEAR * MOST_NEAR)
     for camera in range(cameras):
         first, last, c = int(maps[2 * camera]), int(maps[2 * camera + 1]), 12 * camera
         x, y, z = poses[c], poses[c + 1], poses[c + 2]
@@ -259,9 +292,9 @@ def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
             uy = poses[c + 6] * rx + poses[c + 7] * ry + poses[c + 8] * rz
             uz = poses[c + 9] * rx + poses[c + 10] * ry + poses[c + 11] * rz
             near = _near(parts, first, last, x, y, z, ux, uy, uz, far, work, ends, out)
-            s, k, met = _follow(parts, work, near, x, y, z, ux, uy, uz, far, out)
+            s, k, met = _follow(parts, work, near, far, out)
             h = (camera * count + ray) * HIT_SIZE
-            seen = _write(parts, first, work, k, met, s, x, y, z, ux, uy, uz, hits, h, out)
+            seen = _write(parts, first, work, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, out)
             if seen and lamp[3] > 0.0:
                 hits[h + LIT] = _lit(
                     parts,
@@ -290,7 +323,7 @@ def nearest(parts, maps, points, robots, count, work, found):
     Args:
         parts, maps: as of ``trace``, a map for each robot.
         points: (robots, count, 3) m, world frame.
-        work: zeros for ports.
+        work: room for 6 numbers, and zeros for ports.
         found: (robots, count, 5), written to: distance, m; unit gradient (3), world frame; number
             of the part, from the first of the map, -1 where the point lies between the port planes
             of none, and then the distance counts for nothing.
@@ -314,10 +347,11 @@ def nearest(parts, maps, points, robots, count, work, found):
                 if cx * cx + cy * cy + cz * cz > parts[p + REACH] * parts[p + REACH]:
                     continue
                 out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -SHORT, SHORT, 0.0, 0.0
-                _span(parts, p, x, y, z, 0.57735, 0.57735, 0.57735, work, out)
+                _enter(parts, p, x, y, z, 0.57735, 0.57735, 0.57735, work)
+                _span(parts, p, work, at(work, 6), out)
                 if out[HIGH] < out[LOW]:
                     continue
-                d = _surface(parts, p, x, y, z, out)
+                d = _surface(parts, p, work, 0.0, out)
                 if d > best:
                     best = d
                     found[5 * i], found[5 * i + 4] = d, float(part - first)

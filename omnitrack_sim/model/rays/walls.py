@@ -16,7 +16,7 @@ from omnitrack_sim.model.rays import trace
 from omnitrack_sim.pipes import Part
 from omnitrack_sim.rotations import Array
 
-_WORK = 6 * trace.MOST_NEAR + 8
+_WORK = 2 * trace.NEAR * trace.MOST_NEAR + 8
 
 
 class RayWalls:
@@ -96,7 +96,7 @@ class RayWalls:
             *_pointers(self._parts, self._spans[which], np.ascontiguousarray(points)),
             n,
             k,
-            *_pointers(np.zeros(8), found),
+            *_pointers(np.zeros(16), found),
         )
         return found[..., 0], found[..., 1:4], found[..., 4]
 
