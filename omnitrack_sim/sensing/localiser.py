@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.rotations import Array, cross
+from omnitrack_sim.sensing.nearby import nearby
 from omnitrack_sim.sensing.optics import Camera, Walls, rays_of
 from omnitrack_sim.sensing.pose_filter import (
     BIAS,
@@ -38,7 +39,7 @@ AT_STOP = 0.0005
 """Distance from its outer stop, m, at which an arm may have no wall."""
 MOVED, TURNED = 5e-4, 5e-4
 """Steps, m and rad, between the pictures that the slopes of a picture are taken from."""
-ROLLS = 48
+ROLLS = 36
 """Turns about the pipe's axis that a robot that does not know its own compares."""
 DISTINCT = 0.3
 """Turns that differ by more, rad, are two answers."""
@@ -62,11 +63,13 @@ VAGUE = 0.01
 RESTING = 2
 """Pictures that a robot lets pass after one that told it nothing; an even number, so that both ends
 have their turn."""
+PAUSE = 4
+"""Pictures that a robot lets pass between two for which it compares all turns."""
 VAGUE_TURN = 0.02
 """Likewise of its turn about its axis, rad."""
 WITHIN, FARTHEST = 3.0, 0.2
 """How far it looks, in standard deviations and at most in m."""
-PLACES, FEW_PLACES, FEW_TURNS = 15, 5, 9
+PLACES, FEW_PLACES, FEW_TURNS = 13, 3, 7
 """At how many places, at how many for all turns, and at how many turns."""
 TOLD = 0.5
 """Part to which the variance has to fall by that."""
@@ -141,6 +144,7 @@ class Localiser:
         self._rays = rays[self.pixels]
         row, column = np.divmod(np.arange(len(self.pixels)), int(np.sqrt(len(self.pixels))))
         self._coarse = np.flatnonzero((row + column) % 2 == 0)
+        self._few = np.flatnonzero((row % 2 == 0) & (column % 2 == 0))
         self._arms = np.stack([np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES), np.zeros(3)], axis=-1)
         self._force, self._held, self._felt = np.zeros((n, 3)), -self._in_robot(gravity), 0
         self._rest = np.zeros(n, np.intp)  # pictures to come until poses are compared again
@@ -283,37 +287,25 @@ class Localiser:
         hits = self._walls.trace(which, position, frame, rays, far, camera.lamp)
         expected, slopes = camera.expected(hits, rays), camera.slopes(hits, rays, frame)
         if slopes is None:
-            slopes = self._slopes(which, position, frame, rays, expected)
+            slopes = self._slopes(hits, position, frame, rays, expected)
         return expected, slopes
 
     def _slopes(
-        self,
-        which: NDArray[np.intp],
-        position: Array,
-        frame: Array,
-        rays: Array,
-        expected: Array,
+        self, hits: Array, position: Array, frame: Array, rays: Array, expected: Array
     ) -> Array:
-        """Slopes from pictures of neighbouring poses."""
-        camera, n = self._camera, len(position)
-        places = np.repeat(position[None], POSE, axis=0)
-        frames = np.repeat(frame[None], POSE, axis=0)
-        for axis in range(3):
-            places[axis, :, axis] += MOVED
-            about = np.zeros((n, 3))
-            about[:, axis] = TURNED
-            frames[3 + axis] = frame @ turned_by(about)
-        hits = self._walls.trace(
-            np.tile(which, POSE),
-            places.reshape(-1, 3),
-            frames.reshape(-1, 3, 3),
-            rays,
-            camera.optics.far,
-            camera.lamp,
-        )
-        pictures = camera.expected(hits, rays).reshape(POSE, n, -1)
-        steps = np.array([MOVED] * 3 + [TURNED] * 3)[:, None, None]
-        return np.moveaxis((pictures - expected) / steps, 0, -1)
+        """Slopes from the pictures of neighbouring poses, which see the same pieces of wall."""
+        slopes = np.empty((*expected.shape, POSE))
+        for axis in range(POSE):
+            place, turned, step = position, frame, MOVED if axis < 3 else TURNED
+            change = np.zeros((len(position), 3))
+            change[:, axis % 3] = step
+            if axis < 3:
+                place = position + change
+            else:
+                turned = frame @ turned_by(change)
+            seen = nearby(hits, rays, position, frame, place, turned, self._camera.lamp)
+            slopes[..., axis] = (self._camera.expected(seen, rays) - expected) / step
+        return slopes
 
     # Finding a pose among many
 
@@ -324,7 +316,7 @@ class Localiser:
         robots = np.flatnonzero(self.unknown & (self._rest == 0))
         if len(robots) == 0:
             return
-        self._rest[robots] = RESTING
+        self._rest[robots] = PAUSE
         axis = self.filter.rotation[robots, :, 2]
         std = self.filter.std_along(self.filter.rotation[:, :, 2])[robots]
         turns = np.arange(ROLLS) * 2 * np.pi / ROLLS
@@ -332,7 +324,8 @@ class Localiser:
         prior = np.broadcast_to(
             0.5 * (steps / std[:, None])[:, None] ** 2, (len(robots), ROLLS, FEW_PLACES)
         )
-        cost = prior + self._around(robots, shot, axis, steps, np.tile(turns, (len(robots), 1)))
+        every = np.tile(turns, (len(robots), 1))
+        cost = prior + self._around(robots, shot, axis, steps, every, self._few)
         weight = _chances(cost)  # (m, ROLLS, p)
         self._against[robots] -= np.log(np.maximum(weight.sum(axis=2), 1e-300))
         of_turn = _chances(self._against[robots])
@@ -378,7 +371,13 @@ class Localiser:
         turns = WITHIN * turn_std[robots, None] * np.linspace(-1.0, 1.0, FEW_TURNS)  # (m, t)
         told = np.zeros(len(robots), bool)
         for values, spread, at, direction, cost in (
-            (steps, std, PLACE, axis, self._around(robots, shot, axis[robots], steps, as_is)),
+            (
+                steps,
+                std,
+                PLACE,
+                axis,
+                self._around(robots, shot, axis[robots], steps, as_is, self._few),
+            ),
             (
                 turns,
                 turn_std,
@@ -407,7 +406,13 @@ class Localiser:
         )
 
     def _around(
-        self, robots: NDArray[np.intp], shot: Shot, axis: Array, steps: Array, turns: Array
+        self,
+        robots: NDArray[np.intp],
+        shot: Shot,
+        axis: Array,
+        steps: Array,
+        turns: Array,
+        pixels: NDArray[np.intp] | None = None,
     ) -> Array:
         """``_cost`` (m, t, p) of poses around those of the picture: ``steps`` (m, p) m along
         ``axis`` (m, 3), ``turns`` (m, t) rad about the robots' own."""
@@ -421,6 +426,7 @@ class Localiser:
             shot,
             np.tile(places, (1, t, 1)),
             np.repeat(frames, p, axis=1),
+            pixels=pixels,
         )
         return cost.reshape(m, t, p)
 
@@ -532,24 +538,26 @@ class Localiser:
         places: Array,
         frames: Array,
         blur: float = 1.0,
+        pixels: NDArray[np.intp] | None = None,
     ) -> Array:
         """Half of the squared errors of each robot's candidates (m, c), of picture and gravity;
         those of pixels are less by ``blur``, where candidates are far apart."""
-        camera, rays = self._camera, self._rays[self._coarse]
+        pixels = self._coarse if pixels is None else pixels
+        camera, rays = self._camera, self._rays[pixels]
         m, c = frames.shape[:2]
         facing = np.repeat(shot.facing[robots], c)
         position, lens = self.lens(places.reshape(-1, 3), frames.reshape(-1, 3, 3), facing)
         which = np.repeat(self._which[robots], c)
         hits = self._walls.trace(which, position, lens, rays, camera.optics.far, camera.lamp)
         expected = camera.expected(hits, rays).reshape(m, c, -1)
-        measured = shot.picture[robots][:, None, self._coarse]
+        measured = shot.picture[robots][:, None, pixels]
         error = (measured - expected) / camera.spread(expected) / blur
         # Where one of both sees something and the other nothing, they differ by much.
         nothing = np.isnan(measured) != np.isnan(expected)
         error = np.where(nothing, WORST, np.nan_to_num(error))
         size = np.abs(error)
         loss = np.minimum(size, WORST) ** 2 / 2
-        picture = self._table.filter.pixel_share * len(self.pixels) / len(self._coarse)
+        picture = self._table.filter.pixel_share * len(self.pixels) / len(pixels)
         held = np.einsum("mcij,mi->mcj", frames, -self._gravity[robots])
         force = (held - self._held[robots, None]) / self._table.filter.force_std
         return picture * loss.sum(axis=-1) + 0.5 * (force**2).sum(axis=-1)

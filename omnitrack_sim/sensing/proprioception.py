@@ -86,10 +86,11 @@ class Proprioception:
         table, number, period = self._table, self._number, self._period
         travel = self._travel(state)
         torque = state["motor_torque"] / self._torque + self._torque_bias
-        torque = torque + table.current.noise * self._draw("torque", number)
-        turned = self._turned(state["rotation"])
+        noise = normal(self._keys, "felt", number, 15).reshape(-1, 5, 3)
+        torque = torque + table.current.noise * noise[:, 0]
+        turned = self._turned(state["rotation"], noise[:, 2], noise[:, 3])
         step = 2 * np.pi / table.encoders.counts
-        slide = state["slide"] + self._arm_bias + table.arms.noise * self._draw("arms", number)
+        slide = state["slide"] + self._arm_bias + table.arms.noise * noise[:, 1]
         return Felt(
             time=state["time"],
             travel=travel,
@@ -99,7 +100,7 @@ class Proprioception:
             motor_torque=torque * self._torque,
             turned=turned,
             angular_velocity=turned / period,
-            force=self._force(state),
+            force=self._force(state, noise[:, 4]),
         )
 
     def _travel(self, state: State) -> Array:
@@ -115,25 +116,23 @@ class Proprioception:
         before, self._counted = self._counted, counted
         return counted - before
 
-    def _turned(self, rotation: Array) -> Array:
-        """What the gyro adds up over the period, rad."""
+    def _turned(self, rotation: Array, walk: Array, noise: Array) -> Array:
+        """What the gyro adds up over the period, rad; ``walk`` and ``noise`` (n, 3): draws."""
         imu, period = self._table.imu, self._period
         true = rotation_vector(np.swapaxes(self._rotation, 1, 2) @ rotation)
-        walk = np.radians(imu.gyro_walk_deg) * np.sqrt(period)
-        self._bias = self._bias + walk * self._draw("gyro walk", self._number)
-        noise = np.radians(imu.gyro_noise_deg) * np.sqrt(period)
-        before, self._rotation = self._rotation, rotation
-        self._before = before
-        return self._scale * true + self._bias * period + noise * self._draw("gyro", self._number)
+        self._bias = self._bias + np.radians(imu.gyro_walk_deg) * np.sqrt(period) * walk
+        density = np.radians(imu.gyro_noise_deg) * np.sqrt(period)
+        self._rotation = rotation
+        return self._scale * true + self._bias * period + density * noise
 
-    def _force(self, state: State) -> Array:
-        """Mean of the accelerometer over the period, in the frame of its middle, m/s²."""
+    def _force(self, state: State, noise: Array) -> Array:
+        """Mean of the accelerometer over the period, m/s²; ``noise`` (n, 3): draws."""
         imu, velocity = self._table.imu, state.qvel[:, :3].copy()
         before, self._velocity = self._velocity, velocity
         in_world = (velocity - before) / self._period - self._gravity
         in_robot = np.einsum("nij,ni->nj", state["rotation"], in_world)
-        noise = imu.force_noise / np.sqrt(self._period)
-        return in_robot + self._force_bias + noise * self._draw("force", self._number)
+        density = imu.force_noise / np.sqrt(self._period)
+        return in_robot + self._force_bias + density * noise
 
 
 def rotation_vector(rotation: Array) -> Array:

@@ -92,6 +92,7 @@ class Onboard:
         )
         self._routes = routes
         self._found: list[int] = []
+        self._lost = np.zeros(n, bool)
         self._search = Search(table.search, first.robot, each(scenarios, "cruise_speed"))
         self._sure = np.radians(table.filter.sure_deg)
         self._every = round(1 / (self._camera.optics.rate * period))
@@ -175,7 +176,10 @@ class Onboard:
         assert place.theta5_std is not None
         room = routes.start.take(place.passage) - place.distance - robot.length / 2
         before = (room <= robot.standing_room) & (room > -INSIDE)
-        return self.localiser.puzzled | (before & (place.theta5_std > self._sure))
+        unsure = place.theta5_std > self._sure
+        # Stepping back from the fitting does not make it know more.
+        self._lost = self.localiser.puzzled | (unsure & (before | self._lost))
+        return self._lost
 
     def guarded(self, command: Command, place: Place, roll: Array) -> Searching:
         """A command, less what robots that do not know where they are may not do; who gives up;
