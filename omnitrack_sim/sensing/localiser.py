@@ -50,6 +50,8 @@ FOUND_TURN, FOUND_AT = 0.1, 0.02
 candidates that far apart."""
 BLUR = 4.0
 """Between candidates that far apart a pixel differs by so many standard deviations."""
+CHECKED = 0.01
+"""How far along its axis a robot looks that checks its turn, m."""
 FINALISTS = 8
 """Candidates that are improved and compared again."""
 NEAR_BY, NEAR_TURN = 0.03, 0.2
@@ -69,9 +71,9 @@ VAGUE_TURN = 0.02
 """Likewise of its turn about its axis, rad."""
 WITHIN, FARTHEST = 3.0, 0.2
 """How far it looks, in standard deviations and at most in m."""
-PLACES, FEW_PLACES, FEW_TURNS = 13, 3, 7
+PLACES, FEW_PLACES, FEW_TURNS = 13, 3, 9
 """At how many places, at how many for all turns, and at how many turns."""
-TOLD = 0.5
+TOLD = 0.7
 """Part to which the variance has to fall by that."""
 APART = 0.06
 """Places that are farther apart, m, are two answers."""
@@ -125,6 +127,8 @@ class Localiser:
     ) -> None:
         self._table, self._robot, self._camera, self._walls = table, robot, camera, walls
         self._which, self._gravity, self._period = which, gravity, period
+        shares = table.filter
+        self._share = shares.pixel_share if camera.lamp is None else shares.lamp_share
         n = len(position)
         self.filter = PoseFilter(
             position,
@@ -253,7 +257,7 @@ class Localiser:
         self.misfit = _median(np.abs(error), said)
         wrong = self.misfit > self._table.filter.misfit
         self._puzzled = (self._puzzled + 1 / self._camera.optics.rate) * wrong
-        weight = self._table.filter.pixel_share * _huber(error)
+        weight = self._share * _huber(error)
         weight = np.where(self.unknown[:, None], 0.0, weight)
         scaled = slopes / np.where(said, spread, 1.0)[..., None]
         world = self._in_world(scaled, said, frame, position - shot.position)
@@ -305,6 +309,9 @@ class Localiser:
                 turned = frame @ turned_by(change)
             seen = nearby(hits, rays, position, frame, place, turned, self._camera.lamp)
             slopes[..., axis] = (self._camera.expected(seen, rays) - expected) / step
+        # What tells a turn about the lens's axis are edges and shadows, which stay at their pixels
+        # here: the comparison of turns sees them.
+        slopes[..., POSE - 1] = 0.0
         return slopes
 
     # Finding a pose among many
@@ -346,6 +353,20 @@ class Localiser:
             (turn_variance + (2 * np.pi / ROLLS) ** 2)[sure],
             (step_variance + (WITHIN * std / FEW_PLACES) ** 2)[sure],
         )
+
+    def verify(self, robots: NDArray[np.intp]) -> None:
+        """Have robots compare their turn about their axis with all others, by the last picture:
+        one that finds a better one does not know its turn any more."""
+        shot = self.shot
+        assert shot is not None
+        turns = np.arange(ROLLS) * 2 * np.pi / ROLLS
+        every = np.tile(turns, (len(robots), 1))
+        axis = self.filter.rotation[robots, :, 2]
+        steps = np.tile(np.linspace(-CHECKED, CHECKED, FEW_PLACES), (len(robots), 1))
+        cost = self._around(robots, shot, axis, steps, every).min(axis=2)
+        apart = np.abs((turns + np.pi) % (2 * np.pi) - np.pi) > DISTINCT
+        wrong = cost[:, apart].min(axis=1) < cost[:, ~apart].min(axis=1) - CONVINCED
+        self.unknown[robots] |= wrong
 
     def _narrow_down(self, shot: Shot) -> None:
         """Have robots that are not sure of their place, or of their turn about their axis, compare
@@ -457,7 +478,7 @@ class Localiser:
         apart = (cosine < np.cos(DISTINCT)) | (aside > APART)
         other = np.where(apart, cost, np.inf).min(axis=1)
         least = cost[rows[:, 0], first]
-        pixels = self._table.filter.pixel_share * len(self.pixels)
+        pixels = self._share * len(self.pixels)
         sure = (other - least > CONVINCED) & (least < GOOD * pixels)
         if np.count_nonzero(sure):
             count = int(np.count_nonzero(sure))
@@ -557,7 +578,7 @@ class Localiser:
         error = np.where(nothing, WORST, np.nan_to_num(error))
         size = np.abs(error)
         loss = np.minimum(size, WORST) ** 2 / 2
-        picture = self._table.filter.pixel_share * len(self.pixels) / len(pixels)
+        picture = self._share * len(self.pixels) / len(pixels)
         held = np.einsum("mcij,mi->mcj", frames, -self._gravity[robots])
         force = (held - self._held[robots, None]) / self._table.filter.force_std
         return picture * loss.sum(axis=-1) + 0.5 * (force**2).sum(axis=-1)

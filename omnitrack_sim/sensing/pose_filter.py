@@ -76,7 +76,7 @@ class PoseFilter:
         loose = np.maximum(sharp, differ)
         wander = (table.aside_std + table.aside_turning * loose) ** 2 * way
         noise[:, [0, 1, 2], [0, 1, 2]] = wander[:, None]
-        gyro = np.radians(imu.gyro_noise_deg) ** 2 * period
+        gyro = (np.radians(imu.gyro_noise_deg) ** 2 + np.radians(table.turn_walk_deg) ** 2) * period
         scale = (imu.gyro_scale * np.sqrt((turned**2).sum(axis=-1))) ** 2
         noise[:, [3, 4, 5], [3, 4, 5]] = (gyro + scale)[:, None]
         noise[:, [6, 7, 8], [6, 7, 8]] = np.radians(imu.gyro_walk_deg) ** 2 * period

@@ -92,9 +92,14 @@ class FilterTable(Table):
     # Round the corner of a branch the robot's centre moves aside as fast as it goes ahead.
     aside_turning: Annotated[Part, Unit("m/sqrt(m)")] = 0.1
     """The same in a turn as sharp as the pipe's radius."""
+    turn_walk_deg: Annotated[NotNegative, Unit("deg/sqrt(s)")] = 0.3
+    """By which the direction may be wrong after a second, whatever the pictures say: robot and
+    pipes are not quite as on the map."""
     pixel_share: Annotated[float, Field(gt=0, le=1), Unit("1")] = 0.05
     """Part of a picture's pixels that counts as independent: their errors go together, and the
     pipes are not quite as on the map."""
+    lamp_share: Annotated[float, Field(gt=0, le=1), Unit("1")] = 0.06
+    """The same of a camera with a lamp: a patch of dirt covers several."""
     stride: Annotated[int, Field(ge=1, le=64), Unit("1")] = 3
     """Of the pixels that are compared with the map: every third of every third row."""
     arm_std: Annotated[Part, Unit("m")] = 0.002

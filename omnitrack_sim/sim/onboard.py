@@ -29,6 +29,8 @@ from omnitrack_sim.theory.kinematics import belt_sign
 AROUND, SPACING, TURNS = 1.0, 0.02, 24
 """Stretch of the way before and behind it in which a robot that is lost looks for itself, m; the
 distance of the places that it compares, m; and the turns about the axis at each."""
+CHECK_EVERY = 1.0
+"""Time between two checks of a robot's turn about its axis before a fitting, s."""
 INSIDE = 0.03
 """A robot whose nose is farther inside a fitting than this, m, goes on with it."""
 
@@ -92,7 +94,7 @@ class Onboard:
         )
         self._routes = routes
         self._found: list[int] = []
-        self._lost = np.zeros(n, bool)
+        self._lost, self._checked = np.zeros(n, bool), np.full(n, -np.inf)
         self._search = Search(table.search, first.robot, each(scenarios, "cruise_speed"))
         self._sure = np.radians(table.filter.sure_deg)
         self._every = round(1 / (self._camera.optics.rate * period))
@@ -131,7 +133,27 @@ class Onboard:
         arrived = self.localiser.see()
         if arrived and np.count_nonzero(self.localiser.puzzled):
             self._look_along_the_way(place, gear)
+        if arrived:
+            self._check_turns(place, gear)
         self.readings = self._told(felt)
+
+    def _check_turns(self, place: Place, gear: NDArray[np.int_]) -> None:
+        """Have robots that stand before a fitting check that they are turned as they believe, when
+        they come there and every second from then on: a wrong turn may fit its surroundings so well
+        that small steps do not lead out of it."""
+        before = self._before(place)
+        time, shot = self.readings["time"], self.localiser.shot
+        assert shot is not None
+        due = before & (time > self._checked + CHECK_EVERY) & (shot.facing == gear)
+        robots = np.flatnonzero(due & ~self.localiser.unknown)
+        if len(robots):
+            self._checked[robots] = time[robots]
+            self.localiser.verify(robots)
+
+    def _before(self, place: Place) -> NDArray[np.bool_]:
+        """Robots (n,) that are about to enter a fitting."""
+        room = self._routes.start.take(place.passage) - place.distance - self._robot.length / 2
+        return (room <= self._robot.standing_room) & (room > -INSIDE)
 
     def _look_along_the_way(self, place: Place, gear: NDArray[np.int_]) -> None:
         """Have robots whose pictures are not those of the map compare all poses around."""
@@ -172,10 +194,8 @@ class Onboard:
     def lost(self, place: Place) -> NDArray[np.bool_]:
         """Robots (n,) that do not know where they are: their pictures are not those of the map, or
         they stand before a fitting and do not know well enough how they are turned."""
-        routes, robot = self._routes, self._robot
         assert place.theta5_std is not None
-        room = routes.start.take(place.passage) - place.distance - robot.length / 2
-        before = (room <= robot.standing_room) & (room > -INSIDE)
+        before = self._before(place)
         unsure = place.theta5_std > self._sure
         # Stepping back from the fitting does not make it know more.
         self._lost = self.localiser.puzzled | (unsure & (before | self._lost))
