@@ -73,7 +73,7 @@ WITHIN, FARTHEST = 3.0, 0.2
 """How far it looks, in standard deviations and at most in m."""
 PLACES, FEW_PLACES, FEW_TURNS = 13, 3, 9
 """At how many places, at how many for all turns, and at how many turns."""
-TOLD = 0.7
+TOLD = 0.85
 """Part to which the variance has to fall by that."""
 APART = 0.06
 """Places that are farther apart, m, are two answers."""
@@ -254,6 +254,9 @@ class Localiser:
         error = (measured - expected) / spread
         said = np.isfinite(error) & np.isfinite(slopes).all(axis=-1)
         error = np.where(said, error, 0.0)
+        # What tells a turn about the lens's axis are edges and shadows, of which slopes know
+        # nothing: that is left to the comparison of turns.
+        slopes[..., POSE - 1] = 0.0
         self.misfit = _median(np.abs(error), said)
         wrong = self.misfit > self._table.filter.misfit
         self._puzzled = (self._puzzled + 1 / self._camera.optics.rate) * wrong
@@ -309,9 +312,6 @@ class Localiser:
                 turned = frame @ turned_by(change)
             seen = nearby(hits, rays, position, frame, place, turned, self._camera.lamp)
             slopes[..., axis] = (self._camera.expected(seen, rays) - expected) / step
-        # What tells a turn about the lens's axis are edges and shadows, which stay at their pixels
-        # here: the comparison of turns sees them.
-        slopes[..., POSE - 1] = 0.0
         return slopes
 
     # Finding a pose among many
