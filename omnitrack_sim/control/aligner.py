@@ -278,6 +278,8 @@ class Aligner:
         # With the nose inside, a fitting that goes with any orientation is not worth a stop.
         inside = (room < 0) & self.makes_do[place.passage]
         decide = due & (settled | (observation.time > self.deadline))
+        if place.sure is not None:
+            decide &= place.sure
         good = (oriented | (inside & ~self._inside)) & off_the_line
         finished = decide & (good | (self.attempts >= self._most_attempts))
         self.aligned = np.where(finished, place.passage + 1, self.aligned)

@@ -29,6 +29,7 @@ class Place:
         frame: (n, 3, 3) of the robots that drive nose first, in the world.
         distance_std, theta5_std, tilt_std: (n,) m, rad and rad, standard deviations, where the
             place is an estimate; None where it is the truth.
+        sure: (n,) bool, robots that know their theta5 well enough to plan by it; None: all.
     """
 
     way: NDArray[np.intp]
@@ -44,6 +45,7 @@ class Place:
     distance_std: Array | None = None
     theta5_std: Array | None = None
     tilt_std: Array | None = None
+    sure: NDArray[np.bool_] | None = None
 
     def __repr__(self) -> str:
         return f"Place({len(self.way)} robots)"

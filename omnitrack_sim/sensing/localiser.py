@@ -62,11 +62,10 @@ DOUBT = 1e-3
 """Probability of all other turns together below which a robot takes the best."""
 VAGUE = 0.01
 """Standard deviation of its place, m, from which on a robot compares places."""
-RESTING = 2
-"""Pictures that a robot lets pass after one that told it nothing; an even number, so that both ends
-have their turn."""
-PAUSE = 4
-"""Pictures that a robot lets pass between two for which it compares all turns."""
+RESTING = 1
+"""Pictures of one end that a robot lets pass after one that told it nothing."""
+PAUSE = 0
+"""Pictures of each end that a robot lets pass between two for which it compares all turns."""
 VAGUE_TURN = 0.02
 """Likewise of its turn about its axis, rad."""
 WITHIN, FARTHEST = 3.0, 0.2
@@ -151,7 +150,8 @@ class Localiser:
         self._few = np.flatnonzero((row % 2 == 0) & (column % 2 == 0))
         self._arms = np.stack([np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES), np.zeros(3)], axis=-1)
         self._force, self._held, self._felt = np.zeros((n, 3)), -self._in_robot(gravity), 0
-        self._rest = np.zeros(n, np.intp)  # pictures to come until poses are compared again
+        # Pictures of each end, tail and nose, to come until poses are compared again.
+        self._rest = np.zeros((n, 2), np.intp)
         self._against = np.zeros((n, ROLLS))  # what pictures have said against each turn
         self._puzzled = np.zeros(n)  # s, how long pictures have not been those of the map
         self._steps = max(1, round(FEELING / period))
@@ -238,6 +238,9 @@ class Localiser:
         _, shot = self._arriving.popleft()
         self.shot = shot
         self.filter.settle()
+        end = (np.arange(len(shot.facing)), (shot.facing > 0).astype(np.intp))
+        self._rest[end] -= 1
+        self._rested = self._rest[end] < 0
         if np.count_nonzero(self.unknown):
             self._find_turn(shot)
         self._narrow_down(shot)
@@ -319,11 +322,11 @@ class Localiser:
     def _find_turn(self, shot: Shot) -> None:
         """Have robots that do not know how they are turned about their axis compare all turns, at
         some places along it, and take the best where no other turn is nearly as good."""
-        self._rest = np.maximum(self._rest - 1, 0)
-        robots = np.flatnonzero(self.unknown & (self._rest == 0))
+        robots = np.flatnonzero(self.unknown & self._rested)
         if len(robots) == 0:
             return
-        self._rest[robots] = PAUSE
+        end = (shot.facing[robots] > 0).astype(np.intp)
+        self._rest[robots, end] = PAUSE
         axis = self.filter.rotation[robots, :, 2]
         std = self.filter.std_along(self.filter.rotation[:, :, 2])[robots]
         turns = np.arange(ROLLS) * 2 * np.pi / ROLLS
@@ -380,8 +383,7 @@ class Localiser:
         forward = self.filter.rotation[:, :, 2]
         turn_std = self.filter.std_about(forward)
         vague = ((std > VAGUE) | (turn_std > VAGUE_TURN)) & ~self.unknown
-        self._rest = np.maximum(self._rest - 1, 0)
-        robots = np.flatnonzero(vague & (self._rest == 0))
+        robots = np.flatnonzero(vague & self._rested)
         if len(robots) == 0:
             return
         information = np.zeros((len(axis), POSE, POSE))
@@ -418,7 +420,8 @@ class Localiser:
             information[robots, at, at] += gained[:, None, None] * outer(along, along)
             evidence[robots, at] += np.where(more, mean / variance, 0.0)[:, None] * along
             told |= more
-        self._rest[robots] = np.where(told, 0, RESTING)
+        end = (shot.facing[robots] > 0).astype(np.intp)
+        self._rest[robots, end] = np.where(told, 0, RESTING)
         change = self.filter.correct(information, evidence, shot.position)
         self._move_later_shots(change, shot.position)
         turn = turned_by(change[:, TURN])

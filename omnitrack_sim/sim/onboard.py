@@ -194,9 +194,9 @@ class Onboard:
     def lost(self, place: Place) -> NDArray[np.bool_]:
         """Robots (n,) that do not know where they are: their pictures are not those of the map, or
         they stand before a fitting and do not know well enough how they are turned."""
-        assert place.theta5_std is not None
         before = self._before(place)
-        unsure = place.theta5_std > self._sure
+        assert place.sure is not None
+        unsure = ~place.sure
         # Stepping back from the fitting does not make it know more.
         self._lost = self.localiser.puzzled | (unsure & (before | self._lost))
         return self._lost
@@ -258,10 +258,12 @@ class Onboard:
             (pose.std_about(place.frame[:, :, 0]) ** 2 + pose.std_about(place.frame[:, :, 1]) ** 2)
             / 2
         )
+        theta5_std = np.where(self.localiser.unknown, np.pi, about)
         return replace(
             place,
             distance_std=pose.std_along(place.tangent),
-            theta5_std=np.where(self.localiser.unknown, np.pi, about),
+            theta5_std=theta5_std,
+            sure=(theta5_std <= self._sure) & ~self.localiser.puzzled,
             tilt_std=across,
         )
 
