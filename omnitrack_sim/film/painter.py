@@ -14,8 +14,9 @@ from omnitrack_sim.film import shaders
 from omnitrack_sim.film.sight import Eye, Sun
 from omnitrack_sim.model.surfaces import Surface
 
-NEAR_MAP, FAR_MAP = 1024, 3072
-"""Width of the shadow maps of the robot, for each picture, and of all pipes, texels."""
+NEAR_MAP, FINE_NEAR_MAP, FAR_MAP = 768, 1024, 3072
+"""Width of the shadow maps of the robot, for each picture and for each fine one, and of all pipes,
+texels: those of the robot are finer than the pixels of a film in its default size."""
 GROUND = (0.145, 0.168, 0.2)
 """Red, green, blue behind everything outside of a pipe."""
 MARGIN = shaders.REACH
@@ -263,7 +264,8 @@ class Painter:
         blocks = (-(-wide // shaders.BLOCK), -(-high // shaders.BLOCK))
         self._contrast = _Canvas(*blocks, form=(GL.GL_R8, GL.GL_RED))
         self._screen, self._points = GL.glGenVertexArrays(1), _Points()
-        self._near, self._far = _ShadowMap(NEAR_MAP), _ShadowMap(FAR_MAP)
+        self._near = _ShadowMap(FINE_NEAR_MAP if fine else NEAR_MAP)
+        self._far = _ShadowMap(FAR_MAP)
         self._still: dict[str, Any] = {}
         if sun is not None:
             self._begin_map()
