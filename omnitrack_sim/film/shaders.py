@@ -2,7 +2,8 @@
 
 Vectors are in the world frame, lengths in m. BODIES stands for the number of bodies. A software
 OpenGL skips no branches, but loops that are over before they begin, and pixels that are discarded:
-so a branch that costs much is written as one of these.
+so a branch that costs much is written as one of these. What is linear over a triangle is worked out
+at its corners, of which there are far fewer than pixels.
 """
 
 from __future__ import annotations
@@ -16,12 +17,16 @@ layout(location = 3) in float body;
 uniform mat4 view;
 uniform vec4 pose[3 * BODIES];  // rows of rotation and place of each body
 #ifdef PICTURE
-out vec3 facing;
 flat out vec4 paint;
 #ifdef LAMP
+out vec3 facing;
 out vec3 at;
 #endif
 #ifdef SUN
+uniform vec3 towards;  // to the sun
+uniform vec3 back;  // to the viewer
+uniform vec3 up;
+out vec3 slope;  // of the surface to each of these, the cosine
 uniform mat4 near_view;  // from the sun to the robot, and to all pipes
 uniform mat4 far_view;
 out vec3 near_place;
@@ -35,14 +40,16 @@ void main() {
   vec3 world = vec3(dot(pose[row], local), dot(pose[row + 1], local), dot(pose[row + 2], local));
   gl_Position = view * vec4(world, 1.0);
 #ifdef PICTURE
-  facing = vec3(dot(pose[row].xyz, normal), dot(pose[row + 1].xyz, normal),
-                dot(pose[row + 2].xyz, normal));
+  vec3 outward = vec3(dot(pose[row].xyz, normal), dot(pose[row + 1].xyz, normal),
+                      dot(pose[row + 2].xyz, normal));
   paint = colour;
 #ifdef LAMP
+  facing = outward;
   at = world;
 #endif
 #ifdef SUN
-  vec4 raised = vec4(world + 0.0012 * facing, 1.0);
+  slope = vec3(dot(outward, towards), dot(outward, back), dot(outward, up));
+  vec4 raised = vec4(world + 0.0012 * outward, 1.0);
   near_place = (near_view * raised).xyz;
   far_place = (far_view * raised).xyz;
 #endif
@@ -52,37 +59,31 @@ void main() {
 
 _SUN = """\
 #version 330
-in vec3 facing;
+in vec3 slope;
 flat in vec4 paint;
 in vec3 near_place;
 in vec3 far_place;
 out vec4 shown;
-uniform vec3 up;
-uniform vec3 back;  // to the viewer
-uniform vec3 towards;  // to the sun
 uniform float clearness;
 uniform sampler2DShadow near_map;
 uniform sampler2DShadow far_map;
 
-float light_through(sampler2DShadow map, vec3 place) {
-  float light = 1.0;
+float light_through(sampler2DShadow map, vec3 place, float light) {
   bool inside = all(greaterThan(place, vec3(0.0))) && all(lessThan(place, vec3(1.0)));
-  for (int once = inside ? 0 : 1; once < 1; once++) light = texture(map, place);
+  for (int once = inside && light > 0.0 ? 0 : 1; once < 1; once++) light = texture(map, place);
   return light;
 }
 
 void main() {
-  float slope = dot(facing, towards);
-  float lit = light_through(near_map, near_place);
+  float lit = light_through(near_map, near_place, slope.x > 0.0 ? 1.0 : 0.0);
 #ifdef STILL
-  lit *= light_through(far_map, far_place);
+  lit = light_through(far_map, far_place, lit);
 #endif
-  float facing_back = dot(facing, back);
-  vec3 light = vec3(0.32, 0.33, 0.35) + dot(facing, up) * vec3(0.07, 0.09, 0.11)
-             + 0.20 * max(facing_back, 0.0) + max(slope, 0.0) * lit * vec3(0.58, 0.555, 0.51);
+  vec3 light = vec3(0.32, 0.33, 0.35) + slope.z * vec3(0.07, 0.09, 0.11)
+             + 0.20 * max(slope.y, 0.0) + max(slope.x, 0.0) * lit * vec3(0.58, 0.555, 0.51);
   vec3 colour = paint.rgb * light;
 #ifdef GLOSSY
-  float shine = max((slope + facing_back) * 0.54, 0.0);  // two unit vectors nearly in line
+  float shine = max((slope.x + slope.y) * 0.54, 0.0);  // two unit vectors nearly in line
   shine *= shine; shine *= shine; shine *= shine; shine *= shine;  // to the power of 16
   colour += 0.6 * paint.a * lit * min(shine, 1.0);
 #endif
@@ -252,7 +253,7 @@ def depth(bodies: int) -> tuple[str, str]:
     return _vertex(bodies), _NOTHING
 
 
-BLOCK = 8
+BLOCK = 4
 """Width of the blocks in which edges are looked for, pixels."""
 LEAST_CONTRAST = 0.06
 """Of green, from 0 to 1, from which on there is an edge."""

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     import mujoco
 
     from omnitrack_sim.film.cameras import Camera, View
+    from omnitrack_sim.film.canvas import Image, Region
     from omnitrack_sim.film.inset import Inset
-    from omnitrack_sim.film.painter import Image, Painter, Region
+    from omnitrack_sim.film.painter import Painter
     from omnitrack_sim.pipes import Route
     from omnitrack_sim.record.trajectory import Trajectory
     from omnitrack_sim.rotations import Array
@@ -124,7 +125,8 @@ class Stage:
 
     def _changed(self, view: View) -> Region | None:
         """The pixels that robot and shadow can change; None where that cannot be told."""
-        from omnitrack_sim.film.painter import MARGIN, Region
+        from omnitrack_sim.film.canvas import Region
+        from omnitrack_sim.film.painter import MARGIN
 
         painter, sun = self._painter, view.sun
         assert sun is not None

@@ -1,0 +1,47 @@
+"""Films of the same frames are the same bytes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from omnitrack_sim.film.encoding import FORMATS, film
+
+
+def moving_frames(count: int = 20) -> list[np.ndarray]:
+    """Stripes and waves that move, (180, 320, 3): something for every part of an encoder."""
+    y, x = np.mgrid[:180, :320]
+    waves = [(3 * x + 5 * k, 2 * y + 7 * k, (x + y) // 4 * 9 + 3 * k) for k in range(count)]
+    return [np.stack(wave, axis=-1).astype(np.uint8) for wave in waves]
+
+
+def encode(path: str) -> None:
+    """Write the frames as a film."""
+    with film(path, 320, 180, 5) as append:
+        for frame in moving_frames():
+            append(frame)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the C library of Linux fills memory so")
+@pytest.mark.parametrize("ending", FORMATS)
+def test_memory_and_processors_make_no_difference(tmp_path, ending):
+    """Whatever lies in the memory that the encoder is given, and however many processors there
+    are."""
+    films = []
+    for number, (fill, processors) in enumerate([(0, 2), (85, 2), (170, 2), (0, 1)]):
+        path = tmp_path / f"{number}.{ending}"
+        allowed = sorted(os.sched_getaffinity(0))[:processors]
+        begin = f"import os; os.sched_setaffinity(0, {allowed})"
+        work = f"from test_encoding import encode; encode({str(path)!r})"
+        subprocess.run(
+            [sys.executable, "-c", f"{begin}\n{work}"],
+            check=True,
+            cwd=os.path.dirname(__file__),
+            env=os.environ | {"MALLOC_PERTURB_": str(fill)},
+        )
+        films.append(path.read_bytes())
+    assert all(other == films[0] for other in films)
