@@ -22,6 +22,11 @@ End = tuple[int, str]
 """A port: index of the part and the port's name."""
 
 
+def both_ways(joints: Iterable[tuple[End, End]]) -> dict[End, End]:
+    """The port that each port of some joints is joined to."""
+    return {port: other for a, b in joints for port, other in ((a, b), (b, a))}
+
+
 @dataclass(frozen=True)
 class Joined:
     """Two ports in one place.
