@@ -19,8 +19,9 @@ class Ahead:
     (``control/gear.py``).
 
     Attributes:
-        fitting: the next one beyond the nose that is no plain straight of the same bore, with its
-            sizes as seen; None: nothing but straight pipe as far as is seen, or an end.
+        fitting: the next one that the robot's centre has not come into and that is no plain
+            straight of the same bore, with its sizes as seen; None: nothing but straight pipe as
+            far as is seen, or an end. The nose may be in it already.
         enter: port of ``fitting`` by which it would be entered; "" without one. Where a fitting
             looks the same from two ports, such as an elbow or a tee from either end of its run,
             either of them.
@@ -49,7 +50,7 @@ class Sight(Protocol):
     """Tells what robots see ahead of them."""
 
     def look(self, robot: int, position: Array, frame: Array) -> Ahead | None:
-        """What one robot sees now; None where it cannot tell, such as with its nose in a bend.
+        """What one robot sees now; None where it cannot tell, such as within a bend.
 
         Args:
             robot: index in its batch.

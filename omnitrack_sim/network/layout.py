@@ -79,6 +79,16 @@ def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Po
     return network
 
 
+def lay_out_unchecked(
+    fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Pose
+) -> Assembly:
+    """As ``lay_out``, of fittings that all hang together, whether or not they fit: pipes as a robot
+    believes them to be."""
+    poses, _ = _placed(list(fittings.values()), joints, first)
+    parts = [Part(name, kind, poses[i]) for i, (name, kind) in enumerate(fittings.items())]
+    return Assembly.unchecked(tuple(parts), tuple(joint.ends for joint in joints))
+
+
 def _placed(
     kinds: Sequence[Fitting], joints: Sequence[Joined], first: Pose
 ) -> tuple[dict[int, Pose], set[int]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator
+from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -19,16 +20,22 @@ from omnitrack_sim.rotations import Array, length
 RANGE = 6.0
 """How far a robot sees beyond its nose, in bores that it is made for: 0.96 m."""
 AT_PORT = 0.02
-"""How far, m, before the port by which it leaves a fitting a nose sees what is beyond it."""
-BACK = 4
-"""Most parts that a robot lies in at once."""
+"""How far before the port by which a robot leaves a fitting its nose has to be, m, for it to see
+what is beyond."""
 
 
 class _Port(NamedTuple):
-    """A port that a nose points out of, and how far the nose is before its plane, m."""
+    """A port ahead of a robot.
 
+    Attributes:
+        beside: m, the robot's centre from the axis that leads there.
+        distance: m, along that axis from the centre to the port plane.
+        end: the port.
+    """
+
+    beside: float
+    distance: float
     end: End
-    room: float
 
 
 class TrueSight:
@@ -57,57 +64,30 @@ class TrueSight:
 
     def look(self, robot: int, position: Array, frame: Array) -> Ahead | None:
         """See ``Sight``."""
-        nose = position + self._half * frame[:, 2]
-        port = self._port_ahead(nose, frame[:, 2])
-        if port is None:
-            return None
-        before = self._way_to(port.end, position)
-        return None if before is None else self._from(port, before, frame)
+        ports = list(self._ports_ahead(position[None], frame[:, 2]))
+        return self._from(min(ports), frame) if ports else None
 
-    def _port_ahead(self, nose: Array, axis: Array) -> _Port | None:
-        """The port that a nose in a straight points to, or that it is about to come out of."""
-        best: _Port | None = None
+    def _ports_ahead(self, centre: Array, axis: Array) -> Iterator[_Port]:
+        """Ports ahead of a robot with its centre (1, 3) m in a straight, or in another fitting with
+        its nose at the port."""
         for index, part in enumerate(self._pipes.parts):
-            near = math.inf if part.fitting.is_plain else AT_PORT
-            if not part.holds(nose[None], 0.0):
+            fitting = part.fitting
+            if not part.holds(centre, 0.0):
                 continue
-            for name in part.fitting.port_names:
-                port = part.port(name)
-                room = float((port.position - nose) @ port.rotation[:, 2])
-                along = float(axis @ port.rotation[:, 2]) > math.cos(ALONG)
-                if along and room <= near and (best is None or room > best.room):
-                    best = _Port((index, name), room)
-        return best
+            for enter, leave in permutations(fitting.port_names, 2):
+                if float(axis @ part.port(leave).rotation[:, 2]) < math.cos(ALONG):
+                    continue
+                line = part.axis(enter, leave, self._arcs)
+                at = line.locate(centre)
+                left = line.length - float(at[0])
+                if fitting.is_plain or left <= self._half + AT_PORT:
+                    beside = float(length(centre - line.at(at)[0])[0])
+                    yield _Port(beside, left, (index, leave))
 
-    def _way_to(self, port: End, centre: Array) -> float | None:
-        """Length, m, of the axis from a robot's centre (3,) m to a port ahead of it."""
-        found = min(self._ways_to(port, centre), key=lambda way: way[0], default=None)
-        return None if found is None else found[1]
-
-    def _ways_to(self, port: End, centre: Array) -> Iterator[tuple[float, float]]:
-        """Ways from a centre (3,) m to a port ahead: how far the centre is beside each, and its
-        length, m."""
-        waiting = [(port, 0.0)]
-        for _ in range(BACK):
-            behind: list[tuple[End, float]] = []
-            for (index, leave), beyond in waiting:
-                part = self._pipes.parts[index]
-                here = part.holds(centre[None], 0.0)
-                for enter in part.fitting.port_names:
-                    if enter == leave:
-                        continue
-                    line = part.axis(enter, leave, self._arcs)
-                    if here:
-                        at = line.locate(centre[None])
-                        beside = float(length(centre - line.at(at)[0][0]))
-                        yield beside, beyond + line.length - float(at[0])
-                    if (index, enter) in self._joined:
-                        behind.append((self._joined[index, enter], beyond + line.length))
-            waiting = behind
-
-    def _from(self, port: _Port, distance: float, frame: Array) -> Ahead:
-        """What is seen through a port whose plane is ``distance`` m ahead of the centre."""
-        end, reach = port.end, distance - port.room + self._reach
+    def _from(self, port: _Port, frame: Array) -> Ahead:
+        """What is seen through a port."""
+        _, distance, end = port
+        reach = self._half + self._reach
         while distance <= reach:
             if end in self._closed:
                 return Ahead(end="closed", distance=distance)
