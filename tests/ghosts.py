@@ -53,9 +53,9 @@ class Ghost:
         self.legs, self.travel = 1, 0.0
         self._line: Any = None
 
-    def run(self, most: float = 200.0) -> None:
+    def run(self, most: float = 60.0) -> None:
         """Drive until the run is over, or ``most`` m."""
-        explorer, distance = self.explorer, self.explorer.leg.begin
+        explorer, distance = self.explorer, float(self.explorer.leg.begin)
         while self.travel < most:
             position, frame = self._pose(distance)
             time, decision = self.travel, None

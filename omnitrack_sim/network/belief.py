@@ -29,10 +29,12 @@ MISS, MISS_PART = 0.1, 0.02
 addition."""
 MISS_ANGLE = math.radians(10)
 """How far their directions may miss being opposite, rad."""
+SQUARE = 0.2
+"""Part of what a loop's straights can take up in their best direction from which on one counts."""
 DIGITS = 6
 """Decimals of lengths in m, and of angles in degrees less one, that are kept."""
 Noted = Literal["open", "closed", "impassable"]
-"""What is known of an end: it is open, or closed, or the robot could not pass there."""
+"""What is known of an end: it is open, or closed, or the robot could not get to it."""
 
 
 class Belief:
@@ -223,9 +225,10 @@ class Belief:
             return
         ahead = np.array([parts[i].port(leave).rotation[:, 2] for i, _, leave, _ in straights])
         lengths = np.array([length for *_, length in straights])
-        # The least changes, each in parts of its length, that move ``end`` by ``miss``.
+        # The least changes, each in parts of its length, that move ``end`` by ``miss``. What lies
+        # square to all straights, or nearly, they cannot take up.
         weighted = ahead.T * np.sqrt(lengths)
-        changes = np.sqrt(lengths) * (np.linalg.pinv(weighted, rcond=1e-6) @ miss)
+        changes = np.sqrt(lengths) * (np.linalg.pinv(weighted, rcond=SQUARE) @ miss)
         for (part, *_), change in zip(straights, changes.tolist(), strict=True):
             self.lengthen(part, change)
 

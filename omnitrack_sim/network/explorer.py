@@ -278,16 +278,24 @@ class Explorer:
         told = list(told)
         legs = self._least(self.belief.unexplored, onward)
         if legs is None:
-            if not self._complete:
-                self._complete = True
-                kinds = [part.fitting for part in self.belief.network.pipes.parts]
-                fittings = sum(not fitting.is_plain for fitting in kinds)
-                ends = len(self.belief.explored)
-                told.append(ExplorationComplete(self.number, time, fittings, ends))
+            told += self._completed(time)
             legs = self._least([self.belief.start], onward)
         if legs is None:
             return self._given_up(time, told, "no other way")
         return self._onto(time, legs, told)
+
+    def _completed(self, time: float) -> list[Event]:
+        """There is no port left that it could look into; those that it cannot get to are noted.
+        What is told of it, once."""
+        if self._complete:
+            return []
+        self._complete, belief = True, self.belief
+        for end in belief.unexplored:
+            belief.note(end, "impassable")
+            belief.done(end)
+        parts = belief.network.pipes.parts
+        fittings = sum(not part.fitting.is_plain for part in parts)
+        return [ExplorationComplete(self.number, time, fittings, len(belief.explored))]
 
     def _least(self, goals: Sequence[End], onward: _Onward) -> list[Leg] | None:
         """Legs to the one of some ports that asks for the least travel; None where no way leads to
