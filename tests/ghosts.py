@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.network.ahead import Ahead
-from omnitrack_sim.network.belief import Belief
-from omnitrack_sim.network.explorer import CREEP, Explorer
-from omnitrack_sim.network.sight import TrueSight
+from omnitrack_sim.network.exploration import Exploration
+from omnitrack_sim.network.goals import Mission
 from omnitrack_sim.network.spec import Network
 from omnitrack_sim.pipes import ARCS
 from omnitrack_sim.record.events import Event
@@ -40,14 +39,17 @@ class Ghost:
         erring: Callable[[Ahead], Ahead] = lambda ahead: ahead,
     ) -> None:
         self.network, self.pipes, self.robot = network, network.pipes, Robot()
-        plates = [network.port(port) for port in seen]
+        mission = Mission(
+            start=start,
+            map="unknown",
+            task="find" if goals else "explore",
+            goals=tuple(goals),
+            blocked=tuple(seen),
+        )
+        exploration = Exploration(network, mission, self.robot, 0.1, ARCS)
         self.hidden = [network.port(port) for port in hidden]
-        self.sight, self.erring = TrueSight(self.pipes, plates, self.robot, ARCS), erring
-        part, port = network.end("start", start)
-        pose, fitting = self.pipes.parts[part].port(port), self.pipes.parts[part].fitting
-        free, bore = 0.1 + self.robot.length / 2 + CREEP, 2 * fitting.port_radius(port)
-        belief = Belief(-pose.rotation[:, 2], pose.position, bore, free)
-        self.explorer = Explorer(self.robot, 0, ARCS, belief, list(goals), 0.1, 2)
+        self.sight, self.erring = exploration.sight(), erring
+        self.explorer = exploration.explorer(0, 2)
         self.ends = {goal: network.end("goals", goal) for goal in goals}
         self.events: list[Event] = []
         self.legs, self.travel = 1, 0.0

@@ -18,6 +18,7 @@ from omnitrack_sim.record.events import (
     LoopClosed,
     TakenForClosed,
 )
+from omnitrack_sim.rotations import Pose
 
 
 def explored(name: str, start: str, **more) -> Ghost:
@@ -133,7 +134,7 @@ def test_a_goal_that_is_cut_off_is_missed():
 
 def test_a_port_known_by_kind_and_place_is_recognised():
     """Another kind, or a branch in the place of a run, is not taken for it."""
-    belief = Belief(np.array([0.0, 0, 1]), np.zeros(3), 0.16, 0.4)
+    belief = Belief(Pose(), 0.16, 0.4)
     part = belief.attach((0, "end"), Tee(), "run_start", np.array([1.0, 0, 0]))
     arm = belief.straight_beyond((part, "branch"), 0.3)
     end = (arm, "end")

@@ -85,6 +85,10 @@ class PaperController:
         if self._legs.grown:
             self._learn()
             self.aligner.learn()
+        for robot, later in self._legs.longer:
+            self.aligner.go_on(robot, later)
+            self.turning[robot] += later * (self.turning[robot] >= 0)
+            self.turned[robot] += later * (self.turned[robot] >= 0)
         for robot, turned in changes:
             self.aligner.begin_leg(robot, turned, int(observation.place.way[robot]))
             self.turning[robot] = self.turned[robot] = -1

@@ -2,6 +2,7 @@
 
 from omnitrack_sim.network.ahead import Ahead, Sight
 from omnitrack_sim.network.compare import MapDifference, compare_maps
+from omnitrack_sim.network.exploration import Exploration
 from omnitrack_sim.network.goals import Mission
 from omnitrack_sim.network.mission import Planner
 from omnitrack_sim.network.planning import Leg, shortest_route
@@ -10,6 +11,7 @@ from omnitrack_sim.network.spec import Network, load_network, validate
 
 __all__ = [
     "Ahead",
+    "Exploration",
     "Leg",
     "MapDifference",
     "Mission",

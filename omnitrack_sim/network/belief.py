@@ -18,7 +18,7 @@ from omnitrack_sim.network.layout import CLOSES, End, both_ways
 from omnitrack_sim.network.planning import port_graph
 from omnitrack_sim.network.spec import Joint, Network, Place
 from omnitrack_sim.pipes import Fitting, Straight
-from omnitrack_sim.rotations import Array, Pose, angle_between, wrap_angle
+from omnitrack_sim.rotations import Array, Pose, angle_between, frame_along, wrap_angle
 
 SHORTEST = 1e-3
 """Least length of a straight, m."""
@@ -41,8 +41,7 @@ class Belief:
     """The map of one robot.
 
     Args:
-        axis: (3,) unit vector into the pipe where the robot began. position: (3,) m, of the port
-            there. bore: m.
+        port: where the robot began, z into the pipe. bore: m.
         length: m, of the first pipe as far as it is known to be free.
 
     Attributes:
@@ -52,10 +51,13 @@ class Belief:
         start: the port where it began.
     """
 
-    def __init__(self, axis: Array, position: Array, bore: float, length: float) -> None:
-        x, y, z = axis.tolist()
-        px, py, pz = position.tolist()
-        self._place = Place(axis=(x, y, z), position=(px, py, pz))
+    def __init__(self, port: Pose, bore: float, length: float) -> None:
+        x, y, z = port.rotation[:, 2].tolist()
+        px, py, pz = port.position.tolist()
+        # The turn from what a file takes for x to the port's own.
+        right, up, _ = port.rotation[:, 0] @ frame_along((x, y, z), 0.0)
+        turn = round(math.degrees(math.atan2(up, right)), DIGITS) + 0.0
+        self._place = Place(axis=(x, y, z), turn_deg=turn, position=(px, py, pz))
         self._fittings: dict[str, Fitting] = {}
         self._joints: list[Joint] = []
         self._counts: dict[str, int] = {}

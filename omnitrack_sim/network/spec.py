@@ -118,6 +118,9 @@ class Network(Table):
 
         It need not be possible, as one from a file is: parts may run into each other, and loops
         miss.
+
+        Raises:
+            NetworkError: joints or names of ports that are not there.
         """
         network = cls.model_construct(
             name=name,
@@ -131,9 +134,27 @@ class Network(Table):
             joints=tuple(joints),
             ports=dict(ports),
         )
+        faults = network._naming_faults()
+        if faults:
+            raise NetworkError(faults)
         # What ``pipes`` is from now on, in the place of one that is checked.
         vars(network)["pipes"] = lay_out_unchecked(*network._to_lay_out())
         return network
+
+    @classmethod
+    def believed_from(cls, data: Mapping[str, Any]) -> Network:
+        """A network as ``believed`` makes it, from the plain data of its file.
+
+        Raises:
+            NetworkError, ValidationError, KeyError: it is no such data.
+        """
+        fittings = {
+            row["name"]: table_of(row["kind"], NetworkFitting).model_validate(row).fitting()
+            for row in data["fittings"]
+        }
+        joints = [Joint.model_validate(row) for row in data.get("joints", ())]
+        place = Place.model_validate(data.get("place", {}))
+        return cls.believed(data["name"], place, fittings, joints, data.get("ports", {}))
 
     def _to_lay_out(self) -> tuple[dict[str, Fitting], list[Joined], Pose]:
         """Fittings by name, joints, and the frame of the first port."""
