@@ -66,6 +66,17 @@ class MapDifference:
         """Whether the map is complete, has nothing else, and all its sizes are right."""
         return self.complete and not (self.extra or self.sizes or self.angles)
 
+    def figures(self) -> dict[str, float]:
+        """The metrics of a run that explores, see docs/metrics.md."""
+        return {
+            "map_found": self.found / self.parts,
+            "map_complete": float(self.complete),
+            "map_length_error_m": self.length_error,
+            "map_faults": float(
+                len(self.kinds) + len(self.sizes) + len(self.angles) + len(self.extra)
+            ),
+        }
+
 
 def compare_maps(
     found: Network, true: Network, start: str | None = None, closed: Collection[str] = ()

@@ -528,6 +528,9 @@ class Simulation:
                 efficiency=scenario.robot.motor.efficiency,
                 metrics=(*METRICS, *self._estimate_metrics, *scenario.own_metrics, *metrics),
             )
+            found, exploration = self.legs.map(i), scenario.exploration
+            if found is not None and exploration is not None:
+                figures |= exploration.difference(found).figures()
             results.append(
                 Result(
                     scenario=scenario,
@@ -539,7 +542,7 @@ class Simulation:
                     provenance=provenance_of(scenario) | {"collider": self.collider},
                     events=self._events[i],
                     legs=self.legs.driven(i),
-                    map=self.legs.map(i),
+                    map=found,
                 )
             )
         return results
