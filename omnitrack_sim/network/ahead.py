@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from omnitrack_sim.pipes import Fitting
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.rotations import Array, unit
 
 
 @dataclass(frozen=True)
 class Ahead:
     """What a robot sees ahead of it in its pipe, at one moment.
 
-    "Ahead" is where the robot drives to: beyond its nose in gear 1, beyond its tail in gear -1. All
-    angles are in the frame of that gear, which has z ahead and x towards module 1 in both
+    "Ahead" is where the robot drives to: beyond its nose in gear 1, beyond its tail in gear -1. Its
+    frame is that of the gear, which has z ahead and x towards module 1 in both
     (``control/gear.py``).
 
     Attributes:
@@ -28,10 +28,10 @@ class Ahead:
         end: the pipe ends there, "open" or "closed"; "" where it does not, or goes into a fitting.
         distance: m, along the pipe's axis from the robot's centre to the port plane of what is
             seen, or to where sight ends.
-        turn: rad, from the robot's x axis to the x axis of the port ``enter`` (``Fitting.ports``),
-            about the robot's z axis; both are projected across the pipe. It is the turn of
-            ``pipes.attached`` for a placed port whose x axis is the robot's. 0 for a fitting that
-            is round about its axis.
+        turn: rad, from the robot's x axis, projected across the pipe, to the x axis of the port
+            ``enter`` (``Fitting.ports``), about the pipe's axis ahead. It is the turn of
+            ``pipes.attached`` for a placed port whose x axis is that projection (``side_of``). 0
+            for a fitting that is round about its axis.
         distance_std, turn_std: m and rad, standard deviations.
         sure: probability, 0 to 1, that the kind of ``fitting``, or of the end, is right.
     """
@@ -44,6 +44,13 @@ class Ahead:
     distance_std: float = 0.0
     turn_std: float = 0.0
     sure: float = 1.0
+
+
+def side_of(frame: Array, ahead: Array) -> Array:
+    """The x axis (3,) of a robot's ``frame`` (3, 3), projected across a pipe with the axis ``ahead``
+    (3,), world frame: what ``Ahead.turn`` is measured from."""
+    x = frame[:, 0]
+    return unit(x - ahead * (x @ ahead))
 
 
 class Sight(Protocol):

@@ -16,8 +16,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from omnitrack_sim.errors import GeometryError
-from omnitrack_sim.network.ahead import Ahead
+from omnitrack_sim.network.ahead import Ahead, side_of
 from omnitrack_sim.network.belief import NO_STRAIGHT, Belief
 from omnitrack_sim.network.layout import End
 from omnitrack_sim.network.mission import NOSE_ROOM, ROUNDING, Ways
@@ -210,7 +212,9 @@ class Explorer:
             told = [self._closes(time, end, known)]
             self._go_on(way)
             return self._next(time, told, self._from_leg(distance))
-        side = math.cos(ahead.turn) * frame[:, 0] + math.sin(ahead.turn) * frame[:, 1]
+        axis = belief.port(end).rotation[:, 2]
+        side = side_of(frame, axis)
+        side = math.cos(ahead.turn) * side + math.sin(ahead.turn) * np.cross(axis, side)
         part = belief.attach(end, fitting, enter, side)
         name = belief.network.fittings[part].name
         told: list[Event] = [FittingFound(self.number, time, name, ahead.distance)]

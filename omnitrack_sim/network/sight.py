@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnitrack_sim.network.ahead import Ahead
+from omnitrack_sim.network.ahead import Ahead, side_of
 from omnitrack_sim.network.layout import End, both_ways
 from omnitrack_sim.network.whereabouts import ALONG
 from omnitrack_sim.pipes import Arcs, Assembly, Part
@@ -107,5 +107,7 @@ def _turn(part: Part, enter: str, frame: Array) -> float:
     """See ``Ahead.turn``."""
     if part.fitting.is_axial:
         return 0.0
-    x, y, _ = part.port(enter).rotation[:, 0] @ frame
-    return float(np.arctan2(y, x))
+    port = part.port(enter).rotation
+    ahead, x = -port[:, 2], port[:, 0]
+    side = side_of(frame, ahead)
+    return math.atan2(float(x @ np.cross(ahead, side)), float(x @ side))
