@@ -47,7 +47,7 @@ class Ahead:
 
 
 def side_of(frame: Array, ahead: Array) -> Array:
-    """The x axis (3,) of a robot's ``frame`` (3, 3), projected across a pipe with the axis ``ahead``
+    """The x axis (3,) of a robot's ``frame`` (3, 3), projected across a pipe along ``ahead``
     (3,), world frame: what ``Ahead.turn`` is measured from."""
     x = frame[:, 0]
     return unit(x - ahead * (x @ ahead))
