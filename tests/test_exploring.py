@@ -77,6 +77,15 @@ def test_a_loop_is_closed_and_not_driven_twice():
     assert validate(ghost.explorer.belief.network.model_dump(mode="json"))
 
 
+def test_the_way_home_leads_on_through_a_loop():
+    """Back where it has been by another way, the point goes on nose first, and backs out once
+    only, of the one end."""
+    ghost = explored("ring", "inlet")
+    assert compare_maps(ghost.explorer.belief.network, ghost.network).same
+    assert ghost.legs == 3
+    assert ghost.explorer.leg.gear == 1
+
+
 def test_a_loop_with_errors_of_sight_is_closed_all_the_same():
     """Lengths of the loop's straights take up what they can of the miss."""
     errors = iter(np.tile([0.004, -0.003, 0.005, -0.002], 100))

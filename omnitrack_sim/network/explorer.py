@@ -268,12 +268,12 @@ class Explorer:
         leg = self.leg
 
         def onward(ways: Ways, goal: int, closed: Closed) -> list[Leg] | None:
-            backed = ways.onward(leg, distance, goal, closed)
-            if ways.ends[goal + 1] != self.belief.start:
-                return backed
-            # Home is behind; after a loop it may be nearer ahead.
-            anew = ways.anew(ways.on(leg, distance), goal, closed)
-            return min((legs for legs in (backed, anew) if legs), key=_travel, default=None)
+            found = [ways.ahead(leg, distance, goal, closed)]
+            found.append(ways.onward(leg, distance, goal, closed))
+            if ways.ends[goal + 1] == self.belief.start:
+                # It is behind; after a loop it may be nearer ahead.
+                found.append(ways.anew(ways.on(leg, distance), goal, closed))
+            return min((legs for legs in found if legs), key=_travel, default=None)
 
         return onward
 

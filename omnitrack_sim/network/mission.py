@@ -139,6 +139,25 @@ class Ways:
         found = self._turn_off(track, goal, closed)
         return None if found is None else self._legs(track, found, goal)
 
+    def ahead(
+        self, leg: Leg, distance: float, goal: int, closed: Iterable[End | Step]
+    ) -> list[Leg] | None:
+        """The leg to a goal that leads on from the end of the one at hand, without backing out;
+        None where no way does, or where the robot has come too far to stand before what is new.
+        Arguments as in ``onward``."""
+        closed, (part, _, leave) = tuple(closed), leg.way[-1]
+        beyond = self.network.joined_to.get(self.network.port_name((part, leave)))
+        if beyond is None or (part, leave) in closed:
+            return None
+        onward = self._to_go(goal, closed).way(self.network.port(beyond))
+        if onward is None:
+            return None
+        way, passed = (*leg.way, *onward), self.passed(*onward[0])
+        stand = self.stand(self.along_of(way), len(leg.way), passed)
+        if passed.asks_orientation and distance > stand + ROUNDING:
+            return None
+        return [self._forward(way, distance, goal, leg.gear)]
+
     def find(self, position: Array, axis: Array) -> Whereabouts | None:
         """Where in the network a robot lies with its centre at ``position`` (3,) m and its nose
         along the unit vector ``axis`` (3,), world frame; None where it lies in none of its
