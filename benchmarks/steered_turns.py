@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from omnitrack_sim import Command, Observation, Outcome, Scenario, Simulation
 from omnitrack_sim.control import ControlSetup, JacobianController
 from omnitrack_sim.control.jacobian import TEE_TURN
-from omnitrack_sim.control.route_map import angle_between
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.rotations import Array, angle_between
 
 KNOTS = 10
 SPACING = 0.3

@@ -24,7 +24,15 @@ if TYPE_CHECKING:
     )
     from omnitrack_sim.film.render import render_frame, render_video
     from omnitrack_sim.film.strip import render_strip
-    from omnitrack_sim.network import Network, load_network, random_network, shortest_route
+    from omnitrack_sim.network import (
+        Ahead,
+        MapDifference,
+        Network,
+        compare_maps,
+        load_network,
+        random_network,
+        shortest_route,
+    )
     from omnitrack_sim.optimise import Study, StudyResult, load_study, run_study
     from omnitrack_sim.pipes import Assembly, Elbow, Reducer, Step, Straight, Tee, route
     from omnitrack_sim.plots import (
@@ -80,7 +88,15 @@ _HOME = {
         "shipped_studies",
         "shipped_sweeps",
     ),
-    "network": ("Network", "load_network", "random_network", "shortest_route"),
+    "network": (
+        "Ahead",
+        "MapDifference",
+        "Network",
+        "compare_maps",
+        "load_network",
+        "random_network",
+        "shortest_route",
+    ),
     "record.outcome": ("Outcome",),
     "pipes": ("Elbow", "Assembly", "Reducer", "Step", "Straight", "Tee", "route"),
     "plots": (
@@ -117,6 +133,7 @@ _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 __all__ = [
     "DRIVES",
     "MOTORS",
+    "Ahead",
     "Assembly",
     "Channel",
     "Command",
@@ -128,6 +145,7 @@ __all__ = [
     "Event",
     "GeometryError",
     "InputError",
+    "MapDifference",
     "Metric",
     "Motor",
     "Network",
@@ -158,6 +176,7 @@ __all__ = [
     "TurnCase",
     "Visit",
     "compare",
+    "compare_maps",
     "load_network",
     "load_result",
     "load_scenario",

@@ -45,6 +45,11 @@ def length(vector: Array) -> Array:
     return np.sqrt(dot(vector, vector))
 
 
+def angle_between(a: Array, b: Array) -> Array:
+    """Angle (...,) rad between unit vectors (..., 3); exact near zero."""
+    return 2 * np.arctan2(length(a - b), length(a + b))
+
+
 def cross(a: Array, b: Array) -> Array:
     """Cross products (..., 3) of vectors (..., 3), faster than NumPy's for small arrays."""
     products = a.take(_FIRST_OF_CROSS, axis=-1) * b.take(_SECOND_OF_CROSS, axis=-1)

@@ -13,12 +13,12 @@ from omnitrack_sim.control.aligner import AIMS, Aligner
 from omnitrack_sim.control.alignment import orientation_error
 from omnitrack_sim.control.interface import Command, Controller, ControlSetup, Observation
 from omnitrack_sim.control.jacobian import JacobianController
-from omnitrack_sim.control.route_map import RouteMap, angle_between
+from omnitrack_sim.control.route_map import RouteMap
 from omnitrack_sim.control.sway import Lean
 from omnitrack_sim.control.tracking import Tracking
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.events import BackedOff, Rolled
-from omnitrack_sim.rotations import Array, cross, dot, length, rotation_about
+from omnitrack_sim.rotations import Array, angle_between, cross, dot, length, rotation_about
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim.builder import settings_of
 from omnitrack_sim.theory.kinematics import module_speeds

@@ -122,12 +122,12 @@ def hang_before(legs: Legs, port: str) -> list[Any]:
     part, leave = planner.network.port(port)
     at = next(i for i, step in enumerate(leg.way) if (step[0], step[2]) == (part, leave))
     nose = planner.route(leg).fittings[at].s_leave
-    return list(legs.send_on(0, 10.0, nose - LENGTH / 2, arrived=False).events)
+    return list(legs.send_on(0, 10.0, nose - LENGTH / 2, False, np.zeros(3)).events)
 
 
 def arrive(legs: Legs) -> list[Any]:
     """The events of a robot that comes to the end of the leg at hand."""
-    return list(legs.send_on(0, 10.0, float(legs.end[0]), arrived=True).events)
+    return list(legs.send_on(0, 10.0, float(legs.end[0]), True, np.zeros(3)).events)
 
 
 def test_all_ports_that_were_found_closed_are_remembered() -> None:

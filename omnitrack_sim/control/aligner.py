@@ -239,6 +239,11 @@ class Aligner:
         if self.settings.align[robot]:
             self.aligned[robot] = self.routes.first[way]
 
+    def go_on(self, robot: int, later: int) -> None:
+        """A robot's leg goes on, on a route whose passages are counted ``later`` by so many."""
+        if self.settings.align[robot]:
+            self.aligned[robot] += later
+
     def align_again(self, robots: NDArray[np.bool_], passage: NDArray[np.intp]) -> None:
         """Forget that ``robots`` (n,) have been aligned for their ``passage`` (n,)."""
         again = robots & self.settings.align

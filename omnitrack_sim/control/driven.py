@@ -24,11 +24,10 @@ from omnitrack_sim.control.aligner import AlignmentTable, held_belt_sign
 from omnitrack_sim.control.gear import carried_out
 from omnitrack_sim.control.interface import Command, Controller, ControlSetup, Observation
 from omnitrack_sim.control.jacobian import DampingTable
-from omnitrack_sim.control.route_map import angle_between
 from omnitrack_sim.control.tracking import TrackingTable, wall_speeds
 from omnitrack_sim.errors import InputError
 from omnitrack_sim.record.events import Driven, Event
-from omnitrack_sim.rotations import Array, cross, unit
+from omnitrack_sim.rotations import Array, angle_between, cross, unit
 from omnitrack_sim.table import Angle, NotNegative, Part, Table, Unit
 from omnitrack_sim.theory.kinematics import belt_sign
 

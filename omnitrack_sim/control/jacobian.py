@@ -102,6 +102,9 @@ class JacobianController:
         if self._legs.grown:
             self._learn()
             self.aligner.learn()
+        for robot, later in self._legs.longer:
+            self.aligner.go_on(robot, later)
+            self.recovery.go_on(robot, later)
         for robot, turned in changes:
             self.aligner.begin_leg(robot, turned, int(observation.place.way[robot]))
             self.recovery.begin_leg(robot)

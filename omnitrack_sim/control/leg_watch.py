@@ -15,23 +15,35 @@ class LegWatch:
     Attributes:
         grown: routes have been added since the observation before: what was looked up in them has
             to be looked up again.
+        longer: robots whose leg goes on, on a route that begins as the one before, and how many
+            passages later that route's are counted.
     """
 
     def __init__(self, routes: RouteMap) -> None:
         self._routes, self._version = routes, routes.version
         self._leg: NDArray[np.int_] | None = None
         self._gear: NDArray[np.int_] | None = None
+        self._way: NDArray[np.intp] | None = None
         self.grown = False
+        self.longer: list[tuple[int, int]] = []
 
     def changes(self, observation: Observation) -> list[tuple[int, bool]]:
         """Robots on another leg than before, and whether each drives in the other gear now."""
         leg, gear = self._leg, self._gear
         self.grown = self._routes.version != self._version
         self._version = self._routes.version
-        if leg is observation.leg:
+        way, self._way = self._way, observation.place.way
+        self.longer = []
+        if leg is observation.leg and way is self._way:
             return []
         self._leg, self._gear = observation.leg, observation.gear
-        if leg is None or gear is None:
+        if leg is None or gear is None or way is None:
             return []
-        robots = np.flatnonzero(leg != observation.leg).tolist()
+        same = leg == observation.leg
+        first = self._routes.first
+        self.longer = [
+            (robot, int(first[self._way[robot]] - first[way[robot]]))
+            for robot in np.flatnonzero(same & (way != self._way)).tolist()
+        ]
+        robots = np.flatnonzero(~same).tolist()
         return [(robot, bool(gear[robot] != observation.gear[robot])) for robot in robots]

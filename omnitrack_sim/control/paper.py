@@ -14,9 +14,9 @@ from pydantic import Field
 from omnitrack_sim.control.aligner import Aligner, AlignmentTable, manoeuvres
 from omnitrack_sim.control.interface import Command, ControlSetup, Observation
 from omnitrack_sim.control.leg_watch import LegWatch
-from omnitrack_sim.control.route_map import Place, angle_between
+from omnitrack_sim.control.route_map import Place
 from omnitrack_sim.robot import MODULE_ANGLES
-from omnitrack_sim.rotations import Array, cross, dot, unit
+from omnitrack_sim.rotations import Array, angle_between, cross, dot, unit
 from omnitrack_sim.table import Table, Unit
 from omnitrack_sim.theory.kinematics import elbow_speeds
 
@@ -85,6 +85,10 @@ class PaperController:
         if self._legs.grown:
             self._learn()
             self.aligner.learn()
+        for robot, later in self._legs.longer:
+            self.aligner.go_on(robot, later)
+            self.turning[robot] += later * (self.turning[robot] >= 0)
+            self.turned[robot] += later * (self.turned[robot] >= 0)
         for robot, turned in changes:
             self.aligner.begin_leg(robot, turned, int(observation.place.way[robot]))
             self.turning[robot] = self.turned[robot] = -1

@@ -77,6 +77,10 @@ class Recovery:
         self.farthest[robot], self.waiting[robot] = -np.inf, 0.0
         self.backing[robot], self.retries[robot], self.passage[robot] = False, 0, -1
 
+    def go_on(self, robot: int, later: int) -> None:
+        """A robot's leg goes on, on a route whose passages are counted ``later`` by so many."""
+        self.passage[robot] += later
+
     def step(
         self, observation: Observation, standing: NDArray[np.bool_], room: Array, aligner: Aligner
     ) -> Backing:

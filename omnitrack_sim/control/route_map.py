@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.pipes import Centreline, Passage, Route
-from omnitrack_sim.rotations import Array, cross, dot, length
+from omnitrack_sim.rotations import Array, angle_between, cross, dot, length
 
 
 @dataclass(eq=False)
@@ -227,11 +227,6 @@ class RouteMap:
         if not np.count_nonzero(bending):
             return directions
         return np.where(bending[:, None], normal, directions)
-
-
-def angle_between(a: Array, b: Array) -> Array:
-    """Angle (n,) rad between unit vectors (n, 3); exact near zero."""
-    return 2 * np.arctan2(length(a - b), length(a + b))
 
 
 def angle_about(axis: Array, start: Array, end: Array) -> Array:

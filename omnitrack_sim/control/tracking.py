@@ -14,9 +14,9 @@ from typing import Annotated
 import numpy as np
 
 from omnitrack_sim.control.interface import ControlSetup
-from omnitrack_sim.control.route_map import Place, angle_between
+from omnitrack_sim.control.route_map import Place
 from omnitrack_sim.control.sway import Lean
-from omnitrack_sim.rotations import Array, cross, dot, length, unit
+from omnitrack_sim.rotations import Array, angle_between, cross, dot, length, unit
 from omnitrack_sim.table import NotNegative, Part, Table, Unit
 from omnitrack_sim.theory.kinematics import module_speeds
 

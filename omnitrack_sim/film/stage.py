@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.film.canvas import Image, Region
     from omnitrack_sim.film.inset import Inset
     from omnitrack_sim.film.painter import Painter
-    from omnitrack_sim.pipes import Route
+    from omnitrack_sim.pipes import Assembly, Route
     from omnitrack_sim.record.trajectory import Trajectory
     from omnitrack_sim.rotations import Array
     from omnitrack_sim.sim.result import Result
@@ -64,7 +64,7 @@ class Stage:
         self._qpos = smooth_belts(self.model, self.trajectory, look_pitch(result.scenario.robot))
         self._pose(0)
         self._camera = self._made(camera, result, size, overlay)
-        self._painter = self._prepared(routes[0], size, fine)
+        self._painter = self._prepared(result.pipes, size, fine)
         self._overlay = Overlay(*size) if overlay else None
         self._fittings = _fitting_names(self.trajectory, routes)
         self._inset = _inset(result, *size) if inset and camera != "side" else None
@@ -173,17 +173,17 @@ class Stage:
         )
         reach = _REACH * float((reach + self._spheres[1][self._bodies]).max())
         if camera == "side":
-            return Side(self.trajectory, routes[0].network, aspect, reach, panel)
+            return Side(self.trajectory, result.pipes, aspect, reach, panel)
         if camera == "follow":
             return Follow(self.trajectory, routes, aspect, reach)
-        return Onboard(routes[0].network, aspect, result.scenario.robot.scale)
+        return Onboard(result.pipes, aspect, result.scenario.robot.scale)
 
-    def _prepared(self, route: Route, size: tuple[int, int], fine: bool) -> Painter:
+    def _prepared(self, network: Assembly, size: tuple[int, int], fine: bool) -> Painter:
         """The painter with robot, pipes and seams."""
         from omnitrack_sim.film.painter import Painter
         from omnitrack_sim.model.surfaces import cut_pipe, pipe_inside, robot_surface, seam
 
-        network, cut = route.network, self._camera.cut
+        cut = self._camera.cut
         pipes = [cut_pipe(p, cut) if cut.any() else pipe_inside(p) for p in network.parts]
         self._joined = []
         for (i, port), (j, other) in network.joints:
@@ -203,8 +203,7 @@ def _compiled(result: Result) -> mujoco.MjModel:
     from omnitrack_sim.model.scene import build_looks
 
     scenario = result.scenario
-    network = scenario.route.network
-    return build_looks(network, scenario.robot, plates=scenario.plates).compile()
+    return build_looks(result.pipes, scenario.robot, plates=scenario.plates).compile()
 
 
 def _inset(result: Result, width: int, height: int) -> Inset | None:

@@ -22,6 +22,11 @@ End = tuple[int, str]
 """A port: index of the part and the port's name."""
 
 
+def both_ways(joints: Iterable[tuple[End, End]]) -> dict[End, End]:
+    """The port that each port of some joints is joined to."""
+    return {port: other for a, b in joints for port, other in ((a, b), (b, a))}
+
+
 @dataclass(frozen=True)
 class Joined:
     """Two ports in one place.
@@ -72,6 +77,16 @@ def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Po
     if faults:
         raise NetworkError(faults)
     return network
+
+
+def lay_out_unchecked(
+    fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Pose
+) -> Assembly:
+    """As ``lay_out``, of fittings that all hang together, whether or not they fit: pipes as a robot
+    believes them to be."""
+    poses, _ = _placed(list(fittings.values()), joints, first)
+    parts = [Part(name, kind, poses[i]) for i, (name, kind) in enumerate(fittings.items())]
+    return Assembly.unchecked(tuple(parts), tuple(joint.ends for joint in joints))
 
 
 def _placed(

@@ -15,7 +15,7 @@ its nose. It takes the one that asks for less travel.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any, NamedTuple
 
 from omnitrack_sim.errors import Fault, NetworkError
@@ -78,43 +78,31 @@ class _Onward(NamedTuple):
     stand: float
 
 
-class Planner:
-    """Plans the legs of one mission.
+class Ways:
+    """Legs through a network, from wherever a robot is to one of several ends.
 
     Args:
         network: where.
-        mission: start and goals.
+        ends: ports (part index, port) of the start and of the goals. names: of the goals.
         robot: its length, and the room it needs before a fitting, decide where legs begin and end.
-        distance: m along the way from the start port to the robot's centre as it begins.
         arcs: of the centreline in tees.
-
-    Attributes:
-        ends: ports (part index, port) of start and goals.
-        plates: ports closed by a plate.
-
-    Raises:
-        NetworkError: no such port or fitting, no open end, or a goal that cannot be reached;
-            ``start``, ``goals.0``, ``avoid.0`` or ``blocked.0`` say which.
+        avoid: names of fittings that are not entered.
     """
 
     def __init__(
         self,
         network: Network,
-        mission: Mission,
+        ends: Sequence[End],
+        names: Sequence[str],
         robot: Robot,
-        distance: float,
         arcs: Arcs = ARCS,
+        avoid: Collection[str] = (),
     ) -> None:
-        self.network, self.mission, self.robot, self.arcs = network, mission, robot, arcs
-        self.ends, self.plates = ports_of(network, mission)
-        self._graph = port_graph(network, arcs, mission.avoid)
+        self.network, self.ends, self.robot, self.arcs = network, list(ends), robot, arcs
+        self._names = names
+        self._graph = port_graph(network, arcs, avoid)
         self._known_passed: dict[tuple[int, str, str], Passed] = {}
         self._known_to_go: tuple[Any, ToGo] = None, ToGo(self._graph, ())
-        way = shortest_way(self._graph, self.ends[0], self.ends[1])
-        if way is None:
-            raise NetworkError(_unreachable(0, mission))
-        self.first = self._forward(way, distance, 0)
-        self._planned = [self.first]
 
     def route(self, leg: Leg) -> Route:
         """The route of a leg: its way with the centreline."""
@@ -122,25 +110,12 @@ class Planner:
 
     def length(self, leg: Leg) -> float:
         """Length of the whole way of a leg, m."""
-        return self._along(leg.way).length
-
-    def plan(self) -> tuple[Leg, ...]:
-        """The legs to all goals if nothing is in the way.
-
-        Raises:
-            NetworkError: a goal cannot be reached from the one before it.
-        """
-        for goal in range(self._planned[-1].goal + 1, len(self.mission.goals)):
-            legs = self.onward(self._planned[-1], self._planned[-1].end, goal, ())
-            if legs is None:
-                raise NetworkError(_unreachable(goal, self.mission))
-            self._planned += legs
-        return tuple(self._planned)
+        return self.along_of(leg.way).length
 
     def obstacle(self, leg: Leg, distance: float) -> End:
         """The port (part index, port) that stops a robot at arc length ``distance`` m of a leg."""
         nose = distance + self.robot.length / 2 - AT_THE_NOSE
-        part, _, leave = leg.way[self._along(leg.way).at(nose)]
+        part, _, leave = leg.way[self.along_of(leg.way).at(nose)]
         return part, leave
 
     def onward(
@@ -156,13 +131,32 @@ class Planner:
         """
         closed = tuple(closed)
         if leg.gear < 0:
-            return self.anew(self._on(leg, distance), goal, closed)
-        way = leg.way[: self._along(leg.way).at(distance) + 1]
-        track = _Track(way, self._along(way), leg.gear, distance)
+            return self.anew(self.on(leg, distance), goal, closed)
+        way = leg.way[: self.along_of(leg.way).at(distance) + 1]
+        track = _Track(way, self.along_of(way), leg.gear, distance)
         if self.ends[goal + 1] == leg.way[0][:2]:
             return [self._backing(track, self.robot.length / 2 + NOSE_ROOM, goal)]
         found = self._turn_off(track, goal, closed)
         return None if found is None else self._legs(track, found, goal)
+
+    def ahead(
+        self, leg: Leg, distance: float, goal: int, closed: Iterable[End | Step]
+    ) -> list[Leg] | None:
+        """The leg to a goal that leads on from the end of the one at hand, without backing out;
+        None where no way does, or where the robot has come too far to stand before what is new.
+        Arguments as in ``onward``."""
+        closed, (part, _, leave) = tuple(closed), leg.way[-1]
+        beyond = self.network.joined_to.get(self.network.port_name((part, leave)))
+        if beyond is None or (part, leave) in closed:
+            return None
+        onward = self._to_go(goal, closed).way(self.network.port(beyond))
+        if onward is None:
+            return None
+        way, passed = (*leg.way, *onward), self.passed(*onward[0])
+        stand = self.stand(self.along_of(way), len(leg.way), passed)
+        if passed.asks_orientation and distance > stand + ROUNDING:
+            return None
+        return [self._forward(way, distance, goal, leg.gear)]
 
     def find(self, position: Array, axis: Array) -> Whereabouts | None:
         """Where in the network a robot lies with its centre at ``position`` (3,) m and its nose
@@ -195,7 +189,7 @@ class Planner:
         found = []
         for gear, enter, leave, inside in ((1, behind, ahead, passed), (-1, ahead, behind, left)):
             way = (*self._up_to((part, enter), closed), (part, enter, leave))
-            along = self._along(way)
+            along = self.along_of(way)
             found.append(_Track(way, along, gear, along.begins[-1] + inside))
         return found
 
@@ -211,19 +205,19 @@ class Planner:
         enter, leave = (behind, ahead) if gear > 0 else (ahead, behind)
         up, beyond = (self._up_to((part, port), closed) for port in (enter, leave))
         way = (*up, (part, enter, leave), *((i, b, a) for i, a, b in beyond[::-1]))
-        along = self._along(way)
+        along = self.along_of(way)
         begin = along.begins[len(up)] + min(passed, left)
         half = self.robot.length / 2
         end = along.ends[len(up)] + half + self.robot.standing_room
         end = min(end, along.length - half)
         here = along.at(end)
         leg = Leg(way, gear, begin, end, -1, f"rights itself in {self.network.fittings[part].name}")
-        track = _Track(way[: here + 1], self._along(way[: here + 1]), gear, end)
-        return [leg], [track, *self._tracks(self._on(leg, end), closed)]
+        track = _Track(way[: here + 1], self.along_of(way[: here + 1]), gear, end)
+        return [leg], [track, *self._tracks(self.on(leg, end), closed)]
 
-    def _on(self, leg: Leg, distance: float) -> Whereabouts:
+    def on(self, leg: Leg, distance: float) -> Whereabouts:
         """Where a robot lies at arc length ``distance`` m on a leg."""
-        along = self._along(leg.way)
+        along = self.along_of(leg.way)
         here = along.at(distance)
         part, enter, leave = leg.way[here]
         passed, left = distance - along.begins[here], along.ends[here] - distance
@@ -275,8 +269,8 @@ class Planner:
             if onward is None:
                 continue
             way = (*old[:index], *onward)
-            stand = min(distance, self._stand(along, index, self._passed(*onward[0])))
-            cost = distance - stand + self._along(way).length - stand
+            stand = min(distance, self.stand(along, index, self.passed(*onward[0])))
+            cost = distance - stand + self.along_of(way).length - stand
             if best is None or (cost, behind) < best[:2]:
                 best = _Onward(cost, behind, way, stand)
         return best
@@ -290,7 +284,7 @@ class Planner:
         for index, (part, enter, _) in enumerate(old):
             travels = [
                 distance
-                - 2 * min(distance, self._stand(along, index, self._passed(part, enter, leave)))
+                - 2 * min(distance, self.stand(along, index, self.passed(part, enter, leave)))
                 + along.begins[index]
                 + length
                 for (_, leave), length in to_go.options((part, enter))
@@ -327,23 +321,26 @@ class Planner:
             self._known_to_go = key, ToGo(without(self._graph, closed), [key[0]])
         return self._known_to_go[1]
 
-    def _passed(self, part: int, enter: str, leave: str) -> Passed:
+    def passed(self, part: int, enter: str, leave: str) -> Passed:
+        """A part as it is passed from one port to another."""
         key = part, enter, leave
         if key not in self._known_passed:
             fitting = self.network.pipes.parts[part].fitting
             self._known_passed[key] = Passed.of(fitting, enter, leave, self.arcs)
         return self._known_passed[key]
 
-    def _along(self, way: Way) -> Along:
-        return Along.of([self._passed(*step) for step in way])
+    def along_of(self, way: Way) -> Along:
+        """A way in numbers."""
+        return Along.of([self.passed(*step) for step in way])
 
-    def _stand(self, along: Along, index: int, other: Passed) -> float:
+    def stand(self, along: Along, index: int, other: Passed) -> float:
+        """Arc length, m, where a robot stands to pass fitting ``index`` of a way another way."""
         return along.stand(index, other, self.robot.length, self.robot.standing_room)
 
     def _forward(self, way: Way, begin: float, goal: int, gear: int = 1) -> Leg:
-        end = self._along(way).length - self.robot.length / 2 - NOSE_ROOM
+        end = self.along_of(way).length - self.robot.length / 2 - NOSE_ROOM
         tail_first = "" if gear > 0 else ", tail first"
-        return Leg(way, gear, begin, end, goal, f"to {self.mission.goals[goal]}{tail_first}")
+        return Leg(way, gear, begin, end, goal, f"to {self._names[goal]}{tail_first}")
 
     def _backing(self, track: _Track, stand: float, goal: int = -1) -> Leg:
         """The leg that backs out of a way, in the other gear.
@@ -359,11 +356,61 @@ class Planner:
         begin = old.ends[here] - distance
         # The arcs into and out of a branch differ in length, so lengths are counted from the port
         # that both ways share.
-        end = self._along(reverse).ends[here - at] - (stand - old.begins[at])
+        end = self.along_of(reverse).ends[here - at] - (stand - old.begins[at])
         name = self.network.fittings[way[here][0]].name
-        to = "" if goal < 0 else f", to {self.mission.goals[goal]}"
+        to = "" if goal < 0 else f", to {self._names[goal]}"
         goes = "backs" if gear > 0 else "drives"
         return Leg(reverse, -gear, begin, end, goal, f"{goes} out of {name}{to}")
+
+
+class Planner(Ways):
+    """Plans the legs of one mission.
+
+    Args:
+        network: where.
+        mission: start and goals.
+        robot: see ``Ways``.
+        distance: m along the way from the start port to the robot's centre as it begins.
+        arcs: of the centreline in tees.
+
+    Attributes:
+        ends: ports (part index, port) of start and goals.
+        plates: ports closed by a plate.
+
+    Raises:
+        NetworkError: no such port or fitting, no open end, or a goal that cannot be reached;
+            ``start``, ``goals.0``, ``avoid.0`` or ``blocked.0`` say which.
+    """
+
+    def __init__(
+        self,
+        network: Network,
+        mission: Mission,
+        robot: Robot,
+        distance: float,
+        arcs: Arcs = ARCS,
+    ) -> None:
+        ends, self.plates = ports_of(network, mission)
+        super().__init__(network, ends, mission.goals, robot, arcs, mission.avoid)
+        self.mission = mission
+        way = shortest_way(self._graph, self.ends[0], self.ends[1])
+        if way is None:
+            raise NetworkError(_unreachable(0, mission))
+        self.first = self._forward(way, distance, 0)
+        self._planned = [self.first]
+
+    def plan(self) -> tuple[Leg, ...]:
+        """The legs to all goals if nothing is in the way.
+
+        Raises:
+            NetworkError: a goal cannot be reached from the one before it.
+        """
+        for goal in range(self._planned[-1].goal + 1, len(self.mission.goals)):
+            legs = self.onward(self._planned[-1], self._planned[-1].end, goal, ())
+            if legs is None:
+                raise NetworkError(_unreachable(goal, self.mission))
+            self._planned += legs
+        return tuple(self._planned)
 
 
 def _unreachable(goal: int, mission: Mission) -> Fault:

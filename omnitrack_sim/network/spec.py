@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -13,11 +13,11 @@ from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
 
 from omnitrack_sim.bounds import FARTHEST, MOST_PARTS, too_long
 from omnitrack_sim.errors import Fault, GeometryError, NetworkError
-from omnitrack_sim.network.layout import End, Joined, lay_out
-from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.network.layout import End, Joined, lay_out, lay_out_unchecked
+from omnitrack_sim.pipes import Assembly, Fitting
 from omnitrack_sim.rotations import Pose, frame_along
 from omnitrack_sim.schema.files import NETWORK, read_file
-from omnitrack_sim.schema.fittings import FittingEntry, by_kind
+from omnitrack_sim.schema.fittings import FittingEntry, by_kind, table_of
 from omnitrack_sim.schema.paths import keys_at
 from omnitrack_sim.schema.reading import NAME_PATTERN, checked, fault_of
 from omnitrack_sim.schema.tables import Direction
@@ -103,6 +103,61 @@ class Network(Table):
     @cached_property
     def pipes(self) -> Assembly:
         """The fittings, placed in the world."""
+        return lay_out(*self._to_lay_out())
+
+    @classmethod
+    def believed(
+        cls,
+        name: str,
+        place: Place,
+        fittings: Mapping[str, Fitting],
+        joints: Sequence[Joint],
+        ports: Mapping[str, str],
+    ) -> Network:
+        """A network as a robot believes it to be, from fittings by name that hang together.
+
+        It need not be possible, as one from a file is: parts may run into each other, and loops
+        miss.
+
+        Raises:
+            NetworkError: joints or names of ports that are not there.
+        """
+        network = cls.model_construct(
+            name=name,
+            place=place,
+            fittings=tuple(
+                table_of(fitting.file_kind(), NetworkFitting).model_construct(
+                    **fitting.to_table(), name=part
+                )
+                for part, fitting in fittings.items()
+            ),
+            joints=tuple(joints),
+            ports=dict(ports),
+        )
+        faults = network._naming_faults()
+        if faults:
+            raise NetworkError(faults)
+        # What ``pipes`` is from now on, in the place of one that is checked.
+        vars(network)["pipes"] = lay_out_unchecked(*network._to_lay_out())
+        return network
+
+    @classmethod
+    def believed_from(cls, data: Mapping[str, Any]) -> Network:
+        """A network as ``believed`` makes it, from the plain data of its file.
+
+        Raises:
+            NetworkError, ValidationError, KeyError: it is no such data.
+        """
+        fittings = {
+            row["name"]: table_of(row["kind"], NetworkFitting).model_validate(row).fitting()
+            for row in data["fittings"]
+        }
+        joints = [Joint.model_validate(row) for row in data.get("joints", ())]
+        place = Place.model_validate(data.get("place", {}))
+        return cls.believed(data["name"], place, fittings, joints, data.get("ports", {}))
+
+    def _to_lay_out(self) -> tuple[dict[str, Fitting], list[Joined], Pose]:
+        """Fittings by name, joints, and the frame of the first port."""
         ends = self._ends
         joints = [
             Joined((ends[j.ports[0]], ends[j.ports[1]]), math.radians(j.turn_deg))
@@ -110,7 +165,7 @@ class Network(Table):
         ]
         rotation = frame_along(self.place.axis, math.radians(self.place.turn_deg))
         first = Pose(rotation, np.array(self.place.position))
-        return lay_out({part.name: part.fitting() for part in self.fittings}, joints, first)
+        return {part.name: part.fitting() for part in self.fittings}, joints, first
 
     @property
     def open_ends(self) -> tuple[str, ...]:

@@ -167,6 +167,18 @@ class Assembly:
         if faults:
             raise GeometryError(faults)
 
+    @classmethod
+    def unchecked(
+        cls,
+        parts: tuple[Part, ...],
+        joints: tuple[tuple[tuple[int, str], tuple[int, str]], ...],
+    ) -> Assembly:
+        """Parts that need not fit together: pipes as a robot believes them to be, which may err."""
+        believed = object.__new__(cls)
+        object.__setattr__(believed, "parts", parts)
+        object.__setattr__(believed, "joints", joints)
+        return believed
+
     @property
     def open_ends(self) -> tuple[tuple[int, str], ...]:
         """Ports that nothing is joined to, (part index, port name)."""

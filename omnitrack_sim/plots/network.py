@@ -247,7 +247,9 @@ def _draw_view(axis: Axes, drawing: _Drawing, view: str) -> None:
     axis.set_title(drawing.title(view), loc="left", fontsize=7, color=INK, pad=3)
 
 
-def draw_pipes(axis: Axes, pipes: Assembly, pair: tuple[int, int], quads: Array) -> None:
+def draw_pipes(
+    axis: Axes, pipes: Assembly, pair: tuple[int, int], quads: Array, colour: str = PIPE
+) -> None:
     """Bores and axes of all parts in one view; ``pair``: world axes to the right and up; ``quads``:
     of ``faces``."""
     from matplotlib.collections import LineCollection, PolyCollection
@@ -256,7 +258,7 @@ def draw_pipes(axis: Axes, pipes: Assembly, pair: tuple[int, int], quads: Array)
     caps = [cap[:, columns] for part in pipes.parts for cap in _caps(part)]
     axis.add_collection(
         PolyCollection(
-            [*quads[:, :, columns], *caps], facecolors=PIPE, edgecolors=PIPE, linewidths=0.4
+            [*quads[:, :, columns], *caps], facecolors=colour, edgecolors=colour, linewidths=0.4
         )
     )
     lines = [line[:, columns] for part in pipes.parts for line in _lines(part)]

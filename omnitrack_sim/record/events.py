@@ -164,6 +164,60 @@ class FellOff(Event):
 
 
 @dataclass(frozen=True)
+class FittingFound(Event):
+    """A robot that explores sees a fitting for the first time, and adds it to its map."""
+
+    fitting: str
+    distance: float
+
+    @property
+    def text(self) -> str:
+        """Which, and how far ahead of the robot's centre, m."""
+        return f"found {self.fitting}, {self.distance:.3f} m ahead"
+
+
+@dataclass(frozen=True)
+class EndInspected(Event):
+    """A robot that explores stands with its nose at an end of the network, open or closed."""
+
+    port: str
+    what: str
+
+    @property
+    def text(self) -> str:
+        """Which port of its map, and whether it is open."""
+        return f"inspected {self.port}: {self.what}"
+
+
+@dataclass(frozen=True)
+class LoopClosed(Event):
+    """A robot that explores has come, by another way, to where it has been."""
+
+    port: str
+    other: str
+    miss: float
+
+    @property
+    def text(self) -> str:
+        """The two ports of its map that are one place, and how far apart they lay there, m."""
+        return f"closed a loop: {self.port} is {self.other}, they missed by {self.miss:.4f} m"
+
+
+@dataclass(frozen=True)
+class ExplorationComplete(Event):
+    """Nothing that a robot could look into is left: its map is complete, but for what it could not
+    pass."""
+
+    fittings: int
+    ends: int
+
+    @property
+    def text(self) -> str:
+        """What the map has."""
+        return f"explored all: {self.fittings} fittings, {self.ends} ends"
+
+
+@dataclass(frozen=True)
 class LegBegan(Event):
     """A robot sets out on its next leg."""
 

@@ -22,7 +22,7 @@ def other_pipes(one: Result, other: Result) -> str:
 
 
 def _parts_differ(one: Result, other: Result) -> str:
-    first, second = (run.routes()[0].network.parts for run in (one, other))
+    first, second = (run.pipes.parts for run in (one, other))
     if len(first) != len(second):
         fittings = "fitting" if len(second) == 1 else "fittings"
         return f"it has {len(second)} {fittings}, and the first run {len(first)}"

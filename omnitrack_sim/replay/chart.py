@@ -14,13 +14,12 @@ from omnitrack_sim.sim.result import Result
 def map_table(result: Result) -> dict[str, Any] | None:
     """Pieces of the pipes' axes from the farthest to the nearest, goals and plates, in m to the
     right and up; None where the route is too short to need a map."""
-    routes = result.routes()
-    if not needs_map(routes):
+    if not needs_map(result.routes()):
         return None
-    view = projection(routes[0].network)
+    view = projection(result.pipes)
     pieces = [
         (part.fitting.radius, line[i : i + 2])
-        for part in routes[0].network.parts
+        for part in result.pipes.parts
         for line in axis_lines(part)
         for i in range(len(line) - 1)
     ]

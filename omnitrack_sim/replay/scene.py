@@ -193,6 +193,6 @@ def follow_table(result: Result, trajectory: Trajectory, pack: Pack) -> dict[str
     """Where the camera that keeps with the robot stands: its distance, m, and its direction at
     each sample, as in films."""
     routes = result.routes()
-    directions = view_directions(trajectory, routes, follow_direction(routes[0].network))
+    directions = view_directions(trajectory, routes, follow_direction(result.pipes))
     distance = FARTHER * DISTANCE * result.scenario.robot.scale
     return {"distance": distance, "directions": pack.steps(directions, 1e-4)}

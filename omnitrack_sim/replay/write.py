@@ -96,7 +96,7 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
     from omnitrack_sim.replay.scene import Shapes, follow_table, looks_model, pipes_table
 
     first, pack = runs[0], Pack()
-    network, trajectory = first.routes()[0].network, sound(first.trajectory)
+    network, trajectory = first.pipes, sound(first.trajectory)
     shapes, model = Shapes(pack), looks_model(first.scenario, network)
     return {
         "runs": [_run_table(run, pack, shapes) for run in runs],

@@ -45,6 +45,12 @@ def faults_of(scenario: Scenario) -> list[Fault]:
         return [fault.at(f"mission.{fault.where}") for fault in error.faults]
     ports = {(p.index, port): None for p in line.fittings for port in (p.enter, p.leave)}
     ports |= {(i, port): None for way in ways for i, *both in way for port in both}
+    if scenario.exploration is not None:  # it may come into any of them
+        ports |= {
+            (i, port): None
+            for i, part in enumerate(line.network.parts)
+            for port in part.fitting.port_names
+        }
     return [
         *_taken_names(scenario),
         *_bores_out_of_reach(scenario, ports),
@@ -85,6 +91,9 @@ def _missing(scenario: Scenario) -> list[Fault]:
         )
     if scenario.mission is None:
         faults.append(Fault("mission", "is missing: a table with start and goals"))
+    elif scenario.mission.map == "unknown" and scenario.sensing.kind != "truth":
+        problem = f'is {scenario.sensing.kind!r}; with an unknown map it has to be "truth"'
+        faults.append(Fault("sensing.kind", problem))
     for key, default in (("axis", Start().axis), ("turn_deg", Start().turn_deg)):
         if getattr(scenario.start, key) != default:
             faults.append(Fault(f"start.{key}", "is for pipes; a network has its own place"))

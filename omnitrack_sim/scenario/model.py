@@ -17,9 +17,9 @@ from omnitrack_sim.control.catalogue import controller_of, parameters_model
 from omnitrack_sim.control.interface import Controller
 from omnitrack_sim.errors import Fault, InputError, ScenarioError
 from omnitrack_sim.naming import name_of, named
-from omnitrack_sim.network import Mission, Network, Planner
+from omnitrack_sim.network import Exploration, Mission, Network, Planner
 from omnitrack_sim.network.mission import NOSE_ROOM
-from omnitrack_sim.pipes import Route, route
+from omnitrack_sim.pipes import Route, route, route_through
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.metrics import METRICS, Metric
 from omnitrack_sim.robot import Robot
@@ -89,6 +89,8 @@ class Scenario(Table):
     def __repr__(self) -> str:
         if self.network is None or self.mission is None:
             where = f"{len(self.pipes)} pipes"
+        elif self.mission.task == "explore":
+            where = f"explores {self.network!r}"
         else:
             where = f"{len(self.mission.goals)} goals in {self.network!r}"
         return f"Scenario({self.name!r}: {where}, controller {self.control.kind!r})"
@@ -103,18 +105,30 @@ class Scenario(Table):
 
     @cached_property
     def planner(self) -> Planner | None:
-        """Plans the legs of the mission; None without one."""
-        if self.network is None or self.mission is None:
+        """Plans the legs of a mission with a known map; None without one."""
+        if self.network is None or self.mission is None or self.mission.map == "unknown":
             return None
         return Planner(
             self.network, self.mission, self.robot, self.start.distance, self.control.arcs
         )
 
     @cached_property
+    def exploration(self) -> Exploration | None:
+        """The mission with an unknown map; None without one."""
+        if self.network is None or self.mission is None or self.mission.map == "known":
+            return None
+        return Exploration(
+            self.network, self.mission, self.robot, self.start.distance, self.control.arcs
+        )
+
+    @cached_property
     def route(self) -> Route:
         """The pipes joined, and the centreline through them; of a mission the way to its first
-        goal."""
-        planner = self.planner
+        goal, or with an unknown map the straight in which the robot begins."""
+        planner, exploration = self.planner, self.exploration
+        if exploration is not None:
+            pipes = exploration.network.pipes
+            return route_through(pipes, exploration.way, self.control.arcs)
         if planner is not None:
             return planner.route(planner.first)
         pose = Pose(frame_along(self.start.axis, math.radians(self.start.turn_deg)), np.zeros(3))
@@ -187,8 +201,8 @@ class Scenario(Table):
     @property
     def plates(self) -> tuple[tuple[int, str], ...]:
         """Ports (part index, port) that a plate closes."""
-        planner = self.planner
-        return () if planner is None else planner.plates
+        mission = self.planner or self.exploration
+        return () if mission is None else mission.plates
 
     @property
     def time_limit_s(self) -> float:

@@ -14,6 +14,10 @@ from omnitrack_sim.schema.tables import Control, Physics
 if TYPE_CHECKING:
     from omnitrack_sim.scenario.model import Scenario
 
+EXPLORED = 8.0
+"""Ways of all its legs that a robot which explores drives, in lengths of the network, and with it
+the time that it has."""
+
 
 def samples_of(scenario: Scenario) -> int:
     """Most samples that a run records, up to its time limit."""
@@ -23,7 +27,9 @@ def samples_of(scenario: Scenario) -> int:
 def most_seconds(scenario: Scenario) -> float:
     """Simulated time limit of a run, s; of a mission that of all its legs if nothing is in the
     way."""
-    planner = scenario.planner
+    planner, exploration = scenario.planner, scenario.exploration
+    if exploration is not None:
+        return scenario.time_limit_s + scenario.time_for(EXPLORED * exploration.network.length)
     more = [] if planner is None else planner.plan()[1:]
     lengths = [] if planner is None else [planner.length(leg) for leg in more]
     return scenario.time_limit_s + sum(scenario.time_for(length) for length in lengths)

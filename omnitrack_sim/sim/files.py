@@ -26,14 +26,16 @@ from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajector
 if TYPE_CHECKING:
     import pyarrow as pa
 
-RESULT_FILE, SCENARIO_FILE, TIMELINE_FILE, TRAJECTORY_FILE, REPLAY_FILE = (
+RESULT_FILE, SCENARIO_FILE, TIMELINE_FILE, TRAJECTORY_FILE, REPLAY_FILE, MAP_FILE = (
     "result.json",
     "scenario.json",
     "timeline.csv",
     "trajectory.parquet",
     "replay.npz",
+    "map.toml",
 )
-"""A run is read back from all but the timeline, which is derived."""
+"""A run is read back from all but the timeline, which is derived. Only runs of robots that explore
+have a map."""
 
 
 def write_timeline(visits: list[Visit], path: Path) -> None:

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.control.route_map import RouteMap
-from omnitrack_sim.network import Leg, Planner
+from omnitrack_sim.network import Ahead, Leg, Network, Planner
+from omnitrack_sim.network.explorer import Decision
 from omnitrack_sim.network.layout import End
+from omnitrack_sim.network.mission import Ways
 from omnitrack_sim.network.planning import Step
 from omnitrack_sim.record.events import (
     Event,
@@ -26,14 +28,22 @@ from omnitrack_sim.scenario import Scenario
 
 
 class Onward(NamedTuple):
-    """What a robot does next: its leg, or None where there is none, and what there is to tell."""
+    """What a robot does next.
+
+    Attributes:
+        leg: its leg, or None where there is none. events: what there is to tell.
+        goes_on: it is the leg at hand, made longer by ``more`` m.
+    """
 
     leg: Leg | None
     events: Sequence[Event]
+    goes_on: bool = False
+    more: float = 0.0
 
 
 class Legs:
-    """Legs of n robots. A robot in plain pipes has one leg, its route.
+    """Legs of n robots. A robot in plain pipes has one leg, its route. The legs of one that
+    explores lead through the pipes as it believes them to be.
 
     The arrays are replaced when they change, never written into: who keeps one keeps what was.
 
@@ -43,10 +53,16 @@ class Legs:
         number: (n,) legs done so far. gear: (n,) 1 nose first, -1 tail first.
         end: (n,) m, arc length along the way where the leg at hand is over.
         near: (n,) m, arc length where each robot was seen last, or where its leg begins.
+        look_at: (n,) m, arc length where each robot looks ahead next; infinite where it does not.
     """
 
     def __init__(self, scenarios: Sequence[Scenario]) -> None:
         self._planners = [scenario.planner for scenario in scenarios]
+        self._explorations = [scenario.exploration for scenario in scenarios]
+        self._explorers = [
+            None if e is None else e.explorer(robot, scenarios[robot].monitor.falls)
+            for robot, e in enumerate(self._explorations)
+        ]
         self._driven: list[list[Leg]] = [[] if p is None else [p.first] for p in self._planners]
         self._to_come: list[list[Leg]] = [[] for _ in scenarios]
         self._closed: list[list[End]] = [[] for _ in scenarios]
@@ -61,25 +77,42 @@ class Legs:
                 routes.append(scenario.route)
             ways.append(self._way_numbers[key])
         n = len(scenarios)
+        for robot, explorer in enumerate(self._explorers):
+            if explorer is not None:
+                self._driven[robot] = [explorer.leg]
+                ways[robot] = len(routes)
+                routes.append(explorer.ways.route(explorer.leg))
         self.routes = RouteMap(routes)
         self.way: NDArray[np.intp] = np.array(ways, np.intp)
         self.number = np.zeros(n, int)
         self.gear = np.ones(n, int)
         self.end: Array = np.array([s.goal_distance for s in scenarios])
         self.near: Array = np.array([s.start.distance for s in scenarios])
+        self.look_at: Array = np.full(n, np.inf)
+        for robot, explorer in enumerate(self._explorers):
+            if explorer is not None:
+                self.end[robot], self.look_at[robot] = explorer.leg.end, explorer.look_at
 
     def seen_at(self, distance: Array) -> None:
         """Robots were seen at arc lengths ``distance`` (n,) m."""
         self.near = distance
 
-    def send_on(self, robot: int, time: float, distance: float, arrived: bool) -> Onward:
+    def send_on(
+        self, robot: int, time: float, distance: float, arrived: bool, nose: Array
+    ) -> Onward:
         """Put a robot onto the leg that follows, where there is one.
 
         Args:
             robot: index. time: s. distance: m, along its way.
             arrived: at the end of its leg; otherwise it makes no headway.
+            nose: (3,) m, world frame, where its front in the gear at hand truly is.
         """
-        planner = self._planners[robot]
+        planner, explorer = self._planners[robot], self._explorers[robot]
+        exploration = self._explorations[robot]
+        if explorer is not None and exploration is not None:
+            here = exploration.goal_at(nose)
+            comes = explorer.arrived if arrived else explorer.hangs
+            return self._decided(robot, comes(time, distance, here))
         if planner is None:
             return Onward(None, ())
         leg = self._driven[robot][-1]
@@ -87,11 +120,42 @@ class Legs:
             return self._put(robot, self._after(robot, planner, leg, time, distance))
         return self._put(robot, self._round(robot, planner, leg, time, distance))
 
+    def see(
+        self, robot: int, time: float, distance: float, ahead: Ahead | None, frame: Array
+    ) -> Onward:
+        """A robot that explores has looked ahead; see ``Explorer.see``."""
+        explorer = self._explorers[robot]
+        assert explorer is not None
+        return self._decided(robot, explorer.see(time, distance, ahead, frame))
+
+    def _decided(self, robot: int, decision: Decision) -> Onward:
+        """Put a robot that explores onto the leg that it has decided for."""
+        explorer, before = self._explorers[robot], self._driven[robot][-1]
+        assert explorer is not None
+        self.look_at = _with(self.look_at, robot, explorer.look_at)
+        leg, goes_on, told = decision
+        if leg is None or leg == before:
+            return Onward(leg, told, goes_on)
+        route = explorer.ways.route(leg)
+        more = route.centreline.length - float(self.routes.lengths[self.way[robot]])
+        if goes_on:
+            self._driven[robot][-1] = leg
+        else:
+            self._begin(robot, leg)
+        self.end = _with(self.end, robot, leg.end)
+        self.way = _with(self.way, robot, self.routes.add(route))
+        return Onward(leg, told, goes_on, more)
+
     def in_a_pipe(self, robot: int, position: Array, axis: Array) -> bool:
         """Whether a robot at ``position`` (3,) m with its nose along ``axis`` (3,), world frame, is
         in any pipe of its network; outside plain pipes there is no network."""
-        planner = self._planners[robot]
+        planner = self._ways(robot)
         return planner is not None and planner.find(position, axis) is not None
+
+    def _ways(self, robot: int) -> Ways | None:
+        """Ways through a robot's network, or through what it believes to be one."""
+        explorer = self._explorers[robot]
+        return self._planners[robot] if explorer is None else explorer.ways
 
     def plan_anew(self, robot: int, time: float, position: Array, axis: Array) -> Onward:
         """Put a robot that is off its way onto a leg from where it lies, where that is in a pipe of
@@ -101,8 +165,10 @@ class Legs:
             robot: index. time: s.
             position: (3,) m, of its centre. axis: (3,) unit vector to its nose, world frame.
         """
-        planner = self._planners[robot]
-        where = None if planner is None else planner.find(position, axis)
+        planner, explorer, ways = self._planners[robot], self._explorers[robot], self._ways(robot)
+        where = None if ways is None else ways.find(position, axis)
+        if where is not None and explorer is not None:
+            return self._decided(robot, explorer.fell(time, where))
         if planner is None or where is None:
             return Onward(None, ())
         part = planner.network.fittings[where.part].name
@@ -164,13 +230,17 @@ class Legs:
         """Put a robot onto its next leg, where it has one."""
         leg = onward.leg
         if leg is not None:
-            self._driven[robot].append(leg)
-            self.number = _with(self.number, robot, self.number[robot] + 1)
-            self.gear = _with(self.gear, robot, leg.gear)
+            self._begin(robot, leg)
             self.end = _with(self.end, robot, leg.end)
             self.way = _with(self.way, robot, self._way_of(robot, leg))
-            self.near = _with(self.near, robot, leg.begin)
         return onward
+
+    def _begin(self, robot: int, leg: Leg) -> None:
+        """A robot begins another leg."""
+        self._driven[robot].append(leg)
+        self.number = _with(self.number, robot, self.number[robot] + 1)
+        self.gear = _with(self.gear, robot, leg.gear)
+        self.near = _with(self.near, robot, leg.begin)
 
     def _way_of(self, robot: int, leg: Leg) -> int:
         """The number of a leg's way, added to the routes where it is a new one."""
@@ -183,9 +253,16 @@ class Legs:
     def missed(self, robot: int) -> tuple[str, ...]:
         """The goals of a robot's mission that its legs so far do not lead to; none in plain
         pipes."""
-        planner = self._planners[robot]
+        planner, explorer = self._planners[robot], self._explorers[robot]
+        if explorer is not None:
+            return explorer.missed
         reached = [leg.goal for leg in self._driven[robot] if leg.goal >= 0]
         return () if planner is None else planner.mission.goals[reached[-1] + 1 :]
+
+    def map(self, robot: int) -> Network | None:
+        """The map that a robot has made; None for one that does not explore."""
+        explorer = self._explorers[robot]
+        return None if explorer is None else explorer.belief.network
 
     def driven(self, robot: int) -> tuple[Leg, ...]:
         """The legs that a robot has begun."""

@@ -14,14 +14,16 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from omnitrack_sim.arguments import check_is
 from omnitrack_sim.drive import drive_of
-from omnitrack_sim.errors import OutputError
-from omnitrack_sim.network import Leg
+from omnitrack_sim.errors import NetworkError, OutputError
+from omnitrack_sim.network import Leg, Network
 from omnitrack_sim.record.events import Event, event_of
 from omnitrack_sim.record.metrics import METRICS, Metrics
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.robot import MODULES
 from omnitrack_sim.scenario import read_back
+from omnitrack_sim.schema.files import table_of
 from omnitrack_sim.sim.files import (
+    MAP_FILE,
     RESULT_FILE,
     SCENARIO_FILE,
     TRAJECTORY_FILE,
@@ -76,6 +78,10 @@ def load_result(directory: str | Path) -> Result:
         scenario = read_back(json.loads(path.read_bytes()))
         if scenario.hash != summary.provenance.get("scenario_sha256"):
             raise ValueError(f"it is not the scenario that {RESULT_FILE} tells the end of")
+    found = None
+    if scenario.exploration is not None:
+        with _advised(folder), reading(folder / MAP_FILE) as path:
+            found = Network.believed_from(table_of(path, "network", NetworkError))
     with _advised(folder):
         trajectory = read_trajectory(folder, drive_of(scenario.robot.drive))
     result = Result(
@@ -88,6 +94,7 @@ def load_result(directory: str | Path) -> Result:
         provenance=summary.provenance,
         events=events,
         legs=tuple(Leg(**vars(leg)) for leg in summary.legs),
+        map=found,
     )
     with reading(folder / RESULT_FILE):
         _check_legs(result)
@@ -152,8 +159,9 @@ def _check_metrics(metrics: Metrics) -> None:
 
 
 def _check_legs(result: Result) -> None:
-    """Refuse ways that do not lead from part to part of the run's network."""
-    network = result.scenario.network
+    """Refuse ways that do not lead from part to part of the run's network, or of the map that the
+    robot has made of it."""
+    network = result.scenario.network if result.map is None else result.map
     if network is None:
         if result.legs:
             raise ValueError("legs: are of missions only")

@@ -70,6 +70,10 @@ class Monitor:
         self._farthest[robot], self._waiting[robot] = -np.inf, 0.0
         self._time_limit[robot] += seconds
 
+    def goes_on(self, robot: int, seconds: float) -> None:
+        """Give more time to a robot whose leg is longer than was known."""
+        self._time_limit[robot] += seconds
+
     def look(
         self,
         readings: Mapping[str, Array],

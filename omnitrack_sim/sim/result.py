@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.naming import ByName
-from omnitrack_sim.network import Leg
-from omnitrack_sim.pipes import Route
+from omnitrack_sim.network import Leg, MapDifference, Network
+from omnitrack_sim.network.planning import route_of
+from omnitrack_sim.pipes import Assembly, Route
 from omnitrack_sim.record.events import Event
 from omnitrack_sim.record.metrics import Metrics
 from omnitrack_sim.record.outcome import Outcome
@@ -20,6 +21,7 @@ from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.files import (
+    MAP_FILE,
     RESULT_FILE,
     SCENARIO_FILE,
     TIMELINE_FILE,
@@ -45,6 +47,8 @@ class Result:
         provenance: versions, seed, scenario hash, git commit.
         events: remarks of the controller and the runner.
         legs: of a mission, in the order of the trajectory's ``leg``; empty for plain pipes.
+        map: what a robot that explores has made of its network; its legs lead through that. None
+            for other robots.
     """
 
     scenario: Scenario
@@ -56,6 +60,7 @@ class Result:
     provenance: dict[str, Any]
     events: list[Event] = field(default_factory=list)
     legs: tuple[Leg, ...] = ()
+    map: Network | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "metrics", ByName(self.metrics))
@@ -83,16 +88,34 @@ class Result:
     def routes(self) -> tuple[Route, ...]:
         """The route of each leg, in the order of the trajectory's ``leg``."""
         planner = self.scenario.planner
+        if self.map is not None:
+            arcs = self.scenario.control.arcs
+            return tuple(route_of(self.map, leg.way, arcs) for leg in self.legs)
         return (
             (self.scenario.route,)
             if planner is None
             else tuple(planner.route(leg) for leg in self.legs)
         )
 
+    @property
+    def pipes(self) -> Assembly:
+        """The pipes that it was run in, whatever the robot believes."""
+        return self.scenario.route.network
+
+    def map_difference(self) -> MapDifference | None:
+        """How the map of a robot that explores differs from what can be reached of its network;
+        None for other robots."""
+        exploration = self.scenario.exploration
+        if exploration is None or self.map is None:
+            return None
+        return exploration.difference(self.map)
+
     def goal_points(self) -> Array:
         """Where the robot's centre has to get to, (G, 3) m, world frame; of a mission the goals'
         ports, in order."""
-        planner = self.scenario.planner
+        planner, exploration = self.scenario.planner, self.scenario.exploration
+        if exploration is not None:
+            return np.array(exploration.points())
         if planner is not None:
             parts = planner.network.pipes.parts
             return np.array([parts[part].port(port).position for part, port in planner.ends[1:]])
@@ -101,7 +124,7 @@ class Result:
 
     def plate_rims(self) -> Array:
         """Rims (P, 25, 3) m, world frame, of the plates that close ports."""
-        parts, angle = self.routes()[0].network.parts, np.linspace(0.0, 2 * np.pi, 25)
+        parts, angle = self.pipes.parts, np.linspace(0.0, 2 * np.pi, 25)
         circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(25)], axis=-1)
         found = [
             (parts[i].port(port), parts[i].fitting.port_radius(port))
@@ -130,8 +153,8 @@ class Result:
         }
 
     def save(self, directory: str | Path) -> Path:
-        """Write scenario, result, timeline, trajectory and replay, a file each, into ``directory``,
-        whole or not at all; an earlier run there is replaced.
+        """Write scenario, result, timeline, trajectory, replay and map, a file each, into
+        ``directory``, whole or not at all; an earlier run there is replaced.
 
         Raises:
             OutputError: the folder holds something that is no run, or cannot be written.
@@ -143,4 +166,6 @@ class Result:
             (folder / RESULT_FILE).write_text(summary + "\n", encoding="utf-8")
             write_timeline(self.timeline(), folder / TIMELINE_FILE)
             write_trajectory(self.trajectory, folder)
+            if self.map is not None:
+                (folder / MAP_FILE).write_text(self.map.to_toml(), encoding="utf-8")
         return Path(directory)

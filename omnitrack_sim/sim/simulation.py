@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from omnitrack_sim.control.route_map import Place
 from omnitrack_sim.drive import SpeedLoop, drive_of
 from omnitrack_sim.errors import Fault, ScenarioError
 from omnitrack_sim.model.collider import why_not
+from omnitrack_sim.network import Sight
 from omnitrack_sim.record.channels import CHANNELS, Channel
 from omnitrack_sim.record.estimates import ESTIMATE_METRICS, ESTIMATES
 from omnitrack_sim.record.events import Event, Note
@@ -156,6 +157,7 @@ class Simulation:
         self.onboard = self._senses(readings)
         self._readings = readings
         self._find()
+        self._sights = [self._sight_of(scenario) for scenario in self.scenarios]
         self.controller: Controller = first.controller_class(
             ControlSetup(
                 routes=self.legs.routes,
@@ -307,6 +309,11 @@ class Simulation:
         limits = self.motors.torque_limit[:, 0]
         return Onboard(self.scenarios, state, limits, self.legs.routes, self.legs.way, self.period)
 
+    def _sight_of(self, scenario: Scenario) -> Sight | None:
+        """What tells a robot that explores what is ahead; None for one that does not."""
+        exploration = scenario.exploration
+        return None if exploration is None else exploration.sight()
+
     def _find(self) -> None:
         """Find the robots on their routes, and where they take themselves to be."""
         legs, readings = self.legs, self._readings
@@ -328,6 +335,7 @@ class Simulation:
         """Judge where the robots are now, send on who is due, record."""
         if self._tick % self._record_every == 0:
             self.monitor.average(self._readings, self._belt_command, self.motors.saturated)
+        self._look_ahead()
         verdicts = self.monitor.look(
             self._readings,
             self._believed,
@@ -366,20 +374,51 @@ class Simulation:
         for robot, outcome in verdicts:
             if robot in sent or not self.active[robot]:
                 continue
-            leg, events = self._onward(robot, outcome)
-            self._events[robot] += events
-            if leg is not None:
+            onward = self._onward(robot, outcome)
+            self._events[robot] += onward.events
+            if onward.leg is not None:
                 sent.add(robot)
-                length = float(self.legs.routes.lengths[self.legs.way[robot]])
-                self.monitor.sent_on(robot, self.scenarios[robot].time_for(length))
+                self._give_time(robot, onward)
                 continue
             if outcome is Outcome.LEFT_PIPE and self.onboard is not None:
                 self.onboard.localiser.doubt(robot)
                 continue
             time = float(self.time[robot])
             self._end(robot, outcome or self.monitor.cause(robot, place), time)
-        if sent:
-            again = np.isin(np.arange(self.n), list(sent))
+        self._find_again(sent)
+
+    def _look_ahead(self) -> None:
+        """Let robots that explore, and have come to where they want to look ahead, do so."""
+        looking = (self._believed.distance >= self.legs.look_at) & self.active
+        if not np.count_nonzero(looking):
+            return
+        told = self._readings if self.onboard is None else self.onboard.readings
+        gear = self.legs.gear
+        true, frames = (heading(r["rotation"], gear) for r in (self._readings, told))
+        for robot in np.flatnonzero(looking).tolist():
+            sight = self._sights[robot]
+            assert sight is not None
+            ahead = sight.look(robot, self._readings["position"][robot], true[robot])
+            time, distance = float(self.time[robot]), float(self._believed.distance[robot])
+            onward = self.legs.see(robot, time, distance, ahead, frames[robot])
+            self._events[robot] += onward.events
+            self._give_time(robot, onward)
+        self._find_again(np.flatnonzero(looking).tolist())
+
+    def _give_time(self, robot: int, onward: Onward) -> None:
+        """Let the monitor know what a robot does from now on."""
+        scenario = self.scenarios[robot]
+        if onward.goes_on:
+            more = scenario.time_for(max(onward.more, 0.0)) - scenario.time_for(0.0)
+            self.monitor.goes_on(robot, more)
+        else:
+            length = float(self.legs.routes.lengths[self.legs.way[robot]])
+            self.monitor.sent_on(robot, scenario.time_for(length))
+
+    def _find_again(self, robots: Collection[int]) -> None:
+        """Find robots on their routes that are on another one now."""
+        if robots:
+            again = np.isin(np.arange(self.n), list(robots))
             self._near = np.where(again, self.legs.near, self._near)
             self._find()
 
@@ -392,7 +431,9 @@ class Simulation:
             return self.legs.plan_anew(robot, time, told["position"][robot], axis)
         if outcome in (None, Outcome.REACHED_GOAL):
             distance = float(self._believed.distance[robot])
-            return self.legs.send_on(robot, time, distance, outcome is not None)
+            half = self.scenarios[robot].robot.length / 2 * self.legs.gear[robot]
+            nose = readings["position"][robot] + half * readings["rotation"][robot, :, 2]
+            return self.legs.send_on(robot, time, distance, outcome is not None, nose)
         return Onward(None, ())
 
     def _end(self, robot: int, outcome: Outcome, time: float) -> None:
@@ -408,6 +449,12 @@ class Simulation:
 
     def _elsewhere(self, robot: int) -> bool:
         """Whether a robot that takes itself to be at the end of its leg is not there."""
+        exploration = self.scenarios[robot].exploration
+        if exploration is not None:
+            if exploration.mission.task == "find":
+                return False  # that it has found its goals is known from where it truly was
+            axis = self._readings["rotation"][robot, :, 2]
+            return not exploration.is_home(self._readings["position"][robot], axis)
         missing = float(self.legs.end[robot] - self._place.distance[robot])
         return abs(missing) > self.scenarios[robot].robot.nominal_pipe_radius and (
             self.onboard is not None
@@ -481,6 +528,9 @@ class Simulation:
                 efficiency=scenario.robot.motor.efficiency,
                 metrics=(*METRICS, *self._estimate_metrics, *scenario.own_metrics, *metrics),
             )
+            found, exploration = self.legs.map(i), scenario.exploration
+            if found is not None and exploration is not None:
+                figures |= exploration.difference(found).figures()
             results.append(
                 Result(
                     scenario=scenario,
@@ -492,6 +542,7 @@ class Simulation:
                     provenance=provenance_of(scenario) | {"collider": self.collider},
                     events=self._events[i],
                     legs=self.legs.driven(i),
+                    map=found,
                 )
             )
         return results

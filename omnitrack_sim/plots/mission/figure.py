@@ -10,7 +10,7 @@ import numpy as np
 
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.plots.mission.layout import LEFT, RIGHT, WIDTH, Layout
-from omnitrack_sim.plots.mission.signs import draw_legend, draw_marks, draw_places, marks_of
+from omnitrack_sim.plots.mission.signs import FOUND, draw_legend, draw_marks, draw_places, marks_of
 from omnitrack_sim.plots.mission.travel import colour_bar, draw_way, stretches_of
 from omnitrack_sim.plots.names import draw_names
 from omnitrack_sim.plots.network import draw_pipes, faces, named_parts
@@ -37,7 +37,8 @@ def plot_mission(
 ) -> Figure:
     """Map and time chart of a run, as wide as a page (7.16 inches).
 
-    The map shows the pipes in elevation and plan, with the way of the robot's centre in them. On
+    The map shows the pipes in elevation and plan, with the way of the robot's centre in them, and
+    over them those that are in the map of a robot that explores, in another colour. On
     the left its colour is the slip ratio, the mean of the modules' magnitudes over 10 mm of travel;
     on the right the least normal force of a module there, of a mean over 0.1 s. Travel tail first
     is drawn beside the axis, on the right-hand side of its direction, with a dashed core. The chart
@@ -65,7 +66,7 @@ def _draw(result: Result) -> Figure:
     from omnitrack_sim.plots.picture import Picture
 
     routes = result.routes()
-    pipes, trajectory = routes[0].network, result.trajectory
+    pipes, trajectory, found = result.pipes, result.trajectory, result.map
     quads = faces(pipes)
     marks = marks_of(result)
     stretches = list(stretches_of(trajectory))
@@ -90,13 +91,22 @@ def _draw(result: Result) -> Figure:
         for view in layout.views:
             axis = layout.add(figure, view, column)
             draw_pipes(axis, pipes, view.pair, quads)
+            if found is not None:
+                draw_pipes(axis, found.pipes, view.pair, faces(found.pipes), FOUND)
             draw_way(axis, view, trajectory, routes, stretches, values, scale)
             draw_places(axis, view.pair, start, goals, plates)
             draw_marks(axis, view.pair, trajectory, marks)
             axes.append(axis)
         pairs = [view.pair for view in layout.views]
         draw_names(axes, pairs, renderer, pipes, named_parts(pipes), way, _NAMES)
-    draw_legend(figure, layout, marks, any(s.tail_first for s in stretches), len(plates) > 0)
+    draw_legend(
+        figure,
+        layout,
+        marks,
+        any(s.tail_first for s in stretches),
+        len(plates) > 0,
+        found is not None,
+    )
     draw_time_chart(
         layout.chart(figure), (layout.legs, layout.strip), renderer, trajectory, routes, marks
     )

@@ -26,6 +26,8 @@ _PLATE: dict[str, Any] = {
     "linewidth": 1.8,
     "joinstyle": "bevel",
 }
+FOUND = "#b5dcc6"
+"""Colour of pipes that are in the map of a robot that explores."""
 _GOAL: dict[str, Any] = START | {
     "marker": "*",
     "markersize": 8,
@@ -80,7 +82,12 @@ def draw_marks(
 
 
 def draw_legend(
-    figure: Figure, layout: Layout, marks: list[Mark], tail_first: bool, plates: bool
+    figure: Figure,
+    layout: Layout,
+    marks: list[Mark],
+    tail_first: bool,
+    plates: bool,
+    found: bool,
 ) -> None:
     """Explain the signs of the map, in one row below it."""
     from matplotlib.lines import Line2D
@@ -98,6 +105,9 @@ def draw_legend(
     if plates:
         handles.append(Line2D([], [], color=ALARM, linewidth=_PLATE["linewidth"]))
         texts.append("closed by a plate")
+    if found:
+        handles.append(Line2D([], [], color=FOUND, linewidth=6.0, solid_capstyle="butt"))
+        texts.append("in its map")
     for mark in marks:
         handles.append(tuple(Line2D([], [], **style) for style in signs(mark)))
         texts.append(mark.text)

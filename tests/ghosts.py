@@ -1,0 +1,104 @@
+"""A point that explores a network: it follows the legs of an explorer without physics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from typing import Any
+
+import numpy as np
+
+from omnitrack_sim.network.ahead import Ahead
+from omnitrack_sim.network.exploration import Exploration
+from omnitrack_sim.network.goals import Mission
+from omnitrack_sim.network.spec import Network
+from omnitrack_sim.pipes import ARCS
+from omnitrack_sim.record.events import Event
+from omnitrack_sim.robot import Robot
+from omnitrack_sim.rotations import rotation_about
+
+STEP = 0.005
+"""Travel between two moments, m."""
+
+
+class Ghost:
+    """Explores a network from one of its open ends.
+
+    Args:
+        network: the true one. start: an open end, as ``Network.end`` takes it.
+        goals: to find. seen, hidden: ports closed by plates that sight shows, and does not show.
+        erring: changes what is seen.
+    """
+
+    def __init__(
+        self,
+        network: Network,
+        start: str,
+        goals: Collection[str] = (),
+        seen: Collection[str] = (),
+        hidden: Collection[str] = (),
+        erring: Callable[[Ahead], Ahead] = lambda ahead: ahead,
+    ) -> None:
+        self.network, self.pipes, self.robot = network, network.pipes, Robot()
+        mission = Mission(
+            start=start,
+            map="unknown",
+            task="find" if goals else "explore",
+            goals=tuple(goals),
+            blocked=tuple(seen),
+        )
+        exploration = Exploration(network, mission, self.robot, 0.1, ARCS)
+        self.hidden = [network.port(port) for port in hidden]
+        self.sight, self.erring = exploration.sight(), erring
+        self.explorer = exploration.explorer(0, 2)
+        self.ends = {goal: network.end("goals", goal) for goal in goals}
+        self.events: list[Event] = []
+        self.legs, self.travel = 1, 0.0
+        self._line: Any = None
+
+    def run(self, most: float = 60.0) -> None:
+        """Drive until the run is over, or ``most`` m."""
+        explorer, distance = self.explorer, float(self.explorer.leg.begin)
+        while self.travel < most:
+            position, frame = self._pose(distance)
+            time, decision = self.travel, None
+            if distance >= explorer.look_at:
+                ahead = self.sight.look(0, position, frame)
+                ahead = None if ahead is None else self.erring(ahead)
+                decision = explorer.see(time, distance, ahead, frame)
+            elif distance >= explorer.leg.end:
+                decision = explorer.arrived(time, distance, self._here(position, frame))
+            elif self._blocked(position, frame):
+                decision = explorer.hangs(time, distance, self._here(position, frame))
+            if decision is None:
+                distance, self.travel = distance + STEP, self.travel + STEP
+                continue
+            self.events += decision.events
+            if decision.leg is None:
+                return
+            if not decision.goes_on:
+                self.legs, distance = self.legs + 1, decision.leg.begin
+        raise AssertionError(f"it still drives after {most} m: {self.events[-5:]}")
+
+    def _pose(self, distance: float):
+        leg, ways = self.explorer.leg, self.explorer.ways
+        if self._line is None or self._line[:2] != (leg, ways):
+            self._line = leg, ways, ways.route(leg).centreline
+        line = self._line[2]
+        s = np.array([distance])
+        # Turned about its axis by what it has driven: nothing may depend on how it is turned.
+        frame = line.frame(s)[0] @ rotation_about([0, 0, 1], 2.0 * self.travel)
+        return line.at(s)[0][0], frame
+
+    def _at(self, port, position, frame) -> bool:
+        """Whether the nose is at a port, from either side."""
+        pose = self.pipes.parts[port[0]].port(port[1])
+        offset = position + self.robot.length / 2 * frame[:, 2] - pose.position
+        along = float(frame[:, 2] @ pose.rotation[:, 2])
+        return float(np.linalg.norm(offset)) < 0.03 and abs(along) > 0.8
+
+    def _blocked(self, position, frame) -> bool:
+        return any(self._at(port, position, frame) for port in self.hidden)
+
+    def _here(self, position, frame) -> str:
+        found = [goal for goal, port in self.ends.items() if self._at(port, position, frame)]
+        return found[0] if found else ""

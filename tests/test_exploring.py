@@ -1,0 +1,151 @@
+"""Exploring a network that is not known: the map grows, and nothing is left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ghosts import Ghost
+
+from omnitrack_sim.network import compare_maps, load_network, validate
+from omnitrack_sim.network.belief import Belief
+from omnitrack_sim.pipes import Elbow, Tee
+from omnitrack_sim.record.events import (
+    EndInspected,
+    ExplorationComplete,
+    GoalReached,
+    LoopClosed,
+    TakenForClosed,
+)
+from omnitrack_sim.rotations import Pose
+
+
+def explored(name: str, start: str, **more) -> Ghost:
+    ghost = Ghost(load_network(name), start, **more)
+    ghost.run()
+    return ghost
+
+
+def of_kind(ghost: Ghost, kind: type) -> list:
+    return [event for event in ghost.events if isinstance(event, kind)]
+
+
+@pytest.mark.parametrize(
+    ("name", "start", "ends"),
+    [
+        ("house_sewer", "sewer", 4),
+        ("fig14", "inlet", 4),
+        ("close_fittings", "inlet", 5),
+        ("narrow", "outlet", 2),
+    ],
+)
+def test_a_network_is_explored_to_its_last_end(name, start, ends):
+    """The map is that of the true network, every end has been inspected, and the point is back at
+    the start."""
+    ghost = explored(name, start)
+    belief = ghost.explorer.belief
+    difference = compare_maps(belief.network, ghost.network, start)
+    assert difference.same, difference
+    assert difference.length_error < 1e-4
+    assert [event.what for event in of_kind(ghost, EndInspected)] == ["open"] * ends
+    (complete,) = of_kind(ghost, ExplorationComplete)
+    assert complete.ends == ends
+    assert not belief.unexplored
+    assert ghost.explorer.leg.way[-1][::2] == belief.start
+    assert ghost.travel < 3.2 * ghost.network.length
+
+
+def test_a_map_is_a_network_file(tmp_path):
+    """It can be written, read and validated, and says what is known of its ends."""
+    ghost = explored("fig14", "low", goals=["top"])
+    path = tmp_path / "map.toml"
+    path.write_text(ghost.explorer.belief.network.to_toml())
+    network = load_network(path)
+    assert network == ghost.explorer.belief.network
+    assert "top" in network.ports
+    assert "start" in network.ports
+    assert any(name.startswith("unexplored") for name in network.ports)
+
+
+def test_a_loop_is_closed_and_not_driven_twice():
+    """The tower's two risers are joined where the point comes back to the first, by another way."""
+    ghost = explored("tower", "foot")
+    (closed,) = of_kind(ghost, LoopClosed)
+    assert closed.miss < 1e-3
+    assert compare_maps(ghost.explorer.belief.network, ghost.network).same
+    assert validate(ghost.explorer.belief.network.model_dump(mode="json"))
+
+
+def test_the_way_home_leads_on_through_a_loop():
+    """Back where it has been by another way, the point goes on nose first, and backs out once
+    only, of the one end."""
+    ghost = explored("ring", "inlet")
+    assert compare_maps(ghost.explorer.belief.network, ghost.network).same
+    assert ghost.legs == 3
+    assert ghost.explorer.leg.gear == 1
+
+
+def test_a_loop_with_errors_of_sight_is_closed_all_the_same():
+    """Lengths of the loop's straights take up what they can of the miss."""
+    errors = iter(np.tile([0.004, -0.003, 0.005, -0.002], 100))
+    ghost = explored(
+        "tower",
+        "foot",
+        erring=lambda seen: replace(
+            seen, distance=seen.distance + next(errors), turn=seen.turn + 0.005
+        ),
+    )
+    (closed,) = of_kind(ghost, LoopClosed)
+    assert 1e-3 < closed.miss < 0.05
+    belief = ghost.explorer.belief
+    difference = compare_maps(belief.network, ghost.network)
+    assert difference.same, difference
+    a, b = (belief.port(belief.network.port(port)) for port in (closed.port, closed.other))
+    assert np.linalg.norm(a.position - b.position) < 0.2 * closed.miss
+
+
+def test_a_plate_that_is_seen_is_a_closed_end():
+    """It is inspected like an open one; what is beyond is reached by the other way, round the
+    loop."""
+    ghost = explored("tower", "foot", seen=["riser_2.end"])
+    closed = [event.port for event in of_kind(ghost, EndInspected) if event.what == "closed"]
+    assert len(closed) == 2  # from both sides
+    difference = compare_maps(ghost.explorer.belief.network, ghost.network, closed=["riser_2.end"])
+    assert difference.same, difference
+
+
+def test_a_plate_that_is_not_seen_is_found_by_hanging():
+    """The port is taken for closed, what lies beyond is noted, and the rest is explored."""
+    ghost = explored("fig14", "inlet", hidden=["chimney.start"])
+    (taken,) = of_kind(ghost, TakenForClosed)
+    network = ghost.explorer.belief.network
+    assert network.joined_to[taken.port] == network.ports["impassable_1"].replace("end", "start")
+    difference = compare_maps(network, ghost.network, closed=["chimney.start"])
+    assert difference.complete, difference
+
+
+def test_finding_stops_at_the_goal():
+    """Wherever the goal is, the run is over when the nose is there, and its name is in the map."""
+    ghost = explored("house_sewer", "sewer", goals=["kitchen"])
+    assert [event.goal for event in of_kind(ghost, GoalReached)] == ["kitchen"]
+    assert not of_kind(ghost, ExplorationComplete)
+    network = ghost.explorer.belief.network
+    assert network.end("goal", "kitchen") == ghost.explorer.leg.way[-1][::2]
+
+
+def test_a_goal_that_is_cut_off_is_missed():
+    """All else is explored; the goal is told as missed."""
+    ghost = explored("house_sewer", "sewer", goals=["bath"], seen=["bath_elbow.start"])
+    assert ghost.explorer.missed == ("bath",)
+    assert of_kind(ghost, ExplorationComplete)
+
+
+def test_a_port_known_by_kind_and_place_is_recognised():
+    """Another kind, or a branch in the place of a run, is not taken for it."""
+    belief = Belief(Pose(), 0.16, 0.4)
+    part = belief.attach((0, "end"), Tee(), "run_start", np.array([1.0, 0, 0]))
+    arm = belief.straight_beyond((part, "branch"), 0.3)
+    end = (arm, "end")
+    assert belief.known_at(end, Tee(), "run_start") is None  # nothing is there
+    assert belief.known_at((0, "start"), Elbow(0.24), "start") is None

@@ -1,0 +1,149 @@
+"""Robots that explore, and what a user may write for them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from network_samples import joint, straight, tee
+from typer.testing import CliRunner
+
+from omnitrack_sim import (
+    Outcome,
+    ScenarioError,
+    load_network,
+    load_result,
+    load_scenario,
+    override,
+    run,
+)
+from omnitrack_sim.cli import app
+from omnitrack_sim.model.collider import why_not
+from omnitrack_sim.record.events import EndInspected, ExplorationComplete, GoalReached
+from omnitrack_sim.scenario import Scenario, validate
+from omnitrack_sim.sim.run import run_batch
+
+fast = pytest.mark.skipif(why_not() is not None, reason="without the exact collider it takes long")
+
+
+def fork(**mission) -> Scenario:
+    """A tee with a short pipe at each port; one of them is closed by a plate."""
+    network = {
+        "fittings": [straight("foot", 0.3), tee("fork"), straight("on", 0.2), straight("off", 0.2)],
+        "joints": [
+            joint("foot.end", "fork.run_start"),
+            joint("fork.run_end", "on.start"),
+            joint("fork.branch", "off.start"),
+        ],
+        "ports": {"far": "on.end"},
+    }
+    table = {"start": "foot.start", "map": "unknown", "task": "explore", **mission}
+    data = {"name": "fork", "network": network, "mission": table}
+    return validate(data | {"physics": {"collider": "exact"}, "world": {"gravity": [0, 0, 0]}})
+
+
+@fast
+def test_a_robot_explores_and_comes_back(tmp_path):
+    """Both ends are inspected, the closed one too; the map is saved, read back and a network."""
+    result = run(fork(blocked=["on.end"]))
+    assert result.outcome is Outcome.REACHED_GOAL, result.reason
+    ends = [event.what for event in result.events if isinstance(event, EndInspected)]
+    assert sorted(ends) == ["closed", "open"]
+    difference = result.map_difference()
+    assert difference is not None
+    assert difference.same, difference
+    assert result.metrics["map_complete"] == result.metrics["map_found"] == 1.0
+    position = result.trajectory["position"][-1]
+    assert np.linalg.norm(position) < 0.1
+    folder = result.save(tmp_path / "run")
+    again = load_result(folder)
+    assert again.map == result.map == load_network(folder / "map.toml")
+    assert again.legs == result.legs
+    assert len(again.timeline()) == len(result.timeline())
+    told = CliRunner().invoke(app, ["network", str(folder / "map.toml")])
+    assert told.exit_code == 0, told.output
+    assert "tee_1" in told.output
+    (folder / "map.toml").write_text('name = "map"\n[[fittings]]\nname = "a"\nkind = "tee"\n')
+    with pytest.raises(Exception, match=r"legs.0.way"):
+        load_result(folder)
+
+
+@fast
+def test_a_robot_finds_alone_as_in_a_batch():
+    """The run is over at the goal, whose name is in the map; the numbers are the same in a batch
+    with another robot."""
+    scenario = fork(task="find", goals=["far"])
+    other = override(scenario, {"contact.friction": 0.8})
+    alone, (first, second) = run(scenario), run_batch([scenario, other])
+    assert alone.outcome is second.outcome is Outcome.REACHED_GOAL
+    assert not any(isinstance(event, ExplorationComplete) for event in alone.events)
+    assert [event.goal for event in alone.events if isinstance(event, GoalReached)] == ["far"]
+    assert alone.map is not None
+    assert "far" in alone.map.ports
+    assert alone.map == first.map
+    assert alone.events == first.events
+    for name in ("position", "distance", "belt_speed"):
+        assert np.array_equal(alone.trajectory[name], first.trajectory[name])
+
+
+@fast
+def test_a_goal_that_cannot_be_found_is_told():
+    """A plate is before it: the robot explores the rest, comes back, and the reason names it."""
+    result = run(fork(task="find", goals=["far"], blocked=["on.start"]))
+    assert result.outcome is Outcome.STUCK
+    assert result.reason.startswith("no way to far is left")
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        (
+            {"mission.map": "known"},
+            r'^mission.task: is for an unknown map \(mission.map = "unknown"\)',
+        ),
+        ({"mission.task": None}, r"^mission.task: is missing with an unknown map .*explore, find"),
+        ({"mission.task": "wander"}, r"^mission.task: .*wander"),
+        ({"mission.map": "old"}, r"^mission.map: .*old"),
+        ({"mission.goals": ["bath"]}, r"^mission.goals: are to be found"),
+        ({"mission.task": "find"}, r"^mission.goals: must have at least 1 item"),
+        (
+            {"mission.task": "find", "mission.goals": ["attic"]},
+            r"^mission.goals.0: there is no port 'attic' \(choose from: sewer, ",
+        ),
+        (
+            {"mission.task": "find", "mission.goals": ["sewer"]},
+            r"^mission.goals.0: 'sewer' is where the robot is already",
+        ),
+        ({"mission.avoid": ["foot"]}, r"^mission.avoid: is for a known map"),
+        ({"mission.blocked": ["attic.end"]}, r"^mission.blocked.0: "),
+        ({"sensing.kind": "onboard"}, r"^sensing.kind: is \'onboard\'; with an unknown map"),
+        ({"start.distance": 0.55}, r"^start.distance: is 0.55 m; the robot lies inside"),
+    ],
+)
+def test_what_does_not_go_together_is_told_with_its_place(changes, problem):
+    """Each with its key and the valid choices."""
+    with pytest.raises(ScenarioError, match=problem):
+        override(load_scenario("missions/explore_house"), changes)
+
+
+def test_a_robot_begins_to_explore_in_a_straight():
+    """Not in a bend, of which it would not know how far it goes."""
+    with pytest.raises(ScenarioError, match=r"^mission.start: is in a tee; a robot begins"):
+        validate(
+            {
+                "network": {"fittings": [tee("t")]},
+                "mission": {"start": "t.branch", "map": "unknown", "task": "explore"},
+            }
+        )
+
+
+def test_bad_input_ends_with_status_2():
+    """And the message names the key."""
+    command = [sys.executable, "-m", "omnitrack_sim.cli", "run", "missions/explore_loop"]
+    done = subprocess.run(
+        [*command, "--set", "mission.task=find"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert "mission.goals: must have at least 1 item" in done.stderr

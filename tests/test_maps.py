@@ -1,0 +1,210 @@
+"""Sight of what is ahead, and maps compared with the network that they are of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from network_samples import branched, elbow, joint, straight, tee
+
+from omnitrack_sim.errors import NetworkError
+from omnitrack_sim.network import compare_maps, load_network, shortest_route, validate
+from omnitrack_sim.network.sight import TrueSight
+from omnitrack_sim.pipes import ARCS, attached
+from omnitrack_sim.robot import Robot
+from omnitrack_sim.rotations import Pose
+
+HALF = Robot().length / 2
+
+
+def knee(**changes) -> dict:
+    """A straight, an elbow of 60 degrees turned by 40, a straight, a tee, and straights there."""
+    return {
+        "fittings": [
+            straight("in", 0.6),
+            elbow("bend", angle_deg=60.0),
+            straight("mid", 0.3),
+            tee("fork"),
+            straight("on", 0.4),
+            straight("off", 0.5),
+        ],
+        "joints": [
+            joint("in.end", "bend.start", 40.0),
+            joint("bend.end", "mid.start"),
+            joint("mid.end", "fork.run_start", -70.0),
+            joint("fork.run_end", "on.start"),
+            joint("fork.branch", "off.start"),
+        ],
+        **changes,
+    }
+
+
+def looks(network, start: str, goal: str, distances, turned: float = 0.3, blocked=()):
+    """What a robot sees on its way from one end to another, its centre at these arc lengths, m,
+    module 1 turned by ``turned`` rad from the way's frame."""
+    route = shortest_route(network, start, goal)
+    plates = [network.port(port) for port in blocked]
+    sight = TrueSight(network.pipes, plates, Robot(), ARCS)
+    line, found = route.centreline, []
+    for distance in distances:
+        s = np.array([distance])
+        frame = Pose(line.frame(s)[0]) @ Pose(
+            np.array(
+                [
+                    [np.cos(turned), -np.sin(turned), 0],
+                    [np.sin(turned), np.cos(turned), 0],
+                    [0, 0, 1],
+                ]
+            )
+        )
+        found.append(sight.look(0, line.at(s)[0][0], frame.rotation))
+    return route, found
+
+
+def test_the_next_fitting_is_seen_with_its_sizes_and_how_it_lies():
+    """Distance to its port plane, and the turn with which it would be attached."""
+    network = validate(knee())
+    route, (seen,) = looks(network, "in.start", "on.end", [0.1])
+    bend = network.pipes.parts[1]
+    assert (seen.fitting, seen.enter, seen.end) == (bend.fitting, "start", "")
+    assert seen.distance == pytest.approx(0.5)
+    line, s = route.centreline, np.array([0.1])
+    z = line.frame(s)[0] @ [0, 0, 1]
+    x = np.cos(0.3) * line.frame(s)[0][:, 0] + np.sin(0.3) * line.frame(s)[0][:, 1]
+    robot = np.stack([x, np.cross(z, x), z], axis=-1)
+    ahead = Pose(robot, line.at(s)[0][0] + seen.distance * z)
+    placed = attached(ahead, seen.fitting, seen.enter, seen.turn)
+    assert np.allclose(placed.rotation, bend.pose.rotation)
+    assert np.allclose(placed.position, bend.pose.position)
+
+
+def test_sight_ends_in_bends_and_at_its_range_and_goes_on_at_their_ports():
+    """With its nose in the bend a robot cannot tell; from the port on it measures along the axis,
+    with its centre still in the bend; farther than the range it sees free pipe only."""
+    network = validate(knee())
+    bend = network.pipes.parts[1].fitting.length_of_axes
+    inside, out = 0.6 + bend / 2 - HALF, 0.6 + bend - HALF + 0.01
+    _, (none, tee_ahead) = looks(network, "in.start", "on.end", [inside, out])
+    assert none is None
+    assert tee_ahead.fitting is network.pipes.parts[3].fitting
+    assert tee_ahead.distance == pytest.approx(0.6 + bend + 0.3 - out, abs=1e-6)
+    long = validate({"fittings": [straight("long", 3.0)]})
+    _, (free, end) = looks(long, "long.start", "long.end", [0.5, 2.5])
+    assert (free.fitting, free.end, free.distance) == (None, "", pytest.approx(HALF + 0.96))
+    assert (end.fitting, end.end, end.distance) == (None, "open", pytest.approx(0.5))
+
+
+def test_a_plate_is_seen_as_a_closed_end_from_both_sides():
+    """Wherever it stands in a straight, it ends what is seen."""
+    network = validate(knee())
+    _, (seen,) = looks(network, "in.start", "on.end", [0.1], blocked=["bend.start"])
+    assert (seen.fitting, seen.end, seen.distance) == (None, "closed", pytest.approx(0.5))
+    _, (back,) = looks(network, "on.end", "in.start", [0.1], blocked=["fork.run_end"])
+    assert (back.end, back.distance) == ("closed", pytest.approx(0.3))
+    tee_begins = 0.9 + network.pipes.parts[1].fitting.length_of_axes
+    near = np.linspace(tee_begins, tee_begins + 0.205, 50)
+    _, branch = looks(network, "in.start", "off.end", near, blocked=["off.start"])
+    seen = [one for one in branch if one is not None and one.end]
+    assert len(seen) > 1
+    assert {one.end for one in seen} == {"closed"}
+
+
+def test_a_network_is_the_same_as_itself_whatever_its_parts_are_called():
+    """Names, the order of parts, straights in pieces and the sense of a tee's run do not count."""
+    true = validate(knee())
+    other = knee()
+    other["fittings"][2:3] = [straight("piece_1", 0.1), straight("piece_2", 0.2)]
+    other["joints"][1:3] = [
+        joint("bend.end", "piece_1.start", 25.0),
+        joint("piece_1.end", "piece_2.end"),
+        joint("piece_2.start", "fork.run_end", -70.0 - 25.0),
+    ]
+    other["joints"][4] = joint("fork.run_start", "on.start")
+    difference = compare_maps(validate(other), true)
+    assert difference.same, difference
+    assert (difference.parts, difference.found, difference.length_error) == (6, 6, pytest.approx(0))
+    for name in ("house_sewer", "fig14", "close_fittings", "narrow"):
+        network = load_network(name)
+        assert compare_maps(network, network).same
+
+
+def test_what_a_map_has_wrong_is_told():
+    """A wrong kind, length, angle or turn, a part too few or too many, each by its name."""
+    true = validate(knee())
+
+    def of(change) -> object:
+        data = knee()
+        change(data)
+        return compare_maps(validate(data), true, "in.start")
+
+    def longer(data):
+        data["fittings"][4]["length"] = 0.43
+
+    def bent(data):
+        data["fittings"][1]["angle_deg"] = 67.0
+
+    def twisted(data):
+        data["joints"][2]["turn_deg"] = -60.0
+
+    def wye(data):
+        data["fittings"][3] = {"kind": "wye", "name": "fork", "angle_deg": 90.0}
+
+    def shorter(data):
+        del data["fittings"][5], data["joints"][4]
+
+    def grown(data):
+        data["fittings"].append(straight("more", 0.5))
+        data["fittings"].append(elbow("extra"))
+        data["joints"] += [joint("on.end", "extra.start"), joint("extra.end", "more.start")]
+
+    assert of(longer).sizes == (("on", "on"),)
+    assert of(longer).complete
+    assert not of(longer).same
+    assert of(longer).length_error == pytest.approx(0.03)
+    assert of(bent).angles == (("bend", "bend"),)
+    assert of(twisted).angles == (("fork", "fork"),)
+    assert of(wye).kinds == (("fork", "fork"),)
+    assert of(wye).missing == ("on", "off")
+    assert of(shorter).missing == ("off",)
+    assert not of(shorter).complete
+    assert of(grown).extra == ("more", "extra")
+    assert of(grown).complete
+    assert not of(grown).same
+
+
+def test_a_mirrored_map_is_another_one():
+    """All turns the other way round: the same kinds and lengths, other directions."""
+    data = knee()
+    for row in data["joints"]:
+        row["turn_deg"] = -row["turn_deg"]
+    difference = compare_maps(validate(data), validate(knee()), "in.start")
+    assert difference.angles == (("bend", "bend"), ("fork", "fork"))
+    assert not difference.sizes
+    assert not difference.same
+
+
+def test_a_loop_that_the_map_leaves_open_is_told():
+    """Both parts are there, and not joined."""
+    true = load_network("tower")
+    data = true.model_dump(mode="json")
+    data["joints"] = [
+        row for row in data["joints"] if set(row["ports"]) != {"cross_high.end", "tee_high.branch"}
+    ]
+    for row in data["fittings"]:
+        if row["name"] == "cross_high":
+            row["length"] = 0.39  # the joint alone left out, both ports would be in one place
+    difference = compare_maps(validate(data), true)
+    assert difference.loose == (("tee_high.branch", "cross_high.end"),)
+    assert difference.found == difference.parts
+    assert not difference.complete
+
+
+def test_what_a_plate_hides_is_not_asked_for():
+    """Only what can be reached counts, and the plate has to be a port of the network."""
+    true = validate(branched())
+    data = branched()
+    del data["fittings"][3], data["joints"][2]
+    found = validate(data)
+    assert compare_maps(found, true).missing == ("c",)
+    assert compare_maps(found, true, closed=["t.branch"]).same
+    with pytest.raises(NetworkError, match=r"closed.0: there is no port 't.up'"):
+        compare_maps(found, true, closed=["t.up"])
