@@ -1,0 +1,257 @@
+"""Fits forms to pictures: many at once, by Gauss and Newton's steps with a robust loss."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.rotations import Array
+from omnitrack_sim.sensing.optics import Camera, Walls, rays_of
+from omnitrack_sim.sensing.recognition.forms import Form
+from omnitrack_sim.sensing.recognition.library import WallMaker
+from omnitrack_sim.sensing.recognition.poses import DISTANCE, PLACES, TURN, cameras, moved_by
+from omnitrack_sim.sensing.recognition.scale import Scale
+from omnitrack_sim.sensing.recognition.sighting import Motion
+
+SIZES = 2
+"""Most sizes of a form."""
+EXPECTED = np.array([0.004, 0.004, 0.03, 0.03, 10.0, 10.0])
+"""Standard deviations of where a camera stands, m and rad, before it has seen anything."""
+GAIN = 0.02
+"""Of the brightness, or the distances, of a picture as a whole, as a part."""
+FIXED = 1e12
+"""Weight of a number that is not sought."""
+NUDGE = np.array([0.0015, 0.0015, 0.01, 0.01, 0.003, 0.025])
+"""By which a camera is moved, m and rad, to see what that does to its picture."""
+LONGEST = np.array([0.003, 0.003, 0.03, 0.03, 0.04, 0.3])
+"""Longest step of the search, m and rad."""
+LONGEST_SIZE = 8
+"""The same of a size, in its steps."""
+
+
+@dataclass(frozen=True)
+class Views:
+    """Pictures of one approach.
+
+    Attributes:
+        pictures: (v, pixels²) on the scale. motions: of the v cameras.
+    """
+
+    pictures: Array
+    motions: list[Motion]
+
+
+@dataclass(frozen=True)
+class Level:
+    """How closely is looked.
+
+    Attributes:
+        pixels: (k,) numbers of the pixels. rough: standard deviations at which a pixel that misses
+            loses its weight. free: which of the six numbers of a camera are sought.
+        weight: of each pixel: less than 1, as the errors of neighbours are alike. sizes: whether
+            sizes are sought.
+    """
+
+    pixels: NDArray[np.intp]
+    rough: float
+    free: NDArray[np.bool_]
+    weight: float
+    sizes: bool = True
+
+
+@dataclass(frozen=True)
+class Tries:
+    """Forms that are fitted, n rows.
+
+    Attributes:
+        forms: of each row. numbers: (n, 6), see ``poses``. sizes: (n, SIZES). gains: (n, v).
+        cost: (n,) twice the negative logarithm of the likelihood, without what all share.
+        normal: (n, p, p) matrix of the normal equations, of numbers, sizes, gains.
+    """
+
+    forms: tuple[Form, ...]
+    numbers: Array
+    sizes: Array
+    gains: Array
+    cost: Array
+    normal: Array
+
+    def take(self, rows: Sequence[int]) -> Tries:
+        """Some of the rows."""
+        rows = list(rows)
+        return Tries(
+            tuple(self.forms[i] for i in rows),
+            *(getattr(self, name)[rows] for name in ("numbers", "sizes", "gains", "cost", "normal")),
+        )
+
+
+def tries(forms: Sequence[Form], numbers: Array, sizes: Array, views: int) -> Tries:
+    """Rows to begin with."""
+    n, p = len(forms), PLACES + SIZES + views
+    cost, normal = np.full(n, np.inf), np.tile(np.eye(p), (n, 1, 1))
+    return Tries(tuple(forms), numbers, sizes, np.ones((n, views)), cost, normal)
+
+
+class Fit:
+    """Fits forms to the pictures of a camera in pipes of a bore."""
+
+    def __init__(self, camera: Camera, bore: float, walls: WallMaker, scale: Scale) -> None:
+        self._camera, self._bore, self._walls, self._scale = camera, bore, walls, scale
+        self._rays = rays_of(camera.optics)
+        told = camera.slopes(np.ones((1, 1, 8)), self._rays[:1], np.eye(3)[None])
+        self._analytic = told is not None
+        self._kept: dict[tuple[str | float, ...], Walls] = {}
+
+    def refined(self, start: Tries, views: Views, level: Level, steps: int) -> Tries:
+        """Rows after steps of the search; none is worse than it was."""
+        best, step, damping = start, start, np.full(len(start.forms), 1e-3)
+        slope = np.zeros(start.gains.shape)
+        for turn in range(steps + 1):
+            residual, slopes = self._seen(step, views, level)
+            found, gradient = self._weighed(step, residual, slopes, level)
+            better = found.cost < best.cost if turn else np.ones(len(found.forms), bool)
+            best = _merged(better, found, best)
+            slope = np.where(better[:, None], gradient, slope) if turn else gradient
+            damping = np.where(better, damping / 3, damping * 8)
+            if turn < steps:
+                step = _stepped(best, slope, damping)
+        return best
+
+    def _weighed(
+        self, at: Tries, residual: Array, slopes: Array, level: Level
+    ) -> tuple[Tries, Array]:
+        """Rows with cost and normal matrix, and the gradient (n, p)."""
+        missed = (residual / level.rough) ** 2
+        cost = level.weight * (level.rough**2 * missed / (1 + missed)).sum(axis=1)
+        weighted = slopes * (level.weight / (1 + missed) ** 2)[..., None]
+        weights, aims = _beforehand(at, level)
+        values = np.concatenate([at.numbers, at.sizes, at.gains], axis=1)
+        off = values - aims
+        normal = weighted.swapaxes(1, 2) @ slopes + np.eye(values.shape[1]) * weights[:, None]
+        gradient = (weighted * residual[..., None]).sum(axis=1) - weights * off
+        held = np.where(weights < FIXED, weights, 0.0)
+        return replace(at, cost=cost + (held * off**2).sum(axis=1), normal=normal), gradient
+
+    def _seen(self, at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
+        """What pictures are off (n, v k) and the slopes of what is expected (n, v k, p)."""
+        n, v, k = len(at.forms), len(views.motions), len(level.pixels)
+        rays = self._rays[level.pixels]
+        expected = np.empty((n, v, k))
+        slopes = np.zeros((n, v, k, PLACES + SIZES + v))
+        moved = moved_by(at.numbers, views.motions) if self._analytic else None
+        place, rotation = cameras(at.numbers, views.motions)
+        nudged = None if self._analytic else self._nudged(at, views, level)
+        for j, form in enumerate(at.forms):
+            walls = self._walls_of(form, at.sizes[j])
+            if moved is not None:
+                hits = self._traced(walls, place[j], rotation[j], rays)
+                expected[j] = self._camera.expected(hits, rays)
+                by_pose = self._camera.slopes(hits, rays, rotation[j])
+                slopes[j, ..., :PLACES] = by_pose @ moved[j]
+            else:
+                which, places, rotations = nudged
+                free = [i for i in which if _sought(form, i)]
+                rows = [0, *(1 + which.index(i) for i in free)]
+                hits = self._traced(
+                    walls, places[rows, j].reshape(-1, 3), rotations[rows, j].reshape(-1, 3, 3), rays
+                )
+                seen = self._camera.expected(hits, rays).reshape(len(rows), v, k)
+                expected[j] = seen[0]
+                for row, i in enumerate(free, 1):
+                    slopes[j, ..., i] = (seen[row] - seen[0]) / NUDGE[i]
+            if level.sizes:
+                for i, size in enumerate(form.sizes):
+                    changed, nudge = at.sizes[j].copy(), size.step
+                    nudge = -nudge if changed[i] + nudge > size.high else nudge
+                    changed[i] += nudge
+                    hits = self._traced(self._walls_of(form, changed), place[j], rotation[j], rays)
+                    other = self._camera.expected(hits, rays)
+                    slopes[j, ..., PLACES + i] = (other - expected[j]) / nudge
+        gained = expected * at.gains[..., None]
+        residual = views.pictures[None, :, level.pixels] - self._scale.of(gained)
+        slopes *= at.gains[..., None, None]
+        for i in range(v):
+            slopes[:, i, :, PLACES + SIZES + i] = expected[:, i]
+        slopes *= self._scale.slope(gained)[..., None]
+        slopes = np.nan_to_num(slopes, copy=False)
+        return residual.reshape(n, v * k), slopes.reshape(n, v * k, -1)
+
+    def _nudged(self, at: Tries, views: Views, level: Level) -> tuple[list[int], Array, Array]:
+        """Numbers that are nudged, and poses: unchanged, then with each of them nudged."""
+        which = np.flatnonzero(level.free).tolist()
+        rows = [at.numbers, *(at.numbers + NUDGE[i] * np.eye(PLACES)[i] for i in which)]
+        poses = [cameras(row, views.motions) for row in rows]
+        return which, np.stack([p for p, _ in poses]), np.stack([r for _, r in poses])
+
+    def _walls_of(self, form: Form, sizes: Array) -> Walls:
+        """Walls of a form, kept where it is a common one."""
+        key = (form.name, *sizes[: len(form.sizes)].tolist())
+        found = self._kept.get(key)
+        if found is None:
+            parts, closed = form.map(_sizes(form, sizes), self._bore)
+            found = self._walls([parts], [closed])
+            if list(key[1:]) in [list(start) for start in form.starts]:
+                self._kept[key] = found
+        return found
+
+    def _traced(self, walls: Walls, place: Array, rotation: Array, rays: Array) -> Array:
+        far, lamp = self._camera.optics.far, self._camera.lamp
+        return walls.trace(np.zeros(len(place), int), place, rotation, rays, far, lamp)
+
+
+def _sizes(form: Form, row: Array) -> list[float]:
+    return row[: len(form.sizes)].tolist()
+
+
+def _sought(form: Form, place: int) -> bool:
+    """Whether a number of the camera means anything before a form."""
+    if place == DISTANCE:
+        return form.ends or form.make is not None
+    return place != TURN or form.period > 0
+
+
+def _beforehand(at: Tries, level: Level) -> tuple[Array, Array]:
+    """Weights (n, p) and values (n, p) of what is expected before anything is seen."""
+    n, v = at.gains.shape
+    weights = np.full((n, PLACES + SIZES + v), FIXED)
+    aims = np.concatenate([np.zeros((n, PLACES)), at.sizes, np.ones((n, v))], axis=1)
+    weights[:, PLACES + SIZES :] = 1 / GAIN**2
+    for j, form in enumerate(at.forms):
+        for i in range(PLACES):
+            if level.free[i] and _sought(form, i):
+                weights[j, i] = 1 / EXPECTED[i] ** 2
+            else:
+                aims[j, i] = at.numbers[j, i]
+        for s, size in enumerate(form.sizes if level.sizes else ()):
+            weights[j, PLACES + s], aims[j, PLACES + s] = 1 / size.spread**2, size.middle
+    return weights, aims
+
+
+def _stepped(at: Tries, gradient: Array, damping: Array) -> Tries:
+    """Rows one step on."""
+    p = at.normal.shape[1]
+    scale = np.eye(p) * np.diagonal(at.normal, axis1=1, axis2=2)[:, None]
+    step = np.linalg.solve(at.normal + damping[:, None, None] * scale, gradient[..., None])[..., 0]
+    moved = np.clip(step[:, :PLACES], -LONGEST, LONGEST)
+    sizes = at.sizes.copy()
+    for j, form in enumerate(at.forms):
+        for s, size in enumerate(form.sizes):
+            most = LONGEST_SIZE * size.step
+            changed = sizes[j, s] + np.clip(step[j, PLACES + s], -most, most)
+            sizes[j, s] = np.clip(changed, size.low, size.high)
+    numbers = at.numbers + moved
+    numbers[:, DISTANCE] = np.clip(numbers[:, DISTANCE], 0.0, 0.85)
+    gains = np.clip(at.gains + step[:, PLACES + SIZES :], 0.8, 1.25)
+    return replace(at, numbers=numbers, sizes=sizes, gains=gains)
+
+
+def _merged(better: NDArray[np.bool_], first: Tries, second: Tries) -> Tries:
+    """Rows of the first where it is better, of the second elsewhere."""
+    values = {}
+    for name in ("numbers", "sizes", "gains", "cost", "normal"):
+        one, other = getattr(first, name), getattr(second, name)
+        values[name] = np.where(better.reshape(-1, *[1] * (one.ndim - 1)), one, other)
+    return Tries(first.forms, **values)

@@ -1,0 +1,150 @@
+"""Finds what lies ahead by comparing pictures with what every form would look like."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from omnitrack_sim.rotations import Array
+from omnitrack_sim.sensing.optics import Camera, rays_of
+from omnitrack_sim.sensing.recognition.fit import SIZES, Fit, Level, Tries, Views, tries
+from omnitrack_sim.sensing.recognition.forms import forms
+from omnitrack_sim.sensing.recognition.library import Library, WallMaker
+from omnitrack_sim.sensing.recognition.poses import ASIDE, DISTANCE, PLACES, STILL, TILT, TURN
+from omnitrack_sim.sensing.recognition.scale import Scale
+from omnitrack_sim.sensing.recognition.sighting import Motion, Sighting
+
+HORIZON = 3.5
+"""Distance, in bores, up to which a fitting is told; beyond it a pipe counts as straight."""
+STARTS = 2
+"""Starting values of a form that are followed."""
+ALIKE = 0.12
+
+
+class Recogniser:
+    """Tells what lies ahead of a robot in straight pipe of a known bore.
+
+    Args:
+        camera: at the robot's nose. bore: m. walls: makes what rays meet, ``model.rays.RayWalls``.
+    """
+
+    def __init__(self, camera: Camera, bore: float, walls: WallMaker) -> None:
+        self._forms = forms(bore)
+        self._bore = bore
+        self._scale = Scale(camera)
+        self._fit = Fit(camera, bore, walls, self._scale)
+        self._library = Library(camera, bore, self._forms, walls, self._scale)
+        rays, count = rays_of(camera.optics), camera.optics.pixels
+        grid = np.arange(count * count).reshape(count, count)
+        self._every = {step: grid[step // 2 :: step, step // 2 :: step].ravel() for step in (1, 2, 3)}
+        corners = grid[[0, 0, -1, -1], [0, -1, 0, -1]]  # vignetting is told by them
+        self._every = {step: np.union1d(few, corners) for step, few in self._every.items()}
+        inner = np.flatnonzero(rays[:, 2] > math.cos(math.radians(26)))
+        self._every[1] = np.union1d(self._every[3], inner)
+        half = np.radians(camera.optics.field_of_view_deg) / 2
+        self._edge = self._every[3][rays[self._every[3], 2] < math.cos(0.75 * half)]
+
+    def single(self, picture: Array) -> Sighting:
+        """What is ahead, from one picture (pixels²,)."""
+        return self.approach(picture[None], [STILL])
+
+    def approach(self, pictures: Array, motions: Sequence[Motion]) -> Sighting:
+        """What is ahead of the last of pictures (v, pixels²).
+
+        Args:
+            pictures: of one approach, the last one last.
+            motions: how the camera stood at each, seen from the last one.
+        """
+        views = Views(self._scale.of(pictures), list(motions))
+        found = self.ranked(views)
+        return self._told(found)
+
+    def ranked(self, views: Views) -> Tries:
+        last = Views(views.pictures[-1:], [STILL])
+        pose = self._straight(last)
+        begin = self._begin(last, pose)
+        free = np.array([False, False, False, False, True, True])
+        every = np.ones(6, bool)
+        rough = self._fit.refined(begin, last, Level(self._every[3], 12.0, free, 1.0, False), 3)
+        rough = self._pruned(rough, 1.6)
+        rough = self._fit.refined(rough, last, Level(self._every[3], 6.0, every, 1.0), 3)
+        rough = self._best_of_each(rough)
+        v = len(views.motions)
+        start = tries(rough.forms, rough.numbers, rough.sizes, v)
+        fine = self._fit.refined(start, views, Level(self._every[1], 4.0, every, 1.0), 3)
+        order = np.argsort(fine.cost)
+        return fine.take(order)
+
+    def _straight(self, views: Views) -> Array:
+        """Where the camera stands in the pipe, (6,), from what the edge of its picture sees."""
+        begin = tries([self._forms[0]], np.zeros((1, PLACES)), np.zeros((1, SIZES)), 1)
+        free = np.array([True, True, True, True, False, False])
+        wide = self._fit.refined(begin, views, Level(self._edge, 12.0, free, 1.0), 2)
+        return self._fit.refined(wide, views, Level(self._edge, 5.0, free, 1.0), 2).numbers[0]
+
+    def _begin(self, views: Views, pose: Array) -> Tries:
+        """The best starting values of every form."""
+        library = self._library
+        cost = library.costs(library.look(views.pictures[0], pose))
+        chosen = []
+        for which in range(len(self._forms)):
+            rows = np.flatnonzero(library.entries.form == which)
+            order = rows[np.argsort(cost[rows])]
+            kept: list[int] = []
+            for row in order:
+                if all(self._apart(row, other) for other in kept):
+                    kept.append(int(row))
+                if len(kept) == STARTS:
+                    break
+            chosen += kept
+        numbers = library.entries.numbers[chosen].copy()
+        numbers[:, :DISTANCE] = pose[:DISTANCE]
+        chosen_forms = [self._forms[i] for i in library.entries.form[chosen]]
+        sizes = np.zeros((len(chosen), SIZES))
+        for row, (form, at) in enumerate(
+            zip(chosen_forms, library.entries.start[chosen], strict=True)
+        ):
+            sizes[row, : len(form.sizes)] = form.starts[at]
+        return tries(chosen_forms, numbers, sizes, 1)
+
+    def _apart(self, row: int, other: int) -> bool:
+        """Whether two entries of the library are not just neighbours."""
+        entries = self._library.entries
+        a, b = entries.numbers[row], entries.numbers[other]
+        turned = abs((a[TURN] - b[TURN] + math.pi) % (2 * math.pi) - math.pi)
+        far = abs(a[DISTANCE] - b[DISTANCE]) > 0.4 * self._bore
+        return turned > 0.8 or far
+
+    def _pruned(self, found: Tries, factor: float) -> Tries:
+        least = found.cost.min()
+        return found.take([i for i in range(len(found.forms)) if found.cost[i] < factor * least + 300])
+
+    def _best_of_each(self, found: Tries) -> Tries:
+        best: dict[int, int] = {}
+        for i in np.argsort(found.cost):
+            best.setdefault(id(found.forms[i]), int(i))
+        return found.take(list(best.values()))
+
+    def _told(self, found: Tries) -> Sighting:
+        score = found.cost
+        likely = np.exp(-(score - score[0]) / 2)
+        names = [(form.kind, form.enter) for form in found.forms]
+        total = sum(p for p, name in zip(likely, names) if name == names[0])
+        sure = float(total / likely.sum())
+        form, numbers = found.forms[0], found.numbers[0]
+        cov = np.linalg.inv(found.normal[0])
+        at = [DISTANCE, TURN]
+        return Sighting(
+            form.kind,
+            form.enter if form.kind != "straight" else "",
+            {size.key: float(v) for size, v in zip(form.sizes, found.sizes[0])},
+            float(numbers[DISTANCE]),
+            float((numbers[TURN] + math.pi) % (2 * math.pi) - math.pi),
+            cov[np.ix_(at, at)],
+            {size.key: float(math.sqrt(cov[PLACES + i, PLACES + i])) for i, size in enumerate(form.sizes)},
+            sure,
+            numbers[ASIDE],
+            numbers[TILT],
+        )
