@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.rotations import Array
-from omnitrack_sim.sensing.optics import Camera, Walls, rays_of
+from omnitrack_sim.sensing.optics import JOINT, RANGE, Camera, Walls, rays_of
 from omnitrack_sim.sensing.recognition.forms import Form
 from omnitrack_sim.sensing.recognition.library import WallMaker
 from omnitrack_sim.sensing.recognition.poses import DISTANCE, PLACES, TURN, cameras, moved_by
@@ -22,6 +22,10 @@ EXPECTED = np.array([0.004, 0.004, 0.03, 0.03, 10.0, 10.0])
 """Standard deviations of where a camera stands, m and rad, before it has seen anything."""
 GAIN = 0.02
 """Of the brightness, or the distances, of a picture as a whole, as a part."""
+JOINTS = (0.02, 0.6, 0.004)
+"""Distances, m, that a joint is looked for at: from, to, step."""
+CLEAR, MOST_JOINTS = 15.0, 4
+"""Least cost that a joint must spare to be followed, and how many are."""
 FIXED = 1e12
 """Weight of a number that is not sought."""
 NUDGE = np.array([0.0015, 0.0015, 0.01, 0.01, 0.003, 0.025])
@@ -49,16 +53,18 @@ class Level:
     """How closely is looked.
 
     Attributes:
-        pixels: (k,) numbers of the pixels. rough: standard deviations at which a pixel that misses
+        pixels: (k,) numbers of the pixels. stand: (pixels²,) for each pixel of a picture the place
+            in ``pixels`` of one that stands for it, as the exposure depends on them all. rough: standard deviations at which a pixel that misses
             loses its weight. free: which of the six numbers of a camera are sought.
-        weight: of each pixel: less than 1, as the errors of neighbours are alike. sizes: whether
+        weight: (k,) of each pixel: less than 1, as the errors of neighbours are alike. sizes: whether
             sizes are sought.
     """
 
     pixels: NDArray[np.intp]
+    stand: NDArray[np.intp]
     rough: float
     free: NDArray[np.bool_]
-    weight: float
+    weight: Array
     sizes: bool = True
 
 
@@ -125,8 +131,9 @@ class Fit:
     ) -> tuple[Tries, Array]:
         """Rows with cost and normal matrix, and the gradient (n, p)."""
         missed = (residual / level.rough) ** 2
-        cost = level.weight * (level.rough**2 * missed / (1 + missed)).sum(axis=1)
-        weighted = slopes * (level.weight / (1 + missed) ** 2)[..., None]
+        weight = np.tile(level.weight, at.gains.shape[1])
+        cost = (weight * level.rough**2 * missed / (1 + missed)).sum(axis=1)
+        weighted = slopes * (weight / (1 + missed) ** 2)[..., None]
         weights, aims = _beforehand(at, level)
         values = np.concatenate([at.numbers, at.sizes, at.gains], axis=1)
         off = values - aims
@@ -148,7 +155,7 @@ class Fit:
             walls = self._walls_of(form, at.sizes[j])
             if moved is not None:
                 hits = self._traced(walls, place[j], rotation[j], rays)
-                expected[j] = self._camera.expected(hits, rays)
+                expected[j] = self._expected(hits, rays, level)
                 by_pose = self._camera.slopes(hits, rays, rotation[j])
                 slopes[j, ..., :PLACES] = by_pose @ moved[j]
             else:
@@ -158,7 +165,7 @@ class Fit:
                 hits = self._traced(
                     walls, places[rows, j].reshape(-1, 3), rotations[rows, j].reshape(-1, 3, 3), rays
                 )
-                seen = self._camera.expected(hits, rays).reshape(len(rows), v, k)
+                seen = self._expected(hits, rays, level).reshape(len(rows), v, k)
                 expected[j] = seen[0]
                 for row, i in enumerate(free, 1):
                     slopes[j, ..., i] = (seen[row] - seen[0]) / NUDGE[i]
@@ -168,7 +175,7 @@ class Fit:
                     nudge = -nudge if changed[i] + nudge > size.high else nudge
                     changed[i] += nudge
                     hits = self._traced(self._walls_of(form, changed), place[j], rotation[j], rays)
-                    other = self._camera.expected(hits, rays)
+                    other = self._expected(hits, rays, level)
                     slopes[j, ..., PLACES + i] = (other - expected[j]) / nudge
         gained = expected * at.gains[..., None]
         residual = views.pictures[None, :, level.pixels] - self._scale.of(gained)
@@ -178,6 +185,28 @@ class Fit:
         slopes *= self._scale.slope(gained)[..., None]
         slopes = np.nan_to_num(slopes, copy=False)
         return residual.reshape(n, v * k), slopes.reshape(n, v * k, -1)
+
+    def joints(self, straight: Form, pose: Array, views: Views, level: Level) -> list[float]:
+        """Distances, m, at which the last picture agrees best with a joint of straight pipes, best
+        first; none where a joint does not show.
+
+        Args:
+            straight: the form. pose: (6,) of the camera. level: how closely is looked.
+        """
+        rays = self._rays[level.pixels]
+        place, rotation = cameras(pose[None], views.motions[-1:])
+        hits = self._traced(self._walls_of(straight, np.zeros(SIZES)), place[0], rotation[0], rays)
+        along = hits[0, :, RANGE] * (rays @ rotation[0, 0].T)[:, 2]
+        where = np.arange(*JOINTS)
+        other = np.repeat(hits, len(where) + 1, axis=0)
+        other[1:, :, JOINT] = np.abs(along - where[:, None])
+        expected = self._scale.of(self._expected(other, rays, level))
+        missed = ((views.pictures[-1, level.pixels] - expected) / level.rough) ** 2
+        cost = level.rough**2 * (missed / (1 + missed)).sum(axis=1)
+        less = cost[0] - cost[1:]
+        least = np.r_[True, less[1:] >= less[:-1]] & np.r_[less[:-1] >= less[1:], True]
+        found = np.flatnonzero(least & (less > CLEAR))
+        return where[found[np.argsort(-less[found])]][:MOST_JOINTS].tolist()
 
     def _nudged(self, at: Tries, views: Views, level: Level) -> tuple[list[int], Array, Array]:
         """Numbers that are nudged, and poses: unchanged, then with each of them nudged."""
@@ -196,6 +225,13 @@ class Fit:
             if list(key[1:]) in [list(start) for start in form.starts]:
                 self._kept[key] = found
         return found
+
+    def _expected(self, hits: Array, rays: Array, level: Level) -> Array:
+        """Pictures (n, k) that are expected, exposed as whole ones."""
+        if self._camera.lamp is None:
+            return self._camera.expected(hits, rays)
+        whole = self._camera.expected(hits[:, level.stand], rays[level.stand])
+        return whole[:, level.pixels]
 
     def _traced(self, walls: Walls, place: Array, rotation: Array, rays: Array) -> Array:
         far, lamp = self._camera.optics.far, self._camera.lamp

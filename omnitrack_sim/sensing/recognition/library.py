@@ -26,13 +26,15 @@ WallMaker = Callable[[Sequence[Sequence[Part]], Sequence[Sequence[tuple[int, str
 """Makes walls of maps and the ports that plates close, such as ``model.rays.RayWalls``."""
 AROUND = 16
 """Rays of a ring, and turns of a form."""
-RINGS = np.array([0.06, 0.11, 0.17, 0.24, 0.32, 0.41, 0.51, 0.63, 0.76, 0.88])
+RINGS = np.array([0.05, 0.08, 0.11, 0.14, 0.17, 0.21, 0.25, 0.3, 0.36, 0.43, 0.52, 0.63, 0.76, 0.88])
 """Angles of the rings from the axis, as parts of half the field of view."""
 DISTANCES = np.arange(0.15, 3.8, 0.1875)
 """Of the port plane, in bores."""
-BLUR = 12.0
-"""Standard deviations by which a coarse picture may miss before it hardly matters how far: the
-steps of the library are that coarse."""
+BLUR = 3.0
+"""Standard deviations by which a coarse picture is off besides the steps of the library: the pose
+of the camera is roughly known, and sizes are only those of the starts."""
+CAP = 9.0
+"""Most that a ray can cost."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +71,12 @@ class Library:
         self._rays = np.concatenate([self.rays, edge[:: max(1, len(edge) // 150)]])
         self._straight = walls(*_maps([forms[0].map((), bore)]))
         self.straight = self._picture(self._straight, np.zeros(1, int), np.zeros((1, PLACES)))[0]
-        self.entries, self.pictures = self._filled(forms, bore, walls)
+        self.entries, self.pictures, self._sharp, self._level = self._filled(forms, bore, walls)
 
     def _filled(
         self, forms: Sequence[Form], bore: float, walls: WallMaker
-    ) -> tuple[Entries, Array]:
-        rows, found = [], []
+    ) -> tuple[Entries, Array, Array, Array]:
+        rows, found, sharp = [], [], []
         for which, form in enumerate(forms):
             made = walls(*_maps([form.map(sizes, bore) for sizes in form.starts]))
             turns = (
@@ -90,8 +92,12 @@ class Library:
             pictures = self._picture(made, start, numbers)
             rows.append((np.full(len(start), which), start, numbers))
             found.append(pictures.astype(np.float32))
+            shape = (len(form.starts), len(places), len(turns), -1)
+            sharp.append(_sharpness(pictures.reshape(shape)).reshape(len(start), -1))
         which, start, numbers = (np.concatenate(column) for column in zip(*rows, strict=True))
-        return Entries(which, start, numbers), np.concatenate(found)
+        weight = np.concatenate(sharp).astype(np.float32)
+        level = -2 * np.log(weight).sum(axis=1)
+        return Entries(which, start, numbers), np.concatenate(found), weight, level
 
     def _picture(self, walls: Walls, which: NDArray[np.intp], numbers: Array) -> Array:
         place, rotation = cameras(numbers, [STILL])
@@ -111,10 +117,25 @@ class Library:
         return interpolated(picture, seen, self._camera.optics) + self.straight - there
 
     def costs(self, look: Array) -> Array:
-        """How badly each entry (m,) agrees with a look (k,), 0 to k."""
-        apart = (self.pictures - look.astype(np.float32)) * np.float32(1 / BLUR)
+        """How badly each entry (m,) agrees with a look (k,)."""
+        apart = (self.pictures - look.astype(np.float32)) * self._sharp
         apart *= apart
-        return (apart / (1 + apart)).sum(axis=1)
+        return self._level + (apart / (1 + apart / np.float32(CAP))).sum(axis=1)
+
+
+def _sharpness(pictures: Array) -> Array:
+    """One over the standard deviation of each ray of pictures (starts, distances, turns, k), whose
+    true distance and turn lie up to half a step beside."""
+    spread = np.full(pictures.shape, BLUR**2)
+    count = pictures.shape[1]
+    if count > 1:
+        steps = np.abs(np.diff(pictures, axis=1)) / 2
+        before, after = np.minimum(np.arange(count), count - 2), np.maximum(np.arange(count) - 1, 0)
+        spread += np.maximum(steps[:, before], steps[:, after]) ** 2
+    if pictures.shape[2] > 1:
+        steps = np.abs(pictures - np.roll(pictures, 1, axis=2)) / 2
+        spread += np.maximum(steps, np.roll(steps, -1, axis=2)) ** 2
+    return 1 / np.sqrt(spread)
 
 
 def _maps(

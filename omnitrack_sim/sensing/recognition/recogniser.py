@@ -18,7 +18,7 @@ from omnitrack_sim.sensing.recognition.sighting import Motion, Sighting
 
 HORIZON = 3.5
 """Distance, in bores, up to which a fitting is told; beyond it a pipe counts as straight."""
-STARTS = 2
+STARTS = 3
 """Starting values of a form that are followed."""
 ALIKE = 0.12
 
@@ -43,8 +43,15 @@ class Recogniser:
         self._every = {step: np.union1d(few, corners) for step, few in self._every.items()}
         inner = np.flatnonzero(rays[:, 2] > math.cos(math.radians(26)))
         self._every[1] = np.union1d(self._every[3], inner)
+        self._every[0] = np.arange(count * count)
+        nearest = {}
+        row, column = np.divmod(np.arange(count * count), count)
+        for name, few in self._every.items():
+            apart = np.abs(row[:, None] - row[few]) + np.abs(column[:, None] - column[few])
+            nearest[name] = apart.argmin(axis=1)
+        self._stand = nearest
         half = np.radians(camera.optics.field_of_view_deg) / 2
-        self._edge = self._every[3][rays[self._every[3], 2] < math.cos(0.75 * half)]
+        self._edge = rays[self._every[3], 2] < math.cos(0.75 * half)
 
     def single(self, picture: Array) -> Sighting:
         """What is ahead, from one picture (pixels²,)."""
@@ -61,46 +68,59 @@ class Recogniser:
         found = self.ranked(views)
         return self._told(found)
 
+    def _level(self, grid: int, rough: float, *, sizes: bool = True, edge: bool = False,
+               free: str = "atdr") -> Level:
+        pixels = self._every[grid]
+        weight = self._edge.astype(float) if edge else np.ones(len(pixels))
+        which = np.array([letter in free for letter in "aattdr"])
+        return Level(pixels, self._stand[grid], rough, which, weight, sizes)
+
     def ranked(self, views: Views) -> Tries:
         last = Views(views.pictures[-1:], [STILL])
         pose = self._straight(last)
         begin = self._begin(last, pose)
-        free = np.array([False, False, False, False, True, True])
-        every = np.ones(6, bool)
-        rough = self._fit.refined(begin, last, Level(self._every[3], 12.0, free, 1.0, False), 3)
+        rough = self._fit.refined(begin, last, self._level(3, 12.0, free="dr", sizes=False), 3)
         rough = self._pruned(rough, 1.6)
-        rough = self._fit.refined(rough, last, Level(self._every[3], 6.0, every, 1.0), 3)
+        rough = self._fit.refined(rough, last, self._level(3, 6.0, free="atdr"), 3)
         rough = self._best_of_each(rough)
         v = len(views.motions)
         start = tries(rough.forms, rough.numbers, rough.sizes, v)
-        fine = self._fit.refined(start, views, Level(self._every[1], 4.0, every, 1.0), 3)
+        fine = self._fit.refined(start, views, self._level(1, 4.0, free="atdr"), 3)
         order = np.argsort(fine.cost)
         return fine.take(order)
 
     def _straight(self, views: Views) -> Array:
         """Where the camera stands in the pipe, (6,), from what the edge of its picture sees."""
         begin = tries([self._forms[0]], np.zeros((1, PLACES)), np.zeros((1, SIZES)), 1)
-        free = np.array([True, True, True, True, False, False])
-        wide = self._fit.refined(begin, views, Level(self._edge, 12.0, free, 1.0), 2)
-        return self._fit.refined(wide, views, Level(self._edge, 5.0, free, 1.0), 2).numbers[0]
+        wide = self._fit.refined(begin, views, self._level(3, 12.0, free="at", edge=True), 2)
+        edge = self._fit.refined(wide, views, self._level(3, 5.0, free="at", edge=True), 2)
+        return self._fit.refined(edge, views, self._level(1, 4.0, free="at"), 2).numbers[0]
 
     def _begin(self, views: Views, pose: Array) -> Tries:
         """The best starting values of every form."""
-        library = self._library
+        library, entries = self._library, self._library.entries
         cost = library.costs(library.look(views.pictures[0], pose))
-        chosen = []
+        joints = self._fit.joints(self._forms[0], pose, views, self._level(1, 4.0))
+        chosen: list[int] = []
+        places: list[float] = []
         for which in range(len(self._forms)):
-            rows = np.flatnonzero(library.entries.form == which)
-            order = rows[np.argsort(cost[rows])]
+            rows = np.flatnonzero(entries.form == which)
             kept: list[int] = []
-            for row in order:
+            for row in rows[np.argsort(cost[rows])]:
                 if all(self._apart(row, other) for other in kept):
                     kept.append(int(row))
                 if len(kept) == STARTS:
                     break
             chosen += kept
+            places += entries.numbers[kept, DISTANCE].tolist()
+            for joint in joints if self._forms[which].parameters else ():
+                near = rows[np.abs(entries.numbers[rows, DISTANCE] - joint) < 0.12 * self._bore]
+                if len(near):
+                    chosen.append(int(near[np.argmin(cost[near])]))
+                    places.append(joint)
         numbers = library.entries.numbers[chosen].copy()
         numbers[:, :DISTANCE] = pose[:DISTANCE]
+        numbers[:, DISTANCE] = places
         chosen_forms = [self._forms[i] for i in library.entries.form[chosen]]
         sizes = np.zeros((len(chosen), SIZES))
         for row, (form, at) in enumerate(
