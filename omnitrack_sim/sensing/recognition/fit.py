@@ -12,7 +12,8 @@ from omnitrack_sim.rotations import Array
 from omnitrack_sim.sensing.optics import JOINT, RANGE, Camera, Walls, rays_of
 from omnitrack_sim.sensing.recognition.forms import Form
 from omnitrack_sim.sensing.recognition.library import WallMaker
-from omnitrack_sim.sensing.recognition.poses import DISTANCE, PLACES, TURN, cameras, moved_by
+from omnitrack_sim.sensing.recognition.nearby import nearby
+from omnitrack_sim.sensing.recognition.poses import DISTANCE, PLACES, TURN, cameras
 from omnitrack_sim.sensing.recognition.scale import Scale
 from omnitrack_sim.sensing.recognition.sighting import Motion
 
@@ -28,7 +29,7 @@ CLEAR, MOST_JOINTS = 15.0, 4
 """Least cost that a joint must spare to be followed, and how many are."""
 FIXED = 1e12
 """Weight of a number that is not sought."""
-NUDGE = np.array([0.0015, 0.0015, 0.01, 0.01, 0.003, 0.025])
+NUDGE = np.array([0.0005, 0.0005, 0.005, 0.005, 0.001, 0.01])
 """By which a camera is moved, m and rad, to see what that does to its picture."""
 LONGEST = np.array([0.003, 0.003, 0.03, 0.03, 0.04, 0.3])
 """Longest step of the search, m and rad."""
@@ -57,15 +58,18 @@ class Level:
             in ``pixels`` of one that stands for it, as the exposure depends on them all. rough: standard deviations at which a pixel that misses
             loses its weight. free: which of the six numbers of a camera are sought.
         weight: (k,) of each pixel: less than 1, as the errors of neighbours are alike. sizes: whether
-            sizes are sought.
+            sizes are sought. reach: m and rad, by which a camera with a lamp is moved along and
+            turned about the pipe to see what that does to the edges in its picture.
     """
 
     pixels: NDArray[np.intp]
-    stand: NDArray[np.intp]
+    stand: NDArray[np.intp] | None
+    own: NDArray[np.intp] | None
     rough: float
     free: NDArray[np.bool_]
     weight: Array
     sizes: bool = True
+    reach: tuple[float, float] = (0.003, 0.06)
 
 
 @dataclass(frozen=True)
@@ -107,8 +111,6 @@ class Fit:
     def __init__(self, camera: Camera, bore: float, walls: WallMaker, scale: Scale) -> None:
         self._camera, self._bore, self._walls, self._scale = camera, bore, walls, scale
         self._rays = rays_of(camera.optics)
-        told = camera.slopes(np.ones((1, 1, 8)), self._rays[:1], np.eye(3)[None])
-        self._analytic = told is not None
         self._kept: dict[tuple[str | float, ...], Walls] = {}
 
     def refined(self, start: Tries, views: Views, level: Level, steps: int) -> Tries:
@@ -125,6 +127,28 @@ class Fit:
             if turn < steps:
                 step = _stepped(best, slope, damping)
         return best
+
+    def costs(self, at: Tries, views: Views, level: Level) -> Tries:
+        """Rows with their costs (without what is expected beforehand), and nothing sought."""
+        n, v, k = len(at.forms), len(views.motions), len(level.pixels)
+        rays = self._rays[level.pixels]
+        place, rotation = cameras(at.numbers, views.motions)
+        cost = np.empty(n)
+        groups: dict[tuple[str | float, ...], list[int]] = {}
+        for j, form in enumerate(at.forms):
+            key = (form.name, *at.sizes[j, : len(form.sizes)].tolist())
+            groups.setdefault(key, []).append(j)
+        for rows in groups.values():
+            walls = self._walls_of(at.forms[rows[0]], at.sizes[rows[0]])
+            hits = self._traced(
+                walls, place[rows].reshape(-1, 3), rotation[rows].reshape(-1, 3, 3), rays
+            )
+            expected = self._expected(hits, rays, level).reshape(len(rows), v, k)
+            seen = self._scale.of(expected * at.gains[rows][..., None])
+            missed = ((views.pictures[:, level.pixels] - seen) / level.rough) ** 2
+            weight = level.weight * level.rough**2
+            cost[rows] = (weight * missed / (1 + missed)).sum(axis=(1, 2))
+        return replace(at, cost=cost)
 
     def _weighed(
         self, at: Tries, residual: Array, slopes: Array, level: Level
@@ -148,33 +172,38 @@ class Fit:
         rays = self._rays[level.pixels]
         expected = np.empty((n, v, k))
         slopes = np.zeros((n, v, k, PLACES + SIZES + v))
-        moved = moved_by(at.numbers, views.motions) if self._analytic else None
-        place, rotation = cameras(at.numbers, views.motions)
-        nudged = None if self._analytic else self._nudged(at, views, level)
+        free = np.flatnonzero(level.free)
+        rows = [at.numbers, *(at.numbers + NUDGE[i] * np.eye(PLACES)[i] for i in free)]
+        poses = [cameras(row, views.motions) for row in rows]
+        place, rotation = (np.stack(column) for column in zip(*poses, strict=True))  # (1 + m, n, v
         for j, form in enumerate(at.forms):
             walls = self._walls_of(form, at.sizes[j])
-            if moved is not None:
-                hits = self._traced(walls, place[j], rotation[j], rays)
-                expected[j] = self._expected(hits, rays, level)
-                by_pose = self._camera.slopes(hits, rays, rotation[j])
-                slopes[j, ..., :PLACES] = by_pose @ moved[j]
-            else:
-                which, places, rotations = nudged
-                free = [i for i in which if _sought(form, i)]
-                rows = [0, *(1 + which.index(i) for i in free)]
-                hits = self._traced(
-                    walls, places[rows, j].reshape(-1, 3), rotations[rows, j].reshape(-1, 3, 3), rays
+            hits = self._traced(walls, place[0, j], rotation[0, j], rays)
+            sought = [m for m, i in enumerate(free) if _sought(form, int(i))]
+            where = [0, *(m + 1 for m in sought)]
+            for i in range(v):
+                near = nearby(
+                    hits[i], rays, place[0, j, i], rotation[0, j, i], place[where, j, i],
+                    rotation[where, j, i], self._camera.lamp,
                 )
-                seen = self._expected(hits, rays, level).reshape(len(rows), v, k)
-                expected[j] = seen[0]
-                for row, i in enumerate(free, 1):
-                    slopes[j, ..., i] = (seen[row] - seen[0]) / NUDGE[i]
+                seen = self._expected(near, rays, level)
+                expected[j, i] = seen[0]
+                for row, m in enumerate(sought, 1):
+                    slopes[j, i, :, free[m]] = (seen[row] - seen[0]) / NUDGE[free[m]]
+            for i in (DISTANCE, TURN) if self._camera.lamp is not None else ():
+                # What a lamp leaves in the dark tells most, and its edges move.
+                if level.free[i] and _sought(form, i):
+                    moved = at.numbers[j : j + 1] + level.reach[i - DISTANCE] * np.eye(PLACES)[i]
+                    there, turned = cameras(moved, views.motions)
+                    seen = self._expected(self._traced(walls, there[0], turned[0], rays), rays, level)
+                    slopes[j, ..., i] = (seen - expected[j]) / level.reach[i - DISTANCE]
             if level.sizes:
                 for i, size in enumerate(form.sizes):
                     changed, nudge = at.sizes[j].copy(), size.step
                     nudge = -nudge if changed[i] + nudge > size.high else nudge
                     changed[i] += nudge
-                    hits = self._traced(self._walls_of(form, changed), place[j], rotation[j], rays)
+                    walls = self._walls_of(form, changed)
+                    hits = self._traced(walls, place[0, j], rotation[0, j], rays)
                     other = self._expected(hits, rays, level)
                     slopes[j, ..., PLACES + i] = (other - expected[j]) / nudge
         gained = expected * at.gains[..., None]
@@ -208,13 +237,6 @@ class Fit:
         found = np.flatnonzero(least & (less > CLEAR))
         return where[found[np.argsort(-less[found])]][:MOST_JOINTS].tolist()
 
-    def _nudged(self, at: Tries, views: Views, level: Level) -> tuple[list[int], Array, Array]:
-        """Numbers that are nudged, and poses: unchanged, then with each of them nudged."""
-        which = np.flatnonzero(level.free).tolist()
-        rows = [at.numbers, *(at.numbers + NUDGE[i] * np.eye(PLACES)[i] for i in which)]
-        poses = [cameras(row, views.motions) for row in rows]
-        return which, np.stack([p for p, _ in poses]), np.stack([r for _, r in poses])
-
     def _walls_of(self, form: Form, sizes: Array) -> Walls:
         """Walls of a form, kept where it is a common one."""
         key = (form.name, *sizes[: len(form.sizes)].tolist())
@@ -228,10 +250,10 @@ class Fit:
 
     def _expected(self, hits: Array, rays: Array, level: Level) -> Array:
         """Pictures (n, k) that are expected, exposed as whole ones."""
-        if self._camera.lamp is None:
+        if self._camera.lamp is None or level.stand is None:
             return self._camera.expected(hits, rays)
         whole = self._camera.expected(hits[:, level.stand], rays[level.stand])
-        return whole[:, level.pixels]
+        return whole[:, level.own]
 
     def _traced(self, walls: Walls, place: Array, rotation: Array, rays: Array) -> Array:
         far, lamp = self._camera.optics.far, self._camera.lamp

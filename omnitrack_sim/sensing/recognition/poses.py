@@ -9,7 +9,6 @@ from omnitrack_sim.sensing.recognition.sighting import Motion
 
 ASIDE, TILT, DISTANCE, TURN, PLACES = slice(0, 2), slice(2, 4), 4, 5, 6
 """Places in a row of numbers: m and rad, as of a ``Sighting``."""
-_STEP = 1e-6
 
 
 def cameras(numbers: Array, motions: list[Motion]) -> tuple[Array, Array]:
@@ -29,19 +28,6 @@ def cameras(numbers: Array, motions: list[Motion]) -> tuple[Array, Array]:
     moved = np.stack([motion.position for motion in motions])
     places = position[:, None] + np.einsum("nij,vj->nvi", rotation, moved)
     return places, rotation[:, None] @ turned[None]
-
-
-def moved_by(numbers: Array, motions: list[Motion]) -> Array:
-    """How the cameras move with the numbers (n, v, 6, 6): metres along the axes of the port frame
-    and rad about the camera's own, for each of the numbers (last)."""
-    place, turned = cameras(numbers, motions)
-    found = np.empty((*place.shape[:2], 6, PLACES))
-    for i in range(PLACES):
-        other, also = cameras(numbers + _STEP * np.eye(PLACES)[i], motions)
-        found[..., :3, i] = (other - place) / _STEP
-        small = turned.swapaxes(-1, -2) @ also / _STEP
-        found[..., 3:, i] = np.stack([small[..., 2, 1], small[..., 0, 2], small[..., 1, 0]], axis=-1)
-    return found
 
 
 def straightened(numbers: Array, directions: Array, radius: float) -> Array:

@@ -20,7 +20,8 @@ HORIZON = 3.5
 """Distance, in bores, up to which a fitting is told; beyond it a pipe counts as straight."""
 STARTS = 3
 """Starting values of a form that are followed."""
-ALIKE = 0.12
+KEEP = [14, 5, 3]
+SCAN = np.radians([0, -70, -45, -30, -20, -12, -6, 6, 12, 20, 30, 45, 70])
 
 
 class Recogniser:
@@ -38,20 +39,22 @@ class Recogniser:
         self._library = Library(camera, bore, self._forms, walls, self._scale)
         rays, count = rays_of(camera.optics), camera.optics.pixels
         grid = np.arange(count * count).reshape(count, count)
-        self._every = {step: grid[step // 2 :: step, step // 2 :: step].ravel() for step in (1, 2, 3)}
-        corners = grid[[0, 0, -1, -1], [0, -1, 0, -1]]  # vignetting is told by them
-        self._every = {step: np.union1d(few, corners) for step, few in self._every.items()}
-        inner = np.flatnonzero(rays[:, 2] > math.cos(math.radians(26)))
-        self._every[1] = np.union1d(self._every[3], inner)
-        self._every[0] = np.arange(count * count)
-        nearest = {}
-        row, column = np.divmod(np.arange(count * count), count)
-        for name, few in self._every.items():
-            apart = np.abs(row[:, None] - row[few]) + np.abs(column[:, None] - column[few])
-            nearest[name] = apart.argmin(axis=1)
-        self._stand = nearest
         half = np.radians(camera.optics.field_of_view_deg) / 2
-        self._edge = rays[self._every[3], 2] < math.cos(0.75 * half)
+        corners = grid[[0, 0, -1, -1], [0, -1, 0, -1]]  # vignetting is told by them
+        inner = rays[:, 2] > math.cos(0.56 * half)
+        self._grids = []
+        for within, without in ((2, 4), (1, 3)):
+            every = np.union1d(grid[within // 2 :: within, within // 2 :: within], corners)
+            some = np.zeros(count * count, bool)
+            some[grid[within // 2 :: without, within // 2 :: without]] = True
+            some[corners] = True
+            pixels = every[(some | inner)[every]]
+            row, column = np.divmod(every, count)
+            over, beside = np.divmod(pixels, count)
+            apart = np.abs(row[:, None] - over) + np.abs(column[:, None] - beside)
+            own = np.searchsorted(every, pixels)
+            self._grids.append((pixels, apart.argmin(axis=1), own))
+        self._edge = (rays[self._grids[0][0], 2] < math.cos(0.75 * half)).astype(float)
 
     def single(self, picture: Array) -> Sighting:
         """What is ahead, from one picture (pixels²,)."""
@@ -68,33 +71,56 @@ class Recogniser:
         found = self.ranked(views)
         return self._told(found)
 
-    def _level(self, grid: int, rough: float, *, sizes: bool = True, edge: bool = False,
-               free: str = "atdr") -> Level:
-        pixels = self._every[grid]
-        weight = self._edge.astype(float) if edge else np.ones(len(pixels))
+    def _level(self, grid: int, rough: float, *, edge: bool = False, free: str = "atdr") -> Level:
+        pixels, stand, own = self._grids[grid]
+        weight = self._edge if edge else np.ones(len(pixels))
         which = np.array([letter in free for letter in "aattdr"])
-        return Level(pixels, self._stand[grid], rough, which, weight, sizes)
+        reach = ((0.004, 0.09), (0.002, 0.05))[grid]
+        return Level(pixels, stand, own, rough, which, weight, True, reach)
 
     def ranked(self, views: Views) -> Tries:
         last = Views(views.pictures[-1:], [STILL])
         pose = self._straight(last)
         begin = self._begin(last, pose)
-        rough = self._fit.refined(begin, last, self._level(3, 12.0, free="dr", sizes=False), 3)
-        rough = self._pruned(rough, 1.6)
-        rough = self._fit.refined(rough, last, self._level(3, 6.0, free="atdr"), 3)
-        rough = self._best_of_each(rough)
+        begin = self._fit.costs(begin, last, self._level(0, 8.0))
+        stage = [begin]
+        begin = self._kept(begin, KEEP[0])
+        rough = self._fit.refined(begin, last, self._level(0, 8.0), 2)
+        stage.append(rough)
+        rough = self._kept(self._best_of_each(rough), KEEP[1])
+        rough = self._scanned(rough, last, self._level(0, 6.0))
+        stage.append(rough)
         v = len(views.motions)
         start = tries(rough.forms, rough.numbers, rough.sizes, v)
-        fine = self._fit.refined(start, views, self._level(1, 4.0, free="atdr"), 3)
+        fine = self._fit.refined(start, views, self._level(1, 5.0), 3)
+        stage.append(fine)
+        fine = self._fit.refined(self._kept(fine, KEEP[2]), views, self._level(1, 4.0), 3)
+        stage.append(fine)
+        self.stage = stage
         order = np.argsort(fine.cost)
         return fine.take(order)
+
+    def _scanned(self, found: Tries, views: Views, level: Level) -> Tries:
+        """Rows with the best of some turns beside their own."""
+        n, m = len(found.forms), len(SCAN)
+        rows = found.take(np.repeat(np.arange(n), m).tolist())
+        rows.numbers[:, TURN] += np.tile(SCAN, n)
+        cost = self._fit.costs(rows, views, level).cost.reshape(n, m)
+        return rows.take((np.arange(n) * m + cost.argmin(axis=1)).tolist())
 
     def _straight(self, views: Views) -> Array:
         """Where the camera stands in the pipe, (6,), from what the edge of its picture sees."""
         begin = tries([self._forms[0]], np.zeros((1, PLACES)), np.zeros((1, SIZES)), 1)
-        wide = self._fit.refined(begin, views, self._level(3, 12.0, free="at", edge=True), 2)
-        edge = self._fit.refined(wide, views, self._level(3, 5.0, free="at", edge=True), 2)
+        wide = self._fit.refined(begin, views, self._level(0, 12.0, free="at", edge=True), 2)
+        edge = self._fit.refined(wide, views, self._level(0, 5.0, free="at", edge=True), 2)
         return self._fit.refined(edge, views, self._level(1, 4.0, free="at"), 2).numbers[0]
+
+    def _kept(self, found: Tries, most: int) -> Tries:
+        """The best rows, the straight pipe among them."""
+        rows = np.argsort(found.cost, kind="stable")
+        kept = rows[:most].tolist()
+        kept += [i for i in rows[most:].tolist() if found.forms[i] is self._forms[0]]
+        return found.take(kept)
 
     def _begin(self, views: Views, pose: Array) -> Tries:
         """The best starting values of every form."""
