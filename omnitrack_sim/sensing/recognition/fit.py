@@ -33,6 +33,8 @@ NUDGE = np.array([0.0005, 0.0005, 0.005, 0.005, 0.001, 0.01])
 """By which a camera is moved, m and rad, to see what that does to its picture."""
 LONGEST = np.array([0.003, 0.003, 0.03, 0.03, 0.04, 0.3])
 """Longest step of the search, m and rad."""
+DAMPINGS = (1e-3, 0.1, 1.0, 10.0)
+"""Marquardt's numbers that are tried in each step."""
 LONGEST_SIZE = 8
 """The same of a size, in its steps."""
 
@@ -57,8 +59,7 @@ class Level:
         pixels: (k,) numbers of the pixels. stand: (pixels²,) for each pixel of a picture the place
             in ``pixels`` of one that stands for it, as the exposure depends on them all. rough: standard deviations at which a pixel that misses
             loses its weight. free: which of the six numbers of a camera are sought.
-        weight: (k,) of each pixel: less than 1, as the errors of neighbours are alike. sizes: whether
-            sizes are sought. reach: m and rad, by which a camera with a lamp is moved along and
+        weight: (k,) of each pixel: less than 1, as the errors of neighbours are alike. reach: m and rad, by which a camera with a lamp is moved along and
             turned about the pipe to see what that does to the edges in its picture.
     """
 
@@ -68,7 +69,6 @@ class Level:
     rough: float
     free: NDArray[np.bool_]
     weight: Array
-    sizes: bool = True
     reach: tuple[float, float] = (0.003, 0.06)
 
 
@@ -114,22 +114,27 @@ class Fit:
         self._kept: dict[tuple[str | float, ...], Walls] = {}
 
     def refined(self, start: Tries, views: Views, level: Level, steps: int) -> Tries:
-        """Rows after steps of the search; none is worse than it was."""
-        best, step, damping = start, start, np.full(len(start.forms), 1e-3)
-        slope = np.zeros(start.gains.shape)
-        for turn in range(steps + 1):
-            residual, slopes = self._seen(step, views, level)
-            found, gradient = self._weighed(step, residual, slopes, level)
-            better = found.cost < best.cost if turn else np.ones(len(found.forms), bool)
-            best = _merged(better, found, best)
-            slope = np.where(better[:, None], gradient, slope) if turn else gradient
-            damping = np.where(better, damping / 3, damping * 8)
-            if turn < steps:
-                step = _stepped(best, slope, damping)
+        """Rows after steps of the search; none is worse than it was.
+
+        Each step is tried with several dampings at once, and the best is taken: edges make the
+        slopes rough.
+        """
+        best = self.costs(start, views, level)
+        n = len(best.forms)
+        for _ in range(steps):
+            normal, gradient = self._equations(best, views, level)
+            best = replace(best, normal=normal)
+            rows = [best, *(_stepped(best, gradient, damping) for damping in DAMPINGS)]
+            tried = [self.costs(row, views, level) for row in rows[1:]]
+            least = np.argmin([best.cost, *(row.cost for row in tried)], axis=0)
+            for number, row in enumerate(tried, 1):
+                best = _merged(least == number, row, best)
+            if not (least > 0).any():
+                break
         return best
 
     def costs(self, at: Tries, views: Views, level: Level) -> Tries:
-        """Rows with their costs (without what is expected beforehand), and nothing sought."""
+        """Rows with their costs: twice the negative logarithm of likelihood and expectations."""
         n, v, k = len(at.forms), len(views.motions), len(level.pixels)
         rays = self._rays[level.pixels]
         place, rotation = cameras(at.numbers, views.motions)
@@ -148,23 +153,17 @@ class Fit:
             missed = ((views.pictures[:, level.pixels] - seen) / level.rough) ** 2
             weight = level.weight * level.rough**2
             cost[rows] = (weight * missed / (1 + missed)).sum(axis=(1, 2))
-        return replace(at, cost=cost)
+        weights, off = _beforehand(at, level)
+        return replace(at, cost=cost + (np.where(weights < FIXED, weights, 0) * off**2).sum(axis=1))
 
-    def _weighed(
-        self, at: Tries, residual: Array, slopes: Array, level: Level
-    ) -> tuple[Tries, Array]:
-        """Rows with cost and normal matrix, and the gradient (n, p)."""
-        missed = (residual / level.rough) ** 2
+    def _equations(self, at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
+        """Matrix (n, p, p) of the normal equations and the gradient (n, p)."""
+        residual, slopes = self._seen(at, views, level)
         weight = np.tile(level.weight, at.gains.shape[1])
-        cost = (weight * level.rough**2 * missed / (1 + missed)).sum(axis=1)
-        weighted = slopes * (weight / (1 + missed) ** 2)[..., None]
-        weights, aims = _beforehand(at, level)
-        values = np.concatenate([at.numbers, at.sizes, at.gains], axis=1)
-        off = values - aims
-        normal = weighted.swapaxes(1, 2) @ slopes + np.eye(values.shape[1]) * weights[:, None]
-        gradient = (weighted * residual[..., None]).sum(axis=1) - weights * off
-        held = np.where(weights < FIXED, weights, 0.0)
-        return replace(at, cost=cost + (held * off**2).sum(axis=1), normal=normal), gradient
+        weighted = slopes * (weight / (1 + (residual / level.rough) ** 2) ** 2)[..., None]
+        weights, off = _beforehand(at, level)
+        normal = weighted.swapaxes(1, 2) @ slopes + np.eye(off.shape[1]) * weights[:, None]
+        return normal, (weighted * residual[..., None]).sum(axis=1) - weights * off
 
     def _seen(self, at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
         """What pictures are off (n, v k) and the slopes of what is expected (n, v k, p)."""
@@ -197,15 +196,14 @@ class Fit:
                     there, turned = cameras(moved, views.motions)
                     seen = self._expected(self._traced(walls, there[0], turned[0], rays), rays, level)
                     slopes[j, ..., i] = (seen - expected[j]) / level.reach[i - DISTANCE]
-            if level.sizes:
-                for i, size in enumerate(form.sizes):
-                    changed, nudge = at.sizes[j].copy(), size.step
-                    nudge = -nudge if changed[i] + nudge > size.high else nudge
-                    changed[i] += nudge
-                    walls = self._walls_of(form, changed)
-                    hits = self._traced(walls, place[0, j], rotation[0, j], rays)
-                    other = self._expected(hits, rays, level)
-                    slopes[j, ..., PLACES + i] = (other - expected[j]) / nudge
+            for i, size in enumerate(form.sizes):
+                changed, nudge = at.sizes[j].copy(), size.step
+                nudge = -nudge if changed[i] + nudge > size.high else nudge
+                changed[i] += nudge
+                walls = self._walls_of(form, changed)
+                hits = self._traced(walls, place[0, j], rotation[0, j], rays)
+                other = self._expected(hits, rays, level)
+                slopes[j, ..., PLACES + i] = (other - expected[j]) / nudge
         gained = expected * at.gains[..., None]
         residual = views.pictures[None, :, level.pixels] - self._scale.of(gained)
         slopes *= at.gains[..., None, None]
@@ -272,27 +270,28 @@ def _sought(form: Form, place: int) -> bool:
 
 
 def _beforehand(at: Tries, level: Level) -> tuple[Array, Array]:
-    """Weights (n, p) and values (n, p) of what is expected before anything is seen."""
+    """How much (n, p) what is expected before anything is seen weighs, and how far (n, p) the
+    numbers are from it."""
     n, v = at.gains.shape
     weights = np.full((n, PLACES + SIZES + v), FIXED)
-    aims = np.concatenate([np.zeros((n, PLACES)), at.sizes, np.ones((n, v))], axis=1)
-    weights[:, PLACES + SIZES :] = 1 / GAIN**2
+    off = np.zeros(weights.shape)
+    weights[:, PLACES + SIZES :], off[:, PLACES + SIZES :] = 1 / GAIN**2, at.gains - 1
     for j, form in enumerate(at.forms):
         for i in range(PLACES):
             if level.free[i] and _sought(form, i):
                 weights[j, i] = 1 / EXPECTED[i] ** 2
-            else:
-                aims[j, i] = at.numbers[j, i]
-        for s, size in enumerate(form.sizes if level.sizes else ()):
-            weights[j, PLACES + s], aims[j, PLACES + s] = 1 / size.spread**2, size.middle
-    return weights, aims
+                off[j, i] = at.numbers[j, i] if i < DISTANCE else 0.0
+        for s, size in enumerate(form.sizes):
+            weights[j, PLACES + s] = 1 / size.spread**2
+            off[j, PLACES + s] = at.sizes[j, s] - size.middle
+    return weights, off
 
 
-def _stepped(at: Tries, gradient: Array, damping: Array) -> Tries:
+def _stepped(at: Tries, gradient: Array, damping: float) -> Tries:
     """Rows one step on."""
     p = at.normal.shape[1]
     scale = np.eye(p) * np.diagonal(at.normal, axis1=1, axis2=2)[:, None]
-    step = np.linalg.solve(at.normal + damping[:, None, None] * scale, gradient[..., None])[..., 0]
+    step = np.linalg.solve(at.normal + damping * scale, gradient[..., None])[..., 0]
     moved = np.clip(step[:, :PLACES], -LONGEST, LONGEST)
     sizes = at.sizes.copy()
     for j, form in enumerate(at.forms):

@@ -76,7 +76,7 @@ class Recogniser:
         weight = self._edge if edge else np.ones(len(pixels))
         which = np.array([letter in free for letter in "aattdr"])
         reach = ((0.004, 0.09), (0.002, 0.05))[grid]
-        return Level(pixels, stand, own, rough, which, weight, True, reach)
+        return Level(pixels, stand, own, rough, which, weight, reach)
 
     def ranked(self, views: Views) -> Tries:
         last = Views(views.pictures[-1:], [STILL])
