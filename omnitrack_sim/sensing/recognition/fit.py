@@ -33,7 +33,9 @@ NUDGE = np.array([0.0005, 0.0005, 0.005, 0.005, 0.001, 0.01])
 """By which a camera is moved, m and rad, to see what that does to its picture."""
 LONGEST = np.array([0.003, 0.003, 0.03, 0.03, 0.04, 0.3])
 """Longest step of the search, m and rad."""
-DAMPINGS = (1e-3, 0.1, 1.0, 10.0)
+GRAIN, MOST_KEPT = 8, 2000
+"""Sizes are sought in parts of their step, and walls of so many are kept."""
+DAMPINGS = (1e-3, 0.3, 5.0)
 """Marquardt's numbers that are tried in each step."""
 LONGEST_SIZE = 8
 """The same of a size, in its steps."""
@@ -236,14 +238,15 @@ class Fit:
         return where[found[np.argsort(-less[found])]][:MOST_JOINTS].tolist()
 
     def _walls_of(self, form: Form, sizes: Array) -> Walls:
-        """Walls of a form, kept where it is a common one."""
+        """Walls of a form, which are kept: many steps come by the same sizes."""
         key = (form.name, *sizes[: len(form.sizes)].tolist())
         found = self._kept.get(key)
         if found is None:
             parts, closed = form.map(_sizes(form, sizes), self._bore)
             found = self._walls([parts], [closed])
-            if list(key[1:]) in [list(start) for start in form.starts]:
-                self._kept[key] = found
+            if len(self._kept) >= MOST_KEPT:
+                self._kept.pop(next(iter(self._kept)))
+            self._kept[key] = found
         return found
 
     def _expected(self, hits: Array, rays: Array, level: Level) -> Array:
@@ -298,7 +301,8 @@ def _stepped(at: Tries, gradient: Array, damping: float) -> Tries:
         for s, size in enumerate(form.sizes):
             most = LONGEST_SIZE * size.step
             changed = sizes[j, s] + np.clip(step[j, PLACES + s], -most, most)
-            sizes[j, s] = np.clip(changed, size.low, size.high)
+            grain = size.step / GRAIN
+            sizes[j, s] = np.clip(round(changed / grain) * grain, size.low, size.high)
     numbers = at.numbers + moved
     numbers[:, DISTANCE] = np.clip(numbers[:, DISTANCE], 0.0, 0.85)
     gains = np.clip(at.gains + step[:, PLACES + SIZES :], 0.8, 1.25)

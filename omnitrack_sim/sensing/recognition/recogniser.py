@@ -10,7 +10,7 @@ import numpy as np
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.sensing.optics import Camera, rays_of
 from omnitrack_sim.sensing.recognition.fit import SIZES, Fit, Level, Tries, Views, tries
-from omnitrack_sim.sensing.recognition.forms import forms
+from omnitrack_sim.sensing.recognition.forms import Form, forms
 from omnitrack_sim.sensing.recognition.library import Library, WallMaker
 from omnitrack_sim.sensing.recognition.poses import ASIDE, DISTANCE, PLACES, STILL, TILT, TURN
 from omnitrack_sim.sensing.recognition.scale import Scale
@@ -19,9 +19,23 @@ from omnitrack_sim.sensing.recognition.sighting import Motion, Sighting
 HORIZON = 3.5
 """Distance, in bores, up to which a fitting is told; beyond it a pipe counts as straight."""
 STARTS = 3
-"""Starting values of a form that are followed."""
-KEEP = [14, 5, 3]
+"""Starting values of a form that are followed, besides those at joints that show."""
+KEPT = (9, 4, 2)
+"""Most rows that are followed: first roughly, then closely, then to the end."""
+APART = (400.0, 200.0, 100.0)
+"""Rows whose cost is larger than the least by more than this are not followed."""
 SCAN = np.radians([0, -70, -45, -30, -20, -12, -6, 6, 12, 20, 30, 45, 70])
+"""Turns that are tried beside the one that was found."""
+ALIKE = 3.0
+"""Pixels of which the errors are alike: so many count as one."""
+SEEN = 0.2
+"""Least part of a picture's pixels that must say something."""
+MISFIT = 3.0
+"""Cost of a pixel, on average, from which nothing that is known looks like the picture."""
+UNSURE = 0.5
+"""Most that is given to such a picture."""
+EXCLUDED = 25.0
+"""Cost, in the library, from which a fitting would have been seen."""
 
 
 class Recogniser:
@@ -61,15 +75,32 @@ class Recogniser:
         return self.approach(picture[None], [STILL])
 
     def approach(self, pictures: Array, motions: Sequence[Motion]) -> Sighting:
-        """What is ahead of the last of pictures (v, pixels²).
+        """What is ahead of the camera at the last of some pictures.
 
         Args:
-            pictures: of one approach, the last one last.
-            motions: how the camera stood at each, seen from the last one.
+            pictures: (v, pixels²), of one approach.
+            motions: how the camera stood at each of them, seen from the last one.
         """
+        if np.isfinite(pictures).mean(axis=1).min() < SEEN:
+            return _nothing()
         views = Views(self._scale.of(pictures), list(motions))
-        found = self.ranked(views)
-        return self._told(found)
+        found, straight = self._ranked(views)
+        return self._told(found, straight)
+
+    def _ranked(self, views: Views) -> tuple[Tries, float]:
+        """Forms that may be ahead, the likeliest first; and how far the pipe may be straight, m."""
+        last = Views(views.pictures[-1:], [STILL])
+        begin, straight = self._begin(last, self._pose(last))
+        begin = self._fit.costs(begin, last, self._level(0, 8.0))
+        rough = self._fit.refined(self._kept(begin, 0), last, self._level(0, 8.0), 2)
+        rough = self._kept(self._best_of_each(rough), 1)
+        rough = self._scanned(rough, last, self._level(0, 6.0))
+        many = len(views.motions)
+        grid = 1 if many == 1 else 0
+        start = tries(rough.forms, rough.numbers, rough.sizes, many)
+        fine = self._fit.refined(start, views, self._level(grid, 5.0), 2)
+        fine = self._fit.refined(self._kept(fine, 2), views, self._level(grid, 4.0), 3)
+        return fine, straight
 
     def _level(self, grid: int, rough: float, *, edge: bool = False, free: str = "atdr") -> Level:
         pixels, stand, own = self._grids[grid]
@@ -77,28 +108,6 @@ class Recogniser:
         which = np.array([letter in free for letter in "aattdr"])
         reach = ((0.004, 0.09), (0.002, 0.05))[grid]
         return Level(pixels, stand, own, rough, which, weight, reach)
-
-    def ranked(self, views: Views) -> Tries:
-        last = Views(views.pictures[-1:], [STILL])
-        pose = self._straight(last)
-        begin = self._begin(last, pose)
-        begin = self._fit.costs(begin, last, self._level(0, 8.0))
-        stage = [begin]
-        begin = self._kept(begin, KEEP[0])
-        rough = self._fit.refined(begin, last, self._level(0, 8.0), 2)
-        stage.append(rough)
-        rough = self._kept(self._best_of_each(rough), KEEP[1])
-        rough = self._scanned(rough, last, self._level(0, 6.0))
-        stage.append(rough)
-        v = len(views.motions)
-        start = tries(rough.forms, rough.numbers, rough.sizes, v)
-        fine = self._fit.refined(start, views, self._level(1, 5.0), 3)
-        stage.append(fine)
-        fine = self._fit.refined(self._kept(fine, KEEP[2]), views, self._level(1, 4.0), 3)
-        stage.append(fine)
-        self.stage = stage
-        order = np.argsort(fine.cost)
-        return fine.take(order)
 
     def _scanned(self, found: Tries, views: Views, level: Level) -> Tries:
         """Rows with the best of some turns beside their own."""
@@ -108,22 +117,23 @@ class Recogniser:
         cost = self._fit.costs(rows, views, level).cost.reshape(n, m)
         return rows.take((np.arange(n) * m + cost.argmin(axis=1)).tolist())
 
-    def _straight(self, views: Views) -> Array:
+    def _pose(self, views: Views) -> Array:
         """Where the camera stands in the pipe, (6,), from what the edge of its picture sees."""
         begin = tries([self._forms[0]], np.zeros((1, PLACES)), np.zeros((1, SIZES)), 1)
         wide = self._fit.refined(begin, views, self._level(0, 12.0, free="at", edge=True), 2)
         edge = self._fit.refined(wide, views, self._level(0, 5.0, free="at", edge=True), 2)
         return self._fit.refined(edge, views, self._level(1, 4.0, free="at"), 2).numbers[0]
 
-    def _kept(self, found: Tries, most: int) -> Tries:
-        """The best rows, the straight pipe among them."""
+    def _kept(self, found: Tries, stage: int) -> Tries:
+        """The best rows, and the straight pipe."""
         rows = np.argsort(found.cost, kind="stable")
-        kept = rows[:most].tolist()
-        kept += [i for i in rows[most:].tolist() if found.forms[i] is self._forms[0]]
-        return found.take(kept)
+        near = found.cost[rows] < found.cost[rows[0]] + APART[stage]
+        kept = rows[near][: KEPT[stage]].tolist()
+        straight = [i for i in rows.tolist() if found.forms[i] is self._forms[0]]
+        return found.take(kept + [i for i in straight if i not in kept])
 
-    def _begin(self, views: Views, pose: Array) -> Tries:
-        """The best starting values of every form."""
+    def _begin(self, views: Views, pose: Array) -> tuple[Tries, float]:
+        """Starting values of every form; and how far the pipe may be straight, m."""
         library, entries = self._library, self._library.entries
         cost = library.costs(library.look(views.pictures[0], pose))
         joints = self._fit.joints(self._forms[0], pose, views, self._level(1, 4.0))
@@ -153,7 +163,9 @@ class Recogniser:
             zip(chosen_forms, library.entries.start[chosen], strict=True)
         ):
             sizes[row, : len(form.sizes)] = form.starts[at]
-        return tries(chosen_forms, numbers, sizes, 1)
+        open_to = entries.numbers[cost < cost[entries.form == 0].min() + EXCLUDED, DISTANCE]
+        straight = float(np.min(open_to[open_to > 0], initial=HORIZON * self._bore))
+        return tries(chosen_forms, numbers, sizes, 1), straight
 
     def _apart(self, row: int, other: int) -> bool:
         """Whether two entries of the library are not just neighbours."""
@@ -163,34 +175,53 @@ class Recogniser:
         far = abs(a[DISTANCE] - b[DISTANCE]) > 0.4 * self._bore
         return turned > 0.8 or far
 
-    def _pruned(self, found: Tries, factor: float) -> Tries:
-        least = found.cost.min()
-        return found.take([i for i in range(len(found.forms)) if found.cost[i] < factor * least + 300])
-
     def _best_of_each(self, found: Tries) -> Tries:
         best: dict[int, int] = {}
         for i in np.argsort(found.cost):
             best.setdefault(id(found.forms[i]), int(i))
         return found.take(list(best.values()))
 
-    def _told(self, found: Tries) -> Sighting:
-        score = found.cost
-        likely = np.exp(-(score - score[0]) / 2)
-        names = [(form.kind, form.enter) for form in found.forms]
-        total = sum(p for p, name in zip(likely, names) if name == names[0])
-        sure = float(total / likely.sum())
-        form, numbers = found.forms[0], found.numbers[0]
-        cov = np.linalg.inv(found.normal[0])
-        at = [DISTANCE, TURN]
-        return Sighting(
-            form.kind,
-            form.enter if form.kind != "straight" else "",
-            {size.key: float(v) for size, v in zip(form.sizes, found.sizes[0])},
-            float(numbers[DISTANCE]),
-            float((numbers[TURN] + math.pi) % (2 * math.pi) - math.pi),
-            cov[np.ix_(at, at)],
-            {size.key: float(math.sqrt(cov[PLACES + i, PLACES + i])) for i, size in enumerate(form.sizes)},
-            sure,
-            numbers[ASIDE],
-            numbers[TILT],
-        )
+    def _told(self, found: Tries, straight: float) -> Sighting:
+        """The likeliest of the forms, and how sure that is."""
+        pixels = len(self._grids[1 if found.gains.shape[1] == 1 else 0][0]) * found.gains.shape[1]
+        parameters = np.array([form.parameters for form in found.forms])
+        score = found.cost / ALIKE + parameters * math.log(pixels / ALIKE)
+        names = [self._name(form, at) for form, at in zip(found.forms, found.numbers, strict=True)]
+        least = {name: min(s for s, n in zip(score, names, strict=True) if n == name) for name in names}
+        best = int(np.argmin(score))
+        sure = 1 / sum(math.exp((score[best] - other) / 2) for other in least.values())
+        if found.cost[best] > MISFIT * pixels:
+            sure = min(sure, UNSURE)
+        return _sighting(found, best, names[best], straight, sure)
+
+    def _name(self, form: Form, numbers: Array) -> tuple[str, str]:
+        """Kind and port that a form stands for: beyond the horizon a pipe is straight."""
+        straight = form.kind == "straight" or numbers[DISTANCE] > HORIZON * self._bore
+        return ("straight", "") if straight else (form.kind, form.enter)
+
+
+def _sighting(
+    found: Tries, row: int, name: tuple[str, str], straight: float, sure: float
+) -> Sighting:
+    """What a row says."""
+    form, numbers, at = found.forms[row], found.numbers[row], [DISTANCE, TURN]
+    covariance = ALIKE * np.linalg.inv(found.normal[row])
+    plain = name[0] == "straight"
+    sizes = () if plain else form.sizes
+    return Sighting(
+        *name,
+        {size.key: float(found.sizes[row, i]) for i, size in enumerate(sizes)},
+        straight if plain else float(numbers[DISTANCE]),
+        0.0 if plain else float((numbers[TURN] + math.pi) % (2 * math.pi) - math.pi),
+        covariance[np.ix_(at, at)],
+        {size.key: math.sqrt(covariance[PLACES + i, PLACES + i]) for i, size in enumerate(sizes)},
+        sure,
+        numbers[ASIDE],
+        numbers[TILT],
+    )
+
+
+def _nothing() -> Sighting:
+    """Of a picture that says nothing."""
+    unknown = np.full((2, 2), np.inf)
+    return Sighting("straight", "", {}, 0.0, 0.0, unknown, {}, 0.0, np.zeros(2), np.zeros(2))
