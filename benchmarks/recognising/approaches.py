@@ -69,9 +69,7 @@ class Approach:
         rays = rays_of(camera.optics)
         walls = RayWalls([self.parts], [self.closed])
         which = np.zeros(len(self.place), int)
-        hits = walls.trace(
-            which, self.place, self.rotation, rays, camera.optics.far, camera.lamp
-        )
+        hits = walls.trace(which, self.place, self.rotation, rays, camera.optics.far, camera.lamp)
         key = keys([self.number])
         return np.concatenate(
             [camera.picture(hits[i : i + 1], rays, key, i) for i in range(len(self.place))]
@@ -99,11 +97,13 @@ def approach(seed: int, index: int) -> Approach:
     numbers[:, 4] = distance + np.linspace(WAY, 0, PICTURES)
     numbers[:, 5] = turn + rng.normal(0, SWAY[2], PICTURES)
     place, rotation = (pose[:, 0] for pose in cameras(numbers, [STILL]))
-    motions = [_known(rng, place[i], rotation[i], place[-1], rotation[-1])
-               for i in range(PICTURES - 1)] + [STILL]
+    motions = [
+        _known(rng, place[i], rotation[i], place[-1], rotation[-1]) for i in range(PICTURES - 1)
+    ] + [STILL]
     number = f"{seed} {index}"
-    return Approach(case, number, fitting, parts, closed, distance, numbers[-1, 5], place,
-                    rotation, motions)
+    return Approach(
+        case, number, fitting, parts, closed, distance, numbers[-1, 5], place, rotation, motions
+    )
 
 
 def _known(

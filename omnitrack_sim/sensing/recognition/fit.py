@@ -33,6 +33,8 @@ NUDGE = np.array([0.0005, 0.0005, 0.005, 0.005, 0.001, 0.01])
 """By which a camera is moved, m and rad, to see what that does to its picture."""
 LONGEST = np.array([0.003, 0.003, 0.03, 0.03, 0.04, 0.3])
 """Longest step of the search, m and rad."""
+FARTHEST = 0.85
+"""Distance of a port plane, m, to which the search goes."""
 GRAIN, MOST_KEPT = 8, 2000
 """Sizes are sought in parts of their step, and walls of so many are kept."""
 DAMPINGS = (1e-3, 0.3, 5.0)
@@ -58,16 +60,20 @@ class Level:
     """How closely is looked.
 
     Attributes:
-        pixels: (k,) numbers of the pixels. stand: (pixels²,) for each pixel of a picture the place
-            in ``pixels`` of one that stands for it, as the exposure depends on them all. rough: standard deviations at which a pixel that misses
-            loses its weight. free: which of the six numbers of a camera are sought.
-        weight: (k,) of each pixel: less than 1, as the errors of neighbours are alike. reach: m and rad, by which a camera with a lamp is moved along and
-            turned about the pipe to see what that does to the edges in its picture.
+        pixels: (k,) numbers of the pixels.
+        stand: (s,) for pixels spread evenly over the picture the place in ``pixels`` of one that
+            stands for each, as the exposure depends on the whole. own: (k,) place in ``stand`` of
+            each of ``pixels``.
+        rough: standard deviations at which a pixel that misses loses its weight.
+        free: which of the six numbers of a camera are sought.
+        weight: (k,) of each pixel.
+        reach: m and rad, by which a camera with a lamp is moved along and turned about the pipe to
+            see what that does to the edges in its picture.
     """
 
     pixels: NDArray[np.intp]
-    stand: NDArray[np.intp] | None
-    own: NDArray[np.intp] | None
+    stand: NDArray[np.intp]
+    own: NDArray[np.intp]
     rough: float
     free: NDArray[np.bool_]
     weight: Array
@@ -96,7 +102,10 @@ class Tries:
         rows = list(rows)
         return Tries(
             tuple(self.forms[i] for i in rows),
-            *(getattr(self, name)[rows] for name in ("numbers", "sizes", "gains", "cost", "normal")),
+            *(
+                getattr(self, name)[rows]
+                for name in ("numbers", "sizes", "gains", "cost", "normal")
+            ),
         )
 
 
@@ -105,6 +114,13 @@ def tries(forms: Sequence[Form], numbers: Array, sizes: Array, views: int) -> Tr
     n, p = len(forms), PLACES + SIZES + views
     cost, normal = np.full(n, np.inf), np.tile(np.eye(p), (n, 1, 1))
     return Tries(tuple(forms), numbers, sizes, np.ones((n, views)), cost, normal)
+
+
+def joined(rows: Sequence[Tries]) -> Tries:
+    """Rows of several in one."""
+    names = ("numbers", "sizes", "gains", "cost", "normal")
+    columns = [np.concatenate([getattr(row, name) for row in rows]) for name in names]
+    return Tries(tuple(form for row in rows for form in row.forms), *columns)
 
 
 class Fit:
@@ -122,7 +138,6 @@ class Fit:
         slopes rough.
         """
         best = self.costs(start, views, level)
-        n = len(best.forms)
         for _ in range(steps):
             normal, gradient = self._equations(best, views, level)
             best = replace(best, normal=normal)
@@ -158,6 +173,23 @@ class Fit:
         weights, off = _beforehand(at, level)
         return replace(at, cost=cost + (np.where(weights < FIXED, weights, 0) * off**2).sum(axis=1))
 
+    def scores(self, at: Tries, level: Level, alike: float) -> Array:
+        """Twice the negative logarithm of the evidence (n,) for each row, without what all share.
+
+        Laplace's approximation: a form pays for every number by which it could have been made to
+        fit, as the ratio of what was expected of it to what is known now.
+
+        Args:
+            alike: pixels of which the errors are alike.
+        """
+        weights, _ = _beforehand(at, level)
+        for place, width in ((DISTANCE, FARTHEST), (TURN, 2 * np.pi)):
+            sought = weights[:, place] < FIXED
+            weights[sought, place] = 2 * np.pi / width**2
+        sought = (weights < FIXED).sum(axis=1)
+        known = np.linalg.slogdet(at.normal)[1] - sought * np.log(alike)
+        return at.cost / alike + known - np.log(weights).sum(axis=1)
+
     def _equations(self, at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
         """Matrix (n, p, p) of the normal equations and the gradient (n, p)."""
         residual, slopes = self._seen(at, views, level)
@@ -184,8 +216,13 @@ class Fit:
             where = [0, *(m + 1 for m in sought)]
             for i in range(v):
                 near = nearby(
-                    hits[i], rays, place[0, j, i], rotation[0, j, i], place[where, j, i],
-                    rotation[where, j, i], self._camera.lamp,
+                    hits[i],
+                    rays,
+                    place[0, j, i],
+                    rotation[0, j, i],
+                    place[where, j, i],
+                    rotation[where, j, i],
+                    self._camera.lamp,
                 )
                 seen = self._expected(near, rays, level)
                 expected[j, i] = seen[0]
@@ -196,7 +233,9 @@ class Fit:
                 if level.free[i] and _sought(form, i):
                     moved = at.numbers[j : j + 1] + level.reach[i - DISTANCE] * np.eye(PLACES)[i]
                     there, turned = cameras(moved, views.motions)
-                    seen = self._expected(self._traced(walls, there[0], turned[0], rays), rays, level)
+                    seen = self._expected(
+                        self._traced(walls, there[0], turned[0], rays), rays, level
+                    )
                     slopes[j, ..., i] = (seen - expected[j]) / level.reach[i - DISTANCE]
             for i, size in enumerate(form.sizes):
                 changed, nudge = at.sizes[j].copy(), size.step
@@ -251,7 +290,7 @@ class Fit:
 
     def _expected(self, hits: Array, rays: Array, level: Level) -> Array:
         """Pictures (n, k) that are expected, exposed as whole ones."""
-        if self._camera.lamp is None or level.stand is None:
+        if self._camera.lamp is None:
             return self._camera.expected(hits, rays)
         whole = self._camera.expected(hits[:, level.stand], rays[level.stand])
         return whole[:, level.own]
@@ -304,7 +343,7 @@ def _stepped(at: Tries, gradient: Array, damping: float) -> Tries:
             grain = size.step / GRAIN
             sizes[j, s] = np.clip(round(changed / grain) * grain, size.low, size.high)
     numbers = at.numbers + moved
-    numbers[:, DISTANCE] = np.clip(numbers[:, DISTANCE], 0.0, 0.85)
+    numbers[:, DISTANCE] = np.clip(numbers[:, DISTANCE], 0.0, FARTHEST)
     gains = np.clip(at.gains + step[:, PLACES + SIZES :], 0.8, 1.25)
     return replace(at, numbers=numbers, sizes=sizes, gains=gains)
 

@@ -103,7 +103,9 @@ def forms(bore: float) -> tuple[Form, ...]:
     elbow, reducer = partial(Elbow, inner_diameter=bore), partial(_reducer, bore)
     tee = partial(Tee, inner_diameter=bore)
     wye = partial(Wye, inner_diameter=bore, branch_diameter=bore)
-    bends = tuple((r * bore, a) for r in (0.5625, 0.75, 1.0, 1.4, 1.9) for a in (half / 4, half / 2))
+    bends = tuple(
+        (r * bore, a) for r in (0.5625, 0.75, 1.0, 1.4, 1.9) for a in (half / 4, half / 2)
+    )
     leans = ((half / 4,), (half / 3,))
     return (
         Form("straight", "straight"),
@@ -114,10 +116,22 @@ def forms(bore: float) -> tuple[Form, ...]:
         Form("wye turn", "wye", "run_start", wye, sizes=(lean,), starts=leans, period=whole),
         Form("wye sharp", "wye", "run_end", wye, sizes=(lean,), starts=leans, period=whole),
         Form("wye merge", "wye", "branch", wye, sizes=(lean,), starts=leans, period=whole),
-        Form("narrow", "reducer", "start", reducer, sizes=(narrow, length),
-                       starts=tuple((e * bore, 0.65 * bore) for e in (0.65, 0.8, 0.94))),
-        Form("wide", "reducer", "start", reducer, sizes=(wide, length),
-                     starts=tuple((e * bore, 0.65 * bore) for e in (1.06, 1.2, 1.4))),
+        Form(
+            "narrow",
+            "reducer",
+            "start",
+            reducer,
+            sizes=(narrow, length),
+            starts=tuple((e * bore, 0.65 * bore) for e in (0.65, 0.8, 0.94)),
+        ),
+        Form(
+            "wide",
+            "reducer",
+            "start",
+            reducer,
+            sizes=(wide, length),
+            starts=tuple((e * bore, 0.65 * bore) for e in (1.06, 1.2, 1.4)),
+        ),
         Form("open", "open end", ends=True),
         Form("closed", "closed end", ends=True, closed=True),
     )

@@ -24,9 +24,12 @@ from omnitrack_sim.sensing.recognition.scale import Scale
 
 WallMaker = Callable[[Sequence[Sequence[Part]], Sequence[Sequence[tuple[int, str]]]], Walls]
 """Makes walls of maps and the ports that plates close, such as ``model.rays.RayWalls``."""
+Coarse = NDArray[np.float32]
 AROUND = 16
 """Rays of a ring, and turns of a form."""
-RINGS = np.array([0.05, 0.08, 0.11, 0.14, 0.17, 0.21, 0.25, 0.3, 0.36, 0.43, 0.52, 0.63, 0.76, 0.88])
+RINGS = np.array(
+    [0.05, 0.08, 0.11, 0.14, 0.17, 0.21, 0.25, 0.3, 0.36, 0.43, 0.52, 0.63, 0.76, 0.88]
+)
 """Angles of the rings from the axis, as parts of half the field of view."""
 DISTANCES = np.arange(0.15, 3.8, 0.1875)
 """Of the port plane, in bores."""
@@ -75,7 +78,7 @@ class Library:
 
     def _filled(
         self, forms: Sequence[Form], bore: float, walls: WallMaker
-    ) -> tuple[Entries, Array, Array, Array]:
+    ) -> tuple[Entries, Coarse, Coarse, Coarse]:
         rows, found, sharp = [], [], []
         for which, form in enumerate(forms):
             made = walls(*_maps([form.map(sizes, bore) for sizes in form.starts]))
@@ -89,7 +92,7 @@ class Library:
             )
             numbers = np.zeros((len(start), PLACES))
             numbers[:, DISTANCE], numbers[:, TURN] = place, turn
-            pictures = self._picture(made, start, numbers)
+            pictures = self._picture(made, start.astype(np.intp), numbers)
             rows.append((np.full(len(start), which), start, numbers))
             found.append(pictures.astype(np.float32))
             shape = (len(form.starts), len(places), len(turns), -1)

@@ -12,7 +12,12 @@ STEEPEST = 0.03
 
 
 def nearby(
-    hits: Array, rays: Array, place: Array, rotation: Array, other: Array, turned: Array,
+    hits: Array,
+    rays: Array,
+    place: Array,
+    rotation: Array,
+    other: Array,
+    turned: Array,
     lamp: Array | None,
 ) -> Array:
     """Hits (m, k, 8) of m cameras, from those (k, 8) of a camera close to them.

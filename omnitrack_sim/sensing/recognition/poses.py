@@ -35,7 +35,7 @@ def straightened(numbers: Array, directions: Array, radius: float) -> Array:
     straight wall that one on the pipe's axis, which looks along it, sees in ``directions``."""
     across = np.hypot(directions[:, 0], directions[:, 1])
     points = directions * (radius / across)[:, None]
-    points = points + [*numbers[ASIDE], 0.0]
+    points = points + np.array([*numbers[ASIDE], 0.0])
     row = np.concatenate([numbers[:TURN], [0.0]])[None]
     rotation = cameras(row, [STILL])[1][0, 0]
     seen = points @ rotation  # port to camera

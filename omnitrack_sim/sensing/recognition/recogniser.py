@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.sensing.optics import Camera, rays_of
-from omnitrack_sim.sensing.recognition.fit import SIZES, Fit, Level, Tries, Views, tries
+from omnitrack_sim.sensing.recognition.fit import SIZES, Fit, Level, Tries, Views, joined, tries
 from omnitrack_sim.sensing.recognition.forms import Form, forms
 from omnitrack_sim.sensing.recognition.library import Library, WallMaker
 from omnitrack_sim.sensing.recognition.poses import ASIDE, DISTANCE, PLACES, STILL, TILT, TURN
@@ -20,14 +21,17 @@ HORIZON = 3.5
 """Distance, in bores, up to which a fitting is told; beyond it a pipe counts as straight."""
 STARTS = 3
 """Starting values of a form that are followed, besides those at joints that show."""
-KEPT = (9, 4, 2)
+KEPT = (9, 5, 3)
 """Most rows that are followed: first roughly, then closely, then to the end."""
 APART = (400.0, 200.0, 100.0)
 """Rows whose cost is larger than the least by more than this are not followed."""
-SCAN = np.radians([0, -70, -45, -30, -20, -12, -6, 6, 12, 20, 30, 45, 70])
+SCAN = np.radians([0, -65, -45, -30, -18, -8, 8, 18, 30, 45, 65])
 """Turns that are tried beside the one that was found."""
-ALIKE = 3.0
-"""Pixels of which the errors are alike: so many count as one."""
+FEW = 3
+"""Starting sizes of a form up to which all are tried once more."""
+ALIKE = {False: 1.0, True: 3.0}
+"""Pixels of which the errors are alike, so many count as one; for cameras with a lamp: dirt of the
+wall covers several."""
 SEEN = 0.2
 """Least part of a picture's pixels that must say something."""
 MISFIT = 3.0
@@ -47,7 +51,7 @@ class Recogniser:
 
     def __init__(self, camera: Camera, bore: float, walls: WallMaker) -> None:
         self._forms = forms(bore)
-        self._bore = bore
+        self._bore, self._alike = bore, ALIKE[camera.lamp is not None]
         self._scale = Scale(camera)
         self._fit = Fit(camera, bore, walls, self._scale)
         self._library = Library(camera, bore, self._forms, walls, self._scale)
@@ -90,11 +94,13 @@ class Recogniser:
     def _ranked(self, views: Views) -> tuple[Tries, float]:
         """Forms that may be ahead, the likeliest first; and how far the pipe may be straight, m."""
         last = Views(views.pictures[-1:], [STILL])
-        begin, straight = self._begin(last, self._pose(last))
+        pose = self._pose(last)
+        joints = self._fit.joints(self._forms[0], pose, last, self._level(1, 4.0))
+        begin, straight = self._begin(last, pose, joints)
         begin = self._fit.costs(begin, last, self._level(0, 8.0))
         rough = self._fit.refined(self._kept(begin, 0), last, self._level(0, 8.0), 2)
         rough = self._kept(self._best_of_each(rough), 1)
-        rough = self._scanned(rough, last, self._level(0, 6.0))
+        rough = self._scanned(rough, joints, last, self._level(0, 6.0))
         many = len(views.motions)
         grid = 1 if many == 1 else 0
         start = tries(rough.forms, rough.numbers, rough.sizes, many)
@@ -109,13 +115,22 @@ class Recogniser:
         reach = ((0.004, 0.09), (0.002, 0.05))[grid]
         return Level(pixels, stand, own, rough, which, weight, reach)
 
-    def _scanned(self, found: Tries, views: Views, level: Level) -> Tries:
-        """Rows with the best of some turns beside their own."""
-        n, m = len(found.forms), len(SCAN)
-        rows = found.take(np.repeat(np.arange(n), m).tolist())
-        rows.numbers[:, TURN] += np.tile(SCAN, n)
-        cost = self._fit.costs(rows, views, level).cost.reshape(n, m)
-        return rows.take((np.arange(n) * m + cost.argmin(axis=1)).tolist())
+    def _scanned(self, found: Tries, joints: Sequence[float], views: Views, level: Level) -> Tries:
+        """Rows with the best of what lies beside them: other turns, the sizes that the search
+        begins with, and the place of the joint that shows best."""
+        rows, of = [], []
+        for row, form in enumerate(found.forms):
+            sizes = [found.sizes[row], *(_row(start) for start in _few(form))]
+            places = [found.numbers[row, DISTANCE], *(joints[:1] if form.parameters else ())]
+            turns = SCAN if form.period else SCAN[:1]
+            beside = list(product(sizes, places, turns))
+            part = found.take([row] * len(beside))
+            for i, (size, place, turn) in enumerate(beside):
+                part.sizes[i], part.numbers[i, DISTANCE] = size, place
+                part.numbers[i, TURN] += turn
+            costs = self._fit.costs(part, views, level).cost
+            rows.append(part.take([int(costs.argmin())]))
+        return joined(rows)
 
     def _pose(self, views: Views) -> Array:
         """Where the camera stands in the pipe, (6,), from what the edge of its picture sees."""
@@ -132,11 +147,10 @@ class Recogniser:
         straight = [i for i in rows.tolist() if found.forms[i] is self._forms[0]]
         return found.take(kept + [i for i in straight if i not in kept])
 
-    def _begin(self, views: Views, pose: Array) -> tuple[Tries, float]:
+    def _begin(self, views: Views, pose: Array, joints: Sequence[float]) -> tuple[Tries, float]:
         """Starting values of every form; and how far the pipe may be straight, m."""
         library, entries = self._library, self._library.entries
         cost = library.costs(library.look(views.pictures[0], pose))
-        joints = self._fit.joints(self._forms[0], pose, views, self._level(1, 4.0))
         chosen: list[int] = []
         places: list[float] = []
         for which in range(len(self._forms)):
@@ -183,16 +197,17 @@ class Recogniser:
 
     def _told(self, found: Tries, straight: float) -> Sighting:
         """The likeliest of the forms, and how sure that is."""
-        pixels = len(self._grids[1 if found.gains.shape[1] == 1 else 0][0]) * found.gains.shape[1]
-        parameters = np.array([form.parameters for form in found.forms])
-        score = found.cost / ALIKE + parameters * math.log(pixels / ALIKE)
+        level = self._level(0 if found.gains.shape[1] > 1 else 1, 4.0)
+        score = self._fit.scores(found, level, self._alike)
         names = [self._name(form, at) for form, at in zip(found.forms, found.numbers, strict=True)]
-        least = {name: min(s for s, n in zip(score, names, strict=True) if n == name) for name in names}
+        least = {
+            name: min(s for s, n in zip(score, names, strict=True) if n == name) for name in names
+        }
         best = int(np.argmin(score))
         sure = 1 / sum(math.exp((score[best] - other) / 2) for other in least.values())
-        if found.cost[best] > MISFIT * pixels:
+        if found.cost[best] > MISFIT * len(level.pixels) * found.gains.shape[1]:
             sure = min(sure, UNSURE)
-        return _sighting(found, best, names[best], straight, sure)
+        return _sighting(found.take([best]), names[best], straight, sure, self._alike)
 
     def _name(self, form: Form, numbers: Array) -> tuple[str, str]:
         """Kind and port that a form stands for: beyond the horizon a pipe is straight."""
@@ -200,17 +215,27 @@ class Recogniser:
         return ("straight", "") if straight else (form.kind, form.enter)
 
 
+def _few(form: Form) -> tuple[tuple[float, ...], ...]:
+    """Sizes that a search begins with, where they are few."""
+    return form.starts if form.sizes and len(form.starts) <= FEW else ()
+
+
+def _row(sizes: Sequence[float]) -> Array:
+    """Sizes (SIZES,), filled up with zeros."""
+    return np.array([*sizes, *[0.0] * (SIZES - len(sizes))])
+
+
 def _sighting(
-    found: Tries, row: int, name: tuple[str, str], straight: float, sure: float
+    found: Tries, name: tuple[str, str], straight: float, sure: float, alike: float
 ) -> Sighting:
     """What a row says."""
-    form, numbers, at = found.forms[row], found.numbers[row], [DISTANCE, TURN]
-    covariance = ALIKE * np.linalg.inv(found.normal[row])
+    form, numbers, at = found.forms[0], found.numbers[0], [DISTANCE, TURN]
+    covariance = alike * np.linalg.inv(found.normal[0])
     plain = name[0] == "straight"
     sizes = () if plain else form.sizes
     return Sighting(
         *name,
-        {size.key: float(found.sizes[row, i]) for i, size in enumerate(sizes)},
+        {size.key: float(found.sizes[0, i]) for i, size in enumerate(sizes)},
         straight if plain else float(numbers[DISTANCE]),
         0.0 if plain else float((numbers[TURN] + math.pi) % (2 * math.pi) - math.pi),
         covariance[np.ix_(at, at)],
