@@ -29,7 +29,7 @@ SCAN = np.radians([0, -65, -45, -30, -18, -8, 8, 18, 30, 45, 65])
 """Turns that are tried beside the one that was found."""
 FEW = 3
 """Starting sizes of a form up to which all are tried once more."""
-ALIKE = {False: 1.0, True: 3.0}
+ALIKE = {False: 1.0, True: 2.0}
 """Pixels of which the errors are alike, so many count as one; for cameras with a lamp: dirt of the
 wall covers several."""
 SEEN = 0.2
@@ -118,7 +118,7 @@ class Recogniser:
     def _scanned(self, found: Tries, joints: Sequence[float], views: Views, level: Level) -> Tries:
         """Rows with the best of what lies beside them: other turns, the sizes that the search
         begins with, and the place of the joint that shows best."""
-        rows, of = [], []
+        rows = []
         for row, form in enumerate(found.forms):
             sizes = [found.sizes[row], *(_row(start) for start in _few(form))]
             places = [found.numbers[row, DISTANCE], *(joints[:1] if form.parameters else ())]
