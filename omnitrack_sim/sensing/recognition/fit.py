@@ -138,16 +138,15 @@ class Fit:
         slopes rough.
         """
         best = self.costs(start, views, level)
-        for _ in range(steps):
-            normal, gradient = self._equations(best, views, level)
+        for number in range(steps):
+            side = -1.0 if number % 2 else 1.0  # edges may be on either side
+            normal, gradient = self._equations(best, views, level, side)
             best = replace(best, normal=normal)
             rows = [best, *(_stepped(best, gradient, damping) for damping in DAMPINGS)]
             tried = [self.costs(row, views, level) for row in rows[1:]]
             least = np.argmin([best.cost, *(row.cost for row in tried)], axis=0)
-            for number, row in enumerate(tried, 1):
-                best = _merged(least == number, row, best)
-            if not (least > 0).any():
-                break
+            for i, row in enumerate(tried, 1):
+                best = _merged(least == i, row, best)
         return best
 
     def costs(self, at: Tries, views: Views, level: Level) -> Tries:
@@ -190,16 +189,16 @@ class Fit:
         known = np.linalg.slogdet(at.normal)[1] - sought * np.log(alike)
         return at.cost / alike + known - np.log(weights).sum(axis=1)
 
-    def _equations(self, at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
+    def _equations(self, at: Tries, views: Views, level: Level, side: float) -> tuple[Array, Array]:
         """Matrix (n, p, p) of the normal equations and the gradient (n, p)."""
-        residual, slopes = self._seen(at, views, level)
+        residual, slopes = self._seen(at, views, level, side)
         weight = np.tile(level.weight, at.gains.shape[1])
         weighted = slopes * (weight / (1 + (residual / level.rough) ** 2) ** 2)[..., None]
         weights, off = _beforehand(at, level)
         normal = weighted.swapaxes(1, 2) @ slopes + np.eye(off.shape[1]) * weights[:, None]
         return normal, (weighted * residual[..., None]).sum(axis=1) - weights * off
 
-    def _seen(self, at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
+    def _seen(self, at: Tries, views: Views, level: Level, side: float) -> tuple[Array, Array]:
         """What pictures are off (n, v k) and the slopes of what is expected (n, v k, p)."""
         n, v, k = len(at.forms), len(views.motions), len(level.pixels)
         rays = self._rays[level.pixels]
@@ -231,12 +230,13 @@ class Fit:
             for i in (DISTANCE, TURN) if self._camera.lamp is not None else ():
                 # What a lamp leaves in the dark tells most, and its edges move.
                 if level.free[i] and _sought(form, i):
-                    moved = at.numbers[j : j + 1] + level.reach[i - DISTANCE] * np.eye(PLACES)[i]
+                    reach = side * level.reach[i - DISTANCE]
+                    moved = at.numbers[j : j + 1] + reach * np.eye(PLACES)[i]
                     there, turned = cameras(moved, views.motions)
                     seen = self._expected(
                         self._traced(walls, there[0], turned[0], rays), rays, level
                     )
-                    slopes[j, ..., i] = (seen - expected[j]) / level.reach[i - DISTANCE]
+                    slopes[j, ..., i] = (seen - expected[j]) / reach
             for i, size in enumerate(form.sizes):
                 changed, nudge = at.sizes[j].copy(), size.step
                 nudge = -nudge if changed[i] + nudge > size.high else nudge

@@ -26,7 +26,8 @@ KEPT = (9, 5, 3)
 APART = (400.0, 200.0, 100.0)
 """Rows whose cost is larger than the least by more than this are not followed."""
 SCAN = np.radians([0, -65, -45, -30, -18, -8, 8, 18, 30, 45, 65])
-"""Turns that are tried beside the one that was found."""
+CLOSE = np.radians([0, -8, -5, -2.5, 2.5, 5, 8])
+"""Turns that are tried beside the one that was found; and in the end."""
 FEW = 3
 """Starting sizes of a form up to which all are tried once more."""
 ALIKE = {False: 1.0, True: 2.0}
@@ -105,8 +106,18 @@ class Recogniser:
         grid = 1 if many == 1 else 0
         start = tries(rough.forms, rough.numbers, rough.sizes, many)
         fine = self._fit.refined(start, views, self._level(grid, 5.0), 2)
-        fine = self._fit.refined(self._kept(fine, 2), views, self._level(grid, 4.0), 3)
-        return fine, straight
+        level = self._level(grid, 4.0)
+        fine = self._fit.refined(self._kept(fine, 2), views, level, 2)
+        fine = self._turned(fine, views, level)
+        return self._fit.refined(fine, views, level, 3), straight
+
+    def _turned(self, found: Tries, views: Views, level: Level) -> Tries:
+        """Rows with the best of some turns close to their own."""
+        n, m = len(found.forms), len(CLOSE)
+        rows = found.take(np.repeat(np.arange(n), m).tolist())
+        rows.numbers[:, TURN] += np.tile(CLOSE, n)
+        cost = self._fit.costs(rows, views, level).cost.reshape(n, m)
+        return rows.take((np.arange(n) * m + cost.argmin(axis=1)).tolist())
 
     def _level(self, grid: int, rough: float, *, edge: bool = False, free: str = "atdr") -> Level:
         pixels, stand, own = self._grids[grid]
