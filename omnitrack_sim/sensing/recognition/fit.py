@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.sensing.optics import JOINT, RANGE, Camera, Walls, rays_of
@@ -15,10 +13,8 @@ from omnitrack_sim.sensing.recognition.library import WallMaker
 from omnitrack_sim.sensing.recognition.nearby import nearby
 from omnitrack_sim.sensing.recognition.poses import DISTANCE, PLACES, TURN, cameras
 from omnitrack_sim.sensing.recognition.scale import Scale
-from omnitrack_sim.sensing.recognition.sighting import Motion
+from omnitrack_sim.sensing.recognition.tries import SIZES, Level, Tries, Views, merged
 
-SIZES = 2
-"""Most sizes of a form."""
 EXPECTED = np.array([0.004, 0.004, 0.03, 0.03, 10.0, 10.0])
 """Standard deviations of where a camera stands, m and rad, before it has seen anything."""
 GAIN = 0.02
@@ -41,86 +37,6 @@ DAMPINGS = (1e-3, 0.3, 5.0)
 """Marquardt's numbers that are tried in each step."""
 LONGEST_SIZE = 8
 """The same of a size, in its steps."""
-
-
-@dataclass(frozen=True)
-class Views:
-    """Pictures of one approach.
-
-    Attributes:
-        pictures: (v, pixels²) on the scale. motions: of the v cameras.
-    """
-
-    pictures: Array
-    motions: list[Motion]
-
-
-@dataclass(frozen=True)
-class Level:
-    """How closely is looked.
-
-    Attributes:
-        pixels: (k,) numbers of the pixels.
-        stand: (s,) for pixels spread evenly over the picture the place in ``pixels`` of one that
-            stands for each, as the exposure depends on the whole. own: (k,) place in ``stand`` of
-            each of ``pixels``.
-        rough: standard deviations at which a pixel that misses loses its weight.
-        free: which of the six numbers of a camera are sought.
-        weight: (k,) of each pixel.
-        reach: m and rad, by which a camera with a lamp is moved along and turned about the pipe to
-            see what that does to the edges in its picture.
-    """
-
-    pixels: NDArray[np.intp]
-    stand: NDArray[np.intp]
-    own: NDArray[np.intp]
-    rough: float
-    free: NDArray[np.bool_]
-    weight: Array
-    reach: tuple[float, float] = (0.003, 0.06)
-
-
-@dataclass(frozen=True)
-class Tries:
-    """Forms that are fitted, n rows.
-
-    Attributes:
-        forms: of each row. numbers: (n, 6), see ``poses``. sizes: (n, SIZES). gains: (n, v).
-        cost: (n,) twice the negative logarithm of the likelihood, without what all share.
-        normal: (n, p, p) matrix of the normal equations, of numbers, sizes, gains.
-    """
-
-    forms: tuple[Form, ...]
-    numbers: Array
-    sizes: Array
-    gains: Array
-    cost: Array
-    normal: Array
-
-    def take(self, rows: Sequence[int]) -> Tries:
-        """Some of the rows."""
-        rows = list(rows)
-        return Tries(
-            tuple(self.forms[i] for i in rows),
-            *(
-                getattr(self, name)[rows]
-                for name in ("numbers", "sizes", "gains", "cost", "normal")
-            ),
-        )
-
-
-def tries(forms: Sequence[Form], numbers: Array, sizes: Array, views: int) -> Tries:
-    """Rows to begin with."""
-    n, p = len(forms), PLACES + SIZES + views
-    cost, normal = np.full(n, np.inf), np.tile(np.eye(p), (n, 1, 1))
-    return Tries(tuple(forms), numbers, sizes, np.ones((n, views)), cost, normal)
-
-
-def joined(rows: Sequence[Tries]) -> Tries:
-    """Rows of several in one."""
-    names = ("numbers", "sizes", "gains", "cost", "normal")
-    columns = [np.concatenate([getattr(row, name) for row in rows]) for name in names]
-    return Tries(tuple(form for row in rows for form in row.forms), *columns)
 
 
 class Fit:
@@ -146,7 +62,7 @@ class Fit:
             tried = [self.costs(row, views, level) for row in rows[1:]]
             least = np.argmin([best.cost, *(row.cost for row in tried)], axis=0)
             for i, row in enumerate(tried, 1):
-                best = _merged(least == i, row, best)
+                best = merged(least == i, row, best)
         return best
 
     def costs(self, at: Tries, views: Views, level: Level) -> Tries:
@@ -204,47 +120,32 @@ class Fit:
         rays = self._rays[level.pixels]
         expected = np.empty((n, v, k))
         slopes = np.zeros((n, v, k, PLACES + SIZES + v))
-        free = np.flatnonzero(level.free)
-        rows = [at.numbers, *(at.numbers + NUDGE[i] * np.eye(PLACES)[i] for i in free)]
+        rows = [at.numbers, *(at.numbers + nudge for nudge in np.diag(NUDGE))]
         poses = [cameras(row, views.motions) for row in rows]
-        place, rotation = (np.stack(column) for column in zip(*poses, strict=True))  # (1 + m, n, v
-        for j, form in enumerate(at.forms):
-            walls = self._walls_of(form, at.sizes[j])
-            hits = self._traced(walls, place[0, j], rotation[0, j], rays)
-            sought = [m for m, i in enumerate(free) if _sought(form, int(i))]
-            where = [0, *(m + 1 for m in sought)]
+        place, rotation = (np.stack(column) for column in zip(*poses, strict=True))
+        for j in range(n):
+            hits = self._hits(at, j, views, rays)
+            free = [i for i in range(PLACES) if level.free[i] and _sought(at.forms[j], i)]
+            which = [0, *(i + 1 for i in free)]
             for i in range(v):
                 near = nearby(
-                    hits[i],
-                    rays,
-                    place[0, j, i],
-                    rotation[0, j, i],
-                    place[where, j, i],
-                    rotation[where, j, i],
-                    self._camera.lamp,
+                    hits[i], rays, place[which, j, i], rotation[which, j, i], self._camera.lamp
                 )
                 seen = self._expected(near, rays, level)
                 expected[j, i] = seen[0]
-                for row, m in enumerate(sought, 1):
-                    slopes[j, i, :, free[m]] = (seen[row] - seen[0]) / NUDGE[free[m]]
-            for i in (DISTANCE, TURN) if self._camera.lamp is not None else ():
+                slopes[j, i][:, free] = ((seen[1:] - seen[0]) / NUDGE[free, None]).T
+            if self._camera.lamp is not None:
                 # What a lamp leaves in the dark tells most, and its edges move.
-                if level.free[i] and _sought(form, i):
+                for i in {DISTANCE, TURN}.intersection(free):
                     reach = side * level.reach[i - DISTANCE]
-                    moved = at.numbers[j : j + 1] + reach * np.eye(PLACES)[i]
-                    there, turned = cameras(moved, views.motions)
-                    seen = self._expected(
-                        self._traced(walls, there[0], turned[0], rays), rays, level
-                    )
+                    moved = replace(at, numbers=at.numbers + reach * np.eye(PLACES)[i])
+                    seen = self._expected(self._hits(moved, j, views, rays), rays, level)
                     slopes[j, ..., i] = (seen - expected[j]) / reach
-            for i, size in enumerate(form.sizes):
-                changed, nudge = at.sizes[j].copy(), size.step
-                nudge = -nudge if changed[i] + nudge > size.high else nudge
-                changed[i] += nudge
-                walls = self._walls_of(form, changed)
-                hits = self._traced(walls, place[0, j], rotation[0, j], rays)
-                other = self._expected(hits, rays, level)
-                slopes[j, ..., PLACES + i] = (other - expected[j]) / nudge
+            for i, size in enumerate(at.forms[j].sizes):
+                nudge = -size.step if at.sizes[j, i] + size.step > size.high else size.step
+                changed = replace(at, sizes=at.sizes + nudge * np.eye(SIZES)[i])
+                seen = self._expected(self._hits(changed, j, views, rays), rays, level)
+                slopes[j, ..., PLACES + i] = (seen - expected[j]) / nudge
         gained = expected * at.gains[..., None]
         residual = views.pictures[None, :, level.pixels] - self._scale.of(gained)
         slopes *= at.gains[..., None, None]
@@ -294,6 +195,13 @@ class Fit:
             return self._camera.expected(hits, rays)
         whole = self._camera.expected(hits[:, level.stand], rays[level.stand])
         return whole[:, level.own]
+
+    def _hits(self, at: Tries, row: int, views: Views, rays: Array) -> Array:
+        """What the cameras of a row see (v, k, 8)."""
+        place, rotation = cameras(at.numbers[row : row + 1], views.motions)
+        return self._traced(
+            self._walls_of(at.forms[row], at.sizes[row]), place[0], rotation[0], rays
+        )
 
     def _traced(self, walls: Walls, place: Array, rotation: Array, rays: Array) -> Array:
         far, lamp = self._camera.optics.far, self._camera.lamp
@@ -346,12 +254,3 @@ def _stepped(at: Tries, gradient: Array, damping: float) -> Tries:
     numbers[:, DISTANCE] = np.clip(numbers[:, DISTANCE], 0.0, FARTHEST)
     gains = np.clip(at.gains + step[:, PLACES + SIZES :], 0.8, 1.25)
     return replace(at, numbers=numbers, sizes=sizes, gains=gains)
-
-
-def _merged(better: NDArray[np.bool_], first: Tries, second: Tries) -> Tries:
-    """Rows of the first where it is better, of the second elsewhere."""
-    values = {}
-    for name in ("numbers", "sizes", "gains", "cost", "normal"):
-        one, other = getattr(first, name), getattr(second, name)
-        values[name] = np.where(better.reshape(-1, *[1] * (one.ndim - 1)), one, other)
-    return Tries(first.forms, **values)

@@ -10,18 +10,19 @@ import numpy as np
 
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.sensing.optics import Camera, rays_of
-from omnitrack_sim.sensing.recognition.fit import SIZES, Fit, Level, Tries, Views, joined, tries
+from omnitrack_sim.sensing.recognition.fit import Fit
 from omnitrack_sim.sensing.recognition.forms import Form, forms
 from omnitrack_sim.sensing.recognition.library import Library, WallMaker
 from omnitrack_sim.sensing.recognition.poses import ASIDE, DISTANCE, PLACES, STILL, TILT, TURN
 from omnitrack_sim.sensing.recognition.scale import Scale
 from omnitrack_sim.sensing.recognition.sighting import Motion, Sighting
+from omnitrack_sim.sensing.recognition.tries import SIZES, Level, Tries, Views, joined, tries
 
 HORIZON = 3.5
 """Distance, in bores, up to which a fitting is told; beyond it a pipe counts as straight."""
 STARTS = 3
 """Starting values of a form that are followed, besides those at joints that show."""
-KEPT = (9, 5, 3)
+KEPT = (14, 7, 3)
 """Most rows that are followed: first roughly, then closely, then to the end."""
 APART = (400.0, 200.0, 100.0)
 """Rows whose cost is larger than the least by more than this are not followed."""
@@ -33,6 +34,9 @@ FEW = 3
 ALIKE = {False: 1.0, True: 2.0}
 """Pixels of which the errors are alike, so many count as one; for cameras with a lamp: dirt of the
 wall covers several."""
+SHARP = 3.0
+"""How many times the errors are larger than the normal equations say, as measured: edges that fall
+between pixels have no slope."""
 SEEN = 0.2
 """Least part of a picture's pixels that must say something."""
 MISFIT = 3.0
@@ -188,8 +192,9 @@ class Recogniser:
             zip(chosen_forms, library.entries.start[chosen], strict=True)
         ):
             sizes[row, : len(form.sizes)] = form.starts[at]
-        open_to = entries.numbers[cost < cost[entries.form == 0].min() + EXCLUDED, DISTANCE]
-        straight = float(np.min(open_to[open_to > 0], initial=HORIZON * self._bore))
+        plain = np.array([form.kind == "straight" for form in self._forms])[entries.form]
+        possible = ~plain & (cost < cost[plain].min() + EXCLUDED)
+        straight = float(np.min(entries.numbers[possible, DISTANCE], initial=HORIZON * self._bore))
         return tries(chosen_forms, numbers, sizes, 1), straight
 
     def _apart(self, row: int, other: int) -> bool:
@@ -241,16 +246,21 @@ def _sighting(
 ) -> Sighting:
     """What a row says."""
     form, numbers, at = found.forms[0], found.numbers[0], [DISTANCE, TURN]
-    covariance = alike * np.linalg.inv(found.normal[0])
     plain = name[0] == "straight"
+    covariance = SHARP**2 * alike * np.linalg.inv(found.normal[0])
     sizes = () if plain else form.sizes
     return Sighting(
         *name,
         {size.key: float(found.sizes[0, i]) for i, size in enumerate(sizes)},
         straight if plain else float(numbers[DISTANCE]),
-        0.0 if plain else float((numbers[TURN] + math.pi) % (2 * math.pi) - math.pi),
-        covariance[np.ix_(at, at)],
-        {size.key: math.sqrt(covariance[PLACES + i, PLACES + i]) for i, size in enumerate(sizes)},
+        0.0
+        if plain or not form.period
+        else float((numbers[TURN] + math.pi) % (2 * math.pi) - math.pi),
+        np.full((2, 2), np.inf) if plain else covariance[np.ix_(at, at)],
+        {
+            size.key: math.hypot(math.sqrt(covariance[PLACES + i, PLACES + i]), size.step / 2)
+            for i, size in enumerate(sizes)
+        },
         sure,
         numbers[ASIDE],
         numbers[TILT],

@@ -25,7 +25,7 @@ class Sighting:
         turn: rad, angle about the robot's forward axis from the robot's x axis to the x axis of the
             port that is entered: to where an elbow bends and a branch opens, and, where a branch is
             entered, along the run (of a wye: to its `run_end`). 0 for what is round about the axis.
-        covariance: (2, 2) of distance and turn, m and rad.
+        covariance: (2, 2) of distance and turn, m and rad; infinite for a straight pipe.
         size_spread: standard deviation of each of the sizes.
         sure: probability of the kind and the port; what is less than `SURE` is not sure.
         aside: (2,) m, where the pipe's axis lies in the robot's frame, nearest to the lens.
