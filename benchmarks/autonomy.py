@@ -84,12 +84,12 @@ def recognition(trials: int, seed: int, workers: int) -> None:
                 tasks: list[Task] = [
                     (name, every, seed, range(i, min(i + 20, trials))) for i in range(0, trials, 20)
                 ]
-                runs[f"{name}, {words}"] = [f for part in pool.map(look, tasks) for f in part]
+                found = [f for part in pool.map(look, tasks) for f in part]
+                runs[f"{name}, {words}"] = found
+                print(f"{name}, {words}\n\n{by_case(found)}\n\n{failures(found)}\n", flush=True)
     print(f"{trials} approaches, seed {seed}\n")
     print(summary(runs))
     print(f"\n{by_distance(runs)}")
-    for name, found in runs.items():
-        print(f"\n{name}\n\n{by_case(found)}\n\n{failures(found)}")
 
 
 def main() -> None:
