@@ -74,9 +74,11 @@ def pictures(camera, name, distances, turn=0.0, stands=(0.0, 0.0, 0.0, 0.0)):
     place, rotation = (pose[:, 0] for pose in cameras(numbers, [STILL]))
     parts, closed = world(name)
     lens, rays = CAMERAS[camera], rays_of(CAMERAS[camera].optics)
-    which = np.zeros(len(numbers), int)
+    which, pixels = np.zeros(len(numbers), int), np.arange(len(rays))
     hits = RayWalls([parts], [closed]).trace(which, place, rotation, rays, 1.5, lens.lamp)
-    taken = [lens.picture(hits[i : i + 1], rays, keys(["test"]), i) for i in range(len(numbers))]
+    taken = [
+        lens.picture(hits[i : i + 1], rays, pixels, keys(["test"]), i) for i in range(len(numbers))
+    ]
     back = rotation[-1].T
     motions = [
         Motion(back @ turned, back @ (at - place[-1]))

@@ -70,9 +70,9 @@ class Approach:
         walls = RayWalls([self.parts], [self.closed])
         which = np.zeros(len(self.place), int)
         hits = walls.trace(which, self.place, self.rotation, rays, camera.optics.far, camera.lamp)
-        key = keys([self.number])
+        key, pixels = keys([self.number]), np.arange(len(rays))
         return np.concatenate(
-            [camera.picture(hits[i : i + 1], rays, key, i) for i in range(len(self.place))]
+            [camera.picture(hits[i : i + 1], rays, pixels, key, i) for i in range(len(self.place))]
         )
 
     def is_right(self, sighting: Sighting) -> bool:

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from omnitrack_sim.rotations import Array
+from omnitrack_sim.sensing.nearby import nearby
 from omnitrack_sim.sensing.optics import JOINT, RANGE, Camera, Walls, rays_of
 from omnitrack_sim.sensing.recognition.forms import Form
 from omnitrack_sim.sensing.recognition.library import WallMaker
-from omnitrack_sim.sensing.recognition.nearby import nearby
 from omnitrack_sim.sensing.recognition.poses import DISTANCE, PLACES, TURN, cameras
 from omnitrack_sim.sensing.recognition.scale import Scale
 from omnitrack_sim.sensing.recognition.tries import SIZES, Level, Tries, Views, merged
@@ -128,7 +128,7 @@ class Fit:
             free = [i for i in range(PLACES) if level.free[i] and _sought(at.forms[j], i)]
             which = [0, *(i + 1 for i in free)]
             for i in range(v):
-                near = nearby(
+                near = _nearby(
                     hits[i], rays, place[which, j, i], rotation[which, j, i], self._camera.lamp
                 )
                 seen = self._expected(near, rays, level)
@@ -206,6 +206,20 @@ class Fit:
     def _traced(self, walls: Walls, place: Array, rotation: Array, rays: Array) -> Array:
         far, lamp = self._camera.optics.far, self._camera.lamp
         return walls.trace(np.zeros(len(place), int), place, rotation, rays, far, lamp)
+
+
+def _nearby(hits: Array, rays: Array, place: Array, rotation: Array, lamp: Array | None) -> Array:
+    """Hits (m, k, 8) of m cameras close together, from those (k, 8) of the first. The joint at the
+    port plane, z = 0, stays where it is."""
+    m = len(place)
+    first = np.repeat(place[:1], m, axis=0), np.repeat(rotation[:1], m, axis=0)
+    found = nearby(np.repeat(hits[None], m, axis=0), rays, *first, place, rotation, lamp)
+    reach = np.where(np.isfinite(found[..., RANGE]), found[..., RANGE], 0.0)
+    along = place[:, 2, None] + reach * (rotation[:, 2] @ rays.T)
+    beside = np.where(np.isfinite(hits[:, JOINT]), hits[:, JOINT], -1.0)
+    at_plane = np.abs(np.abs(along[0]) - beside) < 1e-6
+    found[..., JOINT] = np.where(at_plane, np.abs(along), hits[:, JOINT])
+    return found
 
 
 def _sizes(form: Form, row: Array) -> list[float]:
