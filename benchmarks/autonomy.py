@@ -1,0 +1,110 @@
+"""How well a robot finds its way by camera.
+
+python benchmarks/autonomy.py --only recognition [--quick] [--trials N] [--seed N] [--workers N]
+
+`recognition`: random approaches to fittings, seen by both cameras in one picture and in five over
+100 mm: how often the kind is right, how sure it was said to be, the errors of direction and
+distance. The default seed is not the one that the recogniser was tuned on (1).
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from multiprocessing import get_context
+from typing import Any
+
+from recognising.approaches import BORE, approach
+from recognising.report import Found, by_case, by_distance, failures, summary
+
+from omnitrack_sim.model.rays import RayWalls
+from omnitrack_sim.sensing.depth import DepthCamera, DepthTable
+from omnitrack_sim.sensing.headlight import HeadlightCamera, HeadlightTable
+from omnitrack_sim.sensing.optics import Camera
+from omnitrack_sim.sensing.recognition import Recogniser
+
+TRIALS, QUICK_TRIALS, SEED = 2000, 40, 2
+CAMERAS: dict[str, Callable[[], Any]] = {
+    "depth": lambda: DepthCamera(DepthTable()),
+    "headlight": lambda: HeadlightCamera(HeadlightTable()),
+}
+"""Cameras as scenarios have them by default."""
+Task = tuple[str, bool, int, range]
+"""Camera, whether all pictures of an approach are used, seed, approaches."""
+
+
+@cache
+def _recogniser(name: str) -> tuple[Camera, Recogniser]:
+    camera = CAMERAS[name]()
+    return camera, Recogniser(camera, BORE, RayWalls)
+
+
+def look(task: Task) -> list[Found]:
+    """What a camera makes of some approaches."""
+    name, every, seed, indices = task
+    camera, recogniser = _recogniser(name)
+    found = []
+    for index in indices:
+        trial = approach(seed, index)
+        pictures = trial.pictures(camera)
+        start = time.process_time()
+        if every:
+            sighting = recogniser.approach(pictures, trial.motions)
+        else:
+            sighting = recogniser.single(pictures[-1])
+        seconds = time.process_time() - start
+        told = f"{sighting.kind} {sighting.enter}".strip()
+        found.append(
+            Found(
+                index,
+                trial.case,
+                trial.distance,
+                repr(trial.fitting),
+                told,
+                trial.is_right(sighting),
+                sighting.sure,
+                trial.turn_error(sighting),
+                sighting.distance - trial.distance,
+                seconds,
+            )
+        )
+    return found
+
+
+def recognition(trials: int, seed: int, workers: int) -> None:
+    """Measure the recogniser and print the tables."""
+    runs: dict[str, list[Found]] = {}
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        for name in CAMERAS:
+            for every, words in ((False, "one picture"), (True, "five pictures")):
+                tasks: list[Task] = [
+                    (name, every, seed, range(i, min(i + 20, trials))) for i in range(0, trials, 20)
+                ]
+                found = [f for part in pool.map(look, tasks) for f in part]
+                runs[f"{name}, {words}"] = found
+                print(f"{name}, {words}\n\n{by_case(found)}\n\n{failures(found)}\n", flush=True)
+    print(f"{trials} approaches, seed {seed}\n")
+    print(summary(runs))
+    print(f"\n{by_distance(runs)}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", choices=("recognition",), default="recognition")
+    parser.add_argument("--quick", action="store_true", help=f"{QUICK_TRIALS} trials")
+    parser.add_argument("--trials", type=int, help=f"default {TRIALS}")
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    given = parser.parse_args()
+    trials = given.trials or (QUICK_TRIALS if given.quick else TRIALS)
+    recognition(trials, given.seed, given.workers)
+
+
+if __name__ == "__main__":
+    main()

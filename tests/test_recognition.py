@@ -1,0 +1,159 @@
+"""What lies ahead, found in pictures of both cameras."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+pytest.importorskip("numba")
+from omnitrack_sim.model.rays import RayWalls
+from omnitrack_sim.pipes import Elbow, Part, Reducer, Straight, Tee, attached
+from omnitrack_sim.pipes.fittings.wye import Wye
+from omnitrack_sim.rotations import Pose
+from omnitrack_sim.sensing.depth import DepthCamera, DepthTable
+from omnitrack_sim.sensing.draws import keys
+from omnitrack_sim.sensing.headlight import HeadlightCamera, HeadlightTable
+from omnitrack_sim.sensing.optics import rays_of
+from omnitrack_sim.sensing.recognition import Motion, Recogniser
+from omnitrack_sim.sensing.recognition.poses import STILL, cameras
+
+CAMERAS = {
+    "depth": DepthCamera(DepthTable()),
+    "headlight": HeadlightCamera(HeadlightTable()),
+}
+FITTINGS = {
+    "elbow": (Elbow(0.09), "start"),
+    "wide elbow": (Elbow(0.24, math.pi / 4), "start"),
+    "tee over": (Tee(), "run_start"),
+    "tee into": (Tee(), "branch"),
+    "wye turn": (Wye(), "run_start"),
+    "wye sharp": (Wye(), "run_end"),
+    "wye merge": (Wye(), "branch"),
+    "reducer": (Reducer(0.1, 0.13), "start"),
+    "open end": (None, ""),
+    "closed end": (None, ""),
+}
+ROLLED = (0.003, -0.002, 0.03, 0.02)
+"""Offset, m, and tilt, rad, of the robot."""
+BESIDE = {"depth": (0.002, 0.015), "headlight": (0.006, 0.05)}
+"""Errors of both, m and rad: in a picture of light, dirt of the wall looks like either."""
+
+
+@cache
+def recogniser(camera):
+    """Its library takes a second to fill."""
+    return Recogniser(CAMERAS[camera], 0.16, RayWalls)
+
+
+def world(name):
+    """Parts, and the ports that a plate closes; the port plane is z = 0, x as of the port."""
+    lead = Part("lead", Straight(1.5), Pose(np.eye(3), np.array([0, 0, -1.5])))
+    if name == "straight":
+        return [
+            lead,
+            Part("on", Straight(1.5), attached(lead.port("end"), lead.fitting, "start", 0.0)),
+        ], ()
+    fitting, enter = FITTINGS[name]
+    if fitting is None:
+        return [lead], [(0, "end")] if name == "closed end" else []
+    part = Part("ahead", fitting, attached(lead.port("end"), fitting, enter, 0.0))
+    after = []
+    for port in fitting.port_names:
+        if port != enter:
+            straight = Straight(0.6, 2 * fitting.port_radius(port))
+            after.append(Part(port, straight, attached(part.port(port), straight, "start", 0.0)))
+    return [lead, part, *after], ()
+
+
+def pictures(camera, name, distances, turn=0.0, stands=(0.0, 0.0, 0.0, 0.0)):
+    """Pictures (v, pixels²) and the motions between them."""
+    numbers = np.array([[*stands, distance, turn] for distance in distances])
+    place, rotation = (pose[:, 0] for pose in cameras(numbers, [STILL]))
+    parts, closed = world(name)
+    lens, rays = CAMERAS[camera], rays_of(CAMERAS[camera].optics)
+    which, pixels = np.zeros(len(numbers), int), np.arange(len(rays))
+    hits = RayWalls([parts], [closed]).trace(which, place, rotation, rays, 1.5, lens.lamp)
+    taken = [
+        lens.picture(hits[i : i + 1], rays, pixels, keys(["test"]), i) for i in range(len(numbers))
+    ]
+    back = rotation[-1].T
+    motions = [
+        Motion(back @ turned, back @ (at - place[-1]))
+        for at, turned in zip(place, rotation, strict=True)
+    ]
+    return np.concatenate(taken), motions
+
+
+def turned_by(sighting, turn, period=2 * math.pi):
+    """Error of the direction, rad."""
+    return abs((sighting.turn - turn + period / 2) % period - period / 2)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize("name", FITTINGS)
+def test_a_fitting_is_known_by_its_picture(camera, name):
+    """Kind, port, distance and direction, from one picture at a middle distance."""
+    taken, _ = pictures(camera, name, [0.16], turn=1.9, stands=ROLLED)
+    sighting = recogniser(camera).single(taken[0])
+    fitting, enter = FITTINGS[name]
+    assert (sighting.kind, sighting.enter) == (name if fitting is None else fitting.kind, enter)
+    assert sighting.sure > 0.95
+    assert sighting.distance == pytest.approx(0.16, abs=0.02)
+    assert sighting.aside == pytest.approx(ROLLED[:2], abs=BESIDE[camera][0])
+    assert sighting.tilt == pytest.approx(ROLLED[2:], abs=BESIDE[camera][1])
+    if fitting is not None and not fitting.is_axial:
+        period = math.pi if name == "tee into" else 2 * math.pi
+        assert turned_by(sighting, 1.9, period) < math.radians(10)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize("name", ["elbow", "tee over"])
+def test_pictures_of_an_approach_tell_the_direction(camera, name):
+    """Within 5 degrees, wherever it is; and within what the covariance lets expect."""
+    for turn in (-2.4, 0.5):
+        taken, motions = pictures(camera, name, [0.25, 0.2, 0.15], turn, ROLLED)
+        sighting = recogniser(camera).approach(taken, motions)
+        assert sighting.kind == name.split()[0]
+        assert turned_by(sighting, turn) < math.radians(5)
+        assert 0 < sighting.covariance[1, 1] < math.radians(10) ** 2
+
+
+def test_sizes_are_told_with_their_spread():
+    """Of an elbow, by the depth camera."""
+    taken, _ = pictures("depth", "wide elbow", [0.1], 0.7)
+    sighting = recogniser("depth").single(taken[0])
+    assert sighting.sizes["mean_radius"] == pytest.approx(0.24, abs=0.05)
+    assert sighting.sizes["angle"] == pytest.approx(math.pi / 4, abs=0.2)
+    assert all(0 < spread < 0.5 for spread in sighting.size_spread.values())
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_a_straight_pipe_is_straight(camera):
+    """As far as is seen; a fitting at 1 m is not told as one."""
+    for name, distance in (("straight", 0.3), ("tee over", 1.0)):
+        taken, _ = pictures(camera, name, [distance], stands=ROLLED)
+        sighting = recogniser(camera).single(taken[0])
+        assert sighting.kind == "straight" or sighting.sure < 0.95
+        assert sighting.distance < 1.0
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_the_same_picture_gives_the_same_sighting(camera):
+    """Bit for bit, whatever was looked at between."""
+    taken, _ = pictures(camera, "tee over", [0.2], 0.4)
+    first = recogniser(camera).single(taken[0])
+    recogniser(camera).single(pictures(camera, "elbow", [0.1])[0][0])
+    again = recogniser(camera).single(taken[0])
+    assert repr(first) == repr(again)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_a_picture_that_says_nothing_is_not_sure(camera):
+    """Without a pixel, and of noise."""
+    nothing = np.full(48 * 48, np.nan)
+    assert recogniser(camera).single(nothing).sure == 0.0
+    noise = np.random.default_rng(1).uniform(0.0, 1.0, 48 * 48)
+    assert recogniser(camera).single(noise).sure < 0.95
