@@ -1,0 +1,1 @@
+"""Robots that drive by their own sensors, counted."""
