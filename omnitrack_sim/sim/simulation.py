@@ -431,6 +431,9 @@ class Simulation:
             return self.legs.plan_anew(robot, time, told["position"][robot], axis)
         if outcome in (None, Outcome.REACHED_GOAL):
             distance = float(self._believed.distance[robot])
+            if outcome is None and self._believed.distance_std is not None:
+                # Belts that slip before an obstacle push the estimate into it.
+                distance -= 2 * float(self._believed.distance_std[robot])
             half = self.scenarios[robot].robot.length / 2 * self.legs.gear[robot]
             nose = readings["position"][robot] + half * readings["rotation"][robot, :, 2]
             return self.legs.send_on(robot, time, distance, outcome is not None, nose)
