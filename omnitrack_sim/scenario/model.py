@@ -21,6 +21,7 @@ from omnitrack_sim.network import Exploration, Mission, Network, Planner
 from omnitrack_sim.network.mission import NOSE_ROOM
 from omnitrack_sim.pipes import Route, route, route_through
 from omnitrack_sim.record.channels import CHANNELS
+from omnitrack_sim.record.estimates import ESTIMATE_METRICS
 from omnitrack_sim.record.metrics import METRICS, Metric
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Pose, frame_along
@@ -46,7 +47,7 @@ from omnitrack_sim.sensing.table import SensingTable
 from omnitrack_sim.table import Table
 
 _Thing = TypeVar("_Thing")
-METRIC_NAMES = {metric.name for metric in METRICS}
+METRIC_NAMES = {metric.name for metric in (*METRICS, *ESTIMATE_METRICS)}
 
 
 class Scenario(Table):
@@ -161,14 +162,15 @@ class Scenario(Table):
 
     @property
     def own_metrics(self) -> tuple[Metric, ...]:
-        """The metrics that ``record.metrics`` names.
+        """The metrics that ``record.metrics`` names, and those of the estimate where the robot drives
+        by its own sensors.
 
         Raises:
             InputError: there is no such metric.
         """
         found = _of_kind("record.metrics", self.record.metrics, Metric)
         refuse_taken("record.metrics", [metric.name for metric in found], METRIC_NAMES)
-        return found
+        return (*found, *(ESTIMATE_METRICS if self.sensing.kind == "onboard" else ()))
 
     def driven_by(self, controller: type[Controller]) -> Scenario:
         """The same run under a controller class of a user's own.

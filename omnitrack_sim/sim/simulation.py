@@ -18,7 +18,7 @@ from omnitrack_sim.errors import Fault, ScenarioError
 from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.network import Sight
 from omnitrack_sim.record.channels import CHANNELS, Channel
-from omnitrack_sim.record.estimates import ESTIMATE_METRICS, ESTIMATES
+from omnitrack_sim.record.estimates import ESTIMATES
 from omnitrack_sim.record.events import Event, Note
 from omnitrack_sim.record.metrics import METRICS, Metric, summarise
 from omnitrack_sim.record.outcome import Outcome
@@ -484,10 +484,6 @@ class Simulation:
             },
         )
 
-    @property
-    def _estimate_metrics(self) -> Sequence[Metric]:
-        return () if self.onboard is None else ESTIMATE_METRICS
-
     def _report(self, progress: Progress) -> None:
         part = np.clip(self._place.distance / self.legs.end, 0, 1)
         part = np.where(self.active, part, 1.0)
@@ -515,8 +511,8 @@ class Simulation:
             raise RuntimeError(f"{int(self.active.sum())} of {self.n} robots still run")
         slips = [math.nan] * self.n if no_load_slip is None else no_load_slip
         metrics = check_all(Metric, "metrics", metrics)
-        own = [*self.scenarios[0].own_metrics, *metrics]
-        refuse_taken("metrics", [metric.name for metric in own], METRIC_NAMES)
+        taken = {*METRIC_NAMES, *(metric.name for metric in self.scenarios[0].own_metrics)}
+        refuse_taken("metrics", [metric.name for metric in metrics], taken)
         trajectories = self.recorder.trajectories(self.end_time)
         results = []
         for i, (scenario, trajectory) in enumerate(zip(self.scenarios, trajectories, strict=True)):
@@ -529,7 +525,7 @@ class Simulation:
                 torque_limit=float(self.motors.torque_limit[i, 0]),
                 drive=self.motors.drive,
                 efficiency=scenario.robot.motor.efficiency,
-                metrics=(*METRICS, *self._estimate_metrics, *scenario.own_metrics, *metrics),
+                metrics=(*METRICS, *scenario.own_metrics, *metrics),
             )
             found, exploration = self.legs.map(i), scenario.exploration
             if found is not None and exploration is not None:
