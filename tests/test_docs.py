@@ -24,6 +24,7 @@ from omnitrack_sim.optimise.spec import resolve as resolve_study
 from omnitrack_sim.optimise.tables import Final, Objective, Variable
 from omnitrack_sim.pipes.fittings import shipped_fittings
 from omnitrack_sim.record import channels, metrics
+from omnitrack_sim.record.estimates import ESTIMATE_METRICS, ESTIMATES
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario import validate as validate_scenario
 from omnitrack_sim.schema.fittings import table_of
@@ -243,6 +244,15 @@ TABLES = {
     "## `physics`": [Physics],
     "## `goal`, `expect`": [Goal, Expect],
 }
+
+
+def test_channels_and_metrics_of_the_estimate_are_documented_as_they_are_declared():
+    """docs/autonomy.md has a row for each, with unit and meaning."""
+    page = (ROOT / "docs" / "autonomy.md").read_text(encoding="utf-8")
+    for thing in (*ESTIMATES, *ESTIMATE_METRICS):
+        assert f"\n| `{thing.name}` | {thing.unit} | {thing.meaning} |\n" in page
+
+
 LINK = re.compile(r"\[([^\]]*)\]\([^)]*\)")
 
 

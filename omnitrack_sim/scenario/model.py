@@ -162,8 +162,8 @@ class Scenario(Table):
 
     @property
     def own_metrics(self) -> tuple[Metric, ...]:
-        """The metrics that ``record.metrics`` names, and those of the estimate where the robot drives
-        by its own sensors.
+        """The metrics that ``record.metrics`` names, and those of the estimate where the robot
+        drives by its own sensors.
 
         Raises:
             InputError: there is no such metric.
