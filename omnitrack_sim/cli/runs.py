@@ -122,6 +122,13 @@ def print_result(result: Result, target: Path) -> None:
         f"load {metrics['no_load_slip_m_s']:.1e} m/s",
         soft_wrap=True,
     )
+    if result.scenario.sensing.kind == "onboard":
+        out.print(
+            f"  by its own sensors: place known to {1000 * metrics['localisation_error_mean_m']:.1f} "
+            f"mm on average, {1000 * metrics['localisation_error_max_m']:.1f} mm at worst; theta5 "
+            f"to {metrics['theta5_error_p95_deg']:.1f} deg in 95 % of the time",
+            soft_wrap=True,
+        )
     out.print(f"  saved in {plain(str(target))}", soft_wrap=True)
 
 
