@@ -124,9 +124,9 @@ def print_result(result: Result, target: Path) -> None:
     )
     if result.scenario.sensing.kind == "onboard":
         out.print(
-            f"  by its own sensors: place known to {1000 * metrics['localisation_error_mean_m']:.1f} "
-            f"mm on average, {1000 * metrics['localisation_error_max_m']:.1f} mm at worst; theta5 "
-            f"to {metrics['theta5_error_p95_deg']:.1f} deg in 95 % of the time",
+            f"  by its own sensors: place known to {metrics['localisation_error_mean_m']:.4f} m on "
+            f"average, {metrics['localisation_error_max_m']:.4f} m at worst; theta5 to "
+            f"{metrics['theta5_error_p95_deg']:.1f} deg in 95 % of the time",
             soft_wrap=True,
         )
     out.print(f"  saved in {plain(str(target))}", soft_wrap=True)
