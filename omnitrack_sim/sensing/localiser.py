@@ -281,11 +281,11 @@ class Localiser:
 
     def _move_later_shots(self, change: Array, pivot: Array) -> None:
         """Pictures that are on their way were taken where the robots now know better."""
-        turn = turned_by(change[:, TURN])
+        turn, moves = turned_by(change[:, TURN]), change.any(axis=1)[:, None]
         moved: deque[tuple[int, Shot]] = deque()
         for due, shot in self._arriving:
             since = (turn @ (shot.position - pivot)[..., None])[..., 0]
-            position = pivot + change[:, PLACE] + since
+            position = np.where(moves, pivot + change[:, PLACE] + since, shot.position)
             moved.append((due, shot._replace(position=position, rotation=turn @ shot.rotation)))
         self._arriving = moved
 

@@ -109,16 +109,23 @@ class PoseFilter:
         right = np.concatenate([self.covariance, gain @ evidence[..., None]], axis=-1)
         solved = np.asarray(np.linalg.solve(whole, right), float)
         covariance, change = solved[..., :SIZE], solved[..., SIZE]
-        self.covariance = (covariance + np.swapaxes(covariance, 1, 2)) / 2
+        # A robot that nothing was measured of stays as it is to the last bit: what it does must not
+        # depend on its neighbours.
+        touched = information.any(axis=(1, 2))[:, None]
+        change = np.where(touched, change, 0.0)
+        covariance = (covariance + np.swapaxes(covariance, 1, 2)) / 2
+        self.covariance = np.where(touched[..., None], covariance, self.covariance)
         self.shift(change, pivot)
         return change
 
     def shift(self, change: Array, pivot: Array) -> None:
         """Move the estimate by errors (n, 10); see ``correct``."""
-        turn = turned_by(change[:, TURN])
+        turn, moves = turned_by(change[:, TURN]), change.any(axis=1)[:, None]
         since = self.position - pivot
-        self.position = pivot + change[:, PLACE] + (turn @ since[..., None])[..., 0]
-        self.rotation = orthonormal(turn @ self.rotation)
+        position = pivot + change[:, PLACE] + (turn @ since[..., None])[..., 0]
+        self.position = np.where(moves, position, self.position)
+        rotation = orthonormal(turn @ self.rotation)
+        self.rotation = np.where(moves[..., None], rotation, self.rotation)
         self.bias = self.bias + change[:, BIAS]
         self.slip = self.slip + change[:, SLIP]
 
