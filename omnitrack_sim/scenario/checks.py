@@ -30,6 +30,7 @@ def faults_of(scenario: Scenario) -> list[Fault]:
         *_impossible_pipes(scenario),
         *_no_such_drive(scenario),
         *_impossible_cameras(scenario),
+        *_no_cameras(scenario),
     ]
     if not faults and scenario.pipes:
         lengths = (pipe.step(i).fitting.length_of_axes for i, pipe in enumerate(scenario.pipes))
@@ -129,6 +130,14 @@ def _impossible_cameras(scenario: Scenario) -> list[Fault]:
             problem = f"{told} (physics.control_period, {period:g} s)"
             faults.append(Fault(f"{where}.{key}", problem, choices))
     return faults
+
+
+def _no_cameras(scenario: Scenario) -> list[Fault]:
+    """Pictures asked for of a robot without cameras."""
+    if not scenario.record.pictures or scenario.sensing.kind == "onboard":
+        return []
+    problem = 'is true, for which the robot needs cameras: sensing.kind = "onboard"'
+    return [Fault("record.pictures", problem)]
 
 
 def _impossible_pipes(scenario: Scenario) -> list[Fault]:

@@ -252,7 +252,8 @@ class Goal(Table):
 
 
 class RecordTable(Table):
-    """Sensors and metrics of a user's own, by the name ``module:Object``; see docs/extending.md."""
+    """What is recorded besides what always is. Sensors and metrics of a user's own go by the name
+    ``module:Object``; see docs/extending.md."""
 
     sensors: Annotated[tuple[str, ...], Field(max_length=100)] = ()
     """A list of sensors whose channels controllers see and the trajectory has; robots of one batch
@@ -260,6 +261,9 @@ class RecordTable(Table):
     metrics: Annotated[tuple[str, ...], Field(max_length=100)] = ()
     """A list of metrics that are computed beside the shipped ones, also for the tables of sweeps;
     robots of one batch share it."""
+    pictures: bool = False
+    """Whether all that the robot's cameras see is saved in `pictures.parquet`: for
+    `sensing.kind = "onboard"`."""
 
 
 class Expect(Table):

@@ -42,7 +42,13 @@ class DepthCamera:
         self._least_sine = np.sin(np.radians(table.grazing_deg))
 
     def picture(
-        self, hits: Array, rays: Array, pixels: NDArray[np.intp], keys: Keys, number: int
+        self,
+        hits: Array,
+        rays: Array,
+        pixels: NDArray[np.intp],
+        keys: Keys,
+        number: int,
+        metered: NDArray[np.intp] | None = None,
     ) -> Array:
         """See ``Camera``."""
         table = self._table

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.sensing.draws import Keys, normal
-from omnitrack_sim.sensing.optics import GRAIN, JOINT, LIT, RANGE, OpticsTable
+from omnitrack_sim.sensing.optics import GRAIN, JOINT, LIT, RANGE, OpticsTable, rays_of
 from omnitrack_sim.table import Unit
 
 EXPOSED = 0.9
@@ -51,15 +51,22 @@ class HeadlightCamera:
 
     def __init__(self, table: HeadlightTable) -> None:
         self.optics, self._table = table, table
+        self._corner = max(1 - float(np.min(rays_of(table)[:, 2])), 1e-9)
         self.lamp = np.array([table.lamp_aside, 0.0, 0.0])
 
     def picture(
-        self, hits: Array, rays: Array, pixels: NDArray[np.intp], keys: Keys, number: int
+        self,
+        hits: Array,
+        rays: Array,
+        pixels: NDArray[np.intp],
+        keys: Keys,
+        number: int,
+        metered: NDArray[np.intp] | None = None,
     ) -> Array:
         """See ``Camera``."""
         table = self._table
         light = self._light(hits, rays) * (1 + table.dirt * hits[..., GRAIN])
-        coded = self._coded(light, rays)
+        coded = self._coded(light, rays, metered)
         noisy = coded + table.noise * normal(keys, "headlight", number, pixels)
         steps = 2**table.bits - 1
         return np.round(np.clip(noisy, 0.0, 1.0) * steps) / steps
@@ -86,11 +93,11 @@ class HeadlightCamera:
         rings = 1 - self._table.ring * np.exp(-((hits[..., JOINT] / self._table.ring_width) ** 2))
         return np.where(met, hits[..., LIT] * rings / (to_lamp**2).sum(axis=-1), 0.0)
 
-    def _coded(self, light: Array, rays: Array) -> Array:
+    def _coded(self, light: Array, rays: Array, metered: NDArray[np.intp] | None = None) -> Array:
         """Pixels (n, k) of light, exposed by the picture's own brightness."""
         table = self._table
-        corner = 1 - np.min(rays[:, 2])
-        seen = light * (1 - table.vignetting * (1 - rays[:, 2]) / max(corner, 1e-9))
-        level = np.quantile(seen, EXPOSED, axis=1, keepdims=True)
+        seen = light * (1 - table.vignetting * (1 - rays[:, 2]) / self._corner)
+        meter = seen if metered is None else seen[:, metered]
+        level = np.quantile(meter, EXPOSED, axis=1, keepdims=True)
         exposed = BRIGHT**table.gamma * seen / np.maximum(level, 1e-12)
         return np.clip(exposed, 0.0, 1.0) ** (1 / table.gamma)

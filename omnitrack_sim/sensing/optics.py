@@ -85,7 +85,13 @@ class Camera(Protocol):
     def __init__(self, table: Any) -> None: ...
 
     def picture(
-        self, hits: Array, rays: Array, pixels: NDArray[np.intp], keys: Keys, number: int
+        self,
+        hits: Array,
+        rays: Array,
+        pixels: NDArray[np.intp],
+        keys: Keys,
+        number: int,
+        metered: NDArray[np.intp] | None = None,
     ) -> Array:
         """Picture (n, k) of what rays (k, 3) have met (n, k, 8), with its noise; NaN where a pixel
         says nothing.
@@ -94,6 +100,8 @@ class Camera(Protocol):
             pixels: (k,) which ones they are, row by row: the noise of each does not depend on
                 which others are looked at.
             keys: (n,) of the robots' random numbers. number: of the picture.
+            metered: (m,) places among ``pixels`` of those that an exposure goes by, the same ones
+                whichever others are looked at; without it all.
         """
         ...
 

@@ -103,7 +103,8 @@ def reading(path: Path) -> Iterator[Path]:
         raise OutputError(f"{path}: is damaged, or no file of a run: {cause}") from error
 
 
-def _require(holds: bool | np.bool_, fault: str) -> None:
+def require(holds: bool | np.bool_, fault: str) -> None:
+    """Refuse what is read, by an error that ``reading`` tells with the file's name."""
     if not holds:
         raise ValueError(fault)
 
@@ -162,17 +163,17 @@ def _read_parquet(path: Path) -> _Table:
     schema = {**RECORDED}
     for data in json.loads(about[b"own_channels"]):
         channel = _own_channel(data, table.num_columns)
-        _require(channel.name not in schema, f"there are two channels {channel.name!r}")
+        require(channel.name not in schema, f"there are two channels {channel.name!r}")
         schema[channel.name] = channel
     found, wanted = table.schema.remove_metadata(), pa.schema(_fields(schema)).remove_metadata()
-    _require(found.equals(wanted), "its columns are not those of its channels")
-    _require(all(column.null_count == 0 for column in table.columns), "it has gaps")
+    require(found.equals(wanted), "its columns are not those of its channels")
+    require(all(column.null_count == 0 for column in table.columns), "it has gaps")
     time, channels = table["time"].to_numpy(), {}
     for name, channel in schema.items():
         values = np.stack([table[column].to_numpy() for column in channel.columns], axis=-1)
         channels[name] = values.reshape(table.num_rows, *channel.shape)
     phases = tuple(json.loads(about[b"phases"]))
-    _require(all(isinstance(name, str) for name in phases), "a name of a phase is no text")
+    require(all(isinstance(name, str) for name in phases), "a name of a phase is no text")
     "".join(phases).encode()  # raises if there are halves of characters
     _require_order(time, channels, len(phases))
     return time, channels, phases, schema
@@ -180,21 +181,21 @@ def _read_parquet(path: Path) -> _Table:
 
 def _require_order(time: NDArray[np.float64], channels: Mapping[str, NDArray], phases: int) -> None:
     """Refuse times, phases and gears that no run has."""
-    _require(len(time) > 0, "it has no samples")
-    _require(np.isfinite(time).all() and (np.diff(time) > 0).all(), "its times do not increase")
+    require(len(time) > 0, "it has no samples")
+    require(np.isfinite(time).all() and (np.diff(time) > 0).all(), "its times do not increase")
     phase, gear = channels["phase"], channels["gear"]
-    _require(phase.min() >= 0 and phase.max() < phases, "it has phases without a name")
-    _require(np.isin(gear, (-1.0, 1.0)).all(), "it has gears that are neither 1 nor -1")
+    require(phase.min() >= 0 and phase.max() < phases, "it has phases without a name")
+    require(np.isin(gear, (-1.0, 1.0)).all(), "it has gears that are neither 1 nor -1")
 
 
 def _own_channel(data: dict[str, Any], most: int) -> Channel:
     """A channel of a user's own sensor, of at most ``most`` numbers."""
     kind = Vector if data.pop("vector") else Channel
     shape = tuple(data.pop("shape"))
-    _require(all(type(size) is int and size > 0 for size in shape), f"a channel has shape {shape}")
-    _require(math.prod(shape) <= most, f"a channel has shape {shape}")
+    require(all(type(size) is int and size > 0 for size in shape), f"a channel has shape {shape}")
+    require(math.prod(shape) <= most, f"a channel has shape {shape}")
     words = [data[key] for key in ("name", "unit", "meaning", "frame")]
-    _require(all(isinstance(word, str) for word in words), "a channel's words are no text")
+    require(all(isinstance(word, str) for word in words), "a channel's words are no text")
     return kind(shape=shape, **data)
 
 
@@ -223,9 +224,9 @@ def _read_npz(
             if entry.file_size > most:
                 raise _OtherRun("more samples or joints")
             array = np.load(io.BytesIO(archive.read(entry)), allow_pickle=False)
-            _require(array.dtype == float, f"{name} holds {array.dtype}")
+            require(array.dtype == float, f"{name} holds {array.dtype}")
             if array.ndim > 0 and len(array) != samples:
                 raise _OtherRun(f"{len(array)} samples, not {samples}")
-            _require(array.shape == shape, f"{name} has shape {array.shape}, expected {shape}")
+            require(array.shape == shape, f"{name} has shape {array.shape}, expected {shape}")
             arrays[name] = array
     return arrays["time"], arrays["qpos"]

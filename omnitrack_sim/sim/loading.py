@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shlex
 from collections.abc import Iterator
@@ -30,6 +31,7 @@ from omnitrack_sim.sim.files import (
     read_trajectory,
     reading,
 )
+from omnitrack_sim.sim.pictures import read_pictures
 from omnitrack_sim.sim.result import Result
 from omnitrack_sim.text import shown
 
@@ -84,6 +86,9 @@ def load_result(directory: str | Path) -> Result:
             found = Network.believed_from(table_of(path, "network", NetworkError))
     with _advised(folder):
         trajectory = read_trajectory(folder, drive_of(scenario.robot.drive))
+        # The clock of physics that has diverged begins anew.
+        end = math.inf if summary.outcome is Outcome.DIVERGED else summary.duration_s
+        album = read_pictures(folder, end) if scenario.record.pictures else None
     result = Result(
         scenario=scenario,
         outcome=summary.outcome,
@@ -95,6 +100,7 @@ def load_result(directory: str | Path) -> Result:
         events=events,
         legs=tuple(Leg(**vars(leg)) for leg in summary.legs),
         map=found,
+        album=album,
     )
     with reading(folder / RESULT_FILE):
         _check_legs(result)

@@ -3,6 +3,7 @@ told."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -45,8 +46,11 @@ class Onboard:
 
     Attributes:
         readings: what controllers see, (n, ...) by the names of the channels, robot frame.
-        localiser: where the robots take themselves to be.
-        picture: (n, k) the last one taken; None before the first.
+        camera: at their ends. localiser: where the robots take themselves to be.
+        picture: (n, k) the last one taken, of the pixels that robots compare with their map; None
+            before the first.
+        whole: (n, pixels²) the picture that was taken at this moment, of all pixels, with the ends
+            (n,) that it was taken from; None where none was, or nobody records them.
     """
 
     def __init__(
@@ -60,11 +64,11 @@ class Onboard:
     ) -> None:
         first, table = scenarios[0], scenarios[0].sensing
         self._robot, self._period = first.robot, period
-        self._keys = keys([scenario.hash for scenario in scenarios])
+        self._keys = keys([_drawn_from(scenario) for scenario in scenarios])
         gravity = each(scenarios, "gravity").astype(float)
         n = len(scenarios)
-        self._camera = camera_of(table)
-        self._rays = rays_of(self._camera.optics)
+        self.camera = camera_of(table)
+        self._rays = rays_of(self.camera.optics)
         parts = first.route.network.parts
         # The pipes as they are, and as the robot's map has them: it knows of no plate.
         self._walls = RayWalls([parts], [first.plates])
@@ -83,7 +87,7 @@ class Onboard:
         self.localiser = Localiser(
             table,
             first.robot,
-            self._camera,
+            self.camera,
             RayWalls([parts]),
             self._which,
             gravity,
@@ -97,10 +101,12 @@ class Onboard:
         self._lost, self._checked = np.zeros(n, bool), np.full(n, -np.inf)
         self._search = Search(table.search, first.robot, each(scenarios, "cruise_speed"))
         self._sure = np.radians(table.filter.sure_deg)
-        self._every = round(1 / (self._camera.optics.rate * period))
-        self._latency = round(self._camera.optics.latency / period)
+        self._every = round(1 / (self.camera.optics.rate * period))
+        self._latency = round(self.camera.optics.latency / period)
         self._tick, self._pictures, self._both_ends = 0, 0, table.both_ends
+        self._records = first.record.pictures
         self.picture: Array | None = None
+        self.whole: tuple[Array, NDArray[np.int_]] | None = None
         self._shoot(state, np.ones(n, np.int_))
         self.readings = self._told(self._first_felt(state))
 
@@ -125,6 +131,7 @@ class Onboard:
         """Read the sensors at this moment and bring the estimate up to it; ``place`` is where the
         robots took themselves to be a moment ago."""
         self._tick += 1
+        self.whole = None
         felt = self._senses.read(state)
         self.localiser.feel(felt)
         if self._tick % self._every == 0:
@@ -209,12 +216,16 @@ class Onboard:
     def _shoot(self, state: State, facing: NDArray[np.int_]) -> None:
         """Take a picture of the pipes as they are; ``facing`` (n,): 1 from the nose, -1 from the
         tail."""
-        camera, localiser = self._camera, self.localiser
+        camera, localiser = self.camera, self.localiser
         position, frame = localiser.lens(state["position"], state["rotation"], facing)
-        pixels = localiser.pixels
+        compared = localiser.pixels
+        pixels = np.arange(len(self._rays)) if self._records else compared
         rays = self._rays[pixels]
         hits = self._walls.trace(self._which, position, frame, rays, camera.optics.far, camera.lamp)
-        self.picture = camera.picture(hits, rays, pixels, self._keys, self._pictures)
+        metered = np.searchsorted(pixels, compared)
+        picture = camera.picture(hits, rays, pixels, self._keys, self._pictures, metered)
+        self.picture = picture[:, metered]
+        self.whole = (picture, facing) if self._records else None
         localiser.shoot(self._pictures, self.picture, facing, self._latency)
         self._pictures += 1
 
@@ -282,3 +293,10 @@ class Onboard:
             "tilt_std": place.tilt_std,
             "misfit": self.localiser.misfit,
         }
+
+
+def _drawn_from(scenario: Scenario) -> str:
+    """What a robot's random numbers are drawn from: its scenario, but for whether its pictures are
+    recorded."""
+    text = scenario.model_dump_json(exclude={"record": {"pictures"}})
+    return hashlib.sha256(text.encode()).hexdigest()

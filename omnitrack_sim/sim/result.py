@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.naming import ByName
 from omnitrack_sim.network import Leg, MapDifference, Network
 from omnitrack_sim.network.planning import route_of
@@ -29,6 +30,7 @@ from omnitrack_sim.sim.files import (
     write_trajectory,
 )
 from omnitrack_sim.sim.notebook import result_html
+from omnitrack_sim.sim.pictures import PICTURES_FILE, Pictures
 from omnitrack_sim.text import strict_json
 from omnitrack_sim.writing import whole_folder
 
@@ -49,6 +51,7 @@ class Result:
         legs: of a mission, in the order of the trajectory's ``leg``; empty for plain pipes.
         map: what a robot that explores has made of its network; its legs lead through that. None
             for other robots.
+        album: ``pictures``; None where none were recorded.
     """
 
     scenario: Scenario
@@ -61,6 +64,7 @@ class Result:
     events: list[Event] = field(default_factory=list)
     legs: tuple[Leg, ...] = ()
     map: Network | None = None
+    album: Pictures | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "metrics", ByName(self.metrics))
@@ -84,6 +88,17 @@ class Result:
         nothing."""
         expected = self.scenario.expect.outcome
         return None if expected is None else self.outcome is expected
+
+    @property
+    def pictures(self) -> Pictures:
+        """What the robot's cameras have seen, read picture by picture.
+
+        Raises:
+            InputError: none were recorded.
+        """
+        if self.album is None:
+            raise InputError(Fault("record.pictures", "is false: this run has recorded none"))
+        return self.album
 
     def routes(self) -> tuple[Route, ...]:
         """The route of each leg, in the order of the trajectory's ``leg``."""
@@ -153,7 +168,7 @@ class Result:
         }
 
     def save(self, directory: str | Path) -> Path:
-        """Write scenario, result, timeline, trajectory, replay and map, a file each, into
+        """Write scenario, result, timeline, trajectory, replay, map and pictures, a file each, into
         ``directory``, whole or not at all; an earlier run there is replaced.
 
         Raises:
@@ -168,4 +183,6 @@ class Result:
             write_trajectory(self.trajectory, folder)
             if self.map is not None:
                 (folder / MAP_FILE).write_text(self.map.to_toml(), encoding="utf-8")
+            if self.album is not None:
+                self.album.write(folder / PICTURES_FILE)
         return Path(directory)

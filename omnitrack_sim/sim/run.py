@@ -145,7 +145,7 @@ def _unloaded(scenario: Scenario) -> Scenario:
             "contact": scenario.contact.model_dump(),
             "control": autopilot_of(scenario),
             "monitor": scenario.monitor.model_dump(),
-            "record": scenario.record.model_dump(),
+            "record": scenario.record.model_dump() | {"pictures": False},
             "world": {"gravity": [0.0, 0.0, 0.0]},
             "pipes": [{"kind": "straight", "length": length, "inner_diameter": 2 * first.radius}],
             "start": {"distance": start},

@@ -34,6 +34,7 @@ from omnitrack_sim.sim.builder import (
 )
 from omnitrack_sim.sim.legs import Legs, Onward
 from omnitrack_sim.sim.monitor import Monitor, Verdict
+from omnitrack_sim.sim.pictures import Album, coding_of
 from omnitrack_sim.sim.plant import Plant, Start
 from omnitrack_sim.sim.provenance import provenance_of
 from omnitrack_sim.sim.recorder import Recorder
@@ -132,10 +133,10 @@ class Simulation:
         limits = [s.robot.crawler_motor.torque_limit for s in self.scenarios]
         drive, motor = drive_of(first.robot.drive), first.robot.motor
         self.motors = SpeedLoop(drive, motor, limits, first.robot.lug_radius, self.n)
+        self.active = np.ones(self.n, bool)
         self._begin(settings, start, sensors)
         self.endings: list[Ending | None] = [None] * self.n
         self._events: list[list[Event]] = [self._noted(i, note) for i, note in enumerate(notes)]
-        self.active = np.ones(self.n, bool)
         self.end_time: Array = np.full(self.n, np.nan)
         self._tick = 0
         self._settle()
@@ -183,6 +184,10 @@ class Simulation:
         )
         schema = {c.name: c for c in self.channels if c.recorded}
         self.recorder = Recorder(self.phases, schema)
+        self._album: Album | None = None
+        if self.onboard is not None and first.record.pictures:
+            self._album = Album(coding_of(self.onboard.camera), self.n)
+            self._keep_picture()
         self._measured = ["time", *(c.name for c in schema.values() if c.source == "plant")]
         self._belt_command, self._roll_command = np.zeros((self.n, 3)), start.roll.copy()
         self._phase, self._nobody = np.zeros(self.n, int), np.zeros(self.n, bool)
@@ -256,6 +261,7 @@ class Simulation:
         self._readings = self.plant.read()
         if self.onboard is not None:
             self.onboard.look(self._readings, self.legs.gear, self._believed)
+            self._keep_picture()
         self._find()
         self._settle()
 
@@ -313,6 +319,13 @@ class Simulation:
         """What tells a robot that explores what is ahead; None for one that does not."""
         exploration = scenario.exploration
         return None if exploration is None else exploration.sight()
+
+    def _keep_picture(self) -> None:
+        """Keep the picture of this moment, where one was taken and pictures are recorded."""
+        assert self.onboard is not None
+        if self._album is not None and self.onboard.whole is not None:
+            picture, end = self.onboard.whole
+            self._album.add(self._readings["time"], end, picture, self.active)
 
     def _find(self) -> None:
         """Find the robots on their routes, and where they take themselves to be."""
@@ -514,6 +527,7 @@ class Simulation:
         taken = {*METRIC_NAMES, *(metric.name for metric in self.scenarios[0].own_metrics)}
         refuse_taken("metrics", [metric.name for metric in metrics], taken)
         trajectories = self.recorder.trajectories(self.end_time)
+        albums = [None] * self.n if self._album is None else self._album.pictures()
         results = []
         for i, (scenario, trajectory) in enumerate(zip(self.scenarios, trajectories, strict=True)):
             ending = self.endings[i]
@@ -542,6 +556,7 @@ class Simulation:
                     events=self._events[i],
                     legs=self.legs.driven(i),
                     map=found,
+                    album=albums[i],
                 )
             )
         return results

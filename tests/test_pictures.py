@@ -1,0 +1,175 @@
+"""Pictures of the robots' cameras: taken as they come, saved with the run, read back."""
+
+from __future__ import annotations
+
+import gc
+import os
+import pickle
+
+import numpy as np
+import pytest
+from runs import same_record
+
+import omnitrack_sim as ot
+from omnitrack_sim.sim.pictures import PICTURES_FILE, Album, Coding
+from omnitrack_sim.writing import whole_folder
+
+pytest.importorskip("numba")
+
+CAMERAS = ("depth", "headlight")
+
+
+def filmed(camera="depth", **changes):
+    """One and a half seconds of a robot that drives by this camera."""
+    base = {
+        "physics.collider": "exact",
+        "physics.time_limit": 1.5,
+        "sensing.kind": "onboard",
+        "sensing.camera": camera,
+        "record.pictures": True,
+    }
+    more = {key.replace("__", "."): value for key, value in changes.items()}
+    return ot.override(ot.load_scenario("tee_turn"), base | more)
+
+
+@pytest.fixture(scope="module", params=CAMERAS)
+def run(request):
+    return ot.run(filmed(request.param))
+
+
+@pytest.mark.parametrize("stride", [3, 4])
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_a_run_is_the_same_with_and_without_its_pictures(camera, stride):
+    """A robot compares the same pixels, exposed alike, whether the others are looked at or not."""
+    limit = {"physics__time_limit": 1.0, "sensing__filter__stride": stride}
+    kept, plain = (ot.run(filmed(camera, record__pictures=p, **limit)) for p in (True, False))
+    assert same_record(kept, plain)
+    assert len(kept.pictures) == 11
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_a_whole_picture_has_the_pixels_that_the_robot_compares(camera):
+    """To the bit, and others beside them."""
+    whole, part = (ot.Simulation([filmed(camera, record__pictures=p)]) for p in (True, False))
+    pixels = whole.onboard.localiser.pixels
+    assert whole.onboard.whole[0].shape == (1, 48 * 48)
+    found = whole.onboard.whole[0][:, pixels]
+    assert found.tobytes() == part.onboard.picture.tobytes()
+    assert part.onboard.whole is None
+
+
+def test_pictures_are_of_the_pipe_ahead_and_behind(run):
+    """Ten a second, from either end in turn; near walls at the rim, the far pipe in the middle."""
+    pictures = run.pictures
+    assert np.allclose(np.diff(pictures.time), 0.1)
+    assert pictures.end.tolist() == [1, -1] * 8
+    assert len(pictures) == 16
+    picture = pictures[-1]
+    assert picture.shape == (48, 48)
+    rim, middle = np.nanmean(picture[[0, -1]]), np.nanmean(picture[22:26, 22:26])
+    if pictures.unit == "m":
+        assert rim < 0.2 < middle
+        assert np.isnan(picture).any()
+    else:
+        assert 0 <= middle < 0.5 * rim < rim <= 1
+
+
+def test_pictures_are_saved_and_read_back(run, tmp_path):
+    """Bit by bit; the same run gives the same bytes, and so does the run that was read back."""
+    folder = run.save(tmp_path / "run")
+    again = ot.load_result(folder)
+    assert again.pictures.time.tobytes() == run.pictures.time.tobytes()
+    assert again.pictures.end.tolist() == run.pictures.end.tolist()
+    assert (again.pictures.unit, again.pictures.size) == (run.pictures.unit, 48)
+    for one, other in zip(again.pictures, run.pictures, strict=True):
+        assert one.tobytes() == other.tobytes()
+    assert len(again.pictures[2:5]) == 3
+    octets = (folder / PICTURES_FILE).read_bytes()
+    again.save(tmp_path / "copy")
+    ot.run(run.scenario).save(tmp_path / "anew")
+    for place in ("copy", "anew"):
+        assert (tmp_path / place / PICTURES_FILE).read_bytes() == octets
+
+
+def test_pictures_can_be_handed_to_another_process(run, tmp_path):
+    """Those in the temporary file as well as those of a folder."""
+    run.save(tmp_path / "run")
+    for pictures in (run.pictures, ot.load_result(tmp_path / "run").pictures):
+        sent = pickle.loads(pickle.dumps(pictures))
+        assert sent[3].tobytes() == pictures[3].tobytes()
+
+
+def test_a_robot_has_the_same_pictures_alone_and_among_others():
+    """Also where the others' runs end earlier or later than its own."""
+    robots = [filmed(goal__distance=d) for d in (0.15, 0.22, 0.3)]
+    alone = [ot.run(robot).pictures for robot in robots]
+    lengths = [len(pictures) for pictures in alone]
+    assert lengths[0] < lengths[2]
+    for one, other in zip(alone, ot.run_batch(robots), strict=True):
+        assert one.time.tobytes() == other.pictures.time.tobytes()
+        assert one[-1].tobytes() == other.pictures[-1].tobytes()
+
+
+def test_a_run_without_pictures_says_so():
+    """Also where a robot has no camera at all."""
+    result = ot.run(filmed(record__pictures=False, physics__time_limit=0.1))
+    with pytest.raises(ot.InputError, match=r"record\.pictures: is false: this run has recorded"):
+        _ = result.pictures
+    with pytest.raises(ot.InputError, match=r'record\.pictures: is true, .* = "onboard"'):
+        filmed(sensing__kind="truth")
+
+
+def test_a_folder_without_its_pictures_is_refused(run, tmp_path):
+    """When it is read."""
+    folder = run.save(tmp_path / "run")
+    (folder / PICTURES_FILE).unlink()
+    with pytest.raises(ot.OutputError, match=r"is no run: pictures\.parquet is missing"):
+        ot.load_result(folder)
+
+
+def test_damage_is_told_when_it_is_met(run, tmp_path):
+    """A file whose end is missing when the run is read; a wrong byte when a picture is."""
+    folder = run.save(tmp_path / "run")
+    path, octets = folder / PICTURES_FILE, bytearray((folder / PICTURES_FILE).read_bytes())
+    path.write_bytes(octets[:-20])
+    with pytest.raises(ot.OutputError, match=r"pictures\.parquet: is damaged"):
+        ot.load_result(folder)
+    octets[len(octets) // 2] ^= 1
+    path.write_bytes(octets)
+    damaged = ot.load_result(folder).pictures
+    with pytest.raises(ot.OutputError, match=r"pictures\.parquet: .* checksum"):
+        _ = damaged[4]
+
+
+def test_the_temporary_file_goes_with_its_last_reader(tmp_path, monkeypatch):
+    """It has no name that a killed process could leave behind, and holds no file open for good."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    gc.collect()
+    before = len(os.listdir("/proc/self/fd"))
+    album = Album(Coding(48, "m"), 1)
+    album.add(np.zeros(1), np.ones(1, int), np.full((1, 48 * 48), 0.5), np.ones(1, bool))
+    assert os.listdir(tmp_path) == []
+    (pictures,) = album.pictures()
+    del album
+    assert pictures[0][0, 0] == 0.5
+    del pictures
+    gc.collect()
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_ten_minutes_of_pictures_take_little_memory(tmp_path):
+    """6000 pictures are kept and written by parts: no array of all of them is ever there."""
+    import tracemalloc
+
+    album, rng = Album(Coding(48, "m"), 1), np.random.default_rng(1)
+    end, active = np.ones(1, int), np.ones(1, bool)
+    noise = 0.3 + 0.01 * rng.standard_normal((1, 48 * 48))
+    tracemalloc.start()
+    for number in range(6000):
+        album.add(np.full(1, 0.1 * number), end, noise, active)
+    (pictures,) = album.pictures()
+    with whole_folder(tmp_path / "run", "mark") as folder:
+        pictures.write(folder / PICTURES_FILE)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 12e6
