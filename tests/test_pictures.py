@@ -5,12 +5,20 @@ from __future__ import annotations
 import gc
 import os
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from runs import same_record
+from samples import two_legs_result
 
 import omnitrack_sim as ot
+from omnitrack_sim.film.inset import Inset
+from omnitrack_sim.film.render import render_frames
+from omnitrack_sim.film.seen import ROOM, levels, palette
+from omnitrack_sim.film.workers import painted
+from omnitrack_sim.record.estimates import ESTIMATES
+from omnitrack_sim.record.trajectory import RECORDED
 from omnitrack_sim.sim.pictures import PICTURES_FILE, Album, Coding
 from omnitrack_sim.writing import whole_folder
 
@@ -64,9 +72,9 @@ def test_pictures_are_of_the_pipe_ahead_and_behind(run):
     assert np.allclose(np.diff(pictures.time), 0.1)
     assert pictures.end.tolist() == [1, -1] * 8
     assert len(pictures) == 16
-    picture = pictures[-1]
+    picture = pictures[0]
     assert picture.shape == (48, 48)
-    rim, middle = np.nanmean(picture[[0, -1]]), np.nanmean(picture[22:26, 22:26])
+    rim, middle = np.nanmean(picture[[0, -1]]), np.nanmean(picture[16:32, 16:32])
     if pictures.unit == "m":
         assert rim < 0.2 < middle
         assert np.isnan(picture).any()
@@ -173,3 +181,55 @@ def test_ten_minutes_of_pictures_take_little_memory(tmp_path):
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 12e6
+
+
+def test_colours_tell_near_from_far_and_from_nothing():
+    """Nearer, or brighter, is a higher level and a brighter colour."""
+    depth, light = np.array([0.1, 0.2, 1.5, np.nan]), np.array([1.0, 0.4, 0.0])
+    for picture, unit in ((depth, "m"), (light, "1")):
+        found = levels(picture, unit)
+        bright = palette(unit)[found].astype(int).sum(axis=-1)
+        assert (np.diff(found.astype(int)) < 0).all()
+        assert (np.diff(bright[:3]) < 0).all()
+    assert levels(depth, "m")[3] == 0 < levels(depth, "m")[2]
+
+
+def test_a_film_shows_what_the_robot_sees(run, tmp_path):
+    """In a panel of its own and nowhere else; it changes with time, and is the same from a folder
+    and in other processes."""
+    size, times = (640, 360), [0.3, 1.2]
+    with_panel = render_frames(run, times, "follow", *size)
+    without = render_frames(replace(run, album=None), times, "follow", *size)
+    for seen, bare in zip(with_panel, without, strict=True):
+        changed = np.argwhere((seen != bare).any(axis=-1))
+        assert len(changed) > 5000
+        (top, left), (bottom, right) = changed.min(axis=0), changed.max(axis=0)
+        assert top >= (1 - ROOM) * 360
+        assert left >= 8
+        assert right <= 180
+        assert bottom < 360 - 115
+    panel = np.s_[135:225, 10:175]
+    assert (with_panel[0][panel] != with_panel[1][panel]).mean() > 0.1
+    saved = ot.load_result(run.save(tmp_path / "run"))
+    assert (render_frames(saved, times, "follow", *size)[1] == with_panel[1]).all()
+    spread = list(painted(run, times, size, "follow", {"fine": True}, processes=2))
+    assert (spread[1] == with_panel[1]).all()
+
+
+def test_the_map_marks_where_the_robot_takes_itself_to_be():
+    """By a ring where that is not where it is, and by nothing where it is."""
+    result, believed = two_legs_result(), []
+    for beside in (0.0, 0.3):
+        channels = dict(result.trajectory.channels)
+        channels["position_estimate"] = channels["position"] + [0.0, 0.0, beside]
+        schema = {channel.name: channel for channel in (*RECORDED.values(), ESTIMATES[0])}
+        trajectory = replace(result.trajectory, channels=channels, schema=schema)
+        inset = Inset(
+            trajectory, result.routes(), result.goal_points(), result.plate_rims(), 1280, 720
+        )
+        frame = np.full((720, 1280, 3), 90, np.uint8)
+        inset.write(frame, 900)
+        blue = (frame[..., 2] > 200) & (frame[..., 0] < 150)
+        believed.append(int(blue.sum()))
+    assert believed[0] == 0
+    assert 20 < believed[1] < 400

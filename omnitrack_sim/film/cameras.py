@@ -26,7 +26,9 @@ AROUND_WAY = 0.3
 SHADOW_REACH = 0.17
 """How far behind the robot it throws a shadow, m."""
 _MARGIN = 1.06
-_PANEL = (0.28, 0.33)  # of the picture's width and height: the panel in the lower left corner
+PANEL = 0.33
+"""Of the picture's height: the panel in the lower left corner."""
+_PANEL_WIDE = 0.28  # of its width
 _HALF = np.tan(np.radians(FIELD_OF_VIEW / 2))  # half of the picture's height at 1 m
 _CLEAR = 0.12  # how much is left of a pipe that is in the way
 _ONBOARD_ANGLE, _ONBOARD_PLACE = 88.0, 0.086  # degrees; m before the robot's centre
@@ -75,20 +77,21 @@ class Side:
     stands, lamp = True, False
 
     def __init__(
-        self, trajectory: Trajectory, network: Assembly, aspect: float, reach: float, panel: bool
+        self, trajectory: Trajectory, network: Assembly, aspect: float, reach: float, panel: float
     ):
         """For pictures of this aspect ratio.
 
-        ``reach``: of the robot about its centre, m; ``panel``: leave room for the panel.
+        ``reach``: of the robot about its centre, m; ``panel``: part of the
+        picture's height that panels cover in its lower left corner.
         """
         self._network, self._reach = network, reach
         self.cut = view_direction(network)
         self._frame = camera_frame(self.cut)
         seen = _seen_from(trajectory, network)
         middle, distance = _fit(seen, self._frame, aspect)
-        if panel and _behind_panel(seen, self._frame, middle, distance, aspect):
-            middle, distance = _fit(seen, self._frame, aspect * (1 - _PANEL[0]))
-            middle -= _PANEL[0] * distance * _HALF * aspect * self._frame[:, 0]
+        if _behind_panel(seen, self._frame, middle, distance, aspect, panel):
+            middle, distance = _fit(seen, self._frame, aspect * (1 - _PANEL_WIDE))
+            middle -= _PANEL_WIDE * distance * _HALF * aspect * self._frame[:, 0]
         far = 2 * distance + float(np.linalg.norm(seen - middle, axis=1).max())
         self._eye = Eye(
             middle + distance * self._frame[:, 2],
@@ -224,10 +227,11 @@ def _fit(points: Array, frame: Array, aspect: float) -> tuple[Array, float]:
 
 
 def _behind_panel(
-    points: Array, frame: Array, middle: Array, distance: float, aspect: float
+    points: Array, frame: Array, middle: Array, distance: float, aspect: float, high: float
 ) -> bool:
-    """Whether one of ``points`` (n, 3) m would be behind the panel in the lower left corner."""
+    """Whether one of ``points`` (n, 3) m would be behind panels in the lower left corner that are
+    ``high``, a part of the picture's height."""
     right, up, back = ((points - middle) @ frame).T
     half = _HALF * (distance - back)
     left, low = 0.5 + 0.5 * right / (half * aspect), 0.5 + 0.5 * up / half
-    return bool(((left < _PANEL[0]) & (low < _PANEL[1])).any())
+    return bool(((left < _PANEL_WIDE) & (low < high)).any())

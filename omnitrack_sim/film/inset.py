@@ -20,6 +20,8 @@ NOSE_FIRST, TAIL_FIRST = (255, 205, 70), (240, 120, 170)
 """Colours of the way driven, 8-bit RGB."""
 _PANEL, _EDGE, _PIPE, _ROBOT = (14, 18, 24, 190), (14, 18, 24), (120, 131, 144), (255, 255, 255)
 _PLATE = (226, 74, 60)
+_BELIEVED = (90, 220, 255)
+_BESIDE = 1.0  # pixels from where the robot is, from which on the place that it believes is marked
 _FINER = 3  # the map is drawn so many times larger and then reduced, for smooth lines
 # Azimuth and elevation, degrees: elevations from two sides, then oblique views from above.
 _VIEWS = [
@@ -85,6 +87,8 @@ class Inset:
             known & ((np.diff(marks, prepend=-1) > 0) | _changed(trajectory["leg"]))
         )
         self._points = self._pixels(trajectory["position"])  # (T, 2)
+        believed = trajectory.channels.get("position_estimate")
+        self._believed = self._points if believed is None else self._pixels(believed)
 
     def write(self, frame: NDArray[np.uint8], row: int) -> None:
         """Draw the map as of sample ``row`` into ``frame`` (h, w, 3)."""
@@ -190,15 +194,27 @@ class Inset:
             draw.ellipse((x - reach, y - reach, x + reach, y + reach), fill=colour)
 
     def _robot(self, panel: Image.Image, row: int) -> None:
-        """A dot with an arrow towards the nose, short if that points along the line of sight."""
-        centre = self._points[row]
-        if not np.isfinite(centre).all():
+        """A dot with an arrow towards the nose, short if that points along the line of sight; and
+        a hollow mark where the robot takes itself to be, where it is not there."""
+        places = np.stack([self._points[row], self._believed[row]])
+        if not np.isfinite(places).all():
             return
-        box = self._box(centre - 24 * self.unit, centre + 24 * self.unit)
+        reach = 24 * self.unit
+        box = self._box(places.min(axis=0) - reach, places.max(axis=0) + reach)
         if box is not None:
-            near = self._crop(box)
-            self._draw_robot(ImageDraw.Draw(near), centre - _FINER * np.array(box[:2]), row)
+            near, corner = self._crop(box), _FINER * np.array(box[:2])
+            draw = ImageDraw.Draw(near)
+            self._draw_robot(draw, places[0] - corner, row)
+            if np.hypot(*(places[1] - places[0])) > _BESIDE * _FINER:
+                self._draw_believed(draw, places[1] - corner)
             panel.paste(near.reduce(_FINER), box[:2])
+
+    def _draw_believed(self, draw: ImageDraw.ImageDraw, centre: Array) -> None:
+        """``centre`` (2,) pixels."""
+        for reach, colour, thick in ((9.2, _EDGE, 4.6), (8.2, _BELIEVED, 2.4)):
+            low, high = centre - reach * self.unit, centre + reach * self.unit
+            width = max(1, round(thick * self.unit))
+            draw.ellipse((*low.tolist(), *high.tolist()), outline=colour, width=width)
 
     def _draw_robot(self, draw: ImageDraw.ImageDraw, centre: Array, row: int) -> None:
         """``centre`` (2,) pixels."""

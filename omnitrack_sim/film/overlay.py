@@ -15,7 +15,10 @@ MODULE_COLOURS = ((243, 146, 28), (66, 146, 222), (30, 176, 122))
 """Modules 1, 2, 3 in text and bars, 8-bit RGB; brighter than on the robot, for a dark panel."""
 FULL_BAR = 0.2
 """Belt speed that fills half of a bar, m/s."""
-_PANEL, _TEXT, _FAINT = (14, 18, 24, 190), (240, 243, 246), (160, 168, 178)
+LEFT, WIDTH, HEIGHT = 18, 337, 224
+"""Margin, width and height of the panel, pixels of a film with 720 lines."""
+PANEL, TEXT, FAINT = (14, 18, 24, 190), (240, 243, 246), (160, 168, 178)
+"""8-bit RGB, of panels with how far they cover what is behind."""
 
 
 class Overlay:
@@ -35,23 +38,23 @@ class Overlay:
 
         ``fitting`` is the name of the part that the robot's centre is in.
         """
-        px, bottom = self._px, len(frame) - self._px(18)
-        corner = frame[max(0, bottom - px(224)) : bottom, px(18) : px(18) + px(337)]
+        px, bottom = self._px, len(frame) - self._px(LEFT)
+        corner = frame[max(0, bottom - px(HEIGHT)) : bottom, px(LEFT) : px(LEFT) + px(WIDTH)]
         if 0 in corner.shape:
             return
         image = Image.fromarray(np.ascontiguousarray(corner))
         draw = ImageDraw.Draw(image, "RGBA")
-        draw.rounded_rectangle((0, 0, px(336), image.height - 1), px(10), fill=_PANEL)
+        draw.rounded_rectangle((0, 0, px(336), image.height - 1), px(10), fill=PANEL)
         phase = trajectory.phases[int(trajectory["phase"][row])].replace("_", " ")
-        draw.text((px(16), px(10)), phase, font=self._large, fill=_TEXT)
+        draw.text((px(16), px(10)), phase, font=self._large, fill=TEXT)
         place = f"{trajectory.time[row]:5.2f} s     {1000 * trajectory['distance'][row]:5.0f} mm"
         place += f"     tilt {np.degrees(trajectory['tilt'][row]):.0f}°"
         where = f"in {fitting}" if fitting else ""
         if trajectory["gear"][row] < 0:
             where += ", tail first" if where else "tail first"
-        draw.text((px(16), px(46)), self._cut(where, px(304)), font=self._small, fill=_TEXT)
-        draw.text((px(16), px(72)), place, font=self._small, fill=_TEXT)
-        draw.text((px(16), px(100)), "belt speed, mm/s", font=self._small, fill=_FAINT)
+        draw.text((px(16), px(46)), self._cut(where, px(304)), font=self._small, fill=TEXT)
+        draw.text((px(16), px(72)), place, font=self._small, fill=TEXT)
+        draw.text((px(16), px(100)), "belt speed, mm/s", font=self._small, fill=FAINT)
         for module, speed in enumerate(trajectory["belt_speed"][row]):
             self._bar(draw, px(16), px(128 + 30 * module), module, float(speed))
         corner[:] = np.asarray(image)
@@ -77,9 +80,9 @@ class Overlay:
         middle = left + px(128)
         end = middle + round(px(100) * max(-1.0, min(1.0, speed / FULL_BAR)))
         draw.rectangle((min(middle, end), top + px(4), max(middle, end), top + px(18)), fill=colour)
-        draw.line((middle, top + px(1), middle, top + px(21)), fill=_FAINT, width=px(1.5))
+        draw.line((middle, top + px(1), middle, top + px(21)), fill=FAINT, width=px(1.5))
         text = f"{1000 * speed:+.0f}".replace("-", "\u2212")
-        draw.text((left + px(300), top), text, font=self._small, fill=_TEXT, anchor="ra")
+        draw.text((left + px(300), top), text, font=self._small, fill=TEXT, anchor="ra")
 
 
 @cache

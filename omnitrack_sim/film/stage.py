@@ -51,11 +51,13 @@ class Stage:
             camera: one of ``CAMERAS``.
             inset: whether pictures of a long route have a map.
             fine: paint with twice the width and height, and reduce.
-            overlay: whether pictures have a panel with time, phase and speeds.
+            overlay: whether pictures have a panel with time, phase and speeds, and one with what
+                the robot's cameras see, where that was recorded.
         """
         # The variable MUJOCO_GL is read when mujoco is first imported, so the context comes first.
         self._context, self._mujoco = _open_context(*size)
         from omnitrack_sim.film.overlay import Overlay
+        from omnitrack_sim.film.seen import Seen
         from omnitrack_sim.model.looks import look_pitch
 
         self.trajectory, routes = sound(result.trajectory), result.routes()
@@ -66,6 +68,9 @@ class Stage:
         self._camera = self._made(camera, result, size, overlay)
         self._painter = self._prepared(result.pipes, size, fine)
         self._overlay = Overlay(*size) if overlay else None
+        self._sight: Seen | None = None
+        if overlay and result.album is not None:
+            self._sight = Seen(result.album, *size)
         self._fittings = _fitting_names(self.trajectory, routes)
         self._inset = _inset(result, *size) if inset and camera != "side" else None
         self._still: Image | None = None
@@ -91,6 +96,9 @@ class Stage:
         frame = self._seen(row)
         if self._overlay is not None:
             self._overlay.write(frame, self.trajectory, row, self._fittings[row])
+        if self._sight is not None:
+            gear = int(self.trajectory["gear"][row])
+            self._sight.write(frame, float(self.trajectory.time[row]), gear)
         if self._inset is not None:
             self._inset.write(frame, row)
         return frame
@@ -160,7 +168,8 @@ class Stage:
 
     def _made(self, camera: str, result: Result, size: tuple[int, int], panel: bool) -> Camera:
         """The camera of this name."""
-        from omnitrack_sim.film.cameras import Follow, Onboard, Side
+        from omnitrack_sim.film.cameras import PANEL, Follow, Onboard, Side
+        from omnitrack_sim.film.seen import ROOM
         from omnitrack_sim.model.surfaces import body_spheres, robot_surface
 
         self._robot, routes, aspect = robot_surface(self.model), result.routes(), size[0] / size[1]
@@ -173,7 +182,9 @@ class Stage:
         )
         reach = _REACH * float((reach + self._spheres[1][self._bodies]).max())
         if camera == "side":
-            return Side(self.trajectory, result.pipes, aspect, reach, panel)
+            high = PANEL if result.album is None else ROOM
+            covered = high if panel else 0.0
+            return Side(self.trajectory, result.pipes, aspect, reach, covered)
         if camera == "follow":
             return Follow(self.trajectory, routes, aspect, reach)
         return Onboard(result.pipes, aspect, result.scenario.robot.scale)
