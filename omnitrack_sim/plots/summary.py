@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from omnitrack_sim.plots.errors import BAND, BAND_COLOUR, ERRORS, draw_error, has_estimates
 from omnitrack_sim.plots.grid import Grid
 from omnitrack_sim.plots.panels import (
     COMMAND,
@@ -35,7 +36,6 @@ SHOWN: tuple[tuple[tuple[str, int | None], ...], ...] = (
     (("pitch", None), ("traction", None), ("slide", None)),
 )
 """Channel of each panel, row by row, and the module where a panel shows only one."""
-_GRID = Grid(rows=len(SHOWN), columns=len(SHOWN[0]), above=0.78)
 _LONGEST_PHASE = 24
 """Characters of the name of a phase in the legend."""
 
@@ -49,7 +49,8 @@ def plot_summary(
     """The summary of a run: fifteen panels over time, with the phases shaded and named.
 
     It is as wide as a page (7.16 inches). Where a panel shows one module, its command is drawn
-    broad and pale below the measured value.
+    broad and pale below the measured value. Of a robot that drives by its own sensors a further
+    row shows how far it was wrong about itself, and by how much it says that it may be.
 
     Args:
         result: the run, or the folder of a saved one.
@@ -70,36 +71,46 @@ def plot_summary(
 def _draw(result: Result) -> Figure:
     from omnitrack_sim.plots.picture import Picture
 
-    figure, trajectory = Picture(figsize=(PAGE, _GRID.height)), result.trajectory
+    trajectory = result.trajectory
+    errors = ERRORS if has_estimates(trajectory) else ()
+    grid = Grid(rows=len(SHOWN) + bool(errors), columns=len(SHOWN[0]), above=0.78)
+    figure = Picture(figsize=(PAGE, grid.height))
     speeds = PANELS["belt_speed"]
     both = [speeds.values(trajectory, name) for name in (speeds.channel, speeds.command)]
     same = limits_of(speeds, np.stack(both))
     for row, panels in enumerate(SHOWN):
         for column, (channel, module) in enumerate(panels):
-            axis = _GRID.add(figure, row, column, PANELS[channel], module)
+            axis = grid.add(figure, row, column, PANELS[channel], module)
             shade(axis, trajectory)
             draw_panel(axis, PANELS[channel], trajectory, module)
             if channel == speeds.channel and same is not None:
                 axis.set_ylim(*same)
+    for column, panel in enumerate(errors):
+        axis = grid.add(figure, len(SHOWN), column, panel, None)
+        shade(axis, trajectory)
+        draw_error(axis, panel, trajectory)
     told = f"{result.outcome.value.replace('_', ' ')} after {result.duration_s:.2f} s"
-    _GRID.title(figure, result.scenario.name, told, result.success)
-    _legends(figure, trajectory)
+    grid.title(figure, result.scenario.name, told, result.success)
+    _legends(figure, grid, trajectory)
     return figure
 
 
-def _legends(figure: Figure, trajectory: Trajectory) -> None:
+def _legends(figure: Figure, grid: Grid, trajectory: Trajectory) -> None:
     """What the lines are, and below it the phases."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    lines = [
+    lines: list[Line2D | Patch] = [
         Line2D([], [], color=colour, label=f"module {i + 1}", **LINES[i])
         for i, colour in enumerate(MODULE_COLOURS)
     ]
     lines.append(Line2D([], [], label="command", **COMMAND))
+    if has_estimates(trajectory):
+        band = f"{BAND:.0f} standard deviations that the robot claims"
+        lines.append(Patch(fc=BAND_COLOUR, label=band))
     shades = [
         Patch(fc=shade, ec=GREY, lw=0.4, label=clipped(name, _LONGEST_PHASE))
         for name, shade in phases_shown(trajectory)
     ]
-    _GRID.legend(figure, lines, 0.28)
-    _GRID.legend(figure, shades, 0.43)
+    grid.legend(figure, lines, 0.28)
+    grid.legend(figure, shades, 0.43)

@@ -13,7 +13,18 @@ from omnitrack_sim.text import printable
 _HERE = Path(__file__).parent
 LIBRARY = _HERE / "vendor" / "three"
 """three.js as its package on npm has it (README.md in it names the release)."""
-MODULES = ("unpack", "motion", "stage", "cameras", "arrows", "plots", "strip", "chart", "words")
+MODULES = (
+    "unpack",
+    "motion",
+    "stage",
+    "cameras",
+    "arrows",
+    "plots",
+    "strip",
+    "chart",
+    "seen",
+    "words",
+)
 """The page's own scripts; each imports others as ``replay/NAME``."""
 
 

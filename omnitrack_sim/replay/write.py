@@ -94,6 +94,7 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
     from omnitrack_sim.replay.curves import arrow_scales, panels_of
     from omnitrack_sim.replay.heading import HEADLINE, differences
     from omnitrack_sim.replay.scene import Shapes, follow_table, looks_model, pipes_table
+    from omnitrack_sim.replay.seen import seen_table
 
     first, pack = runs[0], Pack()
     network, trajectory = first.pipes, sound(first.trajectory)
@@ -103,6 +104,7 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
         "pipes": pipes_table(network, model, shapes),
         "follow": follow_table(first, trajectory, pack),
         "map": map_table(first),
+        "seen": seen_table(first.album, trajectory),
         "panels": [dataclasses.asdict(panel) for panel in panels_of(first.trajectory)],
         "headline": HEADLINE,
         "arrows": arrow_scales(trajectory, first.scenario.robot.scale),

@@ -5,6 +5,7 @@ import { CAMERAS, Cameras } from "replay/cameras";
 import { Chart } from "replay/chart";
 import { Motion } from "replay/motion";
 import { MODULES, Plots } from "replay/plots";
+import { Seen } from "replay/seen";
 import { PIPES, SLIP_FULL, Stage, slipColour } from "replay/stage";
 import { listEvents, Strip } from "replay/strip";
 import { unpacked } from "replay/unpack";
@@ -46,6 +47,7 @@ class Replay {
     this.plots = new Plots(data, this.motions, this.span, seek);
     this.strip = new Strip(this.motions[0], this.span, seek);
     if (data.map) this.chart = new Chart(data.map, this.motions[0]);
+    if (data.seen) this.seen = new Seen(data.seen, () => (this.stale = true));
     this.openStage(bytes);
     this.addControls();
     this.addTransport();
@@ -256,6 +258,7 @@ class Replay {
     for (const motion of this.motions) motion.seek(this.time);
     if (this.stage) this.drawStage();
     this.chart?.update();
+    this.seen?.update(this.time);
     this.plots.update(this.time);
     this.strip.update(this.time);
     this.tellState();

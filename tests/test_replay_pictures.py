@@ -1,0 +1,84 @@
+"""What the robot sees, and where it takes itself to be, in replay pages."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+
+import numpy as np
+import pytest
+from pages import needs_browser, opened
+from PIL import Image
+from runs import there_and_back
+
+import omnitrack_sim as ot
+from omnitrack_sim.film.seen import levels, palette
+from omnitrack_sim.replay.seen import COLUMNS, EVERY
+from omnitrack_sim.replay.write import replay_data
+
+pytest.importorskip("numba")
+
+
+@pytest.fixture(scope="module")
+def result():
+    """Two seconds of a mission of a robot that drives by what it sees."""
+    changes = {
+        "physics.collider": "exact",
+        "sensing.kind": "onboard",
+        "record.pictures": True,
+        "physics.time_limit": 2.0,
+    }
+    return ot.run(ot.override(ot.load_scenario("missions/fig14"), changes))
+
+
+def test_the_page_has_two_pictures_a_second_ahead(result):
+    """Tiles of the last picture from the end that leads, in the colours of films."""
+    table = replay_data([result])["seen"]
+    assert np.diff(table["time"]).min() > EVERY - 0.2
+    assert len(table["time"]) == int(result.duration_s / EVERY) + 1
+    sheet = Image.open(io.BytesIO(base64.b64decode(table["png"])))
+    pixels = np.asarray(sheet.convert("RGB"))
+    for number, time in enumerate(table["time"]):
+        index = result.pictures.seen_at(time + 1e-6, 1)  # times of a page are rounded
+        assert result.pictures.time[index] == pytest.approx(time)
+        tile = pixels[48 * (number // COLUMNS) :, 48 * (number % COLUMNS) :][:48, :48]
+        assert (tile == palette("m")[levels(result.pictures[index], "m")]).all()
+
+
+def test_a_run_without_pictures_has_none_in_its_page():
+    """Nor does its page speak of them."""
+    data = replay_data([ot.run(there_and_back())])
+    assert data["seen"] is None
+    assert "position_estimate" not in json.dumps(data["panels"])
+
+
+@needs_browser
+def test_the_page_shows_the_picture_of_the_moment(browser, result, tmp_path):
+    """The tile of the time, which changes with it; and on the map where the robot takes itself to
+    be."""
+    path = ot.write_replay(result, tmp_path / "page.html")
+    assert path.stat().st_size < 4e6
+    code = """time => {
+        replay.seek(time); replay.draw();
+        const { width, height } = replay.seen.canvas, pen = replay.seen.canvas.getContext("2d");
+        return [width, ...pen.getImageData(0, 0, width, height).data];
+    }"""
+    with opened(browser, path, hash="#t=1") as page:
+        page.wait_for_function("replay.seen.sheet.complete")
+        for time in (0.2, 1.9):
+            width, *data = page.evaluate(code, time)
+            shown = np.array(data).reshape(width, width, 4)[..., :3].astype(int)
+            index = result.pictures.seen_at(_start(page, time) + 1e-6, 1)
+            picture = palette("m")[levels(result.pictures[index], "m")].astype(int)
+            middles = ((np.arange(48) + 0.5) * width / 48).astype(int)
+            assert np.abs(shown[np.ix_(middles, middles)] - picture).max() < 3
+        row = int(np.argmin(np.abs(result.trajectory.time - 1.9)))
+        mark = page.evaluate("replay.chart.mark")
+        assert np.allclose(mark, result.trajectory["position_estimate"][row], atol=1e-4)
+        assert page.locator("#seen-box").is_visible()
+
+
+def _start(page, time: float) -> float:
+    """When the picture of a time was taken."""
+    return max(start for start in page.evaluate("replay.data.seen.time") if start <= time)
