@@ -233,3 +233,21 @@ def test_the_map_marks_where_the_robot_takes_itself_to_be():
         believed.append(int(blue.sum()))
     assert believed[0] == 0
     assert 20 < believed[1] < 400
+
+
+def test_the_summary_shows_errors_and_what_the_robot_claims(run):
+    """A row more than of a robot that is told the truth; the band is two standard deviations."""
+    figure = ot.plot_summary(run)
+    errors = {axis.get_ylabel(): axis for axis in figure.axes[15:]}
+    assert list(errors) == [
+        "Error of the distance [mm]",
+        "Error of theta5 [deg]",
+        "Error of the tilt [deg]",
+    ]
+    assert len(ot.plot_summary(two_legs_result()).axes) == 15
+    axis, channels = errors["Error of the distance [mm]"], run.trajectory.channels
+    line = next(line for line in axis.lines if len(line.get_xdata()) == len(run.trajectory.time))
+    error = channels["distance_estimate"] - channels["distance"]
+    assert np.allclose(line.get_ydata(), 1e3 * error)
+    band = axis.collections[-1].get_paths()[0].vertices
+    assert band[:, 1].max() == pytest.approx(2e3 * channels["distance_std"].max())

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.plots.panels import Panel
 from omnitrack_sim.plots.style import INK
+from omnitrack_sim.record.estimates import KNOWN
 from omnitrack_sim.rotations import wrap_angle
 
 if TYPE_CHECKING:
@@ -27,8 +28,8 @@ ERRORS = (
 )
 """By the channel that is estimated."""
 _SHOWN = 95.0
-"""Part of the times, in percent, whose error and band are seen whole: until a robot has found out
-how it is turned, its band is as wide as a circle."""
+"""Part of the times, in percent, at which error and band are seen whole, of those at which the
+robot claims to know how it is turned: before, its band is as wide as a circle."""
 
 
 def has_estimates(trajectory: Trajectory) -> bool:
@@ -43,7 +44,8 @@ def draw_error(axis: Axes, panel: Panel, trajectory: Trajectory) -> None:
     axis.axhline(0.0, color="white", lw=0.6, zorder=1.6)
     axis.plot(trajectory.time, error, color=INK)
     largest = np.maximum(np.abs(error), band)
-    largest = largest[np.isfinite(largest)]
+    sure = trajectory["theta5_std"] < KNOWN
+    largest = largest[np.isfinite(largest) & (sure if sure.any() else True)]
     half = 1.1 * float(np.percentile(largest, _SHOWN)) if len(largest) else 0.0
     half = max(half, panel.span / 2)
     axis.set_ylim(-half, half)

@@ -106,7 +106,7 @@ def _legends(figure: Figure, grid: Grid, trajectory: Trajectory) -> None:
     ]
     lines.append(Line2D([], [], label="command", **COMMAND))
     if has_estimates(trajectory):
-        band = f"{BAND:.0f} standard deviations that the robot claims"
+        band = f"{BAND:.0f} sigma of the estimate"
         lines.append(Patch(fc=BAND_COLOUR, label=band))
     shades = [
         Patch(fc=shade, ec=GREY, lw=0.4, label=clipped(name, _LONGEST_PHASE))
