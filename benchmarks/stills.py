@@ -1,7 +1,7 @@
 """Draws the stills and the map that the documents show:
 python benchmarks/stills.py [--out FOLDER]
 
-It runs three shipped scenarios and takes a minute. The other pictures are drawn by the commands
+It runs four shipped scenarios and takes a minute. The other pictures are drawn by the commands
 that their pages name.
 """
 
@@ -19,8 +19,8 @@ FILM = 960, 540
 
 
 def main() -> None:
-    """Write tee.png, and figures/film_*.png, mission_frame.png and mission_map.png, into a
-    folder."""
+    """Write tee.png, and figures/film_*.png, fig14_onboard.png, mission_frame.png and
+    mission_map.png, into a folder."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/stills"), help="such as docs")
     folder = parser.parse_args().out
@@ -33,6 +33,8 @@ def main() -> None:
     journey = ot.run(ot.load_scenario("missions/fig14", FAST))
     still(journey, 13.0, "follow", FILM, figures / "film_follow.png")
     still(journey, 2.0, "onboard", FILM, figures / "film_onboard.png")
+    seeing = ot.run(ot.load_scenario("missions/fig14_onboard"))
+    still(seeing, 17.8, "follow", FILM, figures / "fig14_onboard.png")
     mission = ot.run(ot.load_scenario("missions/dead_end", FAST))
     still(mission, 16.0, "follow", (800, 450), figures / "mission_frame.png")
     ot.plot_mission(mission, figures / "mission_map.png")

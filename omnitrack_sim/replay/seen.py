@@ -53,7 +53,7 @@ def _chosen(pictures: Pictures, trajectory: Trajectory) -> list[int]:
     return ahead[np.diff(slot, prepend=-1.0) > 0].tolist()
 
 
-def _thinned(size: int, side: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _thinned(size: int, side: int) -> tuple[NDArray[np.intp], ...]:
     """Rows and columns of a picture that its tile has."""
     places = ((np.arange(side) + 0.5) * size / side).astype(np.intp)
     return np.ix_(places, places)
