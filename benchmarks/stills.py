@@ -34,7 +34,7 @@ def main() -> None:
     still(journey, 13.0, "follow", FILM, figures / "film_follow.png")
     still(journey, 2.0, "onboard", FILM, figures / "film_onboard.png")
     seeing = ot.run(ot.load_scenario("missions/fig14_onboard"))
-    still(seeing, 17.8, "follow", FILM, figures / "fig14_onboard.png")
+    still(seeing, 18.0, "follow", FILM, figures / "fig14_onboard.png")
     mission = ot.run(ot.load_scenario("missions/dead_end", FAST))
     still(mission, 16.0, "follow", (800, 450), figures / "mission_frame.png")
     ot.plot_mission(mission, figures / "mission_map.png")

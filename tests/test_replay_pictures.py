@@ -59,16 +59,13 @@ def test_the_page_shows_the_picture_of_the_moment(browser, result, tmp_path):
     be."""
     path = ot.write_replay(result, tmp_path / "page.html")
     assert path.stat().st_size < 4e6
-    code = """time => {
-        replay.seek(time); replay.draw();
-        const { width, height } = replay.seen.canvas, pen = replay.seen.canvas.getContext("2d");
-        return [width, ...pen.getImageData(0, 0, width, height).data];
-    }"""
+    code = "time => { replay.seek(time); replay.draw(); return replay.seen.canvas.toDataURL(); }"
     with opened(browser, path, hash="#t=1") as page:
         page.wait_for_function("replay.seen.sheet.complete")
         for time in (0.2, 1.9):
-            width, *data = page.evaluate(code, time)
-            shown = np.array(data).reshape(width, width, 4)[..., :3].astype(int)
+            _, data = page.evaluate(code, time).split(",")
+            image = Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")
+            shown, width = np.asarray(image, int), image.width
             index = result.pictures.seen_at(_start(page, time) + 1e-6, 1)
             picture = palette("m")[levels(result.pictures[index], "m")].astype(int)
             middles = ((np.arange(48) + 0.5) * width / 48).astype(int)

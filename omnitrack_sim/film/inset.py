@@ -21,7 +21,9 @@ NOSE_FIRST, TAIL_FIRST = (255, 205, 70), (240, 120, 170)
 _PANEL, _EDGE, _PIPE, _ROBOT = (14, 18, 24, 190), (14, 18, 24), (120, 131, 144), (255, 255, 255)
 _PLATE = (226, 74, 60)
 _BELIEVED = (90, 220, 255)
-_BESIDE = 1.0  # pixels from where the robot is, from which on the place that it believes is marked
+BESIDE = 0.005
+"""How far the place that a robot takes itself to be at is from where it is, m, for it to be marked
+on the map: that and less is a good estimate."""
 _FINER = 3  # the map is drawn so many times larger and then reduced, for smooth lines
 # Azimuth and elevation, degrees: elevations from two sides, then oblique views from above.
 _VIEWS = [
@@ -88,7 +90,9 @@ class Inset:
         )
         self._points = self._pixels(trajectory["position"])  # (T, 2)
         believed = trajectory.channels.get("position_estimate")
-        self._believed = self._points if believed is None else self._pixels(believed)
+        believed = trajectory["position"] if believed is None else believed
+        self._believed = self._pixels(believed)
+        self._apart = np.linalg.norm(believed - trajectory["position"], axis=-1)
 
     def write(self, frame: NDArray[np.uint8], row: int) -> None:
         """Draw the map as of sample ``row`` into ``frame`` (h, w, 3)."""
@@ -205,7 +209,7 @@ class Inset:
             near, corner = self._crop(box), _FINER * np.array(box[:2])
             draw = ImageDraw.Draw(near)
             self._draw_robot(draw, places[0] - corner, row)
-            if np.hypot(*(places[1] - places[0])) > _BESIDE * _FINER:
+            if self._apart[row] > BESIDE:
                 self._draw_believed(draw, places[1] - corner)
             panel.paste(near.reduce(_FINER), box[:2])
 

@@ -15,8 +15,8 @@ TALL = 206
 ROOM = (LEFT + HEIGHT + 10 + TALL + 14) / 720
 """What panel and text take of a picture's height, with the gap between them and the margin."""
 _TILE, _GAP = 144, 16  # width of a picture; space around it
-_NEAR, _SPREAD = 0.08, 0.6
-"""Distance, m, up to which walls are shown at their brightest: the radius of a pipe; and the power
+_NEAR, _SPREAD = 0.05, 0.6
+"""Distance, m, up to which walls are shown at their brightest, as they are in turns; and the power
 of one over the distance by which they darken, which tells far places apart."""
 _NOTHING = (52, 30, 44)
 """Of pixels that say nothing, 8-bit RGB."""

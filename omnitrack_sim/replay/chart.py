@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from omnitrack_sim.film.inset import axis_lines, needs_map, projection
+from omnitrack_sim.film.inset import BESIDE, axis_lines, needs_map, projection
 from omnitrack_sim.replay.packing import rounded
 from omnitrack_sim.sim.result import Result
 
@@ -26,6 +26,7 @@ def map_table(result: Result) -> dict[str, Any] | None:
     depth = [float((piece @ view[:, 2]).mean()) for _, piece in pieces]
     flat = view[:, :2]
     return {
+        "beside": BESIDE,
         "view": rounded(flat.T, 7),
         "pieces": [
             [round(pieces[i][0], 4), *rounded(pieces[i][1] @ flat, 4)]

@@ -3,7 +3,6 @@ import { Quaternion, Vector3 } from "three";
 import { sized } from "replay/words";
 
 const PAD = 10; // px around the pipes
-const BESIDE = 1; // px from where the robot is, from which on the place that it believes is marked
 
 export class Chart {
   constructor(map, motion) {
@@ -110,15 +109,15 @@ export class Chart {
     pen.arc(x, y, 5, 0, 2 * Math.PI);
     pen.fill();
     pen.stroke();
-    this.believed(pen, x, y);
+    this.believed(pen);
   }
 
-  /** A ring where the robot takes itself to be, where that is not where it is; x, y: px of that. */
-  believed(pen, x, y) {
+  /** A ring where the robot takes itself to be, where that is not where it is. */
+  believed(pen) {
     this.mark = this.motion.curves.position_estimate?.map((column) => this.motion.between(column));
     if (!this.mark) return;
+    if (!(place.distanceTo(believed.fromArray(this.mark)) > this.map.beside)) return;
     const [left, top] = this.pixel(this.flat(this.mark));
-    if (!(Math.hypot(left - x, top - y) > BESIDE)) return;
     for (const [width, colour] of [[4.5, "#fff"], [2.2, "#0a84c6"]]) {
       pen.lineWidth = width;
       pen.strokeStyle = colour;
@@ -150,5 +149,6 @@ export class Chart {
 
 const WAYS = ["#c77700", "#b0246e"]; // nose first, tail first
 const place = new Vector3();
+const believed = new Vector3();
 const nose = new Vector3();
 const turn = new Quaternion();
