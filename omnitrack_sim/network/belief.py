@@ -102,6 +102,19 @@ class Belief:
         ]
         return [end for end in free[::-1] if end not in self.explored]
 
+    @property
+    def closed(self) -> list[End]:
+        """Ports that it has seen to be closed."""
+        return [end for end, noted in self.ends.items() if noted == "closed"]
+
+    @property
+    def unknown(self) -> list[End]:
+        """Ports beyond which nothing is known: a straight may go on, a fitting may follow."""
+        joined, parts = self.joined, enumerate(self._fittings.values())
+        every = [(i, port) for i, fitting in parts for port in fitting.port_names]
+        free = [end for end in every if end not in joined and end != self.start]
+        return [end for end in free if self.ends.get(end) not in ("open", "closed")]
+
     def name(self, end: End) -> str:
         """``part.port`` of a port."""
         return f"{list(self._fittings)[end[0]]}.{end[1]}"

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
-from omnitrack_sim.rotations import Array, cross
+from omnitrack_sim.rotations import Array, Pose, cross
 from omnitrack_sim.sensing.nearby import nearby
-from omnitrack_sim.sensing.optics import Camera, Walls, rays_of
+from omnitrack_sim.sensing.optics import RANGE, Camera, Walls, rays_of
 from omnitrack_sim.sensing.pose_filter import (
     BIAS,
     PLACE,
@@ -185,6 +185,23 @@ class Localiser:
     def puzzled(self) -> NDArray[np.bool_]:
         """Robots (n,) whose pictures have not been those of their map for a while."""
         return self._puzzled > self._table.filter.misfit_time
+
+    def move(self, robot: int, before: Pose, after: Pose) -> None:
+        """What stood at a pose ``before`` in a robot's map stands at ``after`` now, and the robot
+        with it."""
+        moved = after @ before.inverse()
+
+        def with_it(position: Array, rotation: Array) -> tuple[Array, Array]:
+            position, rotation = position.copy(), rotation.copy()
+            position[robot] = moved.apply(position[robot])
+            rotation[robot] = moved.rotation @ rotation[robot]
+            return position, rotation
+
+        pose = self.filter
+        pose.position, pose.rotation = with_it(pose.position, pose.rotation)
+        for i, (due, shot) in enumerate(self._arriving):
+            position, rotation = with_it(shot.position, shot.rotation)
+            self._arriving[i] = due, shot._replace(position=position, rotation=rotation)
 
     def doubt(self, robot: int) -> None:
         """What a robot takes for its pose cannot be: it is to look for itself."""
@@ -580,7 +597,9 @@ class Localiser:
         nothing = np.isnan(measured) != np.isnan(expected)
         error = np.where(nothing, WORST, np.nan_to_num(error))
         size = np.abs(error)
-        loss = np.minimum(size, WORST) ** 2 / 2
+        # Beyond what is on the map anything is as well as what is expected.
+        beyond = np.isnan(hits[..., RANGE]).reshape(m, c, -1)
+        loss = np.where(beyond, 0.5, np.minimum(size, WORST) ** 2 / 2)
         picture = self._share * len(self.pixels) / len(pixels)
         held = np.einsum("mcij,mi->mcj", frames, -self._gravity[robots])
         force = (held - self._held[robots, None]) / self._table.filter.force_std

@@ -157,7 +157,7 @@ class Simulation:
         self.onboard = self._senses(readings)
         self._readings = readings
         self._find()
-        self._sights = [self._sight_of(scenario) for scenario in self.scenarios]
+        self._sights = self._made_sights()
         self.controller: Controller = first.controller_class(
             ControlSetup(
                 routes=self.legs.routes,
@@ -307,12 +307,16 @@ class Simulation:
         from omnitrack_sim.sim.onboard import Onboard
 
         limits = self.motors.torque_limit[:, 0]
-        return Onboard(self.scenarios, state, limits, self.legs.routes, self.legs.way, self.period)
+        return Onboard(self.scenarios, state, limits, self.legs, self.period)
 
-    def _sight_of(self, scenario: Scenario) -> Sight | None:
-        """What tells a robot that explores what is ahead; None for one that does not."""
-        exploration = scenario.exploration
-        return None if exploration is None else exploration.sight()
+    def _made_sights(self) -> Sequence[Sight | None]:
+        """What tells each robot that explores what is ahead; None for those that do not."""
+        explorations = [scenario.exploration for scenario in self.scenarios]
+        if self.onboard is None or explorations[0] is None:
+            return [None if e is None else e.sight() for e in explorations]
+        from omnitrack_sim.sim.camera_sight import CameraSight
+
+        return [CameraSight(self.scenarios, self.legs.bore_ahead)] * self.n
 
     def _find(self) -> None:
         """Find the robots on their routes, and where they take themselves to be."""
@@ -418,6 +422,8 @@ class Simulation:
     def _find_again(self, robots: Collection[int]) -> None:
         """Find robots on their routes that are on another one now."""
         if robots:
+            if self.onboard is not None:
+                self.onboard.learn(self.legs, robots)
             again = np.isin(np.arange(self.n), list(robots))
             self._near = np.where(again, self.legs.near, self._near)
             self._find()
