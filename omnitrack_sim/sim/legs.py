@@ -122,12 +122,18 @@ class Legs:
         return self._put(robot, self._round(robot, planner, leg, time, distance))
 
     def see(
-        self, robot: int, time: float, distance: float, ahead: Ahead | None, frame: Array
+        self,
+        robot: int,
+        time: float,
+        distance: float,
+        ahead: Ahead | None,
+        frame: Array,
+        turned: Array,
     ) -> Onward:
         """A robot that explores has looked ahead; see ``Explorer.see``."""
         explorer = self._explorers[robot]
         assert explorer is not None
-        return self._decided(robot, explorer.see(time, distance, ahead, frame))
+        return self._decided(robot, explorer.see(time, distance, ahead, frame, turned))
 
     def _decided(self, robot: int, decision: Decision) -> Onward:
         """Put a robot that explores onto the leg that it has decided for."""

@@ -23,7 +23,7 @@ from omnitrack_sim.sensing.cameras import camera_of
 from omnitrack_sim.sensing.draws import keys, normal, uniform
 from omnitrack_sim.sensing.localiser import Localiser
 from omnitrack_sim.sensing.optics import rays_of
-from omnitrack_sim.sensing.proprioception import Felt, Proprioception
+from omnitrack_sim.sensing.proprioception import Felt, Proprioception, turned_by
 from omnitrack_sim.sensing.sensor import State
 from omnitrack_sim.sensing.table import BeginTable, SensingTable
 from omnitrack_sim.sim.builder import each
@@ -52,6 +52,8 @@ class Onboard:
     Attributes:
         readings: what controllers see, (n, ...) by the names of the channels, robot frame.
         localiser: where the robots take themselves to be.
+        turned: (n, 3, 3) the robots' rotations by the gyro alone, without regard to any map: they
+            drift, slowly.
         picture: (n, k) the last one taken; None before the first.
     """
 
@@ -119,6 +121,7 @@ class Onboard:
         self._every = round(1 / (self._camera.optics.rate * period))
         self._latency = round(self._camera.optics.latency / period)
         self._tick, self._pictures, self._both_ends = 0, 0, table.both_ends
+        self.turned: Array = rotation
         self.picture: Array | None = None
         self._shoot(state, np.ones(n, np.int_))
         self.readings = self._told(self._first_felt(state))
@@ -139,6 +142,11 @@ class Onboard:
             theta5 = theta5 + 2 * np.pi * uniform(self._keys, "theta5", 0, 1)[:, 0]
         position, rotation = routes.start_poses(way, distance, theta5)
         return position, rotation, rotation[:, :, 2]
+
+    @property
+    def takes_pictures(self) -> bool:
+        """Whether the cameras take pictures at this control step."""
+        return self._tick % self._every == 0
 
     def learn(self, legs: Legs, robots: Collection[int]) -> None:
         """Robots may have changed their maps. Where the part moves that one is in, it moves
@@ -171,7 +179,9 @@ class Onboard:
         self._tick += 1
         felt = self._senses.read(state)
         self.localiser.feel(felt)
-        if self._tick % self._every == 0:
+        bias = self.localiser.filter.bias
+        self.turned = self.turned @ turned_by(felt.turned - bias * self._period)
+        if self.takes_pictures:
             behind = self._both_ends and self._pictures % 2 == 1
             self._shoot(state, -gear if behind else gear)
         arrived = self.localiser.see()

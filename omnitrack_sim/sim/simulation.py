@@ -396,15 +396,20 @@ class Simulation:
         looking = (self._believed.distance >= self.legs.look_at) & self.active
         if not np.count_nonzero(looking):
             return
+        if self.onboard is not None and not self.onboard.takes_pictures:
+            return
         told = self._readings if self.onboard is None else self.onboard.readings
         gear = self.legs.gear
         true, frames = (heading(r["rotation"], gear) for r in (self._readings, told))
+        turned = true if self.onboard is None else heading(self.onboard.turned, gear)
         for robot in np.flatnonzero(looking).tolist():
             sight = self._sights[robot]
             assert sight is not None
             ahead = sight.look(robot, self._readings["position"][robot], true[robot])
             time, distance = float(self.time[robot]), float(self._believed.distance[robot])
-            onward = self.legs.see(robot, time, distance, ahead, frames[robot])
+            onward = self.legs.see(
+                robot, time, distance, ahead, frames[robot], turned[robot]
+            )
             self._events[robot] += onward.events
             self._give_time(robot, onward)
         self._find_again(np.flatnonzero(looking).tolist())

@@ -116,12 +116,12 @@ class RayWalls:
 
 def _records(parts: Sequence[Part], closed: Collection[Port], unknown: Collection[Port]) -> Array:
     """The records (parts, PART_SIZE) of a map."""
-    for fitting in dict.fromkeys(type(part.fitting) for part in parts):
-        bring(fitting)
     records = [
         part_record(part, *([port for i, port in ends if i == index] for ends in (closed, unknown)))
         for index, part in enumerate(parts)
     ]
+    for fitting in dict.fromkeys(type(part.fitting) for part in parts):
+        bring(fitting)  # after their records, which number the kinds
     return np.array(records).reshape(-1, trace.PART_SIZE)
 
 
