@@ -52,6 +52,10 @@ LOOK_BEFORE = 0.015
 """How far before the end of a leg, m, a robot looks on."""
 LEAST_BEND = math.radians(5)
 """No elbow bends by less."""
+BENT = math.radians(0.5)
+"""Angle, rad, by which an elbow has to bend otherwise than was seen for the map to be changed."""
+SETTLE = 0.05
+"""Travel after such a change in which a robot finds its place on the new map, m."""
 SURE = 0.5
 """Probability from which on a robot believes what it sees."""
 TOUCH = 0.05
@@ -130,9 +134,13 @@ class Explorer:
         if ahead is None or ahead.sure < SURE:
             self.look_at = distance + LOOK_AGAIN
             return Decision(self.leg, True, ())
-        self._measure_bend(turned @ ahead.axis)
+        measured = self._measure_bend(turned @ ahead.axis)
         before = self.ways.along_of(self.leg.way).length
         way = self._reached(distance + ahead.distance - before)
+        if measured:  # what is beyond is measured when it knows its place on the new map
+            self._go_on(way)
+            self.look_at = max(distance, min(distance + SETTLE, self.leg.end - LOOK_BEFORE))
+            return Decision(self.leg, True, ())
         if ahead.fitting is not None:
             return self._comes_to(ahead.fitting, ahead, way, time, distance, frame, turned)
         if ahead.end == "open" or ahead.end == "closed":
@@ -239,18 +247,23 @@ class Explorer:
         self.look_at = self.leg.end - LOOK_BEFORE
         return Decision(self.leg, True, told)
 
-    def _measure_bend(self, axis: Array) -> None:
-        """It has come out of an elbow, into a pipe along ``axis`` (3,), which stands still: how
-        much the elbow bends was hidden before it."""
+    def _measure_bend(self, axis: Array) -> bool:
+        """It may have come out of an elbow, into a pipe along ``axis`` (3,), in the frame of
+        ``turned``: how much the elbow bends was hidden before it. Whether it bends by more or less
+        than was seen."""
         way = self.leg.way
         last = -2 if len(way) > 1 and self.belief.fitting(way[-1][0]).is_plain else -1
         part = way[last][0]
         if part not in self._bends or not self.belief.is_last(way[-1][0]):
-            return
+            return False
         angle = float(angle_between(self._bends.pop(part), axis))
-        if angle > LEAST_BEND:
-            self.belief.bend(part, angle)
-            self.ways = self._through([])
+        elbow = self.belief.fitting(part)
+        assert isinstance(elbow, Elbow)
+        if angle < LEAST_BEND or abs(angle - elbow.angle) < BENT:
+            return False
+        self.belief.bend(part, angle)
+        self.ways = self._through([])
+        return True
 
     def _closes(self, time: float, end: End, other: End) -> Event:
         miss = self.belief.close(end, other)

@@ -76,6 +76,8 @@ TOLD = 0.85
 """Part to which the variance has to fall by that."""
 APART = 0.06
 """Places that are farther apart, m, are two answers."""
+LOOSE_PLACE, LOOSE_TURN = 0.015, 0.03
+"""Standard deviations, m and rad, that are added where a bend of the map is measured anew."""
 FEW = 0.1
 """Part of the pixels of a picture with which it tells whether the map is right."""
 BACKWARD = np.array([1.0, -1.0, -1.0])
@@ -202,6 +204,13 @@ class Localiser:
         for i, (due, shot) in enumerate(self._arriving):
             position, rotation = with_it(shot.position, shot.rotation)
             self._arriving[i] = due, shot._replace(position=position, rotation=rotation)
+
+    def loosen(self, robot: int) -> None:
+        """A robot's map has changed around it: it is less sure of its pose."""
+        covariance = self.filter.covariance.copy()
+        covariance[robot, PLACE, PLACE] += LOOSE_PLACE**2 * np.eye(3)
+        covariance[robot, TURN, TURN] += LOOSE_TURN**2 * np.eye(3)
+        self.filter.covariance = covariance
 
     def doubt(self, robot: int) -> None:
         """What a robot takes for its pose cannot be: it is to look for itself."""

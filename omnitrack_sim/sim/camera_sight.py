@@ -64,9 +64,8 @@ class CameraSight:
     def _picture(self, robot: int, position: Array, frame: Array) -> Array:
         """A picture (pixels²,) from the end of a robot that leads."""
         camera, place = self._camera, position + self._lens * frame[:, 2]
-        hits = self._walls.trace(
-            np.zeros(1, np.intp), place[None], frame[None], self._rays, camera.optics.far, camera.lamp
-        )
+        far, pipes = camera.optics.far, np.zeros(1, np.intp)
+        hits = self._walls.trace(pipes, place[None], frame[None], self._rays, far, camera.lamp)
         number = LOOKS + int(self._looks[robot])
         self._looks[robot] += 1
         every = np.arange(len(self._rays))
@@ -93,9 +92,7 @@ def ahead_of(seen: Sighting, bore: float, lens: float) -> Ahead | None:
         return Ahead(distance=centre + min(seen.distance, reach), sure=seen.sure, axis=axis)
     if seen.kind in ENDS:
         end = ENDS[seen.kind]
-        return Ahead(
-            end=end, distance=distance, distance_std=spread[0], sure=seen.sure, axis=axis
-        )
+        return Ahead(end=end, distance=distance, distance_std=spread[0], sure=seen.sure, axis=axis)
     if seen.distance < NEAREST * bore:
         return None
     form = next(form for form in forms(bore) if (form.kind, form.enter) == (seen.kind, seen.enter))

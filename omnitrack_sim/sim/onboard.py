@@ -17,7 +17,7 @@ from omnitrack_sim.model.rays import RayWalls
 from omnitrack_sim.model.robot import lug_pitch
 from omnitrack_sim.network import Network
 from omnitrack_sim.pipes import Part
-from omnitrack_sim.rotations import Array, quaternion_from_matrix
+from omnitrack_sim.rotations import Array, Pose, quaternion_from_matrix
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sensing.cameras import camera_of
 from omnitrack_sim.sensing.draws import keys, normal, uniform
@@ -148,9 +148,9 @@ class Onboard:
         """Whether the cameras take pictures at this control step."""
         return self._tick % self._every == 0
 
-    def learn(self, legs: Legs, robots: Collection[int]) -> None:
-        """Robots may have changed their maps. Where the part moves that one is in, it moves
-        along: it knows its place by what is around it."""
+    def learn(self, legs: Legs, robots: Collection[int], place: Place) -> None:
+        """Robots that took themselves to be at ``place`` may have changed their maps. Where the
+        part moves that one is in, it moves along: it knows its place by what is around it."""
         for robot in robots:
             before, after = self._maps[robot], legs.map(robot)
             if before is None or after is None or after is before:
@@ -159,6 +159,9 @@ class Onboard:
             self._draw(legs, robot)
             here = self.localiser.filter.position[robot]
             old, new = before.pipes.parts, after.pipes.parts
+            if _bent(old, new):
+                self._turn_with(robot, place, int(legs.way[robot]))
+                continue
             for part, moved in zip(old, new, strict=False):
                 if part.holds(here[None], 0.0):
                     port = part.fitting.port_names[0]
@@ -166,6 +169,15 @@ class Onboard:
                     if np.linalg.norm(is_now.position - was.position) > MAP_MOVES:
                         self.localiser.move(robot, was, is_now)
                     break
+
+    def _turn_with(self, robot: int, place: Place, way: int) -> None:
+        """A fitting behind a robot bends otherwise than was known: it is as far along its way as
+        it was, and less sure of its place."""
+        ways, along = np.array([place.way[robot], way]), np.repeat(place.distance[robot], 2)
+        points, frames = self._routes.poses(ways, along, np.zeros(2))
+        before, after = (Pose(frames[i], points[i]) for i in range(2))
+        self.localiser.move(robot, before, after)
+        self.localiser.loosen(robot)
 
     def _draw(self, legs: Legs, robot: int) -> None:
         """Have a robot's map be what it believes."""
@@ -336,6 +348,12 @@ class Onboard:
             "tilt_std": place.tilt_std,
             "misfit": self.localiser.misfit,
         }
+
+
+def _bent(old: Sequence[Part], new: Sequence[Part]) -> bool:
+    """Whether a fitting other than a plain straight has another form than it had."""
+    both = zip(old, new, strict=False)
+    return any(a.fitting != b.fitting and not a.fitting.is_plain for a, b in both)
 
 
 def _parts(network: Network | None) -> Sequence[Part]:

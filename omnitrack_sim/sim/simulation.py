@@ -407,9 +407,7 @@ class Simulation:
             assert sight is not None
             ahead = sight.look(robot, self._readings["position"][robot], true[robot])
             time, distance = float(self.time[robot]), float(self._believed.distance[robot])
-            onward = self.legs.see(
-                robot, time, distance, ahead, frames[robot], turned[robot]
-            )
+            onward = self.legs.see(robot, time, distance, ahead, frames[robot], turned[robot])
             self._events[robot] += onward.events
             self._give_time(robot, onward)
         self._find_again(np.flatnonzero(looking).tolist())
@@ -428,7 +426,7 @@ class Simulation:
         """Find robots on their routes that are on another one now."""
         if robots:
             if self.onboard is not None:
-                self.onboard.learn(self.legs, robots)
+                self.onboard.learn(self.legs, robots, self._believed)
             again = np.isin(np.arange(self.n), list(robots))
             self._near = np.where(again, self.legs.near, self._near)
             self._find()

@@ -2,8 +2,8 @@
 
 A ray is followed by steps of the distance to the wall (sphere tracing), which never pass through
 it. Each part of a network counts between its port planes. A ray that leaves through an open end
-meets nothing; one that leaves through a plate meets that; beyond an end that nothing is known of it
-may meet anything.
+meets nothing; one that leaves through a plate meets that; of one that leaves through a port beyond
+which nothing is known, nothing is told.
 """
 
 from __future__ import annotations
@@ -21,11 +21,10 @@ OPEN, PLATE, UNKNOWN = 0.0, 1.0, 2.0
 PORT_SIZE, PART_SIZE = 7, 56
 RANGE, NORMAL, PART, LIT, JOINT, GRAIN, HIT_SIZE = 0, 1, 4, 5, 6, 7, 8
 """Places of what a ray has met: distance, m, infinite where it has met nothing, NaN where it leaves
-through a port of which nothing is known; the wall's unit
-normal (3) into the bore, world frame; number of the part, from the first of its map, -1 for
-nothing; how squarely the lamp shines on it: cosine of the angle from its normal, 0 in the dark;
-distance from the nearest port plane, m; grain of the surface, -1 to 1. The last three are looked
-for only where there is a lamp."""
+through a port beyond which nothing is known; the wall's unit normal (3) into the bore, world frame;
+number of the part, from the first of its map, -1 for nothing; how squarely the lamp shines on it:
+cosine of the angle from its normal, 0 in the dark; distance from the nearest port plane, m; grain
+of the surface, -1 to 1. The last three are looked for only where there is a lamp."""
 HIT, CLOSE = 5e-4, 0.01
 """Distance from the wall, m, from which the rest are two steps by the slope, and how long one of
 them may be, m."""

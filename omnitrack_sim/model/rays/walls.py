@@ -73,9 +73,9 @@ class RayWalls:
         lamp: Array | None = None,
     ) -> Array:
         """What the rays of n cameras meet (n, k, 8), in the order of ``trace``: range, m (infinite
-        for nothing, NaN beyond a port that nothing is known of); unit normal into the bore (3), world frame; number of the part in its map, -1
-        for nothing; how squarely the lamp shines there, cosine, 0 in the dark; distance from the
-        nearest joint or end, m; grain, -1 to 1.
+        for nothing, NaN beyond a port that nothing is known of); unit normal into the bore (3),
+        world frame; number of the part in its map, -1 for nothing; how squarely the lamp shines
+        there, cosine, 0 in the dark; distance from the nearest joint or end, m; grain, -1 to 1.
 
         Args:
             which: (n,) map of each camera.
@@ -125,9 +125,7 @@ def _records(parts: Sequence[Part], closed: Collection[Port], unknown: Collectio
     return np.array(records).reshape(-1, trace.PART_SIZE)
 
 
-def part_record(
-    part: Part, closed: Collection[str] = (), unknown: Collection[str] = ()
-) -> Array:
+def part_record(part: Part, closed: Collection[str] = (), unknown: Collection[str] = ()) -> Array:
     """The record (PART_SIZE,) of a placed part, for this process only; ``closed``: ports that a
     plate closes; ``unknown``: ports that nothing is known of what is beyond."""
     fitting, pose = part.fitting, part.pose
