@@ -50,7 +50,8 @@ class CameraSight:
         self._table, self._bore = first.sensing, bore
         self._camera = camera_of(first.sensing)
         self._rays = rays_of(self._camera.optics)
-        self._walls = RayWalls(*([each] for each in first.exploration.in_sight()))
+        parts, plates = first.exploration.in_sight()
+        self._walls = RayWalls([parts], [plates])
         self._lens = first.robot.length / 2 + self._camera.optics.ahead
         self._keys = keys([scenario.hash for scenario in scenarios])
         self._looks = np.zeros(len(scenarios), int)
@@ -102,7 +103,8 @@ def ahead_of(seen: Sighting, bore: float, lens: float) -> Ahead | None:
     except GeometryError:
         return None
     turn = math.atan2(-float(frame[1, 0]), float(frame[0, 0])) if form.period else 0.0
-    return Ahead(fitting, seen.enter, "", distance, turn, *spread.tolist(), seen.sure, axis)
+    far, round_ = float(spread[0]), float(spread[1])
+    return Ahead(fitting, seen.enter, "", distance, turn, far, round_, seen.sure, axis)
 
 
 def _recogniser(table: SensingTable, bore: float) -> Recogniser:
