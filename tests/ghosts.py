@@ -64,7 +64,7 @@ class Ghost:
             if distance >= explorer.look_at:
                 ahead = self.sight.look(0, position, frame)
                 ahead = None if ahead is None else self.erring(ahead)
-                decision = explorer.see(time, distance, ahead, frame)
+                decision = explorer.see(time, distance, ahead, frame, frame)
             elif distance >= explorer.leg.end:
                 decision = explorer.arrived(time, distance, self._here(position, frame))
             elif self._blocked(position, frame):

@@ -118,7 +118,6 @@ def test_a_goal_that_cannot_be_found_is_told():
         ),
         ({"mission.avoid": ["foot"]}, r"^mission.avoid: is for a known map"),
         ({"mission.blocked": ["attic.end"]}, r"^mission.blocked.0: "),
-        ({"sensing.kind": "onboard"}, r"^sensing.kind: is \'onboard\'; with an unknown map"),
         ({"start.distance": 0.55}, r"^start.distance: is 0.55 m; the robot lies inside"),
     ],
 )

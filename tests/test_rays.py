@@ -62,6 +62,19 @@ def test_a_ray_along_a_pipe_leaves_through_its_open_end_and_meets_a_plate():
     assert hit[1:4] @ frame[0, :, 2] == pytest.approx(-1.0)
 
 
+def test_beyond_a_port_that_nothing_is_known_of_nothing_is_told():
+    """Neither a wall nor an end; and a map can be put in the place of another."""
+    route = ot.load_scenario("straight").route
+    line, parts = route.centreline, route.network.parts
+    position, frame = line.at(np.array([0.2]))[0], line.frame(np.array([0.2]))
+    last = len(parts) - 1, route.fittings[-1].leave
+    walls = RayWalls([parts], unknown=[[last]])
+    assert np.isnan(walls.trace(ONE, position, frame, AHEAD[None], 9.0)[0, 0, 0])
+    walls.replace(0, parts, [last])
+    hit = walls.trace(ONE, position, frame, AHEAD[None], 9.0)[0, 0, 0]
+    assert hit == pytest.approx(line.length - 0.2, abs=1e-5)
+
+
 def test_the_lamp_does_not_shine_round_the_corner_of_a_branch():
     """A lamp beside the lens leaves a part of what the lens sees in the dark, at the lens none."""
     route = ot.load_scenario("tee_turn").route

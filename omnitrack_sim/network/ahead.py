@@ -3,8 +3,10 @@ network."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
+
+import numpy as np
 
 from omnitrack_sim.pipes import Fitting
 from omnitrack_sim.rotations import Array, unit
@@ -34,6 +36,7 @@ class Ahead:
             for a fitting that is round about its axis.
         distance_std, turn_std: m and rad, standard deviations.
         sure: probability, 0 to 1, that the kind of ``fitting``, or of the end, is right.
+        axis: (3,) unit vector along the pipe ahead, in the robot's frame.
     """
 
     fitting: Fitting | None = None
@@ -44,6 +47,7 @@ class Ahead:
     distance_std: float = 0.0
     turn_std: float = 0.0
     sure: float = 1.0
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]), compare=False)
 
 
 def side_of(frame: Array, ahead: Array) -> Array:

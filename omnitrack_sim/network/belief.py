@@ -17,7 +17,7 @@ import numpy as np
 from omnitrack_sim.network.layout import CLOSES, End, both_ways
 from omnitrack_sim.network.planning import port_graph
 from omnitrack_sim.network.spec import Joint, Network, Place
-from omnitrack_sim.pipes import Fitting, Straight
+from omnitrack_sim.pipes import Elbow, Fitting, Straight
 from omnitrack_sim.rotations import Array, Pose, angle_between, frame_along, wrap_angle
 
 SHORTEST = 1e-3
@@ -102,6 +102,19 @@ class Belief:
         ]
         return [end for end in free[::-1] if end not in self.explored]
 
+    @property
+    def closed(self) -> list[End]:
+        """Ports that it has seen to be closed."""
+        return [end for end, noted in self.ends.items() if noted == "closed"]
+
+    @property
+    def unknown(self) -> list[End]:
+        """Ports beyond which nothing is known: a straight may go on, a fitting may follow."""
+        joined, parts = self.joined, enumerate(self._fittings.values())
+        every = [(i, port) for i, fitting in parts for port in fitting.port_names]
+        free = [end for end in every if end not in joined and end != self.start]
+        return [end for end in free if self.ends.get(end) not in ("open", "closed")]
+
     def name(self, end: End) -> str:
         """``part.port`` of a port."""
         return f"{list(self._fittings)[end[0]]}.{end[1]}"
@@ -123,6 +136,16 @@ class Belief:
         length = max(round(fitting.length + more, DIGITS), SHORTEST)
         self._set(name, replace(fitting, length=length))
         return length
+
+    def bend(self, part: int, angle: float) -> None:
+        """An elbow bends by ``angle`` rad, and not as was seen."""
+        name, fitting = list(self._fittings.items())[part]
+        assert isinstance(fitting, Elbow)
+        self._set(name, replace(fitting, angle=angle))
+
+    def is_last(self, part: int) -> bool:
+        """Whether nothing is joined to a part but what it hangs on."""
+        return sum(end[0] == part for end in self.joined) == (part > 0)
 
     def drop(self, part: int) -> bool:
         """Take back a straight, if it is the latest part and not the only one: there is none."""

@@ -10,11 +10,11 @@ from omnitrack_sim.network.belief import Belief
 from omnitrack_sim.network.compare import MapDifference, compare_maps
 from omnitrack_sim.network.explorer import CREEP, Explorer
 from omnitrack_sim.network.goals import Mission, ports_of
-from omnitrack_sim.network.layout import End
+from omnitrack_sim.network.layout import End, both_ways
 from omnitrack_sim.network.planning import Way
 from omnitrack_sim.network.sight import TrueSight
 from omnitrack_sim.network.spec import Network
-from omnitrack_sim.pipes import Arcs
+from omnitrack_sim.pipes import Arcs, Part
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Array, Pose, length
 
@@ -51,6 +51,24 @@ class Exploration:
         """Sight without error."""
         return TrueSight(self.network.pipes, self.plates, self.robot, self.arcs)
 
+    def in_sight(self) -> tuple[list[Part], list[End]]:
+        """Parts that can be seen from any place that the robot can get to, and those of their
+        ports that a plate closes: numbers are those of the parts returned."""
+        parts, joined = self.network.pipes.parts, both_ways(self.network.pipes.joints)
+        plates = {*self.plates, *(joined[end] for end in self.plates if end in joined)}
+        found, todo = {self.ends[0][0]}, [self.ends[0][0]]
+        while todo:
+            part = todo.pop()
+            ends = {(part, port) for port in parts[part].fitting.port_names} - plates
+            new = {joined[end][0] for end in ends if end in joined} - found
+            found |= new
+            todo += new
+        numbers = {part: i for i, part in enumerate(sorted(found))}
+        return (
+            [parts[part] for part in numbers],
+            [(numbers[part], port) for part, port in sorted(plates) if part in numbers],
+        )
+
     def explorer(self, number: int, falls: int) -> Explorer:
         """A robot that explores it, number ``number`` of its batch, which may fall off its way
         ``falls`` times. It knows where it stands, and the pipe that it stands in up to its nose."""
@@ -66,6 +84,10 @@ class Exploration:
         """The name of the goal that a robot has its nose (3,) m at, world frame; "" at none."""
         found = zip(self.mission.goals, self.ends[1:], strict=True)
         return next((name for name, end in found if self._is_at(end, nose)), "")
+
+    def holds(self, position: Array) -> bool:
+        """Whether a robot with its centre at ``position`` (3,) m, world frame, is in a pipe."""
+        return float(self.network.pipes.signed_distance(position[None])[0][0]) > 0
 
     def is_home(self, position: Array, axis: Array) -> bool:
         """Whether a robot with its centre at ``position`` (3,) m, world frame, stands at the

@@ -25,7 +25,7 @@ from omnitrack_sim.network.layout import End
 from omnitrack_sim.network.mission import NOSE_ROOM, ROUNDING, Ways
 from omnitrack_sim.network.planning import Closed, Leg, Step, Way
 from omnitrack_sim.network.whereabouts import Whereabouts
-from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Fitting
+from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting
 from omnitrack_sim.record.events import (
     EndInspected,
     Event,
@@ -39,7 +39,7 @@ from omnitrack_sim.record.events import (
     TakenForClosed,
 )
 from omnitrack_sim.robot import Robot
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.rotations import Array, angle_between
 
 CREEP = 0.1
 """How far a robot goes on, m, where it should see on and does not: it takes so much pipe for
@@ -50,6 +50,12 @@ LOOK_AGAIN = 0.003
 """Travel after which a robot looks again that could not tell what it saw, m."""
 LOOK_BEFORE = 0.015
 """How far before the end of a leg, m, a robot looks on."""
+LEAST_BEND = math.radians(5)
+"""No elbow bends by less."""
+BENT = math.radians(0.5)
+"""Angle, rad, by which an elbow has to bend otherwise than was seen for the map to be changed."""
+SETTLE = 0.05
+"""Travel after such a change in which a robot finds its place on the new map, m."""
 SURE = 0.5
 """Probability from which on a robot believes what it sees."""
 TOUCH = 0.05
@@ -99,6 +105,7 @@ class Explorer:
     _to_come: list[Leg] = field(default_factory=list)
     _closed: list[End] = field(default_factory=list)
     _fallen_off: list[Step] = field(default_factory=list)
+    _bends: dict[int, Array] = field(default_factory=dict)
     _complete: bool = False
 
     def __post_init__(self) -> None:
@@ -114,20 +121,28 @@ class Explorer:
 
     # What happens to it
 
-    def see(self, time: float, distance: float, ahead: Ahead | None, frame: Array) -> Decision:
+    def see(
+        self, time: float, distance: float, ahead: Ahead | None, frame: Array, turned: Array
+    ) -> Decision:
         """It has looked ahead.
 
         Args:
             time: s. distance: m, arc length of its centre on its leg.
             ahead: what it has seen. frame: (3, 3) of the robot in its gear, world frame.
+            turned: (3, 3) the same by the gyro alone, in any frame that stands still.
         """
         if ahead is None or ahead.sure < SURE:
             self.look_at = distance + LOOK_AGAIN
             return Decision(self.leg, True, ())
+        measured = self._measure_bend(turned @ ahead.axis)
         before = self.ways.along_of(self.leg.way).length
         way = self._reached(distance + ahead.distance - before)
+        if measured:  # what is beyond is measured when it knows its place on the new map
+            self._go_on(way)
+            self.look_at = max(distance, min(distance + SETTLE, self.leg.end - LOOK_BEFORE))
+            return Decision(self.leg, True, ())
         if ahead.fitting is not None:
-            return self._comes_to(ahead.fitting, ahead, way, time, distance, frame)
+            return self._comes_to(ahead.fitting, ahead, way, time, distance, frame, turned)
         if ahead.end == "open" or ahead.end == "closed":
             self.belief.note(_end_of(way), ahead.end)
         self._go_on(way)
@@ -203,6 +218,7 @@ class Explorer:
         time: float,
         distance: float,
         frame: Array,
+        turned: Array,
     ) -> Decision:
         """A fitting is seen at the end of a way."""
         belief, end, enter = self.belief, _end_of(way), ahead.enter
@@ -216,6 +232,8 @@ class Explorer:
         side = side_of(frame, axis)
         side = math.cos(ahead.turn) * side + math.sin(ahead.turn) * np.cross(axis, side)
         part = belief.attach(end, fitting, enter, side)
+        if isinstance(fitting, Elbow):
+            self._bends[part] = turned @ ahead.axis
         name = belief.network.fittings[part].name
         told: list[Event] = [FittingFound(self.number, time, name, ahead.distance)]
         for port, other in belief.meeting(part):
@@ -228,6 +246,26 @@ class Explorer:
         self._go_on(onward)
         self.look_at = self.leg.end - LOOK_BEFORE
         return Decision(self.leg, True, told)
+
+    def _measure_bend(self, axis: Array) -> bool:
+        """It may have come out of an elbow, into a pipe along ``axis`` (3,), in the frame of
+        ``turned``: how much the elbow bends was hidden before it. Whether it bends by more or less
+        than was seen."""
+        way = self.leg.way
+        last = len(way) - 1
+        if last > 0 and self.belief.fitting(way[last][0]).is_plain:
+            last -= 1
+        part = way[last][0]
+        if part not in self._bends or not self.belief.is_last(way[-1][0]):
+            return False
+        angle = float(angle_between(self._bends.pop(part), axis))
+        elbow = self.belief.fitting(part)
+        assert isinstance(elbow, Elbow)
+        if angle < LEAST_BEND or abs(angle - elbow.angle) < BENT:
+            return False
+        self.belief.bend(part, angle)
+        self.ways = self._through([])
+        return True
 
     def _closes(self, time: float, end: End, other: End) -> Event:
         miss = self.belief.close(end, other)

@@ -87,20 +87,21 @@ class TrueSight:
     def _from(self, port: _Port, frame: Array) -> Ahead:
         """What is seen through a port."""
         _, distance, end = port
+        axis = frame.T @ self._pipes.parts[end[0]].port(end[1]).rotation[:, 2]
         reach = self._half + self._reach
         while distance <= reach:
             if end in self._closed:
-                return Ahead(end="closed", distance=distance)
+                return Ahead(end="closed", distance=distance, axis=axis)
             if end not in self._joined:
-                return Ahead(end="open", distance=distance)
+                return Ahead(end="open", distance=distance, axis=axis)
             index, enter = self._joined[end]
             part = self._pipes.parts[index]
             if not part.fitting.is_plain:
                 turn = _turn(part, enter, frame)
-                return Ahead(part.fitting, enter, distance=distance, turn=turn)
+                return Ahead(part.fitting, enter, distance=distance, turn=turn, axis=axis)
             distance += part.fitting.length_of_axes
             end = index, next(name for name in part.fitting.port_names if name != enter)
-        return Ahead(distance=reach)
+        return Ahead(distance=reach, axis=axis)
 
 
 def _turn(part: Part, enter: str, frame: Array) -> float:

@@ -92,9 +92,6 @@ def _missing(scenario: Scenario) -> list[Fault]:
         )
     if scenario.mission is None:
         faults.append(Fault("mission", "is missing: a table with start and goals"))
-    elif scenario.mission.map == "unknown" and scenario.sensing.kind != "truth":
-        problem = f'is {scenario.sensing.kind!r}; with an unknown map it has to be "truth"'
-        faults.append(Fault("sensing.kind", problem))
     for key, default in (("axis", Start().axis), ("turn_deg", Start().turn_deg)):
         if getattr(scenario.start, key) != default:
             faults.append(Fault(f"start.{key}", "is for pipes; a network has its own place"))

@@ -73,7 +73,8 @@ class HeadlightCamera:
 
     def expected(self, hits: Array, rays: Array) -> Array:
         """See ``Camera``."""
-        return self._coded(self._light(hits, rays), rays)
+        coded = self._coded(self._light(hits, rays), rays)
+        return np.where(np.isnan(hits[..., RANGE]), np.nan, coded)
 
     def spread(self, expected: Array) -> Array:
         """See ``Camera``: dirt changes light by a part, and a pixel by that over gamma."""

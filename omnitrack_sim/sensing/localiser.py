@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
-from omnitrack_sim.rotations import Array, cross
+from omnitrack_sim.rotations import Array, Pose, cross
 from omnitrack_sim.sensing.nearby import nearby
-from omnitrack_sim.sensing.optics import Camera, Walls, rays_of
+from omnitrack_sim.sensing.optics import RANGE, Camera, Walls, rays_of
 from omnitrack_sim.sensing.pose_filter import (
     BIAS,
     PLACE,
@@ -76,6 +76,8 @@ TOLD = 0.85
 """Part to which the variance has to fall by that."""
 APART = 0.06
 """Places that are farther apart, m, are two answers."""
+LOOSE_PLACE, LOOSE_TURN = 0.015, 0.03
+"""Standard deviations, m and rad, that are added where a bend of the map is measured anew."""
 FEW = 0.1
 """Part of the pixels of a picture with which it tells whether the map is right."""
 BACKWARD = np.array([1.0, -1.0, -1.0])
@@ -186,6 +188,30 @@ class Localiser:
         """Robots (n,) whose pictures have not been those of their map for a while."""
         return self._puzzled > self._table.filter.misfit_time
 
+    def move(self, robot: int, before: Pose, after: Pose) -> None:
+        """What stood at a pose ``before`` in a robot's map stands at ``after`` now, and the robot
+        with it."""
+        moved = after @ before.inverse()
+
+        def with_it(position: Array, rotation: Array) -> tuple[Array, Array]:
+            position, rotation = position.copy(), rotation.copy()
+            position[robot] = moved.apply(position[robot])
+            rotation[robot] = moved.rotation @ rotation[robot]
+            return position, rotation
+
+        pose = self.filter
+        pose.position, pose.rotation = with_it(pose.position, pose.rotation)
+        for i, (due, shot) in enumerate(self._arriving):
+            position, rotation = with_it(shot.position, shot.rotation)
+            self._arriving[i] = due, shot._replace(position=position, rotation=rotation)
+
+    def loosen(self, robot: int) -> None:
+        """A robot's map has changed around it: it is less sure of its pose."""
+        covariance = self.filter.covariance.copy()
+        covariance[robot, PLACE, PLACE] += LOOSE_PLACE**2 * np.eye(3)
+        covariance[robot, TURN, TURN] += LOOSE_TURN**2 * np.eye(3)
+        self.filter.covariance = covariance
+
     def doubt(self, robot: int) -> None:
         """What a robot takes for its pose cannot be: it is to look for itself."""
         self._puzzled[robot] = 2 * self._table.filter.misfit_time
@@ -281,7 +307,7 @@ class Localiser:
 
     def _move_later_shots(self, change: Array, pivot: Array) -> None:
         """Pictures that are on their way were taken where the robots now know better."""
-        turn, moves = turned_by(change[:, TURN]), change.any(axis=1)[:, None]
+        turn, moves = turned_by(change[:, TURN]), np.any(change != 0, axis=1)[:, None]
         moved: deque[tuple[int, Shot]] = deque()
         for due, shot in self._arriving:
             since = (turn @ (shot.position - pivot)[..., None])[..., 0]
@@ -580,7 +606,9 @@ class Localiser:
         nothing = np.isnan(measured) != np.isnan(expected)
         error = np.where(nothing, WORST, np.nan_to_num(error))
         size = np.abs(error)
-        loss = np.minimum(size, WORST) ** 2 / 2
+        # Beyond what is on the map anything is as well as what is expected.
+        beyond = np.isnan(hits[..., RANGE]).reshape(m, c, -1)
+        loss = np.where(beyond, 0.5, np.minimum(size, WORST) ** 2 / 2)
         picture = self._share * len(self.pixels) / len(pixels)
         held = np.einsum("mcij,mi->mcj", frames, -self._gravity[robots])
         force = (held - self._held[robots, None]) / self._table.filter.force_std

@@ -111,7 +111,7 @@ class PoseFilter:
         covariance, change = solved[..., :SIZE], solved[..., SIZE]
         # A robot that nothing was measured of stays as it is to the last bit: what it does must not
         # depend on its neighbours.
-        touched = information.any(axis=(1, 2))[:, None]
+        touched: NDArray[np.bool_] = np.any(information != 0, axis=(1, 2))[:, None]
         change = np.where(touched, change, 0.0)
         covariance = (covariance + np.swapaxes(covariance, 1, 2)) / 2
         self.covariance = np.where(touched[..., None], covariance, self.covariance)
@@ -120,7 +120,7 @@ class PoseFilter:
 
     def shift(self, change: Array, pivot: Array) -> None:
         """Move the estimate by errors (n, 10); see ``correct``."""
-        turn, moves = turned_by(change[:, TURN]), change.any(axis=1)[:, None]
+        turn, moves = turned_by(change[:, TURN]), np.any(change != 0, axis=1)[:, None]
         since = self.position - pivot
         position = pivot + change[:, PLACE] + (turn @ since[..., None])[..., 0]
         self.position = np.where(moves, position, self.position)

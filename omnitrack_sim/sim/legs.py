@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.control.route_map import RouteMap
 from omnitrack_sim.network import Ahead, Leg, Network, Planner
+from omnitrack_sim.network.belief import Belief
 from omnitrack_sim.network.explorer import Decision
 from omnitrack_sim.network.layout import End
 from omnitrack_sim.network.mission import Ways
@@ -121,12 +122,18 @@ class Legs:
         return self._put(robot, self._round(robot, planner, leg, time, distance))
 
     def see(
-        self, robot: int, time: float, distance: float, ahead: Ahead | None, frame: Array
+        self,
+        robot: int,
+        time: float,
+        distance: float,
+        ahead: Ahead | None,
+        frame: Array,
+        turned: Array,
     ) -> Onward:
         """A robot that explores has looked ahead; see ``Explorer.see``."""
         explorer = self._explorers[robot]
         assert explorer is not None
-        return self._decided(robot, explorer.see(time, distance, ahead, frame))
+        return self._decided(robot, explorer.see(time, distance, ahead, frame, turned))
 
     def _decided(self, robot: int, decision: Decision) -> Onward:
         """Put a robot that explores onto the leg that it has decided for."""
@@ -147,10 +154,25 @@ class Legs:
         return Onward(leg, told, goes_on, more)
 
     def in_a_pipe(self, robot: int, position: Array, axis: Array) -> bool:
-        """Whether a robot at ``position`` (3,) m with its nose along ``axis`` (3,), world frame, is
-        in any pipe of its network; outside plain pipes there is no network."""
-        planner = self._ways(robot)
+        """Whether a robot that truly is at ``position`` (3,) m with its nose along ``axis`` (3,),
+        world frame, is in any pipe of its network, whatever its map; plain pipes are no
+        network."""
+        planner, exploration = self._planners[robot], self._explorations[robot]
+        if exploration is not None:
+            return exploration.holds(position)
         return planner is not None and planner.find(position, axis) is not None
+
+    def belief(self, robot: int) -> Belief | None:
+        """What a robot that explores takes its network to be; None for others."""
+        explorer = self._explorers[robot]
+        return None if explorer is None else explorer.belief
+
+    def bore_ahead(self, robot: int) -> float:
+        """What a robot that explores takes for the bore at the end of its way, m."""
+        explorer = self._explorers[robot]
+        assert explorer is not None
+        part, _, leave = explorer.leg.way[-1]
+        return 2 * explorer.belief.fitting(part).port_radius(leave)
 
     def _ways(self, robot: int) -> Ways | None:
         """Ways through a robot's network, or through what it believes to be one."""
@@ -261,8 +283,8 @@ class Legs:
 
     def map(self, robot: int) -> Network | None:
         """The map that a robot has made; None for one that does not explore."""
-        explorer = self._explorers[robot]
-        return None if explorer is None else explorer.belief.network
+        belief = self.belief(robot)
+        return None if belief is None else belief.network
 
     def driven(self, robot: int) -> tuple[Leg, ...]:
         """The legs that a robot has begun."""

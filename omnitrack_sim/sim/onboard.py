@@ -4,7 +4,7 @@ told."""
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,15 +16,19 @@ from omnitrack_sim.control.route_map import Place, RouteMap
 from omnitrack_sim.control.search import Search, Searching
 from omnitrack_sim.model.rays import RayWalls
 from omnitrack_sim.model.robot import lug_pitch
-from omnitrack_sim.rotations import Array, quaternion_from_matrix
+from omnitrack_sim.network import Network
+from omnitrack_sim.pipes import Part
+from omnitrack_sim.rotations import Array, Pose, quaternion_from_matrix
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sensing.cameras import camera_of
 from omnitrack_sim.sensing.draws import keys, normal, uniform
 from omnitrack_sim.sensing.localiser import Localiser
 from omnitrack_sim.sensing.optics import rays_of
-from omnitrack_sim.sensing.proprioception import Felt, Proprioception
+from omnitrack_sim.sensing.proprioception import Felt, Proprioception, turned_by
 from omnitrack_sim.sensing.sensor import State
+from omnitrack_sim.sensing.table import BeginTable, SensingTable
 from omnitrack_sim.sim.builder import each
+from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.theory.kinematics import belt_sign
 
 AROUND, SPACING, TURNS = 1.0, 0.02, 24
@@ -34,6 +38,8 @@ CHECK_EVERY = 1.0
 """Time between two checks of a robot's turn about its axis before a fitting, s."""
 INSIDE = 0.03
 """A robot whose nose is farther inside a fitting than this, m, goes on with it."""
+MAP_MOVES = 1e-6
+"""A part of a map that moves by less than this, m, has not moved: lengths are rounded to it."""
 
 
 class Onboard:
@@ -42,11 +48,13 @@ class Onboard:
     Args:
         scenarios: of the robots; they share ``[sensing]``.
         state: of the physics as they begin. torque_limit: (n,) N m.
-        routes: of their legs. way: (n,) route of each. period: s between two control steps.
+        legs: of theirs. period: s between two control steps.
 
     Attributes:
         readings: what controllers see, (n, ...) by the names of the channels, robot frame.
         camera: at their ends. localiser: where the robots take themselves to be.
+        turned: (n, 3, 3) the robots' rotations by the gyro alone, without regard to any map: they
+            drift, slowly.
         picture: (n, k) the last one taken, of the pixels that robots compare with their map; None
             before the first.
         whole: (n, pixels²) the picture that was taken at this moment, of all pixels, with the ends
@@ -58,21 +66,31 @@ class Onboard:
         scenarios: Sequence[Scenario],
         state: State,
         torque_limit: Array,
-        routes: RouteMap,
-        way: NDArray[np.intp],
+        legs: Legs,
         period: float,
     ) -> None:
-        first, table = scenarios[0], scenarios[0].sensing
+        first = scenarios[0]
+        table, explores = first.sensing, first.exploration is not None
+        if explores:
+            # Its map's frame begins where it stands: it knows its place by definition.
+            start = BeginTable(distance_std=0.0, theta5_known=True)
+            table = table.model_copy(update={"start": start})
+        routes, way = legs.routes, legs.way
         self._robot, self._period = first.robot, period
         self._keys = keys([_drawn_from(scenario) for scenario in scenarios])
         gravity = each(scenarios, "gravity").astype(float)
         n = len(scenarios)
         self.camera = camera_of(table)
         self._rays = rays_of(self.camera.optics)
-        parts = first.route.network.parts
-        # The pipes as they are, and as the robot's map has them: it knows of no plate.
-        self._walls = RayWalls([parts], [first.plates])
-        self._which = np.zeros(n, np.intp)
+        parts, plates = first.route.network.parts, first.plates
+        if first.exploration is not None:
+            parts, plates = first.exploration.in_sight()
+        # The pipes as they are.
+        self._walls, self._true = RayWalls([parts], [plates]), np.zeros(n, np.intp)
+        # Those of the robots' maps: of a network that they know, all but its plates.
+        self._maps = [legs.map(robot) for robot in range(n)]
+        which = np.arange(n) if explores else self._true
+        mapped = RayWalls([_parts(m) for m in self._maps] if explores else [parts])
         self._senses = Proprioception(
             table,
             first.robot,
@@ -83,20 +101,23 @@ class Onboard:
             lug_pitch(first.robot),
             state,
         )
-        position, rotation, tangent = self._begin(scenarios, state, routes, way)
+        position, rotation, tangent = self._begin(scenarios, table, routes, way)
         self.localiser = Localiser(
             table,
             first.robot,
             self.camera,
-            RayWalls([parts]),
-            self._which,
+            mapped,
+            which,
             gravity,
             position,
             rotation,
             tangent,
             period,
         )
-        self._routes = routes
+        self._routes, self._mapped = routes, mapped
+        if explores:
+            for robot in range(n):
+                self._draw(legs, robot)
         self._found: list[int] = []
         self._lost, self._checked = np.zeros(n, bool), np.full(n, -np.inf)
         self._search = Search(table.search, first.robot, each(scenarios, "cruise_speed"))
@@ -105,6 +126,7 @@ class Onboard:
         self._latency = round(self.camera.optics.latency / period)
         self._tick, self._pictures, self._both_ends = 0, 0, table.both_ends
         self._records = first.record.pictures
+        self.turned: Array = rotation
         self.picture: Array | None = None
         self.whole: tuple[Array, NDArray[np.int_]] | None = None
         self._shoot(state, np.ones(n, np.int_))
@@ -113,19 +135,61 @@ class Onboard:
     def _begin(
         self,
         scenarios: Sequence[Scenario],
-        state: State,
+        table: SensingTable,
         routes: RouteMap,
         way: NDArray[np.intp],
     ) -> tuple[Array, Array, Array]:
         """Where the robots take themselves to be, and the direction of the pipe there."""
-        table = scenarios[0].sensing.start
+        start = table.start
         distance = each(scenarios, "distance").astype(float)
-        distance = distance + table.distance_std * normal(self._keys, "start", 0, 1)[:, 0]
+        distance = distance + start.distance_std * normal(self._keys, "start", 0, 1)[:, 0]
         theta5 = np.radians(each(scenarios, "theta5_deg").astype(float))
-        if not table.theta5_known:
+        if not start.theta5_known:
             theta5 = theta5 + 2 * np.pi * uniform(self._keys, "theta5", 0, 1)[:, 0]
         position, rotation = routes.start_poses(way, distance, theta5)
         return position, rotation, rotation[:, :, 2]
+
+    @property
+    def takes_pictures(self) -> bool:
+        """Whether the cameras take pictures at this control step."""
+        return self._tick % self._every == 0
+
+    def learn(self, legs: Legs, robots: Collection[int], place: Place) -> None:
+        """Robots that took themselves to be at ``place`` may have changed their maps. Where the
+        part moves that one is in, it moves along: it knows its place by what is around it."""
+        for robot in robots:
+            before, after = self._maps[robot], legs.map(robot)
+            if before is None or after is None or after is before:
+                continue
+            self._maps[robot] = after
+            self._draw(legs, robot)
+            here = self.localiser.filter.position[robot]
+            old, new = before.pipes.parts, after.pipes.parts
+            if _bent(old, new):
+                self._turn_with(robot, place, int(legs.way[robot]))
+                continue
+            for part, moved in zip(old, new, strict=False):
+                if part.holds(here[None], 0.0):
+                    port = part.fitting.port_names[0]
+                    was, is_now = part.port(port), moved.port(port)
+                    if np.linalg.norm(is_now.position - was.position) > MAP_MOVES:
+                        self.localiser.move(robot, was, is_now)
+                    break
+
+    def _turn_with(self, robot: int, place: Place, way: int) -> None:
+        """A fitting behind a robot bends otherwise than was known: it is as far along its way as
+        it was, and less sure of its place."""
+        ways, along = np.array([place.way[robot], way]), np.repeat(place.distance[robot], 2)
+        points, frames = self._routes.poses(ways, along, np.zeros(2))
+        before, after = (Pose(frames[i], points[i]) for i in range(2))
+        self.localiser.move(robot, before, after)
+        self.localiser.loosen(robot)
+
+    def _draw(self, legs: Legs, robot: int) -> None:
+        """Have a robot's map be what it believes."""
+        belief = legs.belief(robot)
+        assert belief is not None
+        self._mapped.replace(robot, _parts(belief.network), belief.closed, belief.unknown)
 
     def look(self, state: State, gear: NDArray[np.int_], place: Place) -> None:
         """Read the sensors at this moment and bring the estimate up to it; ``place`` is where the
@@ -134,7 +198,9 @@ class Onboard:
         self.whole = None
         felt = self._senses.read(state)
         self.localiser.feel(felt)
-        if self._tick % self._every == 0:
+        bias = self.localiser.filter.bias
+        self.turned = self.turned @ turned_by(felt.turned - bias * self._period)
+        if self.takes_pictures:
             behind = self._both_ends and self._pictures % 2 == 1
             self._shoot(state, -gear if behind else gear)
         arrived = self.localiser.see()
@@ -221,7 +287,7 @@ class Onboard:
         compared = localiser.pixels
         pixels = np.arange(len(self._rays)) if self._records else compared
         rays = self._rays[pixels]
-        hits = self._walls.trace(self._which, position, frame, rays, camera.optics.far, camera.lamp)
+        hits = self._walls.trace(self._true, position, frame, rays, camera.optics.far, camera.lamp)
         metered = np.searchsorted(pixels, compared)
         picture = camera.picture(hits, rays, pixels, self._keys, self._pictures, metered)
         self.picture = picture[:, metered]
@@ -300,3 +366,14 @@ def _drawn_from(scenario: Scenario) -> str:
     recorded."""
     text = scenario.model_dump_json(exclude={"record": {"pictures"}})
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _bent(old: Sequence[Part], new: Sequence[Part]) -> bool:
+    """Whether a fitting other than a plain straight has another form than it had."""
+    both = zip(old, new, strict=False)
+    return any(a.fitting != b.fitting and not a.fitting.is_plain for a, b in both)
+
+
+def _parts(network: Network | None) -> Sequence[Part]:
+    """The parts of a map."""
+    return () if network is None else network.pipes.parts

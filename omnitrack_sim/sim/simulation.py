@@ -158,7 +158,7 @@ class Simulation:
         self.onboard = self._senses(readings)
         self._readings = readings
         self._find()
-        self._sights = [self._sight_of(scenario) for scenario in self.scenarios]
+        self._sights = self._made_sights()
         self.controller: Controller = first.controller_class(
             ControlSetup(
                 routes=self.legs.routes,
@@ -313,12 +313,16 @@ class Simulation:
         from omnitrack_sim.sim.onboard import Onboard
 
         limits = self.motors.torque_limit[:, 0]
-        return Onboard(self.scenarios, state, limits, self.legs.routes, self.legs.way, self.period)
+        return Onboard(self.scenarios, state, limits, self.legs, self.period)
 
-    def _sight_of(self, scenario: Scenario) -> Sight | None:
-        """What tells a robot that explores what is ahead; None for one that does not."""
-        exploration = scenario.exploration
-        return None if exploration is None else exploration.sight()
+    def _made_sights(self) -> Sequence[Sight | None]:
+        """What tells each robot that explores what is ahead; None for those that do not."""
+        explorations = [scenario.exploration for scenario in self.scenarios]
+        if self.onboard is None or explorations[0] is None:
+            return [None if e is None else e.sight() for e in explorations]
+        from omnitrack_sim.sim.camera_sight import CameraSight
+
+        return [CameraSight(self.scenarios, self.legs.bore_ahead)] * self.n
 
     def _keep_picture(self) -> None:
         """Keep the picture of this moment, where one was taken and pictures are recorded."""
@@ -405,15 +409,18 @@ class Simulation:
         looking = (self._believed.distance >= self.legs.look_at) & self.active
         if not np.count_nonzero(looking):
             return
+        if self.onboard is not None and not self.onboard.takes_pictures:
+            return
         told = self._readings if self.onboard is None else self.onboard.readings
         gear = self.legs.gear
         true, frames = (heading(r["rotation"], gear) for r in (self._readings, told))
+        turned = true if self.onboard is None else heading(self.onboard.turned, gear)
         for robot in np.flatnonzero(looking).tolist():
             sight = self._sights[robot]
             assert sight is not None
             ahead = sight.look(robot, self._readings["position"][robot], true[robot])
             time, distance = float(self.time[robot]), float(self._believed.distance[robot])
-            onward = self.legs.see(robot, time, distance, ahead, frames[robot])
+            onward = self.legs.see(robot, time, distance, ahead, frames[robot], turned[robot])
             self._events[robot] += onward.events
             self._give_time(robot, onward)
         self._find_again(np.flatnonzero(looking).tolist())
@@ -431,6 +438,8 @@ class Simulation:
     def _find_again(self, robots: Collection[int]) -> None:
         """Find robots on their routes that are on another one now."""
         if robots:
+            if self.onboard is not None:
+                self.onboard.learn(self.legs, robots, self._believed)
             again = np.isin(np.arange(self.n), list(robots))
             self._near = np.where(again, self.legs.near, self._near)
             self._find()

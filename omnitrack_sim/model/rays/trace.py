@@ -2,7 +2,8 @@
 
 A ray is followed by steps of the distance to the wall (sphere tracing), which never pass through
 it. Each part of a network counts between its port planes. A ray that leaves through an open end
-meets nothing; one that leaves through a plate meets that.
+meets nothing; one that leaves through a plate meets that; of one that leaves through a port beyond
+which nothing is known, nothing is told.
 """
 
 from __future__ import annotations
@@ -15,14 +16,15 @@ from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compile
 KIND, CENTRE, REACH, POSITION, ROTATION, PORTS, PLANES, SIZES = 0, 1, 4, 5, 8, 17, 18, 46
 """Places in the record of a part: number of its kind, a ball around it (3 and its radius, m), its
 pose (3 m, and 9 row by row), the number of its ports; for each port its place (3 m), its direction
-outward (3), world frame, and 1 where a plate closes it; sizes."""
+outward (3), world frame, and what is there: `OPEN`, `PLATE` or `UNKNOWN`; sizes."""
+OPEN, PLATE, UNKNOWN = 0.0, 1.0, 2.0
 PORT_SIZE, PART_SIZE = 7, 56
 RANGE, NORMAL, PART, LIT, JOINT, GRAIN, HIT_SIZE = 0, 1, 4, 5, 6, 7, 8
-"""Places of what a ray has met: distance, m, infinite where it has met nothing; the wall's unit
-normal (3) into the bore, world frame; number of the part, from the first of its map, -1 for
-nothing; how squarely the lamp shines on it: cosine of the angle from its normal, 0 in the dark;
-distance from the nearest port plane, m; grain of the surface, -1 to 1. The last three are looked
-for only where there is a lamp."""
+"""Places of what a ray has met: distance, m, infinite where it has met nothing, NaN where it leaves
+through a port beyond which nothing is known; the wall's unit normal (3) into the bore, world frame;
+number of the part, from the first of its map, -1 for nothing; how squarely the lamp shines on it:
+cosine of the angle from its normal, 0 in the dark; distance from the nearest port plane, m; grain
+of the surface, -1 to 1. The last three are looked for only where there is a lamp."""
 HIT, CLOSE = 5e-4, 0.01
 """Distance from the wall, m, from which the rest are two steps by the slope, and how long one of
 them may be, m."""
@@ -215,7 +217,9 @@ def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, ou
     if met == 0 or lamp[3] > 0.0:
         q, beyond = _plate(parts, p, wx, wy, wz)
     if met == 0:
-        if parts[q + 6] == 0.0:
+        if parts[q + 6] != PLATE:
+            if parts[q + 6] == UNKNOWN:
+                hits[h + RANGE] = math.nan
             return False
         hits[h + NORMAL], hits[h + NORMAL + 1] = -parts[q + 3], -parts[q + 4]
         hits[h + NORMAL + 2] = -parts[q + 5]

@@ -16,6 +16,8 @@ from omnitrack_sim.model.rays import trace
 from omnitrack_sim.pipes import Part
 from omnitrack_sim.rotations import Array
 
+Port = tuple[int, str]
+"""A part's index in its map, and the name of a port of it."""
 _WORK = 2 * trace.NEAR * trace.MOST_NEAR + 8
 
 
@@ -26,6 +28,7 @@ class RayWalls:
 
     Args:
         maps: parts of each map. closed: (part index, port) that a plate closes, of each map.
+        unknown: (part index, port), of each map, that nothing is known of what is beyond.
 
     Raises:
         ImportError: numba is missing.
@@ -35,19 +38,29 @@ class RayWalls:
     def __init__(
         self,
         maps: Sequence[Sequence[Part]],
-        closed: Sequence[Collection[tuple[int, str]]] | None = None,
+        closed: Sequence[Collection[Port]] | None = None,
+        unknown: Sequence[Collection[Port]] | None = None,
     ) -> None:
         install()
         plates = [()] * len(maps) if closed is None else closed
-        records = [
-            part_record(part, [port for i, port in shut if i == index])
-            for parts, shut in zip(maps, plates, strict=True)
-            for index, part in enumerate(parts)
-        ]
-        for fitting in dict.fromkeys(type(part.fitting) for parts in maps for part in parts):
-            bring(fitting)
-        self._parts = np.array(records).reshape(-1, trace.PART_SIZE)
-        ends = np.cumsum([0, *(len(parts) for parts in maps)])
+        dark = [()] * len(maps) if unknown is None else unknown
+        self._maps = [_records(*each) for each in zip(maps, plates, dark, strict=True)]
+        self._join()
+
+    def replace(
+        self,
+        number: int,
+        parts: Sequence[Part],
+        closed: Collection[Port] = (),
+        unknown: Collection[Port] = (),
+    ) -> None:
+        """Put another map in the place of one; arguments as of the class."""
+        self._maps[number] = _records(parts, closed, unknown)
+        self._join()
+
+    def _join(self) -> None:
+        self._parts = np.concatenate(self._maps)
+        ends = np.cumsum([0, *(len(records) for records in self._maps)])
         self._spans = np.stack([ends[:-1], ends[1:]], axis=-1).astype(float)
 
     def trace(
@@ -60,9 +73,9 @@ class RayWalls:
         lamp: Array | None = None,
     ) -> Array:
         """What the rays of n cameras meet (n, k, 8), in the order of ``trace``: range, m (infinite
-        for nothing); unit normal into the bore (3), world frame; number of the part in its map, -1
-        for nothing; how squarely the lamp shines there, cosine, 0 in the dark; distance from the
-        nearest joint or end, m; grain, -1 to 1.
+        for nothing, NaN beyond a port that nothing is known of); unit normal into the bore (3),
+        world frame; number of the part in its map, -1 for nothing; how squarely the lamp shines
+        there, cosine, 0 in the dark; distance from the nearest joint or end, m; grain, -1 to 1.
 
         Args:
             which: (n,) map of each camera.
@@ -101,9 +114,20 @@ class RayWalls:
         return found[..., 0], found[..., 1:4], found[..., 4]
 
 
-def part_record(part: Part, closed: Collection[str] = ()) -> Array:
+def _records(parts: Sequence[Part], closed: Collection[Port], unknown: Collection[Port]) -> Array:
+    """The records (parts, PART_SIZE) of a map."""
+    records = [
+        part_record(part, *([port for i, port in ends if i == index] for ends in (closed, unknown)))
+        for index, part in enumerate(parts)
+    ]
+    for fitting in dict.fromkeys(type(part.fitting) for part in parts):
+        bring(fitting)  # after their records, which number the kinds
+    return np.array(records).reshape(-1, trace.PART_SIZE)
+
+
+def part_record(part: Part, closed: Collection[str] = (), unknown: Collection[str] = ()) -> Array:
     """The record (PART_SIZE,) of a placed part, for this process only; ``closed``: ports that a
-    plate closes."""
+    plate closes; ``unknown``: ports that nothing is known of what is beyond."""
     fitting, pose = part.fitting, part.pose
     record = np.zeros(trace.PART_SIZE)
     low, high = fitting.bounds
@@ -118,7 +142,9 @@ def part_record(part: Part, closed: Collection[str] = ()) -> Array:
         port, place = part.port(name), trace.PLANES + trace.PORT_SIZE * i
         record[place : place + 3] = port.position
         record[place + 3 : place + 6] = port.rotation[:, 2]
-        record[place + 6] = name in closed
+        record[place + 6] = (
+            trace.PLATE if name in closed else trace.UNKNOWN if name in unknown else trace.OPEN
+        )
     record[trace.SIZES : trace.SIZES + len(fitting.sizes)] = fitting.sizes
     return record
 

@@ -1,0 +1,95 @@
+"""Robots that explore by their own cameras."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from network_samples import elbow, joint, straight
+
+import omnitrack_sim as ot
+from omnitrack_sim.record.events import EndInspected, ExplorationComplete
+from omnitrack_sim.rotations import rotation_about
+from omnitrack_sim.scenario import Scenario, validate
+
+pytest.importorskip("numba")
+from omnitrack_sim.sim.camera_sight import CameraSight
+
+
+def bend(**sensing) -> Scenario:
+    """A pipe with one bend, which the robot does not know."""
+    network = {
+        "fittings": [straight("foot", 0.4), elbow("bend", mean_radius=0.16), straight("on", 0.3)],
+        "joints": [joint("foot.end", "bend.start"), joint("bend.end", "on.start")],
+    }
+    return validate(
+        {
+            "name": "bend",
+            "network": network,
+            "mission": {"start": "foot.start", "map": "unknown", "task": "explore"},
+            "physics": {"collider": "exact"},
+            "sensing": {"kind": "onboard", **sensing},
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def explored():
+    """It, explored."""
+    return ot.run(bend())
+
+
+def test_a_robot_explores_by_its_camera_and_comes_back(explored):
+    """The map is complete, though the robot is told nothing but by its sensors."""
+    assert explored.success, explored.reason
+    kinds = [type(event) for event in explored.events]
+    assert kinds.count(EndInspected) == kinds.count(ExplorationComplete) == 1
+    difference = explored.map_difference()
+    assert difference.complete, difference
+    assert not difference.extra
+    assert not difference.angles, difference
+
+
+def test_how_much_a_bend_bends_is_measured_after_it(explored):
+    """From before it the end of a wide bend is hidden; by the gyro it is known to a degree or
+    two."""
+    (found,) = [f for f in explored.map.fittings if f.kind == "elbow"]
+    assert found.angle_deg == pytest.approx(90.0, abs=2.5)
+
+
+def test_its_place_is_known_on_its_own_map(explored):
+    """To centimetres where the map is right."""
+    channels = explored.trajectory.channels
+    error = channels["distance_estimate"] - channels["distance"]
+    assert np.median(np.abs(error)) < 0.01
+
+
+def test_a_camera_sees_what_is_there():
+    """The same as true sight, with its errors; and no farther than it can be trusted."""
+    scenario = ot.load_scenario("missions/explore_onboard")
+    exploration = scenario.exploration
+    sight, true = CameraSight([scenario], lambda robot: 0.16), exploration.sight()
+    line = scenario.route.centreline
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array(0.7))
+    for along in (0.1, 0.2, 0.28):
+        at = np.array([along])
+        position, frame = line.at(at)[0][0], line.frame(at)[0] @ turn
+        seen, wanted = sight.look(0, position, frame), true.look(0, position, frame)
+        assert seen.fitting.kind == wanted.fitting.kind == "tee"
+        assert seen.enter == wanted.enter
+        assert seen.distance == pytest.approx(wanted.distance, abs=0.005)
+        assert seen.turn == pytest.approx(wanted.turn, abs=np.radians(3))
+        assert seen.axis @ wanted.axis > np.cos(np.radians(1.5))
+
+
+def test_a_robot_sees_alone_what_it_sees_in_a_batch():
+    """The noise of its looks is its own."""
+    scenario = bend(both_ends=False)
+    other = ot.override(scenario, {"contact.friction": 0.8, "start.theta5_deg": 30.0})
+    limit = {"physics.time_limit": 2.0}
+    alone = ot.run(ot.override(scenario, limit))
+    _, among = ot.run_batch([ot.override(other, limit), ot.override(scenario, limit)])
+    assert [str(event) for event in alone.events] == [str(event) for event in among.events]
+    for name in ("position", "position_estimate"):
+        assert alone.trajectory.channels[name].tobytes() == (
+            among.trajectory.channels[name].tobytes()
+        )
