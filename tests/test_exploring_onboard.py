@@ -67,6 +67,7 @@ def test_a_camera_sees_what_is_there():
     """The same as true sight, with its errors; and no farther than it can be trusted."""
     scenario = ot.load_scenario("missions/explore_onboard")
     exploration = scenario.exploration
+    assert exploration is not None
     sight, true = CameraSight([scenario], lambda robot: 0.16), exploration.sight()
     line = scenario.route.centreline
     turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array(0.7))
@@ -74,6 +75,10 @@ def test_a_camera_sees_what_is_there():
         at = np.array([along])
         position, frame = line.at(at)[0][0], line.frame(at)[0] @ turn
         seen, wanted = sight.look(0, position, frame), true.look(0, position, frame)
+        assert seen is not None
+        assert wanted is not None
+        assert seen.fitting is not None
+        assert wanted.fitting is not None
         assert seen.fitting.kind == wanted.fitting.kind == "tee"
         assert seen.enter == wanted.enter
         assert seen.distance == pytest.approx(wanted.distance, abs=0.005)

@@ -103,8 +103,8 @@ def ahead_of(seen: Sighting, bore: float, lens: float) -> Ahead | None:
     except GeometryError:
         return None
     turn = math.atan2(-float(frame[1, 0]), float(frame[0, 0])) if form.period else 0.0
-    far, round_ = float(spread[0]), float(spread[1])
-    return Ahead(fitting, seen.enter, "", distance, turn, far, round_, seen.sure, axis)
+    along, about = spread.tolist()
+    return Ahead(fitting, seen.enter, "", distance, turn, along, about, seen.sure, axis)
 
 
 def _recogniser(table: SensingTable, bore: float) -> Recogniser:
