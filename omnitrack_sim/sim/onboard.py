@@ -88,7 +88,7 @@ class Onboard:
             table,
             first.robot,
             self.camera,
-            RayWalls([parts]),
+            RayWalls([parts], dirty=False),
             self._which,
             gravity,
             position,

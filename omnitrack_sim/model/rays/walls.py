@@ -16,7 +16,7 @@ from omnitrack_sim.model.rays import trace
 from omnitrack_sim.pipes import Part
 from omnitrack_sim.rotations import Array
 
-_WORK = 2 * trace.NEAR * trace.MOST_NEAR + 8
+_WORK = 2 * trace.NEAR * trace.MOST_NEAR + trace.PORTS_ROOM
 
 
 class RayWalls:
@@ -26,6 +26,7 @@ class RayWalls:
 
     Args:
         maps: parts of each map. closed: (part index, port) that a plate closes, of each map.
+        dirty: whether the walls have a grain.
 
     Raises:
         ImportError: numba is missing.
@@ -36,6 +37,7 @@ class RayWalls:
         self,
         maps: Sequence[Sequence[Part]],
         closed: Sequence[Collection[tuple[int, str]]] | None = None,
+        dirty: bool = True,
     ) -> None:
         install()
         plates = [()] * len(maps) if closed is None else closed
@@ -48,6 +50,7 @@ class RayWalls:
             bring(fitting)
         self._parts = np.array(records).reshape(-1, trace.PART_SIZE)
         ends = np.cumsum([0, *(len(parts) for parts in maps)])
+        self._dirty, self._work = dirty, _WORK + max(map(len, maps), default=0)
         self._spans = np.stack([ends[:-1], ends[1:]], axis=-1).astype(float)
 
     def trace(
@@ -62,7 +65,7 @@ class RayWalls:
         """What the rays of n cameras meet (n, k, 8), in the order of ``trace``: range, m (infinite
         for nothing); unit normal into the bore (3), world frame; number of the part in its map, -1
         for nothing; how squarely the lamp shines there, cosine, 0 in the dark; distance from the
-        nearest joint or end, m; grain, -1 to 1.
+        nearest joint or end, m; grain, -1 to 1, 0 of walls without one.
 
         Args:
             which: (n,) map of each camera.
@@ -73,7 +76,7 @@ class RayWalls:
         """
         n, k = len(position), len(rays)
         poses = np.concatenate([position, rotation.reshape(n, 9)], axis=1)
-        light = np.zeros(4) if lamp is None else np.array([*lamp, 1.0])
+        light = np.zeros(5) if lamp is None else np.array([*lamp, 1.0, self._dirty])
         hits = np.empty((n, k, trace.HIT_SIZE))
         _entry("trace")(
             *_pointers(self._parts, self._spans[which], poses),
@@ -82,7 +85,7 @@ class RayWalls:
             k,
             *_pointers(light),
             far,
-            *_pointers(np.zeros(_WORK), hits),
+            *_pointers(np.zeros(self._work), hits),
         )
         return hits
 
