@@ -45,7 +45,8 @@ def normal(keys: Keys, name: str, draw: int, which: int | NDArray[np.intp]) -> A
     """Numbers (n, k) of the standard normal distribution, by Box and Muller; see
     ``uniform``."""
     places = np.arange(which) if isinstance(which, int) else which
-    u, v = uniform(keys, name, draw, 2 * places), uniform(keys, name, draw, 2 * places + 1)
+    both = uniform(keys, name, draw, np.concatenate([2 * places, 2 * places + 1]))
+    u, v = both[:, : len(places)], both[:, len(places) :]
     return np.sqrt(-2.0 * np.log(u)) * np.cos(2 * np.pi * v)
 
 
