@@ -46,7 +46,9 @@ def normal(keys: Keys, name: str, draw: int, which: int | NDArray[np.intp]) -> A
     ``uniform``."""
     places = np.arange(which) if isinstance(which, int) else which
     both = uniform(keys, name, draw, np.concatenate([2 * places, 2 * places + 1]))
-    u, v = both[:, : len(places)], both[:, len(places) :]
+    # Copies: on arrays with gaps NumPy's functions may round otherwise, so that a robot would draw
+    # other numbers among others than alone.
+    u, v = both[:, : len(places)].copy(), both[:, len(places) :].copy()
     return np.sqrt(-2.0 * np.log(u)) * np.cos(2 * np.pi * v)
 
 

@@ -148,9 +148,7 @@ class Onboard:
             self._check_turns(place, gear, active)
         self.readings = self._told(felt)
 
-    def _check_turns(
-        self, place: Place, gear: NDArray[np.int_], active: NDArray[np.bool_]
-    ) -> None:
+    def _check_turns(self, place: Place, gear: NDArray[np.int_], active: NDArray[np.bool_]) -> None:
         """Have robots that stand before a fitting check that they are turned as they believe, when
         they come there and every second from then on: a wrong turn may fit its surroundings so well
         that small steps do not lead out of it."""

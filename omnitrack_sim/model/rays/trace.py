@@ -1,8 +1,9 @@
 """Rays against the exact walls: plain Python on numbers, compiled by ``walls``.
 
 A ray is followed as far as a fitting knows that the bore is clear along it (``Wall.clear``), from
-there by steps of the distance to the wall (sphere tracing); both never pass through it. Each part of a network counts between its port planes. A ray that leaves through an open end
-meets nothing; one that leaves through a plate meets that.
+there by steps of the distance to the wall (sphere tracing); both never pass through it. Each part
+of a network counts between its port planes. A ray that leaves through an open end meets nothing;
+one that leaves through a plate meets that.
 """
 
 from __future__ import annotations
