@@ -117,8 +117,8 @@ def quaternion_from_matrix(matrix: ArrayLike) -> Array:
     x, y, z = xyz[..., 0], xyz[..., 1], xyz[..., 2]
     # Each row is the quaternion times four times one of its components, and so is exact where that
     # component is large.
-    rows = ((w, wx, wy, wz), (wx, x, xy, zx), (wy, xy, y, yz), (wz, zx, yz, z))
-    candidates = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)  # (..., 4, 4)
+    rows = (w, wx, wy, wz, wx, x, xy, zx, wy, xy, y, yz, wz, zx, yz, z)
+    candidates = np.stack(rows, axis=-1).reshape(*w.shape, 4, 4)
     best = np.argmax(np.concatenate([w[..., None], xyz], axis=-1), axis=-1)
     q = np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)

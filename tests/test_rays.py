@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from bulge import Bulge
 
 import omnitrack_sim as ot
+from omnitrack_sim.pipes import Part, Reducer, Straight, Tee
+from omnitrack_sim.pipes.fittings.wye import Wye
+from omnitrack_sim.rotations import Pose
 
 pytest.importorskip("numba")
 from omnitrack_sim.model.rays import RayWalls
@@ -45,6 +51,69 @@ def test_rays_end_on_the_wall_and_pass_through_none(name):
     for part in np.linspace(0.05, 0.98, 12):
         inside, _ = route.network.signed_distance(position[:, None] + part * far * directions)
         assert inside[met].min() > -1e-6
+
+
+FITTINGS = (
+    Straight(0.4),
+    Reducer(0.1, 0.1),
+    Reducer(0.1, 0.16, inner_diameter=0.1),
+    Tee(),
+    Wye(),
+    Wye(angle=math.radians(60), branch_diameter=0.1),
+)
+
+
+@pytest.mark.parametrize("fitting", FITTINGS, ids=lambda fitting: fitting.kind)
+def test_what_is_clear_for_certain_is_bore_up_to_the_wall(fitting):
+    """A line leads through the bore as far as ``clear`` says; most such lines end on the wall, and
+    none begins in the wall."""
+    generator = np.random.default_rng(7)
+    low, high = fitting.bounds
+    points = generator.uniform(low, high, (400, 3))
+    ways = generator.normal(size=(400, 3))
+    ways /= np.linalg.norm(ways, axis=-1, keepdims=True)
+    clear = np.array(
+        [fitting.wall.clear(fitting.sizes, *p, *a) for p, a in zip(points, ways, strict=True)]
+    )
+    start = fitting.signed_distance(points)[0]
+    assert (clear[start < -1e-9] == 0.0).all()
+    known = np.isfinite(clear) & (clear > 0.0)
+    assert known.sum() > 150
+    beyond_ports = fitting.extent(points + np.where(known, clear, 0.0)[:, None] * ways) < 0
+    known &= ~beyond_ports  # there the fitting ends, and its distance with it
+    points, ways, clear = points[known], ways[known], clear[known]
+    for part in np.linspace(0.0, 1.0, 21):
+        inside = fitting.signed_distance(points + part * clear[:, None] * ways)[0]
+        assert inside.min() > -1e-9
+    assert np.quantile(inside, 0.5) < 1e-9
+
+
+def test_rays_meet_a_fitting_that_says_nothing_of_what_is_clear():
+    """A fitting from outside with the two functions alone is met on its wall."""
+    bulge = Bulge(0.1)
+    part = Part("bulge", bulge, Pose())
+    position, frame = np.array([[0.0, 0.01, 0.05]]), np.eye(3)[None]
+    rays = cone(200, np.pi)
+    hits = RayWalls([[part]]).trace(ONE, position, frame, rays, 1.0)[0]
+    met = np.isfinite(hits[:, 0])
+    assert 50 < met.sum() < 200
+    ends = bulge.signed_distance(position + hits[met, :1] * rays[met])[0]
+    assert np.abs(ends).max() < 6e-4
+    assert np.quantile(np.abs(ends), 0.9) < 1e-6
+
+
+def test_walls_without_dirt_have_no_grain():
+    """A map knows of no dirt: all else is as on the true walls."""
+    route = ot.load_scenario("tee_turn").route
+    line, lamp = route.centreline, np.array([0.015, 0.0, 0.0])
+    position, frame = line.at(np.array([0.2]))[0], line.frame(np.array([0.2]))
+    true, known = (
+        RayWalls([route.network.parts], dirty=dirty).trace(ONE, position, frame, cone(), 2.0, lamp)
+        for dirty in (True, False)
+    )
+    assert np.ptp(true[..., 7]) > 0.5
+    assert (known[..., 7] == 0.0).all()
+    assert known[..., :7].tobytes() == true[..., :7].tobytes()
 
 
 def test_a_ray_along_a_pipe_leaves_through_its_open_end_and_meets_a_plate():

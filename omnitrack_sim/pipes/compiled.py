@@ -7,6 +7,7 @@ functions marked by ``compiled``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, MutableSequence, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar, overload
@@ -20,6 +21,7 @@ LOW, HIGH, LOW_ENDS, HIGH_ENDS = 0, 1, 2, 3
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 Surface = Callable[[Sequence[float], float, float, float, MutableSequence[float]], float]
 Span = Callable[..., float]
+Clear = Callable[[Sequence[float], float, float, float, float, float, float], float]
 
 MARKED: list[Callable[..., Any]] = []
 """Every function that compiled code may call, as plain Python."""
@@ -33,11 +35,11 @@ STANDS_FOR: dict[Callable[..., Any], str] = {}
 def compiled(what: _Function) -> _Function: ...
 @overload
 def compiled(
-    what: Literal["surface", "span", "collide", "trace", "nearest"],
+    what: Literal["surface", "span", "clear", "collide", "trace", "nearest"],
 ) -> Callable[[_Function], _Function]: ...
 def compiled(what: Any) -> Any:
-    """``@compiled`` marks a helper; ``@compiled("surface")`` and ``@compiled("span")`` mark what a
-    fitting hands to the collider, see ``Wall``."""
+    """``@compiled`` marks a helper; ``@compiled("surface")``, ``@compiled("span")`` and
+    ``@compiled("clear")`` mark what a fitting hands to the collider and to rays, see ``Wall``."""
     if callable(what):
         MARKED.append(what)
         return what
@@ -60,9 +62,15 @@ def stands_for(name: str) -> Callable[[_Function], _Function]:
     return mark
 
 
+@compiled("clear")
+def unknown(sizes, px, py, pz, ax, ay, az):
+    """See ``Wall``: for any fitting; rays then find its wall by its ``surface`` alone."""
+    return 0.0
+
+
 @dataclass(frozen=True)
 class Wall:
-    """The two functions by which the exact collider knows a kind of fitting.
+    """The functions by which the exact collider and rays know a kind of fitting.
 
     Attributes:
         surface: ``surface(sizes, x, y, z, out)`` returns the distance, m, of a point of the fitting
@@ -73,10 +81,15 @@ class Wall:
             ``LOW``); ``clip`` narrows it at a plane. ``ends[i]`` is over 0 where the wall stops
             carrying a track at the i-th port. Returns 1.0, or 0.0 where a line can touch the wall
             at the ends of the span only, as in a straight.
+        clear: ``clear(sizes, px, py, pz, ax, ay, az)`` returns how far, m, the line p + s a, of
+            unit vector a, leads through the bore for certain, up to the wall at most; port planes
+            do not count. 0.0 where p is not in the bore or it is not known. Only rays ask for it,
+            which are followed the faster the farther it leads.
     """
 
     surface: Surface
     span: Span
+    clear: Clear = unknown
 
 
 @compiled
@@ -100,3 +113,37 @@ def clip(out, value, slope, ends):
 def put(out, x, y, z, face):
     """Write a gradient and a face to ``out``."""
     out[0], out[1], out[2], out[3] = x, y, z, face
+
+
+@compiled
+def crossing(a, b, c):
+    """The least positive s where a s² + 2 b s + c, positive at 0, becomes 0; infinite for none."""
+    under = b * b - a * c
+    if under < 0.0:
+        return math.inf
+    root = math.sqrt(under)
+    if b > 0.0:
+        return (b + root) / -a if a < 0.0 else math.inf
+    return c / (root - b) if root > b else math.inf
+
+
+@compiled
+def in_bore(x, y, ax, ay, radius):
+    """The part [low, high] of a line that is in a round bore, from a point (x, y) across the bore
+    and a direction (ax, ay); high is below low where none is."""
+    a, b, c = ax * ax + ay * ay, x * ax + y * ay, x * x + y * y - radius * radius
+    under = b * b - a * c
+    if a < 1e-20 or under <= 0.0:
+        return (-math.inf, math.inf) if c < 0.0 and a < 1e-20 else (math.inf, -math.inf)
+    root = math.sqrt(under)
+    return (-b - root) / a, (root - b) / a
+
+
+@compiled
+def out_of_two(low, high, other_low, other_high):
+    """Where a line from 0 on leaves the union of two parts of it, 0.0 where it is in none."""
+    if not low < 0.0 < high:
+        if not other_low < 0.0 < other_high:
+            return 0.0
+        low, high, other_low, other_high = other_low, other_high, low, high
+    return max(high, other_high) if other_low <= high else high

@@ -45,7 +45,10 @@ def normal(keys: Keys, name: str, draw: int, which: int | NDArray[np.intp]) -> A
     """Numbers (n, k) of the standard normal distribution, by Box and Muller; see
     ``uniform``."""
     places = np.arange(which) if isinstance(which, int) else which
-    u, v = uniform(keys, name, draw, 2 * places), uniform(keys, name, draw, 2 * places + 1)
+    both = uniform(keys, name, draw, np.concatenate([2 * places, 2 * places + 1]))
+    # Copies: on arrays with gaps NumPy's functions may round otherwise, so that a robot would draw
+    # other numbers among others than alone.
+    u, v = both[:, : len(places)].copy(), both[:, len(places) :].copy()
     return np.sqrt(-2.0 * np.log(u)) * np.cos(2 * np.pi * v)
 
 

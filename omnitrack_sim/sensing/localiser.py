@@ -257,8 +257,8 @@ class Localiser:
         shot = Shot(number, picture, self.filter.position, self.filter.rotation, facing)
         self._arriving.append((self._felt + latency, shot))
 
-    def see(self) -> bool:
-        """Take in the picture that arrives now, where there is one."""
+    def see(self, active: NDArray[np.bool_]) -> bool:
+        """Have ``active`` robots (n,) take in the picture that arrives now, where there is one."""
         if not self._arriving or self._arriving[0][0] > self._felt:
             return False
         _, shot = self._arriving.popleft()
@@ -266,19 +266,21 @@ class Localiser:
         self.filter.settle()
         end = (np.arange(len(shot.facing)), (shot.facing > 0).astype(np.intp))
         self._rest[end] -= 1
-        self._rested = self._rest[end] < 0
+        self._rested = (self._rest[end] < 0) & active
         if np.count_nonzero(self.unknown):
             self._find_turn(shot)
         self._narrow_down(shot)
-        self._compare(self.shot)
+        self._compare(self.shot, np.flatnonzero(active))
         return True
 
-    def _compare(self, shot: Shot) -> None:
-        """Correct the poses by what the picture has other than expected."""
+    def _compare(self, shot: Shot, robots: NDArray[np.intp]) -> None:
+        """Correct the poses of robots (m,) by what the picture has other than expected."""
         rays = self._rays
-        position, frame = self.lens(shot.position, shot.rotation, shot.facing)
-        expected, slopes = self._expected(self._which, position, frame, rays)
-        measured = shot.picture
+        position, frame = self.lens(
+            shot.position[robots], shot.rotation[robots], shot.facing[robots]
+        )
+        expected, slopes = self._expected(self._which[robots], position, frame, rays)
+        measured = shot.picture[robots]
         spread = self._camera.spread(expected)
         error = (measured - expected) / spread
         said = np.isfinite(error) & np.isfinite(slopes).all(axis=-1)
@@ -286,14 +288,17 @@ class Localiser:
         # What tells a turn about the lens's axis are edges and shadows, of which slopes know
         # nothing: that is left to the comparison of turns.
         slopes[..., POSE - 1] = 0.0
-        self.misfit = _median(np.abs(error), said)
+        self.misfit = self.misfit.copy()
+        self.misfit[robots] = _median(np.abs(error), said)
         wrong = self.misfit > self._table.filter.misfit
         self._puzzled = (self._puzzled + 1 / self._camera.optics.rate) * wrong
         weight = self._share * _huber(error)
-        weight = np.where(self.unknown[:, None], 0.0, weight)
+        weight = np.where(self.unknown[robots, None], 0.0, weight)
         scaled = slopes / np.where(said, spread, 1.0)[..., None]
-        world = self._in_world(scaled, said, frame, position - shot.position)
-        information, evidence = _normal(world, error, weight)
+        world = self._in_world(scaled, said, frame, position - shot.position[robots])
+        n = len(self.unknown)
+        information, evidence = np.zeros((n, POSE, POSE)), np.zeros((n, POSE))
+        information[robots], evidence[robots] = _normal(world, error, weight)
         change = self.filter.correct(information, evidence, shot.position)
         self._move_later_shots(change, shot.position)
 

@@ -72,17 +72,18 @@ class PoseFilter:
         sharp = np.minimum(1.0, across * self._radius / np.maximum(way, 1e-6))
         differ = np.minimum(1.0, skid / np.maximum(way, 1e-6))
         slip_std = table.slip_std + table.slip_turning * sharp + table.slip_noticed * differ
-        noise = np.zeros_like(self._noise)
+        noise = np.empty((len(way), SIZE))
         loose = np.maximum(sharp, differ)
         wander = (table.aside_std + table.aside_turning * loose) ** 2 * way
-        noise[:, [0, 1, 2], [0, 1, 2]] = wander[:, None]
+        noise[:, PLACE] = wander[:, None]
         gyro = (np.radians(imu.gyro_noise_deg) ** 2 + np.radians(table.turn_walk_deg) ** 2) * period
         scale = (imu.gyro_scale * np.sqrt((turned**2).sum(axis=-1))) ** 2
-        noise[:, [3, 4, 5], [3, 4, 5]] = (gyro + scale)[:, None]
-        noise[:, [6, 7, 8], [6, 7, 8]] = np.radians(imu.gyro_walk_deg) ** 2 * period
-        noise[:, SLIP, SLIP] = slip_std**2 * (1 - kept**2)
+        noise[:, TURN] = (gyro + scale)[:, None]
+        noise[:, BIAS] = np.radians(imu.gyro_walk_deg) ** 2 * period
+        noise[:, SLIP] = slip_std**2 * (1 - kept**2)
         self._transition = transition @ self._transition
-        self._noise = transition @ self._noise @ np.swapaxes(transition, 1, 2) + noise
+        self._noise = transition @ self._noise @ np.swapaxes(transition, 1, 2)
+        self._noise[:, range(SIZE), range(SIZE)] += noise
 
     def settle(self) -> None:
         """Bring the covariance up to the moment, after any number of steps."""

@@ -164,7 +164,7 @@ def turned_by(vector: Array) -> Array:
 
 def skew(vector: Array) -> Array:
     """Matrices (..., 3, 3) whose product with w is ``vector`` (..., 3) x w."""
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    found = np.zeros((*vector.shape, 3))
+    found[..., [2, 0, 1], [1, 2, 0]] = vector
+    found[..., [1, 2, 0], [2, 0, 1]] = -vector
+    return found

@@ -55,10 +55,11 @@ class Onboard:
         camera: at their ends. localiser: where the robots take themselves to be.
         turned: (n, 3, 3) the robots' rotations by the gyro alone, without regard to any map: they
             drift, slowly.
-        picture: (n, k) the last one taken, of the pixels that robots compare with their map; None
-            before the first.
-        whole: (n, pixels²) the picture that was taken at this moment, of all pixels, with the ends
-            (n,) that it was taken from; None where none was, or nobody records them.
+        picture: (n, k) the last one that each has taken, of the pixels that robots compare with
+            their map.
+        whole: (n, pixels²) the picture that was taken at this moment, of all pixels, NaN of robots
+            that took none, with the ends (n,) that it was taken from; None where none was, or
+            nobody records them.
     """
 
     def __init__(
@@ -90,7 +91,7 @@ class Onboard:
         # Those of the robots' maps: of a network that they know, all but its plates.
         self._maps = [legs.map(robot) for robot in range(n)]
         which = np.arange(n) if explores else self._true
-        mapped = RayWalls([_parts(m) for m in self._maps] if explores else [parts])
+        mapped = RayWalls([_parts(m) for m in self._maps] if explores else [parts], dirty=False)
         self._senses = Proprioception(
             table,
             first.robot,
@@ -127,9 +128,9 @@ class Onboard:
         self._tick, self._pictures, self._both_ends = 0, 0, table.both_ends
         self._records = first.record.pictures
         self.turned: Array = rotation
-        self.picture: Array | None = None
+        self.picture = np.full((n, len(self.localiser.pixels)), np.nan)
         self.whole: tuple[Array, NDArray[np.int_]] | None = None
-        self._shoot(state, np.ones(n, np.int_))
+        self._shoot(state, np.ones(n, np.int_), np.arange(n))
         self.readings = self._told(self._first_felt(state))
 
     def _begin(
@@ -191,9 +192,12 @@ class Onboard:
         assert belief is not None
         self._mapped.replace(robot, _parts(belief.network), belief.closed, belief.unknown)
 
-    def look(self, state: State, gear: NDArray[np.int_], place: Place) -> None:
+    def look(
+        self, state: State, gear: NDArray[np.int_], place: Place, active: NDArray[np.bool_]
+    ) -> None:
         """Read the sensors at this moment and bring the estimate up to it; ``place`` is where the
-        robots took themselves to be a moment ago."""
+        robots took themselves to be a moment ago. Robots that are not ``active`` (n,) any more take
+        no pictures."""
         self._tick += 1
         self.whole = None
         felt = self._senses.read(state)
@@ -202,22 +206,22 @@ class Onboard:
         self.turned = self.turned @ turned_by(felt.turned - bias * self._period)
         if self.takes_pictures:
             behind = self._both_ends and self._pictures % 2 == 1
-            self._shoot(state, -gear if behind else gear)
-        arrived = self.localiser.see()
-        if arrived and np.count_nonzero(self.localiser.puzzled):
-            self._look_along_the_way(place, gear)
+            self._shoot(state, -gear if behind else gear, np.flatnonzero(active))
+        arrived = self.localiser.see(active)
+        if arrived and np.count_nonzero(self.localiser.puzzled & active):
+            self._look_along_the_way(place, gear, active)
         if arrived:
-            self._check_turns(place, gear)
+            self._check_turns(place, gear, active)
         self.readings = self._told(felt)
 
-    def _check_turns(self, place: Place, gear: NDArray[np.int_]) -> None:
+    def _check_turns(self, place: Place, gear: NDArray[np.int_], active: NDArray[np.bool_]) -> None:
         """Have robots that stand before a fitting check that they are turned as they believe, when
         they come there and every second from then on: a wrong turn may fit its surroundings so well
         that small steps do not lead out of it."""
         before = self._before(place)
         time, shot = self.readings["time"], self.localiser.shot
         assert shot is not None
-        due = before & (time > self._checked + CHECK_EVERY) & (shot.facing == gear)
+        due = active & before & (time > self._checked + CHECK_EVERY) & (shot.facing == gear)
         robots = np.flatnonzero(due & ~self.localiser.unknown)
         if len(robots):
             self._checked[robots] = time[robots]
@@ -228,10 +232,12 @@ class Onboard:
         room = self._routes.start.take(place.passage) - place.distance - self._robot.length / 2
         return (room <= self._robot.standing_room) & (room > -INSIDE)
 
-    def _look_along_the_way(self, place: Place, gear: NDArray[np.int_]) -> None:
+    def _look_along_the_way(
+        self, place: Place, gear: NDArray[np.int_], active: NDArray[np.bool_]
+    ) -> None:
         """Have robots whose pictures are not those of the map compare all poses around."""
         localiser, routes = self.localiser, self._routes
-        robots = np.flatnonzero(localiser.puzzled)
+        robots = np.flatnonzero(localiser.puzzled & active)
         shot = localiser.shot
         assert shot is not None
         steps = np.arange(-AROUND, AROUND + SPACING / 2, SPACING)
@@ -279,19 +285,25 @@ class Onboard:
         and what there is to tell. ``roll`` (n, 3) rad, as controllers see it."""
         return self._search.step(command, self.lost(place), self.readings["time"], roll)
 
-    def _shoot(self, state: State, facing: NDArray[np.int_]) -> None:
-        """Take a picture of the pipes as they are; ``facing`` (n,): 1 from the nose, -1 from the
-        tail."""
+    def _shoot(self, state: State, facing: NDArray[np.int_], robots: NDArray[np.intp]) -> None:
+        """Have robots (m,) take a picture of the pipes as they are; ``facing`` (n,): 1 from the
+        nose, -1 from the tail."""
         camera, localiser = self.camera, self.localiser
-        position, frame = localiser.lens(state["position"], state["rotation"], facing)
+        place, rotation = state["position"][robots], state["rotation"][robots]
+        position, frame = localiser.lens(place, rotation, facing[robots])
         compared = localiser.pixels
         pixels = np.arange(len(self._rays)) if self._records else compared
         rays = self._rays[pixels]
-        hits = self._walls.trace(self._true, position, frame, rays, camera.optics.far, camera.lamp)
+        which, keys = self._true[robots], self._keys[robots]
+        hits = self._walls.trace(which, position, frame, rays, camera.optics.far, camera.lamp)
         metered = np.searchsorted(pixels, compared)
-        picture = camera.picture(hits, rays, pixels, self._keys, self._pictures, metered)
-        self.picture = picture[:, metered]
-        self.whole = (picture, facing) if self._records else None
+        taken = camera.picture(hits, rays, pixels, keys, self._pictures, metered)
+        self.picture = self.picture.copy()
+        self.picture[robots] = taken[:, metered]
+        if self._records:
+            whole = np.full((len(facing), len(pixels)), np.nan)
+            whole[robots] = taken
+            self.whole = (whole, facing)
         localiser.shoot(self._pictures, self.picture, facing, self._latency)
         self._pictures += 1
 

@@ -260,7 +260,7 @@ class Simulation:
         self._tick += 1
         self._readings = self.plant.read()
         if self.onboard is not None:
-            self.onboard.look(self._readings, self.legs.gear, self._believed)
+            self.onboard.look(self._readings, self.legs.gear, self._believed, self.active)
             self._keep_picture()
         self._find()
         self._settle()

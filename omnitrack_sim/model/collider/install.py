@@ -87,7 +87,8 @@ def bring(fitting: type[Fitting]) -> None:
     for number in range(block[line.COUNT], len(WALLS)):
         if number >= native.MOST_KINDS:
             raise GeometryError(Fault(fitting.file_kind(), "is one kind of fitting too many"))
-        for offset, function in enumerate((WALLS[number].surface, WALLS[number].span)):
+        wall = WALLS[number]
+        for offset, function in enumerate((wall.surface, wall.span, wall.clear)):
             try:
                 entry = compile_entry(function)
             except Exception as error:

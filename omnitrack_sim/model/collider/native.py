@@ -19,8 +19,9 @@ from omnitrack_sim.model.collider.through import SCRATCH
 BLOCK = "omnitrack_collider_block"
 """Name of the symbol."""
 WORDS = 512
-ORIGINAL, FIRST, PER_KIND = 0, 16, 2
-"""Words: MuJoCo's own function; from FIRST on ``surface`` and ``span`` of each kind."""
+ORIGINAL, FIRST, PER_KIND = 0, 16, 3
+"""Words: MuJoCo's own function; from FIRST on ``surface``, ``span`` and ``clear`` of each
+kind."""
 MOST_KINDS = (WORDS - FIRST) // PER_KIND
 
 _double, _pointer, _word = types.float64, types.voidptr, types.int64
@@ -28,6 +29,7 @@ _doubles = types.CPointer(types.float64)
 SIGNATURES = {
     "surface": types.float64(_doubles, _double, _double, _double, _doubles),
     "span": types.float64(_doubles, _doubles, *[_double] * 6, _doubles),
+    "clear": types.float64(_doubles, *[_double] * 6),
     "collide": types.int32(_pointer, _pointer, _pointer, types.int32, types.int32, _double),
     "trace": types.int32(
         _doubles, _doubles, _doubles, _word, _doubles, _word, _doubles, _double, _doubles, _doubles
@@ -139,6 +141,12 @@ def call_surface(context, kind, sizes, x, y, z, out):
 def call_span(context, kind, sizes, ends, px, py, pz, ax, ay, az, out):
     """See ``through``."""
     return _of_kind("span", 1)
+
+
+@intrinsic
+def call_clear(context, kind, sizes, px, py, pz, ax, ay, az):
+    """See ``through``."""
+    return _of_kind("clear", 2)
 
 
 @intrinsic

@@ -43,6 +43,12 @@ def call_span(kind: int, *arguments: Any) -> float:
     return WALLS[kind].span(*arguments)
 
 
+@stands_for("call_clear")
+def call_clear(kind: int, *arguments: Any) -> float:
+    """The ``clear`` of the kind with that number."""
+    return WALLS[kind].clear(*arguments)
+
+
 def _on_memory(*_: Any) -> NoReturn:
     raise NotImplementedError("reads MuJoCo's structures: compiled only")
 

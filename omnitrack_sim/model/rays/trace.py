@@ -1,16 +1,23 @@
 """Rays against the exact walls: plain Python on numbers, compiled by ``walls``.
 
-A ray is followed by steps of the distance to the wall (sphere tracing), which never pass through
-it. Each part of a network counts between its port planes. A ray that leaves through an open end
-meets nothing; one that leaves through a plate meets that; of one that leaves through a port beyond
-which nothing is known, nothing is told.
+A ray is followed as far as a fitting knows that the bore is clear along it (``Wall.clear``), from
+there by steps of the distance to the wall (sphere tracing); both never pass through it. Each part
+of a network counts between its port planes. A ray that leaves through an open end meets nothing;
+one that leaves through a plate meets that; of one that leaves through a port beyond which nothing
+is known, nothing is told.
 """
 
 from __future__ import annotations
 
 import math
 
-from omnitrack_sim.model.collider.through import at, call_span, call_surface, scratch
+from omnitrack_sim.model.collider.through import (
+    at,
+    call_clear,
+    call_span,
+    call_surface,
+    scratch,
+)
 from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
 
 KIND, CENTRE, REACH, POSITION, ROTATION, PORTS, PLANES, SIZES = 0, 1, 4, 5, 8, 17, 18, 46
@@ -24,10 +31,13 @@ RANGE, NORMAL, PART, LIT, JOINT, GRAIN, HIT_SIZE = 0, 1, 4, 5, 6, 7, 8
 through a port beyond which nothing is known; the wall's unit normal (3) into the bore, world frame;
 number of the part, from the first of its map, -1 for nothing; how squarely the lamp shines on it:
 cosine of the angle from its normal, 0 in the dark; distance from the nearest port plane, m; grain
-of the surface, -1 to 1. The last three are looked for only where there is a lamp."""
+of the surface, -1 to 1, where it has one. The last three are looked for only where there is a
+lamp."""
 HIT, CLOSE = 5e-4, 0.01
 """Distance from the wall, m, from which the rest are two steps by the slope, and how long one of
 them may be, m."""
+EXACT = 1e-10
+"""Distance from the wall, m, at which a ray is on it."""
 LONGER = 1.6
 """A step over the distance from the wall; see ``_follow``."""
 SHORT = 1e-7
@@ -35,8 +45,9 @@ SHORT = 1e-7
 TOLERANCE = 1e-6
 """Room beyond a port plane, m, in which a part still counts: there are no gaps at joints."""
 MOST_STEPS = 300
-MOST_NEAR, NEAR = 32, 9
-"""Parts that one ray can meet, and numbers for each: the part, its span, the ray in its frame."""
+MOST_NEAR, NEAR, PORTS_ROOM = 32, 9, 8
+"""Parts that one ray can meet, and numbers for each: the part, its span, the ray in its frame; and
+room for one number a port."""
 GRAIN_SIZE = 0.012
 """Of the patches of the surface's grain, m."""
 
@@ -74,6 +85,23 @@ def _surface(parts, p, line, s, out):
 
 
 @compiled
+def _clear(parts, near, k, s):
+    """How far the ray leads through the bore of the k-th part in ``near`` for certain, from s
+    on."""
+    p, line = int(near[NEAR * k]) * PART_SIZE, at(near, NEAR * k + 3)
+    return call_clear(
+        int(parts[p + KIND]),
+        at(parts, p + SIZES),
+        line[0] + s * line[3],
+        line[1] + s * line[4],
+        line[2] + s * line[5],
+        line[3],
+        line[4],
+        line[5],
+    )
+
+
+@compiled
 def _span(parts, p, line, ends, out):
     """Have ``out`` hold the part of a line, from LOW to HIGH in it, that lies between the port
     planes of the part at ``p``."""
@@ -92,12 +120,27 @@ def _span(parts, p, line, ends, out):
 
 
 @compiled
-def _near(parts, first, last, x, y, z, ux, uy, uz, far, near, ends, out):
-    """Write the parts that the ray may meet to ``near``, each with its span and the ray in its
-    frame, NEAR numbers each; returns their number."""
+def _around(parts, first, last, x, y, z, far, around):
+    """Write the parts that are nearer to a place than ``far`` to ``around``; returns their
+    number."""
     count = 0
     for part in range(first, last):
         p = part * PART_SIZE
+        cx, cy, cz = parts[p + CENTRE] - x, parts[p + CENTRE + 1] - y, parts[p + CENTRE + 2] - z
+        within = far + parts[p + REACH]
+        if cx * cx + cy * cy + cz * cz <= within * within:
+            around[count] = part
+            count += 1
+    return count
+
+
+@compiled
+def _near(parts, around, number, x, y, z, ux, uy, uz, far, near, ends, out):
+    """Write those of the parts in ``around`` that the ray may meet to ``near``, each with its span
+    and the ray in its frame, NEAR numbers each; returns their number."""
+    count = 0
+    for i in range(number):
+        p = int(around[i]) * PART_SIZE
         cx, cy, cz = parts[p + CENTRE] - x, parts[p + CENTRE + 1] - y, parts[p + CENTRE + 2] - z
         along = cx * ux + cy * uy + cz * uz
         reach = parts[p + REACH]
@@ -110,68 +153,96 @@ def _near(parts, first, last, x, y, z, ux, uy, uz, far, near, ends, out):
         out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -TOLERANCE, far, 0.0, 0.0
         _span(parts, p, line, ends, out)
         if out[HIGH] >= out[LOW]:
-            near[k] = part
+            near[k] = around[i]
             near[k + 1], near[k + 2] = out[LOW] - TOLERANCE, out[HIGH] + TOLERANCE
             count += 1
     return count
 
 
 @compiled
+def _only(near, count, s):
+    """Which of the parts in ``near`` the ray is in at s; -1 where it is in none or in several."""
+    which = -1
+    for k in range(count):
+        if near[NEAR * k + 1] <= s <= near[NEAR * k + 2]:
+            if which >= 0:
+                return -1
+            which = k
+    return which
+
+
+@compiled
 def _widest(parts, near, count, s, out):
     """Which of the parts in ``near`` the ray is in at s, the widest where there are several, -1
-    outside all; and the distance from its wall."""
-    best, which = -1e30, -1
+    outside all; the distance from its wall, with the gradient in ``out``."""
+    best, which, latest = -1e30, -1, -1
     for k in range(count):
         n = NEAR * k
         if near[n + 1] <= s <= near[n + 2]:
-            d = _surface(parts, int(near[n]) * PART_SIZE, at(near, n + 3), s, out)
+            d, latest = _surface(parts, int(near[n]) * PART_SIZE, at(near, n + 3), s, out), k
             if d > best:
                 best, which = d, k
+    if which != latest:
+        n = NEAR * which
+        _surface(parts, int(near[n]) * PART_SIZE, at(near, n + 3), s, out)
     return which, best
 
 
 @compiled
 def _follow(parts, near, count, far, out):
-    """Where along a ray the wall is, m, which of the parts in ``near`` it is of, and 1; ``far``
-    and -1 where the ray gets so far; 0 in the place of 1 where it leaves through a port.
+    """Where along a ray the wall is, m, with its gradient in ``out``, which of the parts in
+    ``near`` it is of, and 1; ``far`` and -1 where the ray gets so far; 0 in the place of 1 where it
+    leaves through a port.
 
-    Steps are longer than the distance from the wall, which halves their number along a pipe. Where
-    the ball at the next place does not reach the one at the last, there may be a wall between: then
-    the step is taken back.
+    It goes on as far as the bore is clear for certain, else by a step that is longer than the
+    distance from the wall, which halves the number of steps along a pipe. Where the ball at the
+    next place does not reach the one at the last, there may be a wall between: then the step is
+    taken back.
     """
     s, last, stretch = 0.0, -1, LONGER
-    from_s, from_d, stretched = 0.0, 0.0, False
+    from_s, from_d, stretched, at_end = 0.0, 0.0, False, False
     for _ in range(MOST_STEPS):
-        k, d = _widest(parts, near, count, s, out)
-        if stretched and (k < 0 or from_d + d < s - from_s):
-            s, stretch, stretched = from_s + from_d, 1.0, False
-            continue
-        if k < 0:
-            return s, last, 0
-        last = k
-        if d < HIT:
-            return _onto_wall(parts, near, k, s, d, out), k, 1
-        left = min(near[NEAR * k + 2], far) - s
-        from_s, from_d = s, d
-        stretched = stretch > 1.0 and stretch * d < left
-        s += stretch * d if stretched else max(min(d, left), SHORT)
+        k = -1 if stretched or at_end else _only(near, count, s)
+        d, clear = 0.0, _clear(parts, near, k, s) if k >= 0 else 0.0
+        if clear <= 0.0:
+            asked = k >= 0
+            k, d = _widest(parts, near, count, s, out)
+            if stretched and (k < 0 or from_d + d < s - from_s):
+                s, stretch, stretched = from_s + from_d, 1.0, False
+                continue
+            if k < 0:
+                return s, last, 0
+            if d < HIT:
+                return _onto_wall(parts, near, k, s, d, out), k, 1
+            clear = 0.0 if asked else _clear(parts, near, k, s)
+        last, stretched, at_end = k, False, False
+        left = max(min(near[NEAR * k + 2], far) - s, 0.0)
+        if clear > d:
+            at_end = clear < left
+            s += clear if at_end else left + SHORT
+        else:
+            from_s, from_d = s, d
+            stretched = stretch > 1.0 and stretch * d < left
+            s += stretch * d if stretched else max(min(d, left), SHORT)
         if s >= far:
             return far, k, -1
+    _widest(parts, near, count, s, out)
     return s, last, 1
 
 
 @compiled
 def _onto_wall(parts, near, k, s, d, out):
-    """From a place close to the wall, onto it by its slope."""
+    """From a place close to the wall, onto it by its slope; its gradient in ``out``."""
     n = NEAR * k
     p, line = int(near[n]) * PART_SIZE, at(near, n + 3)
     for _ in range(3):
         slope = out[0] * line[3] + out[1] * line[4] + out[2] * line[5]
-        if slope > -1e-2:
+        if abs(d) < EXACT or slope > -1e-2:
             break
         there = s + max(-CLOSE, min(d / -slope, CLOSE))
         beyond = _surface(parts, p, line, there, out)
         if abs(beyond) >= abs(d) or there > near[n + 2]:
+            _surface(parts, p, line, s, out)
             break
         s, d = there, beyond
     return s
@@ -205,13 +276,14 @@ def _plate(parts, p, x, y, z):
 
 @compiled
 def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, out):
-    """Write what a ray has met to ``hits`` from ``h`` on, and whether the lamp shines on it."""
+    """Write what a ray has met to ``hits`` from ``h`` on; ``out``: gradient there. Returns whether
+    it has met a wall."""
     hits[h + RANGE], hits[h + PART], hits[h + LIT] = math.inf, -1.0, 0.0
     hits[h + NORMAL] = hits[h + NORMAL + 1] = hits[h + NORMAL + 2] = 0.0
     hits[h + JOINT], hits[h + GRAIN] = math.inf, 0.0
     if met < 0 or k < 0:
         return False
-    p, line = int(near[NEAR * k]) * PART_SIZE, at(near, NEAR * k + 3)
+    p = int(near[NEAR * k]) * PART_SIZE
     wx, wy, wz = x + s * ux, y + s * uy, z + s * uz
     q, beyond = p, math.inf
     if met == 0 or lamp[3] > 0.0:
@@ -224,7 +296,6 @@ def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, ou
         hits[h + NORMAL], hits[h + NORMAL + 1] = -parts[q + 3], -parts[q + 4]
         hits[h + NORMAL + 2] = -parts[q + 5]
     else:
-        _surface(parts, p, line, s, out)
         r = p + ROTATION
         for row in range(3):
             hits[h + NORMAL + row] = (
@@ -233,21 +304,16 @@ def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, ou
                 + parts[r + 3 * row + 2] * out[2]
             )
     hits[h + RANGE], hits[h + PART], hits[h + JOINT] = s, near[NEAR * k] - first, beyond
-    dx, dy, dz = (
-        wx - parts[p + POSITION],
-        wy - parts[p + POSITION + 1],
-        wz - parts[p + POSITION + 2],
-    )
-    hits[h + GRAIN] = _grain(
-        _in_part(parts, p, dx, dy, dz, 0),
-        _in_part(parts, p, dx, dy, dz, 1),
-        _in_part(parts, p, dx, dy, dz, 2),
-    )
+    if lamp[3] > 0.0 and lamp[4] > 0.0:
+        line = at(near, NEAR * k + 3)
+        hits[h + GRAIN] = _grain(
+            line[0] + s * line[3], line[1] + s * line[4], line[2] + s * line[5]
+        )
     return True
 
 
 @compiled
-def _lit(parts, first, last, x, y, z, nx, ny, nz, lx, ly, lz, work, ends, out):
+def _lit(parts, around, number, x, y, z, nx, ny, nz, lx, ly, lz, work, ends, out):
     """How squarely the lamp at l shines on the wall at a point with normal n; 0 where something
     stands between them. The way to the lamp begins a little off the wall."""
     lift = 5.0 * HIT
@@ -260,7 +326,7 @@ def _lit(parts, first, last, x, y, z, nx, ny, nz, lx, ly, lz, work, ends, out):
     facing = ux * nx + uy * ny + uz * nz
     if facing <= 0.0:
         return 0.0
-    count = _near(parts, first, last, x, y, z, ux, uy, uz, far, work, ends, out)
+    count = _near(parts, around, number, x, y, z, ux, uy, uz, far, work, ends, out)
     _, _, met = _follow(parts, work, count, far, out)
     return facing if met < 0 else 0.0
 
@@ -276,34 +342,37 @@ def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
         cameras: their number.
         rays: (count, 3) unit vectors, camera frame.
         count: of rays a camera.
-        lamp: (3,) m, camera frame, then 1 where there is one.
+        lamp: (3,) m, camera frame, then 1 where there is one, then 1 where walls have a grain.
         far: m, beyond which nothing is seen.
-        work: room for NEAR MOST_NEAR numbers, as many for the way to the lamp, and zeros for
-            ports.
+        work: room for NEAR MOST_NEAR numbers, as many for the way to the lamp, PORTS_ROOM zeros
+            for ports, and a number for each part of a map.
         hits: (cameras, count, HIT_SIZE), written to.
     """
     out = scratch()
     to_lamp, ends = at(work, NEAR * MOST_NEAR), at(work, 2 * NEAR * MOST_NEAR)
+    around = at(work, 2 * NEAR * MOST_NEAR + PORTS_ROOM)
+    aside = math.sqrt(lamp[0] * lamp[0] + lamp[1] * lamp[1] + lamp[2] * lamp[2])
     for camera in range(cameras):
         first, last, c = int(maps[2 * camera]), int(maps[2 * camera + 1]), 12 * camera
         x, y, z = poses[c], poses[c + 1], poses[c + 2]
         lx = x + poses[c + 3] * lamp[0] + poses[c + 4] * lamp[1] + poses[c + 5] * lamp[2]
         ly = y + poses[c + 6] * lamp[0] + poses[c + 7] * lamp[1] + poses[c + 8] * lamp[2]
         lz = z + poses[c + 9] * lamp[0] + poses[c + 10] * lamp[1] + poses[c + 11] * lamp[2]
+        number = _around(parts, first, last, x, y, z, far + aside, around)
         for ray in range(count):
             rx, ry, rz = rays[3 * ray], rays[3 * ray + 1], rays[3 * ray + 2]
             ux = poses[c + 3] * rx + poses[c + 4] * ry + poses[c + 5] * rz
             uy = poses[c + 6] * rx + poses[c + 7] * ry + poses[c + 8] * rz
             uz = poses[c + 9] * rx + poses[c + 10] * ry + poses[c + 11] * rz
-            near = _near(parts, first, last, x, y, z, ux, uy, uz, far, work, ends, out)
+            near = _near(parts, around, number, x, y, z, ux, uy, uz, far, work, ends, out)
             s, k, met = _follow(parts, work, near, far, out)
             h = (camera * count + ray) * HIT_SIZE
             seen = _write(parts, first, work, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, out)
             if seen and lamp[3] > 0.0:
                 hits[h + LIT] = _lit(
                     parts,
-                    first,
-                    last,
+                    around,
+                    number,
                     x + s * ux,
                     y + s * uy,
                     z + s * uz,

@@ -18,7 +18,7 @@ from omnitrack_sim.rotations import Array
 
 Port = tuple[int, str]
 """A part's index in its map, and the name of a port of it."""
-_WORK = 2 * trace.NEAR * trace.MOST_NEAR + 8
+_WORK = 2 * trace.NEAR * trace.MOST_NEAR + trace.PORTS_ROOM
 
 
 class RayWalls:
@@ -29,6 +29,7 @@ class RayWalls:
     Args:
         maps: parts of each map. closed: (part index, port) that a plate closes, of each map.
         unknown: (part index, port), of each map, that nothing is known of what is beyond.
+        dirty: whether the walls have a grain.
 
     Raises:
         ImportError: numba is missing.
@@ -40,8 +41,11 @@ class RayWalls:
         maps: Sequence[Sequence[Part]],
         closed: Sequence[Collection[Port]] | None = None,
         unknown: Sequence[Collection[Port]] | None = None,
+        *,
+        dirty: bool = True,
     ) -> None:
         install()
+        self._dirty = dirty
         plates = [()] * len(maps) if closed is None else closed
         dark = [()] * len(maps) if unknown is None else unknown
         self._maps = [_records(*each) for each in zip(maps, plates, dark, strict=True)]
@@ -61,6 +65,7 @@ class RayWalls:
     def _join(self) -> None:
         self._parts = np.concatenate(self._maps)
         ends = np.cumsum([0, *(len(records) for records in self._maps)])
+        self._work = _WORK + max(map(len, self._maps), default=0)
         self._spans = np.stack([ends[:-1], ends[1:]], axis=-1).astype(float)
 
     def trace(
@@ -75,7 +80,8 @@ class RayWalls:
         """What the rays of n cameras meet (n, k, 8), in the order of ``trace``: range, m (infinite
         for nothing, NaN beyond a port that nothing is known of); unit normal into the bore (3),
         world frame; number of the part in its map, -1 for nothing; how squarely the lamp shines
-        there, cosine, 0 in the dark; distance from the nearest joint or end, m; grain, -1 to 1.
+        there, cosine, 0 in the dark; distance from the nearest joint or end, m; grain, -1 to 1, 0
+        of walls without one.
 
         Args:
             which: (n,) map of each camera.
@@ -86,7 +92,7 @@ class RayWalls:
         """
         n, k = len(position), len(rays)
         poses = np.concatenate([position, rotation.reshape(n, 9)], axis=1)
-        light = np.zeros(4) if lamp is None else np.array([*lamp, 1.0])
+        light = np.zeros(5) if lamp is None else np.array([*lamp, 1.0, self._dirty])
         hits = np.empty((n, k, trace.HIT_SIZE))
         _entry("trace")(
             *_pointers(self._parts, self._spans[which], poses),
@@ -95,7 +101,7 @@ class RayWalls:
             k,
             *_pointers(light),
             far,
-            *_pointers(np.zeros(_WORK), hits),
+            *_pointers(np.zeros(self._work), hits),
         )
         return hits
 

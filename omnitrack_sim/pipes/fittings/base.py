@@ -2,7 +2,7 @@
 
 A kind of fitting is one class in one module. A new one names its keys (``Table``), its ports, its
 axes, its exact inner surface, and how that surface is made of wall pieces, of solids for pictures
-and of two compiled functions; then networks, routes, controllers, colliders, meshes and drawings
+and of compiled functions; then networks, routes, controllers, colliders, meshes and drawings
 take it like any other.
 
 Frames: a fitting has its own right-handed frame. One that is not round about the z axis lies with

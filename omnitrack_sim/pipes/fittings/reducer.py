@@ -18,6 +18,7 @@ from omnitrack_sim.pipes.compiled import (
     Wall,
     clip,
     compiled,
+    crossing,
     put,
 )
 from omnitrack_sim.pipes.fittings.axial import Axial
@@ -117,6 +118,17 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
     return 1.0
 
 
+@compiled("clear")
+def clear(sizes, px, py, pz, ax, ay, az):
+    """See ``compiled.Wall``: up to the cone, whose radius grows by ``more`` along the line."""
+    slope = (sizes[2] - sizes[0]) / sizes[1]
+    radius, more = sizes[0] + slope * pz, slope * az
+    c = radius * radius - px * px - py * py
+    if radius <= 0.0 or c <= 0.0:
+        return 0.0
+    return crossing(more * more - ax * ax - ay * ay, more * radius - px * ax - py * ay, c)
+
+
 @dataclass(frozen=True)
 class Reducer(Axial):
     """A concentric cone of ``length`` m from ``inner_diameter`` m at ``start`` to ``end_diameter``
@@ -125,7 +137,7 @@ class Reducer(Axial):
     end_diameter: float
     inner_diameter: float = BORE
     kind: ClassVar[str] = "reducer"
-    wall: ClassVar[Wall] = Wall(surface, span)
+    wall: ClassVar[Wall] = Wall(surface, span, clear)
 
     class Table(FittingTable):
         """Keys in files."""

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from omnitrack_sim.pipes.compiled import FACE, Wall, clip, compiled, put
+from omnitrack_sim.pipes.compiled import FACE, Wall, clip, compiled, in_bore, put
 from omnitrack_sim.pipes.fittings.axial import Axial
 from omnitrack_sim.pipes.fittings.base import BORE, FittingTable, Z, bore_distance, check, positive
 from omnitrack_sim.pipes.kit import Kit, Solid
@@ -36,6 +36,13 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
     return 0.0
 
 
+@compiled("clear")
+def clear(sizes, px, py, pz, ax, ay, az):
+    """See ``compiled.Wall``: up to the cylinder."""
+    low, high = in_bore(px, py, ax, ay, sizes[0])
+    return high if low < 0.0 < high else 0.0
+
+
 @dataclass(frozen=True)
 class Straight(Axial):
     """A straight pipe of ``length`` m."""
@@ -43,7 +50,7 @@ class Straight(Axial):
     inner_diameter: float = BORE
     kind: ClassVar[str] = "straight"
     is_plain: ClassVar[bool] = True
-    wall: ClassVar[Wall] = Wall(surface, span)
+    wall: ClassVar[Wall] = Wall(surface, span, clear)
 
     class Table(FittingTable):
         """Keys in files."""

@@ -10,7 +10,16 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from omnitrack_sim.pipes.compiled import EDGE, FACE, Wall, clip, compiled, put
+from omnitrack_sim.pipes.compiled import (
+    EDGE,
+    FACE,
+    Wall,
+    clip,
+    compiled,
+    in_bore,
+    out_of_two,
+    put,
+)
 from omnitrack_sim.pipes.fittings.base import (
     BORE,
     Arcs,
@@ -130,6 +139,21 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
     return 1.0
 
 
+@compiled("clear")
+def clear(sizes, px, py, pz, ax, ay, az):
+    """See ``compiled.Wall``: up to where the line leaves both cylinders; the rounded rim leaves
+    more."""
+    low, high = in_bore(px, py, ax, ay, sizes[0])
+    branch_low, branch_high = in_bore(py, pz, ay, az, sizes[0])
+    if ax > 0.0:
+        branch_low = max(branch_low, -px / ax)
+    elif ax < 0.0:
+        branch_high = min(branch_high, -px / ax)
+    elif px < 0.0:
+        branch_high = -math.inf
+    return out_of_two(low, high, branch_low, branch_high)
+
+
 @dataclass(frozen=True)
 class Tee(Fitting):
     """An equal tee: run of ``run_length`` m, branch that ends ``branch_length`` m from the run's
@@ -146,7 +170,7 @@ class Tee(Fitting):
     kind: ClassVar[str] = "tee"
     port_names: ClassVar[tuple[str, ...]] = ("run_start", "run_end", "branch")
     default_way: ClassVar[tuple[str, str]] = ("run_start", "branch")
-    wall: ClassVar[Wall] = Wall(surface, span)
+    wall: ClassVar[Wall] = Wall(surface, span, clear)
 
     class Table(FittingTable):
         """Keys in files."""

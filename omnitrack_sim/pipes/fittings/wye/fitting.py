@@ -33,7 +33,7 @@ from omnitrack_sim.pipes.fittings.base import (
 )
 from omnitrack_sim.pipes.fittings.wye import solids, walls
 from omnitrack_sim.pipes.fittings.wye.exact import EQUAL, wye_signed_distance
-from omnitrack_sim.pipes.fittings.wye.surface import span, surface
+from omnitrack_sim.pipes.fittings.wye.surface import clear, span, surface
 from omnitrack_sim.pipes.kit import Kit, Solid
 from omnitrack_sim.pipes.pieces import Pieces
 from omnitrack_sim.rotations import Array, Pose, unit
@@ -65,7 +65,7 @@ class Wye(Fitting):
     kind: ClassVar[str] = "wye"
     port_names: ClassVar[tuple[str, ...]] = ("run_start", "run_end", "branch")
     default_way: ClassVar[tuple[str, str]] = ("run_start", "branch")
-    wall: ClassVar[Wall] = Wall(surface, span)
+    wall: ClassVar[Wall] = Wall(surface, span, clear)
 
     class Table(FittingTable):
         """Keys in files."""

@@ -9,7 +9,17 @@ from __future__ import annotations
 
 import math
 
-from omnitrack_sim.pipes.compiled import EDGE, FACE, HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
+from omnitrack_sim.pipes.compiled import (
+    EDGE,
+    FACE,
+    HIGH,
+    HIGH_ENDS,
+    LOW,
+    LOW_ENDS,
+    compiled,
+    in_bore,
+    out_of_two,
+)
 
 _EQUAL = 1e-9  # m, bores that differ by less are equal
 _CLOSE = 1e-7  # rad; Newton's method squares the error once more after a step as small as this
@@ -252,3 +262,21 @@ def in_branch(sizes, x, y, z):
     w = x * cos - z * sin
     from_branch, from_run = math.sqrt(y * y + w * w) - sizes[3], math.sqrt(x * x + y * y) - sizes[2]
     return x * sin + z * cos > 0.0 and from_branch < from_run
+
+
+@compiled("clear")
+def clear(sizes, px, py, pz, ax, ay, az):
+    """See ``compiled.Wall``: up to where the line leaves both cylinders; the rounded rim leaves
+    more."""
+    sin, cos = sizes[5], sizes[6]
+    low, high = in_bore(px, py, ax, ay, sizes[2])
+    w, across = px * cos - pz * sin, ax * cos - az * sin
+    branch_low, branch_high = in_bore(w, py, across, ay, sizes[3])
+    along, ahead = px * sin + pz * cos, ax * sin + az * cos
+    if ahead > 0.0:
+        branch_low = max(branch_low, -along / ahead)
+    elif ahead < 0.0:
+        branch_high = min(branch_high, -along / ahead)
+    elif along < 0.0:
+        branch_high = -math.inf
+    return out_of_two(low, high, branch_low, branch_high)
