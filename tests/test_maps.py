@@ -156,7 +156,7 @@ def test_what_a_map_has_wrong_is_told():
         data["fittings"].append(elbow("extra"))
         data["joints"] += [joint("on.end", "extra.start"), joint("extra.end", "more.start")]
 
-    assert of(longer).sizes == (("on", "on"),)
+    assert of(longer).wrong_sizes == (("on", "on"),)
     assert of(longer).complete
     assert not of(longer).same
     assert of(longer).length_error == pytest.approx(0.03)
@@ -178,7 +178,7 @@ def test_a_mirrored_map_is_another_one():
         row["turn_deg"] = -row["turn_deg"]
     difference = compare_maps(validate(data), validate(knee()), "in.start")
     assert difference.angles == (("bend", "bend"), ("fork", "fork"))
-    assert not difference.sizes
+    assert not difference.wrong_sizes
     assert not difference.same
 
 

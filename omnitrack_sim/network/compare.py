@@ -37,8 +37,8 @@ class MapDifference:
         parts: number of parts of the network that can be reached from where the map begins.
         found: number of them that the map has, with the right kind.
         missing: those that it has not. extra: parts of the map that the network has not.
-        kinds, sizes, angles: parts of the map, and the true ones, that differ in kind, in a length
-            or bore by more than 3 % (and 10 mm), in a direction by more than 5 degrees.
+        kinds, wrong_sizes, angles: parts of the map and the true ones that differ in kind, in a
+            length or bore by more than 3 % (and 10 mm), in a direction by more than 5 degrees.
         loose: ports of the network that are joined there and not in the map, though it has both
             parts.
         length: m, of all axes of the network that are in the map. length_error: m, of what is wrong
@@ -50,7 +50,7 @@ class MapDifference:
     missing: tuple[str, ...]
     extra: tuple[str, ...]
     kinds: tuple[tuple[str, str], ...]
-    sizes: tuple[tuple[str, str], ...]
+    wrong_sizes: tuple[tuple[str, str], ...]
     angles: tuple[tuple[str, str], ...]
     loose: tuple[tuple[str, str], ...]
     length: float
@@ -64,7 +64,7 @@ class MapDifference:
     @property
     def same(self) -> bool:
         """Whether the map is complete, has nothing else, and all its sizes are right."""
-        return self.complete and not (self.extra or self.sizes or self.angles)
+        return self.complete and not (self.extra or self.wrong_sizes or self.angles)
 
     def figures(self) -> dict[str, float]:
         """The metrics of a run that explores, see docs/metrics.md."""
@@ -73,7 +73,7 @@ class MapDifference:
             "map_complete": float(self.complete),
             "map_length_error_m": self.length_error,
             "map_faults": float(
-                len(self.kinds) + len(self.sizes) + len(self.angles) + len(self.extra)
+                len(self.kinds) + len(self.wrong_sizes) + len(self.angles) + len(self.extra)
             ),
         }
 
@@ -223,7 +223,7 @@ class _Walk:
                 if i not in self._partner.values()
             ),
             kinds=tuple(self._kinds.values()),
-            sizes=tuple(self._sizes.values()),
+            wrong_sizes=tuple(self._sizes.values()),
             angles=tuple(self._angles.values()),
             loose=tuple(self._loose(matched)),
             length=self._length,

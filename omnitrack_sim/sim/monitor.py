@@ -68,7 +68,7 @@ class Monitor:
     def sent_on(self, robot: int, seconds: float) -> None:
         """Count headway anew for a robot that drives another leg, and give it more time."""
         self._farthest[robot], self._waiting[robot] = -np.inf, 0.0
-        self._time_limit[robot] += seconds
+        self.goes_on(robot, seconds)
 
     def goes_on(self, robot: int, seconds: float) -> None:
         """Give more time to a robot whose leg is longer than was known."""

@@ -66,7 +66,8 @@ def _draw(result: Result) -> Figure:
     from omnitrack_sim.plots.picture import Picture
 
     routes = result.routes()
-    pipes, trajectory, found = result.pipes, result.trajectory, result.map
+    trajectory, found = result.trajectory, result.map
+    pipes = routes[0].network if found is None else result.pipes
     quads = faces(pipes)
     marks = marks_of(result)
     stretches = list(stretches_of(trajectory))
