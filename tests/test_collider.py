@@ -387,7 +387,7 @@ print([entry.cache_hits for entry in _kept[1:]])
     for _ in range(2):
         run = [sys.executable, "-c", program]
         told = subprocess.run(run, capture_output=True, text=True, check=True).stdout
-    assert told.strip() == str([1] * (1 + 2 * len(shipped_fittings())))
+    assert told.strip() == str([1] * (1 + 3 * len(shipped_fittings())))
 
 
 def test_code_on_disk_is_known_by_all_that_it_depends_on(monkeypatch):
