@@ -190,7 +190,7 @@ class Onboard:
         """Have a robot's map be what it believes."""
         belief = legs.belief(robot)
         assert belief is not None
-        self._mapped.replace(robot, _parts(belief.network), belief.closed, belief.unknown)
+        self._mapped.replace(robot, *belief.compared())
 
     def look(
         self, state: State, gear: NDArray[np.int_], place: Place, active: NDArray[np.bool_]
