@@ -8,12 +8,12 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from omnitrack_sim.control.aligner import Aligner, AlignmentTable, manoeuvres
-from omnitrack_sim.control.gear import TURNED
 from omnitrack_sim.control.interface import Command, ControlSetup, Observation
 from omnitrack_sim.control.leg_watch import LegWatch
 from omnitrack_sim.control.recovery import Recovery, RecoveryTable
 from omnitrack_sim.control.sway import Sway, SwayTable
 from omnitrack_sim.control.tracking import Tracking, TrackingTable, wall_speeds
+from omnitrack_sim.rotations import TURNED
 from omnitrack_sim.table import NotNegative, Table, Unit
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT, BACK_OFF = range(6)

@@ -9,7 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
-from omnitrack_sim.rotations import Array, Pose, cross
+from omnitrack_sim.rotations import (
+    Array,
+    Pose,
+    cross,
+    heading,
+    orthonormal,
+    skew,
+    turned_by,
+    wrap_angle,
+)
 from omnitrack_sim.sensing.nearby import nearby
 from omnitrack_sim.sensing.optics import RANGE, Camera, Walls, rays_of
 from omnitrack_sim.sensing.pose_filter import (
@@ -20,11 +29,10 @@ from omnitrack_sim.sensing.pose_filter import (
     SLIP,
     TURN,
     PoseFilter,
-    orthonormal,
     outer,
     wall_slopes,
 )
-from omnitrack_sim.sensing.proprioception import Felt, skew, turned_by
+from omnitrack_sim.sensing.proprioception import Felt
 from omnitrack_sim.sensing.table import SensingTable
 from omnitrack_sim.theory.kinematics import angular_velocity, belt_sign
 
@@ -37,7 +45,7 @@ WORST = 3.0
 wall a pixel is as wrong as it can be."""
 AT_STOP = 0.0005
 """Distance from its outer stop, m, at which an arm may have no wall."""
-MOVED, TURNED = 5e-4, 5e-4
+SHIFT, TILT = 5e-4, 5e-4
 """Steps, m and rad, between the pictures that the slopes of a picture are taken from."""
 ROLLS = 36
 """Turns about the pipe's axis that a robot that does not know its own compares."""
@@ -60,14 +68,11 @@ GOOD = 2.0
 """Cost, for each pixel that counts, up to which a pose explains its picture."""
 DOUBT = 1e-3
 """Probability of all other turns together below which a robot takes the best."""
-VAGUE = 0.01
-"""Standard deviation of its place, m, from which on a robot compares places."""
+VAGUE, VAGUE_TURN = 0.01, 0.02
+"""Standard deviations of its place, m, and of its turn about its axis, rad, from which on a robot
+compares places and turns."""
 RESTING = 1
 """Pictures of one end that a robot lets pass after one that told it nothing."""
-PAUSE = 0
-"""Pictures of each end that a robot lets pass between two for which it compares all turns."""
-VAGUE_TURN = 0.02
-"""Likewise of its turn about its axis, rad."""
 WITHIN, FARTHEST = 3.0, 0.2
 """How far it looks, in standard deviations and at most in m."""
 PLACES, FEW_PLACES, FEW_TURNS = 13, 3, 9
@@ -80,14 +85,12 @@ LOOSE_PLACE, LOOSE_TURN = 0.015, 0.03
 """Standard deviations, m and rad, that are added where a bend of the map is measured anew."""
 FEW = 0.1
 """Part of the pixels of a picture with which it tells whether the map is right."""
-BACKWARD = np.array([1.0, -1.0, -1.0])
 
 
 class Shot(NamedTuple):
     """What is known of a picture when it is taken: where the robots took themselves to be, and
     which end it was taken from, 1 for the nose, -1 for the tail."""
 
-    number: int
     picture: Array
     position: Array
     rotation: Array
@@ -151,7 +154,8 @@ class Localiser:
         self._coarse = np.flatnonzero((row + column) % 2 == 0)
         self._few = np.flatnonzero((row % 2 == 0) & (column % 2 == 0))
         self._arms = np.stack([np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES), np.zeros(3)], axis=-1)
-        self._force, self._held, self._felt = np.zeros((n, 3)), -self._in_robot(gravity), 0
+        self._force, self._felt = np.zeros((n, 3)), 0
+        self._held = -np.einsum("nji,nj->ni", rotation, gravity)
         # Pictures of each end, tail and nose, to come until poses are compared again.
         self._rest = np.zeros((n, 2), np.intp)
         self._against = np.zeros((n, ROLLS))  # what pictures have said against each turn
@@ -178,10 +182,6 @@ class Localiser:
             more, further = self._from_gravity()
             self.filter.correct(information + more, evidence + further, self.filter.position.copy())
             self._held, self._force = self._force, np.zeros_like(self._force)
-
-    def _in_robot(self, vector: Array) -> Array:
-        """Vectors (n, 3) of the world in the robots' frames."""
-        return np.einsum("nji,nj->ni", self.filter.rotation, vector)
 
     @property
     def puzzled(self) -> NDArray[np.bool_]:
@@ -249,12 +249,12 @@ class Localiser:
         self, position: Array, rotation: Array, facing: NDArray[np.int_]
     ) -> tuple[Array, Array]:
         """Place (n, 3) m and frame (n, 3, 3) of a camera of robots at a pose; see ``Shot``."""
-        frame = np.where((facing < 0)[:, None, None], rotation * BACKWARD, rotation)
+        frame = heading(rotation, facing)
         return position + self._lens * frame[:, :, 2], frame
 
-    def shoot(self, number: int, picture: Array, facing: NDArray[np.int_], latency: int) -> None:
+    def shoot(self, picture: Array, facing: NDArray[np.int_], latency: int) -> None:
         """A picture (n, k) is taken now and arrives ``latency`` control steps later."""
-        shot = Shot(number, picture, self.filter.position, self.filter.rotation, facing)
+        shot = Shot(picture, self.filter.position, self.filter.rotation, facing)
         self._arriving.append((self._felt + latency, shot))
 
     def see(self, active: NDArray[np.bool_]) -> bool:
@@ -266,10 +266,10 @@ class Localiser:
         self.filter.settle()
         end = (np.arange(len(shot.facing)), (shot.facing > 0).astype(np.intp))
         self._rest[end] -= 1
-        self._rested = (self._rest[end] < 0) & active
+        rested = (self._rest[end] < 0) & active
         if np.count_nonzero(self.unknown):
-            self._find_turn(shot)
-        self._narrow_down(shot)
+            self._find_turn(shot, rested)
+        self._narrow_down(shot, rested)
         self._compare(self.shot, np.flatnonzero(active))
         return True
 
@@ -337,7 +337,7 @@ class Localiser:
         """Slopes from the pictures of neighbouring poses, which see the same pieces of wall."""
         slopes = np.empty((*expected.shape, POSE))
         for axis in range(POSE):
-            place, turned, step = position, frame, MOVED if axis < 3 else TURNED
+            place, turned, step = position, frame, SHIFT if axis < 3 else TILT
             change = np.zeros((len(position), 3))
             change[:, axis % 3] = step
             if axis < 3:
@@ -350,14 +350,12 @@ class Localiser:
 
     # Finding a pose among many
 
-    def _find_turn(self, shot: Shot) -> None:
+    def _find_turn(self, shot: Shot, rested: NDArray[np.bool_]) -> None:
         """Have robots that do not know how they are turned about their axis compare all turns, at
         some places along it, and take the best where no other turn is nearly as good."""
-        robots = np.flatnonzero(self.unknown & self._rested)
+        robots = np.flatnonzero(self.unknown & rested)
         if len(robots) == 0:
             return
-        end = (shot.facing[robots] > 0).astype(np.intp)
-        self._rest[robots, end] = PAUSE
         axis = self.filter.rotation[robots, :, 2]
         std = self.filter.std_along(self.filter.rotation[:, :, 2])[robots]
         turns = np.arange(ROLLS) * 2 * np.pi / ROLLS
@@ -371,7 +369,7 @@ class Localiser:
         self._against[robots] -= np.log(np.maximum(weight.sum(axis=2), 1e-300))
         of_turn = _chances(self._against[robots])
         best = of_turn.argmax(axis=1)
-        apart = (turns - turns[best, None] + np.pi) % (2 * np.pi) - np.pi  # (m, ROLLS)
+        apart = wrap_angle(turns - turns[best, None])  # (m, ROLLS)
         sure = (of_turn * (np.abs(apart) > DISTINCT)).sum(axis=1) < DOUBT
         if not np.count_nonzero(sure):
             return
@@ -398,11 +396,11 @@ class Localiser:
         axis = self.filter.rotation[robots, :, 2]
         steps = np.tile(np.linspace(-CHECKED, CHECKED, FEW_PLACES), (len(robots), 1))
         cost = self._around(robots, shot, axis, steps, every).min(axis=2)
-        apart = np.abs((turns + np.pi) % (2 * np.pi) - np.pi) > DISTINCT
+        apart = np.abs(wrap_angle(turns)) > DISTINCT
         wrong = cost[:, apart].min(axis=1) < cost[:, ~apart].min(axis=1) - CONVINCED
         self.unknown[robots] |= wrong
 
-    def _narrow_down(self, shot: Shot) -> None:
+    def _narrow_down(self, shot: Shot, rested: NDArray[np.bool_]) -> None:
         """Have robots that are not sure of their place, or of their turn about their axis, compare
         poses around their own: places along the direction in which they know theirs least (mostly
         along their pipe), and turns.
@@ -414,7 +412,7 @@ class Localiser:
         forward = self.filter.rotation[:, :, 2]
         turn_std = self.filter.std_about(forward)
         vague = ((std > VAGUE) | (turn_std > VAGUE_TURN)) & ~self.unknown
-        robots = np.flatnonzero(vague & self._rested)
+        robots = np.flatnonzero(vague & rested)
         if len(robots) == 0:
             return
         information = np.zeros((len(axis), POSE, POSE))

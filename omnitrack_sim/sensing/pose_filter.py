@@ -11,8 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.rotations import Array, cross
-from omnitrack_sim.sensing.proprioception import skew, turned_by
+from omnitrack_sim.rotations import Array, cross, orthonormal, skew, turned_by
 from omnitrack_sim.sensing.table import FilterTable, ImuTable
 
 PLACE, TURN, BIAS, SLIP = slice(0, 3), slice(3, 6), slice(6, 9), 9
@@ -178,14 +177,3 @@ def outer(a: Array, b: Array) -> Array:
 def spread_along(covariance: Array, axis: Array) -> Array:
     """Variance (n,) along unit vectors (n, 3)."""
     return (outer(axis, axis) * covariance).sum(axis=(1, 2))
-
-
-def orthonormal(rotation: Array) -> Array:
-    """Rotations (n, 3, 3) freed of rounding: the third column is kept, the first made normal to
-    it."""
-    z = rotation[:, :, 2]
-    z = z / np.sqrt((z**2).sum(axis=-1))[:, None]
-    x = rotation[:, :, 0]
-    x = x - (x * z).sum(axis=-1)[:, None] * z
-    x = x / np.sqrt((x**2).sum(axis=-1))[:, None]
-    return np.stack([x, cross(z, x), z], axis=-1)

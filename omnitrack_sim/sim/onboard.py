@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.control.gear import TURNED
 from omnitrack_sim.control.interface import Command
 from omnitrack_sim.control.route_map import Place, RouteMap
 from omnitrack_sim.control.search import Search, Searching
@@ -18,13 +17,13 @@ from omnitrack_sim.model.rays import RayWalls
 from omnitrack_sim.model.robot import lug_pitch
 from omnitrack_sim.network import Network
 from omnitrack_sim.pipes import Part
-from omnitrack_sim.rotations import Array, Pose, quaternion_from_matrix
+from omnitrack_sim.rotations import Array, Pose, heading, quaternion_from_matrix, turned_by
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sensing.cameras import camera_of
 from omnitrack_sim.sensing.draws import keys, normal, uniform
 from omnitrack_sim.sensing.localiser import Localiser
 from omnitrack_sim.sensing.optics import rays_of
-from omnitrack_sim.sensing.proprioception import Felt, Proprioception, turned_by
+from omnitrack_sim.sensing.proprioception import Felt, Proprioception
 from omnitrack_sim.sensing.sensor import State
 from omnitrack_sim.sensing.table import BeginTable, SensingTable
 from omnitrack_sim.sim.builder import each
@@ -250,9 +249,7 @@ class Onboard:
             found, frame = routes.poses(way, distance.ravel(), np.full(len(way), turn))
             places.append(found.reshape(len(robots), -1, 3))
             frames.append(frame.reshape(len(robots), -1, 3, 3))
-        frame = np.concatenate(frames, axis=1)
-        back = (gear[robots] < 0)[:, None, None, None]
-        frame = np.where(back, frame * TURNED, frame)
+        frame = heading(np.concatenate(frames, axis=1), gear[robots][:, None])
         found = localiser.seek(robots, shot, np.concatenate(places, axis=1), frame)
         self._found = robots[found].tolist()
 
@@ -304,7 +301,7 @@ class Onboard:
             whole = np.full((len(facing), len(pixels)), np.nan)
             whole[robots] = taken
             self.whole = (whole, facing)
-        localiser.shoot(self._pictures, self.picture, facing, self._latency)
+        localiser.shoot(self.picture, facing, self._latency)
         self._pictures += 1
 
     def _told(self, felt: Felt) -> Mapping[str, Array]:
