@@ -71,7 +71,7 @@ class JacobianController:
     Parameters: ClassVar[type[Table]] = FeedbackTable
 
     def __init__(self, setup: ControlSetup) -> None:
-        self.routes, self.settings = setup.routes, setup.settings
+        self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
         self.tracking = Tracking(setup, "tracking")
         self.sway = Sway(setup, "sway")
         self.aligner = Aligner(setup, "alignment")
@@ -115,7 +115,7 @@ class JacobianController:
         """The command for the next control period."""
         self._follow_legs(observation)
         place, s = observation.place, self.settings
-        room = self.aligner.nose_room(place)
+        room = self.routes.nose_room(place, self.robot)
         backing, retried = self.recovery.step(observation, self.resting, room, self.aligner)
         standing, rolled = self.aligner.step(observation, room)
         aligning = standing & ~backing
