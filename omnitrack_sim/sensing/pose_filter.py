@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.rotations import Array, cross, orthonormal, skew, turned_by
-from omnitrack_sim.sensing.table import FilterTable, ImuTable
+from omnitrack_sim.sensing.table import FilterTable, ImuTable, SensingTable
 
 PLACE, TURN, BIAS, SLIP = slice(0, 3), slice(3, 6), slice(6, 9), 9
 SIZE, POSE = 10, 6
@@ -157,6 +157,20 @@ class PoseFilter:
     def std_along(self, axis: Array) -> Array:
         """Standard deviation (n,) m of the place along unit vectors (n, 3), world frame."""
         return np.sqrt(np.maximum(spread_along(self.covariance[:, PLACE, PLACE], axis), 0.0))
+
+
+def beginning(table: SensingTable, direction: Array) -> Array:
+    """Covariance (n, 10, 10) of robots that begin in pipes of directions (n, 3)."""
+    n = len(direction)
+    covariance = np.zeros((n, SIZE, SIZE))
+    along = outer(direction, direction)
+    covariance[:, PLACE, PLACE] = 0.003**2 * np.eye(3) + table.start.distance_std**2 * along
+    turn = 0.02 if table.start.theta5_known else np.pi / np.sqrt(3)
+    covariance[:, TURN, TURN] = 0.03**2 * np.eye(3) + turn**2 * along
+    bias = np.radians(table.imu.gyro_bias_deg)
+    covariance[:, BIAS, BIAS] = bias**2 * np.eye(3)
+    covariance[:, SLIP, SLIP] = table.filter.slip_std**2
+    return covariance
 
 
 def wall_slopes(gradient: Array, lever: Array) -> Array:

@@ -322,7 +322,9 @@ class Simulation:
             return [None if e is None else e.sight() for e in explorations]
         from omnitrack_sim.sim.camera_sight import CameraSight
 
-        return [CameraSight(self.scenarios, self.legs.bore_ahead)] * self.n
+        return [
+            CameraSight(self.onboard.eyes, self.scenarios[0].sensing, self.legs.bore_ahead)
+        ] * self.n
 
     def _keep_picture(self) -> None:
         """Keep the picture of this moment, where one was taken and pictures are recorded."""
