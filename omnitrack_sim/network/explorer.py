@@ -22,8 +22,8 @@ from omnitrack_sim.errors import GeometryError
 from omnitrack_sim.network.ahead import Ahead, side_of
 from omnitrack_sim.network.belief import NO_STRAIGHT, Belief
 from omnitrack_sim.network.layout import End
-from omnitrack_sim.network.mission import NOSE_ROOM, ROUNDING, Ways
 from omnitrack_sim.network.planning import Closed, Leg, Step, Way
+from omnitrack_sim.network.ways import NOSE_ROOM, ROUNDING, Ways
 from omnitrack_sim.network.whereabouts import Whereabouts
 from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting
 from omnitrack_sim.record.events import (
