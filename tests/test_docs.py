@@ -79,7 +79,7 @@ def test_readme_names_every_command_and_scenario():
     """No command and no shipped scenario is missing from the README."""
     for command in app.registered_commands:
         assert command.callback is not None
-        assert f"omnitrack {command.callback.__name__}" in README
+        assert f"omnitrack {command.name or command.callback.__name__}" in README
     for name in shipped_scenarios():
         assert f"`{name}`" in README
 
