@@ -11,7 +11,7 @@ import numpy as np
 
 from omnitrack_sim.arguments import check_all, check_is
 from omnitrack_sim.control import Command, Controller, ControlSetup, Observation, Settings
-from omnitrack_sim.control.gear import carried_out, heading, seen
+from omnitrack_sim.control.gear import carried_out, seen
 from omnitrack_sim.control.route_map import Place
 from omnitrack_sim.drive import SpeedLoop, drive_of
 from omnitrack_sim.errors import Fault, ScenarioError
@@ -22,7 +22,7 @@ from omnitrack_sim.record.estimates import ESTIMATES
 from omnitrack_sim.record.events import Event, Note
 from omnitrack_sim.record.metrics import METRICS, Metric, summarise
 from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.rotations import Array, heading
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.model import METRIC_NAMES, refuse_taken
 from omnitrack_sim.sensing import SENSORS, Sensor, State
@@ -323,7 +323,9 @@ class Simulation:
             return [None if e is None else e.sight() for e in explorations]
         from omnitrack_sim.sim.camera_sight import CameraSight
 
-        return [CameraSight(self.scenarios, self.legs.bore_ahead)] * self.n
+        return [
+            CameraSight(self.onboard.eyes, self.scenarios[0].sensing, self.legs.bore_ahead)
+        ] * self.n
 
     def _keep_picture(self) -> None:
         """Keep the picture of this moment, where one was taken and pictures are recorded."""
@@ -415,13 +417,18 @@ class Simulation:
         told = self._readings if self.onboard is None else self.onboard.readings
         gear = self.legs.gear
         true, frames = (heading(r["rotation"], gear) for r in (self._readings, told))
+        back = heading(self._readings["rotation"], -gear)
         turned = true if self.onboard is None else heading(self.onboard.turned, gear)
         for robot in np.flatnonzero(looking).tolist():
             sight = self._sights[robot]
             assert sight is not None
-            ahead = sight.look(robot, self._readings["position"][robot], true[robot])
+            position, behind = self._readings["position"][robot], None
+            ahead = sight.look(robot, position, true[robot])
+            if self.legs.looks_back(robot):
+                behind = sight.look(robot, position, back[robot])
             time, distance = float(self.time[robot]), float(self._believed.distance[robot])
-            onward = self.legs.see(robot, time, distance, ahead, frames[robot], turned[robot])
+            frame = frames[robot]
+            onward = self.legs.see(robot, time, distance, ahead, behind, frame, turned[robot])
             self._events[robot] += onward.events
             self._give_time(robot, onward)
         self._find_again(np.flatnonzero(looking).tolist())
