@@ -11,12 +11,14 @@ import typer
 
 import omnitrack_sim
 from omnitrack_sim.cli import (
+    bench,
     catalogue,
     compare,
     film,
     network,
     new,
     optimise,
+    policies,
     replay,
     reproduce,
     runs,
@@ -30,6 +32,7 @@ from omnitrack_sim.text import clipped
 
 __all__ = [
     "app",
+    "bench",
     "catalogue",
     "compare",
     "film",
@@ -37,6 +40,7 @@ __all__ = [
     "network",
     "new",
     "optimise",
+    "policies",
     "replay",
     "reproduce",
     "runs",

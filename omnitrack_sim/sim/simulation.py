@@ -169,6 +169,7 @@ class Simulation:
                 place=self._believed,
                 roll=start.roll,
                 period=self.period,
+                gravity=start.gravity,
             )
         )
         self.phases: tuple[str, ...] = getattr(self.controller, "phases", ("drive",))
