@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 
 import numpy as np
-from driving.by_sensors import FRICTION, SENSES
 from missions import random_mission
 
+from driving.by_sensors import FRICTION, SENSES
 from omnitrack_sim import Scenario, override, run_batch
 from omnitrack_sim.network import MapDifference
 from omnitrack_sim.record.statistics import wilson_interval
