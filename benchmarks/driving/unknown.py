@@ -99,8 +99,8 @@ def tours(trials: int, seed: int, workers: int) -> list[Tour]:
 def table(runs: Sequence[Tour]) -> str:
     """One row for each sense."""
     rows = [
-        "| sensing | home, and the map the same as the network | 95 % interval | home | map complete "
-        "| wrong in all lengths: median, 90 % | lost on the way |",
+        "| sensing | home, and the map the same as the network | 95 % interval | home | map "
+        "complete | wrong in all lengths: median, 90 % | lost on the way |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     for sense in SENSES:

@@ -14,8 +14,8 @@ from omnitrack_sim.naming import ByName
 from omnitrack_sim.rotations import Array
 
 TILE = 16
-"""Rows that are evaluated together: the products of a layer of 64 to 64 then take 0.5 MB and stay in
-the processor's cache. 64 rows take twice as long in one tile."""
+"""Rows that are evaluated together: the products of a layer of 64 to 64 then take 0.5 MB and stay
+in the processor's cache. 64 rows take twice as long in one tile."""
 
 
 def _relu(x: Array) -> Array:
