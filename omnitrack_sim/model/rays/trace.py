@@ -45,6 +45,9 @@ EXACT = 1e-10
 LONGER = 1.6
 """A step over the distance from the wall; see ``_follow``."""
 MOST_STEPS = 300
+DIM = 0.03
+"""Before the end of what has been seen of a straight, m, nothing is told: the end may be there, and
+a ring, or a little before."""
 GRAIN_SIZE = 0.012
 """Of the patches of the surface's grain, m."""
 
@@ -170,6 +173,9 @@ def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, ou
         hits[h + NORMAL + 2] = -parts[q + 5]
     else:
         if q != p and parts[q + 6] == UNSEEN:
+            if beyond < DIM:
+                hits[h + RANGE] = math.nan
+                return False
             beyond = math.inf
         r = p + ROTATION
         for row in range(3):
