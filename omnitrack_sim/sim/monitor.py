@@ -52,6 +52,7 @@ class Monitor:
         self.routes, self.limits, self.period = routes, limits, period
         self._sample_period = sample_period
         self._progress, self._slide_back = limits.progress * bore, limits.slide_back * bore
+        self._bore, self._scale = bore, robot.time_scale
         patience = limits.patience * bore / cruise_speed
         self._patience = np.maximum(limits.patience_time * robot.time_scale, patience)  # (n,) s
         self._memory = limits.memory * robot.time_scale
@@ -60,10 +61,22 @@ class Monitor:
         self._time_limit = np.array(time_limit, float) - 1e-9
         self._farthest = np.array(start, float)
         self._waiting = np.zeros(n)  # s since the last progress
-        self._steps = 0
+        self._steps = np.zeros(n, int)
         self._mean = np.zeros((n, 6, 3))
         self._sample = np.zeros((n, 6, 3))
         self._version = -1
+
+    def restart(
+        self, robots: NDArray[np.intp], start: Array, cruise_speed: Array, time_limit: Array
+    ) -> None:
+        """Watch ``robots`` (k,) from the start of a new run; arguments (k,) as of the monitor."""
+        bore, scale = self._bore, self._scale
+        patience = self.limits.patience * bore / cruise_speed
+        self._patience[robots] = np.maximum(self.limits.patience_time * scale, patience)
+        self._time_limit[robots] = time_limit - 1e-9
+        self._farthest[robots] = start
+        self._waiting[robots] = self.period  # what a first look leaves
+        self._steps[robots], self._mean[robots] = 0, 0.0
 
     def sent_on(self, robot: int, seconds: float) -> None:
         """Count headway anew for a robot that drives another leg, and give it more time."""
@@ -127,17 +140,23 @@ class Monitor:
         )
 
     def average(
-        self, readings: Mapping[str, Array], belt_command: Array, saturated: NDArray[np.bool_]
+        self,
+        readings: Mapping[str, Array],
+        belt_command: Array,
+        saturated: NDArray[np.bool_],
+        due: NDArray[np.bool_],
     ) -> None:
         """Add one sample to the averages that the cause of a failure is read from.
 
         Args:
-            readings: of the sensors, at every ``sample_period``.
+            readings: of the sensors.
             belt_command: (n, 3) m/s. saturated: (n, 3) motors at their torque limit.
+            due: (n,) robots whose sample it is, at every ``sample_period`` of their runs.
         """
-        self._steps += 1
+        self._steps += due
         # A plain mean until the memory is full.
-        weight = max(self._sample_period / self._memory, 1 / self._steps)
+        part = np.maximum(self._sample_period / self._memory, 1 / np.maximum(self._steps, 1))
+        weight = np.where(due, part, 0.0)[:, None, None]
         sample = self._sample
         sample[:, NORMAL_FORCE] = readings["normal_force"]
         np.abs(readings["slip_ratio"], out=sample[:, SLIP_RATIO])
