@@ -16,6 +16,11 @@ def tee(**changes: object) -> ot.Scenario:
     return ot.override(ot.load_scenario("tee_turn"), EXACT | {"physics.time_limit": 1.5} | changes)
 
 
+def onboard() -> ot.Scenario:
+    """A tee turn by own sensors, with pictures ten times a second."""
+    return tee(**{"sensing.kind": "onboard"})
+
+
 def changed(base: ot.Scenario, number: int) -> ot.Scenario:
     """The same pipes with other friction, preload, gravity, orientation and speed."""
     return ot.override(
@@ -38,6 +43,11 @@ def seen(simulation: ot.Simulation, robot: int) -> bytes:
     arrays += [simulation.readings[name][robot] for name in ("slip_ratio", "contact_position")]
     arrays += [observation.motor_torque[robot], observation.time[robot], place.distance[robot]]
     arrays += [simulation.monitor._mean[robot], simulation.monitor._waiting[robot]]
+    arrays += [observation.angular_velocity[robot], observation.place.distance[robot]]
+    if simulation.onboard is not None:
+        localiser = simulation.onboard.localiser
+        arrays += [localiser.filter.covariance[robot], localiser.misfit[robot]]
+        arrays += [simulation.onboard.picture[robot]]
     return b"".join(np.asarray(array).tobytes() for array in arrays)
 
 
@@ -58,8 +68,8 @@ def speeds() -> np.ndarray:
     return np.random.default_rng(1).uniform(0.0, 0.15, (60, 3))
 
 
-@pytest.mark.parametrize("make", [tee, there_and_back], ids=["tee", "mission"])
-@pytest.mark.parametrize("steps", [7, 8], ids=["odd", "even"])
+@pytest.mark.parametrize("make", [tee, there_and_back, onboard], ids=["tee", "mission", "onboard"])
+@pytest.mark.parametrize("steps", [7, 20], ids=["odd", "even"])
 def test_a_robot_begins_anew_to_the_bytes_of_its_own_simulation(make, steps, speeds) -> None:
     """Whatever it did before, and whatever its neighbours do."""
     base = make()
@@ -70,13 +80,14 @@ def test_a_robot_begins_anew_to_the_bytes_of_its_own_simulation(make, steps, spe
     assert drive(simulation, 60, 1, speeds) == drive(alone, 60, 0, speeds)
 
 
-def test_the_others_go_on_as_if_nothing_had_happened(speeds) -> None:
+@pytest.mark.parametrize("make", [tee, onboard])
+def test_the_others_go_on_as_if_nothing_had_happened(make, speeds) -> None:
     """To the last bit."""
-    scenarios = [changed(tee(), k) for k in range(3)]
+    scenarios = [changed(make(), k) for k in range(3)]
     calm, disturbed = (ot.Simulation(scenarios, recording=False) for _ in range(2))
     expected = drive(calm, 30, 0, speeds)
     told = drive(disturbed, 9, 0, speeds)
-    disturbed.restart([1, 2], [changed(tee(), 7), changed(tee(), 8)])
+    disturbed.restart([1, 2], [changed(make(), 7), changed(make(), 8)])
     assert told + drive(disturbed, 21, 0, speeds[9:])[1:] == expected
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.robot import MODULE_ANGLES, Robot
 from omnitrack_sim.rotations import Array, Pose, cross
+from omnitrack_sim.sensing.graft import graft
 from omnitrack_sim.sensing.nearby import nearby
 from omnitrack_sim.sensing.optics import RANGE, Camera, Walls, rays_of
 from omnitrack_sim.sensing.pose_filter import (
@@ -85,13 +86,13 @@ BACKWARD = np.array([1.0, -1.0, -1.0])
 
 class Shot(NamedTuple):
     """What is known of a picture when it is taken: where the robots took themselves to be, and
-    which end it was taken from, 1 for the nose, -1 for the tail."""
+    which end it was taken from, 1 for the nose, -1 for the tail; which robots took one (n,)."""
 
-    number: int
     picture: Array
     position: Array
     rotation: Array
     facing: NDArray[np.int_]
+    taken: NDArray[np.bool_]
 
 
 class Localiser:
@@ -151,7 +152,8 @@ class Localiser:
         self._coarse = np.flatnonzero((row + column) % 2 == 0)
         self._few = np.flatnonzero((row % 2 == 0) & (column % 2 == 0))
         self._arms = np.stack([np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES), np.zeros(3)], axis=-1)
-        self._force, self._held, self._felt = np.zeros((n, 3)), -self._in_robot(gravity), 0
+        self._force, self._held = np.zeros((n, 3)), -self._in_robot(gravity)
+        self._felt, self._clock = np.zeros(n, int), 0
         # Pictures of each end, tail and nose, to come until poses are compared again.
         self._rest = np.zeros((n, 2), np.intp)
         self._against = np.zeros((n, ROLLS))  # what pictures have said against each turn
@@ -171,13 +173,18 @@ class Localiser:
         self.filter.advance(at_wall.mean(axis=1), felt.turned, skid, self._period)
         self._force = self._force + felt.force / self._steps
         self._slide = felt.slide
-        self._felt += 1
-        if self._felt % self._steps == 0:
-            self.filter.settle()
+        self._felt, self._clock = self._felt + 1, self._clock + 1
+        due = self._felt % self._steps == 0
+        if np.count_nonzero(due):
+            self.filter.settle(due)
             information, evidence = self._from_arms()
             more, further = self._from_gravity()
-            self.filter.correct(information + more, evidence + further, self.filter.position.copy())
-            self._held, self._force = self._force, np.zeros_like(self._force)
+            each = due[:, None]
+            information = np.where(each[..., None], information + more, 0.0)
+            evidence = np.where(each, evidence + further, 0.0)
+            self.filter.correct(information, evidence, self.filter.position.copy())
+            self._held = np.where(each, self._force, self._held)
+            self._force = np.where(each, 0.0, self._force)
 
     def _in_robot(self, vector: Array) -> Array:
         """Vectors (n, 3) of the world in the robots' frames."""
@@ -243,6 +250,29 @@ class Localiser:
         weight = np.where(self.unknown, 0.0, 1.0 / self._table.filter.force_std**2)
         return _normal(slopes, error, np.repeat(weight[:, None], 3, axis=1))
 
+    def restart(self, robots: NDArray[np.intp], fresh: Localiser) -> None:
+        """Have ``robots`` (k,) begin anew as those of ``fresh``, which has k."""
+        n = len(self.unknown)
+        graft(self.filter, fresh.filter, robots, n)
+        graft(self, fresh, robots, n)
+        gone = np.isin(np.arange(n), robots)
+        if self.shot is not None:
+            self.shot = self.shot._replace(taken=self.shot.taken & ~gone)
+        waiting = [(due, shot._replace(taken=shot.taken & ~gone)) for due, shot in self._arriving]
+        for after, first in fresh._arriving:
+            due = self._clock + after
+            if not waiting or waiting[-1][0] != due:
+                pose = self.filter
+                facing = np.ones(n, np.int_)
+                picture = np.full((n, len(self.pixels)), np.nan)
+                nobody = np.zeros(n, bool)
+                waiting.append((due, Shot(picture, pose.position, pose.rotation, facing, nobody)))
+            rows = [array.copy() for array in waiting[-1][1]]
+            for row, new in zip(rows, first, strict=True):
+                row[robots] = new
+            waiting[-1] = (due, Shot(*rows))
+        self._arriving = deque(waiting)
+
     # Pictures
 
     def lens(
@@ -252,20 +282,24 @@ class Localiser:
         frame = np.where((facing < 0)[:, None, None], rotation * BACKWARD, rotation)
         return position + self._lens * frame[:, :, 2], frame
 
-    def shoot(self, number: int, picture: Array, facing: NDArray[np.int_], latency: int) -> None:
-        """A picture (n, k) is taken now and arrives ``latency`` control steps later."""
-        shot = Shot(number, picture, self.filter.position, self.filter.rotation, facing)
-        self._arriving.append((self._felt + latency, shot))
+    def shoot(
+        self, picture: Array, facing: NDArray[np.int_], latency: int, taken: NDArray[np.bool_]
+    ) -> None:
+        """Pictures (n, k) are taken now by the robots ``taken`` (n,) and arrive ``latency`` control
+        steps later."""
+        shot = Shot(picture, self.filter.position, self.filter.rotation, facing, taken)
+        self._arriving.append((self._clock + latency, shot))
 
     def see(self, active: NDArray[np.bool_]) -> bool:
-        """Have ``active`` robots (n,) take in the picture that arrives now, where there is one."""
-        if not self._arriving or self._arriving[0][0] > self._felt:
+        """Have ``active`` robots (n,) take in the pictures that arrive now, where there are any."""
+        if not self._arriving or self._arriving[0][0] > self._clock:
             return False
         _, shot = self._arriving.popleft()
         self.shot = shot
-        self.filter.settle()
+        self.filter.settle(shot.taken)
+        active = active & shot.taken
         end = (np.arange(len(shot.facing)), (shot.facing > 0).astype(np.intp))
-        self._rest[end] -= 1
+        self._rest[end] -= shot.taken
         self._rested = (self._rest[end] < 0) & active
         if np.count_nonzero(self.unknown):
             self._find_turn(shot)
@@ -291,7 +325,8 @@ class Localiser:
         self.misfit = self.misfit.copy()
         self.misfit[robots] = _median(np.abs(error), said)
         wrong = self.misfit > self._table.filter.misfit
-        self._puzzled = (self._puzzled + 1 / self._camera.optics.rate) * wrong
+        puzzled = (self._puzzled + 1 / self._camera.optics.rate) * wrong
+        self._puzzled = np.where(shot.taken, puzzled, self._puzzled)
         weight = self._share * _huber(error)
         weight = np.where(self.unknown[robots, None], 0.0, weight)
         scaled = slopes / np.where(said, spread, 1.0)[..., None]

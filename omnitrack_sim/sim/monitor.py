@@ -75,8 +75,18 @@ class Monitor:
         self._patience[robots] = np.maximum(self.limits.patience_time * scale, patience)
         self._time_limit[robots] = time_limit - 1e-9
         self._farthest[robots] = start
-        self._waiting[robots] = self.period  # what a first look leaves
-        self._steps[robots], self._mean[robots] = 0, 0.0
+        self._waiting[robots], self._steps[robots], self._mean[robots] = 0.0, 0, 0.0
+
+    def first_look(self, robots: NDArray[np.intp], distance: Array) -> None:
+        """Look for the first time at ``robots`` (k,) that have been put to a new start.
+
+        Args:
+            robots: their numbers. distance: (n,) m, of all.
+        """
+        farthest, waiting = self._farthest.copy(), self._waiting.copy()
+        self._headway(distance, np.zeros(len(distance), bool))
+        farthest[robots], waiting[robots] = self._farthest[robots], self._waiting[robots]
+        self._farthest, self._waiting = farthest, waiting
 
     def sent_on(self, robot: int, seconds: float) -> None:
         """Count headway anew for a robot that drives another leg, and give it more time."""
@@ -104,10 +114,7 @@ class Monitor:
             diverged: (n,) robots whose physics has gone wrong.
         """
         distance = place.distance
-        # Headway is counted anew from where a robot rests or has backed off to.
-        counts = (distance > self._farthest + self._progress) | resting
-        self._farthest = np.where(counts, distance, self._farthest)
-        self._waiting = (self._waiting + self.period) * ~counts
+        self._headway(distance, resting)
         hanging = (self._waiting > self._patience) | (distance < self._farthest - self._slide_back)
         found = (
             (diverged, Outcome.DIVERGED),
@@ -122,6 +129,12 @@ class Monitor:
             if np.count_nonzero(flags)
             for robot in np.flatnonzero(flags).tolist()
         ]
+
+    def _headway(self, distance: Array, resting: NDArray[np.bool_]) -> None:
+        """Count headway, anew from where a robot rests or has backed off to."""
+        counts = (distance > self._farthest + self._progress) | resting
+        self._farthest = np.where(counts, distance, self._farthest)
+        self._waiting = (self._waiting + self.period) * ~counts
 
     def outside(self, place: Place) -> NDArray[np.bool_]:
         """Which robots (n,) have left their way."""

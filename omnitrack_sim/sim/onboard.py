@@ -22,6 +22,7 @@ from omnitrack_sim.rotations import Array, Pose, quaternion_from_matrix
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sensing.cameras import camera_of
 from omnitrack_sim.sensing.draws import keys, normal, uniform
+from omnitrack_sim.sensing.graft import graft
 from omnitrack_sim.sensing.localiser import Localiser
 from omnitrack_sim.sensing.optics import rays_of
 from omnitrack_sim.sensing.proprioception import Felt, Proprioception, turned_by
@@ -125,7 +126,8 @@ class Onboard:
         self._sure = np.radians(table.filter.sure_deg)
         self._every = round(1 / (self.camera.optics.rate * period))
         self._latency = round(self.camera.optics.latency / period)
-        self._tick, self._pictures, self._both_ends = 0, 0, table.both_ends
+        self._tick, self._pictures = np.zeros(n, int), np.zeros(n, int)
+        self._due, self._both_ends = np.ones(n, bool), table.both_ends
         self._records = first.record.pictures
         self.turned: Array = rotation
         self.picture = np.full((n, len(self.localiser.pixels)), np.nan)
@@ -152,8 +154,8 @@ class Onboard:
 
     @property
     def takes_pictures(self) -> bool:
-        """Whether the cameras take pictures at this control step."""
-        return self._tick % self._every == 0
+        """Whether any camera takes a picture at this control step."""
+        return bool(np.count_nonzero(self._due))
 
     def learn(self, legs: Legs, robots: Collection[int], place: Place) -> None:
         """Robots that took themselves to be at ``place`` may have changed their maps. Where the
@@ -192,26 +194,56 @@ class Onboard:
         assert belief is not None
         self._mapped.replace(robot, _parts(belief.network), belief.closed, belief.unknown)
 
+    def restart(
+        self,
+        robots: NDArray[np.intp],
+        scenarios: Sequence[Scenario],
+        state: State,
+        torque_limit: Array,
+    ) -> None:
+        """Have ``robots`` (k,), which do not explore, begin anew with ``scenarios`` (k).
+
+        Args:
+            robots: their numbers. scenarios: of theirs.
+            state: of the physics of all as it is now. torque_limit: (k,) N m.
+        """
+        begun = state.rows(robots)
+        fresh = Onboard(scenarios, begun, torque_limit, Legs(scenarios), self._period)
+        n = len(self._keys)
+        graft(self, fresh, robots, n)
+        graft(self._senses, fresh._senses, robots, n)
+        graft(self._search, fresh._search, robots, n)
+        self.localiser.restart(robots, fresh.localiser)
+        told = {name: values.copy() for name, values in self.readings.items()}
+        for name, values in told.items():
+            values[robots] = fresh.readings[name]
+        self.readings = told
+        self._found = [robot for robot in self._found if robot not in robots]
+
     def look(
         self, state: State, gear: NDArray[np.int_], place: Place, active: NDArray[np.bool_]
     ) -> None:
         """Read the sensors at this moment and bring the estimate up to it; ``place`` is where the
         robots took themselves to be a moment ago. Robots that are not ``active`` (n,) any more take
         no pictures."""
-        self._tick += 1
+        self._tick = self._tick + 1
+        self._due = self._tick % self._every == 0
         self.whole = None
         felt = self._senses.read(state)
         self.localiser.feel(felt)
         bias = self.localiser.filter.bias
         self.turned = self.turned @ turned_by(felt.turned - bias * self._period)
         if self.takes_pictures:
-            behind = self._both_ends and self._pictures % 2 == 1
-            self._shoot(state, -gear if behind else gear, np.flatnonzero(active))
-        arrived = self.localiser.see(active)
-        if arrived and np.count_nonzero(self.localiser.puzzled & active):
-            self._look_along_the_way(place, gear, active)
-        if arrived:
-            self._check_turns(place, gear, active)
+            behind = (self._pictures % 2 == 1) & self._both_ends
+            facing = np.where(behind, -gear, gear)
+            self._shoot(state, facing, np.flatnonzero(active & self._due))
+        if self.localiser.see(active):
+            shot = self.localiser.shot
+            assert shot is not None
+            seeing = active & shot.taken
+            if np.count_nonzero(self.localiser.puzzled & seeing):
+                self._look_along_the_way(place, gear, seeing)
+            self._check_turns(place, gear, seeing)
         self.readings = self._told(felt)
 
     def _check_turns(self, place: Place, gear: NDArray[np.int_], active: NDArray[np.bool_]) -> None:
@@ -297,15 +329,17 @@ class Onboard:
         which, keys = self._true[robots], self._keys[robots]
         hits = self._walls.trace(which, position, frame, rays, camera.optics.far, camera.lamp)
         metered = np.searchsorted(pixels, compared)
-        taken = camera.picture(hits, rays, pixels, keys, self._pictures, metered)
+        numbers = self._pictures[robots]
+        number = int(numbers[0]) if np.ptp(self._pictures) == 0 else numbers
+        taken = camera.picture(hits, rays, pixels, keys, number, metered)
         self.picture = self.picture.copy()
         self.picture[robots] = taken[:, metered]
         if self._records:
             whole = np.full((len(facing), len(pixels)), np.nan)
             whole[robots] = taken
             self.whole = (whole, facing)
-        localiser.shoot(self._pictures, self.picture, facing, self._latency)
-        self._pictures += 1
+        localiser.shoot(self.picture, facing, self._latency, self._due)
+        self._pictures = self._pictures + self._due
 
     def _told(self, felt: Felt) -> Mapping[str, Array]:
         """What controllers see."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnitrack_sim.arguments import check_all, check_is
 from omnitrack_sim.control import Command, Controller, ControlSetup, Observation, Settings
@@ -283,27 +284,29 @@ class Simulation:
         left as they are. The controller is not told: who calls this gives the commands.
 
         Args:
-            robots: their numbers, k.
+            robots: their numbers, k, ascending.
             scenarios: what each runs now, k of the same ``builder.batch_key``, which is not
                 checked here.
 
         Raises:
-            RuntimeError: the simulation records, its robots explore or drive by own sensors, or it
-                has further sensors.
+            RuntimeError: the simulation records, or its robots explore.
         """
-        kind = self.scenarios[0]
-        if self._recording or kind.sensing.kind == "onboard" or kind.exploration is not None:
-            raise RuntimeError("restart is for robots that are told the truth, and not recorded")
+        if self._recording or self.scenarios[0].exploration is not None:
+            raise RuntimeError("restart is for robots that do not explore, and are not recorded")
         which = np.asarray(robots, np.intp)
         for robot, scenario in zip(which.tolist(), scenarios, strict=True):
             self.scenarios[robot], self.endings[robot] = scenario, None
         self.legs.restart(which, scenarios)
         routes, way = self.legs.routes, self.legs.way[which]
-        start, (settings, notes) = (f(scenarios, routes, way) for f in (start_of, settings_of))
+        start = start_of(scenarios, routes, way)
+        settings, notes = settings_of(scenarios, routes, way)
         for robot, note in zip(which.tolist(), notes, strict=True):
             self._events[robot] = self._noted(robot, note)
         self._restart_parts(which, scenarios, start, settings)
-        self._readings = self.plant.read()
+        self._readings = readings = self.plant.read()
+        if self.onboard is not None:
+            limits = self.motors.torque_limit[which, 0]
+            self.onboard.restart(which, scenarios, readings, limits)
         self._find()
         self.setup = replace(
             self.setup,
@@ -315,6 +318,7 @@ class Simulation:
         begun = np.zeros(self.n, bool)
         begun[which] = True
         self._average(begun)
+        self.monitor.first_look(which, self._believed.distance)
 
     def _restart_parts(
         self,
