@@ -59,6 +59,7 @@ class Bench:
             self.observe(0.1).place,
             np.zeros((1, 3)),
             PERIOD,
+            np.array([scenario.world.gravity]),
         )
         self.controller: Controller = scenario.controller_class(self.setup)
 

@@ -76,8 +76,9 @@ def test_two_modules_are_inner_in_the_worst_orientation():
     at = np.array([0.1])
     place = routes.locate(np.array([[0.0, 0.0, 0.1]]), np.eye(3)[None], way, at)
     parameters = [scenario.control_parameters]
+    none = np.zeros((1, 3))
     controller = PaperController(
-        ControlSetup(routes, scenario.robot, settings, parameters, place, np.zeros((1, 3)), 0.01)
+        ControlSetup(routes, scenario.robot, settings, parameters, place, none, 0.01, none)
     )
     theta5 = np.radians(60.0)
     place.theta5 = np.array([theta5])

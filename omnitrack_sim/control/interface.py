@@ -118,6 +118,7 @@ class ControlSetup:
         place: where the robots begin.
         roll: (n, 3) rad, roll of the modules at the start.
         period: s between two steps.
+        gravity: (n, 3) m/s², world frame, as a robot with an inertial unit knows it.
     """
 
     routes: RouteMap
@@ -127,6 +128,7 @@ class ControlSetup:
     place: Place
     roll: Array
     period: float
+    gravity: Array
 
     @cached_property
     def drive(self) -> Drive:

@@ -69,8 +69,6 @@ class PaperController:
         """What each passage of the routes asks for."""
         routes, passages = self.routes, self.routes.passages
         self.kind = np.array([_PHASES[m] for m in manoeuvres(routes)])  # (Q,)
-        radii = [np.nan if p is None else p.bend_radius for p in passages]
-        self.bend_radius = np.array(radii)  # (Q,) m
         # (Q,) m, an opening's near edge or a bend's start
         self.mark = np.array([np.inf if p is None else p.mark for p in passages])
         way = routes.way_of
@@ -136,7 +134,7 @@ class PaperController:
     def _speeds(self, place: Place) -> Array:
         """Wall speeds (n, 3) m/s of the turn ahead, for theta5 as it is now."""
         speed = self.settings.cruise_speed
-        bend_radius = np.nan_to_num(self.bend_radius[place.passage], nan=1.0)
+        bend_radius = np.nan_to_num(self.routes.bend_radius[place.passage], nan=1.0)
         radius = self.routes.radius[place.passage]
         elbow = elbow_speeds(speed, place.theta5, bend_radius, radius)
         inner: NDArray[np.bool_] = np.cos(place.theta5[:, None] + np.array(MODULE_ANGLES)) > 0

@@ -79,6 +79,7 @@ class RouteMap:
         way_of: (Q,) route of each passage.
         is_turn: (Q,) bool, the route bends there. is_tee_turn, is_straight_over, into_branch,
             out_of_branch: (Q,) bool.
+        bend_radius: (Q,) m, of the centreline; nan where it does not bend.
         radius: (Q,) m, of the bore there. corner_radius: (Q,) m, see ``Passage``.
         directions: (Q, 3) turning directions at the fitting's entry, world frame. ahead: (Q, 3)
             the way's direction there. turn: (Q,) rad, by which the way turns; a right angle where
@@ -123,6 +124,7 @@ class RouteMap:
         self.is_straight_over = np.array(
             [p is not None and p.manoeuvre == "tee_straight" for p in passages]
         )
+        self.bend_radius = np.array([np.nan if p is None else p.bend_radius for p in passages])
         self.into_branch = np.array([p is not None and p.into_branch for p in passages])
         self.out_of_branch = np.array([p is not None and p.out_of_branch for p in passages])
         at_end = iter(zip(end_directions, last_radius, strict=True))

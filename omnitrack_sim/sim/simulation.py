@@ -173,6 +173,7 @@ class Simulation:
             place=self._believed,
             roll=start.roll,
             period=self.period,
+            gravity=start.gravity,
         )
         self.controller: Controller = first.controller_class(self.setup)
         self.phases: tuple[str, ...] = getattr(self.controller, "phases", ("drive",))
@@ -308,12 +309,15 @@ class Simulation:
             limits = self.motors.torque_limit[which, 0]
             self.onboard.restart(which, scenarios, readings, limits)
         self._find()
+        gravity = self.setup.gravity.copy()
+        gravity[which] = start.gravity
         self.setup = replace(
             self.setup,
             settings=_with_rows(self.setup.settings, which, settings),
             parameters=[s.control_parameters for s in self.scenarios],
             place=self._believed,
             roll=self._roll_command.copy(),
+            gravity=gravity,
         )
         begun = np.zeros(self.n, bool)
         begun[which] = True

@@ -1,0 +1,30 @@
+"""Learned controllers: what they observe, what they decide, and what comes of it."""
+
+from omnitrack_sim.control.policy.actions import (
+    ACTINGS,
+    ACTIONS,
+    DECISION_PERIOD,
+    DIRECT,
+    RESIDUAL,
+    Acting,
+)
+from omnitrack_sim.control.policy.decisions import Decisions
+from omnitrack_sim.control.policy.feature import Feature, View, bounds, entry_names
+from omnitrack_sim.control.policy.features import FEATURE_SETS, FEATURES, features_of
+
+__all__ = [
+    "ACTINGS",
+    "ACTIONS",
+    "DECISION_PERIOD",
+    "DIRECT",
+    "FEATURES",
+    "FEATURE_SETS",
+    "RESIDUAL",
+    "Acting",
+    "Decisions",
+    "Feature",
+    "View",
+    "bounds",
+    "entry_names",
+    "features_of",
+]
