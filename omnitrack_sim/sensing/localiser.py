@@ -262,16 +262,15 @@ class Localiser:
         for after, first in fresh._arriving:
             due = self._clock + after
             if not waiting or waiting[-1][0] != due:
-                pose = self.filter
-                facing = np.ones(n, np.int_)
-                picture = np.full((n, len(self.pixels)), np.nan)
-                nobody = np.zeros(n, bool)
-                waiting.append((due, Shot(picture, pose.position, pose.rotation, facing, nobody)))
-            rows = [array.copy() for array in waiting[-1][1]]
-            for row, new in zip(rows, first, strict=True):
-                row[robots] = new
-            waiting[-1] = (due, Shot(*rows))
+                waiting.append((due, self._no_shot()))
+            waiting[-1] = due, _with_rows(waiting[-1][1], robots, first)
         self._arriving = deque(waiting)
+
+    def _no_shot(self) -> Shot:
+        """A picture that no robot has taken."""
+        n, pose = len(self.unknown), self.filter
+        picture = np.full((n, len(self.pixels)), np.nan)
+        return Shot(picture, pose.position, pose.rotation, np.ones(n, np.int_), np.zeros(n, bool))
 
     # Pictures
 
@@ -653,6 +652,15 @@ class Localiser:
         held = np.einsum("mcij,mi->mcj", frames, -self._gravity[robots])
         force = (held - self._held[robots, None]) / self._table.filter.force_std
         return picture * loss.sum(axis=-1) + 0.5 * (force**2).sum(axis=-1)
+
+
+def _with_rows(shot: Shot, robots: NDArray[np.intp], rows: Shot) -> Shot:
+    """A picture with that of ``robots`` (k,) from ``rows``, of k."""
+    changed = {}
+    for name, new in rows._asdict().items():
+        changed[name] = getattr(shot, name).copy()
+        changed[name][robots] = new
+    return shot._replace(**changed)
 
 
 def _begin(table: SensingTable, direction: Array) -> Array:

@@ -309,12 +309,14 @@ class Simulation:
             limits = self.motors.torque_limit[which, 0]
             self.onboard.restart(which, scenarios, readings, limits)
         self._find()
-        gravity = self.setup.gravity.copy()
+        gravity, parameters = self.setup.gravity.copy(), list(self.setup.parameters)
         gravity[which] = start.gravity
+        for robot, scenario in zip(which.tolist(), scenarios, strict=True):
+            parameters[robot] = scenario.control_parameters
         self.setup = replace(
             self.setup,
             settings=_with_rows(self.setup.settings, which, settings),
-            parameters=[s.control_parameters for s in self.scenarios],
+            parameters=parameters,
             place=self._believed,
             roll=self._roll_command.copy(),
             gravity=gravity,
