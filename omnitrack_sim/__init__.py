@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from omnitrack_sim.control.interface import Command, Controller, ControlSetup, Observation
+    from omnitrack_sim.control.policy import Feature, Policy, load_policy
     from omnitrack_sim.drive import DRIVES, Drive
     from omnitrack_sim.errors import (
         GeometryError,
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
         NetworkError,
         OmnitrackError,
         OutputError,
+        PolicyError,
         RenderError,
         ScenarioError,
         StudyError,
@@ -54,6 +56,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.scenario import Scenario, load_scenario, override
     from omnitrack_sim.schema.shipped import (
         shipped_networks,
+        shipped_policies,
         shipped_scenarios,
         shipped_studies,
         shipped_sweeps,
@@ -77,6 +80,7 @@ _HOME = {
         "NetworkError",
         "OmnitrackError",
         "OutputError",
+        "PolicyError",
         "RenderError",
         "ScenarioError",
         "StudyError",
@@ -84,6 +88,7 @@ _HOME = {
     ),
     "schema.shipped": (
         "shipped_networks",
+        "shipped_policies",
         "shipped_scenarios",
         "shipped_studies",
         "shipped_sweeps",
@@ -117,6 +122,7 @@ _HOME = {
     "sim.result": ("Result",),
     "sim.run": ("run", "run_batch"),
     "sim.simulation": ("Simulation",),
+    "control.policy": ("Feature", "Policy", "load_policy"),
     "control.interface": ("Command", "ControlSetup", "Controller", "Observation"),
     "record.channels": ("Channel",),
     "record.events": ("Event", "Remark"),
@@ -143,6 +149,7 @@ __all__ = [
     "Drive",
     "Elbow",
     "Event",
+    "Feature",
     "GeometryError",
     "InputError",
     "MapDifference",
@@ -154,6 +161,8 @@ __all__ = [
     "OmnitrackError",
     "Outcome",
     "OutputError",
+    "Policy",
+    "PolicyError",
     "Reducer",
     "Remark",
     "RenderError",
@@ -178,6 +187,7 @@ __all__ = [
     "compare",
     "compare_maps",
     "load_network",
+    "load_policy",
     "load_result",
     "load_scenario",
     "load_study",
@@ -200,6 +210,7 @@ __all__ = [
     "run_study",
     "run_sweep",
     "shipped_networks",
+    "shipped_policies",
     "shipped_scenarios",
     "shipped_studies",
     "shipped_sweeps",

@@ -70,6 +70,10 @@ class StudyError(InputError):
     """A study file cannot be used."""
 
 
+class PolicyError(InputError):
+    """A policy file cannot be used."""
+
+
 class NetworkError(InputError):
     """A network file, or a route asked for in it, cannot be used."""
 

@@ -39,6 +39,26 @@ class Unit:
     short: str | None = None
 
 
+@dataclass(frozen=True)
+class FileName:
+    """Says in the annotation of a key that it names a file: of a relative path, one in the folder
+    of the file that it stands in is meant first.
+
+    Attributes:
+        digest: key beside it that holds the file's SHA-256. Where another file is named it is left
+            out.
+    """
+
+    digest: str
+
+
+def files_of(table: type[BaseModel]) -> dict[str, FileName]:
+    """The keys of a table that name files."""
+    fields = table.model_fields.items()
+    found = {key: [m for m in info.metadata if isinstance(m, FileName)] for key, info in fields}
+    return {key: marks[0] for key, marks in found.items() if marks}
+
+
 def units_of(table: type[BaseModel]) -> dict[str, Unit]:
     """The keys of a table that have a unit, with it."""
     found = {

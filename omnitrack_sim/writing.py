@@ -11,14 +11,18 @@ from __future__ import annotations
 import ctypes
 import errno
 import fcntl
+import io
 import os
 import re
 import shutil
 import stat
 import tempfile
+import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+
+import numpy as np
 
 from omnitrack_sim.errors import Fault, InputError, OutputError
 
@@ -87,6 +91,20 @@ def write_file(path: str | Path, data: bytes) -> None:
     """Write a file of known contents as ``whole_file`` does."""
     with whole_file(path) as part:
         part.write_bytes(data)
+
+
+def npz_of(arrays: Mapping[str, np.ndarray]) -> bytes:
+    """As ``numpy.savez_compressed``, but without the time of day, so that equal arrays give equal
+    bytes."""
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in arrays.items():
+            buffer = io.BytesIO()
+            np.lib.format.write_array(buffer, np.ascontiguousarray(array))
+            entry = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(entry, buffer.getvalue())
+    return data.getvalue()
 
 
 def write_files(files: Mapping[Path, bytes]) -> list[Path]:

@@ -16,6 +16,7 @@ from omnitrack_sim.control.catalogue import CONTROLLERS, parameters_model
 from omnitrack_sim.control.driven import DrivenTable
 from omnitrack_sim.control.jacobian import FeedbackTable
 from omnitrack_sim.control.paper import PaperTable
+from omnitrack_sim.control.policy.controller import PolicyTable
 from omnitrack_sim.network import Mission, Network
 from omnitrack_sim.network import validate as validate_network
 from omnitrack_sim.optimise.checks import RESERVED
@@ -233,6 +234,7 @@ TABLES = {
     "### `control.parameters.recovery`": [type(FeedbackTable().recovery)],
     '### `control.parameters` of "paper" and "equal"': [PaperTable],
     '### `control.parameters` of "driven"': [DrivenTable],
+    '### `control.parameters` of "policy"': [PolicyTable],
     "## `sensing`": [SensingTable],
     **{
         f"### `sensing.{key}`": [type(value)]
@@ -307,7 +309,8 @@ def test_every_table_of_parameters_is_documented():
     """The tables of the shipped controllers are the ones that docs/scenarios.md has sections of."""
     page = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
     for controller in CONTROLLERS.values():
-        for key, value in parameters_model(controller)():
+        for key, info in parameters_model(controller).model_fields.items():
+            value = info.get_default(call_default_factory=True)
             assert not isinstance(value, BaseModel) or f"### `control.parameters.{key}`" in page
 
 

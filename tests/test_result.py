@@ -132,7 +132,7 @@ def full_disk(*_args, **_kwargs):
     raise OSError(errno.ENOSPC, "No space left on device")
 
 
-@pytest.mark.parametrize("writer", ["_write_parquet", "_write_npz"])
+@pytest.mark.parametrize("writer", ["_write_parquet", "npz_of"])
 def test_a_full_disk_leaves_nothing(tmp_path, monkeypatch, writer):
     """A disk that fills up is a clean error; no folder, half-written file or temporary stays."""
     monkeypatch.setattr(files, writer, full_disk)
@@ -145,7 +145,7 @@ def test_a_full_disk_keeps_the_earlier_run(tmp_path, monkeypatch):
     """Where a run stood before, it still stands, untouched."""
     sample_result().save(tmp_path / "run")
     before = contents(tmp_path / "run")
-    monkeypatch.setattr(files, "_write_npz", full_disk)
+    monkeypatch.setattr(files, "npz_of", full_disk)
     with pytest.raises(OutputError):
         sample_result(outcome=Outcome.STUCK).save(tmp_path / "run")
     assert contents(tmp_path / "run") == before

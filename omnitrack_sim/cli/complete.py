@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.schema.shipped import (
     shipped_networks,
+    shipped_policies,
     shipped_scenarios,
     shipped_studies,
     shipped_sweeps,
@@ -39,6 +40,12 @@ def studies(incomplete: str) -> Choices:
 def networks(incomplete: str) -> Choices:
     """Shipped networks, and files."""
     return _named(shipped_networks(), incomplete)
+
+
+def policies(incomplete: str) -> Choices:
+    """Shipped policies, and files."""
+    names = [(name, "") for name in shipped_policies() if name.startswith(incomplete)]
+    return names + [(path, "") for path in _files(incomplete, (".npz",))]
 
 
 def cameras(incomplete: str) -> Choices:
@@ -74,8 +81,8 @@ def _short(text: str) -> str:
     return textwrap.shorten(text, 76, placeholder="...")
 
 
-def _files(incomplete: str) -> list[str]:
-    """Folders, and files of TOML and JSON, whose paths begin so."""
+def _files(incomplete: str, endings: tuple[str, ...] = (".toml", ".json")) -> list[str]:
+    """Folders, and files with such endings, whose paths begin so."""
     head, slash, tail = incomplete.rpartition("/")
     try:
         found = sorted(Path(head + slash or ".").iterdir())
@@ -86,7 +93,7 @@ def _files(incomplete: str) -> list[str]:
         for path in found
         if path.name.startswith(tail)
         and (tail or not path.name.startswith("."))
-        and (path.is_dir() or path.suffix in (".toml", ".json"))
+        and (path.is_dir() or path.suffix in endings)
     ]
 
 

@@ -8,6 +8,7 @@ from omnitrack_sim.control.driven import KIND, DrivenController
 from omnitrack_sim.control.interface import Controller
 from omnitrack_sim.control.jacobian import JacobianController
 from omnitrack_sim.control.paper import EqualController, PaperController
+from omnitrack_sim.control.policy.controller import PolicyController
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.naming import named
 from omnitrack_sim.table import Table
@@ -17,6 +18,7 @@ CONTROLLERS: dict[str, type[Controller]] = {
     "paper": PaperController,
     "equal": EqualController,
     KIND: DrivenController,
+    "policy": PolicyController,
 }
 """Shipped controllers by the name that a scenario's ``control.kind`` gives. Others are named by
 ``module:Class`` or handed over in Python."""

@@ -12,6 +12,7 @@ from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.schema.paths import below, default_of, index_of, inside, keys_of
 from omnitrack_sim.schema.tables import Control
+from omnitrack_sim.table import files_of
 
 OPEN_TABLE = ("control", "parameters")
 """Below this path the controller decides which keys there are."""
@@ -37,6 +38,7 @@ def set_value(data: Any, path: str, value: Any) -> Fault | None:
         at: Any = int(key) if isinstance(place, list) else key
         if depth == len(before):
             place[at] = value
+            _forget_digest(data, path, place)
         else:
             if isinstance(place, dict) and place.get(key) is None:
                 begun = begun or (place, dict(place))
@@ -109,6 +111,17 @@ def _other_controller(data: Any, kind: Any) -> None:
     control = data.get("control") if isinstance(data, dict) else None
     if isinstance(control, dict) and control.get("kind", Control().kind) != kind:
         data["control"] = {**control, "parameters": {}}
+
+
+def _forget_digest(data: Any, path: str, place: Any) -> None:
+    """Leave out the digest of a file beside the key that names another one now."""
+    *before, key = path.split(".")
+    if tuple(before) != OPEN_TABLE:
+        return
+    model = _parameters_of(inside(inside(data, "control"), "kind"))
+    file = {} if model is None else files_of(model)
+    if key in file:
+        place.pop(file[key].digest, None)
 
 
 def choices_at(places: Sequence[str], data: Mapping[str, Any]) -> tuple[str, ...]:

@@ -18,10 +18,11 @@ from omnitrack_sim.network.spec import network_data
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.paths import choices_at, set_value, spread
-from omnitrack_sim.schema.files import SCENARIO, beside, read_file
+from omnitrack_sim.schema.files import SCENARIO, beside, is_file, read_file
 from omnitrack_sim.schema.paths import keys_at
 from omnitrack_sim.schema.reading import checked, fault_of
 from omnitrack_sim.schema.tables import Control, RecordTable
+from omnitrack_sim.table import files_of
 from omnitrack_sim.text import finite, shown
 
 
@@ -61,7 +62,7 @@ def validate(
         check_changes(changes)
     data, unset = _changed(data, folder, changes) if changes else (data, [])
     data, networks = _with_network(data, folder)
-    data, parameters = _with_parameters(data)
+    data, parameters = _with_parameters(data, folder)
     faults = [*unset, *networks, *parameters, *_own_faults(data)]
     try:
         scenario = read_back(data)
@@ -143,7 +144,9 @@ def _network(source: str | Mapping[str, Any], folder: Path) -> Network:
     return validate_network(table)
 
 
-def _with_parameters(data: Mapping[str, Any]) -> tuple[Mapping[str, Any], list[Fault]]:
+def _with_parameters(
+    data: Mapping[str, Any], folder: Path
+) -> tuple[Mapping[str, Any], list[Fault]]:
     """A scenario's data with all keys of ``[control.parameters]``, and the faults found there."""
     control = data.get("control", {})
     kind = control.get("kind", Control().kind) if isinstance(control, Mapping) else None
@@ -156,6 +159,7 @@ def _with_parameters(data: Mapping[str, Any]) -> tuple[Mapping[str, Any], list[F
     given, where = control.get("parameters", {}), "control.parameters"
     if not isinstance(given, Mapping):
         return data, []
+    given = {**given, **_files_found(given, model, folder)}
     try:
         parameters = checked(
             model, given, "", lambda item: _fault_below(where, model, item), ScenarioError
@@ -165,6 +169,17 @@ def _with_parameters(data: Mapping[str, Any]) -> tuple[Mapping[str, Any], list[F
     known = parameters.model_dump(mode="json")
     faults = [*_unread(where, given, known), *_endless(where, known)]
     return {**data, "control": {**control, "parameters": known}}, faults
+
+
+def _files_found(given: Mapping[str, Any], model: type[BaseModel], folder: Path) -> dict[str, str]:
+    """The keys of a controller's parameters that name files that are there, with their whole
+    paths, so that a saved scenario finds them from anywhere."""
+    found = {}
+    for key in files_of(model):
+        name = given.get(key)
+        if isinstance(name, str) and is_file(path := Path(beside(folder, name))):
+            found[key] = str(path.resolve())
+    return found
 
 
 def _endless(where: str, known: Mapping[str, Any]) -> list[Fault]:

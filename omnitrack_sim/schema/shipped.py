@@ -41,3 +41,9 @@ def shipped_networks() -> ByName[Path]:
     """Network files that come with the package, by name."""
     files = sorted((_scenario_folder() / "networks").glob("*.toml"))
     return ByName((path.stem, path) for path in files)
+
+
+def shipped_policies() -> ByName[Path]:
+    """Policy files that come with the package, by name."""
+    files = sorted((_scenario_folder() / "policies").glob("*.npz"))
+    return ByName((path.stem, path) for path in files)

@@ -148,7 +148,8 @@ class Control(Table):
     kind: str = "jacobian"
     """The controller: "jacobian" tracks the centreline; "paper" sets speeds as written (Eq. 20, and
     inner module backward in a tee), open loop; "equal" runs all modules at cruise speed; "driven"
-    obeys a driver's orders; `module:Class` names a class of your own."""
+    obeys a driver's orders; "policy" is a trained policy of a file; `module:Class` names a class
+    of your own."""
     cruise_speed: Annotated[float, Field(ge=1e-6, le=1), Unit("m/s")] = 0.1
     """Speed of the robot's centre, in turns as well."""
     align: bool = True

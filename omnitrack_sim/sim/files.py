@@ -22,6 +22,7 @@ from omnitrack_sim.naming import near_entry
 from omnitrack_sim.record.channels import CHANNELS, Channel, Vector
 from omnitrack_sim.record.timeline import Visit
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
+from omnitrack_sim.writing import npz_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -50,7 +51,8 @@ def write_timeline(visits: list[Visit], path: Path) -> None:
 def write_trajectory(trajectory: Trajectory, folder: Path) -> None:
     """Write a trajectory's channels and its joint positions, a file each."""
     _write_parquet(trajectory, folder / TRAJECTORY_FILE)
-    _write_npz(folder / REPLAY_FILE, time=trajectory.time, qpos=trajectory.qpos)
+    arrays = {"time": trajectory.time, "qpos": trajectory.qpos}
+    (folder / REPLAY_FILE).write_bytes(npz_of(arrays))
 
 
 def read_trajectory(folder: Path, drive: Drive) -> Trajectory:
@@ -197,18 +199,6 @@ def _own_channel(data: dict[str, Any], most: int) -> Channel:
     words = [data[key] for key in ("name", "unit", "meaning", "frame")]
     require(all(isinstance(word, str) for word in words), "a channel's words are no text")
     return kind(shape=shape, **data)
-
-
-def _write_npz(path: Path, **arrays: np.ndarray) -> None:
-    """As ``numpy.savez_compressed``, but without the time of day, so that equal runs give equal
-    bytes."""
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, array in arrays.items():
-            buffer = io.BytesIO()
-            np.lib.format.write_array(buffer, np.ascontiguousarray(array))
-            entry = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            archive.writestr(entry, buffer.getvalue())
 
 
 def _read_npz(

@@ -11,6 +11,9 @@ from omnitrack_sim.control.policy.actions import (
 from omnitrack_sim.control.policy.decisions import Decisions
 from omnitrack_sim.control.policy.feature import Feature, View, bounds, entry_names
 from omnitrack_sim.control.policy.features import FEATURE_SETS, FEATURES, features_of
+from omnitrack_sim.control.policy.file import Policy, load_policy, named_features
+from omnitrack_sim.control.policy.header import TrainingRecord
+from omnitrack_sim.control.policy.mlp import Mlp
 
 __all__ = [
     "ACTINGS",
@@ -23,8 +26,13 @@ __all__ = [
     "Acting",
     "Decisions",
     "Feature",
+    "Mlp",
+    "Policy",
+    "TrainingRecord",
     "View",
     "bounds",
     "entry_names",
     "features_of",
+    "load_policy",
+    "named_features",
 ]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.control.interface import Command, Controller, ControlSetup, Observation
-from omnitrack_sim.rotations import Array
 
 
 class Bases:
@@ -40,33 +41,18 @@ class Bases:
 
     def step(self, observation: Observation) -> Command:
         """The command of all robots, each by its own instance."""
-        (first, controller), *others = self._controllers.items()
-        whole = _filled(controller.step(observation), first, self._which)
-        for number, other in others:
-            whole = _joined(
-                whole, _filled(other.step(observation), number, self._which), number, self._which
-            )
-        return whole
+        steps = [(number, c.step(observation)) for number, c in self._controllers.items()]
+        return joined([(self._which == number, command) for number, command in steps])
 
 
-def _filled(command: Command, number: int, which: NDArray[np.int_]) -> Command:
-    """A command with the events of its own robots alone."""
-    events = [event for event in command.events if which[event.robot] == number]
-    return command._replace(events=events)
-
-
-def _joined(a: Command, b: Command, number: int, which: NDArray[np.int_]) -> Command:
-    """``a`` with the rows of ``b`` where robots have that number."""
-    own = which == number
-
-    def rows(one: Array | None, other: Array | None) -> Array | None:
-        if one is None or other is None:
-            return None
-        return np.where(own.reshape(-1, *[1] * (other.ndim - 1)), other, one)
-
-    joined = [
-        rows(getattr(a, n), getattr(b, n)) for n in ("belt_speed", "roll", "phase", "resting")
-    ]
-    belt_speed, roll, phase, resting = joined
-    assert belt_speed is not None
-    return Command(belt_speed, roll, phase, resting, [*a.events, *b.events])
+def joined(parts: Sequence[tuple[NDArray[np.bool_], Command]]) -> Command:
+    """One command of several that say all of speed, roll, phase and resting, each with the robots
+    (n,) that it counts for."""
+    whole: dict[str, Any] = {}
+    for own, command in parts:
+        for name in ("belt_speed", "roll", "phase", "resting"):
+            values: Any = getattr(command, name)
+            rows = own.reshape(-1, *[1] * (values.ndim - 1))
+            whole[name] = np.where(rows, values, whole.get(name, values))
+    events = [event for own, command in parts for event in command.events if own[event.robot]]
+    return Command(**whole, events=events)

@@ -123,7 +123,8 @@ class Decisions:
         turned = self.action[:, 3] * setup.robot.roll_rate * setup.period  # (n,) rad
         if self._bases is None:
             self.roll = self.roll + turned[:, None]
-            return Command(speed, self.roll.copy(), np.zeros(setup.n, int))
+            nobody = np.zeros(setup.n, bool)
+            return Command(speed, self.roll.copy(), np.zeros(setup.n, int), nobody)
         base = self._bases.step(observation)
         rests = np.zeros(setup.n, bool) if base.resting is None else base.resting
         self._lean(turned, rests)

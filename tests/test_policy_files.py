@@ -1,0 +1,216 @@
+"""Policy files: written, read back, and refused where they are not what they say."""
+
+from __future__ import annotations
+
+import io
+import json
+import pickle
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from policy_samples import random_network, random_policy
+
+import omnitrack_sim as ot
+from omnitrack_sim.bounds import MOST_POLICY_BYTES
+from omnitrack_sim.cli import main
+from omnitrack_sim.control.policy import RESIDUAL, Mlp, Policy, entry_names
+from omnitrack_sim.writing import npz_of
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    random_policy().save(tmp_path / "one.npz")
+    return tmp_path / "one.npz"
+
+
+def _changed(path: Path, header: dict | None = None, **arrays: np.ndarray | None) -> Path:
+    """The file at ``path`` with keys of its header, and arrays, replaced or left out."""
+    with np.load(path) as found:
+        data = dict(found)
+    told = json.loads(data["policy"].tobytes()) | (header or {})
+    data["policy"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
+    data = {key: value for key, value in (data | arrays).items() if value is not None}
+    path.write_bytes(npz_of(data))
+    return path
+
+
+def _refused(path: Path, pattern: str) -> None:
+    with pytest.raises(ot.PolicyError, match=pattern) as caught:
+        ot.load_policy(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("activation", ["tanh", "relu", "elu"])
+@pytest.mark.parametrize("output", ["clip", "tanh"])
+def test_a_row_gives_the_same_bytes_alone_and_among_others(activation, output):
+    network = random_network(53, hidden=(64, 64), activation=activation, output=output)
+    entries = np.random.default_rng(1).normal(0, 1, (193, 53)).astype(np.float32)
+    together = network(entries)
+    assert together.dtype == np.float32
+    assert together.shape == (193, 4)
+    for rows in (slice(0, 1), slice(70, 71), slice(64, 192), slice(None, None, -1)):
+        assert network(entries[rows]).tobytes() == together[rows].tobytes()
+
+
+def test_it_is_the_network_of_a_trainer():
+    """As a trainer evaluates it, in matrix products of single precision."""
+    network = random_network(53, hidden=(64, 64))
+    entries = np.random.default_rng(1).normal(0, 1, (200, 53)).astype(np.float32)
+    x = ((entries - network.mean) / network.std).astype(np.float32)
+    single = [
+        (w.astype(np.float32), b.astype(np.float32))
+        for w, b in zip(network.weights, network.biases, strict=True)
+    ]
+    for weight, bias in single[:-1]:
+        x = np.tanh(x @ weight + bias)
+    expected = np.clip(x @ single[-1][0] + single[-1][1], -1, 1)
+    assert np.abs(network(entries) - expected).max() < 1e-5
+    exact = Mlp([w for w, _ in single], [b for _, b in single], network.mean, network.std)
+    rows = (entries.astype(float) - network.mean) / network.std
+    for weight, bias in single[:-1]:
+        rows = np.tanh(rows @ weight + bias)
+    rows = np.clip(rows @ single[-1][0] + single[-1][1], -1, 1)
+    assert np.abs(exact(entries) - rows).max() < 1e-6
+
+
+@pytest.mark.parametrize("policy", [random_policy(), random_policy("truth", RESIDUAL, 3)])
+def test_a_policy_is_read_back_as_it_was_written(tmp_path, policy):
+    policy.save(tmp_path / "a.npz")
+    policy.save(tmp_path / "b.npz")
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    found = ot.load_policy(tmp_path / "a.npz")
+    assert (found.features, found.acting, found.record) == (
+        policy.features,
+        policy.acting,
+        policy.record,
+    )
+    entries = np.random.default_rng(0).normal(0, 1, (5, len(entry_names(policy.read))))
+    assert found(entries).tobytes() == policy(entries).tobytes()
+    assert len(found.sha256) == 64
+
+
+def test_what_is_made_for_something_else_is_refused(saved):
+    header = json.loads(np.load(saved)["policy"].tobytes())
+    features = header["features"]
+    wider = [{**features[0], "high": 3.0}, *features[1:]]
+    _refused(_changed(saved, {"features": wider}), r"made for 'wall_speed' .* 3 .*, which is now")
+    unknown = [{**features[0], "name": "wall_sped"}, *features[1:]]
+    _refused(_changed(saved, {"features": unknown}), "did you mean 'wall_speed'")
+    fewer = features[1:]
+    _refused(_changed(saved, {"features": fewer}), "takes 32 entries, and its features have 29")
+    _refused(_changed(saved, {"features": features, "actions": ["a"]}), "actions: was made for")
+    changed = {"actions": header["actions"], "decision_period_s": 0.1}
+    _refused(_changed(saved, changed), "decision_period_s: was made for 0.1, and here it is 0.05")
+
+
+@pytest.mark.parametrize(
+    ("header", "pattern"),
+    [
+        ({"architecture": "transformer"}, r"architecture: is 'transformer' .*mlp"),
+        ({"activation": "swish"}, r"activation is 'swish' \(choose from: tanh, relu, elu\)"),
+        ({"format": 2}, "format: is 2"),
+        ({"reach": -1.0}, "reach is -1"),
+        ({"acting": {"name": "x", "base": "os:system", "speed": 1.0}}, "acting.base: is 'os:sys"),
+        ({"extra": 1}, "extra: unknown key"),
+    ],
+)
+def test_headers_that_are_none_are_refused(saved, header, pattern):
+    _refused(_changed(saved, header), pattern)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "pattern"),
+    [
+        ({"weight_0": np.zeros((31, 16))}, r"mean has shape \(32,\), expected \(31,\)"),
+        ({"bias_1": np.zeros(3)}, r"bias_1 has shape \(3,\), expected \(16,\)"),
+        ({"weight_2": np.zeros((16, 5)), "bias_2": np.zeros(5)}, "gives 5 numbers"),
+        ({"weight_1": np.full((16, 16), np.nan)}, "weight_1 holds what is not a number"),
+        ({"mean": np.full(32, np.inf)}, "mean holds what is not a number"),
+        ({"weight_0": np.full((32, 16), 1e7)}, "weight_0 holds numbers larger than 1e"),
+        ({"std": np.zeros(32)}, "std holds numbers that are not larger"),
+        ({"bias_0": None}, "at odds: bias_0"),
+        ({"more": np.zeros(1)}, "at odds: more"),
+        ({"weight_0": np.zeros((32, 16, 1))}, r"weight_0 has shape \(32, 16, 1\), expected"),
+        ({"weight_0": np.array(["a"])}, "no plain numbers"),
+        ({"policy": None}, "no entry 'policy'"),
+        ({"policy": np.frombuffer(b"[1]", np.uint8)}, "is no table"),
+        ({"policy": np.frombuffer(b"\xff\xfe", np.uint8)}, "is no text"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(saved, arrays, pattern):
+    _refused(_changed(saved, **arrays), pattern)
+
+
+class _Trap:
+    """Leaves a file where it is unpickled."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (self.path,)
+
+
+def test_nothing_in_a_file_is_executed(saved, tmp_path):
+    trap = tmp_path / "sprung"
+    pickled = pickle.dumps(_Trap(trap))
+    (tmp_path / "plain.npz").write_bytes(pickled)
+    _refused(tmp_path / "plain.npz", "is no policy file, or damaged")
+    buffer = io.BytesIO()
+    np.lib.format.write_array(buffer, np.array([_Trap(trap)], object), allow_pickle=True)
+    with zipfile.ZipFile(saved, "a") as archive:
+        archive.writestr("weight_3.npy", buffer.getvalue())
+    _refused(saved, "holds an array of object, no plain numbers; it is not read")
+    assert not trap.exists()
+
+
+def test_damaged_and_huge_files_are_refused(saved, tmp_path):
+    data = saved.read_bytes()
+    for part in (0, 10, len(data) // 2, len(data) - 1):
+        saved.write_bytes(data[:part])
+        _refused(saved, "is no policy file, or damaged")
+    flipped = bytearray(data)
+    flipped[len(data) // 3] ^= 0xFF
+    saved.write_bytes(flipped)
+    with pytest.raises(ot.PolicyError):
+        ot.load_policy(saved)
+    saved.write_bytes(npz_of({"policy": np.zeros(MOST_POLICY_BYTES + 1, np.uint8)}))
+    assert saved.stat().st_size < 100_000
+    _refused(saved, f"unpacks to more than {MOST_POLICY_BYTES} bytes")
+    with saved.open("wb") as file:
+        file.truncate(MOST_POLICY_BYTES + 1)
+    _refused(saved, "is too large")
+    header = io.BytesIO()
+    shape = {"descr": "<f8", "fortran_order": False, "shape": (10**12,)}
+    np.lib.format.write_array_header_1_0(header, shape)
+    with zipfile.ZipFile(saved, "w") as archive:
+        archive.writestr("mean.npy", header.getvalue())
+    _refused(saved, "with other contents")
+    _refused(tmp_path, "no such file, nor a shipped policy")
+    _refused(tmp_path / "none.npz", "no such file, nor a shipped policy")
+
+
+def test_a_policy_and_its_network_have_to_fit():
+    with pytest.raises(ValueError, match="takes 7 entries, and its features have 1"):
+        Policy(random_network(7), ("tilt",))
+    with pytest.raises(TypeError, match="network: is None"):
+        Policy(None, ("tilt",))
+
+
+def test_the_command_tells_what_a_file_says(saved, capsys, monkeypatch):
+    def status(*arguments: str) -> int:
+        monkeypatch.setattr("sys.argv", ["omnitrack", "policies", *arguments])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        return caught.value.code
+
+    assert status(str(saved)) == 0
+    assert "32-16-16-4, tanh" in capsys.readouterr().out
+    assert status(str(saved), "--json") == 0
+    assert json.loads(capsys.readouterr().out)["widths"] == [32, 16, 16, 4]
+    assert status() == 0
+    saved.write_bytes(b"no npz")
+    assert status(str(saved)) == 2
+    assert "is no policy file" in " ".join(capsys.readouterr().err.split())
