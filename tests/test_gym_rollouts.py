@@ -126,7 +126,8 @@ def test_the_next_step_begins_the_next_episode():
     assert reward.all()
     assert info["outcome"].tolist() == ["timed_out"] * n
     first, reward, terminated, truncated, info = env.step(np.full((n, 4), np.nan))
-    assert not (reward.any() or terminated.any() or truncated.any())
+    for values in (reward, terminated, truncated):
+        assert not values.any()
     assert "outcome" not in info
     assert info["time"].tolist() == [0.0, 0.0]
     alone = single(**SHORT)
@@ -217,12 +218,12 @@ def test_what_has_diverged_ends_without_a_number_that_is_none(observation):
     env = vector(3, observation=observation, **BRIEF)
     env.reset(seed=SEED)
     env._fleet.lanes[0].simulation.plant._batch.bind("qvel")[1, 0] = 1e15
-    seen, reward, terminated, truncated, info = env.step(drive_ahead(3, 1)[0])
+    seen, reward, terminated, _, info = env.step(drive_ahead(3, 1)[0])
     assert terminated.tolist() == [False, True, False]
     assert info["outcome"][1] == "diverged"
     assert reward[1] == environments.TERMS["failure"].weight
     for _ in range(3):
         for values in (seen, reward, info["distance"], info["time"], *info["terms"].values()):
             assert np.isfinite(np.asarray(values, float)).all()
-        seen, reward, terminated, truncated, info = env.step(drive_ahead(3, 1)[0])
+        seen, reward, terminated, _, info = env.step(drive_ahead(3, 1)[0])
     assert not terminated.any()

@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.drive import drive_of
 from omnitrack_sim.film.poses import FARTHEST, show_belts
 from omnitrack_sim.film.stage import Stage
 from omnitrack_sim.gym.lane import Lane
 from omnitrack_sim.gym.options import Options
 from omnitrack_sim.model.looks import look_pitch
+from omnitrack_sim.pipes import Route
 from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.record.trajectory import RECORDED, Trajectory
+from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
 from omnitrack_sim.rotations import Array, quaternion_from_matrix
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.result import Result
@@ -27,7 +29,7 @@ SPACING = 0.01
 
 
 class Screen:
-    """Shows robots as they are now. What is needed to paint one pipe network is made once.
+    """Shows robots as they are now. What is needed to paint the pipes of a lane is made once.
 
     Args:
         options: of the environment.
@@ -35,20 +37,22 @@ class Screen:
 
     def __init__(self, options: Options) -> None:
         self._options = options
-        self._stage: LiveStage | None = None
+        self._stages: dict[Lane, tuple[Route, LiveStage]] = {}
         self._window: Window | None = None
-        self._pipes: object = None
+        self._pipes: Route | None = None
         self._due = 0.0
 
     def picture(self, lane: Lane, robot: int) -> NDArray[np.uint8]:
         """A robot of a lane (height, width, 3)."""
         scenario = lane.simulation.scenarios[robot]
-        if self._stage is None or self._pipes is not scenario.route:
-            self._free_stage()
+        pipes, stage = self._stages.get(lane, (None, None))
+        if stage is None or pipes is not scenario.route:
+            if stage is not None:
+                stage.__exit__()
             size = (self._options.width, self._options.height)
-            self._stage = LiveStage(_along_the_route(scenario), size, self._options.camera)
-            self._pipes = scenario.route
-        return self._stage.now(lane.simulation.plant.qpos[robot], lane.travel[robot])
+            stage = LiveStage(_along_the_route(scenario), size, self._options.camera)
+            self._stages[lane] = scenario.route, stage
+        return stage.now(lane.simulation.plant.qpos[robot], lane.travel[robot])
 
     def show(self, lane: Lane, robot: int) -> None:
         """Show a robot in the window, not faster than it drives; not any more where the window has
@@ -75,11 +79,6 @@ class Screen:
         time.sleep(max(0.0, self._due - time.monotonic()))
         self._due = time.monotonic() + period
 
-    def _free_stage(self) -> None:
-        if self._stage is not None:
-            self._stage.__exit__()
-            self._stage = None
-
     def _close_window(self) -> None:
         if self._window is not None:
             self._window.__exit__()
@@ -87,7 +86,9 @@ class Screen:
 
     def close(self) -> None:
         """Close the window and free what pictures are painted with."""
-        self._free_stage()
+        for _, stage in self._stages.values():
+            stage.__exit__()
+        self._stages.clear()
         self._close_window()
 
 
@@ -144,7 +145,4 @@ def _along_the_route(scenario: Scenario) -> Result:
 
 def _joints(scenario: Scenario) -> int:
     """Joint positions of the robot beside its pose."""
-    from omnitrack_sim.drive import drive_of
-    from omnitrack_sim.record.trajectory import JOINT_POSITIONS
-
     return JOINT_POSITIONS - 7 + drive_of(scenario.robot.drive).shafts

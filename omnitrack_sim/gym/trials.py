@@ -49,6 +49,7 @@ class Trials:
             if self._base.exploration is not None:
                 problem = "explores: its pipes are to be known"
                 raise InputError(Fault("scenario", problem))
+            _ = self._base.route  # all trials share it
         drawn = options.drawn
         first = self._with(0, {path: low for path, (low, _) in drawn.items()}, override)
         last = self._with(0, {path: high for path, (_, high) in drawn.items()}, override)
