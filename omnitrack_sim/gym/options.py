@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from omnitrack_sim.control.policy import ACTINGS, Acting, Feature, features_of
+from omnitrack_sim.control.policy import (
+    ACTINGS,
+    FEATURE_SETS,
+    FEATURES,
+    Acting,
+    Feature,
+    features_of,
+)
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.gym.terms import TERMS
 from omnitrack_sim.schema.reading import checked, fault_of
@@ -123,13 +130,24 @@ def options_of(given: Mapping[str, Any]) -> Options:
     low, high = options.fittings
     if not 1 <= low <= high:
         faults.append(Fault("fittings", f"is from {low} to {high}; from 1, the least number first"))
-    try:
-        _ = options.features
-    except InputError as error:
-        faults += error.faults
+    faults += _unseen(options)
     if faults:
         raise InputError(faults)
     return options
+
+
+def _unseen(options: Options) -> Sequence[Fault]:
+    """Features that there are not, or not for these robots."""
+    try:
+        asked = {feature.name for feature in options.features}
+    except InputError as error:
+        return error.faults
+    told = {feature.name for feature in FEATURE_SETS["preview"]}
+    only_true = [name for name in FEATURES if name in asked and name not in told]
+    if options.senses == "truth" or not only_true:
+        return []
+    problem = f'asks for {", ".join(only_true)}, which are there with sensing = "truth" alone'
+    return [Fault("observation", problem)]
 
 
 def _unknown(where: str, given: Mapping[str, Any], known: tuple[str, ...]) -> list[Fault]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.gym.env import FPS
-from omnitrack_sim.gym.fleet import Fleet, Seen, one_of
+from omnitrack_sim.gym.fleet import Done, Fleet, Seen, one_of
 from omnitrack_sim.gym.options import options_of
 from omnitrack_sim.gym.screen import Screen
 from omnitrack_sim.record.outcome import Outcome
@@ -126,47 +126,27 @@ class RobotVectorEnv(VectorEnv):
         actions = np.where(over[:, None], 0.0, np.asarray(actions))
         done = fleet.advance(actions)
         ended = done.terminated | done.truncated
-        info = self._info(done.terms, ~over, ended)
         if self._mode is AutoresetMode.SAME_STEP and ended.any():
-            seen, info = self._follow(ended, info)
+            info = self._follow(done, ended)
         else:
+            info = _ended(fleet.outcomes(), ended) | _terms(done, ~over)
             if self._mode is AutoresetMode.NEXT_STEP and over.any():
                 fleet.begin(np.flatnonzero(over), self._rngs)
-            info |= _told(fleet.told(), np.ones(self.num_envs, bool))
-            seen = fleet.observe()
+        info |= _told(fleet.told(), np.ones(self.num_envs, bool))
         self._over = ended & (self._mode is not AutoresetMode.SAME_STEP)
-        return seen, done.reward, done.terminated, done.truncated, info
+        return fleet.observe(), done.reward, done.terminated, done.truncated, info
 
-    def _follow(self, ended: NDArray[np.bool_], info: dict[str, Any]) -> tuple[Seen, dict]:
-        """Begin the episodes that follow those that have ended in this very step."""
-        fleet, robots = self._fleet, np.flatnonzero(ended)
-        last, final = fleet.observe(), info | _told(fleet.told(), ended)
+    def _follow(self, done: Done, ended: NDArray[np.bool_]) -> dict[str, Any]:
+        """Begin the episodes that follow those that have ended in this very step; what is told of
+        the former."""
+        fleet, robots, last = self._fleet, np.flatnonzero(ended), self._fleet.observe()
         seen = np.full(self.num_envs, None, object)
         for robot in robots.tolist():
             seen[robot] = one_of(last, robot)
+        told = _told(fleet.told(), ended)
+        final = _ended(fleet.outcomes(), ended) | _terms(done, ended) | told
         fleet.begin(robots, self._rngs)
-        running = {name: values for name, values in info.items() if "terms" in name}
-        if running:
-            running["_terms"] = running["_terms"] & ~ended
-        told = running | _told(fleet.told(), np.ones(self.num_envs, bool))
-        told |= {"final_obs": seen, "_final_obs": ended.copy()}
-        told |= {"final_info": final, "_final_info": ended.copy()}
-        return fleet.observe(), told
-
-    def _info(
-        self, terms: Mapping[str, Array], running: NDArray[np.bool_], ended: NDArray[np.bool_]
-    ) -> dict[str, Any]:
-        """The reward's terms of robots whose episodes were ``running``, and how episodes ended."""
-        info: dict[str, Any] = {"terms": _told(terms, running), "_terms": running.copy()}
-        if ended.any():
-            outcomes = self._fleet.outcomes()
-            words = np.full(self.num_envs, None, object)
-            for robot in np.flatnonzero(ended).tolist():
-                outcome = outcomes[robot]
-                words[robot] = None if outcome is None else outcome.value
-            reached = np.array([outcome is Outcome.REACHED_GOAL for outcome in outcomes])
-            info |= _told({"outcome": words, "is_success": reached & ended}, ended)
-        return info
+        return _told({"final_obs": seen, "final_info": final}, ended) | _terms(done, ~ended)
 
     def render(self) -> tuple[NDArray, ...] | None:
         """A picture (height, width, 3) of each robot in the mode ``rgb_array``."""
@@ -189,6 +169,23 @@ def _mode_of(given: AutoresetMode | str) -> AutoresetMode:
         raise InputError(
             Fault("autoreset_mode", f"is {given!r}", choices, given=str(given))
         ) from None
+
+
+def _terms(done: Done, which: NDArray[np.bool_]) -> dict[str, Any]:
+    """The reward's terms of some robots (n,), as ``info`` has them."""
+    return _told({"terms": _told(done.terms, which)}, which) if which.any() else {}
+
+
+def _ended(outcomes: Sequence[Outcome | None], ended: NDArray[np.bool_]) -> dict[str, Any]:
+    """How the episodes of some robots (n,) ended, as ``info`` has it."""
+    if not ended.any():
+        return {}
+    words = np.full(len(ended), None, object)
+    for robot in np.flatnonzero(ended).tolist():
+        outcome = outcomes[robot]
+        words[robot] = None if outcome is None else outcome.value
+    reached = np.array([outcome is Outcome.REACHED_GOAL for outcome in outcomes])
+    return _told({"outcome": words, "is_success": reached & ended}, ended)
 
 
 def _told(values: Mapping[str, Any], which: NDArray[np.bool_]) -> dict[str, Any]:
