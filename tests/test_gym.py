@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import gc
+import os
 import re
 import subprocess
 import sys
@@ -252,11 +254,13 @@ def test_memory_does_not_grow():
     drive(20)
     tracemalloc.start()
     drive(20)
+    gc.collect()
     before = tracemalloc.get_traced_memory()[0]
     drive(60)
+    gc.collect()
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
-    assert grown < 20_000  # bytes; one recorded decision of 8 robots takes as much
+    assert grown < 60_000  # bytes; the record of 60 decisions of 8 robots takes a million
 
 
 def test_pictures_of_one_and_of_many(monkeypatch):
@@ -293,8 +297,6 @@ def test_a_window_shows_the_robot():
         print(env.unwrapped._screen._window.is_open)
         env.close()
     """
-    import os
-
     with screen() as display:
         environment = {**os.environ, "DISPLAY": display, "LIBGL_ALWAYS_SOFTWARE": "1"}
         environment.pop("MUJOCO_GL", None)
