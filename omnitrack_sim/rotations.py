@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+TURNED = np.array([1.0, -1.0, -1.0])
+"""Diagonal of the rotation by 180 degrees about x."""
 _FIRST_OF_CROSS, _SECOND_OF_CROSS = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
 
 
@@ -123,6 +125,61 @@ def quaternion_from_matrix(matrix: ArrayLike) -> Array:
     q = np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     return np.where(q[..., :1] < 0, -q, q)
+
+
+def rotation_vector(rotation: Array) -> Array:
+    """Rotation vectors (n, 3) rad of matrices (n, 3, 3) that turn by less than half a turn."""
+    skew = np.stack(
+        [
+            rotation[:, 2, 1] - rotation[:, 1, 2],
+            rotation[:, 0, 2] - rotation[:, 2, 0],
+            rotation[:, 1, 0] - rotation[:, 0, 1],
+        ],
+        axis=-1,
+    )
+    cosine = np.clip((np.trace(rotation, axis1=1, axis2=2) - 1) / 2, -1.0, 1.0)
+    sine = np.sqrt((skew**2).sum(axis=-1)) / 2
+    angle = np.arctan2(sine, cosine)
+    return skew * np.where(sine > 1e-9, angle / np.maximum(2 * sine, 1e-12), 0.5)[:, None]
+
+
+def turned_by(vector: Array) -> Array:
+    """Matrices (n, 3, 3) of rotation vectors (n, 3) rad, by Rodrigues."""
+    angle = np.sqrt((vector**2).sum(axis=-1))
+    small = angle < 1e-9
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 1.0, np.sin(angle) / safe)[:, None, None]
+    b = np.where(small, 0.5, (1 - np.cos(angle)) / safe**2)[:, None, None]
+    k = skew(vector)
+    return np.eye(3) + a * k + b * (k @ k)
+
+
+def skew(vector: Array) -> Array:
+    """Matrices (..., 3, 3) whose product with w is ``vector`` (..., 3) x w."""
+    found = np.zeros((*vector.shape, 3))
+    found[..., [2, 0, 1], [1, 2, 0]] = vector
+    found[..., [1, 2, 0], [2, 0, 1]] = -vector
+    return found
+
+
+def orthonormal(rotation: Array) -> Array:
+    """Rotations (n, 3, 3) freed of rounding: the third column is kept, the first made normal to
+    it."""
+    z = rotation[:, :, 2]
+    z = z / np.sqrt((z**2).sum(axis=-1))[:, None]
+    x = rotation[:, :, 0]
+    x = x - (x * z).sum(axis=-1)[:, None] * z
+    x = x / np.sqrt((x**2).sum(axis=-1))[:, None]
+    return np.stack([x, cross(z, x), z], axis=-1)
+
+
+def heading(rotation: Array, gear: NDArray[np.int_]) -> Array:
+    """Frames (..., 3, 3) that look ahead nose first, of robots with frames ``rotation`` whose nose,
+    ``gear`` (...,) 1, or tail, -1, leads."""
+    back = gear < 0
+    if not np.count_nonzero(back):
+        return rotation
+    return np.where(back[..., None, None], rotation * TURNED, rotation)
 
 
 def wrap_angle(angle: ArrayLike, period: float = 2 * np.pi) -> Array:

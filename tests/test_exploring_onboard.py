@@ -68,7 +68,9 @@ def test_a_camera_sees_what_is_there():
     scenario = ot.load_scenario("missions/explore_onboard")
     exploration = scenario.exploration
     assert exploration is not None
-    sight, true = CameraSight([scenario], lambda robot: 0.16), exploration.sight()
+    onboard, true = ot.Simulation([scenario]).onboard, exploration.sight()
+    assert onboard is not None
+    sight = CameraSight(onboard.eyes, scenario.sensing, lambda robot: 0.16)
     line = scenario.route.centreline
     turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array(0.7))
     for along in (0.1, 0.2, 0.28):

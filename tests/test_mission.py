@@ -19,7 +19,7 @@ from omnitrack_sim import (
 )
 from omnitrack_sim.cli import app
 from omnitrack_sim.network import Leg, Mission, Planner
-from omnitrack_sim.network.mission import NOSE_ROOM
+from omnitrack_sim.network.ways import NOSE_ROOM
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.scenario import validate
 

@@ -15,7 +15,7 @@ from omnitrack_sim import (
     run_batch,
 )
 from omnitrack_sim.network import Planner
-from omnitrack_sim.network.mission import NOSE_ROOM
+from omnitrack_sim.network.ways import NOSE_ROOM
 from omnitrack_sim.record.events import GoalReached
 from omnitrack_sim.robot import Robot
 from omnitrack_sim.scenario import Scenario, validate

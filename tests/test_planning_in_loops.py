@@ -7,7 +7,7 @@ import networkx
 import pytest
 
 from omnitrack_sim.network import Leg, Mission, Network, Planner, validate
-from omnitrack_sim.network import mission as planning
+from omnitrack_sim.network import ways as planning
 from omnitrack_sim.network.planning import route_of, shortest_way
 from omnitrack_sim.network.to_go import ToGo
 from omnitrack_sim.robot import Robot

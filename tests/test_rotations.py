@@ -7,9 +7,13 @@ from omnitrack_sim.rotations import (
     Pose,
     direction_of,
     frame_along,
+    heading,
     matrix_from_quaternion,
+    orthonormal,
     quaternion_from_matrix,
     rotation_about,
+    rotation_vector,
+    turned_by,
     unit,
     wrap_angle,
 )
@@ -69,3 +73,32 @@ def test_a_direction_of_a_usual_size_is_the_unit_vector_bit_for_bit():
     vectors = RNG.normal(size=(500, 3)) * 10.0 ** RNG.integers(-9, 9, (500, 1))
     assert np.array_equal(direction_of(vectors), unit(vectors))
     assert not direction_of(np.zeros(3)).any()
+
+
+def test_rotation_vectors_and_matrices_are_inverse():
+    """From no rotation at all to nearly half a turn; the matrix is that of axis and angle."""
+    axes = unit(RNG.normal(size=(60, 3)))
+    angles = np.concatenate([[0.0, 1e-12, 1e-7], np.linspace(1e-3, 3.1, 57)])
+    vectors = axes * angles[:, None]
+    assert np.allclose(turned_by(vectors), rotation_about(axes, angles), atol=1e-12)
+    assert np.allclose(rotation_vector(turned_by(vectors)), vectors, atol=1e-9)
+
+
+def test_orthonormal_keeps_the_axis_and_mends_the_rest():
+    """A rotation with rounding becomes one without, about the same axis."""
+    sound = turned_by(RNG.normal(size=(20, 3)))
+    mended = orthonormal(sound + RNG.normal(size=sound.shape) * 1e-4)
+    assert np.allclose(np.swapaxes(mended, 1, 2) @ mended, np.eye(3), atol=1e-12)
+    assert np.allclose(np.linalg.det(mended), 1.0)
+    assert np.abs(mended - sound).max() < 1e-3
+
+
+def test_a_heading_looks_out_of_the_tail_of_a_robot_that_drives_backward():
+    """Its z is turned round and its x stays; of many candidates of one robot, too."""
+    frames = turned_by(RNG.normal(size=(3, 3)))
+    ahead = heading(frames, np.array([1, -1, 1]))
+    assert np.array_equal(ahead[[0, 2]], frames[[0, 2]])
+    assert np.array_equal(ahead[1, :, 2], -frames[1, :, 2])
+    assert np.array_equal(ahead[1, :, 0], frames[1, :, 0])
+    several = np.repeat(frames[:, None], 4, axis=1)
+    assert np.array_equal(heading(several, np.array([[1], [-1], [1]]))[:, 2], ahead)

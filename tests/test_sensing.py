@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
+from omnitrack_sim.rotations import turned_by
 from omnitrack_sim.sensing.depth import DepthCamera, DepthTable
 from omnitrack_sim.sensing.draws import keys, normal, uniform
 from omnitrack_sim.sensing.headlight import HeadlightCamera, HeadlightTable
@@ -74,8 +75,6 @@ def test_depth_has_the_noise_of_its_table():
 
 def test_slopes_of_depth_are_those_of_its_pictures():
     """The formula agrees with pictures of neighbouring poses."""
-    from omnitrack_sim.sensing.proprioception import turned_by
-
     camera = DepthCamera(DepthTable())
     walls, place, frame, rays, hits = hits_in("elbow", 0.3, camera)
     expected, slopes = camera.expected(hits, rays), camera.slopes(hits, rays, frame)

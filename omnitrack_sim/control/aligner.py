@@ -24,7 +24,7 @@ from omnitrack_sim.control.alignment import (
 )
 from omnitrack_sim.control.gear import SWAPPED
 from omnitrack_sim.control.interface import ControlSetup, Observation
-from omnitrack_sim.control.route_map import Place, RouteMap
+from omnitrack_sim.control.route_map import RouteMap
 from omnitrack_sim.record.events import Event, NotAligned, Rolled
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.table import NotNegative, Part, Table, Unit
@@ -219,11 +219,6 @@ class Aligner:
             angles.append(np.arctan2(y, x))
         return float(angles[0] - angles[1])
 
-    def nose_room(self, place: Place) -> Array:
-        """Room (n,) m from the robot's nose to the next fitting's bend or opening; infinite after
-        the last one."""
-        return self.routes.start.take(place.passage) - place.distance - self.robot.length / 2
-
     def belt_sign(self, roll: Array) -> Array:
         """Direction (n, 3) in which the belts drive forward at the measured ``roll`` (n, 3) rad."""
         self._belt_sign = held_belt_sign(roll, self._band, self._belt_sign)
@@ -258,7 +253,7 @@ class Aligner:
         """Find out who has to stand, plan a roll where one is due, and move ``roll`` on.
 
         Args:
-            observation: of this moment. room: (n,) m, ``nose_room`` at this moment.
+            observation: of this moment. room: (n,) m, ``RouteMap.nose_room`` at this moment.
         """
         standing = self._stand(observation, room)
         missing = self.roll_target - self.roll

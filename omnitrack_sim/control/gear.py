@@ -15,21 +15,10 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.control.interface import Command
 from omnitrack_sim.record.channels import CHANNELS, Channel
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.rotations import TURNED, Array
 
-TURNED = np.array([1.0, -1.0, -1.0])
-"""Diagonal of the rotation by 180 degrees about x."""
 SWAPPED = [0, 2, 1]
 """Modules in the turned robot's order."""
-
-
-def heading(rotation: Array, gear: NDArray[np.int_]) -> Array:
-    """Frames (n, 3, 3) that drive nose first, of robots with frames ``rotation`` in gear (n,) 1 or
-    -1."""
-    back = gear < 0
-    if not np.count_nonzero(back):
-        return rotation
-    return np.where(back[:, None, None], rotation * TURNED, rotation)
 
 
 def seen(

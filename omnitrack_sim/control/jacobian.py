@@ -8,12 +8,12 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from omnitrack_sim.control.aligner import Aligner, AlignmentTable, manoeuvres
-from omnitrack_sim.control.gear import TURNED
 from omnitrack_sim.control.interface import Command, ControlSetup, Observation
 from omnitrack_sim.control.leg_watch import LegWatch
 from omnitrack_sim.control.recovery import Recovery, RecoveryTable
 from omnitrack_sim.control.sway import Sway, SwayTable
 from omnitrack_sim.control.tracking import Tracking, TrackingTable, wall_speeds
+from omnitrack_sim.rotations import TURNED
 from omnitrack_sim.table import NotNegative, Table, Unit
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT, BACK_OFF = range(6)
@@ -71,7 +71,7 @@ class JacobianController:
     Parameters: ClassVar[type[Table]] = FeedbackTable
 
     def __init__(self, setup: ControlSetup) -> None:
-        self.routes, self.settings = setup.routes, setup.settings
+        self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
         self.tracking = Tracking(setup, "tracking")
         self.sway = Sway(setup, "sway")
         self.aligner = Aligner(setup, "alignment")
@@ -115,7 +115,7 @@ class JacobianController:
         """The command for the next control period."""
         self._follow_legs(observation)
         place, s = observation.place, self.settings
-        room = self.aligner.nose_room(place)
+        room = self.routes.nose_room(place, self.robot)
         backing, retried = self.recovery.step(observation, self.resting, room, self.aligner)
         standing, rolled = self.aligner.step(observation, room)
         aligning = standing & ~backing

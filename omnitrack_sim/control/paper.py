@@ -95,7 +95,7 @@ class PaperController:
         """The command for the next control period."""
         self._follow_legs(observation)
         place, s = observation.place, self.settings
-        room = self.aligner.nose_room(place)
+        room = self.routes.nose_room(place, self.robot)
         resting, rolled = self.aligner.step(observation, room)
         self._mark(place, observation.rotation[:, :, 2], resting)
         turning = self.turning >= 0

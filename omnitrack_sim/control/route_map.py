@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.pipes import Centreline, Passage, Route
+from omnitrack_sim.robot import Robot
 from omnitrack_sim.rotations import Array, angle_between, cross, dot, length
 
 
@@ -173,6 +174,11 @@ class RouteMap:
             turning=self._turning_direction(distance, passage, normal),
             frame=rotation,
         )
+
+    def nose_room(self, place: Place, robot: Robot) -> Array:
+        """Room (n,) m from the robots' noses to the next fitting's bend or opening; infinite after
+        the last one."""
+        return self.start.take(place.passage) - place.distance - robot.length / 2
 
     def straight(self, start: Array, end: Array, way: NDArray[np.intp]) -> Array | None:
         """Tangents (n, 3) where the stretches from ``start`` to ``end`` (n,) m are all straight."""

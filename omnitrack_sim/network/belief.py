@@ -17,7 +17,7 @@ import numpy as np
 from omnitrack_sim.network.layout import CLOSES, End, both_ways
 from omnitrack_sim.network.planning import port_graph
 from omnitrack_sim.network.spec import Joint, Network, Place
-from omnitrack_sim.pipes import Elbow, Fitting, Straight
+from omnitrack_sim.pipes import Elbow, Fitting, Part, Straight
 from omnitrack_sim.rotations import Array, Pose, angle_between, frame_along, wrap_angle
 
 SHORTEST = 1e-3
@@ -49,6 +49,8 @@ class Belief:
         explored: of these ports, those that have been inspected, or cannot be.
         found: names of goals by the ports where they were found.
         start: the port where it began.
+        provisional: a straight of which what is at its end has only been seen from afar: there may
+            be something else, and somewhere else; None where there is none.
     """
 
     def __init__(self, port: Pose, bore: float, length: float) -> None:
@@ -64,6 +66,7 @@ class Belief:
         self.ends: dict[End, Noted] = {}
         self.explored: set[End] = set()
         self.found: dict[End, str] = {}
+        self.provisional: int | None = None
         self._network: Network | None = None
         self._add(Straight(length, bore))
         self.start: End = (0, "start")
@@ -115,6 +118,22 @@ class Belief:
         free = [end for end in every if end not in joined and end != self.start]
         return [end for end in free if self.ends.get(end) not in ("open", "closed")]
 
+    def compared(self) -> tuple[list[Part], list[End], list[End]]:
+        """What pictures may be compared with: parts that the robot can rely on, those of their
+        ports that are closed, and those beyond which nothing is known. Numbers are those of the
+        parts returned."""
+        parts, joined = list(self.network.pipes.parts), self.joined
+        closed, unknown = self.closed, self.unknown
+        if self.provisional is not None:
+            end = self.provisional, "end"
+            beyond = joined.get(end)
+            if beyond is not None and beyond[0] == len(parts) - 1:
+                parts.pop()
+                unknown = [other for other in unknown if other[0] != beyond[0]]
+            closed = [other for other in closed if other != end]
+            unknown = [*unknown, end] if end not in unknown else unknown
+        return parts, closed, unknown
+
     def name(self, end: End) -> str:
         """``part.port`` of a port."""
         return f"{list(self._fittings)[end[0]]}.{end[1]}"
@@ -148,11 +167,12 @@ class Belief:
         return sum(end[0] == part for end in self.joined) == (part > 0)
 
     def drop(self, part: int) -> bool:
-        """Take back a straight, if it is the latest part and not the only one: there is none."""
-        if part == 0 or part != len(self._fittings) - 1:
+        """Take back a part, if it is the latest one, not the only one, and hangs on one port."""
+        if part == 0 or part != len(self._fittings) - 1 or not self.is_last(part):
             return False
+        kind = self.fitting(part).kind
         del self._fittings[list(self._fittings)[part]], self._joints[-1]
-        self._counts["straight"] -= 1
+        self._counts[kind] -= 1
         self._network = None
         return True
 
@@ -203,6 +223,21 @@ class Belief:
         x, y, _ = b.rotation[:, 0] @ a.rotation
         self._join(end, other, math.degrees(math.atan2(y, x)))
         return float(np.linalg.norm(miss))
+
+    def settle(self, part: int | None = None) -> None:
+        """What is at the end of the straight ``part`` has only been seen from afar; None: what is
+        on the map can be relied on."""
+        if part != self.provisional:
+            self.provisional, self._network = part, None
+
+    def take_back(self, part: int) -> None:
+        """Forget what has been seen from afar at the end of a straight."""
+        end = part, "end"
+        beyond = self.joined.get(end)
+        if beyond is not None:
+            self.drop(beyond[0])
+        self.ends.pop(end, None)
+        self.settle()
 
     def note(self, end: End, noted: Noted) -> None:
         """Something has been seen of a port that nothing follows."""

@@ -22,8 +22,8 @@ from omnitrack_sim.errors import GeometryError
 from omnitrack_sim.network.ahead import Ahead, side_of
 from omnitrack_sim.network.belief import NO_STRAIGHT, Belief
 from omnitrack_sim.network.layout import End
-from omnitrack_sim.network.mission import NOSE_ROOM, ROUNDING, Ways
 from omnitrack_sim.network.planning import Closed, Leg, Step, Way
+from omnitrack_sim.network.ways import NOSE_ROOM, ROUNDING, Ways
 from omnitrack_sim.network.whereabouts import Whereabouts
 from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting
 from omnitrack_sim.record.events import (
@@ -48,6 +48,11 @@ LOOK_STEP = 0.1
 """Travel between two looks along a pipe whose end is not in sight, m."""
 LOOK_AGAIN = 0.003
 """Travel after which a robot looks again that could not tell what it saw, m."""
+CLOSE_LOOK = 0.07
+"""How far before what is at the end of a straight, m, a robot's front is when it looks at that
+once more: from there both cameras tell distances by 1 to 2 mm."""
+CLOSEST = 0.03
+"""The same of the last try to do so: nearer to it, a lens does not see where a bend begins."""
 LOOK_BEFORE = 0.015
 """How far before the end of a leg, m, a robot looks on."""
 LEAST_BEND = math.radians(5)
@@ -106,6 +111,7 @@ class Explorer:
     _closed: list[End] = field(default_factory=list)
     _fallen_off: list[Step] = field(default_factory=list)
     _bends: dict[int, Array] = field(default_factory=dict)
+    _told: set[str] = field(default_factory=set)
     _complete: bool = False
 
     def __post_init__(self) -> None:
@@ -133,7 +139,10 @@ class Explorer:
         """
         if ahead is None or ahead.sure < SURE:
             self.look_at = distance + LOOK_AGAIN
+            if self._comes_too_close(distance):
+                self._rely()
             return Decision(self.leg, True, ())
+        self._forget_what_was_far()
         measured = self._measure_bend(turned @ ahead.axis)
         before = self.ways.along_of(self.leg.way).length
         way = self._reached(distance + ahead.distance - before)
@@ -147,6 +156,8 @@ class Explorer:
             self.belief.note(_end_of(way), ahead.end)
         self._go_on(way)
         self.look_at = math.inf if ahead.end else distance + LOOK_STEP
+        if ahead.end:
+            self._look_closer(way, distance)
         return Decision(self.leg, True, ())
 
     def arrived(self, time: float, distance: float, here: str) -> Decision:
@@ -196,6 +207,49 @@ class Explorer:
         self._fallen_off += self.ways.turn_in(self.leg, part)
         return self._next(time, told, lambda ways, goal, closed: ways.anew(where, goal, closed))
 
+    # Looking once more
+
+    def _look_closer(self, way: Way, distance: float) -> None:
+        """What has just been seen at the end of a way is looked at again where it is close, if the
+        way ends in a straight and it is not close yet."""
+        part = way[-1][0]
+        if not self.belief.fitting(part).is_plain:
+            return
+        close = self.ways.along_of(way).length - self.robot.length / 2 - CLOSE_LOOK
+        if distance < close - LOOK_AGAIN:
+            self.belief.settle(part)
+            self.look_at = close
+
+    def _comes_too_close(self, distance: float) -> bool:
+        """Whether it is too late to look at what has only been seen from afar."""
+        i = self._provisional_at()
+        if i is None:
+            return False
+        end = self.ways.along_of(self.leg.way).ends[i]
+        return self.look_at > end - self.robot.length / 2 - CLOSEST
+
+    def _provisional_at(self) -> int | None:
+        """Place in the way at hand of the straight with something at its end that has only been
+        seen from afar."""
+        parts = [part for part, _, _ in self.leg.way]
+        part = self.belief.provisional
+        return None if part is None or part not in parts else parts.index(part)
+
+    def _rely(self) -> None:
+        """Take what has been seen from afar for what is there."""
+        self.belief.settle()
+        end = _end_of(self.leg.way)
+        self.look_at = math.inf if end in self.belief.ends else self.leg.end - LOOK_BEFORE
+
+    def _forget_what_was_far(self) -> None:
+        """It is close to what it has seen from afar, and looks at it as if for the first time."""
+        i = self._provisional_at()
+        if i is None:
+            return
+        self.belief.take_back(self.leg.way[i][0])
+        self.ways = self._through([])
+        self.leg = replace(self.leg, way=self.leg.way[: i + 1])
+
     # How the map grows
 
     def _reached(self, more: float) -> Way:
@@ -235,7 +289,10 @@ class Explorer:
         if isinstance(fitting, Elbow):
             self._bends[part] = turned @ ahead.axis
         name = belief.network.fittings[part].name
-        told: list[Event] = [FittingFound(self.number, time, name, ahead.distance)]
+        told: list[Event] = []
+        if name not in self._told:
+            self._told.add(name)
+            told.append(FittingFound(self.number, time, name, ahead.distance))
         for port, other in belief.meeting(part):
             if {port, other} <= set(belief.unexplored):
                 told.append(self._closes(time, port, other))
@@ -245,6 +302,8 @@ class Explorer:
             return self._next(time, told, self._from_leg(distance))
         self._go_on(onward)
         self.look_at = self.leg.end - LOOK_BEFORE
+        if belief.is_last(part):
+            self._look_closer(way, distance)
         return Decision(self.leg, True, told)
 
     def _measure_bend(self, axis: Array) -> bool:
@@ -357,6 +416,7 @@ class Explorer:
     def _onto(self, time: float, legs: Sequence[Leg], told: Sequence[Event] = ()) -> Decision:
         """Drive the first of ``legs``, the others being kept for later."""
         before = self.leg
+        self.belief.settle()
         self.leg, *self._to_come = legs
         end = _end_of(self.leg.way)
         blind = self.leg.goal < 0 or end == self.belief.start or end in self.belief.ends

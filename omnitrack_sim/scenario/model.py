@@ -18,7 +18,7 @@ from omnitrack_sim.control.interface import Controller
 from omnitrack_sim.errors import Fault, InputError, ScenarioError
 from omnitrack_sim.naming import name_of, named
 from omnitrack_sim.network import Exploration, Mission, Network, Planner
-from omnitrack_sim.network.mission import NOSE_ROOM
+from omnitrack_sim.network.ways import NOSE_ROOM
 from omnitrack_sim.pipes import Route, route, route_through
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.estimates import ESTIMATE_METRICS

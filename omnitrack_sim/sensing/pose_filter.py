@@ -11,9 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.rotations import Array, cross
-from omnitrack_sim.sensing.proprioception import skew, turned_by
-from omnitrack_sim.sensing.table import FilterTable, ImuTable
+from omnitrack_sim.rotations import Array, cross, orthonormal, skew, turned_by
+from omnitrack_sim.sensing.table import FilterTable, ImuTable, SensingTable
 
 PLACE, TURN, BIAS, SLIP = slice(0, 3), slice(3, 6), slice(6, 9), 9
 SIZE, POSE = 10, 6
@@ -162,6 +161,20 @@ class PoseFilter:
         return np.sqrt(np.maximum(spread_along(self.covariance[:, PLACE, PLACE], axis), 0.0))
 
 
+def beginning(table: SensingTable, direction: Array) -> Array:
+    """Covariance (n, 10, 10) of robots that begin in pipes of directions (n, 3)."""
+    n = len(direction)
+    covariance = np.zeros((n, SIZE, SIZE))
+    along = outer(direction, direction)
+    covariance[:, PLACE, PLACE] = 0.003**2 * np.eye(3) + table.start.distance_std**2 * along
+    turn = 0.02 if table.start.theta5_known else np.pi / np.sqrt(3)
+    covariance[:, TURN, TURN] = 0.03**2 * np.eye(3) + turn**2 * along
+    bias = np.radians(table.imu.gyro_bias_deg)
+    covariance[:, BIAS, BIAS] = bias**2 * np.eye(3)
+    covariance[:, SLIP, SLIP] = table.filter.slip_std**2
+    return covariance
+
+
 def wall_slopes(gradient: Array, lever: Array) -> Array:
     """How the distance of a robot's point from the wall changes with its pose, (n, k, 6).
 
@@ -180,14 +193,3 @@ def outer(a: Array, b: Array) -> Array:
 def spread_along(covariance: Array, axis: Array) -> Array:
     """Variance (n,) along unit vectors (n, 3)."""
     return (outer(axis, axis) * covariance).sum(axis=(1, 2))
-
-
-def orthonormal(rotation: Array) -> Array:
-    """Rotations (n, 3, 3) freed of rounding: the third column is kept, the first made normal to
-    it."""
-    z = rotation[:, :, 2]
-    z = z / np.sqrt((z**2).sum(axis=-1))[:, None]
-    x = rotation[:, :, 0]
-    x = x - (x * z).sum(axis=-1)[:, None] * z
-    x = x / np.sqrt((x**2).sum(axis=-1))[:, None]
-    return np.stack([x, cross(z, x), z], axis=-1)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.robot import Robot
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.rotations import Array, rotation_vector
 from omnitrack_sim.sensing.draws import Keys, normal
 from omnitrack_sim.sensing.sensor import State
 from omnitrack_sim.sensing.table import SensingTable
@@ -133,38 +133,3 @@ class Proprioception:
         in_robot = np.einsum("nij,ni->nj", state["rotation"], in_world)
         density = imu.force_noise / np.sqrt(self._period)
         return in_robot + self._force_bias + density * noise
-
-
-def rotation_vector(rotation: Array) -> Array:
-    """Rotation vectors (n, 3) rad of matrices (n, 3, 3) that turn by less than half a turn."""
-    skew = np.stack(
-        [
-            rotation[:, 2, 1] - rotation[:, 1, 2],
-            rotation[:, 0, 2] - rotation[:, 2, 0],
-            rotation[:, 1, 0] - rotation[:, 0, 1],
-        ],
-        axis=-1,
-    )
-    cosine = np.clip((np.trace(rotation, axis1=1, axis2=2) - 1) / 2, -1.0, 1.0)
-    sine = np.sqrt((skew**2).sum(axis=-1)) / 2
-    angle = np.arctan2(sine, cosine)
-    return skew * np.where(sine > 1e-9, angle / np.maximum(2 * sine, 1e-12), 0.5)[:, None]
-
-
-def turned_by(vector: Array) -> Array:
-    """Matrices (n, 3, 3) of rotation vectors (n, 3) rad, by Rodrigues."""
-    angle = np.sqrt((vector**2).sum(axis=-1))
-    small = angle < 1e-9
-    safe = np.where(small, 1.0, angle)
-    a = np.where(small, 1.0, np.sin(angle) / safe)[:, None, None]
-    b = np.where(small, 0.5, (1 - np.cos(angle)) / safe**2)[:, None, None]
-    k = skew(vector)
-    return np.eye(3) + a * k + b * (k @ k)
-
-
-def skew(vector: Array) -> Array:
-    """Matrices (..., 3, 3) whose product with w is ``vector`` (..., 3) x w."""
-    found = np.zeros((*vector.shape, 3))
-    found[..., [2, 0, 1], [1, 2, 0]] = vector
-    found[..., [1, 2, 0], [2, 0, 1]] = -vector
-    return found

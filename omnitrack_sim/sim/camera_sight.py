@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -12,10 +12,8 @@ from omnitrack_sim.errors import GeometryError
 from omnitrack_sim.model.rays import RayWalls
 from omnitrack_sim.network import Ahead
 from omnitrack_sim.rotations import Array
-from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sensing.cameras import camera_of
-from omnitrack_sim.sensing.draws import keys
-from omnitrack_sim.sensing.optics import rays_of
+from omnitrack_sim.sensing.eyes import Eyes
 from omnitrack_sim.sensing.recognition import Recogniser, Sighting
 from omnitrack_sim.sensing.recognition.forms import forms
 from omnitrack_sim.sensing.recognition.poses import DISTANCE, PLACES, STILL, TURN, cameras
@@ -40,37 +38,29 @@ class CameraSight:
     """See ``Sight``; of n robots with cameras at both ends.
 
     Args:
-        scenarios: of the robots; they share ``[sensing]`` and the true pipes.
+        eyes: of the robots. table: ``[sensing]``.
         bore: what a robot takes for the bore that it looks along, m.
     """
 
-    def __init__(self, scenarios: Sequence[Scenario], bore: Callable[[int], float]) -> None:
-        first = scenarios[0]
-        assert first.exploration is not None
-        self._table, self._bore = first.sensing, bore
-        self._camera = camera_of(first.sensing)
-        self._rays = rays_of(self._camera.optics)
-        parts, plates = first.exploration.in_sight()
-        self._walls = RayWalls([parts], [plates])
-        self._lens = first.robot.length / 2 + self._camera.optics.ahead
-        self._keys = keys([scenario.hash for scenario in scenarios])
-        self._looks = np.zeros(len(scenarios), int)
+    def __init__(self, eyes: Eyes, table: SensingTable, bore: Callable[[int], float]) -> None:
+        self._eyes, self._table, self._bore = eyes, table, bore
+        self._looks = np.zeros(len(eyes.keys), int)
 
     def look(self, robot: int, position: Array, frame: Array) -> Ahead | None:
         """See ``Sight``."""
         bore = round(self._bore(robot) / BORE_STEP) * BORE_STEP
         picture = self._picture(robot, position, frame)
-        return ahead_of(_recogniser(self._table, bore).single(picture), bore, self._lens)
+        return ahead_of(
+            _recogniser(self._table, bore).single(picture), bore, self._eyes.mount.ahead
+        )
 
     def _picture(self, robot: int, position: Array, frame: Array) -> Array:
         """A picture (pixels²,) from the end of a robot that leads."""
-        camera, place = self._camera, position + self._lens * frame[:, 2]
-        far, pipes = camera.optics.far, np.zeros(1, np.intp)
-        hits = self._walls.trace(pipes, place[None], frame[None], self._rays, far, camera.lamp)
         number = LOOKS + int(self._looks[robot])
         self._looks[robot] += 1
-        every = np.arange(len(self._rays))
-        return camera.picture(hits, self._rays, every, self._keys[[robot]], number)[0]
+        ahead, every = np.ones(1, int), np.arange(len(self._eyes.mount.rays))
+        at = position[None], frame[None], ahead
+        return self._eyes.take(np.array([robot]), *at, number, every)[0]
 
 
 def ahead_of(seen: Sighting, bore: float, lens: float) -> Ahead | None:

@@ -14,8 +14,8 @@ from omnitrack_sim.network import Ahead, Leg, Network, Planner
 from omnitrack_sim.network.belief import Belief
 from omnitrack_sim.network.explorer import Decision
 from omnitrack_sim.network.layout import End
-from omnitrack_sim.network.mission import Ways
 from omnitrack_sim.network.planning import Step
+from omnitrack_sim.network.ways import Ways
 from omnitrack_sim.record.events import (
     Event,
     FellOff,

@@ -10,22 +10,21 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.control.gear import TURNED
 from omnitrack_sim.control.interface import Command
-from omnitrack_sim.control.route_map import Place, RouteMap
+from omnitrack_sim.control.route_map import Place
 from omnitrack_sim.control.search import Search, Searching
 from omnitrack_sim.model.rays import RayWalls
 from omnitrack_sim.model.robot import lug_pitch
 from omnitrack_sim.network import Network
 from omnitrack_sim.pipes import Part
-from omnitrack_sim.rotations import Array, Pose, quaternion_from_matrix
+from omnitrack_sim.rotations import Array, Pose, heading, quaternion_from_matrix, turned_by
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sensing.cameras import camera_of
 from omnitrack_sim.sensing.draws import keys, normal, uniform
+from omnitrack_sim.sensing.eyes import Eyes, Mount
 from omnitrack_sim.sensing.graft import graft
 from omnitrack_sim.sensing.localiser import Localiser
-from omnitrack_sim.sensing.optics import rays_of
-from omnitrack_sim.sensing.proprioception import Felt, Proprioception, turned_by
+from omnitrack_sim.sensing.proprioception import Felt, Proprioception
 from omnitrack_sim.sensing.sensor import State
 from omnitrack_sim.sensing.table import BeginTable, SensingTable
 from omnitrack_sim.sim.builder import each
@@ -53,7 +52,8 @@ class Onboard:
 
     Attributes:
         readings: what controllers see, (n, ...) by the names of the channels, robot frame.
-        camera: at their ends. localiser: where the robots take themselves to be.
+        camera: at their ends. eyes: these cameras in the pipes as they are.
+        localiser: where the robots take themselves to be.
         turned: (n, 3, 3) the robots' rotations by the gyro alone, without regard to any map: they
             drift, slowly.
         picture: (n, k) the last one that each has taken, of the pixels that robots compare with
@@ -71,85 +71,88 @@ class Onboard:
         legs: Legs,
         period: float,
     ) -> None:
-        first = scenarios[0]
-        table, explores = first.sensing, first.exploration is not None
-        if explores:
-            # Its map's frame begins where it stands: it knows its place by definition.
-            start = BeginTable(distance_std=0.0, theta5_known=True)
-            table = table.model_copy(update={"start": start})
-        routes, way = legs.routes, legs.way
-        self._robot, self._period = first.robot, period
-        self._keys = keys([_drawn_from(scenario) for scenario in scenarios])
-        gravity = each(scenarios, "gravity").astype(float)
-        n = len(scenarios)
-        self.camera = camera_of(table)
-        self._rays = rays_of(self.camera.optics)
-        parts, plates = first.route.network.parts, first.plates
-        if first.exploration is not None:
-            parts, plates = first.exploration.in_sight()
-        # The pipes as they are.
-        self._walls, self._true = RayWalls([parts], [plates]), np.zeros(n, np.intp)
-        # Those of the robots' maps: of a network that they know, all but its plates.
+        first, n = scenarios[0], len(scenarios)
+        table = _table(first)
+        self._robot, self._period, self._routes = first.robot, period, legs.routes
+        self._search = Search(table.search, first.robot, each(scenarios, "cruise_speed"))
+        self._sure = np.radians(table.filter.sure_deg)
+        mount = Mount(camera_of(table), first.robot)
+        self.camera, optics = mount.camera, mount.camera.optics
+        self._every = round(1 / (optics.rate * period))
+        self._latency = round(optics.latency / period)
+        self._both_ends, self._records = table.both_ends, first.record.pictures
+        self.eyes = Eyes(mount, _true_walls(first), keys([_drawn_from(s) for s in scenarios]))
+        # Of a network that they know, all but its plates.
         self._maps = [legs.map(robot) for robot in range(n)]
-        which = np.arange(n) if explores else self._true
-        mapped = RayWalls([_parts(m) for m in self._maps] if explores else [parts], dirty=False)
+        gravity = each(scenarios, "gravity").astype(float)
         self._senses = Proprioception(
             table,
             first.robot,
-            self._keys,
+            self.eyes.keys,
             gravity,
             torque_limit,
             period,
             lug_pitch(first.robot),
             state,
         )
-        position, rotation, tangent = self._begin(scenarios, table, routes, way)
-        self.localiser = Localiser(
+        self._mapped, self.localiser = self._localiser(scenarios, table, mount, gravity, legs.way)
+        if first.exploration is not None:
+            for robot in range(n):
+                self._draw(legs, robot)
+        self._found: list[int] = []
+        self._lost, self._checked = np.zeros(n, bool), np.full(n, -np.inf)
+        self._tick, self._pictures = np.zeros(n, int), np.zeros(n, int)
+        self._due = np.ones(n, bool)
+        self.turned: Array = self.localiser.filter.rotation
+        self.picture = np.full((n, len(self.localiser.pixels)), np.nan)
+        self.whole: tuple[Array, NDArray[np.int_]] | None = None
+        self._shoot(state, np.ones(n, np.int_), np.arange(n))
+        self.readings = self._told(self._first_felt(state))
+
+    def _localiser(
+        self,
+        scenarios: Sequence[Scenario],
+        table: SensingTable,
+        mount: Mount,
+        gravity: Array,
+        way: NDArray[np.intp],
+    ) -> tuple[RayWalls, Localiser]:
+        """The walls of the robots' maps, and what finds the robots there."""
+        first, n = scenarios[0], len(scenarios)
+        if first.exploration is None:
+            which, maps = np.zeros(n, np.intp), [first.route.network.parts]
+        else:
+            which, maps = np.arange(n), [_parts(known) for known in self._maps]
+        mapped = RayWalls(maps, dirty=False)
+        position, rotation, tangent = self._begin(scenarios, table, way)
+        localiser = Localiser(
             table,
             first.robot,
-            self.camera,
+            mount,
             mapped,
             which,
             gravity,
             position,
             rotation,
             tangent,
-            period,
+            self._period,
         )
-        self._routes, self._mapped = routes, mapped
-        if explores:
-            for robot in range(n):
-                self._draw(legs, robot)
-        self._found: list[int] = []
-        self._lost, self._checked = np.zeros(n, bool), np.full(n, -np.inf)
-        self._search = Search(table.search, first.robot, each(scenarios, "cruise_speed"))
-        self._sure = np.radians(table.filter.sure_deg)
-        self._every = round(1 / (self.camera.optics.rate * period))
-        self._latency = round(self.camera.optics.latency / period)
-        self._tick, self._pictures = np.zeros(n, int), np.zeros(n, int)
-        self._due, self._both_ends = np.ones(n, bool), table.both_ends
-        self._records = first.record.pictures
-        self.turned: Array = rotation
-        self.picture = np.full((n, len(self.localiser.pixels)), np.nan)
-        self.whole: tuple[Array, NDArray[np.int_]] | None = None
-        self._shoot(state, np.ones(n, np.int_), np.arange(n))
-        self.readings = self._told(self._first_felt(state))
+        return mapped, localiser
 
     def _begin(
         self,
         scenarios: Sequence[Scenario],
         table: SensingTable,
-        routes: RouteMap,
         way: NDArray[np.intp],
     ) -> tuple[Array, Array, Array]:
         """Where the robots take themselves to be, and the direction of the pipe there."""
         start = table.start
         distance = each(scenarios, "distance").astype(float)
-        distance = distance + start.distance_std * normal(self._keys, "start", 0, 1)[:, 0]
+        distance = distance + start.distance_std * normal(self.eyes.keys, "start", 0, 1)[:, 0]
         theta5 = np.radians(each(scenarios, "theta5_deg").astype(float))
         if not start.theta5_known:
-            theta5 = theta5 + 2 * np.pi * uniform(self._keys, "theta5", 0, 1)[:, 0]
-        position, rotation = routes.start_poses(way, distance, theta5)
+            theta5 = theta5 + 2 * np.pi * uniform(self.eyes.keys, "theta5", 0, 1)[:, 0]
+        position, rotation = self._routes.start_poses(way, distance, theta5)
         return position, rotation, rotation[:, :, 2]
 
     @property
@@ -192,7 +195,7 @@ class Onboard:
         """Have a robot's map be what it believes."""
         belief = legs.belief(robot)
         assert belief is not None
-        self._mapped.replace(robot, _parts(belief.network), belief.closed, belief.unknown)
+        self._mapped.replace(robot, *belief.compared())
 
     def restart(
         self,
@@ -209,8 +212,9 @@ class Onboard:
         """
         begun = state.rows(robots)
         fresh = Onboard(scenarios, begun, torque_limit, Legs(scenarios), self._period)
-        n = len(self._keys)
+        n = len(self._tick)
         graft(self, fresh, robots, n)
+        graft(self.eyes, fresh.eyes, robots, n)
         graft(self._senses, fresh._senses, robots, n)
         graft(self._search, fresh._search, robots, n)
         self.localiser.restart(robots, fresh.localiser)
@@ -261,7 +265,7 @@ class Onboard:
 
     def _before(self, place: Place) -> NDArray[np.bool_]:
         """Robots (n,) that are about to enter a fitting."""
-        room = self._routes.start.take(place.passage) - place.distance - self._robot.length / 2
+        room = self._routes.nose_room(place, self._robot)
         return (room <= self._robot.standing_room) & (room > -INSIDE)
 
     def _look_along_the_way(
@@ -282,9 +286,7 @@ class Onboard:
             found, frame = routes.poses(way, distance.ravel(), np.full(len(way), turn))
             places.append(found.reshape(len(robots), -1, 3))
             frames.append(frame.reshape(len(robots), -1, 3, 3))
-        frame = np.concatenate(frames, axis=1)
-        back = (gear[robots] < 0)[:, None, None, None]
-        frame = np.where(back, frame * TURNED, frame)
+        frame = heading(np.concatenate(frames, axis=1), gear[robots][:, None])
         found = localiser.seek(robots, shot, np.concatenate(places, axis=1), frame)
         self._found = robots[found].tolist()
 
@@ -320,25 +322,20 @@ class Onboard:
     def _shoot(self, state: State, facing: NDArray[np.int_], robots: NDArray[np.intp]) -> None:
         """Have robots (m,) take a picture of the pipes as they are; ``facing`` (n,): 1 from the
         nose, -1 from the tail."""
-        camera, localiser = self.camera, self.localiser
-        place, rotation = state["position"][robots], state["rotation"][robots]
-        position, frame = localiser.lens(place, rotation, facing[robots])
-        compared = localiser.pixels
-        pixels = np.arange(len(self._rays)) if self._records else compared
-        rays = self._rays[pixels]
-        which, keys = self._true[robots], self._keys[robots]
-        hits = self._walls.trace(which, position, frame, rays, camera.optics.far, camera.lamp)
+        compared = self.localiser.pixels
+        pixels = np.arange(len(self.eyes.mount.rays)) if self._records else compared
         metered = np.searchsorted(pixels, compared)
         numbers = self._pictures[robots]
         number = int(numbers[0]) if np.ptp(self._pictures) == 0 else numbers
-        taken = camera.picture(hits, rays, pixels, keys, number, metered)
+        place, rotation = state["position"][robots], state["rotation"][robots]
+        taken = self.eyes.take(robots, place, rotation, facing[robots], number, pixels, metered)
         self.picture = self.picture.copy()
         self.picture[robots] = taken[:, metered]
         if self._records:
             whole = np.full((len(facing), len(pixels)), np.nan)
             whole[robots] = taken
             self.whole = (whole, facing)
-        localiser.shoot(self.picture, facing, self._latency, self._due)
+        self.localiser.shoot(self.picture, facing, self._latency, self._due)
         self._pictures = self._pictures + self._due
 
     def _told(self, felt: Felt) -> Mapping[str, Array]:
@@ -359,7 +356,7 @@ class Onboard:
 
     def _first_felt(self, state: State) -> Felt:
         """What the robots feel before they have moved."""
-        nothing = np.zeros((len(self._keys), 3))
+        nothing = np.zeros((len(self.eyes.keys), 3))
         return Felt(
             time=state["time"],
             travel=nothing,
@@ -405,6 +402,24 @@ class Onboard:
             "tilt_std": place.tilt_std,
             "misfit": self.localiser.misfit,
         }
+
+
+def _table(scenario: Scenario) -> SensingTable:
+    """What robots know of themselves. The frame of a map that a robot makes begins where it stands:
+    it knows its place by definition."""
+    table = scenario.sensing
+    if scenario.exploration is None:
+        return table
+    start = BeginTable(distance_std=0.0, theta5_known=True)
+    return table.model_copy(update={"start": start})
+
+
+def _true_walls(scenario: Scenario) -> RayWalls:
+    """The pipes as they are."""
+    parts, plates = scenario.route.network.parts, scenario.plates
+    if scenario.exploration is not None:
+        parts, plates = scenario.exploration.in_sight()
+    return RayWalls([parts], [plates])
 
 
 def _drawn_from(scenario: Scenario) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.arguments import check_all, check_is
 from omnitrack_sim.control import Command, Controller, ControlSetup, Observation, Settings
-from omnitrack_sim.control.gear import carried_out, heading, seen
+from omnitrack_sim.control.gear import carried_out, seen
 from omnitrack_sim.control.route_map import Place
 from omnitrack_sim.drive import SpeedLoop, drive_of
 from omnitrack_sim.errors import Fault, ScenarioError
@@ -23,7 +23,7 @@ from omnitrack_sim.record.estimates import ESTIMATES
 from omnitrack_sim.record.events import Event, Note
 from omnitrack_sim.record.metrics import METRICS, Metric, summarise
 from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.rotations import Array, heading
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.model import METRIC_NAMES, refuse_taken
 from omnitrack_sim.sensing import SENSORS, Sensor, State
@@ -398,7 +398,9 @@ class Simulation:
             return [None if e is None else e.sight() for e in explorations]
         from omnitrack_sim.sim.camera_sight import CameraSight
 
-        return [CameraSight(self.scenarios, self.legs.bore_ahead)] * self.n
+        return [
+            CameraSight(self.onboard.eyes, self.scenarios[0].sensing, self.legs.bore_ahead)
+        ] * self.n
 
     def _keep_picture(self) -> None:
         """Keep the picture of this moment, where one was taken and pictures are recorded."""

@@ -5,11 +5,10 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from omnitrack_sim.control.gear import heading
 from omnitrack_sim.control.route_map import RouteMap
 from omnitrack_sim.film.poses import show_belts, smooth_belts, sound
 from omnitrack_sim.model.looks import look_pitch
-from omnitrack_sim.rotations import Array, matrix_from_quaternion
+from omnitrack_sim.rotations import Array, heading, matrix_from_quaternion
 from omnitrack_sim.sim.result import Result
 from omnitrack_sim.sim.simulation import Simulation
 from omnitrack_sim.viewer.figures import Lines, Moment, contact_lines, place_lines

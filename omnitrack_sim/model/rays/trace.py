@@ -11,28 +11,31 @@ from __future__ import annotations
 
 import math
 
-from omnitrack_sim.model.collider.through import (
-    at,
-    call_clear,
-    call_span,
-    call_surface,
-    scratch,
+from omnitrack_sim.model.collider.through import at, scratch
+from omnitrack_sim.model.rays.layout import (
+    GRAIN,
+    HIT_SIZE,
+    JOINT,
+    LIT,
+    MOST_NEAR,
+    NEAR,
+    NORMAL,
+    PART,
+    PART_SIZE,
+    PLATE,
+    PORTS_ROOM,
+    RANGE,
+    ROTATION,
+    SHORT,
+    UNKNOWN,
+    clear_from,
+    nearest_port,
+    parts_along,
+    parts_around,
+    surface_at,
 )
-from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
+from omnitrack_sim.pipes.compiled import compiled
 
-KIND, CENTRE, REACH, POSITION, ROTATION, PORTS, PLANES, SIZES = 0, 1, 4, 5, 8, 17, 18, 46
-"""Places in the record of a part: number of its kind, a ball around it (3 and its radius, m), its
-pose (3 m, and 9 row by row), the number of its ports; for each port its place (3 m), its direction
-outward (3), world frame, and what is there: `OPEN`, `PLATE` or `UNKNOWN`; sizes."""
-OPEN, PLATE, UNKNOWN = 0.0, 1.0, 2.0
-PORT_SIZE, PART_SIZE = 7, 56
-RANGE, NORMAL, PART, LIT, JOINT, GRAIN, HIT_SIZE = 0, 1, 4, 5, 6, 7, 8
-"""Places of what a ray has met: distance, m, infinite where it has met nothing, NaN where it leaves
-through a port beyond which nothing is known; the wall's unit normal (3) into the bore, world frame;
-number of the part, from the first of its map, -1 for nothing; how squarely the lamp shines on it:
-cosine of the angle from its normal, 0 in the dark; distance from the nearest port plane, m; grain
-of the surface, -1 to 1, where it has one. The last three are looked for only where there is a
-lamp."""
 HIT, CLOSE = 5e-4, 0.01
 """Distance from the wall, m, from which the rest are two steps by the slope, and how long one of
 them may be, m."""
@@ -40,123 +43,9 @@ EXACT = 1e-10
 """Distance from the wall, m, at which a ray is on it."""
 LONGER = 1.6
 """A step over the distance from the wall; see ``_follow``."""
-SHORT = 1e-7
-"""A step at least, m, which crosses port planes in spite of rounding."""
-TOLERANCE = 1e-6
-"""Room beyond a port plane, m, in which a part still counts: there are no gaps at joints."""
 MOST_STEPS = 300
-MOST_NEAR, NEAR, PORTS_ROOM = 32, 9, 8
-"""Parts that one ray can meet, and numbers for each: the part, its span, the ray in its frame; and
-room for one number a port."""
 GRAIN_SIZE = 0.012
 """Of the patches of the surface's grain, m."""
-
-
-@compiled
-def _in_part(parts, p, x, y, z, row):
-    """A coordinate of the world vector (x, y, z) in the frame of the part at ``p``: rotation
-    transposed."""
-    r = p + ROTATION
-    return parts[r + row] * x + parts[r + 3 + row] * y + parts[r + 6 + row] * z
-
-
-@compiled
-def _enter(parts, p, x, y, z, ux, uy, uz, line):
-    """Write the ray x + s u, world frame, to ``line`` in the frame of the part at ``p``: 6
-    numbers."""
-    dx, dy, dz = x - parts[p + POSITION], y - parts[p + POSITION + 1], z - parts[p + POSITION + 2]
-    for row in range(3):
-        line[row] = _in_part(parts, p, dx, dy, dz, row)
-        line[3 + row] = _in_part(parts, p, ux, uy, uz, row)
-
-
-@compiled
-def _surface(parts, p, line, s, out):
-    """Distance from the wall of the part at ``p`` at s on a line in its frame; gradient in
-    ``out``."""
-    return call_surface(
-        int(parts[p + KIND]),
-        at(parts, p + SIZES),
-        line[0] + s * line[3],
-        line[1] + s * line[4],
-        line[2] + s * line[5],
-        out,
-    )
-
-
-@compiled
-def _clear(parts, near, k, s):
-    """How far the ray leads through the bore of the k-th part in ``near`` for certain, from s
-    on."""
-    p, line = int(near[NEAR * k]) * PART_SIZE, at(near, NEAR * k + 3)
-    return call_clear(
-        int(parts[p + KIND]),
-        at(parts, p + SIZES),
-        line[0] + s * line[3],
-        line[1] + s * line[4],
-        line[2] + s * line[5],
-        line[3],
-        line[4],
-        line[5],
-    )
-
-
-@compiled
-def _span(parts, p, line, ends, out):
-    """Have ``out`` hold the part of a line, from LOW to HIGH in it, that lies between the port
-    planes of the part at ``p``."""
-    call_span(
-        int(parts[p + KIND]),
-        at(parts, p + SIZES),
-        ends,
-        line[0],
-        line[1],
-        line[2],
-        line[3],
-        line[4],
-        line[5],
-        out,
-    )
-
-
-@compiled
-def _around(parts, first, last, x, y, z, far, around):
-    """Write the parts that are nearer to a place than ``far`` to ``around``; returns their
-    number."""
-    count = 0
-    for part in range(first, last):
-        p = part * PART_SIZE
-        cx, cy, cz = parts[p + CENTRE] - x, parts[p + CENTRE + 1] - y, parts[p + CENTRE + 2] - z
-        within = far + parts[p + REACH]
-        if cx * cx + cy * cy + cz * cz <= within * within:
-            around[count] = part
-            count += 1
-    return count
-
-
-@compiled
-def _near(parts, around, number, x, y, z, ux, uy, uz, far, near, ends, out):
-    """Write those of the parts in ``around`` that the ray may meet to ``near``, each with its span
-    and the ray in its frame, NEAR numbers each; returns their number."""
-    count = 0
-    for i in range(number):
-        p = int(around[i]) * PART_SIZE
-        cx, cy, cz = parts[p + CENTRE] - x, parts[p + CENTRE + 1] - y, parts[p + CENTRE + 2] - z
-        along = cx * ux + cy * uy + cz * uz
-        reach = parts[p + REACH]
-        beside = cx * cx + cy * cy + cz * cz - along * along
-        if beside > reach * reach or along < -reach or along > far + reach or count >= MOST_NEAR:
-            continue
-        k = NEAR * count
-        line = at(near, k + 3)
-        _enter(parts, p, x, y, z, ux, uy, uz, line)
-        out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -TOLERANCE, far, 0.0, 0.0
-        _span(parts, p, line, ends, out)
-        if out[HIGH] >= out[LOW]:
-            near[k] = around[i]
-            near[k + 1], near[k + 2] = out[LOW] - TOLERANCE, out[HIGH] + TOLERANCE
-            count += 1
-    return count
 
 
 @compiled
@@ -179,12 +68,12 @@ def _widest(parts, near, count, s, out):
     for k in range(count):
         n = NEAR * k
         if near[n + 1] <= s <= near[n + 2]:
-            d, latest = _surface(parts, int(near[n]) * PART_SIZE, at(near, n + 3), s, out), k
+            d, latest = surface_at(parts, int(near[n]) * PART_SIZE, at(near, n + 3), s, out), k
             if d > best:
                 best, which = d, k
     if which != latest:
         n = NEAR * which
-        _surface(parts, int(near[n]) * PART_SIZE, at(near, n + 3), s, out)
+        surface_at(parts, int(near[n]) * PART_SIZE, at(near, n + 3), s, out)
     return which, best
 
 
@@ -203,7 +92,7 @@ def _follow(parts, near, count, far, out):
     from_s, from_d, stretched, at_end = 0.0, 0.0, False, False
     for _ in range(MOST_STEPS):
         k = -1 if stretched or at_end else _only(near, count, s)
-        d, clear = 0.0, _clear(parts, near, k, s) if k >= 0 else 0.0
+        d, clear = 0.0, clear_from(parts, near, k, s) if k >= 0 else 0.0
         if clear <= 0.0:
             asked = k >= 0
             k, d = _widest(parts, near, count, s, out)
@@ -214,7 +103,7 @@ def _follow(parts, near, count, far, out):
                 return s, last, 0
             if d < HIT:
                 return _onto_wall(parts, near, k, s, d, out), k, 1
-            clear = 0.0 if asked else _clear(parts, near, k, s)
+            clear = 0.0 if asked else clear_from(parts, near, k, s)
         last, stretched, at_end = k, False, False
         left = max(min(near[NEAR * k + 2], far) - s, 0.0)
         if clear > d:
@@ -240,9 +129,9 @@ def _onto_wall(parts, near, k, s, d, out):
         if abs(d) < EXACT or slope > -1e-2:
             break
         there = s + max(-CLOSE, min(d / -slope, CLOSE))
-        beyond = _surface(parts, p, line, there, out)
+        beyond = surface_at(parts, p, line, there, out)
         if abs(beyond) >= abs(d) or there > near[n + 2]:
-            _surface(parts, p, line, s, out)
+            surface_at(parts, p, line, s, out)
             break
         s, d = there, beyond
     return s
@@ -258,23 +147,6 @@ def _grain(x, y, z):
 
 
 @compiled
-def _plate(parts, p, x, y, z):
-    """Place of the port of the part at ``p`` whose plane a world point is nearest to, and the
-    distance from it, m."""
-    best, where = 1e30, p + PLANES
-    for port in range(int(parts[p + PORTS])):
-        q = p + PLANES + port * PORT_SIZE
-        beyond = abs(
-            (x - parts[q]) * parts[q + 3]
-            + (y - parts[q + 1]) * parts[q + 4]
-            + (z - parts[q + 2]) * parts[q + 5]
-        )
-        if beyond < best:
-            best, where = beyond, q
-    return where, best
-
-
-@compiled
 def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, out):
     """Write what a ray has met to ``hits`` from ``h`` on; ``out``: gradient there. Returns whether
     it has met a wall."""
@@ -287,7 +159,7 @@ def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, ou
     wx, wy, wz = x + s * ux, y + s * uy, z + s * uz
     q, beyond = p, math.inf
     if met == 0 or lamp[3] > 0.0:
-        q, beyond = _plate(parts, p, wx, wy, wz)
+        q, beyond = nearest_port(parts, p, wx, wy, wz)
     if met == 0:
         if parts[q + 6] != PLATE:
             if parts[q + 6] == UNKNOWN:
@@ -326,7 +198,7 @@ def _lit(parts, around, number, x, y, z, nx, ny, nz, lx, ly, lz, work, ends, out
     facing = ux * nx + uy * ny + uz * nz
     if facing <= 0.0:
         return 0.0
-    count = _near(parts, around, number, x, y, z, ux, uy, uz, far, work, ends, out)
+    count = parts_along(parts, around, number, x, y, z, ux, uy, uz, far, work, ends, out)
     _, _, met = _follow(parts, work, count, far, out)
     return facing if met < 0 else 0.0
 
@@ -358,13 +230,13 @@ def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
         lx = x + poses[c + 3] * lamp[0] + poses[c + 4] * lamp[1] + poses[c + 5] * lamp[2]
         ly = y + poses[c + 6] * lamp[0] + poses[c + 7] * lamp[1] + poses[c + 8] * lamp[2]
         lz = z + poses[c + 9] * lamp[0] + poses[c + 10] * lamp[1] + poses[c + 11] * lamp[2]
-        number = _around(parts, first, last, x, y, z, far + aside, around)
+        number = parts_around(parts, first, last, x, y, z, far + aside, around)
         for ray in range(count):
             rx, ry, rz = rays[3 * ray], rays[3 * ray + 1], rays[3 * ray + 2]
             ux = poses[c + 3] * rx + poses[c + 4] * ry + poses[c + 5] * rz
             uy = poses[c + 6] * rx + poses[c + 7] * ry + poses[c + 8] * rz
             uz = poses[c + 9] * rx + poses[c + 10] * ry + poses[c + 11] * rz
-            near = _near(parts, around, number, x, y, z, ux, uy, uz, far, work, ends, out)
+            near = parts_along(parts, around, number, x, y, z, ux, uy, uz, far, work, ends, out)
             s, k, met = _follow(parts, work, near, far, out)
             h = (camera * count + ray) * HIT_SIZE
             seen = _write(parts, first, work, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, out)
@@ -386,51 +258,4 @@ def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
                     ends,
                     out,
                 )
-    return 0
-
-
-@compiled("nearest")
-def nearest(parts, maps, points, robots, count, work, found):
-    """Distances of points from the walls, positive in the bore, with gradients.
-
-    Args:
-        parts, maps: as of ``trace``, a map for each robot.
-        points: (robots, count, 3) m, world frame.
-        work: room for 6 numbers, and zeros for ports.
-        found: (robots, count, 5), written to: distance, m; unit gradient (3), world frame; number
-            of the part, from the first of the map, -1 where the point lies between the port planes
-            of none, and then the distance counts for nothing.
-    """
-    out = scratch()
-    for robot in range(robots):
-        first, last = int(maps[2 * robot]), int(maps[2 * robot + 1])
-        for point in range(count):
-            i = robot * count + point
-            x, y, z = points[3 * i], points[3 * i + 1], points[3 * i + 2]
-            best = -1e30
-            found[5 * i], found[5 * i + 4] = 0.0, -1.0
-            found[5 * i + 1] = found[5 * i + 2] = found[5 * i + 3] = 0.0
-            for part in range(first, last):
-                p = part * PART_SIZE
-                cx, cy, cz = (
-                    x - parts[p + CENTRE],
-                    y - parts[p + CENTRE + 1],
-                    z - parts[p + CENTRE + 2],
-                )
-                if cx * cx + cy * cy + cz * cz > parts[p + REACH] * parts[p + REACH]:
-                    continue
-                out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -SHORT, SHORT, 0.0, 0.0
-                _enter(parts, p, x, y, z, 0.57735, 0.57735, 0.57735, work)
-                _span(parts, p, work, at(work, 6), out)
-                if out[HIGH] < out[LOW]:
-                    continue
-                d = _surface(parts, p, work, 0.0, out)
-                if d > best:
-                    best = d
-                    found[5 * i], found[5 * i + 4] = d, float(part - first)
-                    for row in range(3):
-                        r = p + ROTATION + 3 * row
-                        found[5 * i + 1 + row] = (
-                            parts[r] * out[0] + parts[r + 1] * out[1] + parts[r + 2] * out[2]
-                        )
     return 0

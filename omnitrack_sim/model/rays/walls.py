@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import cache
 from typing import Any
 
@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.model.collider import bring, install
 from omnitrack_sim.model.collider.record import wall_number
-from omnitrack_sim.model.rays import trace
+from omnitrack_sim.model.rays import layout
+from omnitrack_sim.model.rays.nearest import nearest
+from omnitrack_sim.model.rays.trace import trace
 from omnitrack_sim.pipes import Part
 from omnitrack_sim.rotations import Array
 
 Port = tuple[int, str]
 """A part's index in its map, and the name of a port of it."""
-_WORK = 2 * trace.NEAR * trace.MOST_NEAR + trace.PORTS_ROOM
+_WORK = 2 * layout.NEAR * layout.MOST_NEAR + layout.PORTS_ROOM
 
 
 class RayWalls:
@@ -77,7 +79,7 @@ class RayWalls:
         far: float,
         lamp: Array | None = None,
     ) -> Array:
-        """What the rays of n cameras meet (n, k, 8), in the order of ``trace``: range, m (infinite
+        """What the rays of n cameras meet (n, k, 8), in the order of ``layout``: range, m (infinite
         for nothing, NaN beyond a port that nothing is known of); unit normal into the bore (3),
         world frame; number of the part in its map, -1 for nothing; how squarely the lamp shines
         there, cosine, 0 in the dark; distance from the nearest joint or end, m; grain, -1 to 1, 0
@@ -93,8 +95,8 @@ class RayWalls:
         n, k = len(position), len(rays)
         poses = np.concatenate([position, rotation.reshape(n, 9)], axis=1)
         light = np.zeros(5) if lamp is None else np.array([*lamp, 1.0, self._dirty])
-        hits = np.empty((n, k, trace.HIT_SIZE))
-        _entry("trace")(
+        hits = np.empty((n, k, layout.HIT_SIZE))
+        _entry(trace)(
             *_pointers(self._parts, self._spans[which], poses),
             n,
             *_pointers(np.ascontiguousarray(rays, float)),
@@ -111,7 +113,7 @@ class RayWalls:
         means nothing. World frame; ``which`` (n,): map of each row."""
         n, k = points.shape[:2]
         found = np.empty((n, k, 5))
-        _entry("nearest")(
+        _entry(nearest)(
             *_pointers(self._parts, self._spans[which], np.ascontiguousarray(points)),
             n,
             k,
@@ -128,40 +130,40 @@ def _records(parts: Sequence[Part], closed: Collection[Port], unknown: Collectio
     ]
     for fitting in dict.fromkeys(type(part.fitting) for part in parts):
         bring(fitting)  # after their records, which number the kinds
-    return np.array(records).reshape(-1, trace.PART_SIZE)
+    return np.array(records).reshape(-1, layout.PART_SIZE)
 
 
 def part_record(part: Part, closed: Collection[str] = (), unknown: Collection[str] = ()) -> Array:
     """The record (PART_SIZE,) of a placed part, for this process only; ``closed``: ports that a
     plate closes; ``unknown``: ports that nothing is known of what is beyond."""
     fitting, pose = part.fitting, part.pose
-    record = np.zeros(trace.PART_SIZE)
+    record = np.zeros(layout.PART_SIZE)
     low, high = fitting.bounds
-    record[trace.KIND] = wall_number(fitting.wall)
-    record[trace.CENTRE : trace.CENTRE + 3] = pose.apply((low + high) / 2)
+    record[layout.KIND] = wall_number(fitting.wall)
+    record[layout.CENTRE : layout.CENTRE + 3] = pose.apply((low + high) / 2)
     # Points that are measured a little outside the wall still belong to it.
-    record[trace.REACH] = float(np.linalg.norm(high - low)) / 2 + fitting.largest_radius / 2
-    record[trace.POSITION : trace.POSITION + 3] = pose.position
-    record[trace.ROTATION : trace.ROTATION + 9] = pose.rotation.ravel()
-    record[trace.PORTS] = len(fitting.port_names)
+    record[layout.REACH] = float(np.linalg.norm(high - low)) / 2 + fitting.largest_radius / 2
+    record[layout.POSITION : layout.POSITION + 3] = pose.position
+    record[layout.ROTATION : layout.ROTATION + 9] = pose.rotation.ravel()
+    record[layout.PORTS] = len(fitting.port_names)
     for i, name in enumerate(fitting.ports):
-        port, place = part.port(name), trace.PLANES + trace.PORT_SIZE * i
+        port, place = part.port(name), layout.PLANES + layout.PORT_SIZE * i
         record[place : place + 3] = port.position
         record[place + 3 : place + 6] = port.rotation[:, 2]
         record[place + 6] = (
-            trace.PLATE if name in closed else trace.UNKNOWN if name in unknown else trace.OPEN
+            layout.PLATE if name in closed else layout.UNKNOWN if name in unknown else layout.OPEN
         )
-    record[trace.SIZES : trace.SIZES + len(fitting.sizes)] = fitting.sizes
+    record[layout.SIZES : layout.SIZES + len(fitting.sizes)] = fitting.sizes
     return record
 
 
 @cache
-def _entry(name: str) -> Any:
+def _entry(function: Callable[..., Any]) -> Any:
     """A compiled function, which holds no interpreter lock."""
     from omnitrack_sim.model.collider.compile import compile_entry
 
     install()
-    kept = compile_entry(getattr(trace, name))
+    kept = compile_entry(function)
     _kept.append(kept)
     return kept.ctypes
 

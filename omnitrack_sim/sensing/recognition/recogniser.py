@@ -10,7 +10,7 @@ import numpy as np
 
 from omnitrack_sim.rotations import Array
 from omnitrack_sim.sensing.optics import Camera, rays_of
-from omnitrack_sim.sensing.recognition.fit import Fit
+from omnitrack_sim.sensing.recognition.fit import FARTHEST, Fit
 from omnitrack_sim.sensing.recognition.forms import Form, forms
 from omnitrack_sim.sensing.recognition.library import Library, WallMaker
 from omnitrack_sim.sensing.recognition.poses import ASIDE, DISTANCE, PLACES, STILL, TILT, TURN
@@ -29,6 +29,12 @@ APART = (400.0, 200.0, 100.0)
 SCAN = np.radians([0, -65, -45, -30, -18, -8, 8, 18, 30, 45, 65])
 CLOSE = np.radians([0, -8, -5, -2.5, 2.5, 5, 8])
 """Turns that are tried beside the one that was found; and in the end."""
+BESIDE = np.arange(-0.04, 0.0401, 0.002)
+"""Distances, m, that are compared beside the one found of an end, which slopes say nothing of."""
+AROUND = np.arange(-0.06, 0.0601, 0.012)
+"""Distances, m, beside the one found at which the search for a form of many sizes begins again."""
+AGAIN = 4
+"""At how many of them, and of the sizes, it does so."""
 FEW = 3
 """Starting sizes of a form up to which all are tried once more."""
 ALIKE = {False: 1.0, True: 2.0}
@@ -94,7 +100,7 @@ class Recogniser:
             return _nothing()
         views = Views(self._scale.of(pictures), list(motions))
         found, straight = self._ranked(views)
-        return self._told(found, straight)
+        return self._told(found, straight, views)
 
     def _ranked(self, views: Views) -> tuple[Tries, float]:
         """Forms that may be ahead, the likeliest first; and how far the pipe may be straight, m."""
@@ -106,6 +112,7 @@ class Recogniser:
         rough = self._fit.refined(self._kept(begin, 0), last, self._level(0, 8.0), 2)
         rough = self._kept(self._best_of_each(rough), 1)
         rough = self._scanned(rough, joints, last, self._level(0, 6.0))
+        rough = joined([rough, *self._begun_again(rough, pose, joints, last)])
         many = len(views.motions)
         grid = 1 if many == 1 else 0
         start = tries(rough.forms, rough.numbers, rough.sizes, many)
@@ -146,6 +153,31 @@ class Recogniser:
             costs = self._fit.costs(part, views, level).cost
             rows.append(part.take([int(costs.argmin())]))
         return joined(rows)
+
+    def _begun_again(
+        self, found: Tries, pose: Array, joints: Sequence[float], views: Views
+    ) -> list[Tries]:
+        """Rows of forms with many starting sizes, begun again where the best of all sizes and
+        places around is: where a bend begins, how narrow it is and how the camera leans look much
+        alike, and a search that errs in one of them does not come out of it."""
+        rows = []
+        for row, form in enumerate(found.forms):
+            if len(form.starts) <= FEW:
+                continue
+            about = found.numbers[row, DISTANCE]
+            places = [*(about + AROUND), *joints]
+            stands = pose[:DISTANCE], 0 * pose[:DISTANCE]
+            within = [place for place in places if 0 < place < FARTHEST]
+            beside = list(product(form.starts, within, stands))
+            part = found.take([row] * len(beside))
+            part.gains[:] = 1.0
+            for i, (size, place, stand) in enumerate(beside):
+                part.sizes[i], part.numbers[i, DISTANCE] = _row(size), place
+                part.numbers[i, :DISTANCE] = stand
+            part = self._fit.costs(part, views, self._level(0, 6.0))
+            best = part.take(np.argsort(part.cost, kind="stable")[:AGAIN].tolist())
+            rows.append(self._fit.refined(best, views, self._level(0, 5.0), 3))
+        return rows
 
     def _pose(self, views: Views) -> Array:
         """Where the camera stands in the pipe, (6,), from what the edge of its picture sees."""
@@ -211,7 +243,20 @@ class Recogniser:
             best.setdefault(id(found.forms[i]), int(i))
         return found.take(list(best.values()))
 
-    def _told(self, found: Tries, straight: float) -> Sighting:
+    def _placed(self, found: Tries, views: Views, level: Level) -> tuple[Tries, float]:
+        """A row of an end, at the mean of the distances beside its own, each as likely as the
+        picture is then; and the variance, m²."""
+        rows = found.take([0] * len(BESIDE))
+        rows.numbers[:, DISTANCE] = np.clip(rows.numbers[:, DISTANCE] + BESIDE, 0.0, None)
+        cost = self._fit.costs(rows, views, level).cost / (2 * SHARP**2 * self._alike)
+        chance = np.exp(cost.min() - cost)
+        chance /= chance.sum()
+        distance = rows.numbers[:, DISTANCE]
+        mean = float(chance @ distance)
+        found.numbers[0, DISTANCE] = mean
+        return found, float(chance @ (distance - mean) ** 2) + (BESIDE[1] - BESIDE[0]) ** 2 / 12
+
+    def _told(self, found: Tries, straight: float, views: Views) -> Sighting:
         """The likeliest of the forms, and how sure that is."""
         level = self._level(0 if found.gains.shape[1] > 1 else 1, 4.0)
         score = self._fit.scores(found, level, self._alike)
@@ -223,7 +268,10 @@ class Recogniser:
         sure = 1 / sum(math.exp((score[best] - other) / 2) for other in least.values())
         if found.cost[best] > MISFIT * len(level.pixels) * found.gains.shape[1]:
             sure = min(sure, UNSURE)
-        return _sighting(found.take([best]), names[best], straight, sure, self._alike)
+        row, variance = found.take([best]), None
+        if row.forms[0].ends:
+            row, variance = self._placed(row, views, level)
+        return _sighting(row, names[best], straight, sure, self._alike, variance)
 
     def _name(self, form: Form, numbers: Array) -> tuple[str, str]:
         """Kind and port that a form stands for: beyond the horizon a pipe is straight."""
@@ -242,12 +290,20 @@ def _row(sizes: Sequence[float]) -> Array:
 
 
 def _sighting(
-    found: Tries, name: tuple[str, str], straight: float, sure: float, alike: float
+    found: Tries,
+    name: tuple[str, str],
+    straight: float,
+    sure: float,
+    alike: float,
+    variance: float | None,
 ) -> Sighting:
-    """What a row says."""
+    """What a row says; ``variance``, m², of the distance of an end."""
     form, numbers, at = found.forms[0], found.numbers[0], [DISTANCE, TURN]
     plain = name[0] == "straight"
     covariance = SHARP**2 * alike * np.linalg.inv(found.normal[0])
+    if variance is not None:
+        covariance[DISTANCE] = covariance[:, DISTANCE] = 0.0
+        covariance[DISTANCE, DISTANCE] = variance
     sizes = () if plain else form.sizes
     return Sighting(
         *name,
