@@ -11,6 +11,7 @@ import typer
 
 import omnitrack_sim
 from omnitrack_sim.cli import (
+    bench,
     catalogue,
     compare,
     film,
@@ -31,6 +32,7 @@ from omnitrack_sim.text import clipped
 
 __all__ = [
     "app",
+    "bench",
     "catalogue",
     "compare",
     "film",

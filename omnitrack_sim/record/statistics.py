@@ -1,8 +1,9 @@
-"""Statistics of counts."""
+"""Statistics of counts and means."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 Z95 = 1.959963984540054
 """Standard normal quantile of a two-sided 95 % interval."""
@@ -18,3 +19,34 @@ def wilson_interval(passed: int, total: int) -> tuple[float, float]:
     low = centre - half if passed > 0 else 0.0
     high = centre + half if passed < total else 1.0
     return low, high
+
+
+def paired_rate_interval(gained: int, lost: int, total: int) -> tuple[float, float]:
+    """95 % interval of a difference of two rates over the same trials, -1 to 1.
+
+    Bonett and Price (2012), "Adjusted Wald confidence interval for a difference of binomial
+    proportions based on paired data"; (-1, 1) where nothing was tried.
+
+    Args:
+        gained: trials that the first passed and the second did not. lost: the other way round.
+        total: all trials.
+    """
+    if total == 0:
+        return -1.0, 1.0
+    more, fewer = (gained + 1) / (total + 2), (lost + 1) / (total + 2)
+    difference = more - fewer
+    half = Z95 * math.sqrt((more + fewer - difference**2) / (total + 2))
+    return max(difference - half, -1.0), min(difference + half, 1.0)
+
+
+def mean_interval(values: Sequence[float]) -> tuple[float, float]:
+    """95 % interval of a mean by Student's t; not a number for fewer than two values."""
+    from scipy.stats import t
+
+    count = len(values)
+    if count < 2:
+        return math.nan, math.nan
+    mean = math.fsum(values) / count
+    variance = math.fsum((value - mean) ** 2 for value in values) / (count - 1)
+    half = float(t.ppf(0.975, count - 1)) * math.sqrt(variance / count)
+    return mean - half, mean + half

@@ -1,0 +1,159 @@
+"""The benchmark of controllers: tasks, entries, figures, tables, and going on."""
+
+from __future__ import annotations
+
+import json
+import math
+from functools import partial
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from policy_samples import driver
+
+from omnitrack_sim.bench import TASKS, Bench, Task, entry_of, run_bench, shipped_entries
+from omnitrack_sim.bench.figures import MEASURES, Trials, rows_of
+from omnitrack_sim.bench.tables import FILES, page
+from omnitrack_sim.bench.tasks import DRY, _drawn
+from omnitrack_sim.cli import main
+from omnitrack_sim.errors import InputError
+from omnitrack_sim.pool import LocalPool
+from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval
+from omnitrack_sim.sweep import dispatch
+
+
+def _short(trials: int, changes: dict):
+    """Begins of turns in the tee, of 0.3 s."""
+    return _drawn("tee_turn", 1, DRY, trials, {**changes, "physics.time_limit": 0.3})
+
+
+SHORT = Task("short", "up the run for a moment", 4, 2, _short)
+
+
+def _status(monkeypatch, *arguments: str) -> int:
+    monkeypatch.setattr("sys.argv", ["omnitrack", "bench-control", *arguments])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    return caught.value.code
+
+
+def test_every_entry_can_drive_every_task_by_the_same_draws():
+    entries = list(shipped_entries().values())
+    sweeps = Bench(list(TASKS.values()), entries, quick=True).sweeps()
+    assert len(sweeps) == len(TASKS) * len(entries)
+    for task in TASKS:
+        trials = [sweeps[task, entry.name].trials() for entry in entries]
+        assert all(one == trials[0] for one in trials)
+    kinds = {key: next(iter(sweep.bases.values())).control.kind for key, sweep in sweeps.items()}
+    assert kinds["network", "equal"] == "equal"
+    assert sweeps["turn", "earlier"].bases["tee_turn"].robot.motor.speed_bandwidth == 50.0
+    assert sweeps["turn", "differential"].bases["tee_turn"].robot.drive == "differential"
+    networks = sweeps["network", "feedback"].bases.values()
+    assert len({scenario.network.model_dump_json() for scenario in networks}) == 4
+
+
+def test_dry_and_slippery_walls_do_not_overlap():
+    sweeps = Bench([TASKS["turn"], TASKS["turn_slippery"]], [entry_of("feedback")]).sweeps()
+    dry, wet = (sweep.trials()["contact.friction"] for sweep in sweeps.values())
+    assert len(dry) == len(wet) == 200
+    assert min(dry) >= 0.7 >= max(wet) >= 0.69
+    assert min(wet) >= 0.5
+
+
+def test_it_goes_on_and_takes_further_entries(tmp_path, monkeypatch):
+    """Only what is not there is run; two workers give the same rows."""
+    driver().save(tmp_path / "driver.npz")
+    first = [entry_of("feedback"), entry_of(f"mine={tmp_path / 'driver.npz'}")]
+    rows = run_bench(Bench([SHORT], first), tmp_path / "out")
+    assert [row["entry"] for row in rows] == ["feedback", "mine"]
+    assert rows[0]["others"] == "4 timed_out"
+    with monkeypatch.context() as patch:
+        patch.setattr(dispatch, "run_trials", lambda batch: pytest.fail("ran again"))
+        assert run_bench(Bench([SHORT], first), tmp_path / "out") == rows
+    told = []
+    more = Bench([SHORT], [*first, entry_of("omnitrack_sim.control:EqualController")])
+    again = run_bench(more, tmp_path / "out", progress=told.append)
+    assert again[:2] == rows
+    assert again[2]["entry"] == "omnitrack_sim.control.EqualController"
+    assert [(status.found, status.done) for status in (told[0], told[-1])] == [(8, 8), (8, 12)]
+    assert run_bench(more, tmp_path / "two", executor=partial(LocalPool, 2)) == again
+    for name in FILES:
+        assert (tmp_path / "out" / name).stat().st_size > 0, name
+    table = pq.read_table(tmp_path / "out" / "trials.parquet")
+    assert table.num_rows == 12
+    assert table.column_names[:2] == ["task", "entry"]
+    results = pq.read_table(tmp_path / "out" / "results.parquet")
+    assert results.schema.field("energy_j").metadata[b"unit"] == b"J"
+    assert json.loads((tmp_path / "out" / "bench.json").read_text())["rows"][0]["trials"] == 4
+
+
+def _trials(passed: list[bool], seconds: list[float], outcomes: list[str] | None = None) -> Trials:
+    ends = outcomes or ["reached_goal" if one else "stuck" for one in passed]
+    ran = np.array([end not in ("invalid", "error") for end in ends])
+    figures = {measure.name: np.full(len(passed), 1.0) for measure in MEASURES}
+    return Trials(ran, np.array(passed), ends, figures | {"duration_s": np.array(seconds)})
+
+
+def test_rates_and_paired_differences():
+    """Of time only over trials that both passed; what did not run does not count."""
+    default = _trials([True, True, True, False, False], [10.0, 11.0, 12.0, 50.0, 50.0])
+    other = _trials(
+        [True, True, False, True, False],
+        [9.0, 10.5, 50.0, 4.0, math.nan],
+        ["reached_goal", "reached_goal", "stuck", "reached_goal", "error"],
+    )
+    plain, paired = rows_of({("turn", "feedback"): default, ("turn", "other"): other})
+    assert (plain["passed"], plain["trials"], plain["duration_s"]) == (3, 5, 11.0)
+    assert "success_more" not in plain
+    assert (paired["passed"], paired["trials"]) == (3, 4)
+    assert paired["others"] == "1 error, 1 stuck"
+    assert paired["success_more"] == 0.0
+    assert (paired["success_more_low"], paired["success_more_high"]) == paired_rate_interval(
+        1, 1, 4
+    )
+    assert paired["duration_s_more"] == pytest.approx(-0.75)
+    assert paired["duration_s_more_low"] < -0.75 < paired["duration_s_more_high"]
+    written = page(Bench([SHORT], [entry_of("feedback")]), [plain | {"task": "short"}])
+    assert "| `feedback` | 3 of 5 |" in written
+    assert "entry less" not in written
+
+
+def test_intervals():
+    """Bonett and Price's own form, and Student's t of 1, 2, 3."""
+    assert paired_rate_interval(0, 0, 0) == (-1.0, 1.0)
+    low, high = paired_rate_interval(20, 5, 98)
+    half = 1.959964 * math.sqrt((0.21 + 0.06 - 0.15**2) / 100)
+    assert (low, high) == pytest.approx((0.15 - half, 0.15 + half), abs=1e-6)
+    assert paired_rate_interval(5, 20, 98) == pytest.approx((-high, -low))
+    assert mean_interval([1.0, 2.0, 3.0]) == pytest.approx((2 - 2.48414, 2 + 2.48414), abs=1e-4)
+    assert all(map(math.isnan, mean_interval([1.0])))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--task", "trun"], "did you mean 'turn'"),
+        (["--entry", "feedbck"], "did you mean 'feedback'"),
+        (["--entry", "no_such:Thing"], "module 'no_such' cannot be imported"),
+        (["--entry", "missing.npz"], "no such file, nor a shipped policy"),
+        (["--entry", "a/b=equal"], "has no name for a folder"),
+        (["--entry", "equal", "--entry", "equal=paper"], "is the name of two"),
+    ],
+)
+def test_bad_arguments_are_refused(tmp_path, monkeypatch, capsys, arguments, told):
+    out = tmp_path / "out"
+    assert _status(monkeypatch, "--quick", "--out", str(out), *arguments) == 2
+    assert told in " ".join(capsys.readouterr().err.split())
+    assert not out.exists()
+
+
+def test_folders_of_something_else_are_left_alone(tmp_path, monkeypatch, capsys):
+    (tmp_path / "notes.txt").write_text("mine")
+    assert _status(monkeypatch, "--quick", "--out", str(tmp_path)) == 2
+    assert "holds files but no bench.json" in " ".join(capsys.readouterr().err.split())
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_an_entry_that_cannot_drive_is_refused_before_any_trial():
+    with pytest.raises(InputError, match="one of each at least"):
+        Bench([SHORT], [])
