@@ -14,7 +14,7 @@ from omnitrack_sim.network.spec import Network
 from omnitrack_sim.pipes import ARCS
 from omnitrack_sim.record.events import Event
 from omnitrack_sim.robot import Robot
-from omnitrack_sim.rotations import rotation_about
+from omnitrack_sim.rotations import TURNED, rotation_about
 
 STEP = 0.005
 """Travel between two moments, m."""
@@ -62,9 +62,10 @@ class Ghost:
             position, frame = self._pose(distance)
             time, decision = self.travel, None
             if distance >= explorer.look_at:
-                ahead = self.sight.look(0, position, frame)
-                ahead = None if ahead is None else self.erring(ahead)
-                decision = explorer.see(time, distance, ahead, frame, frame)
+                ahead, behind = self._look(position, frame), None
+                if explorer.looks_back:
+                    behind = self._look(position, frame * TURNED)
+                decision = explorer.see(time, distance, ahead, behind, frame, frame)
             elif distance >= explorer.leg.end:
                 decision = explorer.arrived(time, distance, self._here(position, frame))
             elif self._blocked(position, frame):
@@ -78,6 +79,10 @@ class Ghost:
             if not decision.goes_on:
                 self.legs, distance = self.legs + 1, decision.leg.begin
         raise AssertionError(f"it still drives after {most} m: {self.events[-5:]}")
+
+    def _look(self, position, frame) -> Ahead | None:
+        ahead = self.sight.look(0, position, frame)
+        return None if ahead is None else self.erring(ahead)
 
     def _pose(self, distance: float):
         leg, ways = self.explorer.leg, self.explorer.ways

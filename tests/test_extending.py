@@ -46,12 +46,13 @@ def test_tables_of_the_page_are_scenarios(table):
 
 
 def test_every_kind_of_extension_has_an_example():
-    """Controller, sensor, metric, motor, drive and fitting each have a section."""
+    """Controller, sensor, metric, motor, feature, drive and fitting each have a section."""
     assert re.findall(r"^## A (\w+)", PAGE, flags=re.MULTILINE) == [
         "controller",
         "sensor",
         "metric",
         "motor",
+        "feature",
         "drive",
         "fitting",
     ]

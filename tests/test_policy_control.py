@@ -115,6 +115,23 @@ def test_it_drives_a_mission_there_and_back(tmp_path):
     assert [leg.gear for leg in result.legs] == [1, -1]
 
 
+def test_the_python_of_the_page_runs(tmp_path, capsys):
+    """A policy that it writes, and a controller whose decisions come from elsewhere."""
+    page = (Path(__file__).parents[1] / "docs" / "policies.md").read_text(encoding="utf-8")
+    made, learner = (
+        code for code in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL) if code
+    )
+    names: dict = {"__name__": "page"}
+    exec(compile(made, "policies.md", "exec"), names)
+    exec(compile(learner, "policies.md", "exec"), names)
+    assert capsys.readouterr().out.split() == ["(5,", "4)"]
+    names["policy"].save(tmp_path / "mine.npz")
+    scenario = _tee(tmp_path / "mine.npz")
+    for controller in (None, names["Learner"]):
+        (result,) = ot.run_batch([scenario], controller=controller, no_load=False)
+        assert result.outcome is ot.Outcome.TIMED_OUT
+
+
 def test_it_is_handed_over_to(tmp_path):
     """As the autopilot of a robot that is driven by orders."""
     driver().save(tmp_path / "driver.npz")

@@ -92,7 +92,8 @@ def _all_trials(tables: Mapping[tuple[str, str], pa.Table]) -> pa.Table:
 def page(bench: Bench, rows: Sequence[Mapping[str, Any]]) -> str:
     """The rows as Markdown: for each task what the entries did, and the paired differences."""
     units = [m.words if m.unit == "1" else f"{m.words}, {m.unit}" for m in MEASURES]
-    lines = []
+    kind = "a few trials of each" if bench.quick else "all trials"
+    lines = [f"# Controllers compared, {kind}", ""]
     for task in bench.tasks:
         own = [row for row in rows if row["task"] == task.name]
         lines += [f"## {task.name}: {task.words}", ""]

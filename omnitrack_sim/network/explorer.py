@@ -48,11 +48,15 @@ LOOK_STEP = 0.1
 """Travel between two looks along a pipe whose end is not in sight, m."""
 LOOK_AGAIN = 0.003
 """Travel after which a robot looks again that could not tell what it saw, m."""
-CLOSE_LOOK = 0.07
+CLOSE_LOOK = 0.1
 """How far before what is at the end of a straight, m, a robot's front is when it looks at that
 once more: from there both cameras tell distances by 1 to 2 mm."""
-CLOSEST = 0.03
-"""The same of the last try to do so: nearer to it, a lens does not see where a bend begins."""
+CLOSEST = 0.05
+"""The same of the last try to do so: nearer to it, a lens sees too little of the wall before."""
+CLEAR = 0.01
+"""Standard deviation, m, up to which it relies on how far what is behind it is."""
+FAR_OFF = 0.1
+"""By how much it may be wrong about how far it has come, m: what says more is not believed."""
 LOOK_BEFORE = 0.015
 """How far before the end of a leg, m, a robot looks on."""
 LEAST_BEND = math.radians(5)
@@ -128,13 +132,19 @@ class Explorer:
     # What happens to it
 
     def see(
-        self, time: float, distance: float, ahead: Ahead | None, frame: Array, turned: Array
+        self,
+        time: float,
+        distance: float,
+        ahead: Ahead | None,
+        behind: Ahead | None,
+        frame: Array,
+        turned: Array,
     ) -> Decision:
-        """It has looked ahead.
+        """It has looked ahead, and back where it ``looks_back``.
 
         Args:
             time: s. distance: m, arc length of its centre on its leg.
-            ahead: what it has seen. frame: (3, 3) of the robot in its gear, world frame.
+            ahead, behind: what it has seen. frame: (3, 3) of the robot in its gear, world frame.
             turned: (3, 3) the same by the gyro alone, in any frame that stands still.
         """
         if ahead is None or ahead.sure < SURE:
@@ -142,6 +152,7 @@ class Explorer:
             if self._comes_too_close(distance):
                 self._rely()
             return Decision(self.leg, True, ())
+        distance = self._placed_by(behind, distance)
         self._forget_what_was_far()
         measured = self._measure_bend(turned @ ahead.axis)
         before = self.ways.along_of(self.leg.way).length
@@ -208,6 +219,23 @@ class Explorer:
         return self._next(time, told, lambda ways, goal, closed: ways.anew(where, goal, closed))
 
     # Looking once more
+
+    @property
+    def looks_back(self) -> bool:
+        """Whether it looks back, too, where it looks next: to measure a straight behind a fitting,
+        past which it knows least how far it has come."""
+        return bool(self._provisional_at())
+
+    def _placed_by(self, behind: Ahead | None, distance: float) -> float:
+        """Where it is along its leg, m, by the fitting that it has just passed; ``distance`` where
+        it does not see that well."""
+        i = self._provisional_at()
+        if not i or behind is None or behind.fitting is None or behind.sure < SURE:
+            return distance
+        passed = self.belief.fitting(self.leg.way[i - 1][0])
+        placed = self.ways.along_of(self.leg.way).begins[i] + behind.distance
+        right = behind.fitting.kind == passed.kind and behind.distance_std < CLEAR
+        return placed if right and abs(placed - distance) < FAR_OFF else distance
 
     def _look_closer(self, way: Way, distance: float) -> None:
         """What has just been seen at the end of a way is looked at again where it is close, if the

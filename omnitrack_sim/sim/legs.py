@@ -143,13 +143,19 @@ class Legs:
         time: float,
         distance: float,
         ahead: Ahead | None,
+        behind: Ahead | None,
         frame: Array,
         turned: Array,
     ) -> Onward:
-        """A robot that explores has looked ahead; see ``Explorer.see``."""
+        """A robot that explores has looked ahead, and maybe back; see ``Explorer.see``."""
         explorer = self._explorers[robot]
         assert explorer is not None
-        return self._decided(robot, explorer.see(time, distance, ahead, frame, turned))
+        return self._decided(robot, explorer.see(time, distance, ahead, behind, frame, turned))
+
+    def looks_back(self, robot: int) -> bool:
+        """Whether a robot that explores looks both ways where it looks next."""
+        explorer = self._explorers[robot]
+        return explorer is not None and explorer.looks_back
 
     def _decided(self, robot: int, decision: Decision) -> Onward:
         """Put a robot that explores onto the leg that it has decided for."""

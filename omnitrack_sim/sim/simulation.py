@@ -497,13 +497,18 @@ class Simulation:
         told = self._readings if self.onboard is None else self.onboard.readings
         gear = self.legs.gear
         true, frames = (heading(r["rotation"], gear) for r in (self._readings, told))
+        back = heading(self._readings["rotation"], -gear)
         turned = true if self.onboard is None else heading(self.onboard.turned, gear)
         for robot in np.flatnonzero(looking).tolist():
             sight = self._sights[robot]
             assert sight is not None
-            ahead = sight.look(robot, self._readings["position"][robot], true[robot])
+            position, behind = self._readings["position"][robot], None
+            ahead = sight.look(robot, position, true[robot])
+            if self.legs.looks_back(robot):
+                behind = sight.look(robot, position, back[robot])
             time, distance = float(self.time[robot]), float(self._believed.distance[robot])
-            onward = self.legs.see(robot, time, distance, ahead, frames[robot], turned[robot])
+            frame = frames[robot]
+            onward = self.legs.see(robot, time, distance, ahead, behind, frame, turned[robot])
             self._events[robot] += onward.events
             self._give_time(robot, onward)
         self._find_again(np.flatnonzero(looking).tolist())

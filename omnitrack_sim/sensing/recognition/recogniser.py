@@ -33,8 +33,8 @@ BESIDE = np.arange(-0.04, 0.0401, 0.002)
 """Distances, m, that are compared beside the one found of an end, which slopes say nothing of."""
 AROUND = np.arange(-0.06, 0.0601, 0.012)
 """Distances, m, beside the one found at which the search for a form of many sizes begins again."""
-AGAIN = 4
-"""At how many of them, and of the sizes, it does so."""
+AGAIN = 3
+"""How many of these searches are followed."""
 FEW = 3
 """Starting sizes of a form up to which all are tried once more."""
 ALIKE = {False: 1.0, True: 2.0}
@@ -175,8 +175,11 @@ class Recogniser:
                 part.sizes[i], part.numbers[i, DISTANCE] = _row(size), place
                 part.numbers[i, :DISTANCE] = stand
             part = self._fit.costs(part, views, self._level(0, 6.0))
-            best = part.take(np.argsort(part.cost, kind="stable")[:AGAIN].tolist())
-            rows.append(self._fit.refined(best, views, self._level(0, 5.0), 3))
+            each = part.cost.reshape(len(form.starts), -1).argmin(axis=1)
+            each += np.arange(len(form.starts)) * (len(beside) // len(form.starts))
+            best = self._fit.refined(part.take(each.tolist()), views, self._level(0, 5.0), 2)
+            best = best.take(np.argsort(best.cost, kind="stable")[:AGAIN].tolist())
+            rows.append(self._fit.refined(best, views, self._level(0, 5.0), 2))
         return rows
 
     def _pose(self, views: Views) -> Array:
