@@ -10,7 +10,15 @@ from gymnasium.vector import AutoresetMode
 
 import omnitrack_sim as ot
 import omnitrack_sim.gym as environments
-from omnitrack_sim.control.policy import DIRECT, Decisions, features_of
+from omnitrack_sim.control.policy import (
+    DIRECT,
+    RESIDUAL,
+    Decisions,
+    Mlp,
+    TrainingRecord,
+    features_of,
+    named_features,
+)
 
 pytest.importorskip("numba")
 BRIEF = {"changes": {"physics.time_limit": 0.6}}
@@ -110,6 +118,42 @@ def test_a_run_sees_what_the_environment_sees(sensing):
     assert [row.tobytes() for row in Replayed.seen] == [row.tobytes() for row in seen[:12]]
     assert result.outcome is ot.Outcome.TIMED_OUT
     assert told[-1][1:] == (False, True)
+
+
+@pytest.mark.parametrize("acting", [DIRECT, RESIDUAL], ids=["direct", "residual"])
+def test_a_policy_drives_in_a_run_as_in_a_vector(tmp_path, acting):
+    """The controller ``policy`` takes the robot of a vector's trial along the same way, bit for
+    bit: what was trained here drives there."""
+    draw = np.random.default_rng(0)
+    shapes = ((32, 8), (8, 4))
+    network = Mlp(
+        [draw.normal(0, 0.3, shape) for shape in shapes],
+        [np.zeros(8), np.array([0.4, 0.4, 0.4, 0.0])],
+        mean=np.zeros(32),
+        std=np.ones(32),
+        activation="tanh",
+        output="clip",
+    )
+    record = TrainingRecord(command="drawn", seed=0, steps=0)
+    policy = ot.Policy(network, named_features("onboard"), acting=acting, record=record)
+    policy.save(tmp_path / "drawn.npz")
+    changes = {
+        "physics.time_limit": 1.0,
+        "control.kind": "policy",
+        "control.parameters": {"policy": str(tmp_path / "drawn.npz")},
+    }
+    env = vector(3, acting=acting.name, changes=changes)
+    seen, _ = env.reset(seed=SEED)
+    scenario = env.unwrapped.scenarios[1]
+    ways = []
+    for _ in range(20):
+        seen, _, _, truncated, info = env.step(policy(seen))
+        ways.append(info["distance"][1])
+    assert truncated[1]
+    (result,) = ot.run_batch([scenario], no_load=False)
+    recorded = result.trajectory["distance"][5::5]  # every 0.1 s, of a sample every 0.02 s
+    assert recorded.tolist() == ways[1::2]
+    assert np.ptp(recorded) > 0.01
 
 
 def test_the_next_step_begins_the_next_episode():
