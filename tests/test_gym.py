@@ -131,6 +131,7 @@ def _plain(info):
         ({"reward": {"progres": 1.0}}, "did you mean 'progress'"),
         ({"changes": {"contact.frction": 1.0}}, "did you mean 'friction'"),
         ({"changes": {"physics.control_period": 0.02}}, "physics.control_period"),
+        ({"observation": "truth", "changes": {"physics.control_period": 0.02}}, "decision period"),
         ({"acting": "residuel"}, "did you mean 'residual'"),
         ({"picture": True, "sensing": "truth"}, "picture"),
         ({"observation": "truth", "sensing": "onboard"}, "truth"),

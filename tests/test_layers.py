@@ -23,8 +23,8 @@ def test_imports_go_one_way():
 
 
 def test_import_is_light():
-    """Importing the package loads neither MuJoCo nor matplotlib nor pyarrow nor Gymnasium nor the mesh
-    libraries."""
+    """Importing the package loads neither MuJoCo nor matplotlib nor pyarrow nor Gymnasium nor the
+    mesh libraries."""
     heavy = (
         "mujoco",
         "matplotlib",

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
+from omnitrack_sim.control.policy import DECISION_PERIOD
+from omnitrack_sim.control.policy.decisions import steps_of
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.gym.options import Options
 from omnitrack_sim.model.collider import why_not
@@ -51,9 +53,10 @@ class Trials:
                 raise InputError(Fault("scenario", problem))
             _ = self._base.route  # all trials share it
         drawn = options.drawn
-        first = self._with(0, {path: low for path, (low, _) in drawn.items()}, override)
-        last = self._with(0, {path: high for path, (_, high) in drawn.items()}, override)
-        self.example, _ = last, first
+        # What both ends of the ranges are valid with, values between them are, too.
+        self._with(0, {path: low for path, (low, _) in drawn.items()}, override)
+        self.example = self._with(0, {path: high for path, (_, high) in drawn.items()}, override)
+        steps_of(DECISION_PERIOD, self.example.physics.control_period)
         if options.picture and self.example.sensing.camera != "depth":
             raise InputError(Fault("picture", "is that of the camera 'depth'", ("depth",)))
 
