@@ -61,9 +61,9 @@ class Ghost:
         while self.travel < most:
             position, frame = self._pose(distance)
             time, decision = self.travel, None
-            if distance >= explorer.look_at:
+            if distance >= explorer.looks_at:
                 ahead, behind = self._look(position, frame), None
-                if explorer.looks_back:
+                if explorer.looks_back(distance):
                     behind = self._look(position, frame * TURNED)
                 decision = explorer.see(time, distance, ahead, behind, frame, frame)
             elif distance >= explorer.leg.end:

@@ -15,7 +15,16 @@ from policy_samples import random_network, random_policy
 import omnitrack_sim as ot
 from omnitrack_sim.bounds import MOST_POLICY_BYTES
 from omnitrack_sim.cli import main
-from omnitrack_sim.control.policy import RESIDUAL, Mlp, Policy, entry_names
+from omnitrack_sim.control.policy import (
+    FEATURE_SETS,
+    FEATURES,
+    RESIDUAL,
+    Feature,
+    Mlp,
+    Policy,
+    entry_names,
+    named_features,
+)
 from omnitrack_sim.writing import npz_of
 
 
@@ -89,6 +98,20 @@ def test_a_policy_is_read_back_as_it_was_written(tmp_path, policy):
     entries = np.random.default_rng(0).normal(0, 1, (5, len(entry_names(policy.read))))
     assert found(entries).tobytes() == policy(entries).tobytes()
     assert len(found.sha256) == 64
+
+
+OWN = Feature("power", "W", 0.0, 5.0, "of nothing", lambda view: np.zeros(view.setup.n))
+SEVERAL = [OWN, FEATURES["tilt"]]
+
+
+def test_features_of_a_users_own_are_found_again_by_their_names(tmp_path):
+    names = named_features(["tilt", f"{__name__}:OWN"])
+    assert names == ("tilt", f"{__name__}:OWN")
+    Policy(random_network(2), names).save(tmp_path / "own.npz")
+    assert ot.load_policy(tmp_path / "own.npz").read == (FEATURES["tilt"], OWN)
+    assert len(named_features("onboard")) == len(FEATURE_SETS["onboard"])
+    with pytest.raises(ot.InputError, match="is a list; name its features one by one"):
+        named_features(f"{__name__}:SEVERAL")
 
 
 def test_what_is_made_for_something_else_is_refused(saved):

@@ -76,7 +76,7 @@ def test_every_command_and_option_is_in_the_site(site):
     page = (site / "commands.html").read_text(encoding="utf-8")
     for command in app.registered_commands:
         assert command.callback is not None
-        assert f'<section id="omnitrack-{command.callback.__name__}">' in page
+        assert f'<section id="omnitrack-{command.name or command.callback.__name__}">' in page
     run = page.partition('<section id="omnitrack-run">')[2].partition("</section>")[0]
     text = re.sub(r"<[^>]+>", "", run)
     for told in (

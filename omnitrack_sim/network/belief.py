@@ -202,7 +202,7 @@ class Belief:
         places = [
             (miss, other)
             for miss, other in self._near(end)
-            if self.fitting(other[0]).kind == fitting.kind and _alike(fitting, enter, other[1])
+            if self.fitting(other[0]).kind == fitting.kind and alike(fitting, enter, other[1])
         ]
         return min(places, default=(0.0, None))[1]
 
@@ -325,7 +325,7 @@ class Belief:
         return named
 
 
-def _alike(fitting: Fitting, enter: str, port: str) -> bool:
+def alike(fitting: Fitting, enter: str, port: str) -> bool:
     """Whether two ports of fittings of a kind may be the same: both on the run, or both not."""
     return fitting.describe(*_both(fitting, enter)) == fitting.describe(*_both(fitting, port))
 

@@ -53,6 +53,12 @@ CLOSE_LOOK = 0.1
 once more: from there both cameras tell distances by 1 to 2 mm."""
 CLOSEST = 0.05
 """The same of the last try to do so: nearer to it, a lens sees too little of the wall before."""
+BACK = 0.1
+"""How far from a fitting behind it a robot's back is when it looks at that, m."""
+BACK_AGAIN = 0.01
+"""Travel after which it does so again, m, where it could not tell."""
+LEANS = math.radians(4)
+"""No robot leans by more in a straight pipe: what says so has taken one thing for another."""
 CLEAR = 0.01
 """Standard deviation, m, up to which it relies on how far what is behind it is."""
 FAR_OFF = 0.1
@@ -79,11 +85,13 @@ class Decision(NamedTuple):
         leg: the leg to be driven; None: the run is over.
         goes_on: it is the leg at hand, made longer, and not another one.
         events: what there is to tell.
+        shift: m, how much farther along its leg it is than it took itself to be.
     """
 
     leg: Leg | None
     goes_on: bool
     events: Sequence[Event]
+    shift: float = 0.0
 
 
 @dataclass
@@ -116,6 +124,8 @@ class Explorer:
     _fallen_off: list[Step] = field(default_factory=list)
     _bends: dict[int, Array] = field(default_factory=dict)
     _told: set[str] = field(default_factory=set)
+    _placed: set[int] = field(default_factory=set)
+    _again: float = 0.0
     _complete: bool = False
 
     def __post_init__(self) -> None:
@@ -147,12 +157,21 @@ class Explorer:
             ahead, behind: what it has seen. frame: (3, 3) of the robot in its gear, world frame.
             turned: (3, 3) the same by the gyro alone, in any frame that stands still.
         """
+        placed = self._placed_by(behind, distance)
+        if distance < self.look_at:
+            return Decision(self.leg, True, (), placed - distance)
+        decision = self._look_on(time, placed, ahead, frame, turned)
+        return decision._replace(shift=placed - distance)
+
+    def _look_on(
+        self, time: float, distance: float, ahead: Ahead | None, frame: Array, turned: Array
+    ) -> Decision:
+        """It has looked to where its way goes on."""
         if ahead is None or ahead.sure < SURE:
             self.look_at = distance + LOOK_AGAIN
             if self._comes_too_close(distance):
                 self._rely()
             return Decision(self.leg, True, ())
-        distance = self._placed_by(behind, distance)
         self._forget_what_was_far()
         measured = self._measure_bend(turned @ ahead.axis)
         before = self.ways.along_of(self.leg.way).length
@@ -221,21 +240,49 @@ class Explorer:
     # Looking once more
 
     @property
-    def looks_back(self) -> bool:
-        """Whether it looks back, too, where it looks next: to measure a straight behind a fitting,
-        past which it knows least how far it has come."""
-        return bool(self._provisional_at())
+    def looks_at(self) -> float:
+        """Arc length on its leg, m, where it looks next."""
+        return min(self.look_at, self._back_at())
+
+    def looks_back(self, distance: float) -> bool:
+        """Whether it looks back, too, at arc length ``distance`` m of its leg: past a bend it knows
+        least how far it has come, and sees that best when the bend is just behind it."""
+        close = bool(self._provisional_at()) and distance >= self.look_at
+        return close or distance >= self._back_at()
+
+    def _back_at(self) -> float:
+        """Arc length, m, where it looks back at what it has passed; infinite where it has."""
+        along = self.ways.along_of(self.leg.way)
+        for i, (part, _, _) in enumerate(self.leg.way):
+            if i and part not in self._placed and self.belief.fitting(part).is_plain:
+                at = max(along.begins[i] + self.robot.length / 2 + BACK, self._again)
+                if at < along.ends[i] - self.robot.length / 2:
+                    return at
+        return math.inf
 
     def _placed_by(self, behind: Ahead | None, distance: float) -> float:
         """Where it is along its leg, m, by the fitting that it has just passed; ``distance`` where
         it does not see that well."""
-        i = self._provisional_at()
-        if not i or behind is None or behind.fitting is None or behind.sure < SURE:
+        way = self.leg.way
+        along = self.ways.along_of(way)
+        i = along.at(distance)
+        if not self.looks_back(distance):
             return distance
-        passed = self.belief.fitting(self.leg.way[i - 1][0])
-        placed = self.ways.along_of(self.leg.way).begins[i] + behind.distance
-        right = behind.fitting.kind == passed.kind and behind.distance_std < CLEAR
-        return placed if right and abs(placed - distance) < FAR_OFF else distance
+        self._again = distance + BACK_AGAIN
+        if i == 0 or not self.belief.fitting(way[i][0]).is_plain:
+            return distance
+        if behind is None or behind.fitting is None or behind.sure < SURE:
+            return distance
+        if behind.axis[2] < math.cos(LEANS):
+            return distance
+        kind = self.belief.fitting(way[i - 1][0]).kind
+        placed = along.begins[i] + behind.distance
+        if behind.fitting.kind != kind or behind.distance_std > CLEAR:
+            return distance
+        if abs(placed - distance) > FAR_OFF:
+            return distance
+        self._placed.add(way[i][0])
+        return placed
 
     def _look_closer(self, way: Way, distance: float) -> None:
         """What has just been seen at the end of a way is looked at again where it is close, if the
@@ -445,6 +492,7 @@ class Explorer:
         """Drive the first of ``legs``, the others being kept for later."""
         before = self.leg
         self.belief.settle()
+        self._again = 0.0
         self.leg, *self._to_come = legs
         end = _end_of(self.leg.way)
         blind = self.leg.goal < 0 or end == self.belief.start or end in self.belief.ends

@@ -34,12 +34,14 @@ class Onward(NamedTuple):
     Attributes:
         leg: its leg, or None where there is none. events: what there is to tell.
         goes_on: it is the leg at hand, made longer by ``more`` m.
+        shift: m, how much farther along its way the robot is than it took itself to be.
     """
 
     leg: Leg | None
     events: Sequence[Event]
     goes_on: bool = False
     more: float = 0.0
+    shift: float = 0.0
 
 
 class Legs:
@@ -92,7 +94,7 @@ class Legs:
         self.look_at: Array = np.full(n, np.inf)
         for robot, explorer in enumerate(self._explorers):
             if explorer is not None:
-                self.end[robot], self.look_at[robot] = explorer.leg.end, explorer.look_at
+                self.end[robot], self.look_at[robot] = explorer.leg.end, explorer.looks_at
 
     def restart(self, robots: NDArray[np.intp], scenarios: Sequence[Scenario]) -> None:
         """Put ``robots`` (k,) onto the first legs of ``scenarios`` (k), which do not explore."""
@@ -152,19 +154,19 @@ class Legs:
         assert explorer is not None
         return self._decided(robot, explorer.see(time, distance, ahead, behind, frame, turned))
 
-    def looks_back(self, robot: int) -> bool:
-        """Whether a robot that explores looks both ways where it looks next."""
+    def looks_back(self, robot: int, distance: float) -> bool:
+        """Whether a robot that explores looks both ways at arc length ``distance`` m."""
         explorer = self._explorers[robot]
-        return explorer is not None and explorer.looks_back
+        return explorer is not None and explorer.looks_back(distance)
 
     def _decided(self, robot: int, decision: Decision) -> Onward:
         """Put a robot that explores onto the leg that it has decided for."""
         explorer, before = self._explorers[robot], self._driven[robot][-1]
         assert explorer is not None
-        self.look_at = _with(self.look_at, robot, explorer.look_at)
-        leg, goes_on, told = decision
+        self.look_at = _with(self.look_at, robot, explorer.looks_at)
+        leg, goes_on, told, shift = decision
         if leg is None or leg == before:
-            return Onward(leg, told, goes_on)
+            return Onward(leg, told, goes_on, shift=shift)
         route = explorer.ways.route(leg)
         more = route.centreline.length - float(self.routes.lengths[self.way[robot]])
         if goes_on:
@@ -173,7 +175,7 @@ class Legs:
             self._begin(robot, leg)
         self.end = _with(self.end, robot, leg.end)
         self.way = _with(self.way, robot, self.routes.add(route))
-        return Onward(leg, told, goes_on, more)
+        return Onward(leg, told, goes_on, more, shift)
 
     def in_a_pipe(self, robot: int, position: Array, axis: Array) -> bool:
         """Whether a robot that truly is at ``position`` (3,) m with its nose along ``axis`` (3,),

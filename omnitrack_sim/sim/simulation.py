@@ -33,6 +33,7 @@ from omnitrack_sim.sim.builder import (
     settings_of,
     start_of,
 )
+from omnitrack_sim.sim.judged_sight import JudgedSight
 from omnitrack_sim.sim.legs import Legs, Onward
 from omnitrack_sim.sim.monitor import Monitor, Verdict
 from omnitrack_sim.sim.pictures import Album, coding_of
@@ -394,13 +395,13 @@ class Simulation:
     def _made_sights(self) -> Sequence[Sight | None]:
         """What tells each robot that explores what is ahead; None for those that do not."""
         explorations = [scenario.exploration for scenario in self.scenarios]
+        true = [None if e is None else e.sight() for e in explorations]
         if self.onboard is None or explorations[0] is None:
-            return [None if e is None else e.sight() for e in explorations]
+            return true
         from omnitrack_sim.sim.camera_sight import CameraSight
 
-        return [
-            CameraSight(self.onboard.eyes, self.scenarios[0].sensing, self.legs.bore_ahead)
-        ] * self.n
+        first, bore = self.scenarios[0].sensing, self.legs.bore_ahead
+        return [JudgedSight(CameraSight(self.onboard.eyes, first, bore), true)] * self.n
 
     def _keep_picture(self) -> None:
         """Keep the picture of this moment, where one was taken and pictures are recorded."""
@@ -504,11 +505,13 @@ class Simulation:
             assert sight is not None
             position, behind = self._readings["position"][robot], None
             ahead = sight.look(robot, position, true[robot])
-            if self.legs.looks_back(robot):
-                behind = sight.look(robot, position, back[robot])
             time, distance = float(self.time[robot]), float(self._believed.distance[robot])
+            if self.legs.looks_back(robot, distance):
+                behind = sight.look(robot, position, back[robot])
             frame = frames[robot]
             onward = self.legs.see(robot, time, distance, ahead, behind, frame, turned[robot])
+            if onward.shift and self.onboard is not None:
+                self.onboard.shift(robot, self._believed, onward.shift)
             self._events[robot] += onward.events
             self._give_time(robot, onward)
         self._find_again(np.flatnonzero(looking).tolist())
@@ -643,6 +646,8 @@ class Simulation:
             found, exploration = self.legs.map(i), scenario.exploration
             if found is not None and exploration is not None:
                 figures |= exploration.difference(found).figures()
+            if isinstance(sight := self._sights[i], JudgedSight):
+                figures |= sight.figures(i)
             results.append(
                 Result(
                     scenario=scenario,

@@ -20,7 +20,7 @@ from omnitrack_sim.arguments import check_is
 from omnitrack_sim.bounds import MOST_LAYERS, MOST_POLICY_BYTES
 from omnitrack_sim.control.policy.actions import ACTIONS, DECISION_PERIOD, DIRECT, Acting
 from omnitrack_sim.control.policy.feature import Entries, Feature
-from omnitrack_sim.control.policy.features import features_of
+from omnitrack_sim.control.policy.features import FEATURES, features_of
 from omnitrack_sim.control.policy.header import (
     ActingEntry,
     FeatureEntry,
@@ -109,9 +109,22 @@ class Policy:
 
 
 def named_features(names: str | Sequence[str]) -> tuple[str, ...]:
-    """The names of the single features of shipped sets and features, as ``Policy.features`` has
-    them."""
-    return tuple(feature.name for feature in features_of(names))
+    """The names of single features, as ``Policy.features`` has them, of names as ``features_of``
+    takes them.
+
+    Raises:
+        InputError: there is no such feature, or a list of a user's own is named: a file needs a
+            name for each.
+    """
+    found: list[str] = []
+    for name in [names] if isinstance(names, str) else names:
+        several = features_of([name])
+        shipped = [one.name for one in several if FEATURES.get(one.name) is one]
+        if len(shipped) < len(several) > 1:
+            problem = f"{name!r} is a list; name its features one by one, for a file to find them"
+            raise InputError(Fault("features", problem))
+        found += shipped or [name]
+    return tuple(found)
 
 
 def load_policy(source: str | Path) -> Policy:

@@ -13,8 +13,9 @@ from omnitrack_sim.control.policy.feature import Entries
 from omnitrack_sim.naming import ByName
 from omnitrack_sim.rotations import Array
 
-TILE = 64
-"""Rows that are evaluated together: the products of a layer of 64 to 64 then take 2 MB."""
+TILE = 16
+"""Rows that are evaluated together: the products of a layer of 64 to 64 then take 0.5 MB and stay in
+the processor's cache. 64 rows take twice as long in one tile."""
 
 
 def _relu(x: Array) -> Array:

@@ -8,8 +8,10 @@ from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compile
 KIND, CENTRE, REACH, POSITION, ROTATION, PORTS, PLANES, SIZES = 0, 1, 4, 5, 8, 17, 18, 46
 """Places in the record of a part: number of its kind, a ball around it (3 and its radius, m), its
 pose (3 m, and 9 row by row), the number of its ports; for each port its place (3 m), its direction
-outward (3), world frame, and what is there: `OPEN`, `PLATE` or `UNKNOWN`; sizes."""
-OPEN, PLATE, UNKNOWN = 0.0, 1.0, 2.0
+outward (3), world frame, and what is there; sizes."""
+OPEN, PLATE, UNKNOWN, UNSEEN = 0.0, 1.0, 2.0, 3.0
+"""Nothing, a plate; what nothing is known of, behind a fitting's port, at which there is a joint, and
+at the end of so much of a straight as has been seen, where there may be none."""
 PORT_SIZE, PART_SIZE = 7, 56
 RANGE, NORMAL, PART, LIT, JOINT, GRAIN, HIT_SIZE = 0, 1, 4, 5, 6, 7, 8
 """Places of what a ray has met: distance, m, infinite where it has met nothing, NaN where it leaves

@@ -28,6 +28,7 @@ from omnitrack_sim.model.rays.layout import (
     ROTATION,
     SHORT,
     UNKNOWN,
+    UNSEEN,
     clear_from,
     nearest_port,
     parts_along,
@@ -162,12 +163,14 @@ def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, ou
         q, beyond = nearest_port(parts, p, wx, wy, wz)
     if met == 0:
         if parts[q + 6] != PLATE:
-            if parts[q + 6] == UNKNOWN:
+            if parts[q + 6] >= UNKNOWN:
                 hits[h + RANGE] = math.nan
             return False
         hits[h + NORMAL], hits[h + NORMAL + 1] = -parts[q + 3], -parts[q + 4]
         hits[h + NORMAL + 2] = -parts[q + 5]
     else:
+        if q != p and parts[q + 6] == UNSEEN:
+            beyond = math.inf
         r = p + ROTATION
         for row in range(3):
             hits[h + NORMAL + row] = (

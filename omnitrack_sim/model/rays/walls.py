@@ -150,8 +150,9 @@ def part_record(part: Part, closed: Collection[str] = (), unknown: Collection[st
         port, place = part.port(name), layout.PLANES + layout.PORT_SIZE * i
         record[place : place + 3] = port.position
         record[place + 3 : place + 6] = port.rotation[:, 2]
+        dark = layout.UNSEEN if fitting.is_plain else layout.UNKNOWN
         record[place + 6] = (
-            layout.PLATE if name in closed else layout.UNKNOWN if name in unknown else layout.OPEN
+            layout.PLATE if name in closed else dark if name in unknown else layout.OPEN
         )
     record[layout.SIZES : layout.SIZES + len(fitting.sizes)] = fitting.sizes
     return record
