@@ -23,8 +23,8 @@ def test_imports_go_one_way():
 
 
 def test_import_is_light():
-    """Importing the package loads neither MuJoCo nor matplotlib nor pyarrow nor the mesh
-    libraries."""
+    """Importing the package loads neither MuJoCo nor matplotlib nor pyarrow nor Gymnasium nor the
+    mesh libraries."""
     heavy = (
         "mujoco",
         "matplotlib",
@@ -34,6 +34,7 @@ def test_import_is_light():
         "pydantic",
         "imageio",
         "av",
+        "gymnasium",
     )
     code = f"import sys, omnitrack_sim; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

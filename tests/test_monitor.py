@@ -45,7 +45,7 @@ def look(
     resting, diverged = more.pop("resting", nobody), more.pop("diverged", nobody)
     saturated = more.pop("saturated", np.zeros((n, 3), bool))
     readings |= more
-    watching.average(readings, np.full((n, 3), SPEED), saturated)
+    watching.average(readings, np.full((n, 3), SPEED), saturated, np.ones(n, bool))
     goal = np.full(n, LENGTH - 0.1)
     arrived = np.asarray(distance) >= goal
     return watching.look(readings, place(distance, aside), arrived, resting, diverged)
@@ -188,7 +188,7 @@ def test_a_module_that_has_lost_the_wall_in_a_tee_turn_is_the_cause(
     for _ in range(100):
         readings = {name: np.zeros((1, *channel.shape)) for name, channel in CHANNELS.items()}
         readings |= {"normal_force": force, "belt_speed": np.full((1, 3), SPEED)}
-        watching.average(readings, np.full((1, 3), SPEED), np.zeros((1, 3), bool))
+        watching.average(readings, np.full((1, 3), SPEED), np.zeros((1, 3), bool), np.ones(1, bool))
     at = routes.start[:1] - ahead
     way, line = np.zeros(1, np.intp), routes.routes[0].centreline
     where = routes.locate(line.at(at)[0], line.frame(at), way, at)

@@ -38,6 +38,15 @@ class SpeedLoop:
         self._correction = np.zeros((n, drive.motors))  # m/s, integral part
         self._driven = np.abs(drive.matrix) > 0  # (m, 3) belts of each motor
 
+    def restart(self, robots: NDArray[np.intp], torque_limit: Array) -> None:
+        """Have the motors of ``robots`` (k,) begin anew, with limits ``torque_limit`` (k,) N m."""
+        limits = self.torque_limit.copy()
+        limits[robots, 0] = torque_limit
+        saturated = self.saturated.copy()
+        saturated[robots] = False
+        self.torque_limit, self.saturated = limits, saturated
+        self._correction[robots] = 0.0
+
     def advance(
         self, command: Array, belt_speed: Array, torque: Array, dt: float
     ) -> tuple[Array, Array, Array]:

@@ -32,12 +32,13 @@ NEAR_BY, NEAR_TURN = 0.03, 0.2
 
 class Shot(NamedTuple):
     """What is known of a picture when it is taken: where the robots took themselves to be, and
-    which end it was taken from, 1 for the nose, -1 for the tail."""
+    which end it was taken from, 1 for the nose, -1 for the tail; which robots took one (n,)."""
 
     picture: Array
     position: Array
     rotation: Array
     facing: NDArray[np.int_]
+    taken: NDArray[np.bool_]
 
 
 class Difference(NamedTuple):

@@ -48,7 +48,7 @@ class DepthCamera:
         rays: Array,
         pixels: NDArray[np.intp],
         keys: Keys,
-        number: int,
+        number: int | NDArray[np.int_],
         metered: NDArray[np.intp] | None = None,
     ) -> Array:
         """See ``Camera``."""

@@ -6,6 +6,7 @@ before.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 
 import numpy as np
@@ -24,24 +25,34 @@ def keys(texts: list[str]) -> Keys:
     return np.array([int.from_bytes(digest, "little") for digest in digests], np.uint64)
 
 
-def uniform(keys: Keys, name: str, draw: int, which: int | NDArray[np.intp]) -> Array:
+def uniform(
+    keys: Keys, name: str, draw: int | NDArray[np.int_], which: int | NDArray[np.intp]
+) -> Array:
     """Numbers (n, k) in (0, 1).
 
     Args:
-        keys: (n,) of the robots. name: of what is drawn. draw: its number.
+        keys: (n,) of the robots. name: of what is drawn. draw: its number, or (n,) that of each.
         which: how many, or (k,) which of them: each depends on its place alone.
 
     The mixing is that of SplitMix64 (Steele, Lea and Flood, 2014).
     """
-    stream = int.from_bytes(hashlib.sha256(f"{name} {draw}".encode()).digest()[:8], "little")
+    numbers = [draw] if isinstance(draw, int) else draw.tolist()
     with np.errstate(over="ignore"):
-        start = _mixed(keys ^ np.uint64(stream))
+        start = _mixed(keys ^ np.array([_stream(name, number) for number in numbers], np.uint64))
         places = np.arange(which) if isinstance(which, int) else which
         z = _mixed(start[:, None] + (places + 1).astype(np.uint64) * _GOLDEN)
     return ((z >> np.uint64(11)).astype(float) + 0.5) * 2.0**-53
 
 
-def normal(keys: Keys, name: str, draw: int, which: int | NDArray[np.intp]) -> Array:
+@functools.lru_cache(4096)
+def _stream(name: str, draw: int) -> int:
+    """What all robots' draws of one name and number begin with."""
+    return int.from_bytes(hashlib.sha256(f"{name} {draw}".encode()).digest()[:8], "little")
+
+
+def normal(
+    keys: Keys, name: str, draw: int | NDArray[np.int_], which: int | NDArray[np.intp]
+) -> Array:
     """Numbers (n, k) of the standard normal distribution, by Box and Muller; see
     ``uniform``."""
     places = np.arange(which) if isinstance(which, int) else which

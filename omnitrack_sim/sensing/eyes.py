@@ -49,7 +49,7 @@ class Eyes:
         position: Array,
         rotation: Array,
         facing: NDArray[np.int_],
-        number: int,
+        number: int | NDArray[np.int_],
         pixels: NDArray[np.intp],
         metered: NDArray[np.intp] | None = None,
     ) -> Array:

@@ -20,6 +20,7 @@ from omnitrack_sim.sensing.evidence import (
     of_gravity,
 )
 from omnitrack_sim.sensing.eyes import Mount
+from omnitrack_sim.sensing.graft import graft
 from omnitrack_sim.sensing.optics import Walls
 from omnitrack_sim.sensing.pose_filter import PLACE, POSE, TURN, PoseFilter, beginning, outer
 from omnitrack_sim.sensing.proprioception import Felt
@@ -99,7 +100,8 @@ class Localiser:
         self.pixels = self._candidates.pixels
         self.misfit = np.zeros(n)
         self.unknown = np.full(n, not table.start.theta5_known)
-        self._force, self._felt = np.zeros((n, 3)), 0
+        self._force = np.zeros((n, 3))
+        self._felt, self._clock = np.zeros(n, int), 0
         # Pictures of each end, tail and nose, to come until poses are compared again.
         self._rest = np.zeros((n, 2), np.intp)
         self._against = np.zeros((n, ROLLS))  # what pictures have said against each turn
@@ -119,14 +121,17 @@ class Localiser:
         self.filter.advance(at_wall.mean(axis=1), felt.turned, skid, self._period)
         self._force = self._force + felt.force / self._steps
         self._slide = felt.slide
-        self._felt += 1
-        if self._felt % self._steps == 0:
-            self.filter.settle()
-            self._correct_by_touch()
-            self._candidates.held, self._force = self._force, np.zeros_like(self._force)
+        self._felt, self._clock = self._felt + 1, self._clock + 1
+        due = self._felt % self._steps == 0
+        if np.count_nonzero(due):
+            self.filter.settle(due)
+            self._correct_by_touch(due)
+            held = self._candidates.held
+            self._candidates.held = np.where(due[:, None], self._force, held)
+            self._force = np.where(due[:, None], 0.0, self._force)
 
-    def _correct_by_touch(self) -> None:
-        """Correct the poses by the arms and by gravity."""
+    def _correct_by_touch(self, due: NDArray[np.bool_]) -> None:
+        """Correct the poses of robots that are ``due`` (n,) by the arms and by gravity."""
         pose, table = self.filter, self._table.filter
         information, evidence = of_arms(
             self._robot,
@@ -140,7 +145,9 @@ class Localiser:
         more, further = of_gravity(
             self._gravity, self._force, pose.rotation, table.force_std, ~self.unknown
         )
-        pose.correct(information + more, evidence + further, pose.position.copy())
+        information = np.where(due[:, None, None], information + more, 0.0)
+        evidence = np.where(due[:, None], evidence + further, 0.0)
+        pose.correct(information, evidence, pose.position.copy())
 
     @property
     def puzzled(self) -> NDArray[np.bool_]:
@@ -175,22 +182,49 @@ class Localiser:
         """What a robot takes for its pose cannot be: it is to look for itself."""
         self._puzzled[robot] = 2 * self._table.filter.misfit_time
 
+    def restart(self, robots: NDArray[np.intp], fresh: Localiser) -> None:
+        """Have ``robots`` (k,) begin anew as those of ``fresh``, which has k."""
+        n = len(self.unknown)
+        graft(self.filter, fresh.filter, robots, n)
+        graft(self._candidates, fresh._candidates, robots, n)
+        graft(self, fresh, robots, n)
+        gone = np.isin(np.arange(n), robots)
+        if self.shot is not None:
+            self.shot = self.shot._replace(taken=self.shot.taken & ~gone)
+        waiting = [(due, shot._replace(taken=shot.taken & ~gone)) for due, shot in self._arriving]
+        for after, first in fresh._arriving:
+            due = self._clock + after
+            if not waiting or waiting[-1][0] != due:
+                waiting.append((due, self._no_shot()))
+            waiting[-1] = due, _with_rows(waiting[-1][1], robots, first)
+        self._arriving = deque(waiting)
+
+    def _no_shot(self) -> Shot:
+        """A picture that no robot has taken."""
+        n, pose = len(self.unknown), self.filter
+        picture = np.full((n, len(self.pixels)), np.nan)
+        return Shot(picture, pose.position, pose.rotation, np.ones(n, np.int_), np.zeros(n, bool))
+
     # Pictures
 
-    def shoot(self, picture: Array, facing: NDArray[np.int_], latency: int) -> None:
-        """A picture (n, k) is taken now and arrives ``latency`` control steps later."""
-        shot = Shot(picture, self.filter.position, self.filter.rotation, facing)
-        self._arriving.append((self._felt + latency, shot))
+    def shoot(
+        self, picture: Array, facing: NDArray[np.int_], latency: int, taken: NDArray[np.bool_]
+    ) -> None:
+        """Pictures (n, k) are taken now by the robots ``taken`` (n,) and arrive ``latency`` control
+        steps later."""
+        shot = Shot(picture, self.filter.position, self.filter.rotation, facing, taken)
+        self._arriving.append((self._clock + latency, shot))
 
     def see(self, active: NDArray[np.bool_]) -> bool:
-        """Have ``active`` robots (n,) take in the picture that arrives now, where there is one."""
-        if not self._arriving or self._arriving[0][0] > self._felt:
+        """Have ``active`` robots (n,) take in the pictures that arrive now, where there are any."""
+        if not self._arriving or self._arriving[0][0] > self._clock:
             return False
         _, shot = self._arriving.popleft()
         self.shot = shot
-        self.filter.settle()
+        self.filter.settle(shot.taken)
+        active = active & shot.taken
         end = (np.arange(len(shot.facing)), (shot.facing > 0).astype(np.intp))
-        self._rest[end] -= 1
+        self._rest[end] -= shot.taken
         rested = (self._rest[end] < 0) & active
         if np.count_nonzero(self.unknown):
             self._find_turn(shot, rested)
@@ -204,7 +238,8 @@ class Localiser:
         self.misfit = self.misfit.copy()
         self.misfit[robots] = median(np.abs(error), said)
         wrong = self.misfit > self._table.filter.misfit
-        self._puzzled = (self._puzzled + 1 / self._rate) * wrong
+        puzzled = (self._puzzled + 1 / self._rate) * wrong
+        self._puzzled = np.where(shot.taken, puzzled, self._puzzled)
         weight = self._candidates.share * huber(error)
         weight = np.where(self.unknown[robots, None], 0.0, weight)
         n = len(self.unknown)
@@ -395,3 +430,12 @@ class Localiser:
         self.unknown = self.unknown & ~found
         self._against[robots] = 0.0
         self._puzzled = np.where(found, 0.0, self._puzzled)
+
+
+def _with_rows(shot: Shot, robots: NDArray[np.intp], rows: Shot) -> Shot:
+    """A picture with that of ``robots`` (k,) from ``rows``, of k."""
+    changed = {}
+    for name, new in rows._asdict().items():
+        changed[name] = getattr(shot, name).copy()
+        changed[name][robots] = new
+    return shot._replace(**changed)

@@ -90,7 +90,7 @@ class Camera(Protocol):
         rays: Array,
         pixels: NDArray[np.intp],
         keys: Keys,
-        number: int,
+        number: int | NDArray[np.int_],
         metered: NDArray[np.intp] | None = None,
     ) -> Array:
         """Picture (n, k) of what rays (k, 3) have met (n, k, 8), with its noise; NaN where a pixel
@@ -99,7 +99,8 @@ class Camera(Protocol):
         Args:
             pixels: (k,) which ones they are, row by row: the noise of each does not depend on
                 which others are looked at.
-            keys: (n,) of the robots' random numbers. number: of the picture.
+            keys: (n,) of the robots' random numbers. number: of the picture, or
+                (n,) that of each robot's.
             metered: (m,) places among ``pixels`` of those that an exposure goes by, the same ones
                 whichever others are looked at; without it all.
         """

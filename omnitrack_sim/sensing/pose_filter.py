@@ -84,11 +84,13 @@ class PoseFilter:
         self._noise = transition @ self._noise @ np.swapaxes(transition, 1, 2)
         self._noise[:, range(SIZE), range(SIZE)] += noise
 
-    def settle(self) -> None:
-        """Bring the covariance up to the moment, after any number of steps."""
-        f = self._transition
-        self.covariance = f @ self.covariance @ np.swapaxes(f, 1, 2) + self._noise
-        self._transition, self._noise = self._identity(), np.zeros_like(self._noise)
+    def settle(self, robots: NDArray[np.bool_]) -> None:
+        """Bring the covariance of ``robots`` (n,) up to the moment, after any number of steps."""
+        f, each = self._transition, robots[:, None, None]
+        settled = f @ self.covariance @ np.swapaxes(f, 1, 2) + self._noise
+        self.covariance = np.where(each, settled, self.covariance)
+        self._transition = np.where(each, self._identity(), f)
+        self._noise = np.where(each, 0.0, self._noise)
 
     def correct(self, information: Array, evidence: Array, pivot: Array) -> Array:
         """Take in measurements of the pose.

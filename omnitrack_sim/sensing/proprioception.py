@@ -75,7 +75,7 @@ class Proprioception:
         self._belt_at = state.qpos.take(self._belts, axis=1)
         self._way, self._counted = np.zeros_like(self._belt_at), np.zeros_like(self._belt_at)
         self._rotation, self._velocity = state["rotation"], state.qvel[:, :3].copy()
-        self._number = 0
+        self._number = np.zeros(len(keys), int)
 
     def _draw(self, name: str, number: int) -> Array:
         return normal(self._keys, name, number, 3)

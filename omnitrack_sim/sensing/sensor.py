@@ -113,6 +113,12 @@ class State(dict[str, Array]):
             self._before, self._unread = dict(self._before), 0
         return value
 
+    def rows(self, robots: NDArray[np.intp]) -> State:
+        """The state of ``robots`` (k,) alone."""
+        arrays = {name: getattr(self, name)[robots] for name in State.__annotations__}
+        before = {name: values[robots] for name, values in dict(self._before).items()}
+        return State(arrays, self.at, self.robot, self._read, before)
+
     def last(self, name: str, start: Array | None = None) -> Array:
         """The value, at the moment before, of ``contact_position`` or of a user's own sensor.
 

@@ -96,6 +96,22 @@ class Legs:
             if explorer is not None:
                 self.end[robot], self.look_at[robot] = explorer.leg.end, explorer.looks_at
 
+    def restart(self, robots: NDArray[np.intp], scenarios: Sequence[Scenario]) -> None:
+        """Put ``robots`` (k,) onto the first legs of ``scenarios`` (k), which do not explore."""
+        self.way, self.number = self.way.copy(), self.number.copy()
+        self.gear, self.end, self.near = self.gear.copy(), self.end.copy(), self.near.copy()
+        for robot, scenario in zip(robots.tolist(), scenarios, strict=True):
+            planner = self._planners[robot] = scenario.planner
+            self._driven[robot] = [] if planner is None else [planner.first]
+            self._to_come[robot], self._closed[robot], self._fallen_off[robot] = [], [], []
+            self._falls_left[robot] = scenario.monitor.falls
+            key = None if planner is None else planner.first.way
+            if key not in self._way_numbers:
+                self._way_numbers[key] = self.routes.add(scenario.route)
+            self.way[robot], self.number[robot] = self._way_numbers[key], 0
+            self.gear[robot], self.end[robot] = 1, scenario.goal_distance
+            self.near[robot] = scenario.start.distance
+
     def seen_at(self, distance: Array) -> None:
         """Robots were seen at arc lengths ``distance`` (n,) m."""
         self.near = distance

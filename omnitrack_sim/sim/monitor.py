@@ -52,6 +52,7 @@ class Monitor:
         self.routes, self.limits, self.period = routes, limits, period
         self._sample_period = sample_period
         self._progress, self._slide_back = limits.progress * bore, limits.slide_back * bore
+        self._bore, self._scale = bore, robot.time_scale
         patience = limits.patience * bore / cruise_speed
         self._patience = np.maximum(limits.patience_time * robot.time_scale, patience)  # (n,) s
         self._memory = limits.memory * robot.time_scale
@@ -60,10 +61,32 @@ class Monitor:
         self._time_limit = np.array(time_limit, float) - 1e-9
         self._farthest = np.array(start, float)
         self._waiting = np.zeros(n)  # s since the last progress
-        self._steps = 0
+        self._steps = np.zeros(n, int)
         self._mean = np.zeros((n, 6, 3))
         self._sample = np.zeros((n, 6, 3))
         self._version = -1
+
+    def restart(
+        self, robots: NDArray[np.intp], start: Array, cruise_speed: Array, time_limit: Array
+    ) -> None:
+        """Watch ``robots`` (k,) from the start of a new run; arguments (k,) as of the monitor."""
+        bore, scale = self._bore, self._scale
+        patience = self.limits.patience * bore / cruise_speed
+        self._patience[robots] = np.maximum(self.limits.patience_time * scale, patience)
+        self._time_limit[robots] = time_limit - 1e-9
+        self._farthest[robots] = start
+        self._waiting[robots], self._steps[robots], self._mean[robots] = 0.0, 0, 0.0
+
+    def first_look(self, robots: NDArray[np.intp], distance: Array) -> None:
+        """Look for the first time at ``robots`` (k,) that have been put to a new start.
+
+        Args:
+            robots: their numbers. distance: (n,) m, of all.
+        """
+        farthest, waiting = self._farthest.copy(), self._waiting.copy()
+        self._headway(distance, np.zeros(len(distance), bool))
+        farthest[robots], waiting[robots] = self._farthest[robots], self._waiting[robots]
+        self._farthest, self._waiting = farthest, waiting
 
     def sent_on(self, robot: int, seconds: float) -> None:
         """Count headway anew for a robot that drives another leg, and give it more time."""
@@ -91,10 +114,7 @@ class Monitor:
             diverged: (n,) robots whose physics has gone wrong.
         """
         distance = place.distance
-        # Headway is counted anew from where a robot rests or has backed off to.
-        counts = (distance > self._farthest + self._progress) | resting
-        self._farthest = np.where(counts, distance, self._farthest)
-        self._waiting = (self._waiting + self.period) * ~counts
+        self._headway(distance, resting)
         hanging = (self._waiting > self._patience) | (distance < self._farthest - self._slide_back)
         found = (
             (diverged, Outcome.DIVERGED),
@@ -109,6 +129,12 @@ class Monitor:
             if np.count_nonzero(flags)
             for robot in np.flatnonzero(flags).tolist()
         ]
+
+    def _headway(self, distance: Array, resting: NDArray[np.bool_]) -> None:
+        """Count headway, anew from where a robot rests or has backed off to."""
+        counts = (distance > self._farthest + self._progress) | resting
+        self._farthest = np.where(counts, distance, self._farthest)
+        self._waiting = (self._waiting + self.period) * ~counts
 
     def outside(self, place: Place) -> NDArray[np.bool_]:
         """Which robots (n,) have left their way."""
@@ -127,17 +153,23 @@ class Monitor:
         )
 
     def average(
-        self, readings: Mapping[str, Array], belt_command: Array, saturated: NDArray[np.bool_]
+        self,
+        readings: Mapping[str, Array],
+        belt_command: Array,
+        saturated: NDArray[np.bool_],
+        due: NDArray[np.bool_],
     ) -> None:
         """Add one sample to the averages that the cause of a failure is read from.
 
         Args:
-            readings: of the sensors, at every ``sample_period``.
+            readings: of the sensors.
             belt_command: (n, 3) m/s. saturated: (n, 3) motors at their torque limit.
+            due: (n,) robots whose sample it is, at every ``sample_period`` of their runs.
         """
-        self._steps += 1
+        self._steps += due
         # A plain mean until the memory is full.
-        weight = max(self._sample_period / self._memory, 1 / self._steps)
+        part = np.maximum(self._sample_period / self._memory, 1 / np.maximum(self._steps, 1))
+        weight = np.where(due, part, 0.0)[:, None, None]
         sample = self._sample
         sample[:, NORMAL_FORCE] = readings["normal_force"]
         np.abs(readings["slip_ratio"], out=sample[:, SLIP_RATIO])

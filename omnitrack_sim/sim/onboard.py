@@ -22,6 +22,7 @@ from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sensing.cameras import camera_of
 from omnitrack_sim.sensing.draws import keys, normal, uniform
 from omnitrack_sim.sensing.eyes import Eyes, Mount
+from omnitrack_sim.sensing.graft import graft
 from omnitrack_sim.sensing.localiser import Localiser
 from omnitrack_sim.sensing.proprioception import Felt, Proprioception
 from omnitrack_sim.sensing.sensor import State
@@ -100,7 +101,8 @@ class Onboard:
                 self._draw(legs, robot)
         self._found: list[int] = []
         self._lost, self._checked = np.zeros(n, bool), np.full(n, -np.inf)
-        self._tick, self._pictures = 0, 0
+        self._tick, self._pictures = np.zeros(n, int), np.zeros(n, int)
+        self._due = np.ones(n, bool)
         self.turned: Array = self.localiser.filter.rotation
         self.picture = np.full((n, len(self.localiser.pixels)), np.nan)
         self.whole: tuple[Array, NDArray[np.int_]] | None = None
@@ -155,8 +157,8 @@ class Onboard:
 
     @property
     def takes_pictures(self) -> bool:
-        """Whether the cameras take pictures at this control step."""
-        return self._tick % self._every == 0
+        """Whether any camera takes a picture at this control step."""
+        return bool(np.count_nonzero(self._due))
 
     def learn(self, legs: Legs, robots: Collection[int], place: Place) -> None:
         """Robots that took themselves to be at ``place`` may have changed their maps. Where the
@@ -204,26 +206,57 @@ class Onboard:
         assert belief is not None
         self._mapped.replace(robot, *belief.compared())
 
+    def restart(
+        self,
+        robots: NDArray[np.intp],
+        scenarios: Sequence[Scenario],
+        state: State,
+        torque_limit: Array,
+    ) -> None:
+        """Have ``robots`` (k,), which do not explore, begin anew with ``scenarios`` (k).
+
+        Args:
+            robots: their numbers. scenarios: of theirs.
+            state: of the physics of all as it is now. torque_limit: (k,) N m.
+        """
+        begun = state.rows(robots)
+        fresh = Onboard(scenarios, begun, torque_limit, Legs(scenarios), self._period)
+        n = len(self._tick)
+        graft(self, fresh, robots, n)
+        graft(self.eyes, fresh.eyes, robots, n)
+        graft(self._senses, fresh._senses, robots, n)
+        graft(self._search, fresh._search, robots, n)
+        self.localiser.restart(robots, fresh.localiser)
+        told = {name: values.copy() for name, values in self.readings.items()}
+        for name, values in told.items():
+            values[robots] = fresh.readings[name]
+        self.readings = told
+        self._found = [robot for robot in self._found if robot not in robots]
+
     def look(
         self, state: State, gear: NDArray[np.int_], place: Place, active: NDArray[np.bool_]
     ) -> None:
         """Read the sensors at this moment and bring the estimate up to it; ``place`` is where the
         robots took themselves to be a moment ago. Robots that are not ``active`` (n,) any more take
         no pictures."""
-        self._tick += 1
+        self._tick = self._tick + 1
+        self._due = self._tick % self._every == 0
         self.whole = None
         felt = self._senses.read(state)
         self.localiser.feel(felt)
         bias = self.localiser.filter.bias
         self.turned = self.turned @ turned_by(felt.turned - bias * self._period)
         if self.takes_pictures:
-            behind = self._both_ends and self._pictures % 2 == 1
-            self._shoot(state, -gear if behind else gear, np.flatnonzero(active))
-        arrived = self.localiser.see(active)
-        if arrived and np.count_nonzero(self.localiser.puzzled & active):
-            self._look_along_the_way(place, gear, active)
-        if arrived:
-            self._check_turns(place, gear, active)
+            behind = (self._pictures % 2 == 1) & self._both_ends
+            facing = np.where(behind, -gear, gear)
+            self._shoot(state, facing, np.flatnonzero(active & self._due))
+        if self.localiser.see(active):
+            shot = self.localiser.shot
+            assert shot is not None
+            seeing = active & shot.taken
+            if np.count_nonzero(self.localiser.puzzled & seeing):
+                self._look_along_the_way(place, gear, seeing)
+            self._check_turns(place, gear, seeing)
         self.readings = self._told(felt)
 
     def _check_turns(self, place: Place, gear: NDArray[np.int_], active: NDArray[np.bool_]) -> None:
@@ -298,9 +331,11 @@ class Onboard:
     def _shoot(self, state: State, facing: NDArray[np.int_], robots: NDArray[np.intp]) -> None:
         """Have robots (m,) take a picture of the pipes as they are; ``facing`` (n,): 1 from the
         nose, -1 from the tail."""
-        compared, number = self.localiser.pixels, self._pictures
+        compared = self.localiser.pixels
         pixels = np.arange(len(self.eyes.mount.rays)) if self._records else compared
         metered = np.searchsorted(pixels, compared)
+        numbers = self._pictures[robots]
+        number = int(numbers[0]) if np.ptp(self._pictures) == 0 else numbers
         place, rotation = state["position"][robots], state["rotation"][robots]
         taken = self.eyes.take(robots, place, rotation, facing[robots], number, pixels, metered)
         self.picture = self.picture.copy()
@@ -309,8 +344,8 @@ class Onboard:
             whole = np.full((len(facing), len(pixels)), np.nan)
             whole[robots] = taken
             self.whole = (whole, facing)
-        self.localiser.shoot(self.picture, facing, self._latency)
-        self._pictures += 1
+        self.localiser.shoot(self.picture, facing, self._latency, self._due)
+        self._pictures = self._pictures + self._due
 
     def _told(self, felt: Felt) -> Mapping[str, Array]:
         """What controllers see."""

@@ -89,7 +89,8 @@ class Plant:
         self._pitch_of_lugs = lug_pitch(robot)
         self._at = _addresses(model)
         self._bind()
-        self._set_start(start)
+        everyone = np.arange(self.n)
+        self._set_start(everyone, start)
         self._sensors = {sensor.channel.name: sensor.read for sensor in sensors}
         self._own = [name for name in self._sensors if name not in CHANNELS]
         self._last: State | dict[str, Array] = {
@@ -97,8 +98,28 @@ class Plant:
         }
         self.diverged = np.zeros(self.n, bool)
         self._leave_out_far_tracks()
-        self._seat_arms()
+        self._seat_arms(everyone)
         self._warnings = self._count_warnings()
+
+    def restart(self, robots: NDArray[np.intp], start: Start) -> None:
+        """Put ``robots`` (k,) to new starts (k rows), as if the plant had just been made; the
+        others stay as they are."""
+        model = self.model
+        self._batch.reset(robots, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        self._force_range[robots] = model.actuator_forcerange
+        if self._gears:
+            self._gear_loss[robots] = model.tendon_frictionloss
+        if self.robot.brake_force > 0:
+            self._belt_loss[robots] = model.dof_frictionloss
+        self._set_start(robots, start)
+        places = self._last["contact_position"].copy()
+        places[robots] = start.position[:, None]
+        self._last = {"contact_position": places}
+        self.diverged = self.diverged.copy()
+        self.diverged[robots] = False
+        self._leave_out_far_tracks()
+        self._seat_arms(robots)
+        self._warnings[robots] = self._count_warnings()[robots]
 
     def _bind(self) -> None:
         b, model, at = self._batch, self.model, self._at
@@ -129,35 +150,38 @@ class Plant:
             self._arrays[name] = self._arrays[name].reshape(self.n, -1)
         self._belt_motors, self._roll_motors = _slice(at.belt_motors), _slice(at.roll_motors)
 
-    def _set_start(self, start: Start) -> None:
+    def _set_start(self, robots: NDArray[np.intp], start: Start) -> None:
         b, model, at = self._batch, self.model, self._at
         springs = [model.tendon(f"spring_{e}_{i}").id for e in ("front", "rear") for i in NUMBERS]
-        b.expand("geom_friction")[:, self._lugs.ravel(), 0] = start.friction[:, None]
-        b.expand("opt.gravity")[:] = start.gravity
-        b.expand("tendon_lengthspring")[:, springs, 0] = start.spring_free[:, None]
+        each = robots[:, None]
+        b.expand("geom_friction")[each, self._lugs.ravel(), 0] = start.friction[:, None]
+        b.expand("opt.gravity")[robots] = start.gravity
+        b.expand("tendon_lengthspring")[each, springs, 0] = start.spring_free[:, None]
         torque = start.roll_torque[:, None, None] * np.array([-1.0, 1.0])
-        self._force_range[:, at.roll_motors] = torque
-        self.qpos[:, :3], self.qpos[:, 3:7] = start.position, start.quaternion
-        self.qpos[:, at.slide], self.qpos[:, at.roll] = start.slide, start.roll
-        self._ctrl[:, at.roll_motors] = start.roll
+        self._force_range[each, at.roll_motors] = torque
+        self.qpos[robots, :3], self.qpos[robots, 3:7] = start.position, start.quaternion
+        self.qpos[each, at.slide], self.qpos[each, at.roll] = start.slide, start.roll
+        self._ctrl[each, at.roll_motors] = start.roll
 
-    def _seat_arms(self) -> None:
-        """Move each arm to where its springs and the wall are in equilibrium, by bisection.
+    def _seat_arms(self, robots: NDArray[np.intp]) -> None:
+        """Move each arm of ``robots`` (k,) to where its springs and the wall are in equilibrium, by
+        bisection.
 
         Nothing holds the springs of an arm whose lugs do not touch the wall or only just do: they
         would throw it into the wall in the first step, the further the higher the preload.
         """
-        slides, acceleration = self._at.slide, self._batch.bind("qacc")
+        acceleration = self._batch.bind("qacc")
+        slides, dofs = (robots[:, None], self._at.slide), (robots[:, None], self._at.slide_dofs)
         room = SEATING_ROOM * self.robot.lug_radius
-        low = self.qpos[:, slides] - room
+        low = self.qpos[slides] - room
         high = low + 2 * room
         for _ in range(SEATING_HALVINGS):
-            self.qpos[:, slides] = middle = (low + high) / 2
-            self._batch.forward()
-            outward = acceleration[:, self._at.slide_dofs] > 0
+            self.qpos[slides] = middle = (low + high) / 2
+            self._batch.forward(robots)
+            outward = acceleration[dofs] > 0
             low, high = np.where(outward, middle, low), np.where(outward, high, middle)
-        self.qpos[:, slides] = high  # on the side where the wall carries
-        self._batch.forward()
+        self.qpos[slides] = high  # on the side where the wall carries
+        self._batch.forward(robots)
 
     def read(self) -> State:
         """Values of all sensors at this moment, (n, ...) by the names of their channels.

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnitrack_sim.arguments import check_all, check_is
 from omnitrack_sim.control import Command, Controller, ControlSetup, Observation, Settings
@@ -80,6 +81,8 @@ class Simulation:
         threads: native threads for the physics; 0 uses all cores. The results do not depend on it.
         make_plant: puts another plant in the place of the scenarios' own: other walls, another
             engine.
+        recording: without it nothing is kept, however long it runs; there are no results then, and
+            robots can begin anew, see ``restart``.
 
     Raises:
         TypeError: an argument is of another type.
@@ -92,6 +95,7 @@ class Simulation:
         controller: made for these robots.
         active: (n,) bool, robots whose run is not over.
         observation: what the robots measure now.
+        setup: what the controller was made from, with the settings of the runs at hand.
         endings: how each robot's run ended; None while it runs.
         end_time: (n,) s.
         legs: what they drive. plant, motors, monitor, recorder: the parts of the loop.
@@ -105,13 +109,14 @@ class Simulation:
         sensors: Sequence[Sensor] = (),
         threads: int = 1,
         make_plant: MakePlant | None = None,
+        recording: bool = True,
     ):
         scenarios = check_all(Scenario, "scenarios", scenarios)
         if not scenarios:
             raise ValueError("scenarios: is empty; a simulation is of one robot at least")
         self.scenarios = [s if controller is None else s.driven_by(controller) for s in scenarios]
         first, self.n = self.scenarios[0], len(self.scenarios)
-        self.period = first.physics.control_period
+        self.period, self._recording = first.physics.control_period, recording
         self._substeps = max(1, round(self.period / first.physics.timestep))
         self._record_every = max(1, round(first.physics.record_period / self.period))
         self.legs = Legs(self.scenarios)
@@ -140,6 +145,7 @@ class Simulation:
         self._events: list[list[Event]] = [self._noted(i, note) for i, note in enumerate(notes)]
         self.end_time: Array = np.full(self.n, np.nan)
         self._tick = 0
+        self._begun = np.zeros(self.n, int)  # ticks at which the runs at hand began
         self._settle()
 
     def __repr__(self) -> str:
@@ -160,18 +166,17 @@ class Simulation:
         self._readings = readings
         self._find()
         self._sights = self._made_sights()
-        self.controller: Controller = first.controller_class(
-            ControlSetup(
-                routes=self.legs.routes,
-                robot=robot,
-                settings=settings,
-                parameters=[s.control_parameters for s in self.scenarios],
-                place=self._believed,
-                roll=start.roll,
-                period=self.period,
-                gravity=start.gravity,
-            )
+        self.setup = ControlSetup(
+            routes=self.legs.routes,
+            robot=robot,
+            settings=settings,
+            parameters=[s.control_parameters for s in self.scenarios],
+            place=self._believed,
+            roll=start.roll,
+            period=self.period,
+            gravity=start.gravity,
         )
+        self.controller: Controller = first.controller_class(self.setup)
         self.phases: tuple[str, ...] = getattr(self.controller, "phases", ("drive",))
         limits = np.array([s.time_limit_s for s in self.scenarios])
         self.monitor = Monitor(
@@ -276,6 +281,76 @@ class Simulation:
         told = [event for event in command.events if not guarded.searching[event.robot]]
         return guarded.command._replace(events=[*told, *guarded.events])
 
+    def restart(self, robots: Sequence[int] | NDArray, scenarios: Sequence[Scenario]) -> None:
+        """Have robots begin new runs, each to the bytes of a simulation of its own; the others are
+        left as they are. The controller is not told: who calls this gives the commands.
+
+        Args:
+            robots: their numbers, k, ascending.
+            scenarios: what each runs now, k of the same ``builder.batch_key``, which is not
+                checked here.
+
+        Raises:
+            RuntimeError: the simulation records, or its robots explore.
+        """
+        if self._recording or self.scenarios[0].exploration is not None:
+            raise RuntimeError("restart is for robots that do not explore, and are not recorded")
+        which = np.asarray(robots, np.intp)
+        for robot, scenario in zip(which.tolist(), scenarios, strict=True):
+            self.scenarios[robot], self.endings[robot] = scenario, None
+        self.legs.restart(which, scenarios)
+        routes, way = self.legs.routes, self.legs.way[which]
+        start = start_of(scenarios, routes, way)
+        settings, notes = settings_of(scenarios, routes, way)
+        for robot, note in zip(which.tolist(), notes, strict=True):
+            self._events[robot] = self._noted(robot, note)
+        self._restart_parts(which, scenarios, start, settings)
+        self._readings = readings = self.plant.read()
+        if self.onboard is not None:
+            limits = self.motors.torque_limit[which, 0]
+            self.onboard.restart(which, scenarios, readings, limits)
+        self._find()
+        gravity, parameters = self.setup.gravity.copy(), list(self.setup.parameters)
+        gravity[which] = start.gravity
+        for robot, scenario in zip(which.tolist(), scenarios, strict=True):
+            parameters[robot] = scenario.control_parameters
+        self.setup = replace(
+            self.setup,
+            settings=_with_rows(self.setup.settings, which, settings),
+            parameters=parameters,
+            place=self._believed,
+            roll=self._roll_command.copy(),
+            gravity=gravity,
+        )
+        begun = np.zeros(self.n, bool)
+        begun[which] = True
+        self._average(begun)
+        self.monitor.first_look(which, self._believed.distance)
+
+    def _restart_parts(
+        self,
+        robots: NDArray[np.intp],
+        scenarios: Sequence[Scenario],
+        start: Start,
+        settings: Settings,
+    ) -> None:
+        """Put all that is kept for ``robots`` (k,) back to the start of ``scenarios`` (k)."""
+        self.plant.restart(robots, start)
+        limits = np.array([s.robot.crawler_motor.torque_limit for s in scenarios])
+        self.motors.restart(robots, limits)
+        distance = np.array([s.start.distance for s in scenarios])
+        time_limit = np.array([s.time_limit_s for s in scenarios])
+        self.monitor.restart(robots, distance, settings.cruise_speed, time_limit)
+        self.active, self._near = self.active.copy(), self._near.copy()
+        self._belt_command, self._roll_command = (
+            self._belt_command.copy(),
+            self._roll_command.copy(),
+        )
+        self._belt_command[robots], self._roll_command[robots] = 0.0, start.roll
+        self._near[robots] = self.legs.near[robots]
+        self.active[robots], self.end_time[robots] = True, np.nan
+        self._begun[robots], self._phase[robots] = self._tick, 0
+
     def advance(self, progress: Progress | None = None) -> None:
         """Run all robots to their ends under their controller."""
         while self.active.any():
@@ -354,8 +429,7 @@ class Simulation:
 
     def _settle(self) -> None:
         """Judge where the robots are now, send on who is due, record."""
-        if self._tick % self._record_every == 0:
-            self.monitor.average(self._readings, self._belt_command, self.motors.saturated)
+        self._average(np.ones(self.n, bool))
         self._look_ahead()
         verdicts = self.monitor.look(
             self._readings,
@@ -374,8 +448,14 @@ class Simulation:
             self._dispatch(verdicts)
         if self.onboard is not None:
             self._end_those_outside()
-        if self._tick % self._record_every == 0 or not self.active.any():
+        if self._recording and (self._tick % self._record_every == 0 or not self.active.any()):
             self._record()
+
+    def _average(self, robots: NDArray[np.bool_]) -> None:
+        """Let the monitor have a sample of those of ``robots`` (n,) whose turn it is."""
+        due = robots & ((self._tick - self._begun) % self._record_every == 0)
+        if np.count_nonzero(due):
+            self.monitor.average(self._readings, self._belt_command, self.motors.saturated, due)
 
     def _end_those_outside(self) -> None:
         """End the runs of robots that are in no pipe of their network, whatever they believe."""
@@ -538,8 +618,10 @@ class Simulation:
             metrics: further ones beside the shipped.
 
         Raises:
-            RuntimeError: a robot still runs.
+            RuntimeError: a robot still runs, or nothing was recorded.
         """
+        if not self._recording:
+            raise RuntimeError("nothing was recorded")
         if self.active.any():
             raise RuntimeError(f"{int(self.active.sum())} of {self.n} robots still run")
         slips = [math.nan] * self.n if no_load_slip is None else no_load_slip
@@ -582,6 +664,16 @@ class Simulation:
                 )
             )
         return results
+
+
+def _with_rows(settings: Settings, robots: NDArray[np.intp], rows: Settings) -> Settings:
+    """Settings of n robots, with those of ``robots`` (k,) from k ``rows``."""
+    changed = {}
+    for field in fields(Settings):
+        values = getattr(settings, field.name).copy()
+        values[robots] = getattr(rows, field.name)
+        changed[field.name] = values
+    return Settings(**changed)
 
 
 def _checked(command: Command, n: int) -> Command:

@@ -53,7 +53,7 @@ class Decisions:
         self, setup: ControlSetup, features: Sequence[Feature], acting: Acting = DIRECT
     ) -> None:
         self.setup, self.features, self.acting = setup, tuple(features), acting
-        self.hold = _steps_of(DECISION_PERIOD, setup.period)
+        self.hold = steps_of(DECISION_PERIOD, setup.period)
         n = setup.n
         self.action = np.zeros((n, len(ACTIONS)))
         self.roll = np.array(setup.roll, float)
@@ -157,7 +157,7 @@ class Decisions:
         self._offset = np.where(turned, -self._offset, self._offset)
 
 
-def _steps_of(decision: float, control: float) -> int:
+def steps_of(decision: float, control: float) -> int:
     """Control periods of ``control`` s in a decision period.
 
     Raises:
