@@ -63,6 +63,9 @@ CLEAR = 0.01
 """Standard deviation, m, up to which it relies on how far what is behind it is."""
 FAR_OFF = 0.1
 """By how much it may be wrong about how far it has come, m: what says more is not believed."""
+DOUBT_AGAIN = 0.01
+"""Travel after which a robot looks again, m, that has seen one thing from afar and another from
+close by."""
 LOOK_BEFORE = 0.015
 """How far before the end of a leg, m, a robot looks on."""
 LEAST_BEND = math.radians(5)
@@ -125,6 +128,7 @@ class Explorer:
     _bends: dict[int, Array] = field(default_factory=dict)
     _told: set[str] = field(default_factory=set)
     _placed: set[int] = field(default_factory=set)
+    _seen: dict[tuple[str, str], int] = field(default_factory=dict)
     _again: float = 0.0
     _complete: bool = False
 
@@ -172,6 +176,8 @@ class Explorer:
             if self._comes_too_close(distance):
                 self._rely()
             return Decision(self.leg, True, ())
+        if self._is_doubtful(ahead, distance):
+            return Decision(self.leg, True, ())
         self._forget_what_was_far()
         measured = self._measure_bend(turned @ ahead.axis)
         before = self.ways.along_of(self.leg.way).length
@@ -187,7 +193,7 @@ class Explorer:
         self._go_on(way)
         self.look_at = math.inf if ahead.end else distance + LOOK_STEP
         if ahead.end:
-            self._look_closer(way, distance)
+            self._look_closer(ahead, way, distance)
         return Decision(self.leg, True, ())
 
     def arrived(self, time: float, distance: float, here: str) -> Decision:
@@ -284,7 +290,7 @@ class Explorer:
         self._placed.add(way[i][0])
         return placed
 
-    def _look_closer(self, way: Way, distance: float) -> None:
+    def _look_closer(self, seen: Ahead, way: Way, distance: float) -> None:
         """What has just been seen at the end of a way is looked at again where it is close, if the
         way ends in a straight and it is not close yet."""
         part = way[-1][0]
@@ -293,7 +299,21 @@ class Explorer:
         close = self.ways.along_of(way).length - self.robot.length / 2 - CLOSE_LOOK
         if distance < close - LOOK_AGAIN:
             self.belief.settle(part)
+            self._seen = {_kind_of(seen): 1}
             self.look_at = close
+
+    def _is_doubtful(self, ahead: Ahead, distance: float) -> bool:
+        """Whether it sees something else from close by than from afar, and has not seen it twice:
+        then it looks once more, if it is not too late for that."""
+        if self._provisional_at() is None:
+            return False
+        kind = _kind_of(ahead)
+        self._seen[kind] = self._seen.get(kind, 0) + 1
+        before, self.look_at = self.look_at, distance + DOUBT_AGAIN
+        if self._seen[kind] > 1 or self._comes_too_close(distance):
+            self.look_at = before
+            return False
+        return True
 
     def _comes_too_close(self, distance: float) -> bool:
         """Whether it is too late to look at what has only been seen from afar."""
@@ -378,7 +398,7 @@ class Explorer:
         self._go_on(onward)
         self.look_at = self.leg.end - LOOK_BEFORE
         if belief.is_last(part):
-            self._look_closer(way, distance)
+            self._look_closer(ahead, way, distance)
         return Decision(self.leg, True, told)
 
     def _measure_bend(self, axis: Array) -> bool:
@@ -526,6 +546,11 @@ def _end_of(way: Way) -> End:
     """The port that a way ends at."""
     part, _, leave = way[-1]
     return part, leave
+
+
+def _kind_of(ahead: Ahead) -> tuple[str, str]:
+    """What is seen, without its place and sizes."""
+    return ("" if ahead.fitting is None else ahead.fitting.kind), ahead.end
 
 
 def _travel(legs: Sequence[Leg]) -> float:
