@@ -1,10 +1,12 @@
 """How well a robot finds its way by camera.
 
-python benchmarks/autonomy.py [--only STUDY ...] [--quick] [--trials N] [--seed N] [--workers N]
+python benchmarks/autonomy.py [--only STUDY ...] [--quick] [--trials N] [--senses SENSE ...]
+    [--seed N] [--workers N]
 
 `turns`: tee turns from any orientation, with friction 0.8 to 1.0, any gravity and any preload of 15
 to 35 N, of robots that do not know how they are turned about their axis: by truth, depth and
-headlight. `missions`: random networks of 6 to 12 fittings with a map, likewise.
+headlight. `missions`: random networks of 6 to 12 fittings with a map, likewise. `unknown`: such
+networks explored without one.
 `recognition`: random approaches to fittings, seen by both cameras in one picture and in five over
 100 mm: how often the kind is right, how sure it was said to be, the errors of direction and
 distance. The default seed is not the one that anything was tuned on.
@@ -21,8 +23,7 @@ from functools import cache
 from multiprocessing import get_context
 from typing import Any
 
-from driving.by_sensors import drives, table
-from driving.by_sensors import failures as failed
+from driving import by_sensors, unknown
 from recognising.approaches import BORE, approach
 from recognising.report import Found, by_case, by_distance, failures, summary
 
@@ -32,7 +33,7 @@ from omnitrack_sim.sensing.headlight import HeadlightCamera, HeadlightTable
 from omnitrack_sim.sensing.optics import Camera
 from omnitrack_sim.sensing.recognition import Recogniser
 
-TRIALS = {"turns": 200, "missions": 100, "recognition": 2000}
+TRIALS = {"turns": 200, "missions": 100, "unknown": 50, "recognition": 2000}
 QUICK_TRIALS, SEED = 10, 2
 CAMERAS: dict[str, Callable[[], Any]] = {
     "depth": lambda: DepthCamera(DepthTable()),
@@ -105,6 +106,9 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=tuple(TRIALS), default=list(TRIALS))
     parser.add_argument("--quick", action="store_true", help=f"{QUICK_TRIALS} trials a study")
     parser.add_argument("--trials", type=int, help="trials a study")
+    parser.add_argument(
+        "--senses", nargs="+", choices=tuple(by_sensors.SENSES), default=list(by_sensors.SENSES)
+    )
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     given = parser.parse_args()
@@ -113,8 +117,10 @@ def main() -> None:
         if study == "recognition":
             recognition(trials, given.seed, given.workers)
             continue
-        runs = drives(study, trials, given.seed, given.workers)
-        print(f"{study}: {trials} trials, seed {given.seed}\n\n{table(runs)}\n\n{failed(runs)}\n")
+        of = unknown if study == "unknown" else by_sensors
+        runs = of.runs(study, given.senses, trials, given.seed, given.workers)
+        print(f"{study}: {trials} trials, seed {given.seed}\n\n{of.table(runs)}\n")
+        print(f"{of.failures(runs)}\n", flush=True)
 
 
 if __name__ == "__main__":
