@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -93,7 +94,13 @@ def runs(study: str, senses: Sequence[str], trials: int, seed: int, workers: int
     first = FIRST_NETWORK + (seed - 2) * 1000
     tasks = [(sense, first + i) for sense in senses for i in range(trials)]
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        return list(pool.map(tour, tasks))
+        found = []
+        for run in pool.map(tour, tasks):
+            found.append(run)
+            right = "same" if run.map.same else run.faults
+            told = f"{run.sense} {run.seed}: {run.outcome}, {right}, {run.wall_s:.0f} s"
+            print(told, file=sys.stderr, flush=True)
+        return found
 
 
 def table(tours: Sequence[Tour]) -> str:

@@ -346,7 +346,11 @@ class Explorer:
         i = self._provisional_at()
         if i is None:
             return
-        self.belief.take_back(self.leg.way[i][0])
+        straight = self.leg.way[i][0]
+        beyond = self.belief.joined.get((straight, "end"))
+        if beyond is not None:
+            self._bends.pop(beyond[0], None)
+        self.belief.take_back(straight)
         self.ways = self._through([])
         self.leg = replace(self.leg, way=self.leg.way[: i + 1])
 
