@@ -58,7 +58,8 @@ def test_a_network_is_explored_to_its_last_end(name, start, ends):
 
 def test_what_is_seen_wrongly_from_afar_is_put_right_from_close_by():
     """Kinds and places: a point that takes far tees for bends, and sees far things 40 mm too near,
-    has the true map in the end."""
+    has the true map in the end, but for the short pipe between two fittings that it prepares for
+    together: it never stands in that before it has passed both."""
 
     def far_sight_fails(ahead):
         if ahead.distance < 0.26:
@@ -67,10 +68,11 @@ def test_what_is_seen_wrongly_from_afar_is_put_right_from_close_by():
         is_tee = isinstance(ahead.fitting, Tee)
         return replace(nearer, fitting=Elbow(0.12), enter="start") if is_tee else nearer
 
-    ghost = explored("fig14", "inlet", erring=far_sight_fails)
-    difference = compare_maps(ghost.explorer.belief.network, ghost.network, "inlet")
-    assert difference.same, difference
-    assert difference.length_error < 0.005
+    ghost = explored("house_sewer", "sewer", erring=far_sight_fails)
+    difference = compare_maps(ghost.explorer.belief.network, ghost.network, "sewer")
+    assert difference.complete, difference
+    assert not difference.angles
+    assert difference.wrong_sizes == (("straight_4", "stack_1"),)
 
 
 def test_past_a_fitting_it_finds_its_place_by_looking_back():

@@ -170,7 +170,7 @@ def test_where_a_straight_has_not_been_seen_to_end_there_is_no_ring():
     shown = np.isfinite(straight["unknown"][:, 0]) & (straight["open"][:, 6] < 0.07)
     assert shown.any()
     assert np.isinf(straight["unknown"][shown, 6]).all()
-    fitting = seen((tee, leave), 0.05)
+    fitting = seen((tee, leave), 0.1)
     ring = np.isfinite(fitting["open"][:, 0]) & (fitting["open"][:, 6] < 0.004)
     assert ring.any()
     assert (fitting["unknown"][ring, 6] == fitting["open"][ring, 6]).all()
