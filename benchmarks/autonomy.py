@@ -1,7 +1,7 @@
 """How well a robot finds its way by camera.
 
 python benchmarks/autonomy.py [--only STUDY ...] [--quick] [--trials N] [--senses SENSE ...]
-    [--seed N] [--workers N]
+    [--pictures one five] [--seed N] [--workers N]
 
 `turns`: tee turns from any orientation, with friction 0.8 to 1.0, any gravity and any preload of 15
 to 35 N, of robots that do not know how they are turned about their axis: by truth, depth and
@@ -17,7 +17,7 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from multiprocessing import get_context
@@ -82,12 +82,16 @@ def look(task: Task) -> list[Found]:
     return found
 
 
-def recognition(trials: int, seed: int, workers: int) -> None:
+def recognition(
+    trials: int, cameras: Sequence[str], pictures: Sequence[str], seed: int, workers: int
+) -> None:
     """Measure the recogniser and print the tables."""
     runs: dict[str, list[Found]] = {}
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        for name in CAMERAS:
+        for name in cameras:
             for every, words in ((False, "one picture"), (True, "five pictures")):
+                if words.split()[0] not in pictures:
+                    continue
                 tasks: list[Task] = [
                     (name, every, seed, range(i, min(i + 20, trials))) for i in range(0, trials, 20)
                 ]
@@ -109,13 +113,15 @@ def main() -> None:
     parser.add_argument(
         "--senses", nargs="+", choices=tuple(by_sensors.SENSES), default=list(by_sensors.SENSES)
     )
+    parser.add_argument("--pictures", nargs="+", choices=("one", "five"), default=["one", "five"])
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     given = parser.parse_args()
     for study in given.only:
         trials = given.trials or (QUICK_TRIALS if given.quick else TRIALS[study])
         if study == "recognition":
-            recognition(trials, given.seed, given.workers)
+            cameras = [name for name in CAMERAS if name in given.senses]
+            recognition(trials, cameras, given.pictures, given.seed, given.workers)
             continue
         of = unknown if study == "unknown" else by_sensors
         runs = of.runs(study, given.senses, trials, given.seed, given.workers)
