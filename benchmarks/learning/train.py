@@ -31,7 +31,7 @@ from export import NEARNESS, difference, policy_of
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 from validation import Score, Validation
-from variants import OBSERVATION, VARIANTS, VALIDATION_SEED, Variant
+from variants import OBSERVATION, VALIDATION_SEED, VARIANTS, Variant
 
 import omnitrack_sim as ot
 from omnitrack_sim.control.policy import TrainingRecord
@@ -55,7 +55,7 @@ SETTINGS: dict[str, Any] = {
 LAYERS = [64, 64]
 SMALLEST_VARIANCE = 1e-4
 """Added to the variance of entries, so that those that never vary in training are not blown up."""
-CHECKPOINT_EVERY, VALIDATE_EVERY = 60.0, 180.0
+CHECKPOINT_EVERY, VALIDATE_EVERY = 60.0, 420.0
 """Seconds of training."""
 
 
@@ -191,14 +191,19 @@ class Training:
             sys.exit(f"that is more than {NEARNESS:g}")
 
 
-def main() -> None:
+def arguments() -> argparse.ArgumentParser:
+    """What the command takes."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("task", choices=sorted({task for task, _ in VARIANTS}))
     parser.add_argument("--residual", action="store_true", help="on the feedback controller")
     parser.add_argument("--minutes", type=float, default=45.0, help="of training, in all")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", required=True, help="folder of the results")
-    given = parser.parse_args()
+    return parser
+
+
+def main() -> None:
+    given = arguments().parse_args()
     torch.set_num_threads(1)  # the network is small; a second thread would only wait
     training = Training(VARIANTS[given.task, given.residual], given)
     training.run()
