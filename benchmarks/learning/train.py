@@ -7,8 +7,10 @@ the policy learns belts and roll from scratch, with it what is added to the feed
 same command goes on with a training that was killed, from its last checkpoint, which is at most a
 minute old.
 
+The minutes are of processor time, so that other work on the machine makes a training no worse.
+
 DIR gets `policy.npz`, the policy that was best in validation so far, with its training record;
-`curves.csv` and `curves.png`; and `checkpoint.pt`. How fast the steps shorten follows the clock, so
+`curves.csv` and `curves.png`; and `checkpoint.pt`. How fast the steps shorten follows that time, so
 two trainings from one seed are alike and not the same to the bit.
 """
 
@@ -56,7 +58,7 @@ LAYERS = [64, 64]
 SMALLEST_VARIANCE = 1e-4
 """Added to the variance of entries, so that those that never vary in training are not blown up."""
 CHECKPOINT_EVERY, VALIDATE_EVERY = 60.0, 420.0
-"""Seconds of training."""
+"""Seconds of processor time."""
 
 
 class Training:
@@ -109,15 +111,15 @@ class Training:
     def run(self) -> None:
         """Train until the time is over."""
         while self.part < 1:
-            begin = time.monotonic()
+            begin = time.process_time()
             self.model.learn(ROLLOUT * self.robots.num_envs, reset_num_timesteps=False)
-            self.spent += time.monotonic() - begin
+            self.spent += time.process_time() - begin
             row = self._row()
             due = self.spent - self.validated >= VALIDATE_EVERY or self.part >= 1
             if due:
-                begin = time.monotonic()
+                begin = time.process_time()
                 row |= self._validate()
-                self.spent += time.monotonic() - begin
+                self.spent += time.process_time() - begin
                 self.validated = self.spent
             self.rows.append(row)
             if due or self.spent - self.saved >= CHECKPOINT_EVERY:
@@ -196,7 +198,7 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("task", choices=sorted({task for task, _ in VARIANTS}))
     parser.add_argument("--residual", action="store_true", help="on the feedback controller")
-    parser.add_argument("--minutes", type=float, default=45.0, help="of training, in all")
+    parser.add_argument("--minutes", type=float, default=45.0, help="of processor time, in all")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", required=True, help="folder of the results")
     return parser
