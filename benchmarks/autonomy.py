@@ -1,10 +1,12 @@
 """How well a robot finds its way by camera.
 
-python benchmarks/autonomy.py [--only STUDY ...] [--quick] [--trials N] [--seed N] [--workers N]
+python benchmarks/autonomy.py [--only STUDY ...] [--quick] [--trials N] [--senses SENSE ...]
+    [--pictures one five] [--seed N] [--workers N]
 
 `turns`: tee turns from any orientation, with friction 0.8 to 1.0, any gravity and any preload of 15
 to 35 N, of robots that do not know how they are turned about their axis: by truth, depth and
-headlight. `missions`: random networks of 6 to 12 fittings with a map, likewise.
+headlight. `missions`: random networks of 6 to 12 fittings with a map, likewise. `unknown`: such
+networks explored without one.
 `recognition`: random approaches to fittings, seen by both cameras in one picture and in five over
 100 mm: how often the kind is right, how sure it was said to be, the errors of direction and
 distance. The default seed is not the one that anything was tuned on.
@@ -15,14 +17,13 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from multiprocessing import get_context
 from typing import Any
 
-from driving.by_sensors import drives, table
-from driving.by_sensors import failures as failed
+from driving import by_sensors, unknown
 from recognising.approaches import BORE, approach
 from recognising.report import Found, by_case, by_distance, failures, summary
 
@@ -32,7 +33,7 @@ from omnitrack_sim.sensing.headlight import HeadlightCamera, HeadlightTable
 from omnitrack_sim.sensing.optics import Camera
 from omnitrack_sim.sensing.recognition import Recogniser
 
-TRIALS = {"turns": 200, "missions": 100, "recognition": 2000}
+TRIALS = {"turns": 200, "missions": 100, "unknown": 50, "recognition": 2000}
 QUICK_TRIALS, SEED = 10, 2
 CAMERAS: dict[str, Callable[[], Any]] = {
     "depth": lambda: DepthCamera(DepthTable()),
@@ -81,12 +82,16 @@ def look(task: Task) -> list[Found]:
     return found
 
 
-def recognition(trials: int, seed: int, workers: int) -> None:
+def recognition(
+    trials: int, cameras: Sequence[str], pictures: Sequence[str], seed: int, workers: int
+) -> None:
     """Measure the recogniser and print the tables."""
     runs: dict[str, list[Found]] = {}
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        for name in CAMERAS:
+        for name in cameras:
             for every, words in ((False, "one picture"), (True, "five pictures")):
+                if words.split()[0] not in pictures:
+                    continue
                 tasks: list[Task] = [
                     (name, every, seed, range(i, min(i + 20, trials))) for i in range(0, trials, 20)
                 ]
@@ -105,16 +110,23 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=tuple(TRIALS), default=list(TRIALS))
     parser.add_argument("--quick", action="store_true", help=f"{QUICK_TRIALS} trials a study")
     parser.add_argument("--trials", type=int, help="trials a study")
+    parser.add_argument(
+        "--senses", nargs="+", choices=tuple(by_sensors.SENSES), default=list(by_sensors.SENSES)
+    )
+    parser.add_argument("--pictures", nargs="+", choices=("one", "five"), default=["one", "five"])
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     given = parser.parse_args()
     for study in given.only:
         trials = given.trials or (QUICK_TRIALS if given.quick else TRIALS[study])
         if study == "recognition":
-            recognition(trials, given.seed, given.workers)
+            cameras = [name for name in CAMERAS if name in given.senses]
+            recognition(trials, cameras, given.pictures, given.seed, given.workers)
             continue
-        runs = drives(study, trials, given.seed, given.workers)
-        print(f"{study}: {trials} trials, seed {given.seed}\n\n{table(runs)}\n\n{failed(runs)}\n")
+        of = unknown if study == "unknown" else by_sensors
+        runs = of.runs(study, given.senses, trials, given.seed, given.workers)
+        print(f"{study}: {trials} trials, seed {given.seed}\n\n{of.table(runs)}\n")
+        print(f"{of.failures(runs)}\n", flush=True)
 
 
 if __name__ == "__main__":

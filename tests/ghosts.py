@@ -27,6 +27,8 @@ class Ghost:
         network: the true one. start: an open end, as ``Network.end`` takes it.
         goals: to find. seen, hidden: ports closed by plates that sight shows, and does not show.
         erring: changes what is seen.
+        lag: m, by which it takes itself to be farther on when it has passed a fitting for the first
+            time, until it is told better or begins another leg.
     """
 
     def __init__(
@@ -37,6 +39,7 @@ class Ghost:
         seen: Collection[str] = (),
         hidden: Collection[str] = (),
         erring: Callable[[Ahead], Ahead] = lambda ahead: ahead,
+        lag: float = 0.0,
     ) -> None:
         self.network, self.pipes, self.robot = network, network.pipes, Robot()
         mission = Mission(
@@ -48,28 +51,32 @@ class Ghost:
         )
         exploration = Exploration(network, mission, self.robot, 0.1, ARCS)
         self.hidden = [network.port(port) for port in hidden]
-        self.sight, self.erring = exploration.sight(), erring
+        self.sight, self.erring, self.lag = exploration.sight(), erring, lag
         self.explorer = exploration.explorer(0, 2)
         self.ends = {goal: network.end("goals", goal) for goal in goals}
         self.events: list[Event] = []
         self.legs, self.travel = 1, 0.0
+        self.behind: set[int] = set()
         self._line: Any = None
 
     def run(self, most: float = 60.0) -> None:
         """Drive until the run is over, or ``most`` m."""
         explorer, distance = self.explorer, float(self.explorer.leg.begin)
+        wrong = 0.0
         while self.travel < most:
             position, frame = self._pose(distance)
-            time, decision = self.travel, None
-            if distance >= explorer.looks_at:
+            wrong += self.lag * self._has_passed(distance)
+            time, decision, told = self.travel, None, distance + wrong
+            if told >= explorer.looks_at:
                 ahead, behind = self._look(position, frame), None
-                if explorer.looks_back(distance):
+                if explorer.looks_back(told):
                     behind = self._look(position, frame * TURNED)
-                decision = explorer.see(time, distance, ahead, behind, frame, frame)
-            elif distance >= explorer.leg.end:
-                decision = explorer.arrived(time, distance, self._here(position, frame))
+                decision = explorer.see(time, told, ahead, behind, frame, frame)
+                wrong += decision.shift
+            elif told >= explorer.leg.end:
+                decision = explorer.arrived(time, told, self._here(position, frame))
             elif self._blocked(position, frame):
-                decision = explorer.hangs(time, distance, self._here(position, frame))
+                decision = explorer.hangs(time, told, self._here(position, frame))
             if decision is None:
                 distance, self.travel = distance + STEP, self.travel + STEP
                 continue
@@ -77,8 +84,20 @@ class Ghost:
             if decision.leg is None:
                 return
             if not decision.goes_on:
-                self.legs, distance = self.legs + 1, decision.leg.begin
+                self.legs, distance, wrong = self.legs + 1, decision.leg.begin, 0.0
         raise AssertionError(f"it still drives after {most} m: {self.events[-5:]}")
+
+    def _has_passed(self, distance: float) -> int:
+        """How many fittings it has just left behind for the first time."""
+        way = self.explorer.leg.way
+        along = self.explorer.ways.along_of(way)
+        new = {
+            part
+            for (part, _, _), end in zip(way, along.ends, strict=True)
+            if end < distance and not self.explorer.belief.fitting(part).is_plain
+        } - self.behind
+        self.behind |= new
+        return len(new)
 
     def _look(self, position, frame) -> Ahead | None:
         ahead = self.sight.look(0, position, frame)

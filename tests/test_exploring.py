@@ -56,6 +56,33 @@ def test_a_network_is_explored_to_its_last_end(name, start, ends):
     assert ghost.travel < 3.2 * ghost.network.length
 
 
+def test_what_is_seen_wrongly_from_afar_is_put_right_from_close_by():
+    """Kinds and places: a point that takes far tees for bends, and sees far things 40 mm too near,
+    has the true map in the end, but for the short pipe between two fittings that it prepares for
+    together: it never stands in that before it has passed both."""
+
+    def far_sight_fails(ahead):
+        if ahead.distance < 0.26:
+            return ahead
+        nearer = replace(ahead, distance=ahead.distance - 0.04)
+        is_tee = isinstance(ahead.fitting, Tee)
+        return replace(nearer, fitting=Elbow(0.12), enter="start") if is_tee else nearer
+
+    ghost = explored("house_sewer", "sewer", erring=far_sight_fails)
+    difference = compare_maps(ghost.explorer.belief.network, ghost.network, "sewer")
+    assert difference.complete, difference
+    assert not difference.angles
+    assert difference.wrong_sizes == (("straight_4", "stack_1"),)
+
+
+def test_past_a_fitting_it_finds_its_place_by_looking_back():
+    """A point that takes itself to be 60 mm farther on after each fitting makes no straight longer
+    for that."""
+    ghost = explored("house_sewer", "sewer", lag=0.06)
+    difference = compare_maps(ghost.explorer.belief.network, ghost.network, "sewer")
+    assert difference.same, difference
+
+
 def test_a_map_is_a_network_file(tmp_path):
     """It can be written, read and validated, and says what is known of its ends."""
     ghost = explored("fig14", "low", goals=["top"])

@@ -53,6 +53,7 @@ def task(number, desk):
 
 for number, faults in watched(task, range(len(WAYS) + 1)):
     print(number, [fault.what for fault in faults])
+    print(*faults, sep="\\n", file=sys.stderr)
 """
 SEEN = [
     [],

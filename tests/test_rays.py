@@ -144,6 +144,38 @@ def test_beyond_a_port_that_nothing_is_known_of_nothing_is_told():
     assert hit == pytest.approx(line.length - 0.2, abs=1e-5)
 
 
+def test_where_a_straight_has_not_been_seen_to_end_there_is_no_ring():
+    """At a fitting's port there is a joint, known or not. A straight that has been seen to go so
+    far may go on: right before that nothing is told, and before it no ring is expected."""
+    route = ot.load_scenario("tee_turn").route
+    line, parts = route.centreline, route.network.parts
+    tee = next(i for i, part in enumerate(parts) if part.fitting.kind == "tee")
+    leave = route.fittings[tee].leave
+    lamp = np.array([0.01, 0.0, 0.0])
+
+    def seen(end, back):
+        at = np.array([line.length - back]) if end[0] == len(parts) - 1 else None
+        at = np.array([route.fittings[tee].s_leave - back]) if at is None else at
+        position, frame = line.at(at)[0], line.frame(at)
+        found = {}
+        for name, unknown in (("open", [[]]), ("unknown", [[end]])):
+            walls = RayWalls([parts[: end[0] + 1]], unknown=unknown)
+            found[name] = walls.trace(ONE, position, frame, cone(2000, 0.9), 9.0, lamp)[0]
+        return found
+
+    straight = seen((len(parts) - 1, route.fittings[-1].leave), 0.15)
+    near = straight["open"][:, 6] < 0.025
+    assert near.sum() > 50
+    assert np.isnan(straight["unknown"][near, 0]).all()
+    shown = np.isfinite(straight["unknown"][:, 0]) & (straight["open"][:, 6] < 0.07)
+    assert shown.any()
+    assert np.isinf(straight["unknown"][shown, 6]).all()
+    fitting = seen((tee, leave), 0.1)
+    ring = np.isfinite(fitting["open"][:, 0]) & (fitting["open"][:, 6] < 0.004)
+    assert ring.any()
+    assert (fitting["unknown"][ring, 6] == fitting["open"][ring, 6]).all()
+
+
 def test_the_lamp_does_not_shine_round_the_corner_of_a_branch():
     """A lamp beside the lens leaves a part of what the lens sees in the dark, at the lens none."""
     route = ot.load_scenario("tee_turn").route

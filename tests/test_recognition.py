@@ -131,6 +131,28 @@ def test_sizes_are_told_with_their_spread():
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize("name", ["open end", "closed end"])
+def test_how_far_an_end_is_is_told_with_its_spread(camera, name):
+    """To millimetres, though slopes of a picture know nothing of an open end."""
+    for distance in (0.11, 0.23):
+        sighting = recogniser(camera).single(
+            pictures(camera, name, [distance], stands=ROLLED)[0][0]
+        )
+        assert sighting.kind == name
+        assert sighting.distance == pytest.approx(distance, abs=0.005)
+        assert 0 < sighting.covariance[0, 0] < 0.006**2
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_where_a_bend_begins_is_told_apart_from_how_narrow_it_is(camera):
+    """Both look much alike: a search from one place alone ends centimetres off."""
+    for distance in (0.16, 0.22):
+        sighting = recogniser(camera).single(pictures(camera, "wide elbow", [distance], 0.7)[0][0])
+        assert sighting.distance == pytest.approx(distance, abs=0.006)
+        assert sighting.sizes["mean_radius"] == pytest.approx(0.24, abs=0.03)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
 def test_a_straight_pipe_is_straight(camera):
     """As far as is seen; a fitting at 1 m is not told as one."""
     for name, distance in (("straight", 0.3), ("tee over", 1.0)):

@@ -105,31 +105,31 @@ def mission(task: tuple[str, int]) -> list[Drive]:
     return [_drive("missions", sense, seed, result)]
 
 
-def drives(study: str, trials: int, seed: int, workers: int) -> list[Drive]:
-    """All runs of a study, by every sense."""
+def runs(study: str, senses: Sequence[str], trials: int, seed: int, workers: int) -> list[Drive]:
+    """All runs of a study, by some senses."""
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         if study == "turns":
             batches = [
                 (sense, seed, first, min(TOGETHER, trials - first))
-                for sense in SENSES
+                for sense in senses
                 for first in range(0, trials, TOGETHER)
             ]
             found = pool.map(turns, batches)
         else:
             begin = FIRST_NETWORK + (seed - 2) * 1000
-            found = pool.map(mission, [(s, begin + i) for s in SENSES for i in range(trials)])
+            found = pool.map(mission, [(s, begin + i) for s in senses for i in range(trials)])
         return [drive for part in found for drive in part]
 
 
-def table(runs: Sequence[Drive]) -> str:
+def table(drives: Sequence[Drive]) -> str:
     """One row for each sense."""
     rows = [
         "| sensing | arrived | 95 % interval | localisation error: median, 90 % | largest error: "
         "median, 90 % | error of theta5 at the first turn: median, 95 % | lost on the way |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
-    for sense in SENSES:
-        own = [run for run in runs if run.sense == sense]
+    for sense in dict.fromkeys(run.sense for run in drives):
+        own = [run for run in drives if run.sense == sense]
         good = [run for run in own if run.outcome == "reached_goal"]
         low, high = wilson_interval(len(good), len(own))
         cells = [sense, f"{len(good)} of {len(own)}", f"{100 * low:.1f} to {100 * high:.1f} %"]
@@ -152,11 +152,11 @@ def _two(values: Sequence[float], parts: tuple[int, int], unit: str, digits: int
     return f"{low:.{digits}f}, {high:.{digits}f} {unit}"
 
 
-def failures(runs: Sequence[Drive]) -> str:
+def failures(drives: Sequence[Drive]) -> str:
     """Each run that did not arrive, with its cause."""
     rows = [
         f"* {run.study} {run.number}, {run.sense}: {run.outcome}; {run.reason}"
-        for run in runs
+        for run in drives
         if run.outcome != "reached_goal"
     ]
     return "\n".join(rows)

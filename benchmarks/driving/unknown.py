@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -88,23 +89,29 @@ def tour(task: tuple[str, int]) -> Tour:
     )
 
 
-def tours(trials: int, seed: int, workers: int) -> list[Tour]:
-    """All explorations, by every sense."""
+def runs(study: str, senses: Sequence[str], trials: int, seed: int, workers: int) -> list[Tour]:
+    """All explorations, by some senses."""
     first = FIRST_NETWORK + (seed - 2) * 1000
-    tasks = [(sense, first + i) for sense in SENSES for i in range(trials)]
+    tasks = [(sense, first + i) for sense in senses for i in range(trials)]
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        return list(pool.map(tour, tasks))
+        found = []
+        for run in pool.map(tour, tasks):
+            found.append(run)
+            right = "same" if run.map.same else run.faults
+            told = f"{run.sense} {run.seed}: {run.outcome}, {right}, {run.wall_s:.0f} s"
+            print(told, file=sys.stderr, flush=True)
+        return found
 
 
-def table(runs: Sequence[Tour]) -> str:
+def table(tours: Sequence[Tour]) -> str:
     """One row for each sense."""
     rows = [
         "| sensing | home, and the map the same as the network | 95 % interval | home | map "
         "complete | wrong in all lengths: median, 90 % | lost on the way |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
-    for sense in SENSES:
-        own = [run for run in runs if run.sense == sense]
+    for sense in dict.fromkeys(run.sense for run in tours):
+        own = [run for run in tours if run.sense == sense]
         good = sum(run.home and run.map.same for run in own)
         low, high = wilson_interval(good, len(own))
         wrong = [1000 * run.map.length_error for run in own if run.map.complete]
@@ -122,11 +129,11 @@ def table(runs: Sequence[Tour]) -> str:
     return "\n".join(rows)
 
 
-def failures(runs: Sequence[Tour]) -> str:
+def failures(tours: Sequence[Tour]) -> str:
     """Each run that did not come home, or whose map is wrong, with the cause."""
     return "\n".join(
         f"* {run.sense} {run.seed}: {run.outcome}; {run.faults or run.reason}"
         + (f"; {run.reason}" if run.faults and not run.home else "")
-        for run in runs
+        for run in tours
         if not (run.home and run.map.same)
     )

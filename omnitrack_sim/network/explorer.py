@@ -62,7 +62,9 @@ LEANS = math.radians(4)
 CLEAR = 0.01
 """Standard deviation, m, up to which it relies on how far what is behind it is."""
 FAR_OFF = 0.1
-"""By how much it may be wrong about how far it has come, m: what says more is not believed."""
+"""By how much it may be wrong about how far it has come, m: what says more has to say so twice."""
+AGREE = 0.02
+"""Difference of two such looks that say the same, m."""
 DOUBT_AGAIN = 0.01
 """Travel after which a robot looks again, m, that has seen one thing from afar and another from
 close by."""
@@ -130,6 +132,7 @@ class Explorer:
     _placed: set[int] = field(default_factory=set)
     _seen: dict[tuple[str, str], int] = field(default_factory=dict)
     _again: float = 0.0
+    _shift: float = math.inf
     _complete: bool = False
 
     def __post_init__(self) -> None:
@@ -285,7 +288,9 @@ class Explorer:
         placed = along.begins[i] + behind.distance
         if behind.fitting.kind != kind or behind.distance_std > CLEAR:
             return distance
-        if abs(placed - distance) > FAR_OFF:
+        shift, before = placed - distance, self._shift
+        self._shift = shift
+        if abs(shift) > FAR_OFF and abs(shift - before) > AGREE:
             return distance
         self._placed.add(way[i][0])
         return placed
@@ -341,7 +346,11 @@ class Explorer:
         i = self._provisional_at()
         if i is None:
             return
-        self.belief.take_back(self.leg.way[i][0])
+        straight = self.leg.way[i][0]
+        beyond = self.belief.joined.get((straight, "end"))
+        if beyond is not None:
+            self._bends.pop(beyond[0], None)
+        self.belief.take_back(straight)
         self.ways = self._through([])
         self.leg = replace(self.leg, way=self.leg.way[: i + 1])
 
