@@ -19,7 +19,8 @@ def test_it_tells_how_it_came_about(name):
     record = policy.record
     assert record.command.startswith("python benchmarks/learning/train.py tee_turn")
     assert ("--residual" in record.command) == (ACTING[name] == "residual")
-    assert record.steps is not None and record.steps > 100_000
+    assert record.steps is not None
+    assert record.steps > 100_000
     assert shipped_policies()[name].stat().st_size < 200_000
 
 

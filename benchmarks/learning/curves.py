@@ -47,7 +47,10 @@ def _picture(rows: Sequence[dict[str, Any]], title: str) -> bytes:
     for axis, (kind, label, factor) in zip(axes, kinds, strict=True):
         trained = [(row["decisions"] / 1e6, row.get(_trained(kind))) for row in rows]
         tried = [(row["decisions"] / 1e6, row.get(f"validation_{kind}")) for row in rows]
-        for points, style in ((trained, {"lw": 1, "alpha": 0.6}), (tried, {"marker": "o", "ms": 3})):
+        for points, style in (
+            (trained, {"lw": 1, "alpha": 0.6}),
+            (tried, {"marker": "o", "ms": 3}),
+        ):
             known = [(x, factor * y) for x, y in points if y is not None]
             axis.plot([x for x, _ in known], [y for _, y in known], **style)
         axis.set_ylabel(label)

@@ -76,9 +76,9 @@ def cleanrl(steps: int) -> str:
             seen, reward, terminated, truncated, infos = envs.step(actions.clamp(-1, 1).numpy())
             with torch.no_grad():
                 after = critic(torch.from_numpy(seen))[:, 0]
-            target = torch.as_tensor(reward, dtype=torch.float32) + GAMMA * after * ~torch.as_tensor(
-                terminated
-            )
+            target = torch.as_tensor(
+                reward, dtype=torch.float32
+            ) + GAMMA * after * ~torch.as_tensor(terminated)
             own = torch.from_numpy(~begun)
             kept.append((before[own], actions[own], chance[own], target[own]))
             begun = terminated | truncated

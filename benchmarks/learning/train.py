@@ -159,7 +159,9 @@ class Training:
     def _policy(self, score: Score | None = None) -> ot.Policy:
         note = f"{self.variant.words}; PPO of stable-baselines3, {self.spent / 60:.0f} minutes"
         if score is not None:
-            note += f"; passed {score.success:.1%} of the validation trials, return {score.value:.2f}"
+            note += (
+                f"; passed {score.success:.1%} of the validation trials, return {score.value:.2f}"
+            )
         record = TrainingRecord(
             command=shlex.join(["python", "benchmarks/learning/train.py", *sys.argv[1:]]),
             seed=self.given.seed,

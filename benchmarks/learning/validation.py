@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import gymnasium
 import numpy as np
+from variants import VALIDATION_SEED
 
 import omnitrack_sim as ot
 from omnitrack_sim.control.policy.feature import Entries
-from variants import VALIDATION_SEED
 
 
 class Score(NamedTuple):

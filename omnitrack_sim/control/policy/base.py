@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.control.interface import Command, Controller, ControlSetup, Observation
+from omnitrack_sim.rotations import Array
 
 _OURS = "omnitrack_sim.control"
 """Where the classes are whose objects hold states of robots."""
