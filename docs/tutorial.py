@@ -1,33 +1,37 @@
-"""Runs the tutorial's notebook from top to bottom and stores what it shows in it.
+"""Runs the notebooks of the documentation from top to bottom and stores what they show in them.
 
-    python docs/tutorial.py
+    python docs/tutorial.py [NAME ...]
 
-It needs the groups of development (nbclient, ipykernel) and takes less than a minute.
+It needs the groups of development (nbclient, ipykernel) and takes less than three minutes.
 """
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import nbformat
 from nbclient import NotebookClient
 from nbformat import NotebookNode
 
-NOTEBOOK = Path(__file__).with_suffix(".ipynb")
+NOTEBOOKS = sorted(Path(__file__).parent.glob("*.ipynb"))
 _LONGEST = 300
 """Seconds that a cell may take."""
 
 
-def executed(path: Path = NOTEBOOK) -> NotebookNode:
-    """The notebook with the outputs of a new run, and nothing in it of the machine and the time.
+def executed(path: Path, folder: Path | None = None) -> NotebookNode:
+    """A notebook with the outputs of a new run, and nothing in it of the machine and the time.
+
+    Args:
+        path: of it. folder: in which it runs, and leaves its files; its own by default.
 
     Raises:
         CellExecutionError: a cell raises; its traceback is the message.
     """
     notebook = nbformat.read(path, as_version=4)
     run = NotebookClient(notebook, timeout=_LONGEST, kernel_name="python3", record_timing=False)
-    run.execute(cwd=str(path.parent))
+    run.execute(cwd=str(folder or path.parent))
     for cell in notebook.cells:
         if cell.cell_type == "code":
             cell.metadata.clear()
@@ -39,5 +43,9 @@ def executed(path: Path = NOTEBOOK) -> NotebookNode:
 
 
 if __name__ == "__main__":
-    nbformat.write(executed(), NOTEBOOK)
-    print(f"wrote {NOTEBOOK}", file=sys.stderr)
+    for notebook in NOTEBOOKS:
+        if notebook.stem in (sys.argv[1:] or [notebook.stem]):
+            with TemporaryDirectory() as folder:
+                found = executed(notebook, Path(folder))
+            nbformat.write(found, notebook)
+            print(f"wrote {notebook}", file=sys.stderr)

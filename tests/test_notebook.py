@@ -19,7 +19,8 @@ from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import validate
 
 DOCS = Path(__file__).parents[1] / "docs"
-TUTORIAL = DOCS / "tutorial.ipynb"
+PICTURES = {"tutorial": 4, "learn-in-5-minutes": 1}
+"""Notebooks, and how many pictures each shows at least."""
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -31,20 +32,27 @@ def kinds(notebook) -> list[list[object]]:
     ]
 
 
-def test_the_tutorial_runs_and_shows_what_is_stored():
+@pytest.mark.parametrize("name", PICTURES)
+def test_a_notebook_runs_and_shows_what_is_stored(name, tmp_path):
     """Every cell ends without an error and shows things of the kinds that stand in the file."""
-    stored = nbformat.read(TUTORIAL, as_version=4)
+    if name == "learn-in-5-minutes":
+        pytest.importorskip("gymnasium")
+        pytest.importorskip("numba")
+    path = DOCS / f"{name}.ipynb"
+    stored = nbformat.read(path, as_version=4)
     nbformat.validate(stored)
-    again = runpy.run_path(str(DOCS / "tutorial.py"))["executed"]()
+    again = runpy.run_path(str(DOCS / "tutorial.py"))["executed"](path, tmp_path)
     assert kinds(again) == kinds(stored)
-    assert sum("image/png" in kind for cell in kinds(stored) for kind in cell) >= 4
+    shown = sum("image/png" in kind for cell in kinds(stored) for kind in cell)
+    assert shown >= PICTURES[name]
     sources = [cell.source for cell in stored.cells]
     assert sources == [cell.source for cell in again.cells]
 
 
-def test_links_of_the_tutorial_lead_somewhere():
+@pytest.mark.parametrize("name", PICTURES)
+def test_links_of_a_notebook_lead_somewhere(name):
     """To files of the documentation, and to headings that are there."""
-    cells = nbformat.read(TUTORIAL, as_version=4).cells
+    cells = nbformat.read(DOCS / f"{name}.ipynb", as_version=4).cells
     links = re.findall(r"\]\(([^)]+)\)", "\n".join(cell.source for cell in cells))
     assert len(links) > 5
     for file, _, heading in (link.partition("#") for link in links):

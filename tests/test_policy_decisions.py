@@ -10,6 +10,7 @@ import pytest
 from runs import COLLIDER, there_and_back
 
 import omnitrack_sim as ot
+from omnitrack_sim.control import JacobianController
 from omnitrack_sim.control.policy import (
     ACTIONS,
     DIRECT,
@@ -165,6 +166,40 @@ def test_robots_that_begin_anew_know_nothing_of_before(acting):
     assert decisions.roll[0].tolist() == decisions.setup.roll[0].tolist()
     sim.step()
     assert decisions.roll[1, 0] > decisions.roll[0, 0]
+
+
+def test_robots_that_began_at_different_times_ask_one_controller(monkeypatch):
+    """One step after the last beginning; what they are told is what they are told alone."""
+    asked: list[object] = []
+    step = JacobianController.step
+    monkeypatch.setattr(
+        JacobianController, "step", lambda self, seen: asked.append(self) or step(self, seen)
+    )
+    # Five: tables of three modules, or of as many passages, are not told apart by their sizes.
+    changes = ({}, {"start.theta5_deg": 40.0}, {"robot.preload": 30.0}, {}, {})
+    scenarios = [_tee(**{"start.distance": 0.265}, **change) for change in changes]
+    sim = ot.Simulation(scenarios, recording=False)
+    decisions = Decisions(sim.setup, features_of("onboard"), RESIDUAL)
+    counts, told = [], []
+    for moment in range(60):
+        if moment in (5, 12):
+            begun = np.arange(5) == moment % 3
+            sim.restart(np.flatnonzero(begun), [scenarios[moment % 3]])
+            decisions.begin(begun, sim.setup)
+        asked.clear()
+        command = decisions.command(sim.observation)
+        counts.append(len(asked))
+        told.append(command.belt_speed.copy())
+        sim.step(command)
+    assert [counts[i] for i in (0, 4, 5, 6, 11, 12, 13, 59)] == [1, 1, 2, 1, 1, 2, 1, 1]
+    for robot, begin in ((1, 0), (2, 5)):
+        alone = ot.Simulation([scenarios[robot]], recording=False)
+        own = Decisions(alone.setup, features_of("onboard"), RESIDUAL)
+        for together in told[begin:]:
+            command = own.command(alone.observation)
+            assert together[robot].tolist() == command.belt_speed[0].tolist()
+            alone.step(command)
+        assert np.ptp([speed[robot, 0] for speed in told]) > 1e-3  # it stands to align
 
 
 def test_bad_actions_are_refused():

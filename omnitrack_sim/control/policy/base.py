@@ -10,11 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.control.interface import Command, Controller, ControlSetup, Observation
+from omnitrack_sim.rotations import Array
+
+_OURS = "omnitrack_sim.control"
+"""Where the classes are whose objects hold states of robots."""
 
 
 class Bases:
     """The shipped controller of one name, with its defaults, of n robots that begin at different
-    times: those that begin together share an instance.
+    times. Those that begin together share an instance, which takes in the one before after its
+    first step: all robots then cost as much as if they had begun together.
 
     Attributes:
         phases: of the controller.
@@ -42,7 +47,60 @@ class Bases:
     def step(self, observation: Observation) -> Command:
         """The command of all robots, each by its own instance."""
         steps = [(number, c.step(observation)) for number, c in self._controllers.items()]
-        return joined([(self._which == number, command) for number, command in steps])
+        command = joined([(self._which == number, command) for number, command in steps])
+        self._merge()
+        return command
+
+    def _merge(self) -> None:
+        """Let the newest instance drive the robots of older ones, too, where their states can be
+        told apart."""
+        *older, newest = sorted(self._controllers)
+        for number in older:
+            rows = self._which == number
+            changes = _carried(self._controllers[number], self._controllers[newest], rows)
+            if changes is not None:
+                for holder, name, value in changes:
+                    holder[name] = value
+                self._which = np.where(rows, newest, self._which)
+                del self._controllers[number]
+
+
+_Changes = list[tuple[dict[str, Any], str, Any]]
+
+
+def _carried(old: Any, new: Any, rows: NDArray[np.bool_]) -> _Changes | None:
+    """What brings the state of the robots ``rows`` (n,) of one instance into another of its kind,
+    as (table, key, value); None where a difference is not of robots alone."""
+    changes: _Changes = []
+    fresh = new if isinstance(new, dict) else vars(new)
+    for name, have in (old if isinstance(old, dict) else vars(old)).items():
+        other = fresh[name]
+        if have is other:
+            continue
+        if isinstance(have, np.ndarray):
+            mixed = _mixed(have, other, rows)
+            found = None if mixed is None else [(fresh, name, mixed)]
+        elif isinstance(have, dict) or type(have).__module__.startswith(_OURS):
+            found = _carried(have, other, rows)
+        else:
+            found = [] if have == other else None
+        if found is None:
+            return None
+        changes += found
+    return changes
+
+
+def _mixed(old: Array, new: Array, rows: NDArray[np.bool_]) -> Array | None:
+    """``new`` with the rows of ``old``, along the one axis that is of robots; None where that is
+    not to be seen."""
+    if old.shape != new.shape:
+        return None
+    if np.array_equal(old, new, equal_nan=old.dtype.kind == "f"):
+        return new
+    axes = [axis for axis, size in enumerate(old.shape) if size == len(rows)]
+    if len(axes) != 1:
+        return None
+    return np.where(rows.reshape(-1, *[1] * (old.ndim - 1 - axes[0])), old, new)
 
 
 def joined(parts: Sequence[tuple[NDArray[np.bool_], Command]]) -> Command:

@@ -1,0 +1,53 @@
+"""The policies that come with the package: what they say of themselves, and that they drive."""
+
+from __future__ import annotations
+
+import pytest
+
+import omnitrack_sim as ot
+from omnitrack_sim.pool import LocalPool
+from omnitrack_sim.schema.shipped import shipped_policies
+
+pytest.importorskip("numba")  # they were trained on exact walls
+ACTING = {"tee_turn": "direct", "tee_turn_residual": "residual"}
+
+
+@pytest.mark.parametrize("name", ACTING)
+def test_it_tells_how_it_came_about(name):
+    policy = ot.load_policy(name)
+    assert policy.acting.name == ACTING[name]
+    record = policy.record
+    assert record.command.startswith("python benchmarks/learning/train.py tee_turn")
+    assert ("--residual" in record.command) == (ACTING[name] == "residual")
+    assert record.steps is not None
+    assert record.steps > 100_000
+    assert shipped_policies()[name].stat().st_size < 200_000
+
+
+@pytest.mark.parametrize("name", ACTING)
+@pytest.mark.parametrize("theta5_deg", [0.0, 25.0])
+def test_it_turns_into_the_branch(name, theta5_deg):
+    """Dead on, and from where it has to roll first: driving on as it is would fail there."""
+    changes = {
+        "control.kind": "policy",
+        "control.parameters.policy": name,
+        "start.theta5_deg": theta5_deg,
+        "physics.collider": "exact",
+    }
+    result = ot.run(ot.load_scenario("tee_turn", changes))
+    assert result.outcome is ot.Outcome.REACHED_GOAL
+
+
+def test_they_run_in_a_sweep_with_two_workers(tmp_path):
+    """To the same table as in one process."""
+    (tmp_path / "sweep.toml").write_text(
+        'base = "tee_turn"\nbatch = 2\n[set]\n"control.kind" = "policy"\n'
+        '"physics.collider" = "exact"\n"physics.time_limit" = 2.0\n'
+        f'[[axes]]\npath = "control.parameters.policy"\nkind = "list"\nvalues = {list(ACTING)}\n'
+        '[[axes]]\npath = "start.theta5_deg"\nkind = "list"\nvalues = [-20, 10]\n'
+    )
+    sweep = ot.load_sweep(tmp_path / "sweep.toml")
+    alone = ot.run_sweep(sweep)
+    with LocalPool(2) as pool:
+        assert ot.run_sweep(sweep, executor=pool).equals(alone)
+    assert len(set(alone["distance_m"].to_pylist())) == 4
