@@ -226,6 +226,14 @@ def test_a_policy_and_its_network_have_to_fit():
             Policy(random_network(32), features)
 
 
+def test_a_policy_has_the_names_of_single_features(tmp_path):
+    """Though the set was named; a file needs a name for each."""
+    policy = Policy(random_network(32), ("onboard",))
+    assert policy.features == named_features("onboard")
+    policy.save(tmp_path / "one.npz")
+    assert ot.load_policy(tmp_path / "one.npz").features == policy.features
+
+
 def test_entries_of_another_shape_are_refused():
     policy = random_policy("preview")
     for shape in ((53,), (2, 52), (1, 1, 53)):

@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from omnitrack_sim.control.policy import ACTIONS
 from omnitrack_sim.gym.fleet import Fleet, Seen, actions_of, one_of, reset_options_of
 from omnitrack_sim.gym.options import options_of
 from omnitrack_sim.gym.screen import Screen
@@ -75,7 +76,7 @@ class RobotEnv(gymnasium.Env):
         """
         if self._over:
             raise gymnasium.error.ResetNeeded("the episode is over; call reset")
-        done = self._fleet.advance(actions_of(action, self.action_space.shape)[None])
+        done = self._fleet.advance(actions_of(action, (len(ACTIONS),))[None])
         terminated, truncated = bool(done.terminated[0]), bool(done.truncated[0])
         self._over = terminated or truncated
         info: dict[str, Any] = {

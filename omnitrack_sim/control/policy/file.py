@@ -63,6 +63,7 @@ class Policy:
 
     def __post_init__(self) -> None:
         check_is(Mlp, "network", self.network)
+        object.__setattr__(self, "features", named_features(self.features))
         entries = sum(feature.size for feature in self.read)
         inputs, outputs = self.network.widths[0], self.network.widths[-1]
         if inputs != entries:
@@ -126,7 +127,7 @@ def named_features(names: str | Sequence[str]) -> tuple[str, ...]:
             name for each.
     """
     found: list[str] = []
-    for name in [names] if isinstance(names, str) else names:
+    for name in [names] if isinstance(names, str | Feature) else names:
         several = features_of([name])
         shipped = [one.name for one in several if FEATURES.get(one.name) is one]
         if len(shipped) < len(several) > 1:
