@@ -108,13 +108,10 @@ VARIANTS: Mapping[tuple[str, bool], Variant] = {
         "residual",
         "residual: added to the feedback controller",
         [
-            Trials(3 * ROBOTS // 4, (0.5, 0.75), _CRUISE),
-            Trials(ROBOTS // 4, (0.5, 0.58), _CRUISE, downward=True),
+            Trials(ROBOTS // 2, (0.5, 0.7), _CRUISE),
+            Trials(ROBOTS // 2, (0.47, 0.58), _CRUISE, downward=True),
         ],
-        [
-            Trials(3 * ROBOTS // 4, (0.5, 0.7)),
-            Trials(ROBOTS // 4, (0.5, 0.58), downward=True),
-        ],
+        [Trials(ROBOTS // 2, (0.5, 0.7)), Trials(ROBOTS // 2, (0.5, 0.56), downward=True)],
         -2.5,
         0.0,
         {},
