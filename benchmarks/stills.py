@@ -19,8 +19,8 @@ FILM = 960, 540
 
 
 def main() -> None:
-    """Write tee.png, and figures/film_*.png, fig14_onboard.png, mission_frame.png and
-    mission_map.png, into a folder."""
+    """Write tee.png, and figures/film_*.png, fig14_onboard.png, explore_onboard.png,
+    mission_frame.png and mission_map.png, into a folder."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/stills"), help="such as docs")
     folder = parser.parse_args().out
@@ -35,6 +35,8 @@ def main() -> None:
     still(journey, 2.0, "onboard", FILM, figures / "film_onboard.png")
     seeing = ot.run(ot.load_scenario("missions/fig14_onboard"))
     still(seeing, 18.0, "follow", FILM, figures / "fig14_onboard.png")
+    exploring = ot.run(ot.load_scenario("missions/explore_onboard", FAST))
+    still(exploring, 30.0, "follow", FILM, figures / "explore_onboard.png")
     mission = ot.run(ot.load_scenario("missions/dead_end", FAST))
     still(mission, 16.0, "follow", (800, 450), figures / "mission_frame.png")
     ot.plot_mission(mission, figures / "mission_map.png")

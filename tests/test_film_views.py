@@ -9,6 +9,7 @@ import pytest
 from film_samples import PIPES, SIZE, chain_result, elbow_result
 from samples import two_legs, two_legs_result
 
+from omnitrack_sim.film.found import found_at
 from omnitrack_sim.film.inset import Inset, needs_map, projection
 from omnitrack_sim.film.overlay import Overlay
 from omnitrack_sim.film.render import render_frame, render_frames
@@ -122,6 +123,33 @@ def test_films_of_long_routes_have_a_map():
         )
         assert (mapped[10:60, 250:300] != bare[10:60, 250:300]).any() == has_map, camera
         assert (mapped[:, :200] == bare[:, :200]).all()
+
+
+def test_map_of_a_robot_that_explores_grows_with_what_it_sees():
+    """A part is on it once the front is so near that sight reaches it, and round no corner before
+    that; what is not on it yet is not drawn."""
+    result = two_legs_result()
+    routes = result.routes()
+    found = found_at(result.trajectory, routes, 0.07, 0.35)
+    assert found[routes[0].fittings[0].index] == 0
+    order = [int(found[passage.index]) for passage in routes[0].fittings]
+    assert order == sorted(order)
+    far = found_at(result.trajectory, routes, 0.07, 10.0)
+    assert (far <= found).all()
+    bent = next(
+        p for p in routes[0].fittings if not routes[0].network.parts[p.index].fitting.is_plain
+    )
+    beyond = routes[0].fittings[routes[0].fittings.index(bent) + 1]
+    distance = result.trajectory["distance"]
+    assert distance[far[beyond.index]] + 0.07 == pytest.approx(bent.s_leave, abs=0.03)
+    grey = np.full((720, 1280, 3), 90, np.uint8)
+    goals = result.goal_points(), result.plate_rims()
+    drawn = []
+    for rows in (found, None):
+        frame = grey.copy()
+        Inset(result.trajectory, routes, *goals, 1280, 720, rows).write(frame, 0)
+        drawn.append(int((np.abs(frame.astype(int) - [120, 131, 144]).sum(axis=-1) < 20).sum()))
+    assert 0 < drawn[0] < 0.7 * drawn[1]
 
 
 def test_map_shows_the_way_driven_so_far():

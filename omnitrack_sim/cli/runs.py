@@ -26,6 +26,7 @@ from omnitrack_sim.cli.film import check_camera, filmed
 from omnitrack_sim.cli.replay import PAGE
 
 if TYPE_CHECKING:
+    from omnitrack_sim.network import MapDifference
     from omnitrack_sim.sim.result import Result
 
 
@@ -129,7 +130,29 @@ def print_result(result: Result, target: Path) -> None:
             f"{metrics['theta5_error_p95_deg']:.1f} deg in 95 % of the time",
             soft_wrap=True,
         )
+    found = result.map_difference() if result.map is not None else None
+    if found is not None:
+        out.print(f"  {_map_in_words(found)}", soft_wrap=True)
     out.print(f"  saved in {plain(str(target))}", soft_wrap=True)
+
+
+def _map_in_words(found: MapDifference) -> str:
+    """How good the map of a robot that explores is."""
+    faults = {
+        "kind": found.kinds,
+        "size": found.wrong_sizes,
+        "direction": found.angles,
+        "joint": found.loose,
+    }
+    told = [
+        f"wrong {what}: {', '.join(f'{mine} for {true}' for mine, true in pairs)}"
+        for what, pairs in faults.items()
+        if pairs
+    ]
+    told += [f"missing: {', '.join(found.missing)}"] if found.missing else []
+    told += [f"not there: {', '.join(found.extra)}"] if found.extra else []
+    parts = f"its map has {found.found} of {found.parts} parts, {found.length_error:.3f} m wrong in"
+    return f"{parts} all lengths{'; ' if told else ''}{'; '.join(told)}"
 
 
 def _is_mission(result: Result) -> bool:

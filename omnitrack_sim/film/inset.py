@@ -50,6 +50,7 @@ class Inset:
         plates: Array,
         width: int,
         height: int,
+        found: NDArray[np.intp] | None = None,
     ) -> None:
         """For frames of ``width`` and ``height`` pixels.
 
@@ -59,6 +60,7 @@ class Inset:
             goals: (G, 3) m, world frame.
             plates: (P, k, 3) m, world frame, rims of plates that close a pipe.
             width, height: of the frames, pixels.
+            found: for each part the sample from which on it is on the map; all are when not given.
         """
         network = routes[0].network
         self.trajectory = trajectory
@@ -79,9 +81,10 @@ class Inset:
             width - round(18 * self.unit / _FINER) - int(size[0]),
             round(18 * self.unit / _FINER),
         )
-        self._background = self._pipes(network, goals, plates)
-        self._panel, self._driven = self._background.copy(), 0
-        self._small = self._panel.reduce(_FINER)
+        parts = len(network.parts)
+        self._found = np.zeros(parts, np.intp) if found is None else found
+        self._drawn, self._on_it = (network, goals, plates), np.zeros(parts, bool)
+        self._grow(0)
         step = np.abs(np.diff(trajectory["distance"], prepend=trajectory["distance"][0]))
         marks = np.floor(np.cumsum(np.where(np.isfinite(step), step, 0.0)) / 0.01)
         known = np.isfinite(trajectory["position"]).all(axis=1)
@@ -96,6 +99,8 @@ class Inset:
 
     def write(self, frame: NDArray[np.uint8], row: int) -> None:
         """Draw the map as of sample ``row`` into ``frame`` (h, w, 3)."""
+        if (self._on_it != (self._found <= row)).any():
+            self._grow(row)
         self._drive(int(np.searchsorted(self._rows, row, side="right")))
         panel = self._small.copy()
         self._robot(panel, row)
@@ -104,6 +109,13 @@ class Inset:
         image = Image.fromarray(np.ascontiguousarray(corner))
         image.paste(panel.convert("RGB"), (0, 0), panel.getchannel("A"))
         corner[:] = np.asarray(image)
+
+    def _grow(self, row: int) -> None:
+        """Draw the pipes that are on the map at sample ``row``."""
+        self._on_it = self._found <= row
+        self._background = self._pipes(*self._drawn)
+        self._panel, self._driven = self._background.copy(), 0
+        self._small = self._panel.reduce(_FINER)
 
     def _drive(self, count: int) -> None:
         """Have the way drawn up to the first ``count`` of its points, in the colour of the gear."""
@@ -151,7 +163,8 @@ class Inset:
         draw.rounded_rectangle(
             (0, 0, self.size[0] - 1, self.size[1] - 1), round(10 * self.unit), fill=_PANEL
         )
-        lines = [(part, line) for part in network.parts for line in axis_lines(part)]
+        shown = [part for part, on in zip(network.parts, self._on_it, strict=True) if on]
+        lines = [(part, line) for part in shown for line in axis_lines(part)]
         pieces = [
             (part.fitting.radius, line[i : i + 2])
             for part, line in lines

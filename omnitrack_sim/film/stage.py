@@ -219,13 +219,21 @@ def _compiled(result: Result) -> mujoco.MjModel:
 
 def _inset(result: Result, width: int, height: int) -> Inset | None:
     """The map for the corner of the pictures; None where the run is too short to need one."""
+    from omnitrack_sim.film.found import found_at
     from omnitrack_sim.film.inset import Inset, needs_map
+    from omnitrack_sim.network.sight import RANGE
+    from omnitrack_sim.sim.camera_sight import TRUSTED
 
     routes = result.routes()
     if not needs_map(routes):
         return None
     goals, plates = result.goal_points(), result.plate_rims()
-    return Inset(sound(result.trajectory), routes, goals, plates, width, height)
+    trajectory, found = sound(result.trajectory), None
+    if result.map is not None and result.scenario.exploration is not None:
+        robot, by_camera = result.scenario.robot, result.scenario.sensing.kind == "onboard"
+        sight = (TRUSTED if by_camera else RANGE) * robot.nominal_bore
+        found = found_at(trajectory, routes, robot.length / 2, sight)
+    return Inset(trajectory, routes, goals, plates, width, height, found)
 
 
 def _fitting_names(trajectory: Trajectory, routes: Sequence[Route]) -> list[str]:

@@ -35,6 +35,10 @@ AROUND = np.arange(-0.06, 0.0601, 0.012)
 """Distances, m, beside the one found at which the search for a form of many sizes begins again."""
 AGAIN = 3
 """How many of these searches are followed."""
+FAR_OFF = np.arange(0.5, 2.35, 0.15)
+"""Distances, in bores, at which fittings that are dim by a lamp are looked for on their own."""
+TURNS, MANY = 16, 9
+"""At how many turns; and forms with more starting sizes than these have another search."""
 FEW = 3
 """Starting sizes of a form up to which all are tried once more."""
 ALIKE = {False: 1.0, True: 2.0}
@@ -62,7 +66,8 @@ class Recogniser:
 
     def __init__(self, camera: Camera, bore: float, walls: WallMaker) -> None:
         self._forms = forms(bore)
-        self._bore, self._alike = bore, ALIKE[camera.lamp is not None]
+        self._dim = camera.lamp is not None
+        self._bore, self._alike = bore, ALIKE[self._dim]
         self._scale = Scale(camera)
         self._fit = Fit(camera, bore, walls, self._scale)
         self._library = Library(camera, bore, self._forms, walls, self._scale)
@@ -113,6 +118,9 @@ class Recogniser:
         rough = self._kept(self._best_of_each(rough), 1)
         rough = self._scanned(rough, joints, last, self._level(0, 6.0))
         rough = joined([rough, *self._begun_again(rough, pose, joints, last)])
+        best = int(rough.cost.argmin())
+        if self._dim and self._name(rough.forms[best], rough.numbers[best])[0] == "straight":
+            rough = joined([rough, *self._dim_ones(pose, last)])
         many = len(views.motions)
         grid = 1 if many == 1 else 0
         start = tries(rough.forms, rough.numbers, rough.sizes, many)
@@ -179,6 +187,26 @@ class Recogniser:
             each += np.arange(len(form.starts)) * (len(beside) // len(form.starts))
             best = self._fit.refined(part.take(each.tolist()), views, self._level(0, 5.0), 2)
             best = best.take(np.argsort(best.cost, kind="stable")[:AGAIN].tolist())
+            rows.append(self._fit.refined(best, views, self._level(0, 5.0), 2))
+        return rows
+
+    def _dim_ones(self, pose: Array, views: Views) -> list[Tries]:
+        """Rows of fittings that a search of their own finds in what seems to be straight pipe: by a
+        lamp, what is far off is dim, a few pixels at the middle of the picture, which the library's
+        coarse looks pass over."""
+        rows = []
+        for form in self._forms:
+            if form.make is None or form.kind == "straight" or len(form.starts) > MANY:
+                continue
+            turns = np.arange(0.0, form.period, form.period / TURNS) if form.period else [0.0]
+            beside = list(product(form.starts or ((),), FAR_OFF * self._bore, turns))
+            numbers, sizes = np.zeros((len(beside), PLACES)), np.zeros((len(beside), SIZES))
+            numbers[:, :DISTANCE] = pose[:DISTANCE]
+            for i, (size, place, turn) in enumerate(beside):
+                sizes[i], numbers[i, DISTANCE], numbers[i, TURN] = _row(size), place, turn
+            part = tries([form] * len(beside), numbers, sizes, 1)
+            part = self._fit.costs(part, views, self._level(0, 6.0))
+            best = part.take([int(part.cost.argmin())])
             rows.append(self._fit.refined(best, views, self._level(0, 5.0), 2))
         return rows
 
