@@ -13,6 +13,8 @@ from typing import Any
 MOST_COMPARED = 2000
 """Among how many choices a near one is looked for; each takes some 20 us."""
 _LONGEST_WORD = 100
+_NEAR_PART = 4
+"""Letters from which on a word is compared with parts of names; a shorter one has to be a part."""
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxdict, _SHORT.maxlist, _SHORT.maxtuple = 3, 4, 8, 8
 _SHORT.maxstring = _SHORT.maxother = 80
@@ -70,7 +72,9 @@ def nearest(given: str, choices: Sequence[str]) -> str | None:
     for low, one in known.items():
         for part in re.split(r"[_/.]", low):
             parts.setdefault(part, one)
-    for found in get_close_matches(given, parts, n=1, cutoff=0.75):
+    # Short words are near to parts of many names that have nothing to do with them.
+    cutoff = 0.75 if len(given) >= _NEAR_PART else 1.0
+    for found in get_close_matches(given, parts, n=1, cutoff=cutoff):
         return parts[found]
     return None
 

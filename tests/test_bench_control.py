@@ -134,6 +134,7 @@ def test_intervals():
     [
         (["--task", "trun"], "did you mean 'turn'"),
         (["--entry", "feedbck"], "did you mean 'feedback'"),
+        (["--entry", "xyz"], "jacobian, paper, driven, policy, module:Object"),
         (["--entry", "no_such:Thing"], "module 'no_such' cannot be imported"),
         (["--entry", "missing.npz"], "no such file, nor a shipped policy"),
         (["--entry", "a/b=equal"], "has no name for a folder"),

@@ -133,6 +133,17 @@ def _plain(info):
         ({"changes": {"physics.control_period": 0.02}}, "physics.control_period"),
         ({"observation": "truth", "changes": {"physics.control_period": 0.02}}, "decision period"),
         ({"acting": "residuel"}, "did you mean 'residual'"),
+        (
+            {"ranges": {"contact.friction": "high"}},
+            "ranges.contact.friction: is 'high'; it must be",
+        ),
+        ({"ranges": {"contact.friction": (0.5, "x")}}, "is (0.5, 'x'); it must be a range"),
+        ({"observation": ["onboard", 5]}, "observation: is ['onboard', 5]; it must be a name"),
+        (
+            {"sensing": "truth", "changes": {"sensing.kind": "onboard"}},
+            "sensing: is 'truth' (left out, it follows from the observation), and the changes",
+        ),
+        ({"changes": {"sensing": {"kind": "truth"}}}, "the changes make sensing.kind 'truth'"),
         ({"picture": True, "sensing": "truth"}, "picture"),
         ({"observation": "truth", "sensing": "onboard"}, "truth"),
         ({"width": 1}, "width"),
@@ -147,6 +158,7 @@ def test_bad_options_are_refused(given, told):
     with pytest.raises(ot.InputError) as caught:
         single(**given)
     assert told in str(caught.value)
+    assert len(caught.value.faults) == 1
 
 
 @pytest.mark.parametrize(
@@ -172,6 +184,41 @@ def test_actions_that_are_no_numbers_are_refused():
         env.step(np.full(4, np.nan))
     *_, info = env.unwrapped.step(np.full(4, 5.0))
     assert info["time"] == pytest.approx(DECISION_PERIOD)
+
+
+def test_actions_of_another_shape_are_refused():
+    """Of one robot and of many, with the shape that was given."""
+    env, envs = single(sensing="truth").unwrapped, vector(3, sensing="truth").unwrapped
+    env.reset(seed=1)
+    envs.reset(seed=1)
+    with pytest.raises(ValueError, match=re.escape("has shape (3,), expected (4,)")):
+        env.step(np.zeros(3))
+    for shape in ((2, 4), (4,), (1, 4)):
+        with pytest.raises(ValueError, match=re.escape(f"has shape {shape}, expected (3, 4)")):
+            envs.step(np.zeros(shape))
+
+
+def test_options_of_a_reset_that_there_are_not_are_refused():
+    """Nothing begins."""
+    env, envs = single(sensing="truth"), vector(2, sensing="truth")
+    with pytest.raises(ot.InputError, match=r"options\.mask: .* reset of one robot has no options"):
+        env.reset(options={"mask": np.array([True])})
+    with pytest.raises(ot.InputError, match=r"options\.mask: .* \(choose from: reset_mask\)"):
+        envs.reset(options={"mask": np.array([True, False])})
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        _ = envs.unwrapped.scenarios
+
+
+def test_entries_are_found_by_name():
+    """In single and vector environments, where the names of entries say."""
+    features = ["tilt", "way_ahead", "to_fitting"]
+    given = {"observation": features, "sensing": "truth"}
+    for env in (single(**given).unwrapped, vector(2, **given).unwrapped):
+        assert env.entries == {
+            "tilt": slice(0, 1),
+            "way_ahead": slice(1, 10),
+            "to_fitting": slice(10, 11),
+        }
 
 
 def test_trials_are_drawn_from_their_ranges():

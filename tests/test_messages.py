@@ -88,6 +88,8 @@ def test_choices_are_listed_as_far_as_they_fit():
         ("Cruise_Speed", "cruise_speed"),
         ("frction", "contact.friction"),
         ("misaligned", "paper/tee_turn_misaligned"),
+        ("tee", "paper/tee_turn_misaligned"),
+        ("ted", None),
         ("quaternion", None),
         ("", None),
     ],

@@ -115,8 +115,10 @@ def test_it_drives_a_mission_there_and_back(tmp_path):
     assert [leg.gear for leg in result.legs] == [1, -1]
 
 
-def test_the_python_of_the_page_runs(tmp_path, capsys):
-    """A policy that it writes, and a controller whose decisions come from elsewhere."""
+def test_the_python_of_the_page_runs(tmp_path, monkeypatch, capsys):
+    """A policy that it writes, which turns in a tee as the page says, and a controller whose
+    decisions come from elsewhere."""
+    monkeypatch.chdir(tmp_path)
     page = (Path(__file__).parents[1] / "docs" / "policies.md").read_text(encoding="utf-8")
     made, learner = (
         code for code in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL) if code
@@ -124,8 +126,10 @@ def test_the_python_of_the_page_runs(tmp_path, capsys):
     names: dict = {"__name__": "page"}
     exec(compile(made, "policies.md", "exec"), names)
     exec(compile(learner, "policies.md", "exec"), names)
-    assert capsys.readouterr().out.split() == ["(5,", "4)"]
-    names["policy"].save(tmp_path / "mine.npz")
+    assert capsys.readouterr().out.split()[-2:] == ["(5,", "4)"]
+    turn = {"control.kind": "policy", "control.parameters.policy": str(tmp_path / "mine.npz")}
+    result = ot.run(ot.load_scenario("tee_turn", turn | {"physics.collider": COLLIDER}))
+    assert result.outcome is ot.Outcome.REACHED_GOAL
     scenario = _tee(tmp_path / "mine.npz")
     for controller in (None, names["Learner"]):
         (result,) = ot.run_batch([scenario], controller=controller, no_load=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import pickle
+import re
 import zipfile
 from pathlib import Path
 
@@ -220,6 +221,30 @@ def test_a_policy_and_its_network_have_to_fit():
         Policy(random_network(7), ("tilt",))
     with pytest.raises(TypeError, match="network: is None"):
         Policy(None, ("tilt",))
+    for features in (FEATURES["tilt"], FEATURE_SETS["onboard"]):
+        with pytest.raises(TypeError, match=r"the feature '\w+' itself; a name belongs here"):
+            Policy(random_network(32), features)
+
+
+def test_a_policy_has_the_names_of_single_features(tmp_path):
+    """Though the set was named; a file needs a name for each."""
+    policy = Policy(random_network(32), ("onboard",))
+    assert policy.features == named_features("onboard")
+    policy.save(tmp_path / "one.npz")
+    assert ot.load_policy(tmp_path / "one.npz").features == policy.features
+
+
+def test_entries_of_another_shape_are_refused():
+    policy = random_policy("preview")
+    for shape in ((53,), (2, 52), (1, 1, 53)):
+        with pytest.raises(ValueError, match=r"needs \(n, 53\)"):
+            policy(np.zeros(shape))
+
+
+def test_a_policy_is_shown_in_one_line(saved):
+    shown = "Policy(Mlp(32-16-16-4, tanh, clip), 14 features, direct"
+    assert repr(random_policy()) == f"{shown})"
+    assert re.fullmatch(re.escape(shown) + ", sha256 [0-9a-f]{12}\\)", repr(ot.load_policy(saved)))
 
 
 def test_the_command_tells_what_a_file_says(saved, capsys, monkeypatch):

@@ -109,7 +109,7 @@ def _of_policy(name: str, source: str) -> Entry:
 
 def _of_controller(kind: str, shipped: Sequence[str]) -> Entry:
     if kind not in CONTROLLERS and ":" not in kind:
-        choices = (*shipped, *CONTROLLERS, "module:Object", "FILE.npz")
+        choices = (*dict.fromkeys((*shipped, *CONTROLLERS)), "module:Object", "FILE.npz")
         raise InputError(Fault("--entry", f"is {kind!r}", choices, given=kind))
     controller_of(kind)
     return Entry(_fit(kind.replace(":", "."), kind), f"controller {kind}", {"control.kind": kind})

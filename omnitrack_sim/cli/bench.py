@@ -26,7 +26,8 @@ def bench_control(
         list[str] | None,
         typer.Argument(
             metavar="[POLICY]...",
-            help="Policies to enter beside the shipped entries: files, or NAME=FILE.",
+            help="Policies to enter beside the shipped entries or those of --entry: files, or "
+            "NAME=FILE.",
             autocompletion=complete.policies,
         ),
     ] = None,
@@ -35,8 +36,8 @@ def bench_control(
         typer.Option(
             "--entry",
             metavar="ENTRY",
-            help="Only this entry: a shipped one, a kind of controller, module:Class or a policy "
-            "file; NAME= before it renames it. Repeat for several.",
+            help="This entry instead of all shipped ones: one of these, a kind of controller, "
+            "module:Class or a policy file; NAME= before it renames it. Repeat for several.",
         ),
     ] = None,
     tasks: Annotated[

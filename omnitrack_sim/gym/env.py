@@ -7,7 +7,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from omnitrack_sim.gym.fleet import Fleet, Seen, one_of
+from omnitrack_sim.control.policy import ACTIONS
+from omnitrack_sim.gym.fleet import Fleet, Seen, actions_of, one_of, reset_options_of
 from omnitrack_sim.gym.options import options_of
 from omnitrack_sim.gym.screen import Screen
 from omnitrack_sim.record.outcome import Outcome
@@ -23,6 +24,9 @@ class RobotEnv(gymnasium.Env):
     Args:
         given: the options, see ``options.Options``.
 
+    Attributes:
+        entries: where each feature stands in the vector of entries: slices by name.
+
     Raises:
         InputError: an option cannot be used; the fault names it and the choices.
     """
@@ -37,6 +41,7 @@ class RobotEnv(gymnasium.Env):
         self._fleet = Fleet(options, 1)
         self.action_space = self._fleet.action_space
         self.observation_space = self._fleet.observation_space
+        self.entries = self._fleet.entries
         self.render_mode = options.render_mode
         self._screen = None if options.render_mode is None else Screen(options)
         self._over = True
@@ -50,7 +55,12 @@ class RobotEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Seen, dict[str, Any]]:
-        """Begin an episode."""
+        """Begin an episode. ``options`` is of Gymnasium's signature; there are none.
+
+        Raises:
+            InputError: ``options`` holds something.
+        """
+        reset_options_of(options, ())
         super().reset(seed=seed)
         self._fleet.begin(np.zeros(1, np.intp), [self.np_random])
         self._over = False
@@ -59,10 +69,14 @@ class RobotEnv(gymnasium.Env):
         return one_of(self._fleet.observe(), 0), told
 
     def step(self, action: Any) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
-        """Carry out an action (4,) for one decision, 0.05 s."""
+        """Carry out an action (4,) for one decision, 0.05 s.
+
+        Raises:
+            ValueError: it has another shape, or holds what is not a number.
+        """
         if self._over:
             raise gymnasium.error.ResetNeeded("the episode is over; call reset")
-        done = self._fleet.advance(np.asarray(action)[None])
+        done = self._fleet.advance(actions_of(action, (len(ACTIONS),))[None])
         terminated, truncated = bool(done.terminated[0]), bool(done.truncated[0])
         self._over = terminated or truncated
         info: dict[str, Any] = {

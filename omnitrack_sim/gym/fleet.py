@@ -10,7 +10,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.control.policy import ACTIONS, bounds
+from omnitrack_sim.control.policy import ACTIONS, bounds, entry_slices
+from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.gym.lane import Lane
 from omnitrack_sim.gym.options import Options
 from omnitrack_sim.gym.terms import TERMS
@@ -47,6 +48,7 @@ class Fleet:
     Attributes:
         trials: draws what an episode begins with.
         action_space, observation_space: of one robot.
+        entries: where each feature stands in the vector of entries, by name.
         lanes: simulations of theirs; empty before the first episode.
         seeds: (n) of the robots' random numbers.
     """
@@ -57,6 +59,7 @@ class Fleet:
         ones = np.ones(len(ACTIONS), np.float32)
         self.action_space = gymnasium.spaces.Box(-ones, ones)
         self.observation_space = self._space()
+        self.entries = entry_slices(options.features)
         self.lanes: list[Lane] = []
         self._weights = options.weights
 
@@ -140,6 +143,33 @@ class Fleet:
             raise gymnasium.error.ResetNeeded("call reset first")
         size = self.n // len(self.lanes)
         return self.lanes[robot // size], robot % size
+
+
+def actions_of(given: Any, shape: tuple[int, ...]) -> NDArray:
+    """Actions as an array.
+
+    Raises:
+        ValueError: it has not this ``shape``.
+    """
+    actions = np.asarray(given)
+    if actions.shape != shape:
+        raise ValueError(f"action has shape {actions.shape}, expected {shape}")
+    return actions
+
+
+def reset_options_of(given: Mapping[str, Any] | None, known: tuple[str, ...]) -> Mapping[str, Any]:
+    """The options of a reset.
+
+    Raises:
+        InputError: one is not among the ``known``.
+    """
+    problem = "unknown key" if known else "unknown key; a reset of one robot has no options"
+    odd = [
+        Fault(f"options.{key}", problem, known, str(key)) for key in given or {} if key not in known
+    ]
+    if odd:
+        raise InputError(odd)
+    return given or {}
 
 
 def one_of(seen: Seen, robot: int) -> Seen:

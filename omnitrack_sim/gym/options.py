@@ -19,6 +19,7 @@ from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.gym.terms import TERMS
 from omnitrack_sim.schema.reading import checked, fault_of
 from omnitrack_sim.table import Table
+from omnitrack_sim.text import shown
 
 RANGES: Mapping[str, tuple[float, float]] = {
     "contact.friction": (0.6, 1.0),
@@ -30,6 +31,11 @@ RANGES: Mapping[str, tuple[float, float]] = {
 _DRAWN = (*RANGES, "start.distance", "start.roll_deg", "robot.torque_limit", "robot.roll_torque")
 """What a trial may draw: what robots of one batch need not share."""
 Range = tuple[float, float]
+_SEVERAL = {
+    "ranges": (2, "a range (least, largest), one number, or None for the scenario's own"),
+    "observation": (1, "a name, or a list of names"),
+}
+"""Values of several types: at which level they stand, and what they may be."""
 
 
 class Options(Table):
@@ -112,6 +118,9 @@ def options_of(given: Mapping[str, Any]) -> Options:
     keys = tuple(Options.model_fields)
 
     def fault(item: Any) -> Fault:
+        level, right = _SEVERAL.get(item["loc"][0], (0, ""))
+        if 0 < level < len(item["loc"]):
+            return _of_another_type(given, item["loc"][:level], right)
         return fault_of(item, "", (), lambda places: () if places else keys)
 
     options: Options = checked(Options, given, "", fault, InputError)
@@ -134,6 +143,14 @@ def options_of(given: Mapping[str, Any]) -> Options:
     if faults:
         raise InputError(faults)
     return options
+
+
+def _of_another_type(given: Mapping[str, Any], place: Sequence[str], right: str) -> Fault:
+    """The fault of a value that may be of several types, and is of none of them."""
+    value: Any = given
+    for key in place:
+        value = value[key]
+    return Fault(".".join(place), f"is {shown(value)}; it must be {right}")
 
 
 def _unseen(options: Options) -> Sequence[Fault]:

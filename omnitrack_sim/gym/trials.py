@@ -56,6 +56,13 @@ class Trials:
         # What both ends of the ranges are valid with, values between them are, too.
         self._with(0, {path: low for path, (low, _) in drawn.items()}, override)
         self.example = self._with(0, {path: high for path, (_, high) in drawn.items()}, override)
+        kind = self.example.sensing.kind
+        if kind != options.senses:
+            problem = (
+                f"is {options.senses!r} (left out, it follows from the observation), and the "
+                f"changes make sensing.kind {kind!r}; use the option, and leave out the change"
+            )
+            raise InputError(Fault("sensing", problem))
         steps_of(DECISION_PERIOD, self.example.physics.control_period)
         if options.picture and self.example.sensing.camera != "depth":
             raise InputError(Fault("picture", "is that of the camera 'depth'", ("depth",)))

@@ -12,9 +12,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from omnitrack_sim.control.policy import ACTIONS
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.gym.env import FPS
-from omnitrack_sim.gym.fleet import Done, Fleet, Seen, one_of
+from omnitrack_sim.gym.fleet import Done, Fleet, Seen, actions_of, one_of, reset_options_of
 from omnitrack_sim.gym.options import options_of
 from omnitrack_sim.gym.screen import Screen
 from omnitrack_sim.record.outcome import Outcome
@@ -34,6 +35,9 @@ class RobotVectorEnv(VectorEnv):
         num_envs: number of robots.
         autoreset_mode: when an episode that is over is followed by the next, see Gymnasium.
         given: the options, see ``options.Options``.
+
+    Attributes:
+        entries: where each feature stands in a robot's vector of entries: slices by name.
 
     Raises:
         InputError: an option cannot be used; the fault names it and the choices.
@@ -64,6 +68,7 @@ class RobotVectorEnv(VectorEnv):
         self.single_observation_space = self._fleet.observation_space
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.entries = self._fleet.entries
         self.render_mode = options.render_mode
         self._screen = None if options.render_mode is None else Screen(options)
         self._rngs: list[np.random.Generator] = []
@@ -92,7 +97,7 @@ class RobotVectorEnv(VectorEnv):
 
     def _mask(self, options: Mapping[str, Any] | None) -> NDArray[np.bool_]:
         """The robots (n,) that a reset is of."""
-        mask = None if options is None else options.get("reset_mask")
+        mask = reset_options_of(options, ("reset_mask",)).get("reset_mask")
         if mask is None:
             return np.ones(self.num_envs, bool)
         whole = isinstance(mask, np.ndarray) and mask.dtype == bool
@@ -119,11 +124,16 @@ class RobotVectorEnv(VectorEnv):
                 self._rngs[robot] = seeding.np_random(seeds[robot])[0]
 
     def step(self, actions: Any) -> tuple[Seen, Array, NDArray, NDArray, dict[str, Any]]:
-        """Carry out actions (n, 4) for one decision, 0.05 s."""
+        """Carry out actions (n, 4) for one decision, 0.05 s.
+
+        Raises:
+            ValueError: they have another shape, or hold what is not a number.
+        """
         fleet, over = self._fleet, self._over
         if not fleet.lanes or (self._mode is AutoresetMode.DISABLED and over.any()):
             raise gymnasium.error.ResetNeeded("an episode is over; call reset")
-        actions = np.where(over[:, None], 0.0, np.asarray(actions))
+        given = actions_of(actions, (self.num_envs, len(ACTIONS)))
+        actions = np.where(over[:, None], 0.0, given)
         done = fleet.advance(actions)
         ended = done.terminated | done.truncated
         if self._mode is AutoresetMode.SAME_STEP and ended.any():

@@ -22,6 +22,7 @@ from omnitrack_sim.errors import GeometryError
 from omnitrack_sim.network.ahead import Ahead, side_of
 from omnitrack_sim.network.belief import NO_STRAIGHT, Belief
 from omnitrack_sim.network.layout import End
+from omnitrack_sim.network.looking_back import LookingBack
 from omnitrack_sim.network.planning import Closed, Leg, Step, Way
 from omnitrack_sim.network.ways import NOSE_ROOM, ROUNDING, Ways
 from omnitrack_sim.network.whereabouts import Whereabouts
@@ -53,18 +54,6 @@ CLOSE_LOOK = 0.1
 once more: from there both cameras tell distances by 1 to 2 mm."""
 CLOSEST = 0.05
 """The same of the last try to do so: nearer to it, a lens sees too little of the wall before."""
-BACK = 0.1
-"""How far from a fitting behind it a robot's back is when it looks at that, m."""
-BACK_AGAIN = 0.01
-"""Travel after which it does so again, m, where it could not tell."""
-LEANS = math.radians(4)
-"""No robot leans by more in a straight pipe: what says so has taken one thing for another."""
-CLEAR = 0.01
-"""Standard deviation, m, up to which it relies on how far what is behind it is."""
-FAR_OFF = 0.1
-"""By how much it may be wrong about how far it has come, m: what says more has to say so twice."""
-AGREE = 0.02
-"""Difference of two such looks that say the same, m."""
 DOUBT_AGAIN = 0.01
 """Travel after which a robot looks again, m, that has seen one thing from afar and another from
 close by."""
@@ -129,14 +118,12 @@ class Explorer:
     _fallen_off: list[Step] = field(default_factory=list)
     _bends: dict[int, Array] = field(default_factory=dict)
     _told: set[str] = field(default_factory=set)
-    _placed: set[int] = field(default_factory=set)
     _seen: dict[tuple[str, str], int] = field(default_factory=dict)
-    _again: float = 0.0
-    _shift: float = math.inf
     _complete: bool = False
 
     def __post_init__(self) -> None:
         self._explores = not self.goals
+        self._back = LookingBack(self.belief, self.robot.length / 2, SURE)
         self.ways = self._through([])
         self.leg = self._longer(Leg(((0, "start", "end"),), 1, self.distance, 0.0, 0, ""))
         self.look_at = self.distance
@@ -164,7 +151,9 @@ class Explorer:
             ahead, behind: what it has seen. frame: (3, 3) of the robot in its gear, world frame.
             turned: (3, 3) the same by the gyro alone, in any frame that stands still.
         """
-        placed = self._placed_by(behind, distance)
+        placed, way = distance, self.leg.way
+        if self.looks_back(distance):
+            placed = self._back.placed(way, self.ways.along_of(way), distance, behind)
         if distance < self.look_at:
             return Decision(self.leg, True, (), placed - distance)
         decision = self._look_on(time, placed, ahead, frame, turned)
@@ -251,49 +240,12 @@ class Explorer:
     @property
     def looks_at(self) -> float:
         """Arc length on its leg, m, where it looks next."""
-        return min(self.look_at, self._back_at())
+        return min(self.look_at, self._back.at(self.leg.way, self.ways.along_of(self.leg.way)))
 
     def looks_back(self, distance: float) -> bool:
-        """Whether it looks back, too, at arc length ``distance`` m of its leg: past a bend it knows
-        least how far it has come, and sees that best when the bend is just behind it."""
+        """Whether it looks back, too, at arc length ``distance`` m of its leg."""
         close = bool(self._provisional_at()) and distance >= self.look_at
-        return close or distance >= self._back_at()
-
-    def _back_at(self) -> float:
-        """Arc length, m, where it looks back at what it has passed; infinite where it has."""
-        along = self.ways.along_of(self.leg.way)
-        for i, (part, _, _) in enumerate(self.leg.way):
-            if i and part not in self._placed and self.belief.fitting(part).is_plain:
-                at = max(along.begins[i] + self.robot.length / 2 + BACK, self._again)
-                if at < along.ends[i] - self.robot.length / 2:
-                    return at
-        return math.inf
-
-    def _placed_by(self, behind: Ahead | None, distance: float) -> float:
-        """Where it is along its leg, m, by the fitting that it has just passed; ``distance`` where
-        it does not see that well."""
-        way = self.leg.way
-        along = self.ways.along_of(way)
-        i = along.at(distance)
-        if not self.looks_back(distance):
-            return distance
-        self._again = distance + BACK_AGAIN
-        if i == 0 or not self.belief.fitting(way[i][0]).is_plain:
-            return distance
-        if behind is None or behind.fitting is None or behind.sure < SURE:
-            return distance
-        if behind.axis[2] < math.cos(LEANS):
-            return distance
-        kind = self.belief.fitting(way[i - 1][0]).kind
-        placed = along.begins[i] + behind.distance
-        if behind.fitting.kind != kind or behind.distance_std > CLEAR:
-            return distance
-        shift, before = placed - distance, self._shift
-        self._shift = shift
-        if abs(shift) > FAR_OFF and abs(shift - before) > AGREE:
-            return distance
-        self._placed.add(way[i][0])
-        return placed
+        return close or distance >= self._back.at(self.leg.way, self.ways.along_of(self.leg.way))
 
     def _look_closer(self, seen: Ahead, way: Way, distance: float) -> None:
         """What has just been seen at the end of a way is looked at again where it is close, if the
@@ -521,7 +473,7 @@ class Explorer:
         """Drive the first of ``legs``, the others being kept for later."""
         before = self.leg
         self.belief.settle()
-        self._again = 0.0
+        self._back.begin()
         self.leg, *self._to_come = legs
         end = _end_of(self.leg.way)
         blind = self.leg.goal < 0 or end == self.belief.start or end in self.belief.ends

@@ -9,7 +9,7 @@ from omnitrack_sim.control.policy.actions import (
     Acting,
 )
 from omnitrack_sim.control.policy.decisions import Decisions
-from omnitrack_sim.control.policy.feature import Feature, View, bounds, entry_names
+from omnitrack_sim.control.policy.feature import Feature, View, bounds, entry_names, entry_slices
 from omnitrack_sim.control.policy.features import FEATURE_SETS, FEATURES, features_of
 from omnitrack_sim.control.policy.file import Policy, load_policy, named_features
 from omnitrack_sim.control.policy.header import TrainingRecord
@@ -32,6 +32,7 @@ __all__ = [
     "View",
     "bounds",
     "entry_names",
+    "entry_slices",
     "features_of",
     "load_policy",
     "named_features",

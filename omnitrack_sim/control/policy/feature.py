@@ -111,6 +111,15 @@ def bounds(features: Sequence[Feature]) -> tuple[Entries, Entries]:
     return low.astype(np.float32), high.astype(np.float32)
 
 
+def entry_slices(features: Sequence[Feature]) -> dict[str, slice]:
+    """Where the entries of each feature stand among the entries of all, by its name."""
+    ends = np.cumsum([feature.size for feature in features]).tolist()
+    return {
+        feature.name: slice(end - feature.size, end)
+        for feature, end in zip(features, ends, strict=True)
+    }
+
+
 def entry_names(features: Sequence[Feature]) -> tuple[str, ...]:
     """The names (k,) of all entries of features, in their order."""
     return tuple(name for feature in features for name in feature.entry_names)

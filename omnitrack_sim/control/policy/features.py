@@ -16,6 +16,7 @@ from omnitrack_sim.control.policy.feature import Feature
 from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.naming import ByName, named
 from omnitrack_sim.robot import GRAVITY
+from omnitrack_sim.text import shown
 
 MODULES, XYZ, XY = ("1", "2", "3"), ("x", "y", "z"), ("x", "y")
 FARTHEST = 4.0
@@ -258,10 +259,16 @@ def features_of(names: str | Sequence[str], where: str = "features") -> tuple[Fe
         names: one, or several that follow each other. where: they stand, for the fault.
 
     Raises:
+        TypeError: one is no name.
         InputError: there is no such feature, there is none at all, or one comes twice.
     """
     found: list[Feature] = []
-    for name in [names] if isinstance(names, str) else names:
+    for name in [names] if isinstance(names, str | Feature) else names:
+        if not isinstance(name, str):
+            told = f"the feature {name.name!r} itself" if isinstance(name, Feature) else shown(name)
+            raise TypeError(
+                f"{where}: has {told}; a name belongs here, such as named_features gives"
+            )
         thing = named(name, where, {**FEATURE_SETS, **FEATURES})
         several = (thing,) if isinstance(thing, Feature) else thing
         if not (isinstance(several, list | tuple) and all(isinstance(f, Feature) for f in several)):

@@ -32,7 +32,7 @@ from omnitrack_sim.errors import Fault, InputError, PolicyError
 from omnitrack_sim.schema.files import is_file, parsed
 from omnitrack_sim.schema.reading import checked, fault_of
 from omnitrack_sim.schema.shipped import shipped_policies
-from omnitrack_sim.text import strict_json
+from omnitrack_sim.text import counted, strict_json
 from omnitrack_sim.writing import npz_of, write_file
 
 HEADER = "policy"
@@ -51,6 +51,7 @@ class Policy:
 
     Raises:
         ValueError: the network takes or gives another number of entries.
+        TypeError: ``features`` holds something else than names.
         InputError: a name is not that of a feature.
     """
 
@@ -62,6 +63,7 @@ class Policy:
 
     def __post_init__(self) -> None:
         check_is(Mlp, "network", self.network)
+        object.__setattr__(self, "features", named_features(self.features))
         entries = sum(feature.size for feature in self.read)
         inputs, outputs = self.network.widths[0], self.network.widths[-1]
         if inputs != entries:
@@ -69,13 +71,21 @@ class Policy:
         if outputs != len(ACTIONS):
             raise ValueError(f"gives {outputs} numbers, and an action has {len(ACTIONS)}")
 
+    def __repr__(self) -> str:
+        known = f"{counted(len(self.features), 'feature')}, {self.acting.name}"
+        return f"Policy({self.network}, {known}{self.sha256 and f', sha256 {self.sha256[:12]}'})"
+
     @property
     def read(self) -> tuple[Feature, ...]:
         """The features themselves."""
         return features_of(self.features)
 
     def __call__(self, entries: ArrayLike) -> Entries:
-        """Actions (n, 4) of entries (n, k)."""
+        """Actions (n, 4) of entries (n, k).
+
+        Raises:
+            ValueError: entries of another shape.
+        """
         return self.network(entries)
 
     def header(self) -> Header:
@@ -117,7 +127,7 @@ def named_features(names: str | Sequence[str]) -> tuple[str, ...]:
             name for each.
     """
     found: list[str] = []
-    for name in [names] if isinstance(names, str) else names:
+    for name in [names] if isinstance(names, str | Feature) else names:
         several = features_of([name])
         shipped = [one.name for one in several if FEATURES.get(one.name) is one]
         if len(shipped) < len(several) > 1:

@@ -109,6 +109,9 @@ class Mlp:
         if not 0 < self.reach <= LARGEST_WEIGHT:
             raise ValueError(f"reach is {self.reach}; above 0, at most {LARGEST_WEIGHT:g}")
 
+    def __repr__(self) -> str:
+        return f"Mlp({'-'.join(map(str, self.widths))}, {self.activation}, {self.output})"
+
     @property
     def inputs(self) -> int:
         """Number of entries."""
@@ -120,8 +123,14 @@ class Mlp:
         return (self.inputs, *(len(bias) for bias in self.biases))
 
     def __call__(self, entries: ArrayLike) -> Entries:
-        """Outputs (n, m) within -1 and 1 of entries (n, inputs)."""
+        """Outputs (n, m) within -1 and 1 of entries (n, inputs).
+
+        Raises:
+            ValueError: entries of another shape.
+        """
         rows = np.asarray(entries, float)
+        if rows.ndim != 2 or rows.shape[1] != self.inputs:
+            raise ValueError(f"entries have shape {rows.shape}; needs (n, {self.inputs})")
         tiles = [self._tile(rows[i : i + TILE]) for i in range(0, len(rows), TILE)]
         return np.concatenate(tiles).astype(np.float32)
 
