@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 import omnitrack_sim as ot
@@ -24,14 +26,16 @@ def test_it_tells_how_it_came_about(name):
     assert shipped_policies()[name].stat().st_size < 200_000
 
 
-@pytest.mark.parametrize("name", ACTING)
 @pytest.mark.parametrize("theta5_deg", [0.0, 25.0])
-def test_it_turns_into_the_branch(name, theta5_deg):
-    """Dead on, and from where it has to roll first: driving on as it is would fail there."""
+@pytest.mark.parametrize(("name", "friction"), [("tee_turn", 0.9), ("tee_turn_residual", 0.6)])
+def test_it_turns_into_the_branch(name, friction, theta5_deg):
+    """On the walls that it was trained for; dead on, and from where driving on as it is would
+    fail."""
     changes = {
         "control.kind": "policy",
         "control.parameters.policy": name,
         "start.theta5_deg": theta5_deg,
+        "contact.friction": friction,
         "physics.collider": "exact",
     }
     result = ot.run(ot.load_scenario("tee_turn", changes))
@@ -40,9 +44,12 @@ def test_it_turns_into_the_branch(name, theta5_deg):
 
 def test_they_run_in_a_sweep_with_two_workers(tmp_path):
     """To the same table as in one process."""
+    tee = (Path(__file__).parents[1] / "scenarios" / "tee_turn.toml").read_text(encoding="utf-8")
+    policy = '[control]\nkind = "policy"\n[control.parameters]\npolicy = "tee_turn"\n'
+    (tmp_path / "base.toml").write_text(tee + policy)
     (tmp_path / "sweep.toml").write_text(
-        'base = "tee_turn"\nbatch = 2\n[set]\n"control.kind" = "policy"\n'
-        '"physics.collider" = "exact"\n"physics.time_limit" = 2.0\n'
+        'base = "base.toml"\nbatch = 2\n'
+        '[set]\n"physics.collider" = "exact"\n"physics.time_limit" = 1.0\n'
         f'[[axes]]\npath = "control.parameters.policy"\nkind = "list"\nvalues = {list(ACTING)}\n'
         '[[axes]]\npath = "start.theta5_deg"\nkind = "list"\nvalues = [-20, 10]\n'
     )

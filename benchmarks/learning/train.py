@@ -57,7 +57,7 @@ SETTINGS: dict[str, Any] = {
 LAYERS = [64, 64]
 SMALLEST_VARIANCE = 1e-4
 """Added to the variance of entries, so that those that never vary in training are not blown up."""
-CHECKPOINT_EVERY, VALIDATE_EVERY = 60.0, 420.0
+CHECKPOINT_EVERY, VALIDATE_EVERY = 60.0, 300.0
 """Seconds of processor time."""
 
 
