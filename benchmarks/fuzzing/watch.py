@@ -15,6 +15,7 @@ import resource
 import select
 import shutil
 import signal
+import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -52,6 +53,9 @@ def _one_worker(task: Task, numbers: Sequence[int]) -> Iterator[tuple[int, list[
     """What one worker tells, up to its end or its death."""
     place = Path(tempfile.mkdtemp(prefix="fuzz."))
     reader, writer = os.pipe()
+    # What this process has printed and not yet written, the worker would write once more.
+    sys.stdout.flush()
+    sys.stderr.flush()
     pid = os.fork()
     if pid == 0:
         os.close(reader)
