@@ -7,11 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.network.sight import AT_PORT
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.record.trajectory import Trajectory
-
-AT_PORT = 0.02
-"""How far before the port of a fitting the front is, m, from where what is beyond is seen."""
 
 
 def found_at(

@@ -230,14 +230,16 @@ class Belief:
         if part != self.provisional:
             self.provisional, self._network = part, None
 
-    def take_back(self, part: int) -> None:
-        """Forget what has been seen from afar at the end of a straight."""
+    def take_back(self, part: int) -> int | None:
+        """Forget what has been seen from afar at the end of a straight: the part that was taken to
+        be there, None where there was none."""
         end = part, "end"
-        beyond = self.joined.get(end)
+        beyond, _ = self.joined.get(end, (None, ""))
         if beyond is not None:
-            self.drop(beyond[0])
+            self.drop(beyond)
         self.ends.pop(end, None)
         self.settle()
+        return beyond
 
     def note(self, end: End, noted: Noted) -> None:
         """Something has been seen of a port that nothing follows."""

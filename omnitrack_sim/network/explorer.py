@@ -165,7 +165,7 @@ class Explorer:
         """It has looked to where its way goes on."""
         if ahead is None or ahead.sure < SURE:
             self.look_at = distance + LOOK_AGAIN
-            if self._comes_too_close(distance):
+            if self._is_too_late(self.look_at):
                 self._rely()
             return Decision(self.leg, True, ())
         if self._is_doubtful(ahead, distance):
@@ -240,12 +240,16 @@ class Explorer:
     @property
     def looks_at(self) -> float:
         """Arc length on its leg, m, where it looks next."""
-        return min(self.look_at, self._back.at(self.leg.way, self.ways.along_of(self.leg.way)))
+        return min(self.look_at, self._back_at)
 
     def looks_back(self, distance: float) -> bool:
         """Whether it looks back, too, at arc length ``distance`` m of its leg."""
         close = bool(self._provisional_at()) and distance >= self.look_at
-        return close or distance >= self._back.at(self.leg.way, self.ways.along_of(self.leg.way))
+        return close or distance >= self._back_at
+
+    @property
+    def _back_at(self) -> float:
+        return self._back.at(self.leg.way, self.ways.along_of(self.leg.way))
 
     def _look_closer(self, seen: Ahead, way: Way, distance: float) -> None:
         """What has just been seen at the end of a way is looked at again where it is close, if the
@@ -266,19 +270,20 @@ class Explorer:
             return False
         kind = _kind_of(ahead)
         self._seen[kind] = self._seen.get(kind, 0) + 1
-        before, self.look_at = self.look_at, distance + DOUBT_AGAIN
-        if self._seen[kind] > 1 or self._comes_too_close(distance):
-            self.look_at = before
+        again = distance + DOUBT_AGAIN
+        if self._seen[kind] > 1 or self._is_too_late(again):
             return False
+        self.look_at = again
         return True
 
-    def _comes_too_close(self, distance: float) -> bool:
-        """Whether it is too late to look at what has only been seen from afar."""
+    def _is_too_late(self, at: float) -> bool:
+        """Whether arc length ``at`` m is too close to what has only been seen from afar to look at
+        it from there."""
         i = self._provisional_at()
         if i is None:
             return False
         end = self.ways.along_of(self.leg.way).ends[i]
-        return self.look_at > end - self.robot.length / 2 - CLOSEST
+        return at > end - self.robot.length / 2 - CLOSEST
 
     def _provisional_at(self) -> int | None:
         """Place in the way at hand of the straight with something at its end that has only been
@@ -298,11 +303,9 @@ class Explorer:
         i = self._provisional_at()
         if i is None:
             return
-        straight = self.leg.way[i][0]
-        beyond = self.belief.joined.get((straight, "end"))
+        beyond = self.belief.take_back(self.leg.way[i][0])
         if beyond is not None:
-            self._bends.pop(beyond[0], None)
-        self.belief.take_back(straight)
+            self._bends.pop(beyond, None)
         self.ways = self._through([])
         self.leg = replace(self.leg, way=self.leg.way[: i + 1])
 

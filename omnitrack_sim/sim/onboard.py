@@ -184,21 +184,23 @@ class Onboard:
 
     def shift(self, robot: int, place: Place, more: float) -> None:
         """A robot is ``more`` m farther along its way than it took itself to be, at ``place``."""
-        ways = np.repeat(place.way[robot], 2)
-        along = place.distance[robot] + np.array([0.0, more])
-        points, frames = self._routes.poses(ways, along, np.zeros(2))
-        before, after = (Pose(frames[i], points[i]) for i in range(2))
+        before, after = self._on_the_way(robot, place, int(place.way[robot]), more)
         self.localiser.move(robot, before, after)
 
     def _turn_with(self, robot: int, place: Place, way: int) -> None:
         """A fitting behind a robot bends otherwise than was known: it is as far along its way as
         it was, and less sure of its place. How it is turned it knows as before: the gyro has told
         both that and the bend."""
-        ways, along = np.array([place.way[robot], way]), np.repeat(place.distance[robot], 2)
-        points, frames = self._routes.poses(ways, along, np.zeros(2))
-        before, after = (Pose(frames[0], points[i]) for i in range(2))
-        self.localiser.move(robot, before, after)
+        before, after = self._on_the_way(robot, place, way, 0.0)
+        self.localiser.move(robot, before, Pose(before.rotation, after.position))
         self.localiser.loosen(robot)
+
+    def _on_the_way(self, robot: int, place: Place, way: int, more: float) -> tuple[Pose, Pose]:
+        """The poses of the centreline at a robot's ``place``, and ``more`` m farther on ``way``."""
+        ways = np.array([place.way[robot], way])
+        along = place.distance[robot] + np.array([0.0, more])
+        points, frames = self._routes.poses(ways, along, np.zeros(2))
+        return Pose(frames[0], points[0]), Pose(frames[1], points[1])
 
     def _draw(self, legs: Legs, robot: int) -> None:
         """Have a robot's map be what it believes."""
