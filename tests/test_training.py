@@ -91,7 +91,7 @@ def test_a_checkpoint_is_read_without_running_it(tmp_path):
 
 def test_ends_of_episodes_reach_the_trainer():
     """Each robot's last observation, whether time alone ended it, and its return."""
-    robots = Robots(_variant(False).environments())
+    robots = Robots(_variant(False).batches())
     robots.seed(5)
     seen = robots.reset()
     assert seen.shape[0] == 3

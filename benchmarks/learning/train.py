@@ -2,12 +2,13 @@
 
 python benchmarks/learning/train.py tee_turn [--residual] [--minutes M] [--seed N] --out DIR
 
-64 robots of the native vector environment, in exact walls, drive on one core. Without --residual
+64 robots of the native vector environment, in exact walls, drive on two cores. Without --residual
 the policy learns belts and roll from scratch, with it what is added to the feedback controller. The
 same command goes on with a training that was killed, from its last checkpoint, which is at most a
 minute old.
 
-The minutes are of processor time, so that other work on the machine makes a training no worse.
+The minutes are of processor time, of the longer of the two batches and of the learning, so that
+other work on the machine makes a training no worse.
 
 DIR gets `policy.npz`, the policy that was best in validation so far, with its training record;
 `curves.csv` and `curves.png`; and `checkpoint.pt`. How fast the steps shorten follows that time, so
@@ -67,7 +68,7 @@ class Training:
     def __init__(self, variant: Variant, given: argparse.Namespace) -> None:
         self.variant, self.given, self.out = variant, given, Path(given.out)
         self.out.mkdir(parents=True, exist_ok=True)
-        self.robots = Robots(variant.environments())
+        self.robots = Robots(variant.batches())
         self.normalise = VecNormalize(
             self.robots, gamma=SETTINGS["gamma"], epsilon=SMALLEST_VARIANCE
         )
@@ -89,7 +90,7 @@ class Training:
             self._go_on()
         # Other trials after each beginning; below those of the validation.
         self.robots.seed((given.seed * 7919 + self.model.num_timesteps) % (VALIDATION_SEED // 2))
-        self.validation = Validation(variant.environments(validation=True))
+        self.validation = Validation(variant.batches(validation=True))
 
     @property
     def part(self) -> float:
@@ -111,20 +112,23 @@ class Training:
     def run(self) -> None:
         """Train until the time is over."""
         while self.part < 1:
-            begin = time.process_time()
+            begin = self._clock()
             self.model.learn(ROLLOUT * self.robots.num_envs, reset_num_timesteps=False)
-            self.spent += time.process_time() - begin
+            self.spent += self._clock() - begin
             row = self._row()
             due = self.spent - self.validated >= VALIDATE_EVERY or self.part >= 1
             if due:
-                begin = time.process_time()
                 row |= self._validate()
-                self.spent += time.process_time() - begin
+                self.spent += self.validation.spent
                 self.validated = self.spent
             self.rows.append(row)
             if due or self.spent - self.saved >= CHECKPOINT_EVERY:
                 self._save()
             self._tell(row)
+
+    def _clock(self) -> float:
+        """Processor time of learning and driving, s."""
+        return time.process_time() + self.robots.spent
 
     def _row(self) -> dict[str, Any]:
         ended, self.robots.ended = self.robots.ended, []

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import gymnasium
 import numpy as np
+from batches import Batch
 from variants import VALIDATION_SEED
 
 import omnitrack_sim as ot
@@ -28,38 +28,25 @@ class Score(NamedTuple):
 class Validation:
     """The same trials for every policy.
 
+    Args:
+        batches: in the mode "NextStep".
+
     Attributes:
         seen: (m, k) entries of the last validation, of robots that drove.
+        spent: processor time of the batch that took longest in the last validation, s.
     """
 
-    def __init__(self, envs: Sequence[gymnasium.vector.VectorEnv]) -> None:
-        self._envs = envs
-        self.seen: Entries = np.zeros((0, envs[0].single_observation_space.shape[0]), np.float32)
+    def __init__(self, batches: Sequence[Batch]) -> None:
+        self._batches, self.spent = batches, 0.0
+        self.seen: Entries = np.zeros((0, batches[0].observation_space.shape[0]), np.float32)
 
     def score(self, policy: ot.Policy) -> Score:
-        """Drive all trials to their ends; robots that are through drive on and do not count."""
-        found, seen = [], []
-        for i, envs in enumerate(self._envs):
-            found.append(_driven(envs, policy, VALIDATION_SEED + i * envs.num_envs, seen))
+        """Drive all trials to their ends."""
+        seed = VALIDATION_SEED
+        for batch in self._batches:
+            batch.ask("drive", policy, seed)
+            seed += batch.num_envs
+        *found, seen = zip(*[batch.answer() for batch in self._batches], strict=True)
+        self.spent = max(batch.spent for batch in self._batches)
         self.seen = np.concatenate(seen)
-        return Score(*(float(np.concatenate(each).mean()) for each in zip(*found, strict=True)))
-
-
-def _driven(
-    envs: gymnasium.vector.VectorEnv, policy: ot.Policy, seed: int, seen: list[Entries]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return, success and duration (n,) of the episodes of some seeds."""
-    n, period = envs.num_envs, 1 / envs.metadata["render_fps"]
-    entries, _ = envs.reset(seed=seed)
-    returns, durations = np.zeros(n), np.zeros(n)
-    passed, active = np.zeros(n, bool), np.ones(n, bool)
-    while active.any():
-        seen.append(entries[active])
-        entries, reward, terminated, truncated, told = envs.step(policy(entries))
-        returns += np.where(active, reward, 0.0)
-        durations += active * period
-        over = (terminated | truncated) & active
-        if over.any():
-            passed |= over & told["is_success"]
-        active &= ~over
-    return returns, passed, durations
+        return Score(*(float(np.concatenate(each).mean()) for each in found))

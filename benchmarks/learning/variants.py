@@ -6,13 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import gymnasium
+from batches import Batch
 
-import omnitrack_sim.gym  # noqa: F401  registers the environments
 from omnitrack_sim.robot import GRAVITY
 
-ROBOTS = 64
-"""That train together. More of them learn less from as many decisions."""
+HALF = 32
+"""Robots on each of two cores. More of them together learn less from as many decisions."""
 VALIDATION_SEED = 1_000_000
 """Of the first validation trial; the others count on from it. Training begins at seeds below."""
 TIME_LIMIT = 20.0
@@ -76,8 +75,8 @@ class Variant:
     ahead: float
     reward: Mapping[str, float]
 
-    def environments(self, validation: bool = False) -> list[gymnasium.vector.VectorEnv]:
-        """Of the training or of the validation."""
+    def batches(self, validation: bool = False) -> list[Batch]:
+        """Of the training or of the validation, each in a process of its own."""
         same: dict[str, Any] = {
             "autoreset_mode": "NextStep" if validation else "SameStep",
             "observation": OBSERVATION,
@@ -86,7 +85,7 @@ class Variant:
             "reward": dict(self.reward),
         }
         trials = self.validation if validation else self.trials
-        return [gymnasium.make_vec(self.id, **same, **part.options()) for part in trials]
+        return [Batch(self.id, same | part.options()) for part in trials]
 
 
 _CRUISE = (0.08, 0.12)
@@ -95,8 +94,8 @@ VARIANTS: Mapping[tuple[str, bool], Variant] = {
         "omnitrack_sim/TeeTurn-v0",
         "direct",
         "from scratch: belts and roll are the policy's alone",
-        [Trials(ROBOTS, (0.6, 1.0), _CRUISE)],
-        [Trials(ROBOTS, (0.7, 1.0))],
+        [Trials(HALF, (0.6, 1.0), _CRUISE)] * 2,
+        [Trials(HALF, (0.7, 1.0))] * 2,
         -2.0,
         0.5,
         # With the environment's own weights standing still costs less than trying.
@@ -108,10 +107,10 @@ VARIANTS: Mapping[tuple[str, bool], Variant] = {
         "residual",
         "residual: added to the feedback controller",
         [
-            Trials(ROBOTS // 2, (0.5, 0.7), _CRUISE),
-            Trials(ROBOTS // 2, (0.47, 0.58), _CRUISE, downward=True),
+            Trials(HALF, (0.5, 0.7), _CRUISE),
+            Trials(HALF, (0.47, 0.58), _CRUISE, downward=True),
         ],
-        [Trials(ROBOTS // 2, (0.5, 0.7)), Trials(ROBOTS // 2, (0.5, 0.56), downward=True)],
+        [Trials(HALF, (0.5, 0.7)), Trials(HALF, (0.5, 0.56), downward=True)],
         -2.5,
         0.0,
         {},
