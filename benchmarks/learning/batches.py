@@ -12,7 +12,7 @@ import gymnasium
 import numpy as np
 
 import omnitrack_sim as ot
-import omnitrack_sim.gym  # noqa: F401  registers the environments
+import omnitrack_sim.gym
 from omnitrack_sim.control.policy.feature import Entries
 
 
