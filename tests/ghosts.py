@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from omnitrack_sim.network.ahead import Ahead
+from omnitrack_sim.network.ahead import Ahead, Look
 from omnitrack_sim.network.exploration import Exploration
 from omnitrack_sim.network.goals import Mission
 from omnitrack_sim.network.spec import Network
@@ -71,7 +71,7 @@ class Ghost:
                 ahead, behind = self._look(position, frame), None
                 if explorer.looks_back(told):
                     behind = self._look(position, frame * TURNED)
-                decision = explorer.see(time, told, ahead, behind, frame, frame)
+                decision = explorer.see(Look(time, told, ahead, behind, frame, frame))
                 wrong += decision.shift
             elif told >= explorer.leg.end:
                 decision = explorer.arrived(time, told, self._here(position, frame))

@@ -1,6 +1,6 @@
 """Pipe networks as files, and routes and missions through them."""
 
-from omnitrack_sim.network.ahead import Ahead, Sight
+from omnitrack_sim.network.ahead import Ahead, Look, Sight
 from omnitrack_sim.network.compare import MapDifference, compare_maps
 from omnitrack_sim.network.exploration import Exploration
 from omnitrack_sim.network.goals import Mission
@@ -13,6 +13,7 @@ __all__ = [
     "Ahead",
     "Exploration",
     "Leg",
+    "Look",
     "MapDifference",
     "Mission",
     "Network",

@@ -4,7 +4,7 @@ network."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -55,6 +55,24 @@ def side_of(frame: Array, ahead: Array) -> Array:
     (3,), world frame: what ``Ahead.turn`` is measured from."""
     x = frame[:, 0]
     return unit(x - ahead * (x @ ahead))
+
+
+class Look(NamedTuple):
+    """A robot has looked ahead, and maybe back.
+
+    Attributes:
+        time: s. distance: m, arc length of its centre on its leg, as it takes it to be.
+        ahead, behind: what it has seen; None where it cannot tell, or has not looked.
+        frame: (3, 3) of the robot in its gear, world frame, as it takes it to be.
+        turned: (3, 3) the same by the gyro alone, in any frame that stands still.
+    """
+
+    time: float
+    distance: float
+    ahead: Ahead | None
+    behind: Ahead | None
+    frame: Array
+    turned: Array
 
 
 class Sight(Protocol):

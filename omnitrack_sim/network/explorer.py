@@ -19,10 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from omnitrack_sim.errors import GeometryError
-from omnitrack_sim.network.ahead import Ahead, side_of
+from omnitrack_sim.network.ahead import Ahead, Look, side_of
 from omnitrack_sim.network.belief import NO_STRAIGHT, Belief
 from omnitrack_sim.network.layout import End
 from omnitrack_sim.network.looking_back import LookingBack
+from omnitrack_sim.network.looking_closer import LOOK_AGAIN, LookingCloser
 from omnitrack_sim.network.planning import Closed, Leg, Step, Way
 from omnitrack_sim.network.ways import NOSE_ROOM, ROUNDING, Ways
 from omnitrack_sim.network.whereabouts import Whereabouts
@@ -47,16 +48,6 @@ CREEP = 0.1
 free."""
 LOOK_STEP = 0.1
 """Travel between two looks along a pipe whose end is not in sight, m."""
-LOOK_AGAIN = 0.003
-"""Travel after which a robot looks again that could not tell what it saw, m."""
-CLOSE_LOOK = 0.1
-"""How far before what is at the end of a straight, m, a robot's front is when it looks at that
-once more: from there both cameras tell distances by 1 to 2 mm."""
-CLOSEST = 0.05
-"""The same of the last try to do so: nearer to it, a lens sees too little of the wall before."""
-DOUBT_AGAIN = 0.01
-"""Travel after which a robot looks again, m, that has seen one thing from afar and another from
-close by."""
 LOOK_BEFORE = 0.015
 """How far before the end of a leg, m, a robot looks on."""
 LEAST_BEND = math.radians(5)
@@ -118,12 +109,13 @@ class Explorer:
     _fallen_off: list[Step] = field(default_factory=list)
     _bends: dict[int, Array] = field(default_factory=dict)
     _told: set[str] = field(default_factory=set)
-    _seen: dict[tuple[str, str], int] = field(default_factory=dict)
     _complete: bool = False
 
     def __post_init__(self) -> None:
         self._explores = not self.goals
-        self._back = LookingBack(self.belief, self.robot.length / 2, SURE)
+        half = self.robot.length / 2
+        self._back = LookingBack(self.belief, half, SURE)
+        self._closer = LookingCloser(self.belief, half)
         self.ways = self._through([])
         self.leg = self._longer(Leg(((0, "start", "end"),), 1, self.distance, 0.0, 0, ""))
         self.look_at = self.distance
@@ -135,43 +127,31 @@ class Explorer:
 
     # What happens to it
 
-    def see(
-        self,
-        time: float,
-        distance: float,
-        ahead: Ahead | None,
-        behind: Ahead | None,
-        frame: Array,
-        turned: Array,
-    ) -> Decision:
-        """It has looked ahead, and back where it ``looks_back``.
+    def see(self, look: Look) -> Decision:
+        """It has looked ahead, and back where it ``looks_back``."""
+        placed, way = look.distance, self.leg.way
+        if self.looks_back(look.distance):
+            placed = self._back.placed(way, self.ways.along_of(way), look.distance, look.behind)
+        shift = placed - look.distance
+        if look.distance < self.look_at:
+            return Decision(self.leg, True, (), shift)
+        return self._look_on(look._replace(distance=placed))._replace(shift=shift)
 
-        Args:
-            time: s. distance: m, arc length of its centre on its leg.
-            ahead, behind: what it has seen. frame: (3, 3) of the robot in its gear, world frame.
-            turned: (3, 3) the same by the gyro alone, in any frame that stands still.
-        """
-        placed, way = distance, self.leg.way
-        if self.looks_back(distance):
-            placed = self._back.placed(way, self.ways.along_of(way), distance, behind)
-        if distance < self.look_at:
-            return Decision(self.leg, True, (), placed - distance)
-        decision = self._look_on(time, placed, ahead, frame, turned)
-        return decision._replace(shift=placed - distance)
-
-    def _look_on(
-        self, time: float, distance: float, ahead: Ahead | None, frame: Array, turned: Array
-    ) -> Decision:
+    def _look_on(self, look: Look) -> Decision:
         """It has looked to where its way goes on."""
+        ahead, distance = look.ahead, look.distance
+        way, along = self.leg.way, self.ways.along_of(self.leg.way)
         if ahead is None or ahead.sure < SURE:
             self.look_at = distance + LOOK_AGAIN
-            if self._is_too_late(self.look_at):
+            if self._closer.too_late(self.look_at, way, along):
                 self._rely()
             return Decision(self.leg, True, ())
-        if self._is_doubtful(ahead, distance):
+        again = self._closer.doubted(ahead, way, along, distance)
+        if again is not None:
+            self.look_at = again
             return Decision(self.leg, True, ())
         self._forget_what_was_far()
-        measured = self._measure_bend(turned @ ahead.axis)
+        measured = self._measure_bend(look.turned @ ahead.axis)
         before = self.ways.along_of(self.leg.way).length
         way = self._reached(distance + ahead.distance - before)
         if measured:  # what is beyond is measured when it knows its place on the new map
@@ -179,7 +159,7 @@ class Explorer:
             self.look_at = max(distance, min(distance + SETTLE, self.leg.end - LOOK_BEFORE))
             return Decision(self.leg, True, ())
         if ahead.fitting is not None:
-            return self._comes_to(ahead.fitting, ahead, way, time, distance, frame, turned)
+            return self._comes_to(ahead.fitting, ahead, way, look)
         if ahead.end == "open" or ahead.end == "closed":
             self.belief.note(_end_of(way), ahead.end)
         self._go_on(way)
@@ -244,53 +224,18 @@ class Explorer:
 
     def looks_back(self, distance: float) -> bool:
         """Whether it looks back, too, at arc length ``distance`` m of its leg."""
-        close = bool(self._provisional_at()) and distance >= self.look_at
+        close = bool(self._closer.index(self.leg.way)) and distance >= self.look_at
         return close or distance >= self._back_at
 
     @property
     def _back_at(self) -> float:
         return self._back.at(self.leg.way, self.ways.along_of(self.leg.way))
 
-    def _look_closer(self, seen: Ahead, way: Way, distance: float) -> None:
-        """What has just been seen at the end of a way is looked at again where it is close, if the
-        way ends in a straight and it is not close yet."""
-        part = way[-1][0]
-        if not self.belief.fitting(part).is_plain:
-            return
-        close = self.ways.along_of(way).length - self.robot.length / 2 - CLOSE_LOOK
-        if distance < close - LOOK_AGAIN:
-            self.belief.settle(part)
-            self._seen = {_kind_of(seen): 1}
-            self.look_at = close
-
-    def _is_doubtful(self, ahead: Ahead, distance: float) -> bool:
-        """Whether it sees something else from close by than from afar, and has not seen it twice:
-        then it looks once more, if it is not too late for that."""
-        if self._provisional_at() is None:
-            return False
-        kind = _kind_of(ahead)
-        self._seen[kind] = self._seen.get(kind, 0) + 1
-        again = distance + DOUBT_AGAIN
-        if self._seen[kind] > 1 or self._is_too_late(again):
-            return False
-        self.look_at = again
-        return True
-
-    def _is_too_late(self, at: float) -> bool:
-        """Whether arc length ``at`` m is too close to what has only been seen from afar to look at
-        it from there."""
-        i = self._provisional_at()
-        if i is None:
-            return False
-        end = self.ways.along_of(self.leg.way).ends[i]
-        return at > end - self.robot.length / 2 - CLOSEST
-
-    def _provisional_at(self) -> int | None:
-        """Place in the way at hand of the straight with something at its end that has only been
-        seen from afar."""
-        parts = [part for part, _, _ in self.leg.way]
-        part = self.belief.provisional
-        return None if part is None or part not in parts else parts.index(part)
+    def _look_closer(self, ahead: Ahead, way: Way, distance: float) -> None:
+        """Look once more at what has just been seen at the end of a way, where that is still far
+        away."""
+        close = self._closer.begin(ahead, way, self.ways.along_of(way), distance)
+        self.look_at = self.look_at if close is None else close
 
     def _rely(self) -> None:
         """Take what has been seen from afar for what is there."""
@@ -300,7 +245,7 @@ class Explorer:
 
     def _forget_what_was_far(self) -> None:
         """It is close to what it has seen from afar, and looks at it as if for the first time."""
-        i = self._provisional_at()
+        i = self._closer.index(self.leg.way)
         if i is None:
             return
         beyond = self.belief.take_back(self.leg.way[i][0])
@@ -328,13 +273,11 @@ class Explorer:
         fitting: Fitting,
         ahead: Ahead,
         way: Way,
-        time: float,
-        distance: float,
-        frame: Array,
-        turned: Array,
+        look: Look,
     ) -> Decision:
         """A fitting is seen at the end of a way."""
         belief, end, enter = self.belief, _end_of(way), ahead.enter
+        time, distance = look.time, look.distance
         fitting = _fitted(fitting, enter, 2 * belief.fitting(end[0]).port_radius(end[1]))
         known = belief.known_at(end, fitting, enter)
         if known is not None:
@@ -342,11 +285,11 @@ class Explorer:
             self._go_on(way)
             return self._next(time, told, self._from_leg(distance))
         axis = belief.port(end).rotation[:, 2]
-        side = side_of(frame, axis)
+        side = side_of(look.frame, axis)
         side = math.cos(ahead.turn) * side + math.sin(ahead.turn) * np.cross(axis, side)
         part = belief.attach(end, fitting, enter, side)
         if isinstance(fitting, Elbow):
-            self._bends[part] = turned @ ahead.axis
+            self._bends[part] = look.turned @ ahead.axis
         name = belief.network.fittings[part].name
         told: list[Event] = []
         if name not in self._told:
@@ -510,11 +453,6 @@ def _end_of(way: Way) -> End:
     """The port that a way ends at."""
     part, _, leave = way[-1]
     return part, leave
-
-
-def _kind_of(ahead: Ahead) -> tuple[str, str]:
-    """What is seen, without its place and sizes."""
-    return ("" if ahead.fitting is None else ahead.fitting.kind), ahead.end
 
 
 def _travel(legs: Sequence[Leg]) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.control.route_map import RouteMap
-from omnitrack_sim.network import Ahead, Leg, Network, Planner
+from omnitrack_sim.network import Leg, Look, Network, Planner
 from omnitrack_sim.network.belief import Belief
 from omnitrack_sim.network.explorer import Decision
 from omnitrack_sim.network.layout import End
@@ -139,20 +139,11 @@ class Legs:
             return self._put(robot, self._after(robot, planner, leg, time, distance))
         return self._put(robot, self._round(robot, planner, leg, time, distance))
 
-    def see(
-        self,
-        robot: int,
-        time: float,
-        distance: float,
-        ahead: Ahead | None,
-        behind: Ahead | None,
-        frame: Array,
-        turned: Array,
-    ) -> Onward:
-        """A robot that explores has looked ahead, and maybe back; see ``Explorer.see``."""
+    def see(self, robot: int, look: Look) -> Onward:
+        """A robot that explores has looked ahead, and back where it ``looks_back``."""
         explorer = self._explorers[robot]
         assert explorer is not None
-        return self._decided(robot, explorer.see(time, distance, ahead, behind, frame, turned))
+        return self._decided(robot, explorer.see(look))
 
     def looks_back(self, robot: int, distance: float) -> bool:
         """Whether a robot that explores looks both ways at arc length ``distance`` m."""

@@ -17,7 +17,7 @@ from omnitrack_sim.control.route_map import Place
 from omnitrack_sim.drive import SpeedLoop, drive_of
 from omnitrack_sim.errors import Fault, ScenarioError
 from omnitrack_sim.model.collider import why_not
-from omnitrack_sim.network import Sight
+from omnitrack_sim.network import Look, Sight
 from omnitrack_sim.record.channels import CHANNELS, Channel
 from omnitrack_sim.record.estimates import ESTIMATES
 from omnitrack_sim.record.events import Event, Note
@@ -508,8 +508,8 @@ class Simulation:
             time, distance = float(self.time[robot]), float(self._believed.distance[robot])
             if self.legs.looks_back(robot, distance):
                 behind = sight.look(robot, position, back[robot])
-            frame = frames[robot]
-            onward = self.legs.see(robot, time, distance, ahead, behind, frame, turned[robot])
+            look = Look(time, distance, ahead, behind, frames[robot], turned[robot])
+            onward = self.legs.see(robot, look)
             if onward.shift and self.onboard is not None:
                 self.onboard.shift(robot, self._believed, onward.shift)
             self._events[robot] += onward.events
