@@ -4,7 +4,7 @@ robots."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
@@ -90,6 +90,24 @@ class Command(NamedTuple):
             robots = f"belt_speed {shown(self.belt_speed)}, which is no (n, 3)"
         return f"Command({robots}: {', '.join(given)})"
 
+    def checked(self, n: int) -> Command:
+        """The same with arrays for ``n`` robots.
+
+        Raises:
+            ValueError: one has another shape.
+        """
+        shapes = {"belt_speed": (n, 3), "roll": (n, 3), "phase": (n,), "resting": (n,)}
+        changes = {}
+        for name, shape in (shapes | {"brake": (n, 3), "over": (n,)}).items():
+            value = getattr(self, name)
+            if value is None or (isinstance(value, np.ndarray) and value.shape == shape):
+                continue
+            array = np.asarray(value)
+            if array.shape != shape:
+                raise ValueError(f"command.{name} has shape {array.shape}, expected {shape}")
+            changes[name] = array
+        return self._replace(**changes) if changes else self
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -102,6 +120,15 @@ class Settings:
     speed_limit: Array  # m/s
     safe_margin: Array  # rad; nan: by the reach
     reach: Array  # m
+
+    def with_rows(self, robots: NDArray[np.intp], rows: Settings) -> Settings:
+        """The same with those of ``robots`` (k,) from k ``rows``."""
+        changed = {}
+        for field in fields(self):
+            values = getattr(self, field.name).copy()
+            values[robots] = getattr(rows, field.name)
+            changed[field.name] = values
+        return Settings(**changed)
 
 
 @dataclass(frozen=True)

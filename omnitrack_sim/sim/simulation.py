@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +20,7 @@ from omnitrack_sim.network import Look, Sight
 from omnitrack_sim.record.channels import CHANNELS, Channel
 from omnitrack_sim.record.estimates import ESTIMATES
 from omnitrack_sim.record.events import Event, Note
-from omnitrack_sim.record.metrics import METRICS, Metric, summarise
+from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.rotations import Array, heading
 from omnitrack_sim.scenario import Scenario
@@ -33,12 +32,12 @@ from omnitrack_sim.sim.builder import (
     settings_of,
     start_of,
 )
+from omnitrack_sim.sim.gathering import gathered
 from omnitrack_sim.sim.judged_sight import JudgedSight
 from omnitrack_sim.sim.legs import Legs, Onward
 from omnitrack_sim.sim.monitor import Monitor, Verdict
 from omnitrack_sim.sim.pictures import Album, coding_of
 from omnitrack_sim.sim.plant import Plant, Start
-from omnitrack_sim.sim.provenance import provenance_of
 from omnitrack_sim.sim.recorder import Recorder
 from omnitrack_sim.sim.result import Result
 from omnitrack_sim.text import shown
@@ -97,8 +96,10 @@ class Simulation:
         observation: what the robots measure now.
         setup: what the controller was made from, with the settings of the runs at hand.
         endings: how each robot's run ended; None while it runs.
-        end_time: (n,) s.
+        end_time: (n,) s. events: what there is to tell of each robot.
         legs: what they drive. plant, motors, monitor, recorder: the parts of the loop.
+        sights: what tells each robot that explores what is ahead; None for those that do not.
+        album: the pictures that robots have taken; None where they are not recorded.
     """
 
     def __init__(
@@ -142,7 +143,7 @@ class Simulation:
         self.active = np.ones(self.n, bool)
         self._begin(settings, start, sensors)
         self.endings: list[Ending | None] = [None] * self.n
-        self._events: list[list[Event]] = [self._noted(i, note) for i, note in enumerate(notes)]
+        self.events: list[list[Event]] = [self._noted(i, note) for i, note in enumerate(notes)]
         self.end_time: Array = np.full(self.n, np.nan)
         self._tick = 0
         self._begun = np.zeros(self.n, int)  # ticks at which the runs at hand began
@@ -165,7 +166,7 @@ class Simulation:
         self.onboard = self._senses(readings)
         self._readings = readings
         self._find()
-        self._sights = self._made_sights()
+        self.sights = self._made_sights()
         self.setup = ControlSetup(
             routes=self.legs.routes,
             robot=robot,
@@ -191,9 +192,9 @@ class Simulation:
         )
         schema = {c.name: c for c in self.channels if c.recorded}
         self.recorder = Recorder(self.phases, schema)
-        self._album: Album | None = None
+        self.album: Album | None = None
         if self.onboard is not None and first.record.pictures:
-            self._album = Album(coding_of(self.onboard.camera), self.n)
+            self.album = Album(coding_of(self.onboard.camera), self.n)
             self._keep_picture()
         self._measured = ["time", *(c.name for c in schema.values() if c.source == "plant")]
         self._belt_command, self._roll_command = np.zeros((self.n, 3)), start.roll.copy()
@@ -257,7 +258,7 @@ class Simulation:
         check_is(Command, where, command)
         if command.brake is not None and not self.plant.robot.brake_force and np.any(command.brake):
             raise ValueError("command.brake is given to a robot whose robot.brake_force is 0")
-        command = self._guarded(_checked(command, self.n))
+        command = self._guarded(command.checked(self.n))
         self._take(carried_out(command, self.legs.gear))
         readings = self._readings
         motors = self.motors.advance(
@@ -303,7 +304,7 @@ class Simulation:
         start = start_of(scenarios, routes, way)
         settings, notes = settings_of(scenarios, routes, way)
         for robot, note in zip(which.tolist(), notes, strict=True):
-            self._events[robot] = self._noted(robot, note)
+            self.events[robot] = self._noted(robot, note)
         self._restart_parts(which, scenarios, start, settings)
         self._readings = readings = self.plant.read()
         if self.onboard is not None:
@@ -316,7 +317,7 @@ class Simulation:
             parameters[robot] = scenario.control_parameters
         self.setup = replace(
             self.setup,
-            settings=_with_rows(self.setup.settings, which, settings),
+            settings=self.setup.settings.with_rows(which, settings),
             parameters=parameters,
             place=self._believed,
             roll=self._roll_command.copy(),
@@ -376,7 +377,7 @@ class Simulation:
         self._brake = None if brake is None else np.minimum(np.maximum(brake, 0.0), 1.0)
         for event in command.events:
             if self.active[event.robot]:
-                self._events[event.robot].append(event)
+                self.events[event.robot].append(event)
 
     def _senses(self, state: State) -> Onboard | None:
         """The robots' own sensors; None where they are told the truth."""
@@ -406,9 +407,9 @@ class Simulation:
     def _keep_picture(self) -> None:
         """Keep the picture of this moment, where one was taken and pictures are recorded."""
         assert self.onboard is not None
-        if self._album is not None and self.onboard.whole is not None:
+        if self.album is not None and self.onboard.whole is not None:
             picture, end = self.onboard.whole
-            self._album.add(self._readings["time"], end, picture, self.active)
+            self.album.add(self._readings["time"], end, picture, self.active)
 
     def _find(self) -> None:
         """Find the robots on their routes, and where they take themselves to be."""
@@ -476,7 +477,7 @@ class Simulation:
             if robot in sent or not self.active[robot]:
                 continue
             onward = self._onward(robot, outcome)
-            self._events[robot] += onward.events
+            self.events[robot] += onward.events
             if onward.leg is not None:
                 sent.add(robot)
                 self._give_time(robot, onward)
@@ -501,7 +502,7 @@ class Simulation:
         back = heading(self._readings["rotation"], -gear)
         turned = true if self.onboard is None else heading(self.onboard.turned, gear)
         for robot in np.flatnonzero(looking).tolist():
-            sight = self._sights[robot]
+            sight = self.sights[robot]
             assert sight is not None
             position, behind = self._readings["position"][robot], None
             ahead = sight.look(robot, position, true[robot])
@@ -512,7 +513,7 @@ class Simulation:
             onward = self.legs.see(robot, look)
             if onward.shift and self.onboard is not None:
                 self.onboard.shift(robot, self._believed, onward.shift)
-            self._events[robot] += onward.events
+            self.events[robot] += onward.events
             self._give_time(robot, onward)
         self._find_again(np.flatnonzero(looking).tolist())
 
@@ -624,73 +625,7 @@ class Simulation:
             raise RuntimeError("nothing was recorded")
         if self.active.any():
             raise RuntimeError(f"{int(self.active.sum())} of {self.n} robots still run")
-        slips = [math.nan] * self.n if no_load_slip is None else no_load_slip
         metrics = check_all(Metric, "metrics", metrics)
         taken = {*METRIC_NAMES, *(metric.name for metric in self.scenarios[0].own_metrics)}
         refuse_taken("metrics", [metric.name for metric in metrics], taken)
-        trajectories = self.recorder.trajectories(self.end_time)
-        albums = [None] * self.n if self._album is None else self._album.pictures()
-        results = []
-        for i, (scenario, trajectory) in enumerate(zip(self.scenarios, trajectories, strict=True)):
-            ending = self.endings[i]
-            assert ending is not None
-            figures = summarise(
-                trajectory,
-                no_load_slip=slips[i],
-                lug_radius=scenario.robot.lug_radius,
-                torque_limit=float(self.motors.torque_limit[i, 0]),
-                drive=self.motors.drive,
-                efficiency=scenario.robot.motor.efficiency,
-                metrics=(*METRICS, *scenario.own_metrics, *metrics),
-            )
-            found, exploration = self.legs.map(i), scenario.exploration
-            if found is not None and exploration is not None:
-                figures |= exploration.difference(found).figures()
-            if isinstance(sight := self._sights[i], JudgedSight):
-                figures |= sight.figures(i)
-            results.append(
-                Result(
-                    scenario=scenario,
-                    outcome=ending.outcome,
-                    reason=ending.reason,
-                    duration_s=float(self.end_time[i]),
-                    metrics=figures,
-                    trajectory=trajectory,
-                    provenance=provenance_of(scenario) | {"collider": self.collider},
-                    events=self._events[i],
-                    legs=self.legs.driven(i),
-                    map=found,
-                    album=albums[i],
-                )
-            )
-        return results
-
-
-def _with_rows(settings: Settings, robots: NDArray[np.intp], rows: Settings) -> Settings:
-    """Settings of n robots, with those of ``robots`` (k,) from k ``rows``."""
-    changed = {}
-    for field in fields(Settings):
-        values = getattr(settings, field.name).copy()
-        values[robots] = getattr(rows, field.name)
-        changed[field.name] = values
-    return Settings(**changed)
-
-
-def _checked(command: Command, n: int) -> Command:
-    """A command with arrays of the shapes that it has to have."""
-    modules, robots, changes = (n, 3), (n,), {}
-    for name, value, shape in (
-        ("belt_speed", command.belt_speed, modules),
-        ("roll", command.roll, modules),
-        ("phase", command.phase, robots),
-        ("resting", command.resting, robots),
-        ("brake", command.brake, modules),
-        ("over", command.over, robots),
-    ):
-        if value is None or (isinstance(value, np.ndarray) and value.shape == shape):
-            continue
-        array = np.asarray(value)
-        if array.shape != shape:
-            raise ValueError(f"command.{name} has shape {array.shape}, expected {shape}")
-        changes[name] = array
-    return command._replace(**changes) if changes else command
+        return gathered(self, no_load_slip, metrics)
