@@ -5,54 +5,34 @@ from __future__ import annotations
 import copy
 import gc
 import os
-import re
 import subprocess
 import sys
 import tracemalloc
-from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
+from environments import single, vector
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from screens import needs_screen, screen
 
 import omnitrack_sim as ot
-import omnitrack_sim.gym as environments
-from omnitrack_sim.control.policy import FEATURE_SETS, entry_names
-from omnitrack_sim.control.policy.actions import ACTIONS, DECISION_PERIOD
-from omnitrack_sim.gym.options import RANGES, Options, options_of
+from omnitrack_sim.gym import IDS, TERMS
+from omnitrack_sim.gym.options import RANGES, options_of
 from omnitrack_sim.gym.trials import Trials, with_values
-from omnitrack_sim.table import meanings_of
 
 pytest.importorskip("numba")
-PAGE = (Path(__file__).parents[1] / "docs" / "gym.md").read_text(encoding="utf-8")
 BRIEF = {"changes": {"physics.time_limit": 0.3}}
 
 
-def single(name="TeeTurn", **options):
-    """One robot's environment, as it is registered."""
-    return gymnasium.make(f"omnitrack_sim/{name}-v0", **options)
-
-
-def vector(n, name="TeeTurn", **options):
-    """Many robots' environment, as it is registered."""
-    return gymnasium.make_vec(
-        f"omnitrack_sim/{name}-v0",
-        num_envs=n,
-        vectorization_mode="vector_entry_point",
-        **options,
-    )
-
-
-@pytest.mark.parametrize("id", environments.IDS)
+@pytest.mark.parametrize("id", IDS)
 def test_gymnasium_finds_nothing_wrong(id):
     """Its checker has neither errors nor warnings, which are errors here."""
     check_env(gymnasium.make(id).unwrapped, skip_render_check=True)
 
 
-@pytest.mark.parametrize("id", environments.IDS)
+@pytest.mark.parametrize("id", IDS)
 def test_a_vector_is_what_gymnasium_expects(id):
     """Spaces, shapes, types and the masks of ``info``; the same from the same seed, and from no
     seed the next trials of the same numbers; what is returned is not written into again."""
@@ -74,8 +54,8 @@ def test_a_vector_is_what_gymnasium_expects(id):
         assert (reward.dtype, terminated.dtype, truncated.dtype) == (float, bool, bool)
         assert reward.shape == terminated.shape == truncated.shape == (n,)
         assert info["_terms"].tolist() == [True] * n
-        assert set(info["terms"]) == {key for term in environments.TERMS for key in _both(term)}
-        summed = sum(info["terms"][term] for term in environments.TERMS)
+        assert set(info["terms"]) == {key for term in TERMS for key in _both(term)}
+        summed = sum(info["terms"][term] for term in TERMS)
         assert np.allclose(reward, summed)
     assert np.array_equal(again, kept)
     env.close()
@@ -114,99 +94,6 @@ def _plain(info):
                 found[key] = _plain(value) if isinstance(value, dict) else value[mask].tolist()
         return found
     return info
-
-
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        ({"frction": 1}, "frction: unknown key"),
-        ({"scenario": "tee_trun"}, "tee_turn"),
-        ({"observation": "onbaord"}, "did you mean 'onboard'"),
-        ({"observation": ["onboard", "tilt"]}, "more than once"),
-        ({"sensing": "true"}, "choose from: onboard, truth"),
-        ({"ranges": {"contact.fricton": 0.5}}, "did you mean 'contact.friction'"),
-        ({"ranges": {"contact.friction": (0.9, 0.5)}}, "the least value stands first"),
-        ({"ranges": {"contact.friction": (0.5, 50.0)}}, "contact.friction"),
-        ({"ranges": {"contact.friction": float("nan")}}, "ranges.contact.friction"),
-        ({"reward": {"progres": 1.0}}, "did you mean 'progress'"),
-        ({"changes": {"contact.frction": 1.0}}, "did you mean 'friction'"),
-        ({"changes": {"physics.control_period": 0.02}}, "physics.control_period"),
-        ({"observation": "truth", "changes": {"physics.control_period": 0.02}}, "decision period"),
-        ({"acting": "residuel"}, "did you mean 'residual'"),
-        (
-            {"ranges": {"contact.friction": "high"}},
-            "ranges.contact.friction: is 'high'; it must be",
-        ),
-        ({"ranges": {"contact.friction": (0.5, "x")}}, "is (0.5, 'x'); it must be a range"),
-        ({"observation": ["onboard", 5]}, "observation: is ['onboard', 5]; it must be a name"),
-        (
-            {"sensing": "truth", "changes": {"sensing.kind": "onboard"}},
-            "sensing: is 'truth' (left out, it follows from the observation), and the changes",
-        ),
-        ({"changes": {"sensing": {"kind": "truth"}}}, "the changes make sensing.kind 'truth'"),
-        ({"picture": True, "sensing": "truth"}, "picture"),
-        ({"observation": "truth", "sensing": "onboard"}, "truth"),
-        ({"width": 1}, "width"),
-        ({"render_mode": "rgb"}, "rgb_array, human"),
-        ({"gravity": "none"}, "choose from: any, scenario"),
-        ({"scenario": "missions/explore_house"}, "explores"),
-    ],
-)
-@pytest.mark.filterwarnings("ignore:.*render_mode.*")
-def test_bad_options_are_refused(given, told):
-    """The error names the option and what would be right."""
-    with pytest.raises(ot.InputError) as caught:
-        single(**given)
-    assert told in str(caught.value)
-    assert len(caught.value.faults) == 1
-
-
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        ({"num_envs": 0}, "num_envs: is 0"),
-        ({"autoreset_mode": "SameSteps"}, "NextStep, SameStep, Disabled"),
-        ({"render_mode": "human"}, "for one robot alone"),
-    ],
-)
-def test_bad_options_of_a_vector_are_refused(given, told):
-    """Likewise."""
-    with pytest.raises(ot.InputError) as caught:
-        environments.RobotVectorEnv(**given)
-    assert told in str(caught.value)
-
-
-def test_actions_that_are_no_numbers_are_refused():
-    """Nothing has moved; what is beyond the space is cut off."""
-    env = single(sensing="truth")
-    env.reset(seed=1)
-    with pytest.raises(ValueError, match="action"):
-        env.step(np.full(4, np.nan))
-    *_, info = env.unwrapped.step(np.full(4, 5.0))
-    assert info["time"] == pytest.approx(DECISION_PERIOD)
-
-
-def test_actions_of_another_shape_are_refused():
-    """Of one robot and of many, with the shape that was given."""
-    env, envs = single(sensing="truth").unwrapped, vector(3, sensing="truth").unwrapped
-    env.reset(seed=1)
-    envs.reset(seed=1)
-    with pytest.raises(ValueError, match=re.escape("has shape (3,), expected (4,)")):
-        env.step(np.zeros(3))
-    for shape in ((2, 4), (4,), (1, 4)):
-        with pytest.raises(ValueError, match=re.escape(f"has shape {shape}, expected (3, 4)")):
-            envs.step(np.zeros(shape))
-
-
-def test_options_of_a_reset_that_there_are_not_are_refused():
-    """Nothing begins."""
-    env, envs = single(sensing="truth"), vector(2, sensing="truth")
-    with pytest.raises(ot.InputError, match=r"options\.mask: .* reset of one robot has no options"):
-        env.reset(options={"mask": np.array([True])})
-    with pytest.raises(ot.InputError, match=r"options\.mask: .* \(choose from: reset_mask\)"):
-        envs.reset(options={"mask": np.array([True, False])})
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        _ = envs.unwrapped.scenarios
 
 
 def test_entries_are_found_by_name():
@@ -359,52 +246,3 @@ def test_without_gymnasium_the_import_says_what_to_install():
     code = "import sys; sys.modules['gymnasium'] = None; import omnitrack_sim.gym"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert "needs Gymnasium: pip install 'omnitrack_sim[gym]'" in done.stderr
-
-
-def _rows(heading):
-    """Cells of the table below a heading of the page."""
-    below = PAGE.split(f"## {heading}\n")[1].split("\n## ")[0]
-    lines = [line for line in below.splitlines() if line.startswith("| `")]
-    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
-
-
-def test_the_page_has_every_entry_with_unit_and_range():
-    """The table of observations is that of the code, in its order."""
-    told = [row[:5] for row in _rows("Observations")]
-    assert told == [
-        [
-            f"`{feature.name}`",
-            str(feature.size),
-            feature.unit,
-            f"{feature.low:.4g} to {feature.high:.4g}",
-            next(name for name, found in FEATURE_SETS.items() if feature in found),
-        ]
-        for feature in FEATURE_SETS["truth"]
-    ]
-    sizes = {name: len(entry_names(found)) for name, found in FEATURE_SETS.items()}
-    for name, size in sizes.items():
-        assert f"`{name}` ({size} entries)" in PAGE
-
-
-def test_the_page_has_every_term_option_and_range():
-    """With the weights, the meanings and the bounds of the code."""
-    assert _rows("Reward") == [
-        [f"`{t.name}`", t.unit, f"{t.weight:g}", t.meaning] for t in environments.TERMS.values()
-    ]
-    meanings = meanings_of(Options)
-    assert [row[0] for row in _rows("Options")] == [f"`{key}`" for key in Options.model_fields]
-    assert [row[2] for row in _rows("Options")] == list(meanings.values())
-    assert _rows("Trials") == [
-        [f"`{path}`", f"{low:g} to {high:g}"] for path, (low, high) in RANGES.items()
-    ]
-    for name in (*ACTIONS, *environments.IDS):
-        assert f"`{name}`" in PAGE
-
-
-def test_python_of_the_page_runs(tmp_path, monkeypatch):
-    """Every example."""
-    monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    assert len(blocks) >= 3
-    for block in blocks:
-        exec(compile(block, "docs/gym.md", "exec"), {})

@@ -6,10 +6,10 @@ from __future__ import annotations
 import gymnasium
 import numpy as np
 import pytest
+from environments import single, vector
 from gymnasium.vector import AutoresetMode
 
 import omnitrack_sim as ot
-import omnitrack_sim.gym as environments
 from omnitrack_sim.control.policy import (
     DIRECT,
     RESIDUAL,
@@ -19,22 +19,12 @@ from omnitrack_sim.control.policy import (
     features_of,
     named_features,
 )
+from omnitrack_sim.gym import TERMS
 
 pytest.importorskip("numba")
 BRIEF = {"changes": {"physics.time_limit": 0.6}}
 SHORT = {"changes": {"physics.time_limit": 0.4}}
 SEED = 7
-
-
-def single(name="TeeTurn", **options):
-    """One robot's environment, as it is registered."""
-    return gymnasium.make(f"omnitrack_sim/{name}-v0", **options)
-
-
-def vector(n, mode=AutoresetMode.NEXT_STEP, name="TeeTurn", **options):
-    """Many robots' environment, as it is registered."""
-    given = {"vectorization_mode": "vector_entry_point", "autoreset_mode": mode}
-    return gymnasium.make_vec(f"omnitrack_sim/{name}-v0", num_envs=n, **given, **options)
 
 
 def drive_ahead(n, steps, seed=3):
@@ -66,7 +56,7 @@ def test_robots_of_a_vector_see_what_single_ones_see(name, observation):
     options = {"observation": observation, "changes": {"physics.time_limit": 0.4}}
     n, steps = 3, 20
     actions = drive_ahead(n, steps)
-    many = vector(n, AutoresetMode.SAME_STEP, name, **options)
+    many = vector(n, name, autoreset_mode=AutoresetMode.SAME_STEP, **options)
     seen, _ = many.reset(seed=SEED)
     rows = [[seen[robot]] for robot in range(n)]
     flags = [[] for _ in range(n)]
@@ -185,7 +175,7 @@ def test_the_next_step_begins_the_next_episode():
 
 def test_the_same_step_keeps_the_last_observation_aside():
     """``final_obs`` and ``final_info`` are those of the episode that is over."""
-    env, alone = vector(2, AutoresetMode.SAME_STEP, **SHORT), single(**SHORT)
+    env, alone = vector(2, autoreset_mode=AutoresetMode.SAME_STEP, **SHORT), single(**SHORT)
     actions = drive_ahead(2, 8)
     env.reset(seed=SEED)
     alone.reset(seed=SEED)
@@ -204,7 +194,7 @@ def test_the_same_step_keeps_the_last_observation_aside():
 
 def test_without_autoreset_a_mask_begins_episodes():
     """Those of the mask begin anew, the others go on; an episode that is over is not stepped."""
-    env = vector(3, AutoresetMode.DISABLED, **BRIEF)
+    env = vector(3, autoreset_mode=AutoresetMode.DISABLED, **BRIEF)
     env.reset(seed=SEED)
     actions = drive_ahead(3, 16)
     for action in actions[:4]:
@@ -234,7 +224,7 @@ def test_a_terminated_episode_says_how_it_ended():
     assert (terminated, truncated) == (True, False)
     assert info["outcome"] == "stuck"
     assert info["is_success"] is False
-    assert info["terms"]["failure"] == environments.TERMS["failure"].weight
+    assert info["terms"]["failure"] == TERMS["failure"].weight
     assert reward == pytest.approx(sum(info["terms"].values()))
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(np.zeros(4))
@@ -250,7 +240,7 @@ def test_a_robot_that_arrives_is_told_so():
         progress += info["terms"]["progress"]
         assert not truncated
     assert info["is_success"] is True
-    assert info["terms"]["arrival"] == environments.TERMS["arrival"].weight
+    assert info["terms"]["arrival"] == TERMS["arrival"].weight
     scenario = env.unwrapped.scenario
     way = scenario.goal_distance - scenario.start.distance
     assert progress == pytest.approx(way / 0.16, rel=0.02)
@@ -265,7 +255,7 @@ def test_what_has_diverged_ends_without_a_number_that_is_none(observation):
     seen, reward, terminated, _, info = env.step(drive_ahead(3, 1)[0])
     assert terminated.tolist() == [False, True, False]
     assert info["outcome"][1] == "diverged"
-    assert reward[1] == environments.TERMS["failure"].weight
+    assert reward[1] == TERMS["failure"].weight
     for _ in range(3):
         for values in (seen, reward, info["distance"], info["time"], *info["terms"].values()):
             assert np.isfinite(np.asarray(values, float)).all()
