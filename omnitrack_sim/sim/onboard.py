@@ -15,9 +15,7 @@ from omnitrack_sim.control.route_map import Place
 from omnitrack_sim.control.search import Search, Searching
 from omnitrack_sim.model.rays import RayWalls
 from omnitrack_sim.model.robot import lug_pitch
-from omnitrack_sim.network import Network
-from omnitrack_sim.pipes import Part
-from omnitrack_sim.rotations import Array, Pose, heading, quaternion_from_matrix, turned_by
+from omnitrack_sim.rotations import Array, heading, quaternion_from_matrix, turned_by
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sensing.cameras import camera_of
 from omnitrack_sim.sensing.draws import keys, normal, uniform
@@ -29,6 +27,7 @@ from omnitrack_sim.sensing.sensor import State
 from omnitrack_sim.sensing.table import BeginTable, SensingTable
 from omnitrack_sim.sim.builder import each
 from omnitrack_sim.sim.legs import Legs
+from omnitrack_sim.sim.own_maps import OwnMaps
 from omnitrack_sim.theory.kinematics import belt_sign
 
 AROUND, SPACING, TURNS = 1.0, 0.02, 24
@@ -38,8 +37,6 @@ CHECK_EVERY = 1.0
 """Time between two checks of a robot's turn about its axis before a fitting, s."""
 INSIDE = 0.03
 """A robot whose nose is farther inside a fitting than this, m, goes on with it."""
-MAP_MOVES = 1e-6
-"""A part of a map that moves by less than this, m, has not moved: lengths are rounded to it."""
 
 
 class Onboard:
@@ -82,8 +79,6 @@ class Onboard:
         self._latency = round(optics.latency / period)
         self._both_ends, self._records = table.both_ends, first.record.pictures
         self.eyes = Eyes(mount, _true_walls(first), keys([_drawn_from(s) for s in scenarios]))
-        # Of a network that they know, all but its plates.
-        self._maps = [legs.map(robot) for robot in range(n)]
         gravity = each(scenarios, "gravity").astype(float)
         self._senses = Proprioception(
             table,
@@ -95,10 +90,20 @@ class Onboard:
             lug_pitch(first.robot),
             state,
         )
-        self._mapped, self.localiser = self._localiser(scenarios, table, mount, gravity, legs.way)
-        if first.exploration is not None:
-            for robot in range(n):
-                self._draw(legs, robot)
+        self._maps = OwnMaps(scenarios, legs)
+        position, rotation, tangent = self._begin(scenarios, table, legs.way)
+        self.localiser = Localiser(
+            table,
+            first.robot,
+            mount,
+            self._maps.walls,
+            self._maps.which,
+            gravity,
+            position,
+            rotation,
+            tangent,
+            period,
+        )
         self._found: list[int] = []
         self._lost, self._checked = np.zeros(n, bool), np.full(n, -np.inf)
         self._tick, self._pictures = np.zeros(n, int), np.zeros(n, int)
@@ -108,36 +113,6 @@ class Onboard:
         self.whole: tuple[Array, NDArray[np.int_]] | None = None
         self._shoot(state, np.ones(n, np.int_), np.arange(n))
         self.readings = self._told(self._first_felt(state))
-
-    def _localiser(
-        self,
-        scenarios: Sequence[Scenario],
-        table: SensingTable,
-        mount: Mount,
-        gravity: Array,
-        way: NDArray[np.intp],
-    ) -> tuple[RayWalls, Localiser]:
-        """The walls of the robots' maps, and what finds the robots there."""
-        first, n = scenarios[0], len(scenarios)
-        if first.exploration is None:
-            which, maps = np.zeros(n, np.intp), [first.route.network.parts]
-        else:
-            which, maps = np.arange(n), [_parts(known) for known in self._maps]
-        mapped = RayWalls(maps, dirty=False)
-        position, rotation, tangent = self._begin(scenarios, table, way)
-        localiser = Localiser(
-            table,
-            first.robot,
-            mount,
-            mapped,
-            which,
-            gravity,
-            position,
-            rotation,
-            tangent,
-            self._period,
-        )
-        return mapped, localiser
 
     def _begin(
         self,
@@ -160,53 +135,14 @@ class Onboard:
         """Whether any camera takes a picture at this control step."""
         return bool(np.count_nonzero(self._due))
 
-    def learn(self, legs: Legs, robots: Collection[int], place: Place) -> None:
-        """Robots that took themselves to be at ``place`` may have changed their maps. Where the
-        part moves that one is in, it moves along: it knows its place by what is around it."""
+    def learn(self, robots: Collection[int], place: Place) -> None:
+        """Robots that took themselves to be at ``place`` may have changed their maps."""
         for robot in robots:
-            before, after = self._maps[robot], legs.map(robot)
-            if before is None or after is None or after is before:
-                continue
-            self._maps[robot] = after
-            self._draw(legs, robot)
-            here = self.localiser.filter.position[robot]
-            old, new = before.pipes.parts, after.pipes.parts
-            if _bent(old, new):
-                self._turn_with(robot, place, int(legs.way[robot]))
-                continue
-            for part, moved in zip(old, new, strict=False):
-                if part.holds(here[None], 0.0):
-                    port = part.fitting.port_names[0]
-                    was, is_now = part.port(port), moved.port(port)
-                    if np.linalg.norm(is_now.position - was.position) > MAP_MOVES:
-                        self.localiser.move(robot, was, is_now)
-                    break
+            self._maps.learn(robot, place, self.localiser)
 
     def shift(self, robot: int, place: Place, more: float) -> None:
         """A robot is ``more`` m farther along its way than it took itself to be, at ``place``."""
-        before, after = self._on_the_way(robot, place, int(place.way[robot]), more)
-        self.localiser.move(robot, before, after)
-
-    def _turn_with(self, robot: int, place: Place, way: int) -> None:
-        """A fitting behind a robot bends otherwise than was known: it is as far along its way as
-        it was, and less sure of its place. How it is turned it knows as before: the gyro has told
-        both that and the bend."""
-        before, after = self._on_the_way(robot, place, way, 0.0)
-        self.localiser.move(robot, before, Pose(before.rotation, after.position))
-        self.localiser.loosen(robot)
-
-    def _on_the_way(self, robot: int, place: Place, way: int, more: float) -> tuple[Pose, Pose]:
-        """The poses of the centreline at a robot's ``place``, and ``more`` m farther on ``way``."""
-        ways = np.array([place.way[robot], way])
-        along = place.distance[robot] + np.array([0.0, more])
-        points, frames = self._routes.poses(ways, along, np.zeros(2))
-        return Pose(frames[0], points[0]), Pose(frames[1], points[1])
-
-    def _draw(self, legs: Legs, robot: int) -> None:
-        """Have a robot's map be what it believes."""
-        belief = legs.belief(robot)
-        assert belief is not None
-        self._mapped.replace(robot, *belief.compared())
+        self._maps.shift(robot, place, more, self.localiser)
 
     def restart(
         self,
@@ -438,14 +374,3 @@ def _drawn_from(scenario: Scenario) -> str:
     recorded."""
     text = scenario.model_dump_json(exclude={"record": {"pictures"}})
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _bent(old: Sequence[Part], new: Sequence[Part]) -> bool:
-    """Whether a fitting other than a plain straight has another form than it had."""
-    both = zip(old, new, strict=False)
-    return any(a.fitting != b.fitting and not a.fitting.is_plain for a, b in both)
-
-
-def _parts(network: Network | None) -> Sequence[Part]:
-    """The parts of a map."""
-    return () if network is None else network.pipes.parts

@@ -531,7 +531,7 @@ class Simulation:
         """Find robots on their routes that are on another one now."""
         if robots:
             if self.onboard is not None:
-                self.onboard.learn(self.legs, robots, self._believed)
+                self.onboard.learn(robots, self._believed)
             again = np.isin(np.arange(self.n), list(robots))
             self._near = np.where(again, self.legs.near, self._near)
             self._find()
