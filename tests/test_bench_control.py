@@ -52,6 +52,17 @@ def test_every_entry_can_drive_every_task_by_the_same_draws():
     assert len({scenario.network.model_dump_json() for scenario in networks}) == 4
 
 
+def test_more_trials_are_so_many_of_each_task():
+    """Drawn anew, but for networks, which are counted on."""
+    tasks, entries = [TASKS["turn"], TASKS["network"]], [entry_of("feedback")]
+    some, more = (Bench(tasks, entries, trials=trials).sweeps() for trials in (None, 250))
+    assert [sweep.size for sweep in some.values()] == [200, 100]
+    assert [sweep.size for sweep in more.values()] == [250, 250]
+    friction = [s["turn", "feedback"].trials()["contact.friction"] for s in (some, more)]
+    assert not set(friction[0]) & set(friction[1])
+    assert list(more["network", "feedback"].bases)[:100] == list(some["network", "feedback"].bases)
+
+
 def test_dry_and_slippery_walls_do_not_overlap():
     sweeps = Bench([TASKS["turn"], TASKS["turn_slippery"]], [entry_of("feedback")]).sweeps()
     dry, wet = (sweep.trials()["contact.friction"] for sweep in sweeps.values())
@@ -139,6 +150,7 @@ def test_intervals():
         (["--entry", "missing.npz"], "no such file, nor a shipped policy"),
         (["--entry", "a/b=equal"], "has no name for a folder"),
         (["--entry", "equal", "--entry", "equal=paper"], "is the name of two"),
+        (["--trials", "12"], "is the number of trials; leave out --quick"),
     ],
 )
 def test_bad_arguments_are_refused(tmp_path, monkeypatch, capsys, arguments, told):

@@ -51,7 +51,7 @@ class Batch:
         """
         try:
             found, self.spent = self._pipe.recv()
-        except EOFError as error:
+        except (EOFError, ConnectionError) as error:
             raise RuntimeError("a process that drives robots has ended") from error
         return found
 
@@ -84,7 +84,7 @@ def _serve(pipe: Connection, id: str, options: dict[str, Any]) -> None:
         try:
             pipe.send((found, time.process_time() - begin))
             task, given = pipe.recv()
-        except (EOFError, BrokenPipeError):
+        except (EOFError, ConnectionError):
             return
         begin = time.process_time()
         if task == "reset":

@@ -34,6 +34,7 @@ class Bench:
     Attributes:
         tasks, entries: each entry is put through each task.
         quick: only a few trials of each, to see that everything runs.
+        trials: of each task, other ones than without it; none: as many as each task has.
 
     Raises:
         InputError: there is no task or no entry, or two entries have one name.
@@ -42,6 +43,7 @@ class Bench:
     tasks: Sequence[Task]
     entries: Sequence[Entry]
     quick: bool = False
+    trials: int | None = None
 
     def __post_init__(self) -> None:
         names = [entry.name for entry in self.entries]
@@ -61,7 +63,7 @@ class Bench:
         found = {}
         for task in self.tasks:
             for entry in self.entries:
-                count = task.quick if self.quick else task.trials
+                count = task.quick if self.quick else self.trials or task.trials
                 found[task.name, entry.name] = task.sweep(count, entry.changes)
         return found
 

@@ -13,7 +13,7 @@ from omnitrack_sim.plots.bench import Bar, bench_figure
 from omnitrack_sim.plots.style import attempt, save_figure
 from omnitrack_sim.sim.provenance import environment
 from omnitrack_sim.sweep.table import to_csv, to_parquet
-from omnitrack_sim.text import strict_json
+from omnitrack_sim.text import counted, strict_json
 from omnitrack_sim.writing import write_files
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ def write_tables(
     table = _table(rows)
     told = {
         "quick": bench.quick,
+        "trials": bench.trials,
         "tasks": {task.name: task.words for task in bench.tasks},
         "entries": {e.name: {"words": e.words, "changes": dict(e.changes)} for e in bench.entries},
         "rows": rows,
@@ -93,6 +94,7 @@ def page(bench: Bench, rows: Sequence[Mapping[str, Any]]) -> str:
     """The rows as Markdown: for each task what the entries did, and the paired differences."""
     units = [m.words if m.unit == "1" else f"{m.words}, {m.unit}" for m in MEASURES]
     kind = "a few trials of each" if bench.quick else "all trials"
+    kind = kind if bench.trials is None else counted(bench.trials, "trial") + " of each"
     lines = [f"# Controllers compared, {kind}", ""]
     for task in bench.tasks:
         own = [row for row in rows if row["task"] == task.name]

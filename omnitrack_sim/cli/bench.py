@@ -47,6 +47,15 @@ def bench_control(
     quick: Annotated[
         bool, typer.Option("--quick", help="A few trials of each, to see that all runs.")
     ] = False,
+    trials: Annotated[
+        int | None,
+        typer.Option(
+            "--trials",
+            metavar="N",
+            min=1,
+            help="So many trials of each task, for narrower intervals; drawn anew.",
+        ),
+    ] = None,
     folder: Annotated[
         Path | None,
         typer.Option("--out", metavar="DIR", help="Where all goes; out/bench_control by default."),
@@ -62,8 +71,11 @@ def bench_control(
     from omnitrack_sim.bench import Bench, entry_of, run_bench, shipped_entries
 
     asked = [*(entries or shipped_entries()), *(policies or [])]
-    bench = Bench(_tasks(tasks), [entry_of(one) for one in asked], quick)
-    target = folder or Path("out") / ("bench_control_quick" if quick else "bench_control")
+    if quick and trials is not None:
+        raise InputError(Fault("--trials", "is the number of trials; leave out --quick"))
+    bench = Bench(_tasks(tasks), [entry_of(one) for one in asked], quick, trials)
+    kind = "_quick" if quick else "" if trials is None else f"_{trials}"
+    target = folder or Path("out") / f"bench_control{kind}"
 
     def words(status: Status, pace: str) -> tuple[str, ...]:
         return pace, f"{status.successes} passed"
