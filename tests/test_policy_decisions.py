@@ -121,14 +121,16 @@ def test_without_a_residue_the_base_drives():
     assert [str(event) for event in ours.events] == [str(event) for event in base.events]
 
 
-def test_a_residue_is_added_and_rests_with_its_base():
+@pytest.mark.parametrize(("action", "driven"), [(0.25, 0.15), (1.0, 0.2)])
+def test_a_residue_is_added_and_rests_with_its_base(action, driven):
+    """The sum stays within the speed limit, 0.2 m/s; the base cruises at 0.1 m/s."""
     scenario = _tee(**{"start.theta5_deg": 50.0, "start.distance": 0.25, "physics.time_limit": 2.0})
-    trajectory = _run(scenario, _driven("preview", _constant(0, 1, 0, 1), RESIDUAL)).trajectory
+    trajectory = _run(scenario, _driven("preview", _constant(0, action, 0, 1), RESIDUAL)).trajectory
     speed, phase = trajectory["belt_speed_command"], trajectory["phase"]
     aligning = np.flatnonzero(phase == trajectory.phases.index("align"))
     cruising = np.flatnonzero(phase == trajectory.phases.index("cruise"))[1:5]
-    more = RESIDUAL.speed * scenario.control.speed_limit
-    assert speed[cruising, 1] - speed[cruising, 0] == pytest.approx(more, abs=1e-3)
+    assert speed[cruising, 1] == pytest.approx(driven, abs=1e-3)
+    assert speed[cruising, 0] == pytest.approx(0.1, abs=1e-3)
     assert len(aligning) > 10
     assert (speed[aligning] == 0).all()
 

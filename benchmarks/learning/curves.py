@@ -58,7 +58,7 @@ def _picture(rows: Sequence[dict[str, Any]], title: str) -> bytes:
     axes[0].set_ylim(-3, 103)
     axes[0].set_title(title)
     axes[0].legend(["training, actions tried", "validation, best actions"], loc="lower right")
-    axes[1].set_xlabel("decisions of one robot, millions")
+    axes[1].set_xlabel("decisions of all robots, millions")
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=120)
     plt.close(figure)

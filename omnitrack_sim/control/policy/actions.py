@@ -39,9 +39,9 @@ class Acting:
 
 
 DIRECT = Acting("direct")
-# A quarter of the speed limit is half the usual cruise speed: enough to turn a module's share
-# round, too little to drive off against the base. 0.3 rad of roll turn the robot by 6 degrees, half
-# the safe range of theta5.
-RESIDUAL = Acting("residual", base="jacobian", speed=0.25, roll_reach=0.3)
+# Where walls are slippery and the way leads down, a turn has to be driven otherwise than the base
+# drives it, so belts may do anything. 0.3 rad of roll turn the robot by 6 degrees, half the safe
+# range of theta5.
+RESIDUAL = Acting("residual", base="jacobian", roll_reach=0.3)
 ACTINGS: Mapping[str, Acting] = ByName({acting.name: acting for acting in (DIRECT, RESIDUAL)})
 """Ways to act by name."""
