@@ -18,6 +18,7 @@ from omnitrack_sim.sweep import Status, Sweep, run_sweep
 from omnitrack_sim.sweep.dispatch import MakeExecutor, Progress
 from omnitrack_sim.sweep.folder import TABLE_FILE
 from omnitrack_sim.sweep.workers import WorkersLost
+from omnitrack_sim.text import counted
 from omnitrack_sim.writing import check_folder, told, write_file
 
 if TYPE_CHECKING:
@@ -37,7 +38,8 @@ class Bench:
         trials: of each task, other ones than without it; none: as many as each task has.
 
     Raises:
-        InputError: there is no task or no entry, or two entries have one name.
+        InputError: there is no task or no entry, two entries have one name, or the number of trials
+            is said twice.
     """
 
     tasks: Sequence[Task]
@@ -53,6 +55,15 @@ class Bench:
                 raise InputError(Fault("entries", problem))
         if not self.tasks or not self.entries:
             raise InputError(Fault("tasks, entries", "one of each at least"))
+        if self.quick and self.trials is not None:
+            raise InputError(Fault("--trials", "is the number of trials; leave out --quick"))
+
+    @property
+    def extent(self) -> str:
+        """How many trials there are, in words."""
+        if self.quick:
+            return "a few trials of each"
+        return "all trials" if self.trials is None else f"{counted(self.trials, 'trial')} of each"
 
     def sweeps(self) -> dict[tuple[str, str], Sweep]:
         """The sweep of each task and entry.

@@ -13,7 +13,7 @@ from omnitrack_sim.plots.bench import Bar, bench_figure
 from omnitrack_sim.plots.style import attempt, save_figure
 from omnitrack_sim.sim.provenance import environment
 from omnitrack_sim.sweep.table import to_csv, to_parquet
-from omnitrack_sim.text import counted, strict_json
+from omnitrack_sim.text import strict_json
 from omnitrack_sim.writing import write_files
 
 if TYPE_CHECKING:
@@ -93,9 +93,7 @@ def _all_trials(tables: Mapping[tuple[str, str], pa.Table]) -> pa.Table:
 def page(bench: Bench, rows: Sequence[Mapping[str, Any]]) -> str:
     """The rows as Markdown: for each task what the entries did, and the paired differences."""
     units = [m.words if m.unit == "1" else f"{m.words}, {m.unit}" for m in MEASURES]
-    kind = "a few trials of each" if bench.quick else "all trials"
-    kind = kind if bench.trials is None else counted(bench.trials, "trial") + " of each"
-    lines = [f"# Controllers compared, {kind}", ""]
+    lines = [f"# Controllers compared, {bench.extent}", ""]
     for task in bench.tasks:
         own = [row for row in rows if row["task"] == task.name]
         lines += [f"## {task.name}: {task.words}", ""]

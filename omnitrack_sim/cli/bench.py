@@ -71,8 +71,6 @@ def bench_control(
     from omnitrack_sim.bench import Bench, entry_of, run_bench, shipped_entries
 
     asked = [*(entries or shipped_entries()), *(policies or [])]
-    if quick and trials is not None:
-        raise InputError(Fault("--trials", "is the number of trials; leave out --quick"))
     bench = Bench(_tasks(tasks), [entry_of(one) for one in asked], quick, trials)
     kind = "_quick" if quick else "" if trials is None else f"_{trials}"
     target = folder or Path("out") / f"bench_control{kind}"

@@ -59,6 +59,10 @@ class Observation:
         return f"Observation({len(self.leg)} robots, {len(self._readings)} channels)"
 
 
+_COLUMNS = {"belt_speed": (3,), "roll": (3,), "phase": (), "resting": (), "brake": (3,), "over": ()}
+"""Shapes of the arrays of a command, of one robot."""
+
+
 class Command(NamedTuple):
     """What n robots shall do until the next control step. What is left out stays as it is.
 
@@ -96,10 +100,9 @@ class Command(NamedTuple):
         Raises:
             ValueError: one has another shape.
         """
-        shapes = {"belt_speed": (n, 3), "roll": (n, 3), "phase": (n,), "resting": (n,)}
         changes = {}
-        for name, shape in (shapes | {"brake": (n, 3), "over": (n,)}).items():
-            value = getattr(self, name)
+        for name, columns in _COLUMNS.items():
+            value, shape = getattr(self, name), (n, *columns)
             if value is None or (isinstance(value, np.ndarray) and value.shape == shape):
                 continue
             array = np.asarray(value)
