@@ -27,11 +27,11 @@ from driving import by_sensors, unknown
 from recognising.approaches import BORE, approach
 from recognising.report import Found, by_case, by_distance, failures, summary
 
-from omnitrack_sim.model.rays import RayWalls
-from omnitrack_sim.sensing.depth import DepthCamera, DepthTable
-from omnitrack_sim.sensing.headlight import HeadlightCamera, HeadlightTable
-from omnitrack_sim.sensing.optics import Camera
-from omnitrack_sim.sensing.recognition import Recogniser
+from omnitrack_sim.autonomy.recognition import Recogniser
+from omnitrack_sim.senses.depth import DepthCamera, DepthTable
+from omnitrack_sim.senses.headlight import HeadlightCamera, HeadlightTable
+from omnitrack_sim.senses.optics import Camera
+from omnitrack_sim.walls.rays import RayWalls
 
 TRIALS = {"turns": 200, "missions": 100, "unknown": 50, "recognition": 2000}
 QUICK_TRIALS, SEED = 10, 2

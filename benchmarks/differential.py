@@ -35,10 +35,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import omnitrack_sim as ot
-from omnitrack_sim.model.collider import why_not
-from omnitrack_sim.plots.manoeuvres.elbows import SERIES_COLOURS
-from omnitrack_sim.plots.style import MODULE_COLOURS, save_figure, styled
+from omnitrack_sim.paper.plots.elbows import SERIES_COLOURS
 from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.show.plots.style import MODULE_COLOURS, save_figure, styled
+from omnitrack_sim.walls.collider import why_not
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scenarios" / "scripts"))
 

@@ -22,7 +22,7 @@ import numpy as np
 
 import omnitrack_sim.gym  # noqa: F401  registers the environments
 from omnitrack_sim import Scenario, Simulation
-from omnitrack_sim.control.policy import DIRECT, Decisions
+from omnitrack_sim.robots.omnitrack.policy import DIRECT, Decisions
 
 ID = "omnitrack_sim/TeeTurn-v0"
 STRETCH = 10

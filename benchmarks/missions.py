@@ -38,10 +38,10 @@ from pathlib import Path
 import numpy as np
 
 from omnitrack_sim import Result, Scenario, load_network, override, random_network, run_batch
-from omnitrack_sim.errors import ScenarioError
-from omnitrack_sim.model.collider import why_not
+from omnitrack_sim.base.errors import ScenarioError
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario import validate
+from omnitrack_sim.walls.collider import why_not
 
 ORIENTATIONS_DEG = (0.0, 40.0, 80.0)
 """Start orientations of the pairs: a third of the period of three modules apart."""

@@ -33,7 +33,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from queue import Queue
 
-from omnitrack_sim.text import no_such
+from omnitrack_sim.base.text import no_such
 
 ROOT = Path(__file__).resolve().parents[1]
 MUTATIONS = Path(__file__).with_name("mutations")

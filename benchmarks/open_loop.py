@@ -47,8 +47,8 @@ from steered_turns import (
 from tee_turns import random_tee_turns
 
 from omnitrack_sim import Result, Scenario, override, run_batch
-from omnitrack_sim.model.collider import why_not
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.walls.collider import why_not
 
 FRICTION, PRELOAD = (0.5, 0.8), (20.0, 35.0)
 TRIALS, QUICK_TRIALS = 200, 40

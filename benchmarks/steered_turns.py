@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim import Command, Observation, Outcome, Scenario, Simulation
-from omnitrack_sim.control import ControlSetup, JacobianController
-from omnitrack_sim.control.jacobian import TEE_TURN
-from omnitrack_sim.rotations import Array, angle_between
+from omnitrack_sim.base.rotations import Array, angle_between
+from omnitrack_sim.robots.omnitrack.control import ControlSetup, JacobianController
+from omnitrack_sim.robots.omnitrack.control.jacobian import TEE_TURN
 
 KNOTS = 10
 SPACING = 0.3

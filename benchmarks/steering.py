@@ -2,7 +2,7 @@
 
 python benchmarks/steering.py [--quick] [--workers N] [--trials N] [--figure FILE.svg]
 
-For speed loops from 1.7 to 50 rad/s and three rate gains the model of ``theory/steering.py`` tells
+For speed loops from 1.7 to 50 rad/s and three rate gains the model of ``paper/steering.py`` tells
 crossover and phase margin of the rate loop, and a batch of random tee turns (friction 0.5 to 0.8,
 preload 20 to 35 N, any gravity, no retry, the exact collider where it loads) tells how many pass
 and how much the motor torque changes, recorded every 10 ms. The trials are the same for all.
@@ -24,10 +24,10 @@ from matplotlib.figure import Figure
 from tee_turns import random_tee_turns
 
 from omnitrack_sim import Scenario, load_scenario, override, run_batch
-from omnitrack_sim.model.collider import why_not
-from omnitrack_sim.plots.style import ALARM, GREY, MODULE_COLOURS, save_figure, styled
+from omnitrack_sim.paper.steering import SteeringLoop
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.theory.steering import SteeringLoop
+from omnitrack_sim.show.plots.style import ALARM, GREY, MODULE_COLOURS, save_figure, styled
+from omnitrack_sim.walls.collider import why_not
 
 BANDWIDTHS = (1.7, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0)
 RATE_GAINS = (2.0, 5.0, 8.0)

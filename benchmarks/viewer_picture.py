@@ -18,7 +18,7 @@ from PIL import ImageGrab
 import omnitrack_sim as ot
 
 if TYPE_CHECKING:
-    from omnitrack_sim.viewer.window import Window
+    from omnitrack_sim.show.viewer.window import Window
 
 SCREEN = (1500, 900)
 """Pixels; MuJoCo's window takes two thirds of them each way."""
@@ -38,7 +38,7 @@ def main() -> None:
     try:
         with os.fdopen(read) as answer:
             display = os.environ["DISPLAY"] = f":{answer.readline().strip()}"
-        from omnitrack_sim.viewer.window import Window
+        from omnitrack_sim.show.viewer.window import Window
 
         scenario = ot.override(ot.load_scenario("tee_turn"), SETTINGS)
         with Window(scenario) as window:
@@ -51,8 +51,8 @@ def main() -> None:
 
 
 def _drive(scenario: ot.Scenario, window: Window) -> None:
-    from omnitrack_sim.viewer.keys import Do
-    from omnitrack_sim.viewer.show import Driver
+    from omnitrack_sim.show.viewer.keys import Do
+    from omnitrack_sim.show.viewer.show import Driver
 
     driver = Driver(scenario, window)
     stage = driver.stage

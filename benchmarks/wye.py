@@ -35,13 +35,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from omnitrack_sim import Result, Scenario, override, run_batch
-from omnitrack_sim.model.collider import why_not
+from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes.assembly import Part
 from omnitrack_sim.pipes.fittings.wye import Wye
-from omnitrack_sim.plots.style import save_figure, styled
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.rotations import Pose
 from omnitrack_sim.scenario import validate
+from omnitrack_sim.show.plots.style import save_figure, styled
+from omnitrack_sim.walls.collider import why_not
 
 WAYS = {
     "turn": (("run_start", "branch"),),

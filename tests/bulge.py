@@ -8,12 +8,12 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.table import Size, Unit
 from omnitrack_sim.pipes.compiled import EDGE, FACE, Wall, clip, compiled, put
 from omnitrack_sim.pipes.fittings import BORE, Axial, FittingTable, Z, check, positive
 from omnitrack_sim.pipes.kit import Kit, Solid
 from omnitrack_sim.pipes.pieces import Pieces, Ring, stave_count
-from omnitrack_sim.rotations import Array
-from omnitrack_sim.table import Size, Unit
 
 
 @compiled("surface")

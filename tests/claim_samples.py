@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from omnitrack_sim.reproduce import Claim, Verdict
+from omnitrack_sim.paper.claim import Claim, Verdict
 
 
 def sample_claim(verdict: Verdict, expected: Verdict | None = None, **changes: Any) -> Claim:

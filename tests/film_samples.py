@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from samples import drive, sample_result
 
+from omnitrack_sim.base.rotations import quaternion_from_matrix
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
-from omnitrack_sim.rotations import quaternion_from_matrix
+from omnitrack_sim.results.result import Result
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.sim.result import Result
 
 SIZE = (320, 180)
 PIPES = [

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from omnitrack_sim.network.ahead import Ahead, Look
-from omnitrack_sim.network.exploration import Exploration
-from omnitrack_sim.network.goals import Mission
-from omnitrack_sim.network.spec import Network
+from omnitrack_sim.autonomy.ahead import Ahead, Look
+from omnitrack_sim.autonomy.exploration import Exploration
+from omnitrack_sim.autonomy.goals import Mission
+from omnitrack_sim.base.rotations import TURNED, rotation_about
 from omnitrack_sim.pipes import ARCS
+from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.record.events import Event
-from omnitrack_sim.robot import Robot
-from omnitrack_sim.rotations import TURNED, rotation_about
+from omnitrack_sim.robots.omnitrack import Robot
 
 STEP = 0.005
 """Travel between two moments, m."""

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from omnitrack_sim.control.policy import (
+from omnitrack_sim.robots.omnitrack.policy import (
     ACTIONS,
     DIRECT,
     FEATURES,

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import ValidationError
 
 import omnitrack_sim as ot
-from omnitrack_sim.robot.quantity import Quantity, quantity_of
+from omnitrack_sim.robots.omnitrack.quantity import Quantity, quantity_of
 
 STANDING = 0.02
 """Room between the robot's tail and the start of its pipe, in bores."""

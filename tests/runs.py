@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from omnitrack_sim import Result, Scenario, load_scenario, override
-from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.scenario import validate
+from omnitrack_sim.walls.collider import why_not
 
 COLLIDER = "exact" if why_not() is None else "primitives"
 """The fast one where it loads."""

@@ -6,16 +6,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from omnitrack_sim.network import load_network, shortest_route
+from omnitrack_sim.base.rotations import quaternion_from_matrix
 from omnitrack_sim.pipes import Route
+from omnitrack_sim.pipes.network import load_network
+from omnitrack_sim.pipes.planning import shortest_route
 from omnitrack_sim.record.events import Remark
 from omnitrack_sim.record.metrics import summarise
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
-from omnitrack_sim.rotations import quaternion_from_matrix
+from omnitrack_sim.results.provenance import provenance_of
+from omnitrack_sim.results.result import Result
+from omnitrack_sim.robots.omnitrack.drive import DRIVES
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.sim.provenance import provenance_of
-from omnitrack_sim.sim.result import Result
 
 LUG_RADIUS, TORQUE_LIMIT = 0.0276, 0.245
 
@@ -55,7 +57,11 @@ def sample_result(trajectory: Trajectory | None = None, **changes: object) -> Re
         "reason": "reached 0.5 m",
         "duration_s": float(trajectory.time[-1]),
         "metrics": summarise(
-            trajectory, no_load_slip=1e-4, lug_radius=LUG_RADIUS, torque_limit=TORQUE_LIMIT
+            trajectory,
+            no_load_slip=1e-4,
+            lug_radius=LUG_RADIUS,
+            torque_limit=TORQUE_LIMIT,
+            drive=DRIVES["three_motors"],
         ),
         "trajectory": trajectory,
         "provenance": provenance_of(scenario),

@@ -49,7 +49,7 @@ def focus():
 
 def user(kind):
     """Let ``act`` sit before the window of a class of the viewer, in a thread of its own."""
-    from omnitrack_sim.viewer import show
+    from omnitrack_sim.show.viewer import show
     class Watched(getattr(show, kind)):
         def play(self):
             threading.Thread(target=lambda: (focus(), act(self)), daemon=True).start()

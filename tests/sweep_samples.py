@@ -12,11 +12,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from omnitrack_sim.control import ControlSetup, EqualController, JacobianController
-from omnitrack_sim.sweep import Sweep
-from omnitrack_sim.sweep.batch import Row, run_trials
-from omnitrack_sim.sweep.spec import resolve
-from omnitrack_sim.sweep.trials import Batch
+from omnitrack_sim.paper.open_loop import EqualController
+from omnitrack_sim.robots.omnitrack.control import ControlSetup, JacobianController
+from omnitrack_sim.trials.sweep import Sweep
+from omnitrack_sim.trials.sweep.batch import Row, run_trials
+from omnitrack_sim.trials.sweep.spec import resolve
+from omnitrack_sim.trials.sweep.trials import Batch
 
 TEXT = """
 base = "straight"

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from omnitrack_sim.control.alignment import (
+from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.robots.omnitrack.control.alignment import (
     NO_MOTION_MARGIN,
     Obstacle,
     Wish,
@@ -13,9 +14,8 @@ from omnitrack_sim.control.alignment import (
     plan_roll,
     preferred_theta5,
 )
-from omnitrack_sim.errors import InputError
-from omnitrack_sim.theory.kinematics import belt_sign
-from omnitrack_sim.theory.singularity import is_singular, safe_margin, sector_angle
+from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
+from omnitrack_sim.robots.omnitrack.singularity import is_singular, safe_margin, sector_angle
 
 RATIO = 0.0276 / 0.080
 

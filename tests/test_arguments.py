@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from samples import sample_result, sample_trajectory
 
 import omnitrack_sim as ot
-from omnitrack_sim.film.render import render_frames
+from omnitrack_sim.show.film.render import render_frames
 
 STRAIGHT = ot.load_scenario("straight")
 ANY: Any = ot

@@ -11,15 +11,15 @@ import pyarrow.parquet as pq
 import pytest
 from policy_samples import driver
 
-from omnitrack_sim.bench import TASKS, Bench, Task, entry_of, run_bench, shipped_entries
-from omnitrack_sim.bench.figures import MEASURES, Trials, rows_of
-from omnitrack_sim.bench.tables import FILES, page
-from omnitrack_sim.bench.tasks import DRY, _drawn
+from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.base.pool import LocalPool
 from omnitrack_sim.cli import main
-from omnitrack_sim.errors import InputError
-from omnitrack_sim.pool import LocalPool
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval
-from omnitrack_sim.sweep import dispatch
+from omnitrack_sim.trials.bench import TASKS, Bench, Task, entry_of, run_bench, shipped_entries
+from omnitrack_sim.trials.bench.figures import MEASURES, Trials, rows_of
+from omnitrack_sim.trials.bench.tables import FILES, page
+from omnitrack_sim.trials.bench.tasks import DRY, _drawn
+from omnitrack_sim.trials.sweep import dispatch
 
 
 def _short(trials: int, changes: dict):
@@ -82,10 +82,12 @@ def test_it_goes_on_and_takes_further_entries(tmp_path, monkeypatch):
         patch.setattr(dispatch, "run_trials", lambda batch: pytest.fail("ran again"))
         assert run_bench(Bench([SHORT], first), tmp_path / "out") == rows
     told = []
-    more = Bench([SHORT], [*first, entry_of("omnitrack_sim.control:EqualController")])
+    more = Bench(
+        [SHORT], [*first, entry_of("omnitrack_sim.robots.omnitrack.control:EqualController")]
+    )
     again = run_bench(more, tmp_path / "out", progress=told.append)
     assert again[:2] == rows
-    assert again[2]["entry"] == "omnitrack_sim.control.EqualController"
+    assert again[2]["entry"] == "omnitrack_sim.robots.omnitrack.control.EqualController"
     assert [(status.found, status.done) for status in (told[0], told[-1])] == [(8, 8), (8, 12)]
     assert run_bench(more, tmp_path / "two", executor=partial(LocalPool, 2)) == again
     for name in FILES:

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim import bounds
-from omnitrack_sim.errors import InputError, NetworkError, ScenarioError, SweepError
+from omnitrack_sim.base import bounds
+from omnitrack_sim.base.errors import InputError, NetworkError, ScenarioError, SweepError
+from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Elbow, Part, Reducer, Straight, Tee
 from omnitrack_sim.pipes.fittings.wye import Wye
 from omnitrack_sim.pipes.near import touching
 from omnitrack_sim.pipes.pieces import Pieces
-from omnitrack_sim.rotations import Pose
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.sweep.spec import resolve
+from omnitrack_sim.trials.sweep.spec import resolve
 
 PIPE = {"kind": "straight", "length": 1.2}
 KILOMETRE = {"kind": "straight", "length": 1000.0}

@@ -10,7 +10,7 @@ import pytest
 from samples import sample_result, sample_trajectory
 
 import omnitrack_sim as ot
-from omnitrack_sim.network import load_network
+from omnitrack_sim.pipes.network import load_network
 
 
 @pytest.mark.parametrize(

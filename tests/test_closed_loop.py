@@ -11,9 +11,9 @@ import pytest
 from runs import there_and_back
 
 import omnitrack_sim as ot
-from omnitrack_sim.errors import ScenarioError
+from omnitrack_sim.base.errors import ScenarioError
 from omnitrack_sim.scenario import load_scenario, override, validate
-from omnitrack_sim.sweep.spec import resolve
+from omnitrack_sim.trials.sweep.spec import resolve
 
 SAME = ("scenario.json", "timeline.csv", "trajectory.parquet", "replay.npz", "result.json")
 SHORT = {"physics.time_limit": 0.1}
@@ -226,7 +226,7 @@ def test_the_command_runs_a_saved_scenario(tmp_path, monkeypatch):
     """`omnitrack run DIR/scenario.json --set` is the run of DIR with one value changed."""
     from omnitrack_sim import cli
 
-    monkeypatch.setattr("omnitrack_sim.plots.plot_summary", lambda result, path: path.touch())
+    monkeypatch.setattr("omnitrack_sim.show.plots.plot_summary", lambda result, path: path.touch())
 
     def omnitrack(*arguments: str) -> Path:
         folder = tmp_path / str(len(list(tmp_path.iterdir())))

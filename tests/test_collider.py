@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.model.collider import (
+from omnitrack_sim.base.rotations import Pose, frame_along, quaternion_from_matrix, unit
+from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, Tee, route
+from omnitrack_sim.pipes.fittings import reducer, shipped_fittings
+from omnitrack_sim.sim.builder import scene_of, start_qpos
+from omnitrack_sim.walls.collider import (
     RECORD_SIZE,
     bounding_box,
     install,
@@ -17,13 +21,9 @@ from omnitrack_sim.model.collider import (
     line_record,
     wall_record,
 )
-from omnitrack_sim.model.collider.compile import _digest
-from omnitrack_sim.model.collider.record import ENDS
-from omnitrack_sim.model.walls import add_exact_walls
-from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, Tee, route
-from omnitrack_sim.pipes.fittings import reducer, shipped_fittings
-from omnitrack_sim.rotations import Pose, frame_along, quaternion_from_matrix, unit
-from omnitrack_sim.sim.builder import scene_of, start_qpos
+from omnitrack_sim.walls.collider.compile import _digest
+from omnitrack_sim.walls.collider.record import ENDS
+from omnitrack_sim.walls.primitives import add_exact_walls
 
 pytest.importorskip("numba")
 
@@ -374,9 +374,9 @@ def test_records_have_their_size():
 def test_a_later_process_loads_the_collider_from_disk():
     """Once compiled, every function is loaded: nothing is compiled in a fresh process."""
     program = """
-from omnitrack_sim.model.collider import bring, install
-from omnitrack_sim.model.collider.install import _kept
-from omnitrack_sim.model.collider.record import wall_number
+from omnitrack_sim.walls.collider import bring, install
+from omnitrack_sim.walls.collider.install import _kept
+from omnitrack_sim.walls.collider.record import wall_number
 from omnitrack_sim.pipes.fittings import shipped_fittings
 install()
 for fitting in shipped_fittings().values():

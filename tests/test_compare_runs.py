@@ -11,12 +11,12 @@ from samples import sample_result, sample_trajectory
 from typer.testing import CliRunner
 
 import omnitrack_sim as ot
+from omnitrack_sim.base.errors import InputError, OmnitrackError, OutputError
 from omnitrack_sim.cli import app
-from omnitrack_sim.errors import InputError, OmnitrackError, OutputError
-from omnitrack_sim.plots.compare import EACH, WHOLE
 from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.results.notebook import figure_row
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.sim.notebook import figure_row
+from omnitrack_sim.show.plots.compare import EACH, WHOLE
 
 PIPES = [{"kind": "straight", "length": 1.0}, {"kind": "elbow"}]
 BASE = validate({"name": "base", "pipes": PIPES})

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from omnitrack_sim.errors import InputError
-from omnitrack_sim.theory.singularity import (
+from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.robots.omnitrack.singularity import (
     TeePath,
     TurnCase,
     contact_map,

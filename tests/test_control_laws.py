@@ -9,20 +9,25 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.control.aligner import AIMS, Aligner
-from omnitrack_sim.control.alignment import orientation_error
-from omnitrack_sim.control.interface import Command, Controller, ControlSetup, Observation
-from omnitrack_sim.control.jacobian import JacobianController
-from omnitrack_sim.control.route_map import RouteMap
-from omnitrack_sim.control.sway import Lean
-from omnitrack_sim.control.tracking import Tracking
+from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, length, rotation_about
+from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.events import BackedOff, Rolled
-from omnitrack_sim.rotations import Array, angle_between, cross, dot, length, rotation_about
+from omnitrack_sim.robots.omnitrack.control.aligner import AIMS, Aligner
+from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error
+from omnitrack_sim.robots.omnitrack.control.interface import (
+    Command,
+    Controller,
+    ControlSetup,
+    Observation,
+)
+from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController
+from omnitrack_sim.robots.omnitrack.control.sway import Lean
+from omnitrack_sim.robots.omnitrack.control.tracking import Tracking
+from omnitrack_sim.robots.omnitrack.kinematics import module_speeds
+from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim.builder import settings_of
-from omnitrack_sim.theory.kinematics import module_speeds
-from omnitrack_sim.theory.singularity import safe_margin, sector_angle
 
 PERIOD, BORE = 0.01, 0.16
 ASIDE = "control.parameters.alignment.aside_tee_turn"

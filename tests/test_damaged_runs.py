@@ -17,14 +17,14 @@ import pytest
 from samples import sample_result, sample_trajectory
 
 from omnitrack_sim import Result, load_scenario, override
-from omnitrack_sim.errors import OutputError
+from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.events import NotAligned
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
+from omnitrack_sim.results.loading import load_result
+from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.sim.builder import scene_of
-from omnitrack_sim.sim.loading import load_result
-from omnitrack_sim.sim.provenance import provenance_of
 
 READ = ("result.json", "scenario.json", "trajectory.parquet", "replay.npz")
 

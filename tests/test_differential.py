@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.drive import drive_of
-from omnitrack_sim.errors import OutputError, ScenarioError
-from omnitrack_sim.film.render import render_frame
-from omnitrack_sim.model.belt_motors import add_belt_motors, belt_inertia
+from omnitrack_sim.base.errors import OutputError, ScenarioError
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS
+from omnitrack_sim.robots.omnitrack.belt_motors import add_belt_motors, belt_inertia
+from omnitrack_sim.robots.omnitrack.drive import drive_of
+from omnitrack_sim.show.film.render import render_frame
 
 LOADS = np.array([-6.0, -2.0, 1.0])
 """N, that pull at the three outputs."""

@@ -12,8 +12,9 @@ from runs import COLLIDER
 from samples import sample_result, sample_trajectory
 
 import omnitrack_sim as ot
-from omnitrack_sim.reproduce import Verdict, elbows
-from omnitrack_sim.reproduce.runs import ELBOW_DRIVES, _elbows
+from omnitrack_sim.paper import elbows
+from omnitrack_sim.paper.claim import Verdict
+from omnitrack_sim.paper.runs import ELBOW_DRIVES, _elbows
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 

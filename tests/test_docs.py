@@ -11,31 +11,33 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 import omnitrack_sim
-from omnitrack_sim.cli import app
-from omnitrack_sim.control.catalogue import CONTROLLERS, parameters_model
-from omnitrack_sim.control.driven import DrivenTable
-from omnitrack_sim.control.jacobian import FeedbackTable
-from omnitrack_sim.control.paper import PaperTable
-from omnitrack_sim.control.policy.controller import PolicyTable
-from omnitrack_sim.network import Mission, Network
-from omnitrack_sim.network import validate as validate_network
-from omnitrack_sim.optimise.checks import RESERVED
-from omnitrack_sim.optimise.spec import StudyFile
-from omnitrack_sim.optimise.spec import resolve as resolve_study
-from omnitrack_sim.optimise.tables import Final, Objective, Variable
-from omnitrack_sim.pipes.fittings import shipped_fittings
-from omnitrack_sim.record import channels, metrics
-from omnitrack_sim.record.estimates import ESTIMATE_METRICS, ESTIMATES
-from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.scenario import validate as validate_scenario
-from omnitrack_sim.schema.fittings import table_of
-from omnitrack_sim.schema.shipped import (
+from omnitrack_sim.autonomy.goals import Mission
+from omnitrack_sim.base.shipped import (
     shipped_networks,
     shipped_scenarios,
     shipped_studies,
     shipped_sweeps,
 )
-from omnitrack_sim.schema.tables import (
+from omnitrack_sim.base.table import meanings_of, symbol_of
+from omnitrack_sim.cli import app
+from omnitrack_sim.paper.open_loop import PaperTable
+from omnitrack_sim.pipes.entries import table_of
+from omnitrack_sim.pipes.fittings import shipped_fittings
+from omnitrack_sim.pipes.network import Network
+from omnitrack_sim.pipes.network import validate as validate_network
+from omnitrack_sim.record import channels, metrics
+from omnitrack_sim.record.estimates import ESTIMATE_METRICS, ESTIMATES
+from omnitrack_sim.robots.omnitrack.control.catalogue import (
+    CONTROLLERS,
+    controller_of,
+    parameters_model,
+)
+from omnitrack_sim.robots.omnitrack.control.driven import DrivenTable
+from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
+from omnitrack_sim.robots.omnitrack.policy.controller import PolicyTable
+from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.scenario import validate as validate_scenario
+from omnitrack_sim.scenario.tables import (
     Contact,
     Control,
     Expect,
@@ -47,10 +49,13 @@ from omnitrack_sim.schema.tables import (
     Start,
     World,
 )
-from omnitrack_sim.sensing.table import SensingTable
-from omnitrack_sim.sweep.axes import AXES
-from omnitrack_sim.sweep.spec import SweepFile, resolve
-from omnitrack_sim.table import meanings_of, symbol_of
+from omnitrack_sim.senses.table import SensingTable
+from omnitrack_sim.trials.optimise.checks import RESERVED
+from omnitrack_sim.trials.optimise.spec import StudyFile
+from omnitrack_sim.trials.optimise.spec import resolve as resolve_study
+from omnitrack_sim.trials.optimise.tables import Final, Objective, Variable
+from omnitrack_sim.trials.sweep.axes import AXES
+from omnitrack_sim.trials.sweep.spec import SweepFile, resolve
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -308,7 +313,7 @@ def test_keys_of_pipes_are_documented_as_they_are_declared():
 def test_every_table_of_parameters_is_documented():
     """The tables of the shipped controllers are the ones that docs/scenarios.md has sections of."""
     page = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
-    for controller in CONTROLLERS.values():
+    for controller in map(controller_of, CONTROLLERS):
         for key, info in parameters_model(controller).model_fields.items():
             value = info.get_default(call_default_factory=True)
             assert not isinstance(value, BaseModel) or f"### `control.parameters.{key}`" in page

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from omnitrack_sim.drive import DRIVES, SpeedLoop
-from omnitrack_sim.robot import MOTORS
+from omnitrack_sim.robots.omnitrack import MOTORS
+from omnitrack_sim.robots.omnitrack.drive import DRIVES, SpeedLoop
 
 R = 0.0276
 

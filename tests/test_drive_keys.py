@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from omnitrack_sim.control.driven import Order
-from omnitrack_sim.viewer.keys import DRIVE, REPLAY, VIEW, Do, asked, help_lines
-from omnitrack_sim.viewer.teleoperation import Pose, Teleoperation
+from omnitrack_sim.robots.omnitrack.control.driven import Order
+from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Do, asked, help_lines
+from omnitrack_sim.show.viewer.teleoperation import Pose, Teleoperation
 
 UP, TOWARDS = np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
 """A nose that points up the picture, and the viewer in front of it: x is to the right."""

@@ -11,11 +11,11 @@ import pytest
 from runs import COLLIDER, rolling_tee, same_result, there_and_back
 
 import omnitrack_sim as ot
-from omnitrack_sim.bounds import MOST_ORDERS
-from omnitrack_sim.control.driven import DrivenController, Order
+from omnitrack_sim.base.bounds import MOST_ORDERS
+from omnitrack_sim.results.provenance import provenance_of
+from omnitrack_sim.robots.omnitrack.control.driven import DrivenController, Order
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.driven import LONGEST_DRIVE, to_drive, with_orders
-from omnitrack_sim.sim.provenance import provenance_of
 
 Plan = Sequence[tuple[Callable[[ot.Simulation], bool], dict[str, Any]]]
 

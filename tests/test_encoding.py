@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from omnitrack_sim.film.encoding import FORMATS, film
+from omnitrack_sim.show.film.encoding import FORMATS, film
 
 
 def moving_frames(count: int = 20) -> list[np.ndarray]:

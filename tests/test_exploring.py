@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from ghosts import Ghost
 
-from omnitrack_sim.network import compare_maps, load_network, validate
-from omnitrack_sim.network.belief import Belief
+from omnitrack_sim.autonomy.belief import Belief
+from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Elbow, Tee
+from omnitrack_sim.pipes.compare import compare_maps
+from omnitrack_sim.pipes.network import load_network, validate
 from omnitrack_sim.record.events import (
     EndInspected,
     ExplorationComplete,
@@ -18,7 +20,6 @@ from omnitrack_sim.record.events import (
     LoopClosed,
     TakenForClosed,
 )
-from omnitrack_sim.rotations import Pose
 
 
 def explored(name: str, start: str, **more) -> Ghost:

@@ -20,10 +20,10 @@ from omnitrack_sim import (
     run,
 )
 from omnitrack_sim.cli import app
-from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.record.events import EndInspected, ExplorationComplete, GoalReached
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.run import run_batch
+from omnitrack_sim.walls.collider import why_not
 
 fast = pytest.mark.skipif(why_not() is not None, reason="without the exact collider it takes long")
 

@@ -12,12 +12,14 @@ from network_samples import branched, straight
 from runs import COLLIDER, needs_exact, same_result
 
 import omnitrack_sim as ot
-from omnitrack_sim.control.jacobian import JacobianController
-from omnitrack_sim.network import Mission, Planner, load_network, validate
-from omnitrack_sim.network.whereabouts import Whereabouts
+from omnitrack_sim.autonomy.goals import Mission
+from omnitrack_sim.autonomy.mission import Planner
+from omnitrack_sim.autonomy.whereabouts import Whereabouts
+from omnitrack_sim.base.rotations import Array, unit
+from omnitrack_sim.pipes.network import load_network, validate
 from omnitrack_sim.record.events import FellOff, GaveUp
-from omnitrack_sim.robot import Robot
-from omnitrack_sim.rotations import Array, unit
+from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController
 from omnitrack_sim.scenario import validate as validate_scenario
 from omnitrack_sim.sim.legs import Legs
 

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from omnitrack_sim.cli.common import settings_of
-from omnitrack_sim.errors import (
+from omnitrack_sim.base.errors import (
     InputError,
     NetworkError,
     OutputError,
@@ -18,13 +17,14 @@ from omnitrack_sim.errors import (
     StudyError,
     SweepError,
 )
-from omnitrack_sim.network import load_network
-from omnitrack_sim.optimise import load_study
+from omnitrack_sim.base.files import MOST_BYTES
+from omnitrack_sim.base.text import printable
+from omnitrack_sim.cli.common import settings_of
+from omnitrack_sim.pipes.network import load_network
+from omnitrack_sim.results.loading import load_result
 from omnitrack_sim.scenario import load_scenario
-from omnitrack_sim.schema.files import MOST_BYTES
-from omnitrack_sim.sim.loading import load_result
-from omnitrack_sim.sweep import load_sweep
-from omnitrack_sim.text import printable
+from omnitrack_sim.trials.optimise import load_study
+from omnitrack_sim.trials.sweep import load_sweep
 
 PIPE = '[[pipes]]\nkind = "straight"\nlength = 1.0\n'
 JSON = '{"pipes": [{"kind": "straight", "length": 1.0}], "seed": 3'

@@ -9,13 +9,13 @@ import pytest
 from film_samples import PIPES, SIZE, chain_result, elbow_result
 from samples import two_legs, two_legs_result
 
-from omnitrack_sim.film.found import found_at
-from omnitrack_sim.film.inset import Inset, needs_map, projection
-from omnitrack_sim.film.overlay import Overlay
-from omnitrack_sim.film.render import render_frame, render_frames
-from omnitrack_sim.film.viewpoint import in_the_way, view_directions
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.show.film.found import found_at
+from omnitrack_sim.show.film.inset import Inset, needs_map, projection
+from omnitrack_sim.show.film.overlay import Overlay
+from omnitrack_sim.show.film.render import render_frame, render_frames
+from omnitrack_sim.show.film.viewpoint import in_the_way, view_directions
 
 
 @pytest.fixture(scope="module")

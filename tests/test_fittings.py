@@ -12,20 +12,20 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.control.jacobian import JacobianController
-from omnitrack_sim.errors import InputError
-from omnitrack_sim.model.meshes import THICKNESS, fitting_mesh
-from omnitrack_sim.model.walls import add_walls
-from omnitrack_sim.network import validate as validate_network
+from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.base.rotations import Pose, unit
+from omnitrack_sim.base.table import units_of
 from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part
 from omnitrack_sim.pipes.compiled import EDGE, FACE, HIGH, LOW
 from omnitrack_sim.pipes.fittings import fitting_class, shipped_fittings
 from omnitrack_sim.pipes.fittings.base import MOST_PORTS, MOST_SIZES
-from omnitrack_sim.plots.network import faces
-from omnitrack_sim.rotations import Pose, unit
+from omnitrack_sim.pipes.network import validate as validate_network
+from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController
 from omnitrack_sim.scenario import Scenario, validate
-from omnitrack_sim.schema.tables import unit_of
-from omnitrack_sim.table import units_of
+from omnitrack_sim.scenario.tables import unit_of
+from omnitrack_sim.show.plots.network import faces
+from omnitrack_sim.walls.meshes import THICKNESS, fitting_mesh
+from omnitrack_sim.walls.primitives import add_walls
 
 OUTSIDE = "bulge:Bulge"
 REQUIRED = {

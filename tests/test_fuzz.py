@@ -26,7 +26,7 @@ MISCHIEF = """
 import os, sys, time, warnings
 sys.path.insert(0, {place!r})
 from fuzzing.watch import watched
-from omnitrack_sim.errors import InputError
+from omnitrack_sim.base.errors import InputError
 
 def hang():
     while True:

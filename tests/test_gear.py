@@ -13,10 +13,10 @@ from omnitrack_sim import (
     Outcome,
     Simulation,
 )
-from omnitrack_sim.control.gear import SWAPPED, carried_out, seen
-from omnitrack_sim.control.interface import Command
+from omnitrack_sim.base.rotations import Array, heading
 from omnitrack_sim.record.channels import CHANNELS
-from omnitrack_sim.rotations import Array, heading
+from omnitrack_sim.robots.omnitrack.control.gear import SWAPPED, carried_out, seen
+from omnitrack_sim.robots.omnitrack.control.interface import Command
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.builder import scene_of
 from omnitrack_sim.sim.legs import Legs

@@ -10,8 +10,8 @@ import pytest
 from environments import single, vector
 
 import omnitrack_sim as ot
-from omnitrack_sim.control.policy.actions import DECISION_PERIOD
 from omnitrack_sim.gym import RobotVectorEnv
+from omnitrack_sim.robots.omnitrack.policy.actions import DECISION_PERIOD
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,8 @@ from environments import single, vector
 from gymnasium.vector import AutoresetMode
 
 import omnitrack_sim as ot
-from omnitrack_sim.control.policy import (
+from omnitrack_sim.gym import TERMS
+from omnitrack_sim.robots.omnitrack.policy import (
     DIRECT,
     RESIDUAL,
     Decisions,
@@ -19,7 +20,6 @@ from omnitrack_sim.control.policy import (
     features_of,
     named_features,
 )
-from omnitrack_sim.gym import TERMS
 
 pytest.importorskip("numba")
 BRIEF = {"changes": {"physics.time_limit": 0.6}}

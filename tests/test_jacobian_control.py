@@ -7,14 +7,18 @@ import pytest
 from runs import COLLIDER
 
 from omnitrack_sim import Scenario, Simulation, load_scenario, override, run_batch
-from omnitrack_sim.control.aligner import AlignmentTable
-from omnitrack_sim.control.alignment import no_motion_distance, orientation_error, preferred_theta5
+from omnitrack_sim.base.rotations import matrix_from_quaternion
 from omnitrack_sim.record.events import NotAligned, Rolled
-from omnitrack_sim.robot import MODULE_ANGLES
-from omnitrack_sim.rotations import matrix_from_quaternion
+from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
+from omnitrack_sim.robots.omnitrack.control.aligner import AlignmentTable
+from omnitrack_sim.robots.omnitrack.control.alignment import (
+    no_motion_distance,
+    orientation_error,
+    preferred_theta5,
+)
+from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
 from omnitrack_sim.sim.builder import scene_of
 from omnitrack_sim.sim.plant import Plant, Start
-from omnitrack_sim.theory.singularity import safe_margin, sector_angle
 
 
 @pytest.fixture(scope="module")

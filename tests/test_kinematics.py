@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from omnitrack_sim.errors import InputError
-from omnitrack_sim.robot import MODULE_ANGLES
-from omnitrack_sim.rotations import rotation_about
-from omnitrack_sim.theory import kinematics as kin
+from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.base.rotations import rotation_about
+from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
+from omnitrack_sim.robots.omnitrack import kinematics as kin
 
 RADIUS, LEVER, D = 0.0276, 0.0524, 0.16
 ROOT3 = np.sqrt(3)

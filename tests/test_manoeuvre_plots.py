@@ -9,23 +9,17 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex, to_rgb, to_rgba
 from samples import sample_result, sample_trajectory
 
-from omnitrack_sim.plots.manoeuvres import (
-    FAILED_COLOUR,
-    PASSED_COLOUR,
-    PHASE_COLOURS,
-    along_figure,
-    angular_velocity_figure,
-    contact_map_figure,
-    elbow_figure,
-    inner_module,
-    rates_figure,
-    success_figure,
-)
-from omnitrack_sim.plots.style import MODULE_COLOURS, save_figure
+from omnitrack_sim.paper.plots.contact_map import contact_map_figure
+from omnitrack_sim.paper.plots.curves import along_figure, angular_velocity_figure
+from omnitrack_sim.paper.plots.elbows import elbow_figure
+from omnitrack_sim.paper.plots.phases import PHASE_COLOURS, inner_module
+from omnitrack_sim.paper.plots.rates import rates_figure
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import validate
+from omnitrack_sim.show.plots.style import MODULE_COLOURS, save_figure
+from omnitrack_sim.show.plots.success import FAILED_COLOUR, PASSED_COLOUR, success_figure
 
 PHASES = ("cruise", "align", "elbow", "tee_turn", "tee_straight")
 SECTOR, MARGIN = 96.54, (120 - 96.54) / 2
@@ -107,7 +101,7 @@ def test_every_axis_has_a_unit(name):
 
 def test_import_leaves_matplotlib_out():
     """Importing the module does not import matplotlib."""
-    code = "import sys, omnitrack_sim.plots.manoeuvres; sys.exit('matplotlib' in sys.modules)"
+    code = "import sys, omnitrack_sim.show.plots.manoeuvres; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 

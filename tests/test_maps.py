@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from network_samples import branched, elbow, joint, straight, tee
 
-from omnitrack_sim.errors import NetworkError
-from omnitrack_sim.network import compare_maps, load_network, shortest_route, validate
-from omnitrack_sim.network.sight import TrueSight
+from omnitrack_sim.autonomy.sight import TrueSight
+from omnitrack_sim.base.errors import NetworkError
+from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import ARCS, attached
-from omnitrack_sim.robot import Robot
-from omnitrack_sim.rotations import Pose
+from omnitrack_sim.pipes.compare import compare_maps
+from omnitrack_sim.pipes.network import load_network, validate
+from omnitrack_sim.pipes.planning import shortest_route
+from omnitrack_sim.robots.omnitrack import Robot
 
 HALF = Robot().length / 2
 

@@ -12,11 +12,11 @@ from samples import sample_result
 
 import omnitrack_sim as ot
 from omnitrack_sim import cli
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.text import clipped, listed, nearest, printable
 from omnitrack_sim.cli import runs
 from omnitrack_sim.cli.common import out
-from omnitrack_sim.errors import Fault, InputError
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.text import clipped, listed, nearest, printable
 
 EVIL = "\x1b[31mred\x07\n\x9b2J\u202e"
 """A colour, a bell, a new line, a C1 control sequence, and a mark that turns writing round."""
@@ -198,7 +198,7 @@ def test_json_of_a_run_is_strict(omnitrack, monkeypatch, tmp_path):
     result = sample_result()
     result.metrics["energy_j"] = math.inf
     result.metrics["no_load_slip_m_s"] = math.nan
-    monkeypatch.setattr("omnitrack_sim.plots.plot_summary", lambda result, path: path.touch())
+    monkeypatch.setattr("omnitrack_sim.show.plots.plot_summary", lambda result, path: path.touch())
     monkeypatch.setattr("omnitrack_sim.sim.run.run", lambda scenario, progress: result)
     status, stdout, _ = omnitrack(
         "run", "straight", "--no-video", "--json", "--out", str(tmp_path / "a")

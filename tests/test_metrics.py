@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from samples import LUG_RADIUS, TORQUE_LIMIT, sample_trajectory
 
-from omnitrack_sim.drive import DRIVES, Drive
 from omnitrack_sim.record.metrics import Metrics, summarise
 from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.robots.omnitrack.drive import DRIVES, Drive
 
 T = 201
 PER_MODULE = (
@@ -27,7 +27,11 @@ PER_MODULE = (
 
 def figures(trajectory: Trajectory) -> Metrics:
     return summarise(
-        trajectory, no_load_slip=1e-4, lug_radius=LUG_RADIUS, torque_limit=TORQUE_LIMIT
+        trajectory,
+        no_load_slip=1e-4,
+        lug_radius=LUG_RADIUS,
+        torque_limit=TORQUE_LIMIT,
+        drive=DRIVES["three_motors"],
     )
 
 

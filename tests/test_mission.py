@@ -17,10 +17,12 @@ from omnitrack_sim import (
     override,
     shipped_scenarios,
 )
+from omnitrack_sim.autonomy.goals import Mission
+from omnitrack_sim.autonomy.mission import Planner
+from omnitrack_sim.autonomy.ways import NOSE_ROOM
 from omnitrack_sim.cli import app
-from omnitrack_sim.network import Leg, Mission, Planner
-from omnitrack_sim.network.ways import NOSE_ROOM
-from omnitrack_sim.robot import Robot
+from omnitrack_sim.pipes.planning import Leg
+from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.scenario import validate
 
 LENGTH = Robot().length
@@ -269,7 +271,7 @@ def test_films_of_missions_follow_the_robot(name, camera, monkeypatch, tmp_path)
     """Without --camera the film of a mission follows, that of plain pipes is from the side."""
     used = []
     monkeypatch.setattr(
-        "omnitrack_sim.film.render.render_video", lambda *_, camera, **__: used.append(camera)
+        "omnitrack_sim.show.film.render.render_video", lambda *_, camera, **__: used.append(camera)
     )
     short = ["--set", "physics.time_limit=0.1", "--fast", "--out", str(tmp_path / "run")]
     done = CliRunner().invoke(app, ["run", name, *short])

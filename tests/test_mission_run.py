@@ -14,12 +14,12 @@ from omnitrack_sim import (
     override,
     run_batch,
 )
-from omnitrack_sim.network import Planner
-from omnitrack_sim.network.ways import NOSE_ROOM
+from omnitrack_sim.autonomy.mission import Planner
+from omnitrack_sim.autonomy.ways import NOSE_ROOM
 from omnitrack_sim.record.events import GoalReached
-from omnitrack_sim.robot import Robot
+from omnitrack_sim.results.result import Result
+from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.scenario import Scenario, validate
-from omnitrack_sim.sim.result import Result
 
 LENGTH = Robot().length
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.cli import main
-from omnitrack_sim.model import export
-from omnitrack_sim.model.export import check_models, write_models
-from omnitrack_sim.model.looks import add_cameras, add_pipe_looks, add_robot_looks
-from omnitrack_sim.model.robot import add_robot
-from omnitrack_sim.model.spec import new_spec
 from omnitrack_sim.pipes import Elbow, Step, route
-from omnitrack_sim.robot import Robot
+from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import published as export
+from omnitrack_sim.robots.omnitrack.body import add_robot
+from omnitrack_sim.robots.omnitrack.looks import add_cameras, add_pipe_looks, add_robot_looks
+from omnitrack_sim.robots.omnitrack.published import check_models, write_models
+from omnitrack_sim.walls.spec import new_spec
 
 ROOT = Path(__file__).parents[1]
 

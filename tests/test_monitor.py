@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.control.route_map import Place, RouteMap
+from omnitrack_sim.pipes.route_map import Place, RouteMap
 from omnitrack_sim.record.channels import CHANNELS
-from omnitrack_sim.schema.tables import MonitorTable
+from omnitrack_sim.scenario.tables import MonitorTable
 from omnitrack_sim.sim.monitor import Monitor, Verdict
 
 PERIOD, SPEED, LENGTH = 0.01, 0.1, 0.8

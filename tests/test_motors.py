@@ -4,8 +4,8 @@ import pytest
 from pydantic import ValidationError
 
 import omnitrack_sim as ot
-from omnitrack_sim.errors import ScenarioError
-from omnitrack_sim.robot.quantity import quantity_of
+from omnitrack_sim.base.errors import ScenarioError
+from omnitrack_sim.robots.omnitrack.quantity import quantity_of
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim.builder import scene_of
 

@@ -13,15 +13,17 @@ from samples import sample_result, sample_trajectory
 
 from omnitrack_sim import Result
 from omnitrack_sim.cli import runs
-from omnitrack_sim.film.overlay import Overlay
-from omnitrack_sim.network import validate as validate_network
-from omnitrack_sim.plots import plot_mission, plot_network, plot_summary
-from omnitrack_sim.plots.manoeuvres import contact_map_figure, elbow_figure, rates_figure
-from omnitrack_sim.plots.style import PictureWarning, attempt, save_figure
-from omnitrack_sim.plots.sweep import Spread, sweep_figure
+from omnitrack_sim.paper.plots.contact_map import contact_map_figure
+from omnitrack_sim.paper.plots.elbows import elbow_figure
+from omnitrack_sim.paper.plots.rates import rates_figure
+from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.results.loading import load_result
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.sim.loading import load_result
+from omnitrack_sim.show.film.overlay import Overlay
+from omnitrack_sim.show.plots import plot_mission, plot_network, plot_summary
+from omnitrack_sim.show.plots.style import PictureWarning, attempt, save_figure
+from omnitrack_sim.show.plots.sweep import Spread, sweep_figure
 
 NAMES = ("$", "a$b$c", r"$\frac$", "_x^2_$", r"50%_\&#{}", "日本", "\x07\x1b[31m\x85", "n" * 250)
 """Mathematics, TeX, letters that the font lacks, control characters, length."""
@@ -106,10 +108,10 @@ def test_plots_that_fail_cost_no_run(tmp_path, monkeypatch):
         raise RuntimeError("no such colour")
 
     for target in (
-        "omnitrack_sim.plots.plot_summary",
-        "omnitrack_sim.plots.plot_mission",
-        "omnitrack_sim.replay.write_replay",
-        "omnitrack_sim.film.render.render_video",
+        "omnitrack_sim.show.plots.plot_summary",
+        "omnitrack_sim.show.plots.plot_mission",
+        "omnitrack_sim.show.replay.write_replay",
+        "omnitrack_sim.show.film.render.render_video",
     ):
         monkeypatch.setattr(target, fails)
     result = named_result("chain")

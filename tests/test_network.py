@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from network_samples import branched, elbow, joint, narrowed, reducer, straight, tee
 
-from omnitrack_sim.errors import NetworkError
-from omnitrack_sim.network import load_network, random_network, shortest_route, validate
+from omnitrack_sim.base.errors import NetworkError
+from omnitrack_sim.base.rotations import Pose, frame_along
+from omnitrack_sim.base.shipped import shipped_networks
 from omnitrack_sim.pipes import Elbow, Step, Straight, Tee, route
-from omnitrack_sim.rotations import Pose, frame_along
-from omnitrack_sim.schema.shipped import shipped_networks
+from omnitrack_sim.pipes.network import load_network, validate
+from omnitrack_sim.pipes.planning import shortest_route
+from omnitrack_sim.pipes.random import random_network
 
 
 def ring(length: float) -> dict:

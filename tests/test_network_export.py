@@ -12,10 +12,11 @@ import trimesh
 from network_samples import narrowed
 from test_cli import omnitrack
 
-from omnitrack_sim.model.meshes import network_mesh
-from omnitrack_sim.model.network_export import COLUMNS, export_network
-from omnitrack_sim.network import load_network, random_network, validate
-from omnitrack_sim.plots.network import _quads
+from omnitrack_sim.pipes.network import load_network, validate
+from omnitrack_sim.pipes.random import random_network
+from omnitrack_sim.robots.omnitrack.network_export import COLUMNS, export_network
+from omnitrack_sim.show.plots.network import _quads
+from omnitrack_sim.walls.meshes import network_mesh
 
 
 @pytest.fixture(scope="module")

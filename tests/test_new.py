@@ -7,9 +7,9 @@ import pytest
 from typer.testing import CliRunner
 
 import omnitrack_sim as ot
+from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.cli import app
-from omnitrack_sim.control.catalogue import CONTROLLERS, parameters_model
-from omnitrack_sim.errors import InputError, OutputError
+from omnitrack_sim.robots.omnitrack.control.catalogue import controller_of, parameters_model
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.scenario.template import UNSET, WIDTH
 
@@ -55,7 +55,7 @@ def test_it_has_every_key_there_is(tmp_path, monkeypatch):
     for table in ("Start", "World", "Contact", "Physics", "MonitorTable", "Mission", "Robot"):
         assert set(schema[table]["properties"]) <= keys
     assert {"mean_radius", "end_diameter", "branch_diameter", "no_load_speed"} <= keys
-    for key, table in parameters_model(CONTROLLERS["jacobian"])():
+    for key, table in parameters_model(controller_of("jacobian"))():
         assert f"[control.parameters.{key}]" in text
         assert set(type(table).model_fields) <= keys
     assert "\n#preload = 25.0  # N, 0 to 2000: force of a module's springs" in text

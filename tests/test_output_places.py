@@ -10,9 +10,10 @@ import pytest
 from samples import sample_result
 from typer.testing import CliRunner
 
-from omnitrack_sim import network, writing
+from omnitrack_sim import network
+from omnitrack_sim.base import writing
+from omnitrack_sim.base.errors import InputError, OmnitrackError, OutputError
 from omnitrack_sim.cli import app
-from omnitrack_sim.errors import InputError, OmnitrackError, OutputError
 
 LONG = "n" * 256
 
@@ -33,11 +34,11 @@ def place(tmp_path, monkeypatch) -> Path:
 
     for target in (
         "omnitrack_sim.network.load_network",
-        "omnitrack_sim.theory.singularity.TurnCase",
+        "omnitrack_sim.robots.omnitrack.singularity.TurnCase",
         "omnitrack_sim.sim.run.run",
-        "omnitrack_sim.sim.loading.load_result",
-        "omnitrack_sim.reproduce.command.run_all",
-        "omnitrack_sim.sweep.dispatch.run_trials",
+        "omnitrack_sim.results.loading.load_result",
+        "omnitrack_sim.paper.command.run_all",
+        "omnitrack_sim.trials.sweep.dispatch.run_trials",
     ):
         monkeypatch.setattr(target, work)
     monkeypatch.chdir(tmp_path)
@@ -174,7 +175,7 @@ def test_an_export_is_there_whole_or_not_at_all(tmp_path, monkeypatch):
 def test_an_export_of_names_that_are_too_long_is_refused(tmp_path, monkeypatch):
     """Before the walls are made."""
     net = network.load_network("narrow").model_copy(update={"name": "n" * 250})
-    from omnitrack_sim.model import network_export
+    from omnitrack_sim.robots.omnitrack import network_export
 
     monkeypatch.setattr(network_export, "network_stl", None)
     with pytest.raises(OutputError, match="name too long"):

@@ -14,9 +14,9 @@ import pytest
 from runs import same_result
 
 import omnitrack_sim as ot
-from omnitrack_sim.errors import Fault
-from omnitrack_sim.pool import LocalPool
-from omnitrack_sim.sweep.spec import resolve
+from omnitrack_sim.base.errors import Fault
+from omnitrack_sim.base.pool import LocalPool
+from omnitrack_sim.trials.sweep.spec import resolve
 
 MODULE = '''
 from typing import Literal
@@ -193,7 +193,7 @@ def test_a_class_inside_a_function_drives_as_well() -> None:
 READ = """
 import sys
 import omnitrack_sim as ot
-from omnitrack_sim.errors import InputError
+from omnitrack_sim.base.errors import InputError
 result = ot.load_result(sys.argv[1])
 print(result.scenario.control.kind, result.scenario.control.parameters["part"], result.events[0])
 try:

@@ -13,11 +13,11 @@ import pytest
 from runs import COLLIDER, same_record, there_and_back
 
 import omnitrack_sim as ot
-from omnitrack_sim.errors import InputError
-from omnitrack_sim.pool import LocalPool
+from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.base.pool import LocalPool
 from omnitrack_sim.record.channels import CHANNELS, Vector
-from omnitrack_sim.sensing import State
-from omnitrack_sim.sweep.spec import resolve
+from omnitrack_sim.senses import State
+from omnitrack_sim.trials.sweep.spec import resolve
 
 POWER = ot.Sensor(
     ot.Channel("belt_power", (3,), "W", "mechanical power of each belt", tail_first="swapped"),

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from omnitrack_sim import Outcome, Result, Scenario, load_scenario, override, run, run_batch
-from omnitrack_sim.control.aligner import AlignmentTable
+from omnitrack_sim.robots.omnitrack.control.aligner import AlignmentTable
+from omnitrack_sim.robots.omnitrack.kinematics import turn_from_roll
 from omnitrack_sim.sim.builder import scene_of
-from omnitrack_sim.theory.kinematics import turn_from_roll
 
 G = 9.81
 

@@ -13,14 +13,14 @@ from runs import same_record
 from samples import two_legs_result
 
 import omnitrack_sim as ot
-from omnitrack_sim.film.inset import Inset
-from omnitrack_sim.film.render import render_frames
-from omnitrack_sim.film.seen import ROOM, levels, palette
-from omnitrack_sim.film.workers import painted
+from omnitrack_sim.base.writing import whole_folder
 from omnitrack_sim.record.estimates import ESTIMATES
 from omnitrack_sim.record.trajectory import RECORDED
-from omnitrack_sim.sim.pictures import PICTURES_FILE, Album, Coding
-from omnitrack_sim.writing import whole_folder
+from omnitrack_sim.results.pictures import PICTURES_FILE, Album, Coding
+from omnitrack_sim.show.film.inset import Inset
+from omnitrack_sim.show.film.render import render_frames
+from omnitrack_sim.show.film.seen import ROOM, levels, palette
+from omnitrack_sim.show.film.workers import painted
 
 pytest.importorskip("numba")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from omnitrack_sim.errors import GeometryError
+from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.pipes import BORE_TOLERANCE, Elbow, Reducer, Step, Straight, Tee, route
 
 REDUCERS = {

@@ -10,13 +10,16 @@ import numpy as np
 import pytest
 
 from omnitrack_sim import load_network, shortest_route
-from omnitrack_sim.errors import GeometryError
-from omnitrack_sim.network import Leg, Mission, Network, Planner, validate
+from omnitrack_sim.autonomy.goals import Mission
+from omnitrack_sim.autonomy.mission import Planner
+from omnitrack_sim.base.errors import GeometryError
+from omnitrack_sim.base.rotations import Pose, rotation_about
 from omnitrack_sim.pipes import Assembly, Elbow, Part, Step, Straight, route
 from omnitrack_sim.pipes.centreline import SEARCH
+from omnitrack_sim.pipes.network import Network, validate
+from omnitrack_sim.pipes.planning import Leg
 from omnitrack_sim.record.events import GaveUp, TakenForClosed
-from omnitrack_sim.robot import Robot
-from omnitrack_sim.rotations import Pose, rotation_about
+from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.scenario import validate as validate_scenario
 from omnitrack_sim.sim.legs import Legs
 

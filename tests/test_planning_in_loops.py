@@ -6,11 +6,13 @@ import random
 import networkx
 import pytest
 
-from omnitrack_sim.network import Leg, Mission, Network, Planner, validate
-from omnitrack_sim.network import ways as planning
-from omnitrack_sim.network.planning import route_of, shortest_way
-from omnitrack_sim.network.to_go import ToGo
-from omnitrack_sim.robot import Robot
+from omnitrack_sim.autonomy import ways as planning
+from omnitrack_sim.autonomy.goals import Mission
+from omnitrack_sim.autonomy.mission import Planner
+from omnitrack_sim.autonomy.to_go import ToGo
+from omnitrack_sim.pipes.network import Network, validate
+from omnitrack_sim.pipes.planning import Leg, route_of, shortest_way
+from omnitrack_sim.robots.omnitrack import Robot
 
 RAILS = (0.5, 0.7, 0.43, 0.61, 0.57)
 """Lengths of the straights between the rungs of the ladder, m."""

@@ -11,8 +11,8 @@ from policy_samples import driver, random_policy
 from runs import COLLIDER, same_result, there_and_back
 
 import omnitrack_sim as ot
-from omnitrack_sim.control.policy import RESIDUAL
-from omnitrack_sim.pool import LocalPool
+from omnitrack_sim.base.pool import LocalPool
+from omnitrack_sim.robots.omnitrack.policy import RESIDUAL
 
 TEE = """
 [[pipes]]

@@ -10,8 +10,8 @@ import pytest
 from runs import COLLIDER, there_and_back
 
 import omnitrack_sim as ot
-from omnitrack_sim.control import JacobianController
-from omnitrack_sim.control.policy import (
+from omnitrack_sim.robots.omnitrack.control import JacobianController
+from omnitrack_sim.robots.omnitrack.policy import (
     ACTIONS,
     DIRECT,
     FEATURE_SETS,

@@ -14,9 +14,10 @@ import pytest
 from policy_samples import random_network, random_policy
 
 import omnitrack_sim as ot
-from omnitrack_sim.bounds import MOST_POLICY_BYTES
+from omnitrack_sim.base.bounds import MOST_POLICY_BYTES
+from omnitrack_sim.base.writing import npz_of
 from omnitrack_sim.cli import main
-from omnitrack_sim.control.policy import (
+from omnitrack_sim.robots.omnitrack.policy import (
     FEATURE_SETS,
     FEATURES,
     RESIDUAL,
@@ -26,7 +27,6 @@ from omnitrack_sim.control.policy import (
     entry_names,
     named_features,
 )
-from omnitrack_sim.writing import npz_of
 
 
 @pytest.fixture

@@ -13,8 +13,8 @@ from gymnasium.utils.env_checker import check_env
 from scipy.stats import qmc
 
 import omnitrack_sim as ot
-from omnitrack_sim.robot import Robot
-from omnitrack_sim.theory.kinematics import elbow_speeds, wall_per_belt
+from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack.kinematics import elbow_speeds, wall_per_belt
 
 MODELS = Path(__file__).parents[1] / "models"
 PAGE = (MODELS.parent / "docs" / "physics.md").read_text(encoding="utf-8")

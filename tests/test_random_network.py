@@ -7,9 +7,9 @@ import tomllib
 
 import pytest
 
-from omnitrack_sim.errors import NetworkError
-from omnitrack_sim.network import random_network, validate
-from omnitrack_sim.network.random import CLEARANCE
+from omnitrack_sim.base.errors import NetworkError
+from omnitrack_sim.pipes.network import validate
+from omnitrack_sim.pipes.random import CLEARANCE, random_network
 
 
 @pytest.mark.parametrize("block", range(5))

@@ -9,12 +9,12 @@ import pytest
 from bulge import Bulge
 
 import omnitrack_sim as ot
+from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Part, Reducer, Straight, Tee
 from omnitrack_sim.pipes.fittings.wye import Wye
-from omnitrack_sim.rotations import Pose
 
 pytest.importorskip("numba")
-from omnitrack_sim.model.rays import RayWalls
+from omnitrack_sim.walls.rays import RayWalls
 
 AHEAD, SIDE = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
 ONE = np.zeros(1, int)

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 pytest.importorskip("numba")
-from omnitrack_sim.model.rays import RayWalls
+from omnitrack_sim.autonomy.recognition import Motion, Recogniser
+from omnitrack_sim.autonomy.recognition.poses import STILL, cameras
+from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Elbow, Part, Reducer, Straight, Tee, attached
 from omnitrack_sim.pipes.fittings.wye import Wye
-from omnitrack_sim.rotations import Pose
-from omnitrack_sim.sensing.depth import DepthCamera, DepthTable
-from omnitrack_sim.sensing.draws import keys
-from omnitrack_sim.sensing.headlight import HeadlightCamera, HeadlightTable
-from omnitrack_sim.sensing.optics import rays_of
-from omnitrack_sim.sensing.recognition import Motion, Recogniser
-from omnitrack_sim.sensing.recognition.poses import STILL, cameras
+from omnitrack_sim.senses.depth import DepthCamera, DepthTable
+from omnitrack_sim.senses.draws import keys
+from omnitrack_sim.senses.headlight import HeadlightCamera, HeadlightTable
+from omnitrack_sim.senses.optics import rays_of
+from omnitrack_sim.walls.rays import RayWalls
 
 CAMERAS = {
     "depth": DepthCamera(DepthTable()),

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from film_samples import SIZE, elbow_result
 
-from omnitrack_sim.errors import InputError, OutputError
-from omnitrack_sim.film.render import render_frame, render_frames, render_video
-from omnitrack_sim.film.stage import Stage
-from omnitrack_sim.film.strip import FRAMES, render_strip, strip_times
+from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.show.film.render import render_frame, render_frames, render_video
+from omnitrack_sim.show.film.stage import Stage
+from omnitrack_sim.show.film.strip import FRAMES, render_strip, strip_times
 
 
 @pytest.fixture(scope="module")

@@ -16,17 +16,17 @@ from samples import sample_result, sample_trajectory, two_legs_result
 from test_cli import omnitrack
 
 from omnitrack_sim import override, write_replay
-from omnitrack_sim.errors import InputError, OutputError, RenderError
+from omnitrack_sim.base.errors import InputError, OutputError, RenderError
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
-from omnitrack_sim.replay.curves import arrow_scales
-from omnitrack_sim.replay.heading import differences
-from omnitrack_sim.replay.packing import STEPS, Pack
-from omnitrack_sim.replay.page import LIBRARY
-from omnitrack_sim.replay.solids import NORMAL_STEPS, creased
-from omnitrack_sim.replay.write import replay_data
+from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.sim.provenance import provenance_of
+from omnitrack_sim.show.replay.curves import arrow_scales
+from omnitrack_sim.show.replay.heading import differences
+from omnitrack_sim.show.replay.packing import STEPS, Pack
+from omnitrack_sim.show.replay.page import LIBRARY
+from omnitrack_sim.show.replay.solids import NORMAL_STEPS, creased
+from omnitrack_sim.show.replay.write import replay_data
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ from pages import TOLERANCE, needs_browser, opened, picture
 from runs import COLLIDER
 
 from omnitrack_sim import Result, load_scenario, override, run, write_replay
-from omnitrack_sim.film.poses import smooth_belts
-from omnitrack_sim.model.looks import look_pitch
+from omnitrack_sim.robots.omnitrack.looks import look_pitch
+from omnitrack_sim.show.film.poses import smooth_belts
 from omnitrack_sim.sim.builder import scene_of
 
 pytestmark = needs_browser

@@ -13,9 +13,9 @@ from PIL import Image
 from runs import there_and_back
 
 import omnitrack_sim as ot
-from omnitrack_sim.film.seen import levels, palette
-from omnitrack_sim.replay.seen import COLUMNS, EVERY
-from omnitrack_sim.replay.write import replay_data
+from omnitrack_sim.show.film.seen import levels, palette
+from omnitrack_sim.show.replay.seen import COLUMNS, EVERY
+from omnitrack_sim.show.replay.write import replay_data
 
 pytest.importorskip("numba")
 

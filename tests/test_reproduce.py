@@ -9,21 +9,17 @@ from claim_samples import sample_claim
 from samples import sample_result
 
 from omnitrack_sim import Outcome, override
-from omnitrack_sim.errors import OutputError
-from omnitrack_sim.plots import plot_singularity
-from omnitrack_sim.plots.style import PictureWarning
-from omnitrack_sim.reproduce import Verdict, command, driving, readings, tees, theory
-from omnitrack_sim.reproduce.command import _at, _by_friction
-from omnitrack_sim.reproduce.report import Picture, Strip, page
-from omnitrack_sim.reproduce.runs import (
-    GRAVITIES,
-    least_preload,
-    random_tee_turns,
-    run_all,
-    scenarios,
-)
-from omnitrack_sim.robot import Robot
-from omnitrack_sim.theory.singularity import TurnCase
+from omnitrack_sim.base.errors import OutputError
+from omnitrack_sim.paper import command, driving, readings, tees
+from omnitrack_sim.paper import formulas as theory
+from omnitrack_sim.paper.claim import Verdict
+from omnitrack_sim.paper.command import _at, _by_friction
+from omnitrack_sim.paper.plots.singularity import plot_singularity
+from omnitrack_sim.paper.report import Picture, Strip, page
+from omnitrack_sim.paper.runs import GRAVITIES, least_preload, random_tee_turns, run_all, scenarios
+from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack.singularity import TurnCase
+from omnitrack_sim.show.plots.style import PictureWarning
 
 CLAIM = sample_claim(Verdict.HOLDS, paper='says <b> & "c"')
 

@@ -11,12 +11,12 @@ import pyarrow.parquet as pq
 import pytest
 from samples import sample_result, sample_trajectory
 
-from omnitrack_sim.errors import OutputError
+from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.record.trajectory import RECORDED
+from omnitrack_sim.results import files
+from omnitrack_sim.results.loading import load_result
 from omnitrack_sim.scenario import override
-from omnitrack_sim.sim import files
-from omnitrack_sim.sim.loading import load_result
 
 FILES = {"scenario.json", "result.json", "timeline.csv", "trajectory.parquet", "replay.npz"}
 READ = FILES - {"timeline.csv"}

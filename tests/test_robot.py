@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from omnitrack_sim.robot import Motor, Robot
+from omnitrack_sim.robots.omnitrack import Motor, Robot
 
 
 def test_every_parameter_has_a_unit_and_a_provenance():

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.model.robot import add_robot, lug_pitch
-from omnitrack_sim.model.spec import new_spec
-from omnitrack_sim.robot import Robot
+from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack.body import add_robot, lug_pitch
 from omnitrack_sim.scenario import validate
+from omnitrack_sim.walls.spec import new_spec
 
 ROBOT = Robot()
 

@@ -6,12 +6,12 @@ import pytest
 from random_robots import random_robots, standing
 
 import omnitrack_sim as ot
-from omnitrack_sim.errors import ScenarioError
-from omnitrack_sim.model.collider import why_not
-from omnitrack_sim.robot.quantity import quantity_of
-from omnitrack_sim.robot.similarity import SCALES
+from omnitrack_sim.base.errors import ScenarioError
+from omnitrack_sim.robots.omnitrack.quantity import quantity_of
+from omnitrack_sim.robots.omnitrack.similarity import SCALES
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim.run import no_load_slips
+from omnitrack_sim.walls.collider import why_not
 
 COLLIDERS = ["primitives"] + (["exact"] if why_not() is None else [])
 

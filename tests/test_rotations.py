@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from omnitrack_sim.rotations import (
+from omnitrack_sim.base.rotations import (
     Pose,
     direction_of,
     frame_along,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.model.collider import why_not
-from omnitrack_sim.robot.quantity import quantity_of
-from omnitrack_sim.robot.similarity import froude_exponent, similar
+from omnitrack_sim.robots.omnitrack.quantity import quantity_of
+from omnitrack_sim.robots.omnitrack.similarity import froude_exponent, similar
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim.builder import scene_of
+from omnitrack_sim.walls.collider import why_not
 
 SCALES = (0.625, 1.875)
 """For pipes of 100 and 300 mm."""

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from omnitrack_sim.errors import ScenarioError
+from omnitrack_sim.base.errors import ScenarioError
+from omnitrack_sim.base.shipped import shipped_scenarios
 from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
-from omnitrack_sim.schema.shipped import shipped_scenarios
 from omnitrack_sim.sim.builder import batch_key
 
 PIPES = [{"kind": "straight", "length": 0.5}]

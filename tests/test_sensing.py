@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.rotations import turned_by
-from omnitrack_sim.sensing.depth import DepthCamera, DepthTable
-from omnitrack_sim.sensing.draws import keys, normal, uniform
-from omnitrack_sim.sensing.headlight import HeadlightCamera, HeadlightTable
-from omnitrack_sim.sensing.optics import OpticsTable, rays_of
+from omnitrack_sim.base.rotations import turned_by
+from omnitrack_sim.senses.depth import DepthCamera, DepthTable
+from omnitrack_sim.senses.draws import keys, normal, uniform
+from omnitrack_sim.senses.headlight import HeadlightCamera, HeadlightTable
+from omnitrack_sim.senses.optics import OpticsTable, rays_of
 
 pytest.importorskip("numba")
-from omnitrack_sim.model.rays import RayWalls
+from omnitrack_sim.walls.rays import RayWalls
 
 ONE = np.zeros(1, int)
 

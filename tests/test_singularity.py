@@ -5,8 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from omnitrack_sim.errors import InputError
-from omnitrack_sim.theory.singularity import (
+from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.robots.omnitrack.singularity import (
     DEFINITIONS,
     PAPER_SECTOR,
     best_theta5,

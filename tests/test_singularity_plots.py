@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from omnitrack_sim.errors import InputError
-from omnitrack_sim.plots import FIGURES, plot_singularity
-from omnitrack_sim.plots.singularity import SECTOR_COLOUR
-from omnitrack_sim.theory.singularity import TurnCase, mitre_ellipse
+from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.paper.plots.singularity import FIGURES, SECTOR_COLOUR, plot_singularity
+from omnitrack_sim.robots.omnitrack.singularity import TurnCase, mitre_ellipse
 
 CASE = TurnCase()
 

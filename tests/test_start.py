@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from omnitrack_sim import Outcome, load_scenario, override, run, run_batch
-from omnitrack_sim.model.collider import why_not
 from omnitrack_sim.sim.builder import scene_of, start_qpos
+from omnitrack_sim.walls.collider import why_not
 
 EXACT = pytest.param(
     "exact",

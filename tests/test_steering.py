@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.theory.steering import SteeringLoop
+from omnitrack_sim.paper.steering import SteeringLoop
 
 STEERING = {"rate_gain": 5.0, "rate_filter": 0.005, "period": 0.01, "heading_gain": 5.2}
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from omnitrack_sim.optimise.search import front_of
-from omnitrack_sim.plots.study import Scale, Tried, study_figure
-from omnitrack_sim.plots.style import save_figure
+from omnitrack_sim.show.plots.study import Scale, Tried, study_figure
+from omnitrack_sim.show.plots.style import save_figure
+from omnitrack_sim.trials.optimise.search import front_of
 
 
 def _tried(objectives: int, count: int = 60) -> Tried:

@@ -16,11 +16,11 @@ from omnitrack_sim import OutputError, StudyError, load_scenario, load_study, ov
 from omnitrack_sim.cli import app
 from omnitrack_sim.cli.common import with_changes
 from omnitrack_sim.cli.optimise import _print_result
-from omnitrack_sim.optimise import picture
-from omnitrack_sim.optimise import run as study_run
-from omnitrack_sim.optimise.explore import Measured, explore
-from omnitrack_sim.plots.style import PictureWarning
-from omnitrack_sim.sweep import dispatch
+from omnitrack_sim.show.plots.style import PictureWarning
+from omnitrack_sim.trials.optimise import picture
+from omnitrack_sim.trials.optimise import run as study_run
+from omnitrack_sim.trials.optimise.explore import Measured, explore
+from omnitrack_sim.trials.sweep import dispatch
 
 FILES = {
     "study.json",

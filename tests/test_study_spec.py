@@ -8,12 +8,12 @@ import pytest
 from study_samples import small_study, study_data
 
 from omnitrack_sim import StudyError, load_study, override, shipped_studies
-from omnitrack_sim.optimise import checks
-from omnitrack_sim.optimise.explore import Candidate
-from omnitrack_sim.optimise.measure import Measure
-from omnitrack_sim.optimise.spec import Study, resolve
-from omnitrack_sim.optimise.tables import Objective, Variable
-from omnitrack_sim.optimise.trials import batches_of
+from omnitrack_sim.trials.optimise import checks
+from omnitrack_sim.trials.optimise.explore import Candidate
+from omnitrack_sim.trials.optimise.measure import Measure
+from omnitrack_sim.trials.optimise.spec import Study, resolve
+from omnitrack_sim.trials.optimise.tables import Objective, Variable
+from omnitrack_sim.trials.optimise.trials import batches_of
 
 SPEED, PRELOAD = study_data()["variables"]
 DISTANCE, TORQUE = study_data()["objectives"]

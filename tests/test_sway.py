@@ -7,9 +7,9 @@ import pytest
 from test_control_laws import PERIOD, Bench, scenario_of
 
 import omnitrack_sim as ot
-from omnitrack_sim.control.sway import JUDGED, LEAST_TURN, PROGRESS, SHAPE, Sway
-from omnitrack_sim.rotations import cross, rotation_about
-from omnitrack_sim.theory.kinematics import module_speeds
+from omnitrack_sim.base.rotations import cross, rotation_about
+from omnitrack_sim.robots.omnitrack.control.sway import JUDGED, LEAST_TURN, PROGRESS, SHAPE, Sway
+from omnitrack_sim.robots.omnitrack.kinematics import module_speeds
 
 RATE = 1.5
 """rad/s, by which belts turn the robots here."""

@@ -11,8 +11,8 @@ import pytest
 from sweep_samples import small_sweep
 
 from omnitrack_sim import OutputError, run_sweep
-from omnitrack_sim.plots.style import PictureWarning
-from omnitrack_sim.sweep import dispatch, engine
+from omnitrack_sim.show.plots.style import PictureWarning
+from omnitrack_sim.trials.sweep import dispatch, engine
 
 FILES = ("trials.parquet", "trials.csv", "summary.json", "success_map.png", "sweep.json")
 

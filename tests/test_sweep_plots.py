@@ -10,14 +10,14 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 import omnitrack_sim as ot
-from omnitrack_sim.errors import InputError
-from omnitrack_sim.plots.manoeuvres import SINGULAR_COLOUR
-from omnitrack_sim.plots.style import save_figure
-from omnitrack_sim.plots.sweep import THETA5, Spread, sweep_figure
-from omnitrack_sim.sweep import load_sweep
-from omnitrack_sim.sweep.picture import CLASSES, draw_map, spreads, turn_case
-from omnitrack_sim.sweep.spec import resolve
-from omnitrack_sim.theory.singularity import TurnCase
+from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.robots.omnitrack.singularity import TurnCase
+from omnitrack_sim.show.plots.style import save_figure
+from omnitrack_sim.show.plots.success import SINGULAR_COLOUR
+from omnitrack_sim.show.plots.sweep import THETA5, Spread, sweep_figure
+from omnitrack_sim.trials.sweep import load_sweep
+from omnitrack_sim.trials.sweep.picture import CLASSES, draw_map, spreads, turn_case
+from omnitrack_sim.trials.sweep.spec import resolve
 
 RNG = np.random.default_rng(0)
 N = 400

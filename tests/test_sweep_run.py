@@ -21,15 +21,16 @@ from sweep_samples import (
     small_sweep,
 )
 
-from omnitrack_sim import OutputError, SweepError, run, run_sweep, writing
+from omnitrack_sim import OutputError, SweepError, run, run_sweep
+from omnitrack_sim.base import writing
+from omnitrack_sim.base.writing import whole_file
 from omnitrack_sim.record.events import BackedOff, FellOff
 from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.sim.run import run_batch
-from omnitrack_sim.sweep import batch, dispatch
-from omnitrack_sim.sweep.summary import summarise_sweep
-from omnitrack_sim.sweep.table import metric_columns, to_parquet
-from omnitrack_sim.writing import whole_file
+from omnitrack_sim.trials.sweep import batch, dispatch
+from omnitrack_sim.trials.sweep.summary import summarise_sweep
+from omnitrack_sim.trials.sweep.table import metric_columns, to_parquet
 
 ALL = {*FILES, "parts"}
 

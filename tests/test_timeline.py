@@ -22,7 +22,8 @@ from omnitrack_sim.pipes import Elbow, Route, Step, Straight, route
 from omnitrack_sim.record.metrics import summarise
 from omnitrack_sim.record.timeline import Visit, passage_indices, timeline
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.sim.loading import load_result
+from omnitrack_sim.results.loading import load_result
+from omnitrack_sim.robots.omnitrack.drive import DRIVES
 
 WAY = np.arange(0.1, 1.2, 0.002)
 
@@ -68,7 +69,11 @@ def test_durations_energy_and_slip_add_up_to_the_run(bend):
     trajectory = record(bend, motor_torque=wave, slip_velocity=0.01 * wave)
     rows = visits(trajectory, bend)
     whole = summarise(
-        trajectory, no_load_slip=0.0, lug_radius=LUG_RADIUS, torque_limit=TORQUE_LIMIT
+        trajectory,
+        no_load_slip=0.0,
+        lug_radius=LUG_RADIUS,
+        torque_limit=TORQUE_LIMIT,
+        drive=DRIVES["three_motors"],
     )
     assert sum(row.duration_s for row in rows) == pytest.approx(trajectory.time[-1])
     assert sum(row.energy_j for row in rows) == pytest.approx(whole["energy_j"])

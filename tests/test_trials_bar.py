@@ -14,10 +14,10 @@ from rich.progress import Progress
 from typer.testing import CliRunner
 
 from omnitrack_sim import load_sweep, plot_sweep
+from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.cli import app, lines, optimise, trials
 from omnitrack_sim.cli.common import Screen, progress
 from omnitrack_sim.cli.trials import trials_bar
-from omnitrack_sim.errors import InputError
 
 
 def _status(done, found=0, lost=0, total=10):

@@ -9,9 +9,9 @@ from samples import sample_result
 from typer.testing import CliRunner
 
 from omnitrack_sim.cli import app
-from omnitrack_sim.reproduce import Verdict, theory
-from omnitrack_sim.reproduce.claim import Sample, judged, tally
-from omnitrack_sim.reproduce.report import Picture, page
+from omnitrack_sim.paper import formulas as theory
+from omnitrack_sim.paper.claim import Sample, Verdict, judged, tally
+from omnitrack_sim.paper.report import Picture, page
 
 HOLDS, CONTRADICTION, FAILS, STUDY = Verdict
 
@@ -90,7 +90,7 @@ def test_the_quick_form_changes_only_what_its_runs_decide(sample, changed):
 
 def _printed(claims, monkeypatch, *options):
     """Exit status, output and messages of the command where these claims come out."""
-    monkeypatch.setattr("omnitrack_sim.reproduce.reproduce", lambda *_, **__: claims)
+    monkeypatch.setattr("omnitrack_sim.paper.reproduce", lambda *_, **__: claims)
     done = CliRunner().invoke(app, ["reproduce", *options])
     return done.exit_code, done.stdout, done.stderr.strip()
 

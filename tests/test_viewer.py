@@ -14,12 +14,12 @@ from runs import COLLIDER, rolling_tee, same_result
 from screens import at_window, needs_screen, screen
 
 import omnitrack_sim as ot
-from omnitrack_sim.model.looks import add_pipe_insides
+from omnitrack_sim.robots.omnitrack.looks import add_pipe_insides
+from omnitrack_sim.show.viewer.figures import covers_robot, region_of
+from omnitrack_sim.show.viewer.keys import DRIVE, help_lines
+from omnitrack_sim.show.viewer.pace import FRAME, LATE_FRAME, MOST_OVERDUE, Pace
+from omnitrack_sim.show.viewer.stages import LiveStage, ReplayStage
 from omnitrack_sim.sim.builder import scene_of
-from omnitrack_sim.viewer.figures import covers_robot, region_of
-from omnitrack_sim.viewer.keys import DRIVE, help_lines
-from omnitrack_sim.viewer.pace import FRAME, LATE_FRAME, MOST_OVERDUE, Pace
-from omnitrack_sim.viewer.stages import LiveStage, ReplayStage
 
 SAVED = ("result.json", "scenario.json", "timeline.csv", "trajectory.parquet", "replay.npz")
 
@@ -240,8 +240,8 @@ def test_screen_that_is_none_and_missing_library_are_told(monkeypatch):
     done = command("view", "straight", DISPLAY=":987")
     assert done.returncode == 2, done.stderr
     assert "':987'" in done.stderr
-    from omnitrack_sim.errors import RenderError
-    from omnitrack_sim.viewer.window import require_screen
+    from omnitrack_sim.base.errors import RenderError
+    from omnitrack_sim.show.viewer.window import require_screen
 
     monkeypatch.setenv("DISPLAY", ":987")
     monkeypatch.setitem(sys.modules, "glfw", None)

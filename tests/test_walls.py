@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from omnitrack_sim.model.spec import new_spec
-from omnitrack_sim.model.walls import add_walls
+from omnitrack_sim.base.rotations import Pose, unit
 from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, Tee, route
 from omnitrack_sim.pipes.pieces import stave_count
-from omnitrack_sim.rotations import Pose, unit
+from omnitrack_sim.walls.primitives import add_walls
+from omnitrack_sim.walls.spec import new_spec
 
 FITTINGS = {
     "straight": Straight(0.4),

@@ -11,9 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from omnitrack_sim import writing
-from omnitrack_sim.errors import OutputError
-from omnitrack_sim.writing import check_file, check_folder, whole_file, whole_folder, write_files
+from omnitrack_sim.base import writing
+from omnitrack_sim.base.errors import OutputError
+from omnitrack_sim.base.writing import (
+    check_file,
+    check_folder,
+    whole_file,
+    whole_folder,
+    write_files,
+)
 
 MARK = "mark"
 KILLED = """

@@ -14,12 +14,12 @@ from bullet_walls import LUG_GROUP, WALL_GROUP, BulletSettings, add_wall
 from numpy.typing import NDArray
 
 from omnitrack_sim import Scenario
-from omnitrack_sim.model.robot import FREE_SPRING_LENGTH, lug_pitch, lug_places
-from omnitrack_sim.rotations import Array, cross, dot, matrix_from_quaternion
-from omnitrack_sim.sensing.truth import AT_REST
+from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion
+from omnitrack_sim.robots.omnitrack.body import FREE_SPRING_LENGTH, lug_pitch, lug_places
+from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
+from omnitrack_sim.senses.truth import AT_REST
 from omnitrack_sim.sim.plant import BOTH_TRACKS_COSINE, NUMBERS, Plant, Start
 from omnitrack_sim.sim.simulation import MakePlant
-from omnitrack_sim.theory.kinematics import belt_sign
 
 JOINTS_PER_MODULE = 5
 SLIDE, PITCH, ROLL, UPPER, LOWER = range(JOINTS_PER_MODULE)

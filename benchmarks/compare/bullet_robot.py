@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from omnitrack_sim.model.robot import lug_places
 from omnitrack_sim.record.channels import TRACKS
-from omnitrack_sim.robot import MODULE_ANGLES, Robot
+from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
+from omnitrack_sim.robots.omnitrack.body import lug_places
 from omnitrack_sim.sim.plant import NUMBERS
 
 SLIDER_MASS = 1e-3
@@ -50,7 +50,7 @@ def _joint(
 
 
 def robot_urdf(robot: Robot) -> str:
-    """The robot as URDF text, frames and signs as in ``omnitrack_sim.model.robot``."""
+    """The robot as URDF text, frames and signs as in ``omnitrack_sim.robots.omnitrack.body``."""
     chassis = _cylinder(robot.chassis_mass, robot.chassis_radius, robot.chassis_length)
     slider_body = _cylinder(SLIDER_MASS, robot.arm_radius, robot.shaft_spacing)
     arm_body = _cylinder(robot.arm_mass - SLIDER_MASS, robot.arm_radius, robot.shaft_spacing)

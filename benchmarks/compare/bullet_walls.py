@@ -13,9 +13,9 @@ import pybullet as bullet
 import trimesh
 
 from omnitrack_sim import Scenario
-from omnitrack_sim.model.meshes import fitting_mesh
+from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.pipes import Assembly, Fitting, Part
-from omnitrack_sim.rotations import Array, Pose
+from omnitrack_sim.walls.meshes import fitting_mesh
 
 LUG_GROUP, WALL_GROUP = 1, 2
 """Collision groups: lugs touch walls and nothing else."""

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.base.rotations import Array
 
 
 class DecompositionError(RuntimeError):

@@ -15,16 +15,16 @@ import numpy as np
 from peer_walls import MeshSettings, convex_walls, flex_walls, sdf_walls
 
 from omnitrack_sim import override
-from omnitrack_sim.model.collider import line_record, why_not
-from omnitrack_sim.model.robot import LUG_CONAFFINITY, LUG_CONTYPE, add_robot, lug_pitch
-from omnitrack_sim.model.spec import new_spec
-from omnitrack_sim.model.walls import add_exact_walls, add_walls
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly, Part
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.robots.omnitrack.body import LUG_CONAFFINITY, LUG_CONTYPE, add_robot, lug_pitch
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.builder import scene_of
 from omnitrack_sim.sim.plant import Plant
 from omnitrack_sim.sim.simulation import MakePlant
+from omnitrack_sim.walls.collider import line_record, why_not
+from omnitrack_sim.walls.primitives import add_exact_walls, add_walls
+from omnitrack_sim.walls.spec import new_spec
 
 OWN = ("primitives", "exact")
 TITLES = {

@@ -10,7 +10,7 @@ import numpy as np
 from entries import Built, Entry
 
 from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.robot import MODULES
+from omnitrack_sim.robots.omnitrack import MODULES
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.shares import Shares, timed
 from omnitrack_sim.sim.simulation import Simulation

@@ -109,7 +109,7 @@ def _try_sweep(file: File, path: Path, number: int, desk: Desk) -> None:
 
 def _try_network(file: File, path: Path, number: int, desk: Desk) -> None:
     from omnitrack_sim import InputError, load_network
-    from omnitrack_sim.network import validate
+    from omnitrack_sim.pipes.network import validate
 
     network, error = desk.attempt("load_network", READING, lambda: load_network(path), InputError)
     desk.command(["network", file.name], READING, (2,) if error else (0,))

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from omnitrack_sim import Scenario
-    from omnitrack_sim.reproduce.runs import Runs
+    from omnitrack_sim.paper.runs import Runs
 
 CHANGES = {
     *("os.rename", "os.mkdir", "os.rmdir", "os.remove", "os.link", "os.symlink", "os.chmod"),
@@ -82,7 +82,7 @@ def _below(path: Any, folder: str) -> bool:
 def _remember(folder: Path) -> None:
     """Have ``reproduce`` take its runs from a folder, which the first start writes."""
     from omnitrack_sim import load_result
-    from omnitrack_sim.reproduce import command
+    from omnitrack_sim.paper import command
 
     simulate = command.run_all
 

@@ -12,7 +12,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecNormalize
 
-from omnitrack_sim.writing import write_file
+from omnitrack_sim.base.writing import write_file
 
 
 def save(path: Path, model: PPO, normalise: VecNormalize, progress: dict[str, Any]) -> None:

@@ -13,7 +13,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-from omnitrack_sim.writing import write_file
+from omnitrack_sim.base.writing import write_file
 
 COLUMNS = (
     "minutes",

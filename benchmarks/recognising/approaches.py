@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnitrack_sim.model.rays import RayWalls
+from omnitrack_sim.autonomy.recognition import Motion, Sighting
+from omnitrack_sim.autonomy.recognition.poses import STILL, cameras
+from omnitrack_sim.base.rotations import Array, Pose, rotation_about
 from omnitrack_sim.pipes import Elbow, Fitting, Part, Reducer, Straight, Tee, attached
 from omnitrack_sim.pipes.fittings.wye import Wye
-from omnitrack_sim.rotations import Array, Pose, rotation_about
-from omnitrack_sim.sensing.draws import keys
-from omnitrack_sim.sensing.optics import Camera, rays_of
-from omnitrack_sim.sensing.recognition import Motion, Sighting
-from omnitrack_sim.sensing.recognition.poses import STILL, cameras
+from omnitrack_sim.senses.draws import keys
+from omnitrack_sim.senses.optics import Camera, rays_of
+from omnitrack_sim.walls.rays import RayWalls
 
 BORE = 0.16
 PICTURES, WAY = 5, 0.1

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from omnitrack_sim.autonomy.recognition.sighting import SURE
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.sensing.recognition.sighting import SURE
 from recognising.approaches import CASES, TURNED
 
 

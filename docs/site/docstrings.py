@@ -10,8 +10,8 @@ from pydantic import BaseModel
 from sphinx.application import Sphinx
 from sphinx.domains.python import PyClasslike
 
-from omnitrack_sim.robot.quantity import Quantity
-from omnitrack_sim.table import meanings_of, symbol_of
+from omnitrack_sim.base.table import meanings_of, symbol_of
+from omnitrack_sim.robots.omnitrack.quantity import Quantity
 
 _PAGE = re.compile(r"(?<![`\w/])docs/([\w-]+)\.md")
 _CODE = re.compile(r"(?<!`)`([^`]+)`(?!`)")

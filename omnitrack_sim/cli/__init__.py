@@ -10,6 +10,8 @@ from typing import Annotated, Any
 import typer
 
 import omnitrack_sim
+from omnitrack_sim.base.errors import Fault, InputError, OmnitrackError
+from omnitrack_sim.base.text import clipped
 from omnitrack_sim.cli import (
     bench,
     catalogue,
@@ -27,8 +29,6 @@ from omnitrack_sim.cli import (
     view,
 )
 from omnitrack_sim.cli.common import app, err, plain
-from omnitrack_sim.errors import Fault, InputError, OmnitrackError
-from omnitrack_sim.text import clipped
 
 __all__ = [
     "app",

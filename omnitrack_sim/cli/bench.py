@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.text import counted
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import app, out, plain, print_json
 from omnitrack_sim.cli.trials import DaskOption, WorkersOption, make_workers, trials_bar
-from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.text import counted
 
 if TYPE_CHECKING:
-    from omnitrack_sim.bench import Bench, Task
-    from omnitrack_sim.sweep import Status
+    from omnitrack_sim.trials.bench import Bench, Task
+    from omnitrack_sim.trials.sweep import Status
 
 
 @app.command("bench-control")
@@ -68,7 +68,7 @@ def bench_control(
 ) -> None:
     """Put controllers and policies through the same held-out trials; the same command goes on after
     an interruption."""
-    from omnitrack_sim.bench import Bench, entry_of, run_bench, shipped_entries
+    from omnitrack_sim.trials.bench import Bench, entry_of, run_bench, shipped_entries
 
     asked = [*(entries or shipped_entries()), *(policies or [])]
     bench = Bench(_tasks(tasks), [entry_of(one) for one in asked], quick, trials)
@@ -91,7 +91,7 @@ def bench_control(
 
 
 def _tasks(names: Sequence[str] | None) -> list[Task]:
-    from omnitrack_sim.bench import TASKS
+    from omnitrack_sim.trials.bench import TASKS
 
     for name in names or ():
         if name not in TASKS:
@@ -100,7 +100,7 @@ def _tasks(names: Sequence[str] | None) -> list[Task]:
 
 
 def _print(bench: Bench, rows: Sequence[dict[str, Any]], target: Path) -> None:
-    from omnitrack_sim.bench.figures import MEASURES
+    from omnitrack_sim.trials.bench.figures import MEASURES
 
     named = [
         m.words.replace(" ", "\n") + ("" if m.unit == "1" else f"\n{m.unit}") for m in MEASURES

@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from omnitrack_sim.base.errors import Fault, ScenarioError
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import app, load, out, plain, print_json
-from omnitrack_sim.errors import Fault, ScenarioError
 
 
 @app.command()
@@ -19,7 +19,7 @@ def scenarios(
 ) -> None:
     """List the scenarios, sweeps, studies and networks of the package; `omnitrack run`, `sweep`,
     `optimise` and `network NAME` find them."""
-    from omnitrack_sim.schema.shipped import (
+    from omnitrack_sim.base.shipped import (
         shipped_networks,
         shipped_scenarios,
         shipped_studies,
@@ -61,7 +61,7 @@ def parameters(
     as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
 ) -> None:
     """The robot's parameters with unit, range, provenance and source."""
-    from omnitrack_sim.robot import Robot
+    from omnitrack_sim.robots.omnitrack import Robot
 
     robot = load(scenario, None).robot if scenario else Robot()
     rows = robot.parameters()
@@ -87,7 +87,7 @@ def models(
     root: Annotated[Path, typer.Option(help="Folder that holds models/ and assets/.")] = Path(),
 ) -> None:
     """Check or write the published MJCF models and meshes."""
-    from omnitrack_sim.model.export import check_models, write_models
+    from omnitrack_sim.robots.omnitrack.published import check_models, write_models
 
     if check == write:
         raise ScenarioError(

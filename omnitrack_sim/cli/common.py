@@ -15,10 +15,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 from typer.core import TyperGroup
 
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.text import printable, strict_json
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.lines import Lines, time_left
-from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.text import printable, strict_json
 
 if TYPE_CHECKING:
     from omnitrack_sim.scenario import Scenario
@@ -143,7 +143,7 @@ def settings_of(text: str) -> dict[str, Any]:
 
 def _settings_in(file: Path, where: str) -> dict[str, Any]:
     """The values in a file by path, such as a study's ``best.toml``: ``"a.b" = 1``, or tables."""
-    from omnitrack_sim.schema.files import is_file, table_of
+    from omnitrack_sim.base.files import is_file, table_of
 
     if not is_file(file):
         raise InputError(Fault(where, "cannot be read: there is no such file"))
@@ -164,7 +164,7 @@ def _leaves(table: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any]]:
 
 def assignment(text: str) -> tuple[str, Any]:
     """Path and value of PATH=VALUE. The value is read as in TOML, a bare word as a string."""
-    from omnitrack_sim.schema.files import parsed
+    from omnitrack_sim.base.files import parsed
 
     path, equals, value = (part.strip() for part in text.partition("="))
     if not equals or not path:

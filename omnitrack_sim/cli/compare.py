@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
+from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.cli.common import app, out, plain, print_json
-from omnitrack_sim.errors import Fault, InputError
 
 if TYPE_CHECKING:
-    from omnitrack_sim.sim.comparison import Comparison
+    from omnitrack_sim.results.comparison import Comparison
 
 TABLE_FILE, FIGURE_FILE = "comparison.json", "comparison.png"
 """What ``--out`` leaves in a folder."""
@@ -38,7 +38,7 @@ def compare(
     ] = False,
 ) -> None:
     """Compare two saved runs: scenarios, outcomes, metrics, and curves in one figure."""
-    from omnitrack_sim.sim.comparison import compare as compare_runs
+    from omnitrack_sim.results.comparison import compare as compare_runs
 
     _check(target)
     found = compare_runs(a, b)
@@ -52,15 +52,15 @@ def compare(
 
 
 def _is_figure(target: Path) -> bool:
-    from omnitrack_sim.plots.style import FORMATS
+    from omnitrack_sim.show.plots.style import FORMATS
 
     return target.suffix[1:].lower() in FORMATS and not target.is_dir()
 
 
 def _check(target: Path | None) -> None:
     """Refuse places that cannot be written, before anything is read."""
-    from omnitrack_sim.plots.style import FORMATS
-    from omnitrack_sim.writing import check_file, check_folder
+    from omnitrack_sim.base.writing import check_file, check_folder
+    from omnitrack_sim.show.plots.style import FORMATS
 
     if target is not None and _is_figure(target):
         check_file(target)
@@ -76,10 +76,10 @@ def _save(found: Comparison, target: Path | None) -> list[Path]:
     """Write what ``--out`` asks for; returns the files written."""
     import io
 
-    from omnitrack_sim.plots.compare import plot_compare
-    from omnitrack_sim.plots.style import save_figure
-    from omnitrack_sim.text import strict_json
-    from omnitrack_sim.writing import write_files
+    from omnitrack_sim.base.text import strict_json
+    from omnitrack_sim.base.writing import write_files
+    from omnitrack_sim.show.plots.compare import plot_compare
+    from omnitrack_sim.show.plots.style import save_figure
 
     if target is None:
         return []
@@ -95,7 +95,7 @@ def _save(found: Comparison, target: Path | None) -> list[Path]:
 
 
 def _print(found: Comparison) -> None:
-    from omnitrack_sim.sim.notebook import figure_row, value_row
+    from omnitrack_sim.results.notebook import figure_row, value_row
 
     for side, run in (("A", found.a), ("B", found.b)):
         colour = "green" if run.success else "yellow"

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnitrack_sim.schema.shipped import (
+from omnitrack_sim.base.shipped import (
     shipped_networks,
     shipped_policies,
     shipped_scenarios,
@@ -50,7 +50,7 @@ def policies(incomplete: str) -> Choices:
 
 def cameras(incomplete: str) -> Choices:
     """The cameras of films."""
-    from omnitrack_sim.film.limits import CAMERAS
+    from omnitrack_sim.show.film.limits import CAMERAS
 
     return [(name, "") for name in CAMERAS if name.startswith(incomplete)]
 
@@ -99,12 +99,12 @@ def _files(incomplete: str, endings: tuple[str, ...] = (".toml", ".json")) -> li
 
 def _paths() -> Iterator[tuple[str, str]]:
     """Dotted path, and unit and meaning, of every value of a scenario."""
-    from omnitrack_sim.control.catalogue import CONTROLLERS, parameters_model
+    from omnitrack_sim.pipes.entries import table_of
     from omnitrack_sim.pipes.fittings import shipped_fittings
-    from omnitrack_sim.robot import Robot
+    from omnitrack_sim.robots.omnitrack import Robot
+    from omnitrack_sim.robots.omnitrack.control.catalogue import controller_of, parameters_model
     from omnitrack_sim.scenario import Scenario
-    from omnitrack_sim.schema.fittings import table_of
-    from omnitrack_sim.schema.tables import Control, Pipe
+    from omnitrack_sim.scenario.tables import Control, Pipe
 
     scenario = Scenario.model_construct()
     for name, table in scenario:
@@ -112,7 +112,7 @@ def _paths() -> Iterator[tuple[str, str]]:
             yield from ((f"robot.{row.name}", row.source) for row in Robot().parameters())
         else:
             yield from _below(name, table)
-    controller = parameters_model(CONTROLLERS[Control().kind])
+    controller = parameters_model(controller_of(Control().kind))
     yield from _below("control.parameters", controller())
     keys = {
         key: meaning
@@ -138,7 +138,7 @@ def _below(path: str, table: Any) -> Iterator[tuple[str, str]]:
 
 def _told(table: type[BaseModel]) -> dict[str, str]:
     """Unit and meaning of the keys of a table."""
-    from omnitrack_sim.table import meanings_of, symbol_of
+    from omnitrack_sim.base.table import meanings_of, symbol_of
 
     return {
         key: ": ".join(filter(None, (symbol_of(table, key), meaning)))

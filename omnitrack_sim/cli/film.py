@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from omnitrack_sim.base.errors import Fault, InputError, ScenarioError
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import app, out, plain, progress
-from omnitrack_sim.errors import Fault, InputError, ScenarioError
 
 if TYPE_CHECKING:
-    from omnitrack_sim.sim.result import Result
+    from omnitrack_sim.results.result import Result
 
 GIF: dict[str, Any] = {"width": 640, "height": 360, "fps": 10}
 """What ``render`` makes of a GIF, which has no such compression as a film."""
@@ -24,7 +24,7 @@ FRAMES_A_PROCESS = 150
 
 def check_camera(camera: str) -> None:
     """Refuse a camera that there is not."""
-    from omnitrack_sim.film.limits import CAMERAS
+    from omnitrack_sim.show.film.limits import CAMERAS
 
     if camera not in CAMERAS:
         raise ScenarioError(Fault("--camera", f"is {camera!r}", CAMERAS, given=camera))
@@ -94,7 +94,7 @@ def render(
     times = None if at is None else _times(at)
     if strip is not None and times is not None and strip != len(times):
         raise InputError(Fault("--strip", f"is {strip}, but --at has {len(times)} times"))
-    from omnitrack_sim.film.strip import FRAMES, render_strip
+    from omnitrack_sim.show.film.strip import FRAMES, render_strip
 
     target = file or run_dir / "strip.png"
     count = FRAMES if strip is None else strip
@@ -110,10 +110,10 @@ def _film(
     fps: int | None,
     processes: int | None,
 ) -> None:
-    from omnitrack_sim.film.encoding import film_format
-    from omnitrack_sim.film.limits import check_request
-    from omnitrack_sim.sim.loading import load_result
-    from omnitrack_sim.writing import check_file
+    from omnitrack_sim.base.writing import check_file
+    from omnitrack_sim.results.loading import load_result
+    from omnitrack_sim.show.film.encoding import film_format
+    from omnitrack_sim.show.film.limits import check_request
 
     target = file or run_dir / f"{camera}.mp4"
     format = film_format(target)
@@ -136,7 +136,7 @@ def filmed(
     **size: Any,
 ) -> None:
     """Film a run, with a progress bar unless ``quiet``, by as many processes as pay if not told."""
-    from omnitrack_sim.film.render import render_video
+    from omnitrack_sim.show.film.render import render_video
 
     if processes is None:
         processes = processes_for(result.duration_s, fps)

@@ -6,7 +6,7 @@ import time
 
 from rich.console import Console
 
-from omnitrack_sim.text import printable
+from omnitrack_sim.base.text import printable
 
 WAIT = 10.0
 """Between two lines at least, and before the first one, s: what is over sooner tells nothing."""

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
+from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import app, out, plain, print_json
-from omnitrack_sim.errors import Fault, NetworkError
 
 if TYPE_CHECKING:
-    from omnitrack_sim.network import Network
-    from omnitrack_sim.network.spec import NetworkFitting
     from omnitrack_sim.pipes import Route
+    from omnitrack_sim.pipes.network import Network, NetworkFitting
 
 
 @app.command()
@@ -75,8 +74,8 @@ def network(
 
 def _check_outputs(to_file: Path | None, plot: Path | None, export: Path | None) -> None:
     """Refuse places that cannot be written, before anything is read or made."""
-    from omnitrack_sim.plots.style import figure_format
-    from omnitrack_sim.writing import check_file, check_folder
+    from omnitrack_sim.base.writing import check_file, check_folder
+    from omnitrack_sim.show.plots.style import figure_format
 
     if plot is not None:
         figure_format(plot)
@@ -88,8 +87,9 @@ def _check_outputs(to_file: Path | None, plot: Path | None, export: Path | None)
 
 
 def _network(source: str | None, seed: int | None, fittings: int | None) -> Network:
-    from omnitrack_sim.network import load_network, random_network
-    from omnitrack_sim.schema.shipped import shipped_networks
+    from omnitrack_sim.base.shipped import shipped_networks
+    from omnitrack_sim.pipes.network import load_network
+    from omnitrack_sim.pipes.random import random_network
 
     if (source is None) == (seed is None):
         raise NetworkError(
@@ -106,7 +106,7 @@ def _asked_route(
     found: Network, start: str | None, goal: str | None, avoid: list[str]
 ) -> Route | None:
     """The route that the options ask for; None where they ask for none."""
-    from omnitrack_sim.network import shortest_route
+    from omnitrack_sim.pipes.planning import shortest_route
 
     if (start is None) != (goal is None):
         raise NetworkError(Fault("--from, --to", "give both or none", found.open_ends))
@@ -129,17 +129,17 @@ def _save(
     export: Path | None,
 ) -> list[Path]:
     """Write what the options ask for; returns the files written."""
-    from omnitrack_sim.writing import write_file
+    from omnitrack_sim.base.writing import write_file
 
     if to_file is not None:
         write_file(to_file, found.to_toml().encode())
     if plot is not None:
-        from omnitrack_sim.plots.network import plot_network
+        from omnitrack_sim.show.plots.network import plot_network
 
         plot_network(found, plot, route)
     written = [path for path in (to_file, plot) if path is not None]
     if export is not None:
-        from omnitrack_sim.model.network_export import export_network
+        from omnitrack_sim.robots.omnitrack.network_export import export_network
 
         written += export_network(found.name, found.pipes, export)
     return written
@@ -219,7 +219,7 @@ def _print_all(found: Network, route: Route | None, written: list[Path]) -> None
 
 def _sizes(part: NetworkFitting) -> str:
     """The sizes of a part, mm and degrees."""
-    from omnitrack_sim.table import units_of
+    from omnitrack_sim.base.table import units_of
 
     fitting = part.fitting()
     bores = list(dict.fromkeys(2e3 * fitting.port_radius(port) for port in fitting.port_names))

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from omnitrack_sim.base.errors import Fault, InputError, OutputError, ScenarioError
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import app, out, plain
-from omnitrack_sim.errors import Fault, InputError, OutputError, ScenarioError
 
 if TYPE_CHECKING:
     pass
@@ -33,7 +33,7 @@ def new(
     ] = "tee_turn",
 ) -> None:
     """Write a scenario file with all keys, their units, defaults and meanings."""
-    from omnitrack_sim.writing import check_file, write_file
+    from omnitrack_sim.base.writing import check_file, write_file
 
     target = _target(name)
     check_file(target)
@@ -45,7 +45,7 @@ def new(
 
 def _target(name: str) -> Path:
     """The file of a scenario's name, which may stand behind the path of a folder."""
-    from omnitrack_sim.schema.reading import NAME_PATTERN
+    from omnitrack_sim.base.reading import NAME_PATTERN
 
     path = Path(name.removesuffix(".toml"))
     if not re.fullmatch(NAME_PATTERN, path.name):
@@ -56,10 +56,10 @@ def _target(name: str) -> Path:
 
 def _text(target: Path, source: str) -> str:
     """The text of the new file, which is read as the scenario that it begins from."""
+    from omnitrack_sim.base.files import SCENARIO, read_file
     from omnitrack_sim.cli.complete import comment
     from omnitrack_sim.scenario import load_scenario
     from omnitrack_sim.scenario.template import template
-    from omnitrack_sim.schema.files import SCENARIO, read_file
 
     path, data = read_file(source, SCENARIO, ScenarioError)
     scenario = load_scenario(source)
@@ -69,7 +69,7 @@ def _text(target: Path, source: str) -> str:
 
 def _moved(data: dict[str, Any], path: Path, target: Path) -> dict[str, Any]:
     """The data of a file for one that may stand elsewhere: the path of a network leads there."""
-    from omnitrack_sim.schema.files import beside
+    from omnitrack_sim.base.files import beside
 
     network = data.get("network")
     if not isinstance(network, str):

@@ -11,7 +11,7 @@ from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import app, out, plain, print_json
 
 if TYPE_CHECKING:
-    from omnitrack_sim.control.policy import Policy
+    from omnitrack_sim.robots.omnitrack.policy import Policy
 
 
 @app.command()
@@ -27,8 +27,8 @@ def policies(
 ) -> None:
     """List the policies of the package, or tell what one is; `control.parameters.policy` names
     them."""
-    from omnitrack_sim.control.policy import load_policy
-    from omnitrack_sim.schema.shipped import shipped_policies
+    from omnitrack_sim.base.shipped import shipped_policies
+    from omnitrack_sim.robots.omnitrack.policy import load_policy
 
     if policy is not None:
         _print_one(load_policy(policy), as_json)

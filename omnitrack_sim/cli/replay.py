@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.cli.common import app, out, plain
-from omnitrack_sim.errors import Fault, InputError
 
 PAGE = "replay.html"
 """Name of the page in the folder of its run."""
@@ -32,9 +32,9 @@ def replay(
     ] = None,
 ) -> None:
     """Write a page that plays a saved run in any browser, without a network."""
-    from omnitrack_sim.replay import write_replay
-    from omnitrack_sim.replay.alike import other_pipes
-    from omnitrack_sim.sim.loading import load_result
+    from omnitrack_sim.results.loading import load_result
+    from omnitrack_sim.show.replay import write_replay
+    from omnitrack_sim.show.replay.alike import other_pipes
 
     result = load_result(run_dir)  # before the place of the page, which may be in its folder
     other = None if compare is None else load_result(compare)

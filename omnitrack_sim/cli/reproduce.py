@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
+from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.cli.common import app, err, out, plain, print_json, progress
-from omnitrack_sim.errors import Fault, InputError
 
 if TYPE_CHECKING:
-    from omnitrack_sim.reproduce import Claim
+    from omnitrack_sim.paper.claim import Claim
 
 COLOURS = {"HOLDS": "green", "CONTRADICTION": "yellow", "FAILS": "red", "STUDY": "dim"}
 """Of the verdicts, by name."""
@@ -33,8 +33,8 @@ def reproduce(
     ] = False,
 ) -> None:
     """Reproduce the paper: claims.json and report.html. Exit status 1 if a verdict has changed."""
-    from omnitrack_sim.plots import FORMATS
-    from omnitrack_sim.reproduce import reproduce as reproduce_paper
+    from omnitrack_sim.paper.command import reproduce as reproduce_paper
+    from omnitrack_sim.show.plots import FORMATS
 
     if format not in FORMATS:
         raise InputError(Fault("--format", f"is {format!r}", FORMATS, given=format))
@@ -53,7 +53,7 @@ def reproduce(
 
 def _print_claims(claims: Sequence[Claim], folder: Path) -> None:
     """The verdicts and what they follow from, then why some claims do not hold, then counts."""
-    from omnitrack_sim.reproduce.claim import tally
+    from omnitrack_sim.paper.claim import tally
 
     table = Table("verdict", "claim", "measured", box=None, padding=(0, 2))
     table.columns[1].no_wrap = True

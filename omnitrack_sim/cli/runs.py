@@ -26,8 +26,8 @@ from omnitrack_sim.cli.film import check_camera, filmed
 from omnitrack_sim.cli.replay import PAGE
 
 if TYPE_CHECKING:
-    from omnitrack_sim.network import MapDifference
-    from omnitrack_sim.sim.result import Result
+    from omnitrack_sim.pipes.compare import MapDifference
+    from omnitrack_sim.results.result import Result
 
 
 @app.command()
@@ -55,9 +55,9 @@ def run(
     ] = False,
 ) -> None:
     """Run one scenario and save result, timeline, trajectory, plots, replay page and video."""
-    from omnitrack_sim.sim.files import RESULT_FILE
+    from omnitrack_sim.base.writing import check_folder
+    from omnitrack_sim.results.files import RESULT_FILE
     from omnitrack_sim.sim.run import run as run_scenario
-    from omnitrack_sim.writing import check_folder
 
     loaded = load(scenario, settings_asked(assignments, fast))
     camera = camera or ("side" if loaded.mission is None else "follow")
@@ -78,10 +78,10 @@ def run(
 def draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
     """Add plots and replay page to a saved run, and the film where a camera is given; one that
     cannot be made is told as a warning and costs only itself."""
-    from omnitrack_sim.film.inset import needs_map
-    from omnitrack_sim.plots import plot_mission, plot_summary
-    from omnitrack_sim.plots.style import attempt
-    from omnitrack_sim.replay import write_replay
+    from omnitrack_sim.show.film.inset import needs_map
+    from omnitrack_sim.show.plots import plot_mission, plot_summary
+    from omnitrack_sim.show.plots.style import attempt
+    from omnitrack_sim.show.replay import write_replay
 
     def picture(name: str, plot: Callable[[Result, Path], object], called: str) -> None:
         file = target / name

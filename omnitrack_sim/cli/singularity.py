@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
+from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.cli.common import app, out, plain, print_json
-from omnitrack_sim.errors import Fault, InputError
 
 if TYPE_CHECKING:
-    from omnitrack_sim.theory.singularity import TurnCase
+    from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 
 MOST_DEGREES = 1e6
 """Largest angle of an orientation or a roll, degrees."""
@@ -86,7 +86,7 @@ def _case(
         sector_deg: deg, the sector that the reach is to give, in place of a reach.
         given: other fields of ``TurnCase``; those that are None keep their defaults.
     """
-    from omnitrack_sim.theory.singularity import TurnCase, reach_from_sector
+    from omnitrack_sim.robots.omnitrack.singularity import TurnCase, reach_from_sector
 
     fields = {name: value for name, value in given.items() if value is not None}
     if sector_deg is not None:
@@ -100,9 +100,9 @@ def _case(
 
 def _orientation(case: TurnCase, theta5_deg: float, roll_deg: float) -> dict[str, Any]:
     """Verdict on one orientation, and the shortest roll to a safe one."""
-    from omnitrack_sim.control.alignment import Obstacle, plan_roll
-    from omnitrack_sim.robot import Robot
-    from omnitrack_sim.theory.singularity import is_singular
+    from omnitrack_sim.robots.omnitrack import Robot
+    from omnitrack_sim.robots.omnitrack.control.alignment import Obstacle, plan_roll
+    from omnitrack_sim.robots.omnitrack.singularity import is_singular
 
     theta5, roll = math.radians(theta5_deg), math.radians(roll_deg)
     radius_ratio = Robot().lug_radius / case.pipe_radius
@@ -130,7 +130,7 @@ def _report(
     as_json: bool,
 ) -> None:
     """Write the figure if one is asked for, and print everything as a table or as JSON."""
-    from omnitrack_sim.plots import plot_singularity
+    from omnitrack_sim.paper.plots.singularity import plot_singularity
 
     summary = case.summary()
     if orientation is not None:
@@ -147,9 +147,9 @@ def _report(
 
 def _check_output(plot: Path | None, figure: str) -> None:
     """Refuse a figure that cannot be drawn or written, before anything is computed."""
-    from omnitrack_sim.plots import FIGURES
-    from omnitrack_sim.plots.style import figure_format
-    from omnitrack_sim.writing import check_file
+    from omnitrack_sim.base.writing import check_file
+    from omnitrack_sim.paper.plots.singularity import FIGURES
+    from omnitrack_sim.show.plots.style import figure_format
 
     if figure not in ("all", *FIGURES):
         raise InputError(Fault("--figure", f"is {figure!r}", ("all", *FIGURES)))

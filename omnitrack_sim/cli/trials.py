@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Protocol, TypeVar
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.text import counted
 from omnitrack_sim.cli.common import err, plain
 from omnitrack_sim.cli.lines import WAIT, Lines, clock
-from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.text import counted
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -46,8 +46,8 @@ _Status = TypeVar("_Status", bound=Status)
 
 def make_workers(workers: int | None, dask: str | None) -> Callable[[], Executor] | None:
     """A function that makes the workers; None for trials in this process."""
-    from omnitrack_sim.pool import LocalPool
-    from omnitrack_sim.sweep.workers import DaskPool
+    from omnitrack_sim.base.pool import LocalPool
+    from omnitrack_sim.base.workers import DaskPool
 
     if dask is not None:
         if workers is not None:

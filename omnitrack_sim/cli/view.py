@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.cli.common import (
     FastOption,
     ScenarioArgument,
@@ -19,11 +20,10 @@ from omnitrack_sim.cli.common import (
     settings_asked,
 )
 from omnitrack_sim.cli.runs import draw, print_result
-from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.viewer.keys import DRIVE, REPLAY, VIEW, Key, help_lines
+from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Key, help_lines
 
 if TYPE_CHECKING:
-    from omnitrack_sim.viewer.show import Driver
+    from omnitrack_sim.show.viewer.show import Driver
 
 
 def _keys(keys: tuple[Key, ...]) -> str:
@@ -68,8 +68,8 @@ def view(
         _replay(source, pace)
         return
     loaded = load(source, settings)
-    from omnitrack_sim.viewer.show import Player
-    from omnitrack_sim.viewer.window import Window, require_screen
+    from omnitrack_sim.show.viewer.show import Player
+    from omnitrack_sim.show.viewer.window import Window, require_screen
 
     require_screen()
     with Window(loaded) as window:
@@ -78,7 +78,7 @@ def view(
 
 def _is_folder(source: str) -> bool:
     """Whether a folder is meant, and no shipped scenario of the same name."""
-    from omnitrack_sim.schema.shipped import shipped_scenarios
+    from omnitrack_sim.base.shipped import shipped_scenarios
 
     try:
         return Path(source).is_dir() and source not in shipped_scenarios()
@@ -87,9 +87,9 @@ def _is_folder(source: str) -> bool:
 
 
 def _replay(folder: str, speed: float) -> None:
-    from omnitrack_sim.sim.loading import load_result
-    from omnitrack_sim.viewer.show import Replayer
-    from omnitrack_sim.viewer.window import Window, require_screen
+    from omnitrack_sim.results.loading import load_result
+    from omnitrack_sim.show.viewer.show import Replayer
+    from omnitrack_sim.show.viewer.window import Window, require_screen
 
     result = load_result(folder)
     require_screen()
@@ -111,16 +111,16 @@ def drive(
     speed: SpeedOption = "1",
 ) -> None:
     """Drive a scenario's robot by keyboard, in a window (needs a screen), and save the run."""
+    from omnitrack_sim.base.writing import check_folder
+    from omnitrack_sim.results.files import RESULT_FILE
     from omnitrack_sim.scenario.driven import driven_name
-    from omnitrack_sim.sim.files import RESULT_FILE
-    from omnitrack_sim.writing import check_folder
 
     pace = _speed(speed)
     loaded = load(scenario, settings_asked(assignments, fast))
     target = folder or Path("out") / driven_name(loaded.name)
     check_folder(target, RESULT_FILE)
-    from omnitrack_sim.viewer.show import Driver
-    from omnitrack_sim.viewer.window import Window, require_screen
+    from omnitrack_sim.show.viewer.show import Driver
+    from omnitrack_sim.show.viewer.window import Window, require_screen
 
     require_screen()
     with Window(loaded) as window:

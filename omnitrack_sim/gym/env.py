@@ -7,11 +7,11 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from omnitrack_sim.control.policy import ACTIONS
 from omnitrack_sim.gym.fleet import Fleet, Seen, actions_of, one_of, reset_options_of
 from omnitrack_sim.gym.options import options_of
 from omnitrack_sim.gym.screen import Screen
 from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.robots.omnitrack.policy import ACTIONS
 from omnitrack_sim.scenario import Scenario
 
 FPS = 20

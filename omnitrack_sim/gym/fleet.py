@@ -10,16 +10,16 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.control.policy import ACTIONS, bounds, entry_slices
-from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.gym.lane import Lane
 from omnitrack_sim.gym.options import Options
 from omnitrack_sim.gym.terms import TERMS
 from omnitrack_sim.gym.trials import Trials
 from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.robots.omnitrack.policy import ACTIONS, bounds, entry_slices
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.sensing.cameras import camera_of
+from omnitrack_sim.senses.cameras import camera_of
 
 Seen = Any
 """Of one robot or of n: entries (k,) or (n, k), or a table of entries and picture."""

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.control.policy import Acting, Decisions, Feature
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.gym.terms import Tally
 from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.robots.omnitrack.policy import Acting, Decisions, Feature
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.simulation import Simulation
 

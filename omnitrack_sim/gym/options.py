@@ -7,7 +7,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from omnitrack_sim.control.policy import (
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.reading import checked, fault_of
+from omnitrack_sim.base.table import Table
+from omnitrack_sim.base.text import shown
+from omnitrack_sim.gym.terms import TERMS
+from omnitrack_sim.robots.omnitrack.policy import (
     ACTINGS,
     FEATURE_SETS,
     FEATURES,
@@ -15,11 +20,6 @@ from omnitrack_sim.control.policy import (
     Feature,
     features_of,
 )
-from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.gym.terms import TERMS
-from omnitrack_sim.schema.reading import checked, fault_of
-from omnitrack_sim.table import Table
-from omnitrack_sim.text import shown
 
 RANGES: Mapping[str, tuple[float, float]] = {
     "contact.friction": (0.6, 1.0),

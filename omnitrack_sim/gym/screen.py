@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.drive import drive_of
-from omnitrack_sim.film.poses import FARTHEST, show_belts
-from omnitrack_sim.film.stage import Stage
+from omnitrack_sim.base.rotations import Array, quaternion_from_matrix
 from omnitrack_sim.gym.lane import Lane
 from omnitrack_sim.gym.options import Options
-from omnitrack_sim.model.looks import look_pitch
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
-from omnitrack_sim.rotations import Array, quaternion_from_matrix
+from omnitrack_sim.results.result import Result
+from omnitrack_sim.robots.omnitrack.drive import drive_of
+from omnitrack_sim.robots.omnitrack.looks import look_pitch
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.sim.result import Result
+from omnitrack_sim.show.film.poses import FARTHEST, show_belts
+from omnitrack_sim.show.film.stage import Stage
 
 if TYPE_CHECKING:
-    from omnitrack_sim.viewer.window import Window
+    from omnitrack_sim.show.viewer.window import Window
 
 SPACING = 0.01
 """Distance of the places along the route that cameras are set up for, m."""
@@ -57,7 +57,7 @@ class Screen:
     def show(self, lane: Lane, robot: int) -> None:
         """Show a robot in the window, not faster than it drives; not any more where the window has
         been closed."""
-        from omnitrack_sim.viewer.window import Window, require_screen
+        from omnitrack_sim.show.viewer.window import Window, require_screen
 
         scenario = lane.simulation.scenarios[robot]
         if self._window is None or self._pipes is not scenario.route:

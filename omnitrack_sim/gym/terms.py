@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.control.route_map import Place
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.pipes.route_map import Place
 from omnitrack_sim.sim.simulation import Simulation
 
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from omnitrack_sim.control.policy import DECISION_PERIOD
-from omnitrack_sim.control.policy.decisions import steps_of
-from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.gym.options import Options
-from omnitrack_sim.model.collider import why_not
-from omnitrack_sim.network import random_network
-from omnitrack_sim.robot import GRAVITY
+from omnitrack_sim.pipes.random import random_network
+from omnitrack_sim.robots.omnitrack import GRAVITY
+from omnitrack_sim.robots.omnitrack.policy import DECISION_PERIOD
+from omnitrack_sim.robots.omnitrack.policy.decisions import steps_of
 from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
+from omnitrack_sim.walls.collider import why_not
 
 RANDOM = "random_network"
 """In the place of a scenario: a random network in each episode."""

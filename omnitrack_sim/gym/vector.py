@@ -12,14 +12,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from omnitrack_sim.control.policy import ACTIONS
-from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.gym.env import FPS
 from omnitrack_sim.gym.fleet import Done, Fleet, Seen, actions_of, one_of, reset_options_of
 from omnitrack_sim.gym.options import options_of
 from omnitrack_sim.gym.screen import Screen
 from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.robots.omnitrack.policy import ACTIONS
 from omnitrack_sim.scenario import Scenario
 
 MOST = 65536

@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnitrack_sim.bounds import MOST_TOLD
-from omnitrack_sim.errors import Fault, GeometryError
+from omnitrack_sim.base.bounds import MOST_TOLD
+from omnitrack_sim.base.errors import Fault, GeometryError
+from omnitrack_sim.base.rotations import Array, Pose, rotation_about
 from omnitrack_sim.pipes.centreline import Centreline, Segment
 from omnitrack_sim.pipes.fittings import ARCS, Arcs, AxisCurve, Fitting
 from omnitrack_sim.pipes.near import touching
-from omnitrack_sim.rotations import Array, Pose, rotation_about
 
 SAMPLE_SPACING = 0.02
 """Spacing of the samples along the axis that overlaps are looked for with, m."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.rotations import Array, cross, dot
+from omnitrack_sim.base.rotations import Array, cross, dot
 
 SEARCH = 0.15
 """How far from the last known arc length ``locate`` looks, m: routes may come close to

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol, Self
 
-from omnitrack_sim.rotations import Array, Pose
+from omnitrack_sim.base.rotations import Array, Pose
 
 
 class Solid(Protocol):

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.rotations import Array, length
+from omnitrack_sim.base.rotations import Array, length
 
 LARGE = 4.0
 """Balls larger than this many times the median one are compared with all others: the cells that the

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.base.rotations import Array
 
 THICKNESS = 0.010
 """Depth of the wall pieces, m: many times what a lug moves in a step."""

@@ -9,11 +9,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from omnitrack_sim.errors import Fault, GeometryError
+from omnitrack_sim.base.errors import Fault, GeometryError
+from omnitrack_sim.base.rotations import Array, Pose, rotation_about
 from omnitrack_sim.pipes.assembly import Assembly, Part, attached
 from omnitrack_sim.pipes.centreline import Centreline, Segment
 from omnitrack_sim.pipes.fittings import ARCS, Arcs, Fitting, Manoeuvre
-from omnitrack_sim.rotations import Array, Pose, rotation_about
 
 
 @dataclass(frozen=True)

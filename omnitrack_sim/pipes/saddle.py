@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.base.rotations import Array
 
 _BISECTIONS = 50
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from omnitrack_sim.base.rotations import wrap_angle
 from omnitrack_sim.record.channels import Channel, Vector
 from omnitrack_sim.record.metrics import Metric, Run
-from omnitrack_sim.rotations import wrap_angle
 
 
 def _estimate(name: str, unit: str, meaning: str) -> Channel:

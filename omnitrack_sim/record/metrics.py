@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.drive import DRIVES, Drive
 from omnitrack_sim.record.trajectory import Trajectory
 
 STALL_SPEED = 0.005
@@ -19,6 +18,23 @@ AT_LIMIT = 0.99
 """Part of its torque limit from which on a belt counts as at its limit."""
 Figure = float | list[float] | dict[str, float]
 Metrics = dict[str, Figure]
+
+
+class Transmission(Protocol):
+    """Gears between motors and belts, as far as the figures of a run depend on them."""
+
+    @property
+    def strength(self) -> NDArray[np.float64]:
+        """Largest torque of each belt's shaft (3,), as multiples of one motor's limit."""
+        ...
+
+    def motor_values(self, belts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Speeds of the motors (n, m) for those of the belts (n, 3)."""
+        ...
+
+    def motor_forces(self, belts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Forces of the motors (..., m) that give the belts theirs (..., 3)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -38,7 +54,7 @@ class Run:
     no_load_slip: float
     lug_radius: float
     torque_limit: float
-    drive: Drive = DRIVES["three_motors"]
+    drive: Transmission
     efficiency: float = 1.0
 
     @property
@@ -291,7 +307,7 @@ def summarise(
     no_load_slip: float,
     lug_radius: float,
     torque_limit: float,
-    drive: Drive = DRIVES["three_motors"],
+    drive: Transmission,
     efficiency: float = 1.0,
     metrics: Iterable[Metric] = METRICS,
 ) -> Metrics:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.rotations import Array
 
 ROLL_PHASE, RETRY_PHASE = "align", "back_off"
 """Phases in which a robot rolls its modules on the spot, and backs off to try again."""

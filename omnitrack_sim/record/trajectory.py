@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.base.text import listed, no_such
 from omnitrack_sim.record.channels import CHANNELS, MODULE_COUNT, Channel, recorded
-from omnitrack_sim.text import listed, no_such
 
 if TYPE_CHECKING:
     import pandas

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from omnitrack_sim.bounds import too_long
-from omnitrack_sim.drive import drive_of
-from omnitrack_sim.errors import Fault, GeometryError, InputError, NetworkError
-from omnitrack_sim.network.layout import End
+from omnitrack_sim.base.bounds import too_long
+from omnitrack_sim.base.errors import Fault, GeometryError, InputError, NetworkError
+from omnitrack_sim.base.shipped import shipped_networks
+from omnitrack_sim.pipes.layout import End
+from omnitrack_sim.robots.omnitrack.drive import drive_of
+from omnitrack_sim.scenario.tables import Start
 from omnitrack_sim.scenario.work import too_much_work
-from omnitrack_sim.schema.shipped import shipped_networks
-from omnitrack_sim.schema.tables import (
-    Start,
-)
-from omnitrack_sim.sensing.cameras import camera_of
+from omnitrack_sim.senses.cameras import camera_of
 
 if TYPE_CHECKING:
     from omnitrack_sim.scenario.model import Scenario

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from omnitrack_sim.control.driven import KIND, Order
+from omnitrack_sim.robots.omnitrack.control.driven import KIND, Order
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.reading import validate
 

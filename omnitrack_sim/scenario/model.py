@@ -11,26 +11,28 @@ from typing import Annotated, Any, Self, TypeVar
 import numpy as np
 from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
 
-from omnitrack_sim.arguments import check_controller
-from omnitrack_sim.bounds import MOST_PARTS
-from omnitrack_sim.control.catalogue import controller_of, parameters_model
-from omnitrack_sim.control.interface import Controller
-from omnitrack_sim.errors import Fault, InputError, ScenarioError
-from omnitrack_sim.naming import name_of, named
-from omnitrack_sim.network import Exploration, Mission, Network, Planner
-from omnitrack_sim.network.ways import NOSE_ROOM
+from omnitrack_sim.autonomy.exploration import Exploration
+from omnitrack_sim.autonomy.goals import Mission
+from omnitrack_sim.autonomy.mission import Planner
+from omnitrack_sim.autonomy.ways import NOSE_ROOM
+from omnitrack_sim.base.arguments import check_controller
+from omnitrack_sim.base.bounds import MOST_PARTS
+from omnitrack_sim.base.errors import Fault, InputError, ScenarioError
+from omnitrack_sim.base.naming import name_of, named
+from omnitrack_sim.base.reading import NAME_PATTERN
+from omnitrack_sim.base.rotations import Pose, frame_along
+from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes import Route, route, route_through
+from omnitrack_sim.pipes.entries import by_kind
+from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.estimates import ESTIMATE_METRICS
 from omnitrack_sim.record.metrics import METRICS, Metric
-from omnitrack_sim.robot import Robot
-from omnitrack_sim.rotations import Pose, frame_along
+from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack.control.catalogue import controller_of, parameters_model
+from omnitrack_sim.robots.omnitrack.control.interface import Controller
 from omnitrack_sim.scenario.checks import faults_of
-from omnitrack_sim.schema.fittings import by_kind
-from omnitrack_sim.schema.reading import (
-    NAME_PATTERN,
-)
-from omnitrack_sim.schema.tables import (
+from omnitrack_sim.scenario.tables import (
     Contact,
     Control,
     Expect,
@@ -42,9 +44,8 @@ from omnitrack_sim.schema.tables import (
     Start,
     World,
 )
-from omnitrack_sim.sensing import Sensor
-from omnitrack_sim.sensing.table import SensingTable
-from omnitrack_sim.table import Table
+from omnitrack_sim.senses import Sensor
+from omnitrack_sim.senses.table import SensingTable
 
 _Thing = TypeVar("_Thing")
 METRIC_NAMES = {metric.name for metric in (*METRICS, *ESTIMATE_METRICS)}

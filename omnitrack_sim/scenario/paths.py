@@ -7,12 +7,12 @@ from typing import Any, get_origin
 
 from pydantic import BaseModel
 
-from omnitrack_sim.control.catalogue import controller_of, parameters_model
-from omnitrack_sim.errors import Fault, InputError
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.paths import below, default_of, index_of, inside, keys_of
+from omnitrack_sim.base.table import files_of
+from omnitrack_sim.robots.omnitrack.control.catalogue import controller_of, parameters_model
 from omnitrack_sim.scenario.model import Scenario
-from omnitrack_sim.schema.paths import below, default_of, index_of, inside, keys_of
-from omnitrack_sim.schema.tables import Control
-from omnitrack_sim.table import files_of
+from omnitrack_sim.scenario.tables import Control
 
 OPEN_TABLE = ("control", "parameters")
 """Below this path the controller decides which keys there are."""

@@ -9,21 +9,20 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from omnitrack_sim.arguments import check_changes, check_is
-from omnitrack_sim.control.catalogue import controller_of, parameters_model
-from omnitrack_sim.errors import Fault, InputError, NetworkError, ScenarioError
-from omnitrack_sim.network import Network
-from omnitrack_sim.network import validate as validate_network
-from omnitrack_sim.network.spec import network_data
-from omnitrack_sim.robot import Robot
+from omnitrack_sim.base.arguments import check_changes, check_is
+from omnitrack_sim.base.errors import Fault, InputError, NetworkError, ScenarioError
+from omnitrack_sim.base.files import SCENARIO, beside, is_file, read_file
+from omnitrack_sim.base.paths import keys_at
+from omnitrack_sim.base.reading import checked, fault_of
+from omnitrack_sim.base.table import files_of
+from omnitrack_sim.base.text import finite, shown
+from omnitrack_sim.pipes.network import Network, network_data
+from omnitrack_sim.pipes.network import validate as validate_network
+from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack.control.catalogue import controller_of, parameters_model
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.paths import choices_at, set_value, spread
-from omnitrack_sim.schema.files import SCENARIO, beside, is_file, read_file
-from omnitrack_sim.schema.paths import keys_at
-from omnitrack_sim.schema.reading import checked, fault_of
-from omnitrack_sim.schema.tables import Control, RecordTable
-from omnitrack_sim.table import files_of
-from omnitrack_sim.text import finite, shown
+from omnitrack_sim.scenario.tables import Control, RecordTable
 
 
 def load_scenario(source: str | Path, changes: Mapping[str, Any] | None = None) -> Scenario:

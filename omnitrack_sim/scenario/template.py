@@ -10,16 +10,16 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined, to_jsonable_python
 
-from omnitrack_sim.control.catalogue import parameters_model
-from omnitrack_sim.network import Mission
+from omnitrack_sim.autonomy.goals import Mission
+from omnitrack_sim.base.table import meanings_of, symbol_of
+from omnitrack_sim.base.text import as_toml
+from omnitrack_sim.pipes.entries import table_of
 from omnitrack_sim.pipes.fittings import shipped_fittings
-from omnitrack_sim.robot import MOTORS, Motor, Robot
-from omnitrack_sim.robot.quantity import Quantity, quantity_of
+from omnitrack_sim.robots.omnitrack import MOTORS, Motor, Robot
+from omnitrack_sim.robots.omnitrack.control.catalogue import parameters_model
+from omnitrack_sim.robots.omnitrack.quantity import Quantity, quantity_of
 from omnitrack_sim.scenario.model import Scenario
-from omnitrack_sim.schema.fittings import table_of
-from omnitrack_sim.schema.tables import Pipe
-from omnitrack_sim.table import meanings_of, symbol_of
-from omnitrack_sim.text import as_toml
+from omnitrack_sim.scenario.tables import Pipe
 
 WIDTH = 100
 """Longest line of a comment, characters."""

@@ -7,9 +7,9 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from omnitrack_sim.bounds import MOST_PIECES, MOST_SAMPLES, MOST_STEPS
-from omnitrack_sim.errors import Fault
-from omnitrack_sim.schema.tables import Control, Physics
+from omnitrack_sim.base.bounds import MOST_PIECES, MOST_SAMPLES, MOST_STEPS
+from omnitrack_sim.base.errors import Fault
+from omnitrack_sim.scenario.tables import Control, Physics
 
 if TYPE_CHECKING:
     from omnitrack_sim.scenario.model import Scenario

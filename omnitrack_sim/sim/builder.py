@@ -11,17 +11,17 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.control import Settings
-from omnitrack_sim.control.route_map import RouteMap
-from omnitrack_sim.drive import drive_of
-from omnitrack_sim.model.collider import why_not
-from omnitrack_sim.model.robot import spring_free_length
-from omnitrack_sim.model.scene import build_scene, let_walls_sleep
+from omnitrack_sim.base.rotations import quaternion_from_matrix
 from omnitrack_sim.pipes import Route
-from omnitrack_sim.robot import MODULES
-from omnitrack_sim.rotations import quaternion_from_matrix
+from omnitrack_sim.pipes.route_map import RouteMap
+from omnitrack_sim.robots.omnitrack import MODULES
+from omnitrack_sim.robots.omnitrack.body import spring_free_length
+from omnitrack_sim.robots.omnitrack.control import Settings
+from omnitrack_sim.robots.omnitrack.drive import drive_of
+from omnitrack_sim.robots.omnitrack.scene import build_scene, let_walls_sleep
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.plant import Start
+from omnitrack_sim.walls.collider import why_not
 
 SLEEP_FROM = 1000
 """Number of geoms from which it pays to have MuJoCo pass over the walls, which needs an MjData for

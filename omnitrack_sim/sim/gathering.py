@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from omnitrack_sim.autonomy.judged_sight import JudgedSight
 from omnitrack_sim.record.metrics import METRICS, Metric, Metrics, summarise
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.sim.judged_sight import JudgedSight
-from omnitrack_sim.sim.provenance import provenance_of
-from omnitrack_sim.sim.result import Result
+from omnitrack_sim.results.provenance import provenance_of
+from omnitrack_sim.results.result import Result
 
 if TYPE_CHECKING:
     from omnitrack_sim.sim.simulation import Simulation

@@ -9,13 +9,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.control.route_map import RouteMap
-from omnitrack_sim.network import Leg, Look, Network, Planner
-from omnitrack_sim.network.belief import Belief
-from omnitrack_sim.network.explorer import Decision
-from omnitrack_sim.network.layout import End
-from omnitrack_sim.network.planning import Step
-from omnitrack_sim.network.ways import Ways
+from omnitrack_sim.autonomy.ahead import Look
+from omnitrack_sim.autonomy.belief import Belief
+from omnitrack_sim.autonomy.explorer import Decision
+from omnitrack_sim.autonomy.mission import Planner
+from omnitrack_sim.autonomy.ways import Ways
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.pipes.layout import End
+from omnitrack_sim.pipes.network import Network
+from omnitrack_sim.pipes.planning import Leg, Step
+from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.record.events import (
     Event,
     FellOff,
@@ -24,7 +27,6 @@ from omnitrack_sim.record.events import (
     LegBegan,
     TakenForClosed,
 )
-from omnitrack_sim.rotations import Array
 from omnitrack_sim.scenario import Scenario
 
 

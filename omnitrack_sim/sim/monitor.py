@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.control.route_map import Place, RouteMap
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.pipes.route_map import Place, RouteMap
 from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.robot import GRAVITY, Robot
-from omnitrack_sim.rotations import Array
-from omnitrack_sim.schema.tables import MonitorTable
+from omnitrack_sim.robots.omnitrack import GRAVITY, Robot
+from omnitrack_sim.scenario.tables import MonitorTable
 
 # Rows of the averages that the cause of a failure is read from.
 NORMAL_FORCE, SLIP_RATIO, SATURATED, BELT_SPEED, BELT_COMMAND, ROLL_COSINE = range(6)

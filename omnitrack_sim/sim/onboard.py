@@ -10,25 +10,25 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.control.interface import Command
-from omnitrack_sim.control.route_map import Place
-from omnitrack_sim.control.search import Search, Searching
-from omnitrack_sim.model.rays import RayWalls
-from omnitrack_sim.model.robot import lug_pitch
-from omnitrack_sim.rotations import Array, heading, quaternion_from_matrix, turned_by
+from omnitrack_sim.autonomy.graft import graft
+from omnitrack_sim.autonomy.localiser import Localiser
+from omnitrack_sim.autonomy.search import Search, Searching
+from omnitrack_sim.base.rotations import Array, heading, quaternion_from_matrix, turned_by
+from omnitrack_sim.pipes.route_map import Place
+from omnitrack_sim.robots.omnitrack.body import lug_pitch
+from omnitrack_sim.robots.omnitrack.control.interface import Command
+from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.sensing.cameras import camera_of
-from omnitrack_sim.sensing.draws import keys, normal, uniform
-from omnitrack_sim.sensing.eyes import Eyes, Mount
-from omnitrack_sim.sensing.graft import graft
-from omnitrack_sim.sensing.localiser import Localiser
-from omnitrack_sim.sensing.proprioception import Felt, Proprioception
-from omnitrack_sim.sensing.sensor import State
-from omnitrack_sim.sensing.table import BeginTable, SensingTable
+from omnitrack_sim.senses.cameras import camera_of
+from omnitrack_sim.senses.draws import keys, normal, uniform
+from omnitrack_sim.senses.eyes import Eyes, Mount
+from omnitrack_sim.senses.proprioception import Felt, Proprioception
+from omnitrack_sim.senses.sensor import State
+from omnitrack_sim.senses.table import BeginTable, SensingTable
 from omnitrack_sim.sim.builder import each
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.own_maps import OwnMaps
-from omnitrack_sim.theory.kinematics import belt_sign
+from omnitrack_sim.walls.rays import RayWalls
 
 AROUND, SPACING, TURNS = 1.0, 0.02, 24
 """Stretch of the way before and behind it in which a robot that is lost looks for itself, m; the
@@ -212,7 +212,7 @@ class Onboard:
 
     def _before(self, place: Place) -> NDArray[np.bool_]:
         """Robots (n,) that are about to enter a fitting."""
-        room = self._routes.nose_room(place, self._robot)
+        room = self._routes.nose_room(place, self._robot.length)
         return (room <= self._robot.standing_room) & (room > -INSIDE)
 
     def _look_along_the_way(

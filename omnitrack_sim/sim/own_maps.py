@@ -8,14 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.control.route_map import Place
-from omnitrack_sim.model.rays import RayWalls
-from omnitrack_sim.network.layout import End
+from omnitrack_sim.autonomy.localiser import Localiser
+from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Part
-from omnitrack_sim.rotations import Pose
+from omnitrack_sim.pipes.layout import End
+from omnitrack_sim.pipes.route_map import Place
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.sensing.localiser import Localiser
 from omnitrack_sim.sim.legs import Legs
+from omnitrack_sim.walls.rays import RayWalls
 
 MOVES = 1e-6
 """A part of a map that moves by less than this, m, has not moved: lengths are rounded to it."""

@@ -11,14 +11,14 @@ import numpy as np
 from mujoco import batch
 from numpy.typing import NDArray
 
-from omnitrack_sim.drive import drive_of
-from omnitrack_sim.model.belt_motors import friction_tendons
-from omnitrack_sim.model.robot import LUG_CONAFFINITY, LUG_CONTYPE, lug_pitch
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.record.channels import CHANNELS, TRACKS
-from omnitrack_sim.robot import Robot
-from omnitrack_sim.rotations import Array
-from omnitrack_sim.sensing import SENSORS, Sensor, State
-from omnitrack_sim.sensing.sensor import Addresses
+from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack.belt_motors import friction_tendons
+from omnitrack_sim.robots.omnitrack.body import LUG_CONAFFINITY, LUG_CONTYPE, lug_pitch
+from omnitrack_sim.robots.omnitrack.drive import drive_of
+from omnitrack_sim.senses import SENSORS, Sensor, State
+from omnitrack_sim.senses.sensor import Addresses
 
 NUMBERS = (1, 2, 3)
 BOTH_TRACKS_COSINE = 0.5

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.rotations import Array
 
 BLOCK = 1024
 """Samples that are put together into one array as soon as there are so many of them: an array of

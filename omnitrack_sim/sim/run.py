@@ -9,14 +9,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from omnitrack_sim.arguments import check_all, check_is
-from omnitrack_sim.control import Controller
+from omnitrack_sim.base.arguments import check_all, check_is
 from omnitrack_sim.record.metrics import Metric
+from omnitrack_sim.results.result import Result
+from omnitrack_sim.robots.omnitrack.control import Controller
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.scenario.driven import autopilot_of
-from omnitrack_sim.sensing import Sensor
+from omnitrack_sim.senses import Sensor
 from omnitrack_sim.sim.builder import batch_key
-from omnitrack_sim.sim.result import Result
 from omnitrack_sim.sim.simulation import Progress, Simulation
 
 BASELINE_TIME, BASELINE_SETTLED = 1.2, 0.8

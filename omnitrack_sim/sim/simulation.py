@@ -9,23 +9,32 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.arguments import check_all, check_is
-from omnitrack_sim.control import Command, Controller, ControlSetup, Observation, Settings
-from omnitrack_sim.control.gear import carried_out, seen
-from omnitrack_sim.control.route_map import Place
-from omnitrack_sim.drive import SpeedLoop, drive_of
-from omnitrack_sim.errors import Fault, ScenarioError
-from omnitrack_sim.model.collider import why_not
-from omnitrack_sim.network import Look, Sight
+from omnitrack_sim.autonomy.ahead import Look, Sight
+from omnitrack_sim.autonomy.judged_sight import JudgedSight
+from omnitrack_sim.base.arguments import check_all, check_is
+from omnitrack_sim.base.errors import Fault, ScenarioError
+from omnitrack_sim.base.rotations import Array, heading
+from omnitrack_sim.base.text import shown
+from omnitrack_sim.pipes.route_map import Place
 from omnitrack_sim.record.channels import CHANNELS, Channel
 from omnitrack_sim.record.estimates import ESTIMATES
 from omnitrack_sim.record.events import Event, Note
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.rotations import Array, heading
+from omnitrack_sim.results.pictures import Album, coding_of
+from omnitrack_sim.results.result import Result
+from omnitrack_sim.robots.omnitrack.control import (
+    Command,
+    Controller,
+    ControlSetup,
+    Observation,
+    Settings,
+)
+from omnitrack_sim.robots.omnitrack.control.gear import carried_out, seen
+from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.model import METRIC_NAMES, refuse_taken
-from omnitrack_sim.sensing import SENSORS, Sensor, State
+from omnitrack_sim.senses import SENSORS, Sensor, State
 from omnitrack_sim.sim.builder import (
     collider_of,
     scene_of,
@@ -33,14 +42,11 @@ from omnitrack_sim.sim.builder import (
     start_of,
 )
 from omnitrack_sim.sim.gathering import gathered
-from omnitrack_sim.sim.judged_sight import JudgedSight
 from omnitrack_sim.sim.legs import Legs, Onward
 from omnitrack_sim.sim.monitor import Monitor, Verdict
-from omnitrack_sim.sim.pictures import Album, coding_of
 from omnitrack_sim.sim.plant import Plant, Start
 from omnitrack_sim.sim.recorder import Recorder
-from omnitrack_sim.sim.result import Result
-from omnitrack_sim.text import shown
+from omnitrack_sim.walls.collider import why_not
 
 if TYPE_CHECKING:
     from omnitrack_sim.sim.onboard import Onboard
@@ -399,7 +405,7 @@ class Simulation:
         true = [None if e is None else e.sight() for e in explorations]
         if self.onboard is None or explorations[0] is None:
             return true
-        from omnitrack_sim.sim.camera_sight import CameraSight
+        from omnitrack_sim.autonomy.camera_sight import CameraSight
 
         first, bore = self.scenarios[0].sensing, self.legs.bore_ahead
         return [JudgedSight(CameraSight(self.onboard.eyes, first, bore), true)] * self.n

@@ -12,7 +12,11 @@ import numpy as np
 from pydantic import Field
 
 import omnitrack_sim as ot
-from omnitrack_sim.control.jacobian import DampingTable, FeedbackTable, JacobianController
+from omnitrack_sim.robots.omnitrack.control.jacobian import (
+    DampingTable,
+    FeedbackTable,
+    JacobianController,
+)
 
 BRAKES = {"robot.drive": "differential", "robot.brake_force": 60.0}
 DRIVES = {

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.pipes.fittings.base import Arcs, AxisCurve, Fitting, X, Z, port_pose
-from omnitrack_sim.rotations import Array, Pose
 
 
 @dataclass(frozen=True)

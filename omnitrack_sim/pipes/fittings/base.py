@@ -20,12 +20,12 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
-from omnitrack_sim.errors import Fault, GeometryError
+from omnitrack_sim.base.errors import Fault, GeometryError
+from omnitrack_sim.base.rotations import Array, Pose, cross
+from omnitrack_sim.base.table import Size, Table, Unit
 from omnitrack_sim.pipes.compiled import Wall
 from omnitrack_sim.pipes.kit import Kit, Solid
 from omnitrack_sim.pipes.pieces import Pieces, stave_count
-from omnitrack_sim.rotations import Array, Pose, cross
-from omnitrack_sim.table import Size, Table, Unit
 
 BORE = 0.16
 """Bore of a pipe where a file does not say otherwise, m."""

@@ -10,6 +10,8 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
+from omnitrack_sim.base.rotations import Array, Pose
+from omnitrack_sim.base.table import Size, Unit
 from omnitrack_sim.pipes.compiled import FACE, Wall, clip, compiled, put
 from omnitrack_sim.pipes.fittings.base import (
     BORE,
@@ -27,8 +29,6 @@ from omnitrack_sim.pipes.fittings.base import (
 )
 from omnitrack_sim.pipes.kit import Kit, Solid
 from omnitrack_sim.pipes.pieces import THICKNESS, Pieces, Ring, sagitta, stave_count
-from omnitrack_sim.rotations import Array, Pose
-from omnitrack_sim.table import Size, Unit
 
 SIDE_SLIP = 4e-4
 """How far, m, a piece of an elbow's side may leave its row."""

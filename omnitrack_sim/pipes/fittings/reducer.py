@@ -8,6 +8,8 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
+from omnitrack_sim.base.rotations import Array, unit
+from omnitrack_sim.base.table import Size, Unit
 from omnitrack_sim.pipes.compiled import (
     EDGE,
     FACE,
@@ -25,8 +27,6 @@ from omnitrack_sim.pipes.fittings.axial import Axial
 from omnitrack_sim.pipes.fittings.base import BORE, Bore, FittingTable, X, Z, check, positive
 from omnitrack_sim.pipes.kit import Kit, Solid
 from omnitrack_sim.pipes.pieces import THICKNESS, Pieces, Ring, stave_count
-from omnitrack_sim.rotations import Array, unit
-from omnitrack_sim.table import Size, Unit
 
 STEEPEST_CONE = math.radians(20)
 """Largest half cone angle of a reducer, rad."""

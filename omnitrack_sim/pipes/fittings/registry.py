@@ -10,8 +10,8 @@ from functools import cache
 from types import MappingProxyType
 from typing import TypeGuard
 
-from omnitrack_sim.errors import Fault, InputError
-from omnitrack_sim.naming import named
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.naming import named
 from omnitrack_sim.pipes.fittings.base import Fitting
 
 

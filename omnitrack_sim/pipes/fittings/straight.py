@@ -8,13 +8,13 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.table import Size, Unit
 from omnitrack_sim.pipes.compiled import FACE, Wall, clip, compiled, in_bore, put
 from omnitrack_sim.pipes.fittings.axial import Axial
 from omnitrack_sim.pipes.fittings.base import BORE, FittingTable, Z, bore_distance, check, positive
 from omnitrack_sim.pipes.kit import Kit, Solid
 from omnitrack_sim.pipes.pieces import Pieces, Ring, stave_count
-from omnitrack_sim.rotations import Array
-from omnitrack_sim.table import Size, Unit
 
 
 @compiled("surface")

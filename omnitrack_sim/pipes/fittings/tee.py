@@ -10,6 +10,8 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
+from omnitrack_sim.base.rotations import Array, Pose, unit
+from omnitrack_sim.base.table import Size, Unit
 from omnitrack_sim.pipes.compiled import (
     EDGE,
     FACE,
@@ -38,8 +40,6 @@ from omnitrack_sim.pipes.fittings.base import (
 from omnitrack_sim.pipes.kit import Kit, Solid
 from omnitrack_sim.pipes.pieces import Pieces, Ring, sagitta, stave_count
 from omnitrack_sim.pipes.saddle import tee_signed_distance
-from omnitrack_sim.rotations import Array, Pose, unit
-from omnitrack_sim.table import Size, Unit
 
 RIM_SEGMENTS = 32
 """Capsules along each half of the rim."""

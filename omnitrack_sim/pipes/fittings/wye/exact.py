@@ -27,7 +27,7 @@ import math
 
 import numpy as np
 
-from omnitrack_sim.rotations import Array
+from omnitrack_sim.base.rotations import Array
 
 EQUAL = 1e-9
 """Bores whose radii differ by less, m, are equal."""

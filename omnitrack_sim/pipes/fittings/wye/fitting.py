@@ -14,6 +14,8 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
+from omnitrack_sim.base.rotations import Array, Pose, unit
+from omnitrack_sim.base.table import Size, Unit
 from omnitrack_sim.pipes.compiled import Wall
 from omnitrack_sim.pipes.fittings.base import (
     BORE,
@@ -36,8 +38,6 @@ from omnitrack_sim.pipes.fittings.wye.exact import EQUAL, wye_signed_distance
 from omnitrack_sim.pipes.fittings.wye.surface import clear, span, surface
 from omnitrack_sim.pipes.kit import Kit, Solid
 from omnitrack_sim.pipes.pieces import Pieces
-from omnitrack_sim.rotations import Array, Pose, unit
-from omnitrack_sim.table import Size, Unit
 
 ANGLES = (math.radians(45), math.radians(90))
 """Least and largest angle between branch and run, rad."""

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from omnitrack_sim.base.rotations import Array, Pose, unit
 from omnitrack_sim.pipes.fittings.base import Y
 from omnitrack_sim.pipes.fittings.wye.exact import EQUAL, edge_curve
 from omnitrack_sim.pipes.kit import Kit, Solid
-from omnitrack_sim.rotations import Array, Pose, unit
 
 if TYPE_CHECKING:
     from omnitrack_sim.pipes.fittings.wye.fitting import Wye

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from omnitrack_sim.base.rotations import Array, unit
 from omnitrack_sim.pipes.fittings.wye.exact import EQUAL, edge_curve
 from omnitrack_sim.pipes.pieces import THICKNESS, Pieces, Ring, sagitta, stave_count
-from omnitrack_sim.rotations import Array, unit
 
 if TYPE_CHECKING:
     from omnitrack_sim.pipes.fittings.wye.fitting import Wye

@@ -1,0 +1,337 @@
+"""The map that a robot makes of a network that it has never seen: it only grows.
+
+A fitting is placed at the pose that follows from the joint that it hangs on, and a straight is as
+long as it has been measured, so an error of the robot's position does not tear the map. Where a
+loop closes, what is left over is spread over its straights, in parts of their lengths.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from omnitrack_sim.base.rotations import Array, Pose, angle_between, frame_along, wrap_angle
+from omnitrack_sim.pipes import Elbow, Fitting, Part, Straight
+from omnitrack_sim.pipes.layout import CLOSES, End, both_ways
+from omnitrack_sim.pipes.network import Joint, Network, Place
+from omnitrack_sim.pipes.planning import port_graph
+
+SHORTEST = 1e-3
+"""Least length of a straight, m."""
+NO_STRAIGHT = 5e-3
+"""Gap, m, between two fittings that follow right on each other: sight is no better."""
+MISS, MISS_PART = 0.1, 0.02
+"""How far the two ends of a loop may miss each other, m, and as a part of its length in
+addition."""
+MISS_ANGLE = math.radians(10)
+"""How far their directions may miss being opposite, rad."""
+SQUARE = 0.2
+"""Part of what a loop's straights can take up in their best direction from which on one counts."""
+DIGITS = 6
+"""Decimals of lengths in m, and of angles in degrees less one, that are kept."""
+Noted = Literal["open", "closed", "impassable"]
+"""What is known of an end: it is open, or closed, or the robot could not get to it."""
+
+
+class Belief:
+    """The map of one robot.
+
+    Args:
+        port: where the robot began, z into the pipe. bore: m.
+        length: m, of the first pipe as far as it is known to be free.
+
+    Attributes:
+        ends: what has been seen of ports that nothing follows.
+        explored: of these ports, those that have been inspected, or cannot be.
+        found: names of goals by the ports where they were found.
+        start: the port where it began.
+        provisional: a straight of which what is at its end has only been seen from afar: there may
+            be something else, and somewhere else; None where there is none.
+    """
+
+    def __init__(self, port: Pose, bore: float, length: float) -> None:
+        x, y, z = port.rotation[:, 2].tolist()
+        px, py, pz = port.position.tolist()
+        # The turn from what a file takes for x to the port's own.
+        right, up, _ = port.rotation[:, 0] @ frame_along((x, y, z), 0.0)
+        turn = round(math.degrees(math.atan2(up, right)), DIGITS) + 0.0
+        self._place = Place(axis=(x, y, z), turn_deg=turn, position=(px, py, pz))
+        self._fittings: dict[str, Fitting] = {}
+        self._joints: list[Joint] = []
+        self._counts: dict[str, int] = {}
+        self.ends: dict[End, Noted] = {}
+        self.explored: set[End] = set()
+        self.found: dict[End, str] = {}
+        self.provisional: int | None = None
+        self._network: Network | None = None
+        self._add(Straight(length, bore))
+        self.start: End = (0, "start")
+
+    # What is in it
+
+    @property
+    def network(self) -> Network:
+        """The map as a network, which may contradict itself."""
+        if self._network is None:
+            self._network = Network.believed(
+                "map", self._place, self._fittings, self._joints, self._named()
+            )
+        return self._network
+
+    @property
+    def joined(self) -> dict[End, End]:
+        """The port that each port is joined to."""
+        index = {name: i for i, name in enumerate(self._fittings)}
+
+        def end(port: str) -> End:
+            part, _, name = port.partition(".")
+            return index[part], name
+
+        return both_ways((end(a), end(b)) for a, b in (joint.ports for joint in self._joints))
+
+    @property
+    def unexplored(self) -> list[End]:
+        """Ports that have not been looked into, the latest first, and of a fitting its branch."""
+        joined = self.joined
+        free = [
+            (i, port)
+            for i, fitting in enumerate(self._fittings.values())
+            for port in fitting.port_names
+            if (i, port) not in joined and (i, port) != self.start
+        ]
+        return [end for end in free[::-1] if end not in self.explored]
+
+    @property
+    def closed(self) -> list[End]:
+        """Ports that it has seen to be closed."""
+        return [end for end, noted in self.ends.items() if noted == "closed"]
+
+    @property
+    def unknown(self) -> list[End]:
+        """Ports beyond which nothing is known: a straight may go on, a fitting may follow."""
+        joined, parts = self.joined, enumerate(self._fittings.values())
+        every = [(i, port) for i, fitting in parts for port in fitting.port_names]
+        free = [end for end in every if end not in joined and end != self.start]
+        return [end for end in free if self.ends.get(end) not in ("open", "closed")]
+
+    def compared(self) -> tuple[list[Part], list[End], list[End]]:
+        """What pictures may be compared with: parts that the robot can rely on, those of their
+        ports that are closed, and those beyond which nothing is known. Numbers are those of the
+        parts returned."""
+        parts, joined = list(self.network.pipes.parts), self.joined
+        closed, unknown = self.closed, self.unknown
+        if self.provisional is not None:
+            end = self.provisional, "end"
+            beyond = joined.get(end)
+            if beyond is not None and beyond[0] == len(parts) - 1:
+                parts.pop()
+                unknown = [other for other in unknown if other[0] != beyond[0]]
+            closed = [other for other in closed if other != end]
+            unknown = [*unknown, end] if end not in unknown else unknown
+        return parts, closed, unknown
+
+    def name(self, end: End) -> str:
+        """``part.port`` of a port."""
+        return f"{list(self._fittings)[end[0]]}.{end[1]}"
+
+    def fitting(self, part: int) -> Fitting:
+        """The fitting of a part."""
+        return list(self._fittings.values())[part]
+
+    def port(self, end: End) -> Pose:
+        """A port in the world, z outward."""
+        return self.network.pipes.parts[end[0]].port(end[1])
+
+    # How it grows
+
+    def lengthen(self, part: int, more: float) -> float:
+        """A straight is ``more`` m longer than was known; its length then, m."""
+        name, fitting = list(self._fittings.items())[part]
+        assert isinstance(fitting, Straight)
+        length = max(round(fitting.length + more, DIGITS), SHORTEST)
+        self._set(name, replace(fitting, length=length))
+        return length
+
+    def bend(self, part: int, angle: float) -> None:
+        """An elbow bends by ``angle`` rad, and not as was seen."""
+        name, fitting = list(self._fittings.items())[part]
+        assert isinstance(fitting, Elbow)
+        self._set(name, replace(fitting, angle=angle))
+
+    def is_last(self, part: int) -> bool:
+        """Whether nothing is joined to a part but what it hangs on."""
+        return sum(end[0] == part for end in self.joined) == (part > 0)
+
+    def drop(self, part: int) -> bool:
+        """Take back a part, if it is the latest one, not the only one, and hangs on one port."""
+        if part == 0 or part != len(self._fittings) - 1 or not self.is_last(part):
+            return False
+        kind = self.fitting(part).kind
+        del self._fittings[list(self._fittings)[part]], self._joints[-1]
+        self._counts[kind] -= 1
+        self._network = None
+        return True
+
+    def straight_beyond(self, end: End, length: float) -> int:
+        """Join a straight of ``length`` m to a port; its index."""
+        bore = 2 * self.fitting(end[0]).port_radius(end[1])
+        part = self._add(Straight(max(round(length, DIGITS), SHORTEST), bore))
+        self._join(end, (part, "start"), 0.0)
+        return part
+
+    def attach(self, end: End, fitting: Fitting, enter: str, side: Array) -> int:
+        """Join a fitting to a port; its index.
+
+        Args:
+            end: the port. fitting: as seen. enter: its port there.
+            side: (3,) direction of the x axis of that port, world frame.
+        """
+        x, y, _ = side @ self.port(end).rotation
+        turn = 0.0 if fitting.is_axial else math.degrees(math.atan2(y, x))
+        part = self._add(fitting)
+        self._join(end, (part, enter), turn)
+        return part
+
+    def known_at(self, end: End, fitting: Fitting, enter: str) -> End | None:
+        """The port of a known fitting that is seen at a port: nothing is joined to it, its kind is
+        the right one, and it is in the right place; None where there is none."""
+        places = [
+            (miss, other)
+            for miss, other in self._near(end)
+            if self.fitting(other[0]).kind == fitting.kind and alike(fitting, enter, other[1])
+        ]
+        return min(places, default=(0.0, None))[1]
+
+    def meeting(self, part: int) -> list[tuple[End, End]]:
+        """Ports of a new part that lie where other unexplored ports do, with these."""
+        free = [end for end in self.unexplored if end[0] == part]
+        found = [(end, min(self._near(end), default=(0.0, None))[1]) for end in free]
+        return [(end, other) for end, other in found if other is not None]
+
+    def close(self, end: End, other: End) -> float:
+        """Join two ports that a loop closes at; by how much they missed each other, m."""
+        a, b = self.port(end), self.port(other)
+        miss = b.position - a.position
+        if np.linalg.norm(miss) > CLOSES / 2:
+            self._spread(end, other, miss)
+        a, b = self.port(end), self.port(other)
+        # Both joints lie where they are; the turn is what is between their x axes.
+        x, y, _ = b.rotation[:, 0] @ a.rotation
+        self._join(end, other, math.degrees(math.atan2(y, x)))
+        return float(np.linalg.norm(miss))
+
+    def settle(self, part: int | None = None) -> None:
+        """What is at the end of the straight ``part`` has only been seen from afar; None: what is
+        on the map can be relied on."""
+        if part != self.provisional:
+            self.provisional, self._network = part, None
+
+    def take_back(self, part: int) -> int | None:
+        """Forget what has been seen from afar at the end of a straight: the part that was taken to
+        be there, None where there was none."""
+        end = part, "end"
+        beyond, _ = self.joined.get(end, (None, ""))
+        if beyond is not None:
+            self.drop(beyond)
+        self.ends.pop(end, None)
+        self.settle()
+        return beyond
+
+    def note(self, end: End, noted: Noted) -> None:
+        """Something has been seen of a port that nothing follows."""
+        self.ends[end] = noted
+        self._network = None
+
+    def done(self, end: End, found: str = "") -> None:
+        """A port has been inspected, or is given up; ``found``: the goal that is there."""
+        self.explored.add(end)
+        if found:
+            self.found[end] = found
+        self._network = None
+
+    def _near(self, end: End) -> Iterator[tuple[float, End]]:
+        """Other unexplored ports that may be the same as one, with how far they are from it, m."""
+        here = self.port(end)
+        for other in self.unexplored:
+            there = self.port(other)
+            miss = float(np.linalg.norm(there.position - here.position))
+            if other[0] == end[0] or miss > MISS + MISS_PART * self._around(end, other):
+                continue
+            if float(angle_between(here.rotation[:, 2], -there.rotation[:, 2])) <= MISS_ANGLE:
+                yield miss, other
+
+    def _around(self, end: End, other: End) -> float:
+        """Length, m, of the way from one port to another through the map."""
+        return sum(length for *_, length in self._loop(end, other))
+
+    def _loop(self, end: End, other: End) -> list[tuple[int, str, str, float]]:
+        """The parts from one port to another, with the ports between which they are passed and
+        their lengths, m."""
+        import networkx
+
+        graph = port_graph(self.network)
+        ports = networkx.shortest_path(graph, other, end, weight="length")
+        steps = zip(ports[::2], ports[1::2], strict=True)
+        return [(a[0], a[1], b[1], graph.edges[a, b]["length"]) for a, b in steps]
+
+    def _spread(self, end: End, other: End, miss: Array) -> None:
+        """Change the lengths of a loop's straights so that its ends come together, those of long
+        ones more, as far as their directions allow."""
+        parts = self.network.pipes.parts
+        straights = [row for row in self._loop(end, other) if parts[row[0]].fitting.is_plain]
+        if not straights:
+            return
+        ahead = np.array([parts[i].port(leave).rotation[:, 2] for i, _, leave, _ in straights])
+        lengths = np.array([length for *_, length in straights])
+        # The least changes, each in parts of its length, that move ``end`` by ``miss``. What lies
+        # square to all straights, or nearly, they cannot take up.
+        weighted = ahead.T * np.sqrt(lengths)
+        changes = np.sqrt(lengths) * (np.linalg.pinv(weighted, rcond=SQUARE) @ miss)
+        for (part, *_), change in zip(straights, changes.tolist(), strict=True):
+            self.lengthen(part, change)
+
+    def _add(self, fitting: Fitting) -> int:
+        number = self._counts[fitting.kind] = self._counts.get(fitting.kind, 0) + 1
+        self._set(f"{fitting.kind}_{number}", fitting)
+        return len(self._fittings) - 1
+
+    def _set(self, name: str, fitting: Fitting) -> None:
+        self._fittings[name] = fitting
+        self._network = None
+
+    def _join(self, end: End, other: End, turn_deg: float) -> None:
+        turn = round(float(wrap_angle(turn_deg, 360.0)), DIGITS - 1) + 0.0
+        self._joints.append(Joint(ports=(self.name(end), self.name(other)), turn_deg=turn))
+        self._network = None
+
+    def _named(self) -> dict[str, str]:
+        """Names of the ports that nothing is joined to: what is known of each."""
+        counts: dict[str, int] = {}
+        named = {"start": self.name(self.start)}
+        joined = self.joined
+        for i, fitting in enumerate(self._fittings.values()):
+            for port in fitting.port_names:
+                end = i, port
+                if end in joined or end == self.start:
+                    continue
+                word = self.ends.get(end, "") if end in self.explored else ""
+                word = "goal" if end in self.found else word or "unexplored"
+                counts[word] = counts.get(word, 0) + 1
+                goal = self.found.get(end, "")
+                plain = goal and "." not in goal and goal not in named
+                named[goal if plain else f"{word}_{counts[word]}"] = self.name(end)
+        return named
+
+
+def alike(fitting: Fitting, enter: str, port: str) -> bool:
+    """Whether two ports of fittings of a kind may be the same: both on the run, or both not."""
+    return fitting.describe(*_both(fitting, enter)) == fitting.describe(*_both(fitting, port))
+
+
+def _both(fitting: Fitting, port: str) -> tuple[str, str]:
+    """A port and the first other one of a fitting."""
+    return port, next(name for name in fitting.port_names if name != port)

@@ -1,0 +1,276 @@
+"""Poses that a picture may have been taken from: what each would see, and what it costs."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.autonomy.evidence import normal
+from omnitrack_sim.autonomy.nearby import nearby
+from omnitrack_sim.autonomy.pose_filter import POSE
+from omnitrack_sim.base.rotations import Array, cross, orthonormal, turned_by
+from omnitrack_sim.senses.eyes import Mount
+from omnitrack_sim.senses.optics import RANGE, Walls
+from omnitrack_sim.senses.table import FilterTable
+
+WORST = 3.0
+"""Errors beyond so many standard deviations count as so many where poses are compared: at an edge
+between near and far wall a pixel is as wrong as it can be."""
+SHIFT, TILT = 5e-4, 5e-4
+"""Steps, m and rad, between the pictures that the slopes of a picture are taken from."""
+DISTINCT, APART = 0.3, 0.06
+"""Turns, rad, and places, m, that differ by more are two answers."""
+BLUR = 4.0
+"""Between candidates that are far apart a pixel differs by so many standard deviations."""
+FINALISTS = 8
+"""Candidates that are improved and compared again."""
+NEAR_BY, NEAR_TURN = 0.03, 0.2
+"""By how much a candidate is moved at most at once, m and rad."""
+
+
+class Shot(NamedTuple):
+    """What is known of a picture when it is taken: where the robots took themselves to be, and
+    which end it was taken from, 1 for the nose, -1 for the tail; which robots took one (n,)."""
+
+    picture: Array
+    position: Array
+    rotation: Array
+    facing: NDArray[np.int_]
+    taken: NDArray[np.bool_]
+
+
+class Difference(NamedTuple):
+    """What pictures have other than expected.
+
+    Attributes:
+        error: (n, k) of the pixels, in their standard deviations; 0 where nothing is said.
+        said: (n, k) bool, pixels that can be compared.
+        slopes: (n, k, 6) of what is expected with the robots' poses, in standard deviations for
+            each m and rad, world frame; 0 where nothing is said.
+    """
+
+    error: Array
+    said: NDArray[np.bool_]
+    slopes: Array
+
+
+class Best(NamedTuple):
+    """The best one of each robot's candidates.
+
+    Attributes:
+        place: (m, 3) m. frame: (m, 3, 3). cost: (m,). other: (m,) the least cost of one that is
+            another answer.
+    """
+
+    place: Array
+    frame: Array
+    cost: Array
+    other: Array
+
+
+class Candidates:
+    """Compares poses of n robots with their pictures, on the maps that they know.
+
+    Args:
+        table: of the filter. mount: the cameras. walls: of the maps. which: (n,) map of each robot.
+        gravity: (n, 3) m/s², world frame, as the maps say. held: see below.
+
+    Attributes:
+        held: (n, 3) m/s², what the accelerometers have measured last, robot frame.
+        pixels: (k,) those of a picture that are compared with the map, counted row by row.
+        few: some of these, for a first look.
+        share: part of them that counts as independent.
+    """
+
+    def __init__(
+        self,
+        table: FilterTable,
+        mount: Mount,
+        walls: Walls,
+        which: NDArray[np.intp],
+        gravity: Array,
+        held: Array,
+    ) -> None:
+        self._table, self._mount, self._camera, self._walls = table, mount, mount.camera, walls
+        self._which, self._gravity, self.held = which, gravity, held
+        self.share = table.pixel_share if self._camera.lamp is None else table.lamp_share
+        side, stride = self._camera.optics.pixels, table.stride
+        pixels = np.arange(side**2).reshape(side, side)
+        self.pixels = pixels[stride // 2 :: stride, stride // 2 :: stride].ravel()
+        self._rays = mount.rays[self.pixels]
+        row, column = np.divmod(np.arange(len(self.pixels)), int(np.sqrt(len(self.pixels))))
+        self._coarse = np.flatnonzero((row + column) % 2 == 0)
+        self.few = np.flatnonzero((row % 2 == 0) & (column % 2 == 0))
+
+    def difference(self, robots: NDArray[np.intp], shot: Shot) -> Difference:
+        """What the pictures of robots (m,) have other than they expect where they took themselves
+        to be.
+
+        What tells a turn about the lens's axis are edges and shadows, of which slopes know nothing:
+        such turns have none here, and are left to the comparison of turns.
+        """
+        at = shot.position[robots], shot.rotation[robots], shot.facing[robots]
+        which, picture = self._which[robots], shot.picture[robots]
+        return self._difference(which, *at, picture, self._rays, about_lens=False)
+
+    def around(
+        self,
+        robots: NDArray[np.intp],
+        shot: Shot,
+        axis: Array,
+        steps: Array,
+        turns: Array,
+        pixels: NDArray[np.intp] | None = None,
+    ) -> Array:
+        """``cost`` (m, t, p) of poses around those of the picture: ``steps`` (m, p) m along
+        ``axis`` (m, 3), ``turns`` (m, t) rad about the robots' own."""
+        m, t, p = len(robots), turns.shape[1], steps.shape[1]
+        about = np.zeros((m, t, 3))
+        about[..., 2] = turns
+        frames = shot.rotation[robots, None] @ turned_by(about.reshape(-1, 3)).reshape(m, t, 3, 3)
+        places = shot.position[robots, None] + steps[..., None] * axis[:, None]
+        cost = self.cost(
+            robots,
+            shot,
+            np.tile(places, (1, t, 1)),
+            np.repeat(frames, p, axis=1),
+            pixels=pixels,
+        )
+        return cost.reshape(m, t, p)
+
+    def best(self, robots: NDArray[np.intp], shot: Shot, places: Array, frames: Array) -> Best:
+        """The best of candidates (m, c, 3) m and (m, c, 3, 3), after the best few have been
+        improved."""
+        rows = np.arange(len(robots))[:, None]
+        cost = self.cost(robots, shot, places, frames, BLUR)
+        best = np.argsort(cost, axis=1, kind="stable")[:, :FINALISTS]
+        places, frames = places[rows, best], frames[rows, best]
+        for blur in (BLUR, BLUR, BLUR, 2.0, 2.0, 1.0):
+            places, frames = self._improved(robots, shot, places, frames, blur)
+        cost = self.cost(robots, shot, places, frames)
+        first = cost.argmin(axis=1)
+        place, frame = places[rows[:, 0], first], frames[rows[:, 0], first]
+        cosine = ((frame[:, None] * frames).sum(axis=(2, 3)) - 1) / 2
+        aside = np.sqrt(((places - place[:, None]) ** 2).sum(axis=-1))
+        apart = (cosine < np.cos(DISTINCT)) | (aside > APART)
+        other = np.where(apart, cost, np.inf).min(axis=1)
+        return Best(place, frame, cost[rows[:, 0], first], other)
+
+    def cost(
+        self,
+        robots: NDArray[np.intp],
+        shot: Shot,
+        places: Array,
+        frames: Array,
+        blur: float = 1.0,
+        pixels: NDArray[np.intp] | None = None,
+    ) -> Array:
+        """Half of the squared errors of each robot's candidates (m, c), of picture and gravity;
+        those of pixels are less by ``blur``, where candidates are far apart."""
+        pixels = self._coarse if pixels is None else pixels
+        camera, rays = self._camera, self._rays[pixels]
+        m, c = frames.shape[:2]
+        facing = np.repeat(shot.facing[robots], c)
+        position, lens = self._mount.lens(places.reshape(-1, 3), frames.reshape(-1, 3, 3), facing)
+        which = np.repeat(self._which[robots], c)
+        hits = self._walls.trace(which, position, lens, rays, camera.optics.far, camera.lamp)
+        expected = camera.expected(hits, rays).reshape(m, c, -1)
+        measured = shot.picture[robots][:, None, pixels]
+        error = (measured - expected) / camera.spread(expected) / blur
+        # Where one of both sees something and the other nothing, they differ by much.
+        nothing = np.isnan(measured) != np.isnan(expected)
+        error = np.where(nothing, WORST, np.nan_to_num(error))
+        size = np.abs(error)
+        # Beyond what is on the map anything is as well as what is expected.
+        beyond = np.isnan(hits[..., RANGE]).reshape(m, c, -1)
+        loss = np.where(beyond, 0.5, np.minimum(size, WORST) ** 2 / 2)
+        picture = self.share * len(self.pixels) / len(pixels)
+        held = np.einsum("mcij,mi->mcj", frames, -self._gravity[robots])
+        force = (held - self.held[robots, None]) / self._table.force_std
+        return picture * loss.sum(axis=-1) + 0.5 * (force**2).sum(axis=-1)
+
+    def _improved(
+        self, robots: NDArray[np.intp], shot: Shot, places: Array, frames: Array, blur: float
+    ) -> tuple[Array, Array]:
+        """Candidates (m, c, 3) and (m, c, 3, 3), each moved to where it fits the picture better: a
+        step of Gauss and Newton."""
+        m, c = places.shape[:2]
+        facing, which = np.repeat(shot.facing[robots], c), np.repeat(self._which[robots], c)
+        flat, turned = places.reshape(-1, 3), frames.reshape(-1, 3, 3)
+        measured = np.repeat(shot.picture[robots][:, self._coarse], c, axis=0)
+        rays = self._rays[self._coarse]
+        error, said, slopes = self._difference(which, flat, turned, facing, measured, rays, blur)
+        near = said & (np.abs(error) < 2 * WORST)
+        information, evidence = normal(slopes, error, near.astype(float))
+        stiff = np.diag(1 / np.array([NEAR_BY] * 3 + [NEAR_TURN] * 3) ** 2)
+        change = np.linalg.solve(information + stiff, evidence[..., None])[..., 0]
+        size = np.sqrt((change[:, :3] ** 2).sum(axis=-1)) / NEAR_BY
+        turn = np.sqrt((change[:, 3:] ** 2).sum(axis=-1)) / NEAR_TURN
+        change = change / np.maximum(1.0, np.maximum(size, turn))[:, None]
+        moved = flat + change[:, :3]
+        rotated = orthonormal(turned_by(change[:, 3:]) @ turned)
+        return moved.reshape(m, c, 3), rotated.reshape(m, c, 3, 3)
+
+    def _difference(
+        self,
+        which: NDArray[np.intp],
+        position: Array,
+        rotation: Array,
+        facing: NDArray[np.int_],
+        measured: Array,
+        rays: Array,
+        blur: float = 1.0,
+        *,
+        about_lens: bool = True,
+    ) -> Difference:
+        """What pictures (n, k) have other than expected of robots at poses (n, 3) m, (n, 3, 3);
+        ``blur`` as in ``cost``; without ``about_lens`` turns about the lens's axis change
+        nothing."""
+        place, frame = self._mount.lens(position, rotation, facing)
+        expected, slopes = self._expected(which, place, frame, rays)
+        spread = self._camera.spread(expected) * blur
+        error = (measured - expected) / spread
+        said = np.isfinite(error) & np.isfinite(slopes).all(axis=-1)
+        if not about_lens:
+            slopes[..., POSE - 1] = 0.0
+        slopes = np.where(said[..., None], slopes / np.where(said, spread, 1.0)[..., None], 0.0)
+        error = np.where(said, error, 0.0)
+        return Difference(error, said, _of_robot(slopes, frame, place - position))
+
+    def _expected(
+        self, which: NDArray[np.intp], position: Array, frame: Array, rays: Array
+    ) -> tuple[Array, Array]:
+        """Expected pictures (n, k) and their slopes (n, k, 6), see ``Camera.slopes``."""
+        camera, far = self._camera, self._camera.optics.far
+        hits = self._walls.trace(which, position, frame, rays, far, camera.lamp)
+        expected, slopes = camera.expected(hits, rays), camera.slopes(hits, rays, frame)
+        if slopes is None:
+            slopes = self._slopes(hits, position, frame, rays, expected)
+        return expected, slopes
+
+    def _slopes(
+        self, hits: Array, position: Array, frame: Array, rays: Array, expected: Array
+    ) -> Array:
+        """Slopes from the pictures of neighbouring poses, which see the same pieces of wall."""
+        slopes = np.empty((*expected.shape, POSE))
+        for axis in range(POSE):
+            place, turned, step = position, frame, SHIFT if axis < 3 else TILT
+            change = np.zeros((len(position), 3))
+            change[:, axis % 3] = step
+            if axis < 3:
+                place = position + change
+            else:
+                turned = frame @ turned_by(change)
+            seen = nearby(hits, rays, position, frame, place, turned, self._camera.lamp)
+            slopes[..., axis] = (self._camera.expected(seen, rays) - expected) / step
+        return slopes
+
+
+def _of_robot(slopes: Array, frame: Array, arm: Array) -> Array:
+    """Slopes (n, k, 6) of a camera's picture as those of its robot's pose; ``frame`` (n, 3, 3) of
+    the lens; ``arm`` (n, 3) m, from the robot's centre to the lens, world frame."""
+    turns = np.einsum("nij,nkj->nki", frame, slopes[..., 3:])
+    turns = turns + cross(arm[:, None], slopes[..., :3])
+    return np.concatenate([slopes[..., :3], turns], axis=-1)

@@ -1,0 +1,113 @@
+"""A mission through a network that the robot does not know, seen from outside: what is true, and
+what the robot is given to begin with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from omnitrack_sim.autonomy.belief import Belief
+from omnitrack_sim.autonomy.explorer import CREEP, Explorer
+from omnitrack_sim.autonomy.goals import Mission, ports_of
+from omnitrack_sim.autonomy.sight import TrueSight
+from omnitrack_sim.base.errors import Fault, NetworkError
+from omnitrack_sim.base.rotations import Array, Pose, length
+from omnitrack_sim.pipes import Arcs, Part
+from omnitrack_sim.pipes.compare import MapDifference, compare_maps
+from omnitrack_sim.pipes.layout import End, both_ways
+from omnitrack_sim.pipes.network import Network
+from omnitrack_sim.pipes.planning import Way
+from omnitrack_sim.robots.omnitrack import Robot
+
+
+class Exploration:
+    """One mission with an unknown map.
+
+    Args:
+        network: the true one. mission: start and what is to be found. robot, arcs: see ``Ways``.
+        distance: m, from the start port to the robot's centre as it begins.
+
+    Attributes:
+        ends: ports of the start and of the goals. plates: ports closed by a plate.
+        way: the straight in which the robot begins.
+
+    Raises:
+        NetworkError: see ``ports_of``, or the robot does not begin in a straight.
+    """
+
+    def __init__(
+        self, network: Network, mission: Mission, robot: Robot, distance: float, arcs: Arcs
+    ) -> None:
+        self.network, self.mission, self.robot, self.arcs = network, mission, robot, arcs
+        self.ends, self.plates = ports_of(network, mission)
+        self._distance = distance
+        part, port = self.ends[0]
+        fitting = network.pipes.parts[part].fitting
+        if not fitting.is_plain:
+            problem = f"is in a {fitting.kind}; a robot begins to explore in a straight pipe"
+            raise NetworkError(Fault("start", problem))
+        self.way: Way = tuple((part, port, leave) for leave in fitting.port_names if leave != port)
+
+    def sight(self) -> TrueSight:
+        """Sight without error."""
+        return TrueSight(self.network.pipes, self.plates, self.robot, self.arcs)
+
+    def in_sight(self) -> tuple[list[Part], list[End]]:
+        """Parts that can be seen from any place that the robot can get to, and those of their
+        ports that a plate closes: numbers are those of the parts returned."""
+        parts, joined = self.network.pipes.parts, both_ways(self.network.pipes.joints)
+        plates = {*self.plates, *(joined[end] for end in self.plates if end in joined)}
+        found, todo = {self.ends[0][0]}, [self.ends[0][0]]
+        while todo:
+            part = todo.pop()
+            ends = {(part, port) for port in parts[part].fitting.port_names} - plates
+            new = {joined[end][0] for end in ends if end in joined} - found
+            found |= new
+            todo += new
+        numbers = {part: i for i, part in enumerate(sorted(found))}
+        return (
+            [parts[part] for part in numbers],
+            [(numbers[part], port) for part, port in sorted(plates) if part in numbers],
+        )
+
+    def explorer(self, number: int, falls: int) -> Explorer:
+        """A robot that explores it, number ``number`` of its batch, which may fall off its way
+        ``falls`` times. It knows where it stands, and the pipe that it stands in up to its nose."""
+        port = self._port(self.ends[0])
+        fitting = self.network.pipes.parts[self.ends[0][0]].fitting
+        into = Pose(port.rotation * [1, -1, -1], port.position)
+        free = self._distance + self.robot.length / 2 + CREEP
+        belief = Belief(into, fitting.inner_diameter, free)
+        goals = list(self.mission.goals)
+        return Explorer(self.robot, number, self.arcs, belief, goals, self._distance, falls)
+
+    def goal_at(self, nose: Array) -> str:
+        """The name of the goal that a robot has its nose (3,) m at, world frame; "" at none."""
+        found = zip(self.mission.goals, self.ends[1:], strict=True)
+        return next((name for name, end in found if self._is_at(end, nose)), "")
+
+    def holds(self, position: Array) -> bool:
+        """Whether a robot with its centre at ``position`` (3,) m, world frame, is in a pipe."""
+        return float(self.network.pipes.signed_distance(position[None])[0][0]) > 0
+
+    def is_home(self, position: Array, axis: Array) -> bool:
+        """Whether a robot with its centre at ``position`` (3,) m, world frame, stands at the
+        start, with either end; ``axis`` (3,) is a unit vector to its nose."""
+        half = self.robot.length / 2 * axis
+        return any(self._is_at(self.ends[0], position + side * half) for side in (1.0, -1.0))
+
+    def difference(self, found: Network) -> MapDifference:
+        """How a map differs from what can be reached of the network."""
+        plates = [self.network.port_name(end) for end in self.plates]
+        return compare_maps(found, self.network, self.network.port_name(self.ends[0]), plates)
+
+    def points(self) -> Sequence[Array]:
+        """Where the robot has to get to, (3,) m each: the goals, or else the start."""
+        return [self._port(end).position for end in self.ends[1:] or self.ends]
+
+    def _port(self, end: End) -> Pose:
+        return self.network.pipes.parts[end[0]].port(end[1])
+
+    def _is_at(self, end: End, tip: Array) -> bool:
+        """Whether a tip of the robot is within a bore's radius of a port."""
+        radius = self.network.pipes.parts[end[0]].fitting.port_radius(end[1])
+        return float(length(self._port(end).position - tip)) < radius

@@ -1,0 +1,469 @@
+"""What a robot does that explores: where it looks, what it adds to its map, which way it goes next.
+
+Nothing here moves a robot. It drives on legs through the pipes as it believes them to be. A leg
+leads to a port that it has not looked into yet; when its nose is there and it sees on, the leg is
+made longer. Among the ports of a fitting that it comes to, it takes the one with the shortest way
+there, which is the branch of a tee; among all others, at an end or where its way is blocked, the
+one that asks for the least travel, back and on. As whatever is ahead asks for less than anything
+that it would have to back out for, it explores depth first, and it never backs out of a pipe that
+it has not seen the end of. When nothing is left it goes back to where it began.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from omnitrack_sim.autonomy.ahead import Ahead, Look, side_of
+from omnitrack_sim.autonomy.belief import NO_STRAIGHT, Belief
+from omnitrack_sim.autonomy.looking_back import LookingBack
+from omnitrack_sim.autonomy.looking_closer import LOOK_AGAIN, LookingCloser
+from omnitrack_sim.autonomy.ways import NOSE_ROOM, ROUNDING, Ways
+from omnitrack_sim.autonomy.whereabouts import Whereabouts
+from omnitrack_sim.base.errors import GeometryError
+from omnitrack_sim.base.rotations import Array, angle_between
+from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting
+from omnitrack_sim.pipes.layout import End
+from omnitrack_sim.pipes.planning import Closed, Leg, Step, Way
+from omnitrack_sim.record.events import (
+    EndInspected,
+    Event,
+    ExplorationComplete,
+    FellOff,
+    FittingFound,
+    GaveUp,
+    GoalReached,
+    LegBegan,
+    LoopClosed,
+    TakenForClosed,
+)
+from omnitrack_sim.robots.omnitrack import Robot
+
+CREEP = 0.1
+"""How far a robot goes on, m, where it should see on and does not: it takes so much pipe for
+free."""
+LOOK_STEP = 0.1
+"""Travel between two looks along a pipe whose end is not in sight, m."""
+LOOK_BEFORE = 0.015
+"""How far before the end of a leg, m, a robot looks on."""
+LEAST_BEND = math.radians(5)
+"""No elbow bends by less."""
+BENT = math.radians(0.5)
+"""Angle, rad, by which an elbow has to bend otherwise than was seen for the map to be changed."""
+SETTLE = 0.05
+"""Travel after such a change in which a robot finds its place on the new map, m."""
+SURE = 0.5
+"""Probability from which on a robot believes what it sees."""
+TOUCH = 0.05
+"""How far before an end that it has seen a robot may hang, m, for it to have come to that end."""
+_Onward = Callable[[Ways, int, Closed], list[Leg] | None]
+
+
+class Decision(NamedTuple):
+    """What a robot does from now on.
+
+    Attributes:
+        leg: the leg to be driven; None: the run is over.
+        goes_on: it is the leg at hand, made longer, and not another one.
+        events: what there is to tell.
+        shift: m, how much farther along its leg it is than it took itself to be.
+    """
+
+    leg: Leg | None
+    goes_on: bool
+    events: Sequence[Event]
+    shift: float = 0.0
+
+
+@dataclass
+class Explorer:
+    """One robot that explores.
+
+    Attributes:
+        robot: the robot. number: its index in the batch, for events. arcs: of the centreline in
+            tees.
+        belief: its map.
+        goals: names of ends that it is to find, and has not found yet; with none, it explores all.
+        distance: m, from the port where it began to its centre then.
+        falls: how often it may fall off its way.
+        leg: at hand. look_at: m, arc length on it where the robot looks ahead next.
+        ways: through its map.
+    """
+
+    robot: Robot
+    number: int
+    arcs: Arcs
+    belief: Belief
+    goals: list[str]
+    distance: float
+    falls: int
+    leg: Leg = field(init=False)
+    look_at: float = field(init=False)
+    ways: Ways = field(init=False)
+    _to_come: list[Leg] = field(default_factory=list)
+    _closed: list[End] = field(default_factory=list)
+    _fallen_off: list[Step] = field(default_factory=list)
+    _bends: dict[int, Array] = field(default_factory=dict)
+    _told: set[str] = field(default_factory=set)
+    _complete: bool = False
+
+    def __post_init__(self) -> None:
+        self._explores = not self.goals
+        half = self.robot.length / 2
+        self._back = LookingBack(self.belief, half, SURE)
+        self._closer = LookingCloser(self.belief, half)
+        self.ways = self._through([])
+        self.leg = self._longer(Leg(((0, "start", "end"),), 1, self.distance, 0.0, 0, ""))
+        self.look_at = self.distance
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """Goals that have not been found."""
+        return tuple(self.goals)
+
+    # What happens to it
+
+    def see(self, look: Look) -> Decision:
+        """It has looked ahead, and back where it ``looks_back``."""
+        placed, way = look.distance, self.leg.way
+        if self.looks_back(look.distance):
+            placed = self._back.placed(way, self.ways.along_of(way), look.distance, look.behind)
+        shift = placed - look.distance
+        if look.distance < self.look_at:
+            return Decision(self.leg, True, (), shift)
+        return self._look_on(look._replace(distance=placed))._replace(shift=shift)
+
+    def _look_on(self, look: Look) -> Decision:
+        """It has looked to where its way goes on."""
+        ahead, distance = look.ahead, look.distance
+        way, along = self.leg.way, self.ways.along_of(self.leg.way)
+        if ahead is None or ahead.sure < SURE:
+            self.look_at = distance + LOOK_AGAIN
+            if self._closer.too_late(self.look_at, way, along):
+                self._rely()
+            return Decision(self.leg, True, ())
+        again = self._closer.doubted(ahead, way, along, distance)
+        if again is not None:
+            self.look_at = again
+            return Decision(self.leg, True, ())
+        self._forget_what_was_far()
+        measured = self._measure_bend(look.turned @ ahead.axis)
+        before = self.ways.along_of(self.leg.way).length
+        way = self._reached(distance + ahead.distance - before)
+        if measured:  # what is beyond is measured when it knows its place on the new map
+            self._go_on(way)
+            self.look_at = max(distance, min(distance + SETTLE, self.leg.end - LOOK_BEFORE))
+            return Decision(self.leg, True, ())
+        if ahead.fitting is not None:
+            return self._comes_to(ahead.fitting, ahead, way, look)
+        if ahead.end == "open" or ahead.end == "closed":
+            self.belief.note(_end_of(way), ahead.end)
+        self._go_on(way)
+        self.look_at = math.inf if ahead.end else distance + LOOK_STEP
+        if ahead.end:
+            self._look_closer(ahead, way, distance)
+        return Decision(self.leg, True, ())
+
+    def arrived(self, time: float, distance: float, here: str) -> Decision:
+        """It has come to the end of its leg.
+
+        Args:
+            time: s. distance: m, arc length of its centre. here: name of the goal of the mission
+                that is there; "" where there is none.
+        """
+        if self._to_come:
+            return self._onto(time, self._to_come)
+        end = _end_of(self.leg.way)
+        if end == self.belief.start:
+            return Decision(None, False, ())
+        if end not in self.belief.ends:  # it should see on, and does not
+            self._go_on(self._reached(CREEP))
+            self.look_at = distance
+            return Decision(self.leg, True, ())
+        return self._inspected(time, distance, end, here)
+
+    def hangs(self, time: float, distance: float, here: str) -> Decision:
+        """It makes no headway; arguments as in ``arrived``."""
+        leg = self.leg
+        if leg.goal < 0:
+            return self._given_up(time, [], f"no headway as it {leg.note}")
+        end, port = _end_of(leg.way), self.ways.obstacle(leg, distance)
+        ahead = self.ways.along_of(leg.way).length - distance - self.robot.length / 2
+        if port == end and end in self.belief.ends and ahead < TOUCH:
+            return self._inspected(time, distance, end, here)
+        told = [TakenForClosed(self.number, time, self.belief.name(port), distance)]
+        self._closed.append(port)
+        if port in self.belief.unexplored:
+            if self.belief.fitting(port[0]).is_plain:
+                self.belief.lengthen(port[0], -ahead)
+            self.belief.note(port, "impassable")
+            self.belief.done(port)
+        return self._next(time, told, self._from_leg(distance))
+
+    def fell(self, time: float, where: Whereabouts) -> Decision:
+        """It is off its way, and lies somewhere else in its map."""
+        part, port = where.part, (where.part, where.ahead)
+        name = self.belief.network.fittings[part].name
+        told = [FellOff(self.number, time, name, self.belief.name(port))]
+        if self.falls == 0:
+            return self._given_up(time, told, "has fallen too often")
+        self.falls -= 1
+        self._fallen_off += self.ways.turn_in(self.leg, part)
+        return self._next(time, told, lambda ways, goal, closed: ways.anew(where, goal, closed))
+
+    # Looking once more
+
+    @property
+    def looks_at(self) -> float:
+        """Arc length on its leg, m, where it looks next."""
+        return min(self.look_at, self._back_at)
+
+    def looks_back(self, distance: float) -> bool:
+        """Whether it looks back, too, at arc length ``distance`` m of its leg."""
+        close = bool(self._closer.index(self.leg.way)) and distance >= self.look_at
+        return close or distance >= self._back_at
+
+    @property
+    def _back_at(self) -> float:
+        return self._back.at(self.leg.way, self.ways.along_of(self.leg.way))
+
+    def _look_closer(self, ahead: Ahead, way: Way, distance: float) -> None:
+        """Look once more at what has just been seen at the end of a way, where that is still far
+        away."""
+        close = self._closer.begin(ahead, way, self.ways.along_of(way), distance)
+        self.look_at = self.look_at if close is None else close
+
+    def _rely(self) -> None:
+        """Take what has been seen from afar for what is there."""
+        self.belief.settle()
+        end = _end_of(self.leg.way)
+        self.look_at = math.inf if end in self.belief.ends else self.leg.end - LOOK_BEFORE
+
+    def _forget_what_was_far(self) -> None:
+        """It is close to what it has seen from afar, and looks at it as if for the first time."""
+        i = self._closer.index(self.leg.way)
+        if i is None:
+            return
+        beyond = self.belief.take_back(self.leg.way[i][0])
+        if beyond is not None:
+            self._bends.pop(beyond, None)
+        self.ways = self._through([])
+        self.leg = replace(self.leg, way=self.leg.way[: i + 1])
+
+    # How the map grows
+
+    def _reached(self, more: float) -> Way:
+        """The way at hand with ``more`` m of free pipe at its end."""
+        way, end = self.leg.way, _end_of(self.leg.way)
+        if self.belief.fitting(end[0]).is_plain:
+            left = self.belief.lengthen(end[0], more)
+            if left <= NO_STRAIGHT and self.belief.drop(end[0]):
+                return way[:-1]
+            return way
+        if more <= NO_STRAIGHT:
+            return way
+        return (*way, (self.belief.straight_beyond(end, more), "start", "end"))
+
+    def _comes_to(
+        self,
+        fitting: Fitting,
+        ahead: Ahead,
+        way: Way,
+        look: Look,
+    ) -> Decision:
+        """A fitting is seen at the end of a way."""
+        belief, end, enter = self.belief, _end_of(way), ahead.enter
+        time, distance = look.time, look.distance
+        fitting = _fitted(fitting, enter, 2 * belief.fitting(end[0]).port_radius(end[1]))
+        known = belief.known_at(end, fitting, enter)
+        if known is not None:
+            told = [self._closes(time, end, known)]
+            self._go_on(way)
+            return self._next(time, told, self._from_leg(distance))
+        axis = belief.port(end).rotation[:, 2]
+        side = side_of(look.frame, axis)
+        side = math.cos(ahead.turn) * side + math.sin(ahead.turn) * np.cross(axis, side)
+        part = belief.attach(end, fitting, enter, side)
+        if isinstance(fitting, Elbow):
+            self._bends[part] = look.turned @ ahead.axis
+        name = belief.network.fittings[part].name
+        told: list[Event] = []
+        if name not in self._told:
+            self._told.add(name)
+            told.append(FittingFound(self.number, time, name, ahead.distance))
+        for port, other in belief.meeting(part):
+            if {port, other} <= set(belief.unexplored):
+                told.append(self._closes(time, port, other))
+        self._go_on(way)
+        onward = self._through_new(part, enter, distance)
+        if onward is None:
+            return self._next(time, told, self._from_leg(distance))
+        self._go_on(onward)
+        self.look_at = self.leg.end - LOOK_BEFORE
+        if belief.is_last(part):
+            self._look_closer(ahead, way, distance)
+        return Decision(self.leg, True, told)
+
+    def _measure_bend(self, axis: Array) -> bool:
+        """It may have come out of an elbow, into a pipe along ``axis`` (3,), in the frame of
+        ``turned``: how much the elbow bends was hidden before it. Whether it bends by more or less
+        than was seen."""
+        way = self.leg.way
+        last = len(way) - 1
+        if last > 0 and self.belief.fitting(way[last][0]).is_plain:
+            last -= 1
+        part = way[last][0]
+        if part not in self._bends or not self.belief.is_last(way[-1][0]):
+            return False
+        angle = float(angle_between(self._bends.pop(part), axis))
+        elbow = self.belief.fitting(part)
+        assert isinstance(elbow, Elbow)
+        if angle < LEAST_BEND or abs(angle - elbow.angle) < BENT:
+            return False
+        self.belief.bend(part, angle)
+        self.ways = self._through([])
+        return True
+
+    def _closes(self, time: float, end: End, other: End) -> Event:
+        miss = self.belief.close(end, other)
+        return LoopClosed(self.number, time, self.belief.name(end), self.belief.name(other), miss)
+
+    def _through_new(self, part: int, enter: str, distance: float) -> Way | None:
+        """The way at hand and on through a new fitting to the nearest of its unexplored ports; None
+        where there is none, or where the robot has come too far to stand before it: fittings that
+        follow closely are prepared for together, before the first of them."""
+        unexplored = self.belief.unexplored
+        leaves = [end[1] for end in unexplored if end[0] == part]
+        if not leaves:
+            return None
+        leave = min(leaves, key=lambda port: round(self.ways.passed(part, enter, port).length, 3))
+        way = (*self.leg.way, (part, enter, leave))
+        passed = self.ways.passed(part, enter, leave)
+        stand = self.ways.stand(self.ways.along_of(way), len(way) - 1, passed)
+        return way if distance <= stand + ROUNDING or not passed.asks_orientation else None
+
+    def _inspected(self, time: float, distance: float, end: End, here: str) -> Decision:
+        """It stands at an end that it has seen."""
+        belief, found = self.belief, here if here in self.goals else ""
+        belief.done(end, found)
+        told: list[Event] = [
+            EndInspected(self.number, time, belief.name(end), belief.ends[end]),
+        ]
+        if found:
+            told.append(GoalReached(self.number, time, found))
+            self.goals.remove(found)
+        if not (self._explores or self.goals):
+            return Decision(None, False, told)
+        return self._next(time, told, self._from_leg(distance))
+
+    # Where it goes
+
+    def _from_leg(self, distance: float) -> _Onward:
+        """Legs to a goal from arc length ``distance`` m on the leg at hand."""
+        leg = self.leg
+
+        def onward(ways: Ways, goal: int, closed: Closed) -> list[Leg] | None:
+            found = [ways.ahead(leg, distance, goal, closed)]
+            found.append(ways.onward(leg, distance, goal, closed))
+            if ways.ends[goal + 1] == self.belief.start:
+                # It is behind; after a loop it may be nearer ahead.
+                found.append(ways.anew(ways.on(leg, distance), goal, closed))
+            return min((legs for legs in found if legs), key=_travel, default=None)
+
+        return onward
+
+    def _next(self, time: float, told: Sequence[Event], onward: _Onward) -> Decision:
+        """The unexplored port that asks for the least travel, or else the start."""
+        told = list(told)
+        legs = self._least(self.belief.unexplored, onward)
+        if legs is None:
+            told += self._completed(time)
+            legs = self._least([self.belief.start], onward)
+        if legs is None:
+            return self._given_up(time, told, "no other way")
+        return self._onto(time, legs, told)
+
+    def _completed(self, time: float) -> list[Event]:
+        """There is no port left that it could look into; those that it cannot get to are noted.
+        What is told of it, once."""
+        if self._complete:
+            return []
+        self._complete, belief = True, self.belief
+        for end in belief.unexplored:
+            belief.note(end, "impassable")
+            belief.done(end)
+        parts = belief.network.pipes.parts
+        fittings = sum(not part.fitting.is_plain for part in parts)
+        return [ExplorationComplete(self.number, time, fittings, len(belief.explored))]
+
+    def _least(self, goals: Sequence[End], onward: _Onward) -> list[Leg] | None:
+        """Legs to the one of some ports that asks for the least travel; None where no way leads to
+        any. A turn that the robot has fallen off it takes only where there is no other way."""
+        ways = self._through(goals)
+        for closed in ([*self._closed, *self._fallen_off], self._closed):
+            found = [
+                (round(_travel(legs), 6), goal, legs)
+                for goal in range(len(goals))
+                if (legs := onward(ways, goal, tuple(closed)))
+            ]
+            if found:
+                self.ways = ways
+                return min(found, key=lambda option: option[:2])[2]
+        return None
+
+    def _onto(self, time: float, legs: Sequence[Leg], told: Sequence[Event] = ()) -> Decision:
+        """Drive the first of ``legs``, the others being kept for later."""
+        before = self.leg
+        self.belief.settle()
+        self._back.begin()
+        self.leg, *self._to_come = legs
+        end = _end_of(self.leg.way)
+        blind = self.leg.goal < 0 or end == self.belief.start or end in self.belief.ends
+        self.look_at = math.inf if blind else self.leg.end - LOOK_BEFORE
+        if self.leg.gear == before.gear and self.leg.way[: len(before.way)] == before.way:
+            self.leg = replace(self.leg, begin=before.begin)
+            return Decision(self.leg, True, told)
+        return Decision(self.leg, False, [*told, LegBegan(self.number, time, self.leg.note)])
+
+    def _go_on(self, way: Way) -> None:
+        """The leg at hand goes on to the end of a way that begins as its own does."""
+        self.ways = self._through([])
+        self.leg = self._longer(replace(self.leg, way=way))
+
+    def _longer(self, leg: Leg) -> Leg:
+        """A leg that ends where its way does."""
+        end = self.ways.along_of(leg.way).length - self.robot.length / 2 - NOSE_ROOM
+        return replace(leg, end=end, note=f"to {self.belief.name(_end_of(leg.way))}")
+
+    def _through(self, goals: Sequence[End]) -> Ways:
+        """Ways through the map as it is now, to some of its ports."""
+        names = ["the start" if g == self.belief.start else self.belief.name(g) for g in goals]
+        ends = [self.belief.start, *goals]
+        return Ways(self.belief.network, ends, names, self.robot, self.arcs)
+
+    def _given_up(self, time: float, told: Sequence[Event], cause: str) -> Decision:
+        return Decision(None, False, [*told, GaveUp(self.number, time, cause)])
+
+
+def _end_of(way: Way) -> End:
+    """The port that a way ends at."""
+    part, _, leave = way[-1]
+    return part, leave
+
+
+def _travel(legs: Sequence[Leg]) -> float:
+    return sum(leg.end - leg.begin for leg in legs)
+
+
+def _fitted(fitting: Fitting, enter: str, bore: float) -> Fitting:
+    """A fitting as seen, with the bore of the pipe that it is joined to."""
+    if abs(2 * fitting.port_radius(enter) - bore) <= BORE_TOLERANCE:
+        return fitting
+    try:
+        return replace(fitting, **{fitting.bore_key(enter): bore})  # type: ignore[type-var]
+    except GeometryError:
+        return fitting

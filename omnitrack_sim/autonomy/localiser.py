@@ -1,0 +1,441 @@
+"""From what n robots feel and see to their poses in pipes that are on their map."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.autonomy.candidates import DISTINCT, Candidates, Shot
+from omnitrack_sim.autonomy.evidence import (
+    chances,
+    huber,
+    median,
+    moments,
+    normal,
+    of_arms,
+    of_gravity,
+)
+from omnitrack_sim.autonomy.graft import graft
+from omnitrack_sim.autonomy.pose_filter import PLACE, POSE, TURN, PoseFilter, beginning, outer
+from omnitrack_sim.base.rotations import Array, Pose, orthonormal, turned_by, wrap_angle
+from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, belt_sign
+from omnitrack_sim.senses.eyes import Mount
+from omnitrack_sim.senses.optics import Walls
+from omnitrack_sim.senses.proprioception import Felt
+from omnitrack_sim.senses.table import SensingTable
+
+FEELING = 0.1
+"""Time between two uses of arms and accelerometer, s."""
+ROLLS = 36
+"""Turns about the pipe's axis that a robot that does not know its own compares."""
+CONVINCED = 4.0
+"""By how much the cost of any other answer has to be higher."""
+FOUND_TURN, FOUND_AT = 0.1, 0.02
+"""Standard deviations of a turn, rad, and of a place along the pipe, m, that were found among
+candidates that far apart."""
+CHECKED = 0.01
+"""How far along its axis a robot looks that checks its turn, m."""
+GOOD = 2.0
+"""Cost, for each pixel that counts, up to which a pose explains its picture."""
+DOUBT = 1e-3
+"""Probability of all other turns together below which a robot takes the best."""
+VAGUE, VAGUE_TURN = 0.01, 0.02
+"""Standard deviations of its place, m, and of its turn about its axis, rad, from which on a robot
+compares places and turns."""
+RESTING = 1
+"""Pictures of one end that a robot lets pass after one that told it nothing."""
+WITHIN, FARTHEST = 3.0, 0.2
+"""How far it looks, in standard deviations and at most in m."""
+PLACES, FEW_PLACES, FEW_TURNS = 13, 3, 9
+"""At how many places, at how many for all turns, and at how many turns."""
+TOLD = 0.85
+"""Part to which the variance has to fall by that."""
+LOOSE_PLACE, LOOSE_TURN = 0.015, 0.03
+"""Standard deviations, m and rad, that are added where a bend of the map is measured anew."""
+
+
+class Localiser:
+    """Where n robots are, on maps that they know.
+
+    Args:
+        table: ``[sensing]``. robot: shared by all. mount: its cameras.
+        walls: of the maps. which: (n,) map of each robot.
+        gravity: (n, 3) m/s², world frame, as the maps say.
+        position: (n, 3) m. rotation: (n, 3, 3). Where the robots take themselves to be.
+        direction: (n, 3), of the pipe that each begins in.
+        period: s between two control steps.
+
+    Attributes:
+        filter: the estimate.
+        misfit: (n,) median error of the last picture's pixels, in their standard deviations.
+        unknown: (n,) bool, robots that do not know how they are turned about their axis.
+        shot: the last picture that has arrived.
+        pixels: (k,) those of a picture that are compared with the map, counted row by row.
+    """
+
+    def __init__(
+        self,
+        table: SensingTable,
+        robot: Robot,
+        mount: Mount,
+        walls: Walls,
+        which: NDArray[np.intp],
+        gravity: Array,
+        position: Array,
+        rotation: Array,
+        direction: Array,
+        period: float,
+    ) -> None:
+        self._table, self._robot, self._walls, self._which = table, robot, walls, which
+        self._gravity, self._period, self._rate = gravity, period, mount.camera.optics.rate
+        n = len(position)
+        begin = beginning(table, direction)
+        radius = robot.nominal_pipe_radius
+        self.filter = PoseFilter(position, rotation, begin, table.filter, table.imu, radius)
+        held = -np.einsum("nji,nj->ni", rotation, gravity)
+        self._candidates = Candidates(table.filter, mount, walls, which, gravity, held)
+        self.pixels = self._candidates.pixels
+        self.misfit = np.zeros(n)
+        self.unknown = np.full(n, not table.start.theta5_known)
+        self._force = np.zeros((n, 3))
+        self._felt, self._clock = np.zeros(n, int), 0
+        # Pictures of each end, tail and nose, to come until poses are compared again.
+        self._rest = np.zeros((n, 2), np.intp)
+        self._against = np.zeros((n, ROLLS))  # what pictures have said against each turn
+        self._puzzled = np.zeros(n)  # s, how long pictures have not been those of the map
+        self._steps = max(1, round(FEELING / period))
+        self._slide = np.zeros((n, 3))
+        self._arriving: deque[tuple[int, Shot]] = deque()
+        self.shot: Shot | None = None
+
+    def feel(self, felt: Felt) -> None:
+        """Take in what the robots feel, at every control step."""
+        at_wall = felt.travel * belt_sign(felt.roll)
+        radius = self._robot.nominal_pipe_radius
+        by_belts = angular_velocity(at_wall, 0.0, radius)
+        differ = (by_belts - felt.turned)[:, :2] * radius
+        skid = np.sqrt((differ**2).sum(axis=-1))
+        self.filter.advance(at_wall.mean(axis=1), felt.turned, skid, self._period)
+        self._force = self._force + felt.force / self._steps
+        self._slide = felt.slide
+        self._felt, self._clock = self._felt + 1, self._clock + 1
+        due = self._felt % self._steps == 0
+        if np.count_nonzero(due):
+            self.filter.settle(due)
+            self._correct_by_touch(due)
+            held = self._candidates.held
+            self._candidates.held = np.where(due[:, None], self._force, held)
+            self._force = np.where(due[:, None], 0.0, self._force)
+
+    def _correct_by_touch(self, due: NDArray[np.bool_]) -> None:
+        """Correct the poses of robots that are ``due`` (n,) by the arms and by gravity."""
+        pose, table = self.filter, self._table.filter
+        information, evidence = of_arms(
+            self._robot,
+            self._walls,
+            self._which,
+            pose.position,
+            pose.rotation,
+            self._slide,
+            table.arm_std,
+        )
+        more, further = of_gravity(
+            self._gravity, self._force, pose.rotation, table.force_std, ~self.unknown
+        )
+        information = np.where(due[:, None, None], information + more, 0.0)
+        evidence = np.where(due[:, None], evidence + further, 0.0)
+        pose.correct(information, evidence, pose.position.copy())
+
+    @property
+    def puzzled(self) -> NDArray[np.bool_]:
+        """Robots (n,) whose pictures have not been those of their map for a while."""
+        return self._puzzled > self._table.filter.misfit_time
+
+    def move(self, robot: int, before: Pose, after: Pose) -> None:
+        """What stood at a pose ``before`` in a robot's map stands at ``after`` now, and the robot
+        with it."""
+        moved = after @ before.inverse()
+
+        def with_it(position: Array, rotation: Array) -> tuple[Array, Array]:
+            position, rotation = position.copy(), rotation.copy()
+            position[robot] = moved.apply(position[robot])
+            rotation[robot] = moved.rotation @ rotation[robot]
+            return position, rotation
+
+        pose = self.filter
+        pose.position, pose.rotation = with_it(pose.position, pose.rotation)
+        for i, (due, shot) in enumerate(self._arriving):
+            position, rotation = with_it(shot.position, shot.rotation)
+            self._arriving[i] = due, shot._replace(position=position, rotation=rotation)
+
+    def loosen(self, robot: int) -> None:
+        """A robot's map has changed around it: it is less sure of its pose."""
+        covariance = self.filter.covariance.copy()
+        covariance[robot, PLACE, PLACE] += LOOSE_PLACE**2 * np.eye(3)
+        covariance[robot, TURN, TURN] += LOOSE_TURN**2 * np.eye(3)
+        self.filter.covariance = covariance
+
+    def doubt(self, robot: int) -> None:
+        """What a robot takes for its pose cannot be: it is to look for itself."""
+        self._puzzled[robot] = 2 * self._table.filter.misfit_time
+
+    def restart(self, robots: NDArray[np.intp], fresh: Localiser) -> None:
+        """Have ``robots`` (k,) begin anew as those of ``fresh``, which has k."""
+        n = len(self.unknown)
+        graft(self.filter, fresh.filter, robots, n)
+        graft(self._candidates, fresh._candidates, robots, n)
+        graft(self, fresh, robots, n)
+        gone = np.isin(np.arange(n), robots)
+        if self.shot is not None:
+            self.shot = self.shot._replace(taken=self.shot.taken & ~gone)
+        waiting = [(due, shot._replace(taken=shot.taken & ~gone)) for due, shot in self._arriving]
+        for after, first in fresh._arriving:
+            due = self._clock + after
+            if not waiting or waiting[-1][0] != due:
+                waiting.append((due, self._no_shot()))
+            waiting[-1] = due, _with_rows(waiting[-1][1], robots, first)
+        self._arriving = deque(waiting)
+
+    def _no_shot(self) -> Shot:
+        """A picture that no robot has taken."""
+        n, pose = len(self.unknown), self.filter
+        picture = np.full((n, len(self.pixels)), np.nan)
+        return Shot(picture, pose.position, pose.rotation, np.ones(n, np.int_), np.zeros(n, bool))
+
+    # Pictures
+
+    def shoot(
+        self, picture: Array, facing: NDArray[np.int_], latency: int, taken: NDArray[np.bool_]
+    ) -> None:
+        """Pictures (n, k) are taken now by the robots ``taken`` (n,) and arrive ``latency`` control
+        steps later."""
+        shot = Shot(picture, self.filter.position, self.filter.rotation, facing, taken)
+        self._arriving.append((self._clock + latency, shot))
+
+    def see(self, active: NDArray[np.bool_]) -> bool:
+        """Have ``active`` robots (n,) take in the pictures that arrive now, where there are any."""
+        if not self._arriving or self._arriving[0][0] > self._clock:
+            return False
+        _, shot = self._arriving.popleft()
+        self.shot = shot
+        self.filter.settle(shot.taken)
+        active = active & shot.taken
+        end = (np.arange(len(shot.facing)), (shot.facing > 0).astype(np.intp))
+        self._rest[end] -= shot.taken
+        rested = (self._rest[end] < 0) & active
+        if np.count_nonzero(self.unknown):
+            self._find_turn(shot, rested)
+        self._narrow_down(shot, rested)
+        self._compare(self.shot, np.flatnonzero(active))
+        return True
+
+    def _compare(self, shot: Shot, robots: NDArray[np.intp]) -> None:
+        """Correct the poses of robots (m,) by what the picture has other than expected."""
+        error, said, slopes = self._candidates.difference(robots, shot)
+        self.misfit = self.misfit.copy()
+        self.misfit[robots] = median(np.abs(error), said)
+        wrong = self.misfit > self._table.filter.misfit
+        puzzled = (self._puzzled + 1 / self._rate) * wrong
+        self._puzzled = np.where(shot.taken, puzzled, self._puzzled)
+        weight = self._candidates.share * huber(error)
+        weight = np.where(self.unknown[robots, None], 0.0, weight)
+        n = len(self.unknown)
+        information, evidence = np.zeros((n, POSE, POSE)), np.zeros((n, POSE))
+        information[robots], evidence[robots] = normal(slopes, error, weight)
+        change = self.filter.correct(information, evidence, shot.position)
+        self._move_later_shots(change, shot.position)
+
+    def _move_later_shots(self, change: Array, pivot: Array) -> None:
+        """Pictures that are on their way were taken where the robots now know better."""
+        turn, moves = turned_by(change[:, TURN]), np.any(change != 0, axis=1)[:, None]
+        moved: deque[tuple[int, Shot]] = deque()
+        for due, shot in self._arriving:
+            since = (turn @ (shot.position - pivot)[..., None])[..., 0]
+            position = np.where(moves, pivot + change[:, PLACE] + since, shot.position)
+            moved.append((due, shot._replace(position=position, rotation=turn @ shot.rotation)))
+        self._arriving = moved
+
+    # Finding a pose among many
+
+    def _find_turn(self, shot: Shot, rested: NDArray[np.bool_]) -> None:
+        """Have robots that do not know how they are turned about their axis compare all turns, at
+        some places along it, and take the best where no other turn is nearly as good."""
+        robots = np.flatnonzero(self.unknown & rested)
+        if len(robots) == 0:
+            return
+        axis = self.filter.rotation[robots, :, 2]
+        std = self.filter.std_along(self.filter.rotation[:, :, 2])[robots]
+        turns = np.arange(ROLLS) * 2 * np.pi / ROLLS
+        steps = WITHIN * std[:, None] * np.linspace(-1.0, 1.0, FEW_PLACES)  # (m, p)
+        prior = np.broadcast_to(
+            0.5 * (steps / std[:, None])[:, None] ** 2, (len(robots), ROLLS, FEW_PLACES)
+        )
+        every = np.tile(turns, (len(robots), 1))
+        cost = prior + self._candidates.around(
+            robots, shot, axis, steps, every, self._candidates.few
+        )
+        weight = chances(cost)  # (m, ROLLS, p)
+        self._against[robots] -= np.log(np.maximum(weight.sum(axis=2), 1e-300))
+        of_turn = chances(self._against[robots])
+        best = of_turn.argmax(axis=1)
+        apart = wrap_angle(turns - turns[best, None])  # (m, ROLLS)
+        sure = (of_turn * (np.abs(apart) > DISTINCT)).sum(axis=1) < DOUBT
+        if not np.count_nonzero(sure):
+            return
+        mean_turn, turn_variance = moments(apart, of_turn)
+        mean_step, step_variance = moments(steps, weight.sum(axis=1))
+        turn = np.zeros((len(robots), 3))
+        turn[:, 2] = turns[best] + mean_turn
+        self._put(
+            robots[sure],
+            shot,
+            (shot.position[robots] + mean_step[:, None] * axis)[sure],
+            (shot.rotation[robots] @ turned_by(turn))[sure],
+            (turn_variance + (2 * np.pi / ROLLS) ** 2)[sure],
+            (step_variance + (WITHIN * std / FEW_PLACES) ** 2)[sure],
+        )
+
+    def verify(self, robots: NDArray[np.intp]) -> None:
+        """Have robots compare their turn about their axis with all others, by the last picture:
+        one that finds a better one does not know its turn any more."""
+        shot = self.shot
+        assert shot is not None
+        turns = np.arange(ROLLS) * 2 * np.pi / ROLLS
+        every = np.tile(turns, (len(robots), 1))
+        axis = self.filter.rotation[robots, :, 2]
+        steps = np.tile(np.linspace(-CHECKED, CHECKED, FEW_PLACES), (len(robots), 1))
+        cost = self._candidates.around(robots, shot, axis, steps, every).min(axis=2)
+        apart = np.abs(wrap_angle(turns)) > DISTINCT
+        wrong = cost[:, apart].min(axis=1) < cost[:, ~apart].min(axis=1) - CONVINCED
+        self.unknown[robots] |= wrong
+
+    def _narrow_down(self, shot: Shot, rested: NDArray[np.bool_]) -> None:
+        """Have robots that are not sure of their place, or of their turn about their axis, compare
+        poses around their own: places along the direction in which they know theirs least (mostly
+        along their pipe), and turns.
+
+        Close to the truth the slopes of the picture say more; farther off they lead astray, and
+        where pixels begin or cease to see something, as at an open end, they say nothing.
+        """
+        axis, std = self.filter.vaguest()
+        forward = self.filter.rotation[:, :, 2]
+        turn_std = self.filter.std_about(forward)
+        vague = ((std > VAGUE) | (turn_std > VAGUE_TURN)) & ~self.unknown
+        robots = np.flatnonzero(vague & rested)
+        if len(robots) == 0:
+            return
+        information = np.zeros((len(axis), POSE, POSE))
+        evidence = np.zeros((len(axis), POSE))
+        nowhere, as_is = np.zeros((len(robots), 1)), np.zeros((len(robots), 1))
+        reach = np.minimum(WITHIN * std[robots], FARTHEST)
+        steps = reach[:, None] * np.linspace(-1.0, 1.0, PLACES)  # (m, p)
+        turns = WITHIN * turn_std[robots, None] * np.linspace(-1.0, 1.0, FEW_TURNS)  # (m, t)
+        told = np.zeros(len(robots), bool)
+        for values, spread, at, direction, cost in (
+            (
+                steps,
+                std,
+                PLACE,
+                axis,
+                self._candidates.around(
+                    robots, shot, axis[robots], steps, as_is, self._candidates.few
+                ),
+            ),
+            (
+                turns,
+                turn_std,
+                TURN,
+                forward,
+                self._candidates.around(robots, shot, axis[robots], nowhere, turns),
+            ),
+        ):
+            prior = 0.5 * (values / spread[robots, None]) ** 2
+            mean, variance = moments(values, chances(prior + cost.reshape(prior.shape)))
+            _, known = moments(values, chances(prior))
+            variance = variance + (values[:, 1] - values[:, 0]) ** 2 / 4
+            # Where all poses look alike, what seems to be gained is chance.
+            more = variance < TOLD * known
+            gained = np.where(more, 1 / variance - 1 / known, 0.0)
+            along = direction[robots]
+            information[robots, at, at] += gained[:, None, None] * outer(along, along)
+            evidence[robots, at] += np.where(more, mean / variance, 0.0)[:, None] * along
+            told |= more
+        end = (shot.facing[robots] > 0).astype(np.intp)
+        self._rest[robots, end] = np.where(told, 0, RESTING)
+        change = self.filter.correct(information, evidence, shot.position)
+        self._move_later_shots(change, shot.position)
+        turn = turned_by(change[:, TURN])
+        self.shot = shot._replace(
+            position=shot.position + change[:, PLACE], rotation=turn @ shot.rotation
+        )
+
+    def seek(
+        self, robots: NDArray[np.intp], shot: Shot, places: Array, frames: Array
+    ) -> NDArray[np.bool_]:
+        """Put robots to that of their candidates that their picture fits best, where no other one
+        is nearly as good.
+
+        Args:
+            robots: (m,). shot: the picture, and where the robots took themselves to be.
+            places: (m, c, 3) m. frames: (m, c, 3, 3), robot frames in the world.
+
+        Returns:
+            (m,) those that have found themselves.
+        """
+        found = self._candidates.best(robots, shot, places, frames)
+        pixels = self._candidates.share * len(self.pixels)
+        sure = (found.other - found.cost > CONVINCED) & (found.cost < GOOD * pixels)
+        if np.count_nonzero(sure):
+            count = int(np.count_nonzero(sure))
+            self._put(
+                robots[sure],
+                shot,
+                found.place[sure],
+                found.frame[sure],
+                np.full(count, FOUND_TURN**2),
+                np.full(count, FOUND_AT**2),
+            )
+        return sure
+
+    def _put(
+        self,
+        robots: NDArray[np.intp],
+        shot: Shot,
+        place: Array,
+        frame: Array,
+        turn_variance: Array,
+        step_variance: Array,
+    ) -> None:
+        """Put robots (m,) to poses (m, 3), (m, 3, 3) that they had when the picture was taken; they
+        have moved on. The variances (m,) rad² and m² are those about and along the axis."""
+        pose = self.filter
+        found = np.zeros(len(self.unknown), bool)
+        found[robots] = True
+        position, rotation = pose.position.copy(), pose.rotation.copy()
+        turn = frame @ np.swapaxes(shot.rotation[robots], 1, 2)
+        since = position[robots] - shot.position[robots]
+        position[robots] = place + (turn @ since[..., None])[..., 0]
+        rotation[robots] = orthonormal(turn @ rotation[robots])
+        axis = rotation[:, :, 2]
+        along = outer(axis, axis)
+        covariance = np.zeros((len(found), POSE, POSE))
+        covariance[:, :3, :3] = 0.003**2 * np.eye(3)
+        covariance[:, 3:, 3:] = 0.03**2 * np.eye(3)
+        covariance[robots, :3, :3] += step_variance[:, None, None] * along[robots]
+        covariance[robots, 3:, 3:] += turn_variance[:, None, None] * along[robots]
+        pose.put(found, position, rotation, covariance)
+        self.unknown = self.unknown & ~found
+        self._against[robots] = 0.0
+        self._puzzled = np.where(found, 0.0, self._puzzled)
+
+
+def _with_rows(shot: Shot, robots: NDArray[np.intp], rows: Shot) -> Shot:
+    """A picture with that of ``robots`` (k,) from ``rows``, of k."""
+    changed = {}
+    for name, new in rows._asdict().items():
+        changed[name] = getattr(shot, name).copy()
+        changed[name][robots] = new
+    return shot._replace(**changed)

@@ -1,0 +1,195 @@
+"""The estimate of n poses and what it is worth: an extended Kalman filter on errors.
+
+State: place p in the world, rotation R of the robot, gyro bias b, slip k of the belts as a part of
+their travel. The errors of p (m, world frame), of R (rad, a rotation about world axes on the left
+of R), of b (rad/s) and of k are normal with one covariance (10, 10) a robot. Derivation:
+docs/autonomy.md.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.base.rotations import Array, cross, orthonormal, skew, turned_by
+from omnitrack_sim.senses.table import FilterTable, ImuTable, SensingTable
+
+PLACE, TURN, BIAS, SLIP = slice(0, 3), slice(3, 6), slice(6, 9), 9
+SIZE, POSE = 10, 6
+
+
+class PoseFilter:
+    """Poses of n robots with covariances.
+
+    Args:
+        position: (n, 3) m. rotation: (n, 3, 3). covariance: (n, 10, 10).
+        table: of the filter. imu: of the gyro. radius: m, of the pipe that the robot is made for.
+
+    Attributes:
+        position, rotation, bias, slip, covariance: the estimate, replaced at each change.
+    """
+
+    def __init__(
+        self,
+        position: Array,
+        rotation: Array,
+        covariance: Array,
+        table: FilterTable,
+        imu: ImuTable,
+        radius: float,
+    ) -> None:
+        self.position, self.rotation, self.covariance = position, rotation, covariance
+        n = len(position)
+        self.bias, self.slip = np.zeros((n, 3)), np.zeros(n)
+        self._table, self._imu, self._radius = table, imu, radius
+        self._transition = np.tile(np.eye(SIZE), (n, 1, 1))
+        self._noise = np.zeros((n, SIZE, SIZE))
+
+    def advance(self, travel: Array, turned: Array, skid: Array, period: float) -> None:
+        """One control step on.
+
+        Args:
+            travel: (n,) m, of the belts. turned: (n, 3) rad, by the gyro.
+            skid: (n,) m, at the wall, by which belts and gyro differ. period: s.
+        """
+        table, imu = self._table, self._imu
+        turned = turned - self.bias * period
+        middle = self.rotation @ turned_by(turned / 2)
+        ahead = middle[:, :, 2]
+        step = (travel * (1 - self.slip))[:, None] * ahead
+        transition = self._identity()
+        transition[:, PLACE, TURN] = -skew(step)
+        transition[:, PLACE, SLIP] = -travel[:, None] * ahead
+        transition[:, TURN, BIAS] = -self.rotation * period
+        kept = np.exp(-period / table.slip_time)
+        transition[:, SLIP, SLIP] = kept
+        self.position = self.position + step
+        self.rotation = self.rotation @ turned_by(turned)
+        self.slip = kept * self.slip
+        way = np.abs(travel)
+        across = np.sqrt(turned[:, 0] ** 2 + turned[:, 1] ** 2)
+        sharp = np.minimum(1.0, across * self._radius / np.maximum(way, 1e-6))
+        differ = np.minimum(1.0, skid / np.maximum(way, 1e-6))
+        slip_std = table.slip_std + table.slip_turning * sharp + table.slip_noticed * differ
+        noise = np.empty((len(way), SIZE))
+        loose = np.maximum(sharp, differ)
+        wander = (table.aside_std + table.aside_turning * loose) ** 2 * way
+        noise[:, PLACE] = wander[:, None]
+        gyro = (np.radians(imu.gyro_noise_deg) ** 2 + np.radians(table.turn_walk_deg) ** 2) * period
+        scale = (imu.gyro_scale * np.sqrt((turned**2).sum(axis=-1))) ** 2
+        noise[:, TURN] = (gyro + scale)[:, None]
+        noise[:, BIAS] = np.radians(imu.gyro_walk_deg) ** 2 * period
+        noise[:, SLIP] = slip_std**2 * (1 - kept**2)
+        self._transition = transition @ self._transition
+        self._noise = transition @ self._noise @ np.swapaxes(transition, 1, 2)
+        self._noise[:, range(SIZE), range(SIZE)] += noise
+
+    def settle(self, robots: NDArray[np.bool_]) -> None:
+        """Bring the covariance of ``robots`` (n,) up to the moment, after any number of steps."""
+        f, each = self._transition, robots[:, None, None]
+        settled = f @ self.covariance @ np.swapaxes(f, 1, 2) + self._noise
+        self.covariance = np.where(each, settled, self.covariance)
+        self._transition = np.where(each, self._identity(), f)
+        self._noise = np.where(each, 0.0, self._noise)
+
+    def correct(self, information: Array, evidence: Array, pivot: Array) -> Array:
+        """Take in measurements of the pose.
+
+        Args:
+            information: (n, 6, 6), sum over measurements of H'H / variance, H the slopes to errors
+                of place and rotation.
+            evidence: (n, 6), sum of H' residual / variance.
+            pivot: (n, 3) m, where the robots were at the measurement: a correction of rotation
+                turns what has been driven since.
+
+        Returns:
+            The corrections (n, 10).
+        """
+        gain = self.covariance[:, :, :POSE]
+        whole = np.tile(np.eye(SIZE), (len(gain), 1, 1))
+        whole[:, :, :POSE] += gain @ information
+        right = np.concatenate([self.covariance, gain @ evidence[..., None]], axis=-1)
+        solved = np.asarray(np.linalg.solve(whole, right), float)
+        covariance, change = solved[..., :SIZE], solved[..., SIZE]
+        # A robot that nothing was measured of stays as it is to the last bit: what it does must not
+        # depend on its neighbours.
+        touched: NDArray[np.bool_] = np.any(information != 0, axis=(1, 2))[:, None]
+        change = np.where(touched, change, 0.0)
+        covariance = (covariance + np.swapaxes(covariance, 1, 2)) / 2
+        self.covariance = np.where(touched[..., None], covariance, self.covariance)
+        self.shift(change, pivot)
+        return change
+
+    def shift(self, change: Array, pivot: Array) -> None:
+        """Move the estimate by errors (n, 10); see ``correct``."""
+        turn, moves = turned_by(change[:, TURN]), np.any(change != 0, axis=1)[:, None]
+        since = self.position - pivot
+        position = pivot + change[:, PLACE] + (turn @ since[..., None])[..., 0]
+        self.position = np.where(moves, position, self.position)
+        rotation = orthonormal(turn @ self.rotation)
+        self.rotation = np.where(moves[..., None], rotation, self.rotation)
+        self.bias = self.bias + change[:, BIAS]
+        self.slip = self.slip + change[:, SLIP]
+
+    def _identity(self) -> Array:
+        return np.tile(np.eye(SIZE), (len(self.position), 1, 1))
+
+    def put(self, robots: NDArray[np.bool_], position: Array, rotation: Array, pose: Array) -> None:
+        """Put ``robots`` (n,) to poses (n, 3), (n, 3, 3), with covariances (n, 6, 6), where they
+        have found themselves."""
+        each = robots[:, None]
+        self.position = np.where(each, position, self.position)
+        self.rotation = np.where(each[..., None], rotation, self.rotation)
+        fresh = self.covariance.copy()
+        fresh[:, :POSE] = 0.0
+        fresh[:, :, :POSE] = 0.0
+        fresh[:, :POSE, :POSE] = pose
+        self.covariance = np.where(each[..., None], fresh, self.covariance)
+
+    def std_about(self, axis: Array) -> Array:
+        """Standard deviation (n,) rad of the rotation about unit vectors (n, 3), world frame."""
+        return np.sqrt(np.maximum(spread_along(self.covariance[:, TURN, TURN], axis), 0.0))
+
+    def vaguest(self) -> tuple[Array, Array]:
+        """The direction (n, 3), world frame, along which the place is least known, and its standard
+        deviation (n,) m there."""
+        values, vectors = np.linalg.eigh(self.covariance[:, PLACE, PLACE])
+        return vectors[:, :, 2], np.sqrt(np.maximum(values[:, 2], 0.0))
+
+    def std_along(self, axis: Array) -> Array:
+        """Standard deviation (n,) m of the place along unit vectors (n, 3), world frame."""
+        return np.sqrt(np.maximum(spread_along(self.covariance[:, PLACE, PLACE], axis), 0.0))
+
+
+def beginning(table: SensingTable, direction: Array) -> Array:
+    """Covariance (n, 10, 10) of robots that begin in pipes of directions (n, 3)."""
+    n = len(direction)
+    covariance = np.zeros((n, SIZE, SIZE))
+    along = outer(direction, direction)
+    covariance[:, PLACE, PLACE] = 0.003**2 * np.eye(3) + table.start.distance_std**2 * along
+    turn = 0.02 if table.start.theta5_known else np.pi / np.sqrt(3)
+    covariance[:, TURN, TURN] = 0.03**2 * np.eye(3) + turn**2 * along
+    bias = np.radians(table.imu.gyro_bias_deg)
+    covariance[:, BIAS, BIAS] = bias**2 * np.eye(3)
+    covariance[:, SLIP, SLIP] = table.filter.slip_std**2
+    return covariance
+
+
+def wall_slopes(gradient: Array, lever: Array) -> Array:
+    """How the distance of a robot's point from the wall changes with its pose, (n, k, 6).
+
+    Args:
+        gradient: (n, k, 3) of the distance there, world frame. lever: (n, k, 3) m, from the robot's
+            centre to the point, world frame.
+    """
+    return np.concatenate([gradient, cross(lever, gradient)], axis=-1)
+
+
+def outer(a: Array, b: Array) -> Array:
+    """Products (n, 3, 3) of vectors (n, 3)."""
+    return a[:, :, None] * b[:, None, :]
+
+
+def spread_along(covariance: Array, axis: Array) -> Array:
+    """Variance (n,) along unit vectors (n, 3)."""
+    return (outer(axis, axis) * covariance).sum(axis=(1, 2))

@@ -1,0 +1,270 @@
+"""Fits forms to pictures: many at once, by Gauss and Newton's steps with a robust loss."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from omnitrack_sim.autonomy.nearby import nearby
+from omnitrack_sim.autonomy.recognition.forms import Form
+from omnitrack_sim.autonomy.recognition.library import WallMaker
+from omnitrack_sim.autonomy.recognition.poses import DISTANCE, PLACES, TURN, cameras
+from omnitrack_sim.autonomy.recognition.scale import Scale
+from omnitrack_sim.autonomy.recognition.tries import SIZES, Level, Tries, Views, merged
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.senses.optics import JOINT, RANGE, Camera, Walls, rays_of
+
+EXPECTED = np.array([0.004, 0.004, 0.03, 0.03, 10.0, 10.0])
+"""Standard deviations of where a camera stands, m and rad, before it has seen anything."""
+GAIN = 0.02
+"""Of the brightness, or the distances, of a picture as a whole, as a part."""
+JOINTS = (0.02, 0.6, 0.004)
+"""Distances, m, that a joint is looked for at: from, to, step."""
+CLEAR, MOST_JOINTS = 15.0, 4
+"""Least cost that a joint must spare to be followed, and how many are."""
+FIXED = 1e12
+"""Weight of a number that is not sought."""
+NUDGE = np.array([0.0005, 0.0005, 0.005, 0.005, 0.001, 0.01])
+"""By which a camera is moved, m and rad, to see what that does to its picture."""
+LONGEST = np.array([0.003, 0.003, 0.03, 0.03, 0.04, 0.3])
+"""Longest step of the search, m and rad."""
+FARTHEST = 0.85
+"""Distance of a port plane, m, to which the search goes."""
+GRAIN, MOST_KEPT = 8, 2000
+"""Sizes are sought in parts of their step, and walls of so many are kept."""
+DAMPINGS = (1e-3, 0.3, 5.0)
+"""Marquardt's numbers that are tried in each step."""
+LONGEST_SIZE = 8
+"""The same of a size, in its steps."""
+
+
+class Fit:
+    """Fits forms to the pictures of a camera in pipes of a bore."""
+
+    def __init__(self, camera: Camera, bore: float, walls: WallMaker, scale: Scale) -> None:
+        self._camera, self._bore, self._walls, self._scale = camera, bore, walls, scale
+        self._rays = rays_of(camera.optics)
+        self._kept: dict[tuple[str | float, ...], Walls] = {}
+
+    def refined(self, start: Tries, views: Views, level: Level, steps: int) -> Tries:
+        """Rows after steps of the search; none is worse than it was.
+
+        Each step is tried with several dampings at once, and the best is taken: edges make the
+        slopes rough.
+        """
+        best = self.costs(start, views, level)
+        for number in range(steps):
+            side = -1.0 if number % 2 else 1.0  # edges may be on either side
+            normal, gradient = self._equations(best, views, level, side)
+            best = replace(best, normal=normal)
+            rows = [best, *(_stepped(best, gradient, damping) for damping in DAMPINGS)]
+            tried = [self.costs(row, views, level) for row in rows[1:]]
+            least = np.argmin([best.cost, *(row.cost for row in tried)], axis=0)
+            for i, row in enumerate(tried, 1):
+                best = merged(least == i, row, best)
+        return best
+
+    def costs(self, at: Tries, views: Views, level: Level) -> Tries:
+        """Rows with their costs: twice the negative logarithm of likelihood and expectations."""
+        n, v, k = len(at.forms), len(views.motions), len(level.pixels)
+        rays = self._rays[level.pixels]
+        place, rotation = cameras(at.numbers, views.motions)
+        cost = np.empty(n)
+        groups: dict[tuple[str | float, ...], list[int]] = {}
+        for j, form in enumerate(at.forms):
+            key = (form.name, *at.sizes[j, : len(form.sizes)].tolist())
+            groups.setdefault(key, []).append(j)
+        for rows in groups.values():
+            walls = self._walls_of(at.forms[rows[0]], at.sizes[rows[0]])
+            hits = self._traced(
+                walls, place[rows].reshape(-1, 3), rotation[rows].reshape(-1, 3, 3), rays
+            )
+            expected = self._expected(hits, rays, level).reshape(len(rows), v, k)
+            seen = self._scale.of(expected * at.gains[rows][..., None])
+            missed = ((views.pictures[:, level.pixels] - seen) / level.rough) ** 2
+            weight = level.weight * level.rough**2
+            cost[rows] = (weight * missed / (1 + missed)).sum(axis=(1, 2))
+        weights, off = _beforehand(at, level)
+        return replace(at, cost=cost + (np.where(weights < FIXED, weights, 0) * off**2).sum(axis=1))
+
+    def scores(self, at: Tries, level: Level, alike: float) -> Array:
+        """Twice the negative logarithm of the evidence (n,) for each row, without what all share.
+
+        Laplace's approximation: a form pays for every number by which it could have been made to
+        fit, as the ratio of what was expected of it to what is known now.
+
+        Args:
+            alike: pixels of which the errors are alike.
+        """
+        weights, _ = _beforehand(at, level)
+        for place, width in ((DISTANCE, FARTHEST), (TURN, 2 * np.pi)):
+            sought = weights[:, place] < FIXED
+            weights[sought, place] = 2 * np.pi / width**2
+        sought = (weights < FIXED).sum(axis=1)
+        known = np.linalg.slogdet(at.normal)[1] - sought * np.log(alike)
+        return at.cost / alike + known - np.log(weights).sum(axis=1)
+
+    def _equations(self, at: Tries, views: Views, level: Level, side: float) -> tuple[Array, Array]:
+        """Matrix (n, p, p) of the normal equations and the gradient (n, p)."""
+        residual, slopes = self._seen(at, views, level, side)
+        weight = np.tile(level.weight, at.gains.shape[1])
+        weighted = slopes * (weight / (1 + (residual / level.rough) ** 2) ** 2)[..., None]
+        weights, off = _beforehand(at, level)
+        normal = weighted.swapaxes(1, 2) @ slopes + np.eye(off.shape[1]) * weights[:, None]
+        return normal, (weighted * residual[..., None]).sum(axis=1) - weights * off
+
+    def _seen(self, at: Tries, views: Views, level: Level, side: float) -> tuple[Array, Array]:
+        """What pictures are off (n, v k) and the slopes of what is expected (n, v k, p)."""
+        n, v, k = len(at.forms), len(views.motions), len(level.pixels)
+        rays = self._rays[level.pixels]
+        expected = np.empty((n, v, k))
+        slopes = np.zeros((n, v, k, PLACES + SIZES + v))
+        rows = [at.numbers, *(at.numbers + nudge for nudge in np.diag(NUDGE))]
+        poses = [cameras(row, views.motions) for row in rows]
+        place, rotation = (np.stack(column) for column in zip(*poses, strict=True))
+        for j in range(n):
+            hits = self._hits(at, j, views, rays)
+            free = [i for i in range(PLACES) if level.free[i] and _sought(at.forms[j], i)]
+            which = [0, *(i + 1 for i in free)]
+            for i in range(v):
+                near = _nearby(
+                    hits[i], rays, place[which, j, i], rotation[which, j, i], self._camera.lamp
+                )
+                seen = self._expected(near, rays, level)
+                expected[j, i] = seen[0]
+                slopes[j, i][:, free] = ((seen[1:] - seen[0]) / NUDGE[free, None]).T
+            if self._camera.lamp is not None:
+                # What a lamp leaves in the dark tells most, and its edges move.
+                for i in {DISTANCE, TURN}.intersection(free):
+                    reach = side * level.reach[i - DISTANCE]
+                    moved = replace(at, numbers=at.numbers + reach * np.eye(PLACES)[i])
+                    seen = self._expected(self._hits(moved, j, views, rays), rays, level)
+                    slopes[j, ..., i] = (seen - expected[j]) / reach
+            for i, size in enumerate(at.forms[j].sizes):
+                nudge = -size.step if at.sizes[j, i] + size.step > size.high else size.step
+                changed = replace(at, sizes=at.sizes + nudge * np.eye(SIZES)[i])
+                seen = self._expected(self._hits(changed, j, views, rays), rays, level)
+                slopes[j, ..., PLACES + i] = (seen - expected[j]) / nudge
+        gained = expected * at.gains[..., None]
+        residual = views.pictures[None, :, level.pixels] - self._scale.of(gained)
+        slopes *= at.gains[..., None, None]
+        for i in range(v):
+            slopes[:, i, :, PLACES + SIZES + i] = expected[:, i]
+        slopes *= self._scale.slope(gained)[..., None]
+        slopes = np.nan_to_num(slopes, copy=False)
+        return residual.reshape(n, v * k), slopes.reshape(n, v * k, -1)
+
+    def joints(self, straight: Form, pose: Array, views: Views, level: Level) -> list[float]:
+        """Distances, m, at which the last picture agrees best with a joint of straight pipes, best
+        first; none where a joint does not show.
+
+        Args:
+            straight: the form. pose: (6,) of the camera. level: how closely is looked.
+        """
+        rays = self._rays[level.pixels]
+        place, rotation = cameras(pose[None], views.motions[-1:])
+        hits = self._traced(self._walls_of(straight, np.zeros(SIZES)), place[0], rotation[0], rays)
+        along = hits[0, :, RANGE] * (rays @ rotation[0, 0].T)[:, 2]
+        where = np.arange(*JOINTS)
+        other = np.repeat(hits, len(where) + 1, axis=0)
+        other[1:, :, JOINT] = np.abs(along - where[:, None])
+        expected = self._scale.of(self._expected(other, rays, level))
+        missed = ((views.pictures[-1, level.pixels] - expected) / level.rough) ** 2
+        cost = level.rough**2 * (missed / (1 + missed)).sum(axis=1)
+        less = cost[0] - cost[1:]
+        least = np.r_[True, less[1:] >= less[:-1]] & np.r_[less[:-1] >= less[1:], True]
+        found = np.flatnonzero(least & (less > CLEAR))
+        return where[found[np.argsort(-less[found])]][:MOST_JOINTS].tolist()
+
+    def _walls_of(self, form: Form, sizes: Array) -> Walls:
+        """Walls of a form, which are kept: many steps come by the same sizes."""
+        key = (form.name, *sizes[: len(form.sizes)].tolist())
+        found = self._kept.get(key)
+        if found is None:
+            parts, closed = form.map(_sizes(form, sizes), self._bore)
+            found = self._walls([parts], [closed])
+            if len(self._kept) >= MOST_KEPT:
+                self._kept.pop(next(iter(self._kept)))
+            self._kept[key] = found
+        return found
+
+    def _expected(self, hits: Array, rays: Array, level: Level) -> Array:
+        """Pictures (n, k) that are expected, exposed as whole ones."""
+        if self._camera.lamp is None:
+            return self._camera.expected(hits, rays)
+        whole = self._camera.expected(hits[:, level.stand], rays[level.stand])
+        return whole[:, level.own]
+
+    def _hits(self, at: Tries, row: int, views: Views, rays: Array) -> Array:
+        """What the cameras of a row see (v, k, 8)."""
+        place, rotation = cameras(at.numbers[row : row + 1], views.motions)
+        return self._traced(
+            self._walls_of(at.forms[row], at.sizes[row]), place[0], rotation[0], rays
+        )
+
+    def _traced(self, walls: Walls, place: Array, rotation: Array, rays: Array) -> Array:
+        far, lamp = self._camera.optics.far, self._camera.lamp
+        return walls.trace(np.zeros(len(place), int), place, rotation, rays, far, lamp)
+
+
+def _nearby(hits: Array, rays: Array, place: Array, rotation: Array, lamp: Array | None) -> Array:
+    """Hits (m, k, 8) of m cameras close together, from those (k, 8) of the first. The joint at the
+    port plane, z = 0, stays where it is."""
+    m = len(place)
+    first = np.repeat(place[:1], m, axis=0), np.repeat(rotation[:1], m, axis=0)
+    found = nearby(np.repeat(hits[None], m, axis=0), rays, *first, place, rotation, lamp)
+    reach = np.where(np.isfinite(found[..., RANGE]), found[..., RANGE], 0.0)
+    along = place[:, 2, None] + reach * (rotation[:, 2] @ rays.T)
+    beside = np.where(np.isfinite(hits[:, JOINT]), hits[:, JOINT], -1.0)
+    at_plane = np.abs(np.abs(along[0]) - beside) < 1e-6
+    found[..., JOINT] = np.where(at_plane, np.abs(along), hits[:, JOINT])
+    return found
+
+
+def _sizes(form: Form, row: Array) -> list[float]:
+    return row[: len(form.sizes)].tolist()
+
+
+def _sought(form: Form, place: int) -> bool:
+    """Whether a number of the camera means anything before a form."""
+    if place == DISTANCE:
+        return form.ends or form.make is not None
+    return place != TURN or form.period > 0
+
+
+def _beforehand(at: Tries, level: Level) -> tuple[Array, Array]:
+    """How much (n, p) what is expected before anything is seen weighs, and how far (n, p) the
+    numbers are from it."""
+    n, v = at.gains.shape
+    weights = np.full((n, PLACES + SIZES + v), FIXED)
+    off = np.zeros(weights.shape)
+    weights[:, PLACES + SIZES :], off[:, PLACES + SIZES :] = 1 / GAIN**2, at.gains - 1
+    for j, form in enumerate(at.forms):
+        for i in range(PLACES):
+            if level.free[i] and _sought(form, i):
+                weights[j, i] = 1 / EXPECTED[i] ** 2
+                off[j, i] = at.numbers[j, i] if i < DISTANCE else 0.0
+        for s, size in enumerate(form.sizes):
+            weights[j, PLACES + s] = 1 / size.spread**2
+            off[j, PLACES + s] = at.sizes[j, s] - size.middle
+    return weights, off
+
+
+def _stepped(at: Tries, gradient: Array, damping: float) -> Tries:
+    """Rows one step on."""
+    p = at.normal.shape[1]
+    scale = np.eye(p) * np.diagonal(at.normal, axis1=1, axis2=2)[:, None]
+    step = np.linalg.solve(at.normal + damping * scale, gradient[..., None])[..., 0]
+    moved = np.clip(step[:, :PLACES], -LONGEST, LONGEST)
+    sizes = at.sizes.copy()
+    for j, form in enumerate(at.forms):
+        for s, size in enumerate(form.sizes):
+            most = LONGEST_SIZE * size.step
+            changed = sizes[j, s] + np.clip(step[j, PLACES + s], -most, most)
+            grain = size.step / GRAIN
+            sizes[j, s] = np.clip(round(changed / grain) * grain, size.low, size.high)
+    numbers = at.numbers + moved
+    numbers[:, DISTANCE] = np.clip(numbers[:, DISTANCE], 0.0, FARTHEST)
+    gains = np.clip(at.gains + step[:, PLACES + SIZES :], 0.8, 1.25)
+    return replace(at, numbers=numbers, sizes=sizes, gains=gains)

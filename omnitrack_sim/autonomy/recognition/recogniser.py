@@ -1,0 +1,360 @@
+"""Finds what lies ahead by comparing pictures with what every form would look like."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+
+from omnitrack_sim.autonomy.recognition.fit import FARTHEST, Fit
+from omnitrack_sim.autonomy.recognition.forms import Form, forms
+from omnitrack_sim.autonomy.recognition.library import Library, WallMaker
+from omnitrack_sim.autonomy.recognition.poses import ASIDE, DISTANCE, PLACES, STILL, TILT, TURN
+from omnitrack_sim.autonomy.recognition.scale import Scale
+from omnitrack_sim.autonomy.recognition.sighting import Motion, Sighting
+from omnitrack_sim.autonomy.recognition.tries import SIZES, Level, Tries, Views, joined, tries
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.senses.optics import Camera, rays_of
+
+HORIZON = 3.5
+"""Distance, in bores, up to which a fitting is told; beyond it a pipe counts as straight."""
+STARTS = 3
+"""Starting values of a form that are followed, besides those at joints that show."""
+KEPT = (14, 7, 3)
+"""Most rows that are followed: first roughly, then closely, then to the end."""
+APART = (400.0, 200.0, 100.0)
+"""Rows whose cost is larger than the least by more than this are not followed."""
+SCAN = np.radians([0, -65, -45, -30, -18, -8, 8, 18, 30, 45, 65])
+CLOSE = np.radians([0, -8, -5, -2.5, 2.5, 5, 8])
+"""Turns that are tried beside the one that was found; and in the end."""
+BESIDE = np.arange(-0.04, 0.0401, 0.002)
+"""Distances, m, that are compared beside the one found of an end, which slopes say nothing of."""
+AROUND = np.arange(-0.06, 0.0601, 0.012)
+"""Distances, m, beside the one found at which the search for a form of many sizes begins again."""
+AGAIN = 3
+"""How many of these searches are followed."""
+FAR_OFF = np.arange(0.5, 2.35, 0.15)
+"""Distances, in bores, at which fittings that are dim by a lamp are looked for on their own."""
+TURNS, MANY = 16, 9
+"""At how many turns; and forms with more starting sizes than these have another search."""
+FEW = 3
+"""Starting sizes of a form up to which all are tried once more."""
+ALIKE = {False: 1.0, True: 2.0}
+"""Pixels of which the errors are alike, so many count as one; for cameras with a lamp: dirt of the
+wall covers several."""
+SHARP = 3.0
+"""How many times the errors are larger than the normal equations say, as measured: edges that fall
+between pixels have no slope."""
+SEEN = 0.2
+"""Least part of a picture's pixels that must say something."""
+MISFIT = 3.0
+"""Cost of a pixel, on average, from which nothing that is known looks like the picture."""
+UNSURE = 0.5
+"""Most that is given to such a picture."""
+EXCLUDED = 25.0
+"""Cost, in the library, from which a fitting would have been seen."""
+
+
+class Recogniser:
+    """Tells what lies ahead of a robot in straight pipe of a known bore.
+
+    Args:
+        camera: at the robot's nose. bore: m. walls: makes what rays meet, ``model.rays.RayWalls``.
+    """
+
+    def __init__(self, camera: Camera, bore: float, walls: WallMaker) -> None:
+        self._forms = forms(bore)
+        self._dim = camera.lamp is not None
+        self._bore, self._alike = bore, ALIKE[self._dim]
+        self._scale = Scale(camera)
+        self._fit = Fit(camera, bore, walls, self._scale)
+        self._library = Library(camera, bore, self._forms, walls, self._scale)
+        rays, count = rays_of(camera.optics), camera.optics.pixels
+        grid = np.arange(count * count).reshape(count, count)
+        half = np.radians(camera.optics.field_of_view_deg) / 2
+        corners = grid[[0, 0, -1, -1], [0, -1, 0, -1]]  # vignetting is told by them
+        inner = rays[:, 2] > math.cos(0.56 * half)
+        self._grids = []
+        for within, without in ((2, 4), (1, 3)):
+            every = np.union1d(grid[within // 2 :: within, within // 2 :: within], corners)
+            some = np.zeros(count * count, bool)
+            some[grid[within // 2 :: without, within // 2 :: without]] = True
+            some[corners] = True
+            pixels = every[(some | inner)[every]]
+            row, column = np.divmod(every, count)
+            over, beside = np.divmod(pixels, count)
+            apart = np.abs(row[:, None] - over) + np.abs(column[:, None] - beside)
+            own = np.searchsorted(every, pixels)
+            self._grids.append((pixels, apart.argmin(axis=1), own))
+        self._edge = (rays[self._grids[0][0], 2] < math.cos(0.75 * half)).astype(float)
+
+    def single(self, picture: Array) -> Sighting:
+        """What is ahead, from one picture (pixels²,)."""
+        return self.approach(picture[None], [STILL])
+
+    def approach(self, pictures: Array, motions: Sequence[Motion]) -> Sighting:
+        """What is ahead of the camera at the last of some pictures.
+
+        Args:
+            pictures: (v, pixels²), of one approach.
+            motions: how the camera stood at each of them, seen from the last one.
+        """
+        if np.isfinite(pictures).mean(axis=1).min() < SEEN:
+            return _nothing()
+        views = Views(self._scale.of(pictures), list(motions))
+        found, straight = self._ranked(views)
+        return self._told(found, straight, views)
+
+    def _ranked(self, views: Views) -> tuple[Tries, float]:
+        """Forms that may be ahead, the likeliest first; and how far the pipe may be straight, m."""
+        last = Views(views.pictures[-1:], [STILL])
+        pose = self._pose(last)
+        joints = self._fit.joints(self._forms[0], pose, last, self._level(1, 4.0))
+        begin, straight = self._begin(last, pose, joints)
+        begin = self._fit.costs(begin, last, self._level(0, 8.0))
+        rough = self._fit.refined(self._kept(begin, 0), last, self._level(0, 8.0), 2)
+        rough = self._kept(self._best_of_each(rough), 1)
+        rough = self._scanned(rough, joints, last, self._level(0, 6.0))
+        rough = joined([rough, *self._begun_again(rough, pose, joints, last)])
+        best = int(rough.cost.argmin())
+        if self._dim and self._name(rough.forms[best], rough.numbers[best])[0] == "straight":
+            rough = joined([rough, *self._dim_ones(pose, last)])
+        many = len(views.motions)
+        grid = 1 if many == 1 else 0
+        start = tries(rough.forms, rough.numbers, rough.sizes, many)
+        fine = self._fit.refined(start, views, self._level(grid, 5.0), 2)
+        level = self._level(grid, 4.0)
+        fine = self._fit.refined(self._kept(fine, 2), views, level, 2)
+        fine = self._turned(fine, views, level)
+        return self._fit.refined(fine, views, level, 3), straight
+
+    def _turned(self, found: Tries, views: Views, level: Level) -> Tries:
+        """Rows with the best of some turns close to their own."""
+        n, m = len(found.forms), len(CLOSE)
+        rows = found.take(np.repeat(np.arange(n), m).tolist())
+        rows.numbers[:, TURN] += np.tile(CLOSE, n)
+        cost = self._fit.costs(rows, views, level).cost.reshape(n, m)
+        return rows.take((np.arange(n) * m + cost.argmin(axis=1)).tolist())
+
+    def _level(self, grid: int, rough: float, *, edge: bool = False, free: str = "atdr") -> Level:
+        pixels, stand, own = self._grids[grid]
+        weight = self._edge if edge else np.ones(len(pixels))
+        which = np.array([letter in free for letter in "aattdr"])
+        reach = ((0.004, 0.09), (0.002, 0.05))[grid]
+        return Level(pixels, stand, own, rough, which, weight, reach)
+
+    def _scanned(self, found: Tries, joints: Sequence[float], views: Views, level: Level) -> Tries:
+        """Rows with the best of what lies beside them: other turns, the sizes that the search
+        begins with, and the place of the joint that shows best."""
+        rows = []
+        for row, form in enumerate(found.forms):
+            sizes = [found.sizes[row], *(_row(start) for start in _few(form))]
+            places = [found.numbers[row, DISTANCE], *(joints[:1] if form.parameters else ())]
+            turns = SCAN if form.period else SCAN[:1]
+            beside = list(product(sizes, places, turns))
+            part = found.take([row] * len(beside))
+            for i, (size, place, turn) in enumerate(beside):
+                part.sizes[i], part.numbers[i, DISTANCE] = size, place
+                part.numbers[i, TURN] += turn
+            costs = self._fit.costs(part, views, level).cost
+            rows.append(part.take([int(costs.argmin())]))
+        return joined(rows)
+
+    def _begun_again(
+        self, found: Tries, pose: Array, joints: Sequence[float], views: Views
+    ) -> list[Tries]:
+        """Rows of forms with many starting sizes, begun again where the best of all sizes and
+        places around is: where a bend begins, how narrow it is and how the camera leans look much
+        alike, and a search that errs in one of them does not come out of it."""
+        rows = []
+        for row, form in enumerate(found.forms):
+            if len(form.starts) <= FEW:
+                continue
+            about = found.numbers[row, DISTANCE]
+            places = [*(about + AROUND), *joints]
+            stands = pose[:DISTANCE], 0 * pose[:DISTANCE]
+            within = [place for place in places if 0 < place < FARTHEST]
+            beside = list(product(form.starts, within, stands))
+            part = found.take([row] * len(beside))
+            part.gains[:] = 1.0
+            for i, (size, place, stand) in enumerate(beside):
+                part.sizes[i], part.numbers[i, DISTANCE] = _row(size), place
+                part.numbers[i, :DISTANCE] = stand
+            part = self._fit.costs(part, views, self._level(0, 6.0))
+            each = part.cost.reshape(len(form.starts), -1).argmin(axis=1)
+            each += np.arange(len(form.starts)) * (len(beside) // len(form.starts))
+            best = self._fit.refined(part.take(each.tolist()), views, self._level(0, 5.0), 2)
+            best = best.take(np.argsort(best.cost, kind="stable")[:AGAIN].tolist())
+            rows.append(self._fit.refined(best, views, self._level(0, 5.0), 2))
+        return rows
+
+    def _dim_ones(self, pose: Array, views: Views) -> list[Tries]:
+        """Rows of fittings that a search of their own finds in what seems to be straight pipe: by a
+        lamp, what is far off is dim, a few pixels at the middle of the picture, which the library's
+        coarse looks pass over."""
+        rows = []
+        for form in self._forms:
+            if form.make is None or form.kind == "straight" or len(form.starts) > MANY:
+                continue
+            turns = np.arange(0.0, form.period, form.period / TURNS) if form.period else [0.0]
+            beside = list(product(form.starts or ((),), FAR_OFF * self._bore, turns))
+            numbers, sizes = np.zeros((len(beside), PLACES)), np.zeros((len(beside), SIZES))
+            numbers[:, :DISTANCE] = pose[:DISTANCE]
+            for i, (size, place, turn) in enumerate(beside):
+                sizes[i], numbers[i, DISTANCE], numbers[i, TURN] = _row(size), place, turn
+            part = tries([form] * len(beside), numbers, sizes, 1)
+            part = self._fit.costs(part, views, self._level(0, 6.0))
+            best = part.take([int(part.cost.argmin())])
+            rows.append(self._fit.refined(best, views, self._level(0, 5.0), 2))
+        return rows
+
+    def _pose(self, views: Views) -> Array:
+        """Where the camera stands in the pipe, (6,), from what the edge of its picture sees."""
+        begin = tries([self._forms[0]], np.zeros((1, PLACES)), np.zeros((1, SIZES)), 1)
+        wide = self._fit.refined(begin, views, self._level(0, 12.0, free="at", edge=True), 2)
+        edge = self._fit.refined(wide, views, self._level(0, 5.0, free="at", edge=True), 2)
+        return self._fit.refined(edge, views, self._level(1, 4.0, free="at"), 2).numbers[0]
+
+    def _kept(self, found: Tries, stage: int) -> Tries:
+        """The best rows, and the straight pipe."""
+        rows = np.argsort(found.cost, kind="stable")
+        near = found.cost[rows] < found.cost[rows[0]] + APART[stage]
+        kept = rows[near][: KEPT[stage]].tolist()
+        straight = [i for i in rows.tolist() if found.forms[i] is self._forms[0]]
+        return found.take(kept + [i for i in straight if i not in kept])
+
+    def _begin(self, views: Views, pose: Array, joints: Sequence[float]) -> tuple[Tries, float]:
+        """Starting values of every form; and how far the pipe may be straight, m."""
+        library, entries = self._library, self._library.entries
+        cost = library.costs(library.look(views.pictures[0], pose))
+        chosen: list[int] = []
+        places: list[float] = []
+        for which in range(len(self._forms)):
+            rows = np.flatnonzero(entries.form == which)
+            kept: list[int] = []
+            for row in rows[np.argsort(cost[rows])]:
+                if all(self._apart(row, other) for other in kept):
+                    kept.append(int(row))
+                if len(kept) == STARTS:
+                    break
+            chosen += kept
+            places += entries.numbers[kept, DISTANCE].tolist()
+            for joint in joints if self._forms[which].parameters else ():
+                near = rows[np.abs(entries.numbers[rows, DISTANCE] - joint) < 0.12 * self._bore]
+                if len(near):
+                    chosen.append(int(near[np.argmin(cost[near])]))
+                    places.append(joint)
+        numbers = library.entries.numbers[chosen].copy()
+        numbers[:, :DISTANCE] = pose[:DISTANCE]
+        numbers[:, DISTANCE] = places
+        chosen_forms = [self._forms[i] for i in library.entries.form[chosen]]
+        sizes = np.zeros((len(chosen), SIZES))
+        for row, (form, at) in enumerate(
+            zip(chosen_forms, library.entries.start[chosen], strict=True)
+        ):
+            sizes[row, : len(form.sizes)] = form.starts[at]
+        plain = np.array([form.kind == "straight" for form in self._forms])[entries.form]
+        possible = ~plain & (cost < cost[plain].min() + EXCLUDED)
+        straight = float(np.min(entries.numbers[possible, DISTANCE], initial=HORIZON * self._bore))
+        return tries(chosen_forms, numbers, sizes, 1), straight
+
+    def _apart(self, row: int, other: int) -> bool:
+        """Whether two entries of the library are not just neighbours."""
+        entries = self._library.entries
+        a, b = entries.numbers[row], entries.numbers[other]
+        turned = abs((a[TURN] - b[TURN] + math.pi) % (2 * math.pi) - math.pi)
+        far = abs(a[DISTANCE] - b[DISTANCE]) > 0.4 * self._bore
+        return turned > 0.8 or far
+
+    def _best_of_each(self, found: Tries) -> Tries:
+        best: dict[int, int] = {}
+        for i in np.argsort(found.cost):
+            best.setdefault(id(found.forms[i]), int(i))
+        return found.take(list(best.values()))
+
+    def _placed(self, found: Tries, views: Views, level: Level) -> tuple[Tries, float]:
+        """A row of an end, at the mean of the distances beside its own, each as likely as the
+        picture is then; and the variance, m²."""
+        rows = found.take([0] * len(BESIDE))
+        rows.numbers[:, DISTANCE] = np.clip(rows.numbers[:, DISTANCE] + BESIDE, 0.0, None)
+        cost = self._fit.costs(rows, views, level).cost / (2 * SHARP**2 * self._alike)
+        chance = np.exp(cost.min() - cost)
+        chance /= chance.sum()
+        distance = rows.numbers[:, DISTANCE]
+        mean = float(chance @ distance)
+        found.numbers[0, DISTANCE] = mean
+        return found, float(chance @ (distance - mean) ** 2) + (BESIDE[1] - BESIDE[0]) ** 2 / 12
+
+    def _told(self, found: Tries, straight: float, views: Views) -> Sighting:
+        """The likeliest of the forms, and how sure that is."""
+        level = self._level(0 if found.gains.shape[1] > 1 else 1, 4.0)
+        score = self._fit.scores(found, level, self._alike)
+        names = [self._name(form, at) for form, at in zip(found.forms, found.numbers, strict=True)]
+        least = {
+            name: min(s for s, n in zip(score, names, strict=True) if n == name) for name in names
+        }
+        best = int(np.argmin(score))
+        sure = 1 / sum(math.exp((score[best] - other) / 2) for other in least.values())
+        if found.cost[best] > MISFIT * len(level.pixels) * found.gains.shape[1]:
+            sure = min(sure, UNSURE)
+        row, variance = found.take([best]), None
+        if row.forms[0].ends:
+            row, variance = self._placed(row, views, level)
+        return _sighting(row, names[best], straight, sure, self._alike, variance)
+
+    def _name(self, form: Form, numbers: Array) -> tuple[str, str]:
+        """Kind and port that a form stands for: beyond the horizon a pipe is straight."""
+        straight = form.kind == "straight" or numbers[DISTANCE] > HORIZON * self._bore
+        return ("straight", "") if straight else (form.kind, form.enter)
+
+
+def _few(form: Form) -> tuple[tuple[float, ...], ...]:
+    """Sizes that a search begins with, where they are few."""
+    return form.starts if form.sizes and len(form.starts) <= FEW else ()
+
+
+def _row(sizes: Sequence[float]) -> Array:
+    """Sizes (SIZES,), filled up with zeros."""
+    return np.array([*sizes, *[0.0] * (SIZES - len(sizes))])
+
+
+def _sighting(
+    found: Tries,
+    name: tuple[str, str],
+    straight: float,
+    sure: float,
+    alike: float,
+    variance: float | None,
+) -> Sighting:
+    """What a row says; ``variance``, m², of the distance of an end."""
+    form, numbers, at = found.forms[0], found.numbers[0], [DISTANCE, TURN]
+    plain = name[0] == "straight"
+    covariance = SHARP**2 * alike * np.linalg.inv(found.normal[0])
+    if variance is not None:
+        covariance[DISTANCE] = covariance[:, DISTANCE] = 0.0
+        covariance[DISTANCE, DISTANCE] = variance
+    sizes = () if plain else form.sizes
+    return Sighting(
+        *name,
+        {size.key: float(found.sizes[0, i]) for i, size in enumerate(sizes)},
+        straight if plain else float(numbers[DISTANCE]),
+        0.0
+        if plain or not form.period
+        else float((numbers[TURN] + math.pi) % (2 * math.pi) - math.pi),
+        np.full((2, 2), np.inf) if plain else covariance[np.ix_(at, at)],
+        {
+            size.key: math.hypot(math.sqrt(covariance[PLACES + i, PLACES + i]), size.step / 2)
+            for i, size in enumerate(sizes)
+        },
+        sure,
+        numbers[ASIDE],
+        numbers[TILT],
+    )
+
+
+def _nothing() -> Sighting:
+    """Of a picture that says nothing."""
+    unknown = np.full((2, 2), np.inf)
+    return Sighting("straight", "", {}, 0.0, 0.0, unknown, {}, 0.0, np.zeros(2), np.zeros(2))

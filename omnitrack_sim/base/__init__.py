@@ -1,0 +1,1 @@
+"""Text, faults, files and folders, names, vectors: what every room stands on and no robot needs."""

@@ -1,0 +1,123 @@
+"""What the tables of a user's file are made of: their base class, and what a key says of itself."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import math
+import textwrap
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+
+class Table(BaseModel):
+    """A frozen table of a file; unknown keys are errors. What a key means is said below it, see
+    ``meanings_of``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @classmethod
+    def model_for(cls, value: Mapping[str, Any]) -> type[Table]:
+        """The table that plain data ``value`` is read with; a class of its own where a key decides
+        which one it is."""
+        return cls
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        try:
+            super().__setattr__(name, value)
+        except ValidationError:
+            told = "ot.override(scenario, {'a.key': value}) makes a copy of a scenario with changes"
+            raise TypeError(f"{type(self).__name__}.{name} cannot be set: {told}") from None
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Unit of a number in a file; stands in the annotation of its key.
+
+    Attributes:
+        symbol: such as "m", "deg" or "1".
+        short: the word before the number in a list of sizes; None where it is not listed.
+    """
+
+    symbol: str
+    short: str | None = None
+
+
+@dataclass(frozen=True)
+class FileName:
+    """Says in the annotation of a key that it names a file: of a relative path, one in the folder
+    of the file that it stands in is meant first.
+
+    Attributes:
+        digest: key beside it that holds the file's SHA-256. Where another file is named it is left
+            out.
+    """
+
+    digest: str
+
+
+def files_of(table: type[BaseModel]) -> dict[str, FileName]:
+    """The keys of a table that name files."""
+    fields = table.model_fields.items()
+    found = {key: [m for m in info.metadata if isinstance(m, FileName)] for key, info in fields}
+    return {key: marks[0] for key, marks in found.items() if marks}
+
+
+def units_of(table: type[BaseModel]) -> dict[str, Unit]:
+    """The keys of a table that have a unit, with it."""
+    found = {
+        key: next((item for item in info.metadata if isinstance(item, Unit)), None)
+        for key, info in table.model_fields.items()
+    }
+    return {key: unit for key, unit in found.items() if unit is not None}
+
+
+def symbol_of(table: type[BaseModel], key: str) -> str:
+    """The unit of a key; empty where it has none."""
+    unit = units_of(table).get(key)
+    return unit.symbol if unit is not None else "deg" if key.endswith("_deg") else ""
+
+
+def meanings_of(table: type[BaseModel]) -> dict[str, str]:
+    """The keys of a table with what is said below each in its class, or in one that it extends.
+
+    It reads the source, so that tables whose meanings nobody asks for are made without it.
+    """
+    found: dict[str, str] = {}
+    for base in reversed(table.__mro__):
+        if base is BaseModel or not issubclass(base, BaseModel):
+            continue
+        try:
+            source = textwrap.dedent(inspect.getsource(base))
+        except (OSError, TypeError):
+            continue  # made while running: nothing is said there
+        body = next(item for item in ast.parse(source).body if isinstance(item, ast.ClassDef)).body
+        for key, below in pairwise(body):
+            if isinstance(key, ast.AnnAssign) and isinstance(below, ast.Expr):
+                said = getattr(below.value, "value", None)
+                if isinstance(key.target, ast.Name) and isinstance(said, str):
+                    found[key.target.id] = " ".join(said.split())
+    return {key: found[key] for key in table.model_fields if key in found}
+
+
+def _has_a_direction(axis: tuple[float, float, float]) -> tuple[float, float, float]:
+    if math.hypot(*axis) == 0:
+        raise ValueError("has no direction; give one such as [0, 0, 1]")
+    return axis
+
+
+Direction = Annotated[tuple[float, float, float], AfterValidator(_has_a_direction)]
+"""A vector whose length means nothing, world frame."""
+Positive = Annotated[float, Field(gt=0)]
+Part = Annotated[float, Field(ge=1e-6, le=1e6)]
+"""A figure counted in something of about its own size, such as a bore, a second or a ratio."""
+NotNegative = Annotated[float, Field(ge=0, le=1e6)]
+"""The same where it may be zero, too."""
+Angle = Annotated[float, Field(ge=-3600, le=3600)]
+"""An angle in degrees, up to ten turns either way."""
+Size = Annotated[float, Field(ge=1e-5, le=1000)]
+"""A length of a pipe, m. The limits catch millimetres and keep the samples of a route in memory."""

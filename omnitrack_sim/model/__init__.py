@@ -1,1 +1,0 @@
-"""MuJoCo models: walls, robot, looks, meshes. The only users of MjSpec, trimesh and manifold3d."""

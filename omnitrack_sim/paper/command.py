@@ -1,0 +1,353 @@
+"""All runs, all claims, one folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from omnitrack_sim.base.writing import check_folder, whole_folder, write_file
+from omnitrack_sim.paper import driving, elbows, tees
+from omnitrack_sim.paper import formulas as theory
+from omnitrack_sim.paper.claim import Claim, FigureName
+from omnitrack_sim.paper.plots.contact_map import contact_map_figure
+from omnitrack_sim.paper.plots.curves import along_figure, angular_velocity_figure
+from omnitrack_sim.paper.plots.elbows import elbow_figure
+from omnitrack_sim.paper.plots.rates import rates_figure
+from omnitrack_sim.paper.plots.singularity import plot_singularity
+from omnitrack_sim.paper.report import Picture, Strip, page
+from omnitrack_sim.paper.runs import SEED, Runs, run_all, scenarios
+from omnitrack_sim.results.provenance import provenance_of
+from omnitrack_sim.robots.omnitrack.singularity import TurnCase
+from omnitrack_sim.show.plots.style import attempt, save_figure
+from omnitrack_sim.show.plots.success import success_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from omnitrack_sim.results.result import Result
+
+CLAIMS_FILE, FIGURES = "claims.json", "figures"
+MEASURES: tuple[Callable[[Runs], Claim | list[Claim]], ...] = (
+    theory.mean_speed,
+    theory.unequal_arms,
+    theory.jacobian,
+    theory.region,
+    driving.climb,
+    driving.holonomic,
+    driving.sign_change,
+    driving.past_180,
+    driving.no_motion_line,
+    driving.preload,
+    driving.motors,
+    elbows.eq20,
+    elbows.straight_exit,
+    elbows.short_elbow,
+    elbows.preferred,
+    tees.compression,
+    tees.as_written,
+    tees.inner_slip,
+    tees.unaligned,
+    tees.towards_worst,
+    tees.falls_into_place,
+    tees.aligned,
+    tees.slippery,
+    tees.few_lugs,
+    tees.climb_then_turn,
+    tees.straight_over,
+    elbows.differential,
+)
+"""What is measured, in the order of the page."""
+STRIPS = {
+    "paper/tee_turn_misaligned": (
+        "tee_turn_misaligned",
+        "Tee turn from the worst orientation: roll, drive, turn, drive",
+    ),
+    "paper/straight_over_tee_aligned": (
+        "straight_over_aligned",
+        "Straight over a tee, modules on either side",
+    ),
+    "elbow_short": ("elbow_90_jacobian", "Elbow of 90 mm"),
+}
+FRAMES = 6
+_Figures: TypeAlias = "dict[FigureName, tuple[str, Callable[[], Figure]]]"
+TEE_TURNS = {
+    "aligned": "aligned, friction 0.8 to 1.0",
+    "slippery": "aligned, friction 0.6 to 0.8",
+    "few_lugs": "5 lugs a track, friction 0.8 to 1.0",
+    "few_lugs_slippery": "5 lugs a track, friction 0.6 to 0.8",
+    "map_jacobian": "not aligned, feedback",
+    "map_paper": "not aligned, as written",
+}
+"""Lists of tee turns whose success rates are compared, with their labels."""
+
+
+def reproduce(
+    directory: str | Path,
+    *,
+    quick: bool = False,
+    format: str = "svg",
+    progress: Callable[[float, str], None] | None = None,
+) -> list[Claim]:
+    """Run the paper and write ``claims.json``, ``report.html`` and ``figures/`` into ``directory``.
+
+    Args:
+        directory: made, or replaced if it holds an earlier reproduction. The claims are there
+            first; a figure that cannot be drawn is told as a warning and left out.
+        quick: fewer orientations and trials.
+        format: of the files in ``figures/``: ``svg``, ``pdf`` or ``png``.
+        progress: called with the fraction done, 0 to 1, and a word about the run.
+
+    Returns:
+        The claims in the order of the page.
+
+    Raises:
+        OutputError: ``directory`` holds something else, or cannot be written.
+    """
+    check_folder(directory, CLAIMS_FILE)
+    lists = scenarios(quick)
+    runs = run_all(lists, progress)
+    claims = measure(runs, quick)
+    provenance = _provenance(runs, quick)
+    rows = {"provenance": provenance, "claims": [claim.row() for claim in claims]}
+    with whole_folder(directory, CLAIMS_FILE) as folder:
+        (folder / FIGURES).mkdir()
+        (folder / CLAIMS_FILE).write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+    pictures, missing = _draw(figures(runs), Path(directory) / FIGURES, format)
+    strips, remarks = _strips(runs)
+    text = page(claims, pictures, strips, provenance, [*_lead(quick), *missing, *remarks])
+    write_file(Path(directory) / "report.html", text.encode())
+    return claims
+
+
+def _draw(figures: _Figures, folder: Path, format: str) -> tuple[list[Picture], list[str]]:
+    """Write the figures into a folder; those that can be drawn, for the page, and a sentence about
+    the others."""
+
+    def draw(name: str, caption: str, make: Callable[[], Figure]) -> Picture:
+        figure = make()
+        save_figure(figure, folder / f"{name}.{format}")
+        return Picture(name, caption, _file(figure), "svg")
+
+    made = {
+        name: attempt(f"figure {name}", partial(draw, name, caption, make))
+        for name, (caption, make) in figures.items()
+    }
+    missing = ", ".join(name for name, picture in made.items() if picture is None)
+    sentences = [f"These figures could not be drawn: {missing}."] if missing else []
+    return [picture for picture in made.values() if picture is not None], sentences
+
+
+def measure(runs: Runs, quick: bool) -> list[Claim]:
+    """All claims, from the runs of the quick or of the full form."""
+    found: list[Claim] = []
+    for function in MEASURES:
+        claim = function(runs)
+        found.extend(claim if isinstance(claim, list) else [claim])
+    return [replace(claim, quick=quick) for claim in found]
+
+
+def figures(runs: Runs) -> _Figures:
+    """Caption, and what draws the figure, by file name, in the order of the page."""
+    return (
+        _region_figures()
+        | _success_figures(runs)
+        | _turn_figures(runs)
+        | _elbow_figures(runs)
+        | _friction_figures(runs)
+    )
+
+
+def _region_figures() -> _Figures:
+    """The singular region in closed form and in the exact geometry."""
+    case = TurnCase()
+    return {
+        "fig9_sector": (
+            "Fig. 9: the singular sector.",
+            partial(plot_singularity, case, figure="sector"),
+        ),
+        "contact_map_geometry": (
+            "Contact over orientation and turn in the exact geometry of two pipes; red: a module "
+            "has no wall.",
+            partial(plot_singularity, case, figure="map"),
+        ),
+    }
+
+
+def _success_figures(runs: Runs) -> _Figures:
+    """Tee turns that pass, over the start orientation and in groups."""
+    case = TurnCase()
+    theta5 = np.array([r.scenario.start.theta5_deg for r in runs["map_jacobian"]])
+    passed = {
+        kind: np.array([r.success for r in runs[f"map_{kind}"]]) for kind in ("jacobian", "paper")
+    }
+    margin = float(np.degrees((2 * np.pi / 3 - case.real_sector) / 2))
+    groups = [
+        (label, sum(r.success for r in runs[name]), len(runs[name]))
+        for name, label in TEE_TURNS.items()
+    ]
+    return {
+        "success_map": (
+            "Tee turns without alignment over the start orientation, and the singular range of the "
+            "formula.",
+            partial(
+                success_figure,
+                theta5,
+                passed,
+                float(np.degrees(case.sector)),
+                real_margin_deg=margin,
+            ),
+        ),
+        "success_rates": (
+            "Success rates of tee turns with Wilson 95 % intervals; dashed: the paper's 19.55 %.",
+            partial(rates_figure, groups, reference=0.1955),
+        ),
+    }
+
+
+def _turn_figures(runs: Runs) -> _Figures:
+    """Single tee turns, as written and with feedback."""
+    misaligned, written = runs["tee_turn_misaligned"][0], runs["tee_turn_as_written"][0]
+    return {
+        "fig13_as_written": (
+            "Fig. 13: shaft speeds with the paper's open-loop speeds.",
+            partial(angular_velocity_figure, written),
+        ),
+        "fig13_feedback": (
+            "The same turn with feedback along the centreline.",
+            partial(angular_velocity_figure, misaligned),
+        ),
+        "unrolled_contacts": (
+            "The unrolled pipe: where the modules touch and how hard, tee turn from the worst "
+            "orientation.",
+            partial(contact_map_figure, misaligned, misaligned.scenario.route),
+        ),
+        "forces_along_the_way": (
+            "Traction, normal force and slip over arc length.",
+            partial(along_figure, misaligned),
+        ),
+    }
+
+
+def _elbow_figures(runs: Runs) -> _Figures:
+    """Elbows by controller and drive."""
+    return {
+        "fig10_speeds": (
+            "Fig. 10(b): shaft speeds through the 90 mm elbow by Eq. 20, open loop, preferred "
+            "orientation.",
+            partial(angular_velocity_figure, _at(runs["elbow_90_paper"], 0.0)),
+        ),
+        "elbow_240": (
+            "Fig. 10: elbow of 240 mm by controller and drive.",
+            partial(elbow_figure, _elbows(runs, "240")),
+        ),
+        "elbow_90": (
+            "Fig. 15: elbow of 90 mm by controller and drive.",
+            partial(elbow_figure, _elbows(runs, "90")),
+        ),
+    }
+
+
+def _friction_figures(runs: Runs) -> _Figures:
+    """What friction does to tee turns with alignment."""
+    slippery = runs["slippery_downward"][0]
+    friction = slippery.scenario.contact.friction
+    return {
+        "success_by_friction": (
+            "Success of aligned tee turns by friction, with Wilson 95 % intervals.",
+            partial(rates_figure, _by_friction([*runs["slippery"], *runs["aligned"]])),
+        ),
+        "slippery_turn": (
+            f"Downward at friction {friction:.2f}, without retry: {slippery.outcome.value}, "
+            f"{slippery.reason}.",
+            partial(along_figure, slippery),
+        ),
+    }
+
+
+def _at(results: Sequence[Result], theta5_deg: float) -> Result:
+    """The run that starts nearest to an orientation."""
+    return min(results, key=lambda r: abs(r.scenario.start.theta5_deg - theta5_deg))
+
+
+def _by_friction(results: Sequence[Result], step: float = 0.05) -> list[tuple[str, int, int]]:
+    """Label, passed and total by range of friction."""
+    bins: dict[int, list[bool]] = {}
+    for result in results:
+        bins.setdefault(int(result.scenario.contact.friction / step + 1e-9), []).append(
+            result.success
+        )
+    return [
+        (f"friction {step * k:.2f} to {step * (k + 1):.2f}", sum(found), len(found))
+        for k, found in sorted(bins.items())
+    ]
+
+
+def _elbows(runs: Runs, radius: str) -> dict[str, Sequence[Any]]:
+    labels = {
+        "jacobian": "feedback",
+        "paper": "as written (Eq. 20)",
+        "equal": "equal speeds",
+        "differential": "one motor, differential",
+    }
+    return {label: runs[f"elbow_{radius}_{kind}"] for kind, label in labels.items()}
+
+
+def _file(figure: Figure) -> bytes:
+    import io
+
+    buffer = io.BytesIO()
+    save_figure(figure, buffer, "svg")
+    return buffer.getvalue()
+
+
+def _strips(runs: Runs) -> tuple[list[Strip], list[str]]:
+    """Frames of a few runs; where they cannot be made, as without OpenGL, a sentence that says
+    so."""
+    from omnitrack_sim.show.film.render import render_frames
+    from omnitrack_sim.show.film.strip import strip_times
+
+    strips = []
+    try:
+        for name, title in STRIPS.values():
+            result = runs[name][len(runs[name]) // 2]
+            times = strip_times(result, FRAMES)
+            strips.append(Strip(title, render_frames(result, times, width=640, height=360), times))
+    except Exception as error:  # as of ``attempt``
+        return [], [f"No frames: {error}"]
+    return strips, []
+
+
+def _lead(quick: bool) -> list[str]:
+    text = (
+        "Each statement of the paper is turned into something that can be measured in simulation, "
+        "with a tolerance. Its verdict follows from the measurement, with the reason as far as it "
+        "is known where it does not hold. What is no statement of the paper is a study, without "
+        "verdict."
+    )
+    short = (
+        "Quick form: fewer orientations and trials than the full reproduction; intervals are wide, "
+        "and where it says so the full form may come to another verdict."
+    )
+    return [text, short] if quick else [text]
+
+
+def _provenance(runs: Runs, quick: bool) -> dict[str, Any]:
+    first = next(iter(runs.values()))[0]
+    made = {
+        k: v
+        for k, v in provenance_of(first.scenario).items()
+        if k not in ("scenario_sha256", "seed")
+    }
+    return {
+        **made,
+        "form": "quick" if quick else "full",
+        "seed": SEED,
+        "runs": sum(len(group) for group in runs.values()),
+        "simulated_s": round(sum(r.duration_s for group in runs.values() for r in group), 1),
+    }

@@ -1,0 +1,159 @@
+"""The paper's controller: speeds set beforehand, begun and ended at marks, open loop.
+
+Sections V and VI.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, unit
+from omnitrack_sim.base.table import Table, Unit
+from omnitrack_sim.pipes.route_map import Place
+from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
+from omnitrack_sim.robots.omnitrack.control.aligner import Aligner, AlignmentTable, manoeuvres
+from omnitrack_sim.robots.omnitrack.control.interface import Command, ControlSetup, Observation
+from omnitrack_sim.robots.omnitrack.control.leg_watch import LegWatch
+from omnitrack_sim.robots.omnitrack.kinematics import elbow_speeds
+
+CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT = range(5)
+_PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT, None: CRUISE}
+
+
+class PaperTable(Table):
+    """``[control.parameters]`` of the controllers ``paper`` and ``equal``. D is the bore that the
+    robot is made for."""
+
+    elbow_delay: Annotated[float, Field(ge=0, le=10), Unit("D")] = 0.0
+    """How far the head is past the bend's start when an elbow begins; 0.454 begins it with the
+    centre at the bend."""
+    tee_trigger: Annotated[float, Field(ge=-10, le=10), Unit("D")] = 0.25
+    """How far the head is past the near edge of a tee's opening when a turn begins; half a pipe
+    radius is published."""
+    complete_deg: Annotated[float, Field(ge=0, le=90)] = 2.0
+    """A turn is complete when the robot's axis, in the plane of the bend, is this near to the way
+    out, or past it."""
+    alignment: AlignmentTable = AlignmentTable()
+
+
+class PaperController:
+    """Speeds by Eq. 20 in elbows; in tees modules on the inner side backward, the others forward,
+    at cruise speed.
+
+    theta5 is read when a turn begins and the speeds are kept until it is complete. Alignment before
+    fittings is that of the default controller; the paper does it by hand.
+    """
+
+    phases: ClassVar[tuple[str, ...]] = ("cruise", "align", "elbow", "tee_turn", "tee_straight")
+    Parameters: ClassVar[type[Table]] = PaperTable
+
+    def __init__(self, setup: ControlSetup) -> None:
+        self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
+        bore = setup.robot.nominal_bore
+        self._elbow_delay = setup.each("elbow_delay") * bore  # (n,) m
+        self._tee_trigger = setup.each("tee_trigger") * bore
+        self._complete = np.radians(setup.each("complete_deg"))
+        self.aligner = Aligner(setup, "alignment")
+        self._legs = LegWatch(setup.routes)
+        n = setup.n
+        self.turning = np.full(n, -1)  # (n,) passage whose turn is under way
+        self.turned = np.full(n, -1)  # (n,) last passage whose turn is complete
+        self.turn_speeds = np.zeros((n, 3))  # m/s, at the walls
+        self._learn()
+
+    def _learn(self) -> None:
+        """What each passage of the routes asks for."""
+        routes, passages = self.routes, self.routes.passages
+        self.kind = np.array([_PHASES[m] for m in manoeuvres(routes)])  # (Q,)
+        # (Q,) m, an opening's near edge or a bend's start
+        self.mark = np.array([np.inf if p is None else p.mark for p in passages])
+        way = routes.way_of
+        longest = routes.lengths[way]
+        start, end = np.clip(routes.start, 0, longest), np.clip(routes.end, 0, longest)
+        self.way_in = routes.centreline.at(start, way)[1]  # (Q, 3) tangents before the turns
+        self.way_out = routes.centreline.at(end, way)[1]  # (Q, 3) and behind them
+
+    def _follow_legs(self, observation: Observation) -> None:
+        """Prepare robots that have been sent onto another way."""
+        changes = self._legs.changes(observation)
+        if self._legs.grown:
+            self._learn()
+            self.aligner.learn()
+        for robot, later in self._legs.longer:
+            self.aligner.go_on(robot, later)
+            self.turning[robot] += later * (self.turning[robot] >= 0)
+            self.turned[robot] += later * (self.turned[robot] >= 0)
+        for robot, turned in changes:
+            self.aligner.begin_leg(robot, turned, int(observation.place.way[robot]))
+            self.turning[robot] = self.turned[robot] = -1
+
+    def step(self, observation: Observation) -> Command:
+        """The command for the next control period."""
+        self._follow_legs(observation)
+        place, s = observation.place, self.settings
+        room = self.routes.nose_room(place, self.robot.length)
+        resting, rolled = self.aligner.step(observation, room)
+        self._mark(place, observation.rotation[:, :, 2], resting)
+        turning = self.turning >= 0
+        wall_speed = np.where(turning[:, None], self.turn_speeds, s.cruise_speed[:, None])
+        limit = s.speed_limit[:, None]
+        wall_speed = np.minimum(np.maximum(wall_speed, -limit), limit)
+        belt_sign = self.aligner.belt_sign(observation.roll)
+        belt_speed = np.where(resting[:, None], 0.0, wall_speed * belt_sign)
+        straight_over = (self.kind[place.passage] == TEE_STRAIGHT) & (room < 0)
+        phase = np.where(straight_over, TEE_STRAIGHT, CRUISE)
+        phase = np.where(turning, self.kind[self.turning], phase)
+        phase = np.where(resting, ALIGN, phase)
+        return Command(belt_speed, self.aligner.roll.copy(), phase, resting, rolled)
+
+    def _mark(self, place: Place, axis: Array, resting: NDArray[np.bool_]) -> None:
+        """Begin turns whose mark the head has passed, end those that are complete."""
+        head = place.distance + self.robot.length / 2
+        new = (self.turning < 0) & (place.passage > self.turned)
+        new &= self.routes.is_turn[place.passage]
+        is_elbow = self.kind[place.passage] == ELBOW
+        delay = np.where(is_elbow, self._elbow_delay, self._tee_trigger)
+        begins = new & (head >= self.mark[place.passage] + delay) & ~resting
+        self.turning = np.where(begins, place.passage, self.turning)
+        if begins.any():
+            speeds = self._speeds(place)
+            self.turn_speeds = np.where(begins[:, None], speeds, self.turn_speeds)
+        way_in, way_out = self.way_in[self.turning], self.way_out[self.turning]
+        about = unit(cross(way_in, way_out))  # the bend's axis
+        turned = np.arctan2(dot(cross(way_in, axis), about), dot(way_in, axis))
+        left = angle_between(way_in, way_out) - turned
+        past = place.passage > self.turning
+        complete = (self.turning >= 0) & ((left < self._complete) | past)
+        self.turned = np.where(complete, self.turning, self.turned)
+        self.turning = np.where(complete, -1, self.turning)
+
+    def _speeds(self, place: Place) -> Array:
+        """Wall speeds (n, 3) m/s of the turn ahead, for theta5 as it is now."""
+        speed = self.settings.cruise_speed
+        bend_radius = np.nan_to_num(self.routes.bend_radius[place.passage], nan=1.0)
+        radius = self.routes.radius[place.passage]
+        elbow = elbow_speeds(speed, place.theta5, bend_radius, radius)
+        inner: NDArray[np.bool_] = np.cos(place.theta5[:, None] + np.array(MODULE_ANGLES)) > 0
+        tee = np.where(inner, -1.0, 1.0) * speed[:, None]
+        return np.where((self.kind[place.passage] == ELBOW)[:, None], elbow, tee)
+
+
+class EqualController(PaperController):
+    """All modules at cruise speed everywhere: what a robot without speed modulation does, the
+    baseline of Eq. 20."""
+
+    def _speeds(self, place: Place) -> Array:
+        return np.repeat(self.settings.cruise_speed[:, None], 3, axis=1)
+
+
+class BendController(PaperController):
+    """Eq. 20 in every turn: of a tee it takes the arc of the centreline for an elbow."""
+
+    def _speeds(self, place: Place) -> Array:
+        bend = np.nan_to_num(self.routes.bend_radius[place.passage], nan=1.0)
+        radius = self.routes.radius[place.passage]
+        return elbow_speeds(self.settings.cruise_speed, place.theta5, bend, radius)

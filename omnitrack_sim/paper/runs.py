@@ -1,0 +1,173 @@
+"""The runs that the claims are measured on: named lists of scenarios, run in batches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from omnitrack_sim.base.text import counted
+from omnitrack_sim.results.result import Result
+from omnitrack_sim.robots.omnitrack import GRAVITY, Robot
+from omnitrack_sim.scenario import Scenario, load_scenario, override
+from omnitrack_sim.sim.run import run_batch
+
+Runs = Mapping[str, Sequence[Result]]
+"""Results, by the names that ``scenarios`` gives to its lists."""
+GRAVITIES = {
+    "along, up the run": (0.0, 0.0, -9.81),
+    "along, down the run": (0.0, 0.0, 9.81),
+    "across, towards the branch": (9.81, 0.0, 0.0),
+    "across, away from it": (-9.81, 0.0, 0.0),
+    "across, sideways": (0.0, 9.81, 0.0),
+    "none": (0.0, 0.0, 0.0),
+}
+"""Gravity of the random trials, m/s², in the frame of the tee: run along z, branch towards +x."""
+PRELOAD_FACTORS = (0.8, 0.9, 0.95, 1.05, 1.1, 1.2)
+"""Preloads of the climbing test, as multiples of what the friction law asks for."""
+FRICTIONS = (0.2, 0.4, 0.8)
+SEED = 7
+SINGLE = (
+    "holonomic_alignment",
+    "climb_into_elbow",
+    "tee_turn_misaligned",
+    "tee_turn_as_written",
+    "orient_climb_turn",
+    "rolled_past_180",
+    "no_motion_line",
+)
+"""Scenarios below ``paper/`` that are run as they are, once each."""
+_UNAIDED: dict[str, Any] = {"control.align": False, "control.retry": False}
+ELBOW_DRIVES: dict[str, dict[str, Any]] = {
+    "jacobian": {"control.kind": "jacobian"},
+    "paper": {"control.kind": "paper"},
+    "equal": {"control.kind": "equal"},
+    "differential": {"robot.drive": "differential"},
+}
+"""What drives the robot through the elbows: three motors by three controllers, or one motor."""
+
+
+def scenarios(quick: bool) -> dict[str, list[Scenario]]:
+    """All runs by name. ``quick`` takes fewer orientations and trials; the physics is the same."""
+    lists = {name: [load_scenario(f"paper/{name}")] for name in SINGLE}
+    lists["vertical_climb"] = [load_scenario("vertical_climb")]
+    return lists | _elbows_and_tees(quick) | _straight_pipes(quick) | _motors()
+
+
+def _elbows_and_tees(quick: bool) -> dict[str, list[Scenario]]:
+    """Turns over the start orientation, random tee turns, and straight over a tee."""
+    tee, trials = load_scenario("tee_turn"), 24 if quick else 200
+    turn = np.arange(-60, 60, 10 if quick else 2)
+    lists = {
+        f"map_{kind}": _orientations(tee, turn, _UNAIDED | {"control.kind": kind})
+        for kind in ("jacobian", "paper")
+    }
+    lists |= _elbows(np.arange(-60, 60, 30 if quick else 10))
+    lists["aligned"] = random_tee_turns(trials, (0.8, 1.0))
+    lists["slippery"] = random_tee_turns(trials, (0.6, 0.8))
+    lists["few_lugs"] = random_tee_turns(trials, (0.8, 1.0), {"robot.lugs_per_track": 5})
+    lists["few_lugs_slippery"] = random_tee_turns(trials, (0.6, 0.8), {"robot.lugs_per_track": 5})
+    for state in ("aligned", "unaligned"):
+        base = load_scenario(f"paper/straight_over_tee_{state}")
+        lists[f"straight_over_{state}"] = [
+            override(base, {"world.gravity": list(g)}) for g in GRAVITIES.values()
+        ]
+    downward = {"world.gravity": [0.0, 0.0, 9.81], "contact.friction": 0.65, "control.retry": False}
+    lists["slippery_downward"] = [override(tee, downward)]
+    return lists
+
+
+def _elbows(theta5_deg: np.ndarray) -> dict[str, list[Scenario]]:
+    """Both elbows with every controller and drive, from each of the start orientations."""
+    lists = {
+        f"elbow_{radius}_{kind}": _orientations(load_scenario(name), theta5_deg, _UNAIDED | changes)
+        for radius, name in (("240", "elbow"), ("90", "elbow_short"))
+        for kind, changes in ELBOW_DRIVES.items()
+    }
+    half = Robot().length / 2 / Robot().nominal_bore  # from the head to the centre, in D
+    late = _UNAIDED | {"control.kind": "paper", "control.parameters.elbow_delay": half}
+    lists["elbow_240_paper_late"] = _orientations(load_scenario("elbow"), theta5_deg, late)
+    return lists
+
+
+def _straight_pipes(quick: bool) -> dict[str, list[Scenario]]:
+    """Rolling on the spot, and climbing with more and less preload."""
+    holonomic = load_scenario("paper/holonomic_alignment")
+    angles = np.arange(-60, 60, 20 if quick else 5)
+    return {
+        "holonomic": _orientations(holonomic, angles, {}),
+        "rolling_upright": [holonomic],
+        "rolling_flat": [override(holonomic, {"world.gravity": [-9.81, 0.0, 0.0]})],
+        "preload": _preloads(load_scenario("vertical_climb")),
+    }
+
+
+def _motors() -> dict[str, list[Scenario]]:
+    """The published motor in the shipped scenarios."""
+    pololu = {"robot.motor": "pololu_1000_hpcb"}
+    names = ("vertical_climb", "elbow", "elbow_short", "tee_turn", "tee_straight")
+    return {"pololu": [override(load_scenario(name), pololu) for name in names]}
+
+
+def run_all(
+    lists: Mapping[str, Sequence[Scenario]], progress: Callable[[float, str], None] | None = None
+) -> Runs:
+    """Run every list on all cores. Scenarios that share a model share a batch across all lists."""
+    flat = [scenario for group in lists.values() for scenario in group]
+    if progress is not None:
+        progress(0.0, counted(len(flat), "run"))
+    done = iter(run_batch(flat, threads=0, progress=progress))
+    return {name: [next(done) for _ in group] for name, group in lists.items()}
+
+
+def random_tee_turns(
+    count: int, friction: tuple[float, float], changes: Mapping[str, Any] | None = None
+) -> list[Scenario]:
+    """Tee turns with alignment, drawn at random.
+
+    Start orientation and friction are uniform, gravity is one of ``GRAVITIES``.
+    """
+    rng = np.random.default_rng(SEED)
+    base, gravities = (
+        override(load_scenario("tee_turn"), dict(changes or {})),
+        list(GRAVITIES.values()),
+    )
+    return [
+        override(
+            base,
+            {
+                "start.theta5_deg": float(rng.uniform(-60, 60)),
+                "contact.friction": float(rng.uniform(*friction)),
+                "world.gravity": list(gravities[rng.integers(len(gravities))]),
+            },
+        )
+        for _ in range(count)
+    ]
+
+
+def _orientations(
+    base: Scenario, theta5_deg: np.ndarray, changes: Mapping[str, Any]
+) -> list[Scenario]:
+    return [override(base, {"start.theta5_deg": float(angle), **changes}) for angle in theta5_deg]
+
+
+def least_preload(robot: Robot, friction: float) -> float:
+    """Least preload of a module, N, at which friction can hold the robot's weight: m g / (3 mu)."""
+    return robot.mass * GRAVITY / (3 * friction)
+
+
+def _preloads(base: Scenario) -> list[Scenario]:
+    """A vertical climb with preloads around the least one."""
+    return [
+        override(
+            base,
+            {
+                "contact.friction": friction,
+                "robot.preload": factor * least_preload(base.robot, friction),
+                "physics.time_limit": 3.0,
+            },
+        )
+        for friction in FRICTIONS
+        for factor in PRELOAD_FACTORS
+    ]

@@ -1,0 +1,310 @@
+"""How a map that a robot has made differs from the network that it has driven through.
+
+Both are walked together from where the map begins. What is compared are kinds, the lengths of axes,
+the bores and the directions in which ports look; names, the order of parts, and which of two like
+ports is called what, do not count. Straights that follow each other are one: a robot sees no joint.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+from omnitrack_sim.base.rotations import Array, Pose, angle_between, length, unit
+from omnitrack_sim.pipes import ARCS, Fitting
+from omnitrack_sim.pipes.layout import End, both_ways
+from omnitrack_sim.pipes.network import Network
+
+LENGTHS = 0.03
+"""Difference of two lengths or bores that are the same, as a part of the true one."""
+LEAST_LENGTH = 0.01
+"""Difference of two lengths that are the same whatever the true one is, m."""
+ANGLES = math.radians(5)
+"""Difference of two directions that are the same, rad."""
+
+
+@dataclass(frozen=True)
+class MapDifference:
+    """What a map has of a network, and what it has wrong. Parts are told by their names; of
+    straights in a row by that of the first.
+
+    Attributes:
+        parts: number of parts of the network that can be reached from where the map begins.
+        found: number of them that the map has, with the right kind.
+        missing: those that it has not. extra: parts of the map that the network has not.
+        kinds, wrong_sizes, angles: parts of the map and the true ones that differ in kind, in a
+            length or bore by more than 3 % (and 10 mm), in a direction by more than 5 degrees.
+        loose: ports of the network that are joined there and not in the map, though it has both
+            parts.
+        length: m, of all axes of the network that are in the map. length_error: m, of what is wrong
+            in them, sizes added up.
+    """
+
+    parts: int
+    found: int
+    missing: tuple[str, ...]
+    extra: tuple[str, ...]
+    kinds: tuple[tuple[str, str], ...]
+    wrong_sizes: tuple[tuple[str, str], ...]
+    angles: tuple[tuple[str, str], ...]
+    loose: tuple[tuple[str, str], ...]
+    length: float
+    length_error: float
+
+    @property
+    def complete(self) -> bool:
+        """Whether every part that can be reached is in the map, joined as it is."""
+        return not (self.missing or self.kinds or self.loose)
+
+    @property
+    def same(self) -> bool:
+        """Whether the map is complete, has nothing else, and all its sizes are right."""
+        return self.complete and not (self.extra or self.wrong_sizes or self.angles)
+
+    def figures(self) -> dict[str, float]:
+        """The metrics of a run that explores, see docs/metrics.md."""
+        return {
+            "map_found": self.found / self.parts,
+            "map_complete": float(self.complete),
+            "map_length_error_m": self.length_error,
+            "map_faults": float(
+                len(self.kinds) + len(self.wrong_sizes) + len(self.angles) + len(self.extra)
+            ),
+        }
+
+
+def compare_maps(
+    found: Network, true: Network, start: str | None = None, closed: Collection[str] = ()
+) -> MapDifference:
+    """Compare a map with the true network.
+
+    Args:
+        found: the map; it begins at the first port of its first fitting.
+        true: the network.
+        start: where in it the map begins, as ``part.port`` or by a name in ``true.ports``; None:
+            the open end nearest to there.
+        closed: its ports that a plate closes; what is beyond cannot be reached.
+
+    Raises:
+        NetworkError: there is no such port.
+    """
+    plates = {true.port(port, f"closed.{i}") for i, port in enumerate(closed)}
+    mine, other = _Graph(found, ()), _Graph(true, plates)
+    first = (0, found.fittings[0].of.port_names[0])
+    at = _nearest_end(true, found.pipes.parts[0].port(first[1])) if start is None else start
+    return _Walk(mine, other).difference(mine.place[first], other.place[true.port(at, "start")])
+
+
+def _nearest_end(network: Network, pose: Pose) -> str:
+    ends = {end: network.port(end) for end in network.open_ends}
+    places = {end: network.pipes.parts[i].port(port).position for end, (i, port) in ends.items()}
+    return min(places, key=lambda end: float(length(places[end] - pose.position)))
+
+
+@dataclass(frozen=True)
+class _Node:
+    """A fitting, or straights in a row.
+
+    Attributes:
+        name: of the first part. fitting: its kind and sizes. length: m, of the run of straights.
+        ports: in the world, z outward.
+    """
+
+    name: str
+    fitting: Fitting
+    ports: Mapping[str, Pose]
+    run: float
+
+    def way(self, enter: str, leave: str) -> float:
+        """Length of the axis between two ports, m."""
+        return self.run or self.fitting.axis_curve(enter, leave, ARCS).length
+
+
+class _Graph:
+    """The parts of a network, straights in a row taken together.
+
+    Attributes:
+        nodes: the parts. place: of each port of the network that is one of a node, the node and the
+            name of its port. joined: of each port of a node the one that it is joined to.
+    """
+
+    def __init__(self, network: Network, plates: Collection[End]) -> None:
+        self._pipes = network.pipes
+        joints = [j for j in self._pipes.joints if not set(j) & set(plates)]
+        self._joined = both_ways(joints)
+        self.nodes: list[_Node] = []
+        self.place: dict[End, End] = {}
+        taken: set[int] = set()
+        for index in range(len(self._pipes.parts)):
+            if index not in taken:
+                taken |= self._add(index)
+        self.joined = {
+            self.place[a]: self.place[b] for a, b in self._joined.items() if a in self.place
+        }
+
+    def _add(self, index: int) -> set[int]:
+        """Add the node of a part; the parts that are in it."""
+        part, number = self._pipes.parts[index], len(self.nodes)
+        if not part.fitting.is_plain:
+            self.place |= {(index, port): (number, port) for port in part.fitting.port_names}
+            ports = {port: part.port(port) for port in part.fitting.port_names}
+            self.nodes.append(_Node(part.name, part.fitting, ports, 0.0))
+            return {index}
+        run, ends = {index}, dict[str, End]()
+        for port in part.fitting.port_names:
+            ends[port] = self._end_of_run((index, port), run)
+            self.place[ends[port]] = number, port
+        total = sum(self._pipes.parts[i].fitting.length_of_axes for i in run)
+        ports = {port: self._pipes.parts[i].port(name) for port, (i, name) in ends.items()}
+        self.nodes.append(_Node(self._pipes.parts[min(run)].name, part.fitting, ports, total))
+        return run
+
+    def _end_of_run(self, end: End, run: set[int]) -> End:
+        """The last port of a run of straights beyond a port; the parts on the way come into
+        ``run``."""
+        while end in self._joined:
+            index, enter = self._joined[end]
+            fitting = self._pipes.parts[index].fitting
+            if not fitting.is_plain:
+                break
+            run.add(index)
+            end = index, next(name for name in fitting.port_names if name != enter)
+        return end
+
+    def reached(self, start: End) -> set[int]:
+        """The nodes that can be reached from a port of one of them."""
+        found, waiting = {start[0]}, [start[0]]
+        while waiting:
+            node = waiting.pop()
+            for port in self.nodes[node].ports:
+                there = self.joined.get((node, port))
+                if there is not None and there[0] not in found:
+                    found.add(there[0])
+                    waiting.append(there[0])
+        return found
+
+
+class _Walk:
+    """Walks a map and the true network together."""
+
+    def __init__(self, mine: _Graph, true: _Graph) -> None:
+        self._mine, self._true = mine, true
+        self._partner: dict[int, int] = {}  # of each node of the true network, that of the map
+        self._ports: dict[End, End] = {}  # likewise of ports
+        self._kinds, self._sizes, self._angles = ({} for _ in range(3))
+        self._length, self._error = 0.0, 0.0
+
+    def difference(self, mine: End, true: End) -> MapDifference:
+        """All that differs from two ports on."""
+        # One direction across the pipe, for both: the maps are compared as they lie in the world.
+        side = self._true.nodes[true[0]].ports[true[1]].rotation[:, 0]
+        waiting = deque([(mine, true, side, side)])
+        while waiting:
+            here, there, my_side, true_side = waiting.popleft()
+            if there[0] in self._partner or here[0] in self._partner.values():
+                continue
+            self._partner[there[0]] = here[0]
+            waiting += self._pair(here, there, my_side, true_side)
+        reached = self._true.reached(true)
+        names = [node.name for node in self._true.nodes]
+        matched = {t: m for t, m in self._partner.items() if t not in self._kinds}
+        return MapDifference(
+            parts=len(reached),
+            found=len(matched),
+            missing=tuple(names[t] for t in sorted(reached - set(self._partner))),
+            extra=tuple(
+                node.name
+                for i, node in enumerate(self._mine.nodes)
+                if i not in self._partner.values()
+            ),
+            kinds=tuple(self._kinds.values()),
+            wrong_sizes=tuple(self._sizes.values()),
+            angles=tuple(self._angles.values()),
+            loose=tuple(self._loose(matched)),
+            length=self._length,
+            length_error=self._error,
+        )
+
+    def _pair(
+        self, here: End, there: End, my_side: Array, true_side: Array
+    ) -> list[tuple[End, End, Array, Array]]:
+        """Compare two parts, entered by ``here`` and ``there``; what follows on both."""
+        mine, true = self._mine.nodes[here[0]], self._true.nodes[there[0]]
+        names, leaves = (mine.name, true.name), [p for p in true.ports if p != there[1]]
+        if mine.fitting.kind != true.fitting.kind:
+            self._kinds[there[0]] = names
+            return []
+        at_mine = _entered(mine, here[1], my_side)
+        at_true = _entered(true, there[1], true_side)
+        others = [p for p in mine.ports if p != here[1]]
+        order = min(
+            permutations(others, len(leaves)),
+            key=lambda ports: sum(
+                float(angle_between(at_mine[a].rotation[:, 2], at_true[b].rotation[:, 2]))
+                for a, b in zip(ports, leaves, strict=True)
+            ),
+        )
+        self._ports[there] = here
+        onward, lengths = [], list[tuple[float, float]]()
+        for port, leave in zip(order, leaves, strict=True):
+            ends, ways = (here[0], port), (there[0], leave)
+            self._ports[ways] = ends
+            my_out, true_out = at_mine[port].rotation[:, 2], at_true[leave].rotation[:, 2]
+            if angle_between(my_out, true_out) > ANGLES:
+                self._angles[there[0]] = names
+            lengths.append((mine.way(here[1], port), true.way(there[1], leave)))
+            bores = [2 * n.fitting.port_radius(p) for n, p in ((mine, port), (true, leave))]
+            if abs(bores[0] - bores[1]) > LENGTHS * bores[1]:
+                self._sizes[there[0]] = names
+            following = self._mine.joined.get(ends), self._true.joined.get(ways)
+            if following[0] is not None and following[1] is not None:
+                sides = (
+                    _side_beyond(node, came, port_left, side)
+                    for node, came, port_left, side in (
+                        (mine, here[1], port, my_side),
+                        (true, there[1], leave, true_side),
+                    )
+                )
+                onward.append((following[0], following[1], *sides))
+        if any(abs(a - b) > max(LENGTHS * b, LEAST_LENGTH) for a, b in lengths):
+            self._sizes[there[0]] = names
+        self._length += true.run or true.fitting.length_of_axes
+        self._error += abs(
+            (mine.run or mine.fitting.length_of_axes) - (true.run or true.fitting.length_of_axes)
+        )
+        return onward
+
+    def _loose(self, matched: Mapping[int, int]) -> list[tuple[str, str]]:
+        """Joints of the true network that the map lacks between parts that it has."""
+        found = []
+        for a, b in self._true.joined.items():
+            both = a[0] in matched and b[0] in matched
+            if both and a < b and self._mine.joined.get(self._ports[a]) != self._ports[b]:
+                pair = [f"{self._true.nodes[node].name}.{port}" for node, port in (a, b)]
+                found.append((pair[0], pair[1]))
+        return found
+
+
+def _entered(node: _Node, enter: str, side: Array) -> dict[str, Pose]:
+    """The ports of a part in the frame of who enters it: z ahead, x to ``side``."""
+    port = node.ports[enter]
+    z = -port.rotation[:, 2]
+    x = unit(side - z * (z @ side))
+    frame = Pose(np.stack([x, np.cross(z, x), z], axis=-1), port.position).inverse()
+    return {name: frame @ pose for name, pose in node.ports.items()}
+
+
+def _side_beyond(node: _Node, enter: str, leave: str, side: Array) -> Array:
+    """A direction (3,) across the pipe beyond a part, found from the one before it alike in all
+    parts of a kind."""
+    ahead, out = -node.ports[enter].rotation[:, 2], node.ports[leave].rotation[:, 2]
+    if length(np.cross(ahead, out)) > math.sin(ANGLES):
+        side = ahead
+    elif ahead @ out < 0:  # a bend right back
+        side = node.ports[leave].position - node.ports[enter].position
+    return unit(side - out * (out @ side))

@@ -1,0 +1,98 @@
+"""Fittings in files: a table opened by its ``kind``, which has the keys of that kind and those of
+the list that it stands in."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any, ClassVar, Literal, TypeVar
+
+from pydantic import ValidationInfo, ValidatorFunctionWrapHandler, create_model
+from pydantic_core import PydanticCustomError
+
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.reading import KIND_FAULT
+from omnitrack_sim.base.table import Table
+from omnitrack_sim.pipes import Fitting
+from omnitrack_sim.pipes.fittings import FittingTable, fitting_class, shipped_fittings
+
+
+class FittingEntry(Table):
+    """A fitting in a list of a file; every list adds its keys, and ``table_of`` those of a kind."""
+
+    kind: str
+    """What it is: "straight", "reducer", "elbow", "tee", "wye", or `module:Class` of a fitting
+    of your own."""
+    of: ClassVar[type[Fitting]]
+
+    @classmethod
+    def model_for(cls, value: Mapping[str, Any]) -> type[Table]:
+        """The table of the ``kind`` that stands in ``value``; the entry's own without one."""
+        try:
+            return table_of(str(value["kind"]), cls)
+        except (KeyError, InputError):
+            return cls
+
+    @classmethod
+    def keys_for(cls, fitting: type[Fitting]) -> dict[str, Any]:
+        """Keys of the list that depend on the kind, as ``pydantic.create_model`` takes them."""
+        return {}
+
+    def fitting(self) -> Fitting:
+        """The fitting that the table describes.
+
+        Raises:
+            GeometryError: sizes that do not go together.
+        """
+        assert isinstance(self, FittingTable)  # every table of ``table_of`` is
+        return self.of.from_table(self)
+
+
+_Entry = TypeVar("_Entry", bound=FittingEntry)
+
+
+@cache
+def table_of(kind: str, entry: type[_Entry]) -> type[_Entry]:
+    """The table of one kind of fitting in one list: the list's keys, then its own.
+
+    Raises:
+        InputError: there is no such kind.
+    """
+    fitting = fitting_class(kind)
+    table = create_model(  # type: ignore[call-overload]
+        f"{fitting.__name__}{entry.__name__}",
+        __base__=(fitting.Table, entry),
+        __doc__=fitting.__doc__,
+        kind=(Literal[kind], ...),  # type: ignore[arg-type]
+        **entry.keys_for(fitting),
+    )
+    table.of = fitting
+    return table
+
+
+def by_kind(
+    entry: type[_Entry],
+) -> Callable[[Any, ValidatorFunctionWrapHandler, ValidationInfo], _Entry]:
+    """A wrap validator that opens the tables of one list by their ``kind``. What is wrong in a
+    table is told at its keys."""
+
+    def opened(data: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> _Entry:
+        if not isinstance(data, Mapping):
+            return handler(data)
+        try:
+            table = table_of(str(data["kind"]), entry)
+        except KeyError:
+            raise _kind_fault(Fault("kind", "is missing", tuple(shipped_fittings()))) from None
+        except InputError as error:
+            raise _kind_fault(error.faults[0]) from error
+        if info.mode == "json":  # strict, as ``reading.checked`` is
+            return table.model_validate_json(json.dumps(data), strict=True)
+        return table.model_validate(data)
+
+    return opened
+
+
+def _kind_fault(fault: Fault) -> PydanticCustomError:
+    told = {"problem": fault.problem, "choices": fault.choices, "given": fault.given}
+    return PydanticCustomError(KIND_FAULT, "{problem}", told)

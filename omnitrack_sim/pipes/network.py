@@ -1,0 +1,325 @@
+"""Network files: what a user writes, validated as a whole."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
+
+from omnitrack_sim.base.bounds import FARTHEST, MOST_PARTS, too_long
+from omnitrack_sim.base.errors import Fault, GeometryError, NetworkError
+from omnitrack_sim.base.files import NETWORK, read_file
+from omnitrack_sim.base.paths import keys_at
+from omnitrack_sim.base.reading import NAME_PATTERN, checked, fault_of
+from omnitrack_sim.base.rotations import Pose, frame_along
+from omnitrack_sim.base.table import Angle, Direction, Table
+from omnitrack_sim.base.text import as_toml, toml_key
+from omnitrack_sim.pipes import Assembly, Fitting
+from omnitrack_sim.pipes.entries import FittingEntry, by_kind, table_of
+from omnitrack_sim.pipes.layout import End, Joined, lay_out, lay_out_unchecked
+
+PartName = Annotated[str, Field(pattern=r"^[^\s./\\\x00-\x1f]+$")]
+"""A part's name is also one of a port and of a geom: no dot, no space, no separator."""
+
+
+Coordinate = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
+
+
+class NetworkFitting(FittingEntry):
+    """A fitting in the list ``fittings``."""
+
+    name: PartName
+
+
+class Place(Table):
+    """Where the first port of the first fitting is, and how the pipe runs from there, world
+    frame."""
+
+    axis: Direction = (0.0, 0.0, 1.0)  # direction into the pipe
+    turn_deg: Angle = 0.0  # rotation of the whole network about that axis
+    position: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)  # m
+
+
+class Joint(Table):
+    """Two ports in one place."""
+
+    ports: tuple[str, str]  # such as ("riser.end", "t1.run_start")
+    turn_deg: Angle = 0.0  # rotation about the joint's axis
+
+
+class Network(Table):
+    """A pipe network as data: fittings by name and what is joined to what. Keys and units: see
+    docs/networks.md.
+
+    Raises:
+        NetworkError: every fault, with its dotted path.
+    """
+
+    name: Annotated[str, Field(pattern=NAME_PATTERN)] = "network"
+    place: Place = Place()
+    fittings: Annotated[
+        tuple[
+            Annotated[SerializeAsAny[NetworkFitting], WrapValidator(by_kind(NetworkFitting))], ...
+        ],
+        Field(min_length=1, max_length=MOST_PARTS),
+    ]
+    joints: Annotated[tuple[Joint, ...], Field(max_length=2 * MOST_PARTS)] = ()
+    ports: dict[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        faults = self._naming_faults()
+        faults = faults or too_long(self.length, "fittings")
+        if not faults:
+            _ = self.pipes  # raises by itself
+            free = dict.fromkeys(self.open_ends)
+            faults = [
+                Fault(f"ports.{name}", f"{port!r} is no open end", tuple(free), given=port)
+                for name, port in self.ports.items()
+                if port not in free
+            ]
+        if faults:
+            raise NetworkError(faults)
+        return self
+
+    def __repr__(self) -> str:
+        counts = f"{len(self.fittings)} fittings, {len(self.joints)} joints"
+        return f"Network({self.name!r}: {counts})"
+
+    __str__ = __repr__
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both say the same; what was derived from it does not count."""
+        return isinstance(other, Network) and self.model_dump() == other.model_dump()
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @cached_property
+    def pipes(self) -> Assembly:
+        """The fittings, placed in the world."""
+        return lay_out(*self._to_lay_out())
+
+    @classmethod
+    def believed(
+        cls,
+        name: str,
+        place: Place,
+        fittings: Mapping[str, Fitting],
+        joints: Sequence[Joint],
+        ports: Mapping[str, str],
+    ) -> Network:
+        """A network as a robot believes it to be, from fittings by name that hang together.
+
+        It need not be possible, as one from a file is: parts may run into each other, and loops
+        miss.
+
+        Raises:
+            NetworkError: joints or names of ports that are not there.
+        """
+        network = cls.model_construct(
+            name=name,
+            place=place,
+            fittings=tuple(
+                table_of(fitting.file_kind(), NetworkFitting).model_construct(
+                    **fitting.to_table(), name=part
+                )
+                for part, fitting in fittings.items()
+            ),
+            joints=tuple(joints),
+            ports=dict(ports),
+        )
+        faults = network._naming_faults()
+        if faults:
+            raise NetworkError(faults)
+        # What ``pipes`` is from now on, in the place of one that is checked.
+        vars(network)["pipes"] = lay_out_unchecked(*network._to_lay_out())
+        return network
+
+    @classmethod
+    def believed_from(cls, data: Mapping[str, Any]) -> Network:
+        """A network as ``believed`` makes it, from the plain data of its file.
+
+        Raises:
+            NetworkError, ValidationError, KeyError: it is no such data.
+        """
+        fittings = {
+            row["name"]: table_of(row["kind"], NetworkFitting).model_validate(row).fitting()
+            for row in data["fittings"]
+        }
+        joints = [Joint.model_validate(row) for row in data.get("joints", ())]
+        place = Place.model_validate(data.get("place", {}))
+        return cls.believed(data["name"], place, fittings, joints, data.get("ports", {}))
+
+    def _to_lay_out(self) -> tuple[dict[str, Fitting], list[Joined], Pose]:
+        """Fittings by name, joints, and the frame of the first port."""
+        ends = self._ends
+        joints = [
+            Joined((ends[j.ports[0]], ends[j.ports[1]]), math.radians(j.turn_deg))
+            for j in self.joints
+        ]
+        rotation = frame_along(self.place.axis, math.radians(self.place.turn_deg))
+        first = Pose(rotation, np.array(self.place.position))
+        return {part.name: part.fitting() for part in self.fittings}, joints, first
+
+    @property
+    def open_ends(self) -> tuple[str, ...]:
+        """Ports that nothing is joined to, such as ``"riser.start"``: where a route may start and
+        end."""
+        taken = {port for joint in self.joints for port in joint.ports}
+        return tuple(port for port in self._ends if port not in taken)
+
+    @cached_property
+    def joined_to(self) -> dict[str, str]:
+        """The port that each port is joined to; open ends are left out."""
+        pairs = (joint.ports for joint in self.joints)
+        return {port: other for a, b in pairs for port, other in ((a, b), (b, a))}
+
+    @property
+    def length(self) -> float:
+        """Length of all axes, m: a tee counts its run and its branch from the run's axis."""
+        return sum(part.fitting().length_of_axes for part in self.fittings)
+
+    def end(self, where: str, port: str) -> End:
+        """Part index and port name of an open end, given as ``part.port`` or by its name in
+        ``ports``.
+
+        Raises:
+            NetworkError: no such port, or none that is open; ``where`` names what asked for it.
+        """
+        name = self.ports.get(port, port)
+        if name in self._ends and name not in self.joined_to:
+            return self._ends[name]
+        problem = (
+            f"{port!r} is no open end: it is joined to {self.joined_to[name]}"
+            if name in self._ends
+            else f"there is no port {port!r}"
+        )
+        asked = "" if name in self._ends else port
+        raise NetworkError(Fault(where, problem, (*self.ports, *self.open_ends), given=asked))
+
+    def port(self, port: str, where: str = "port") -> End:
+        """Part index and port name of any port ``part.port``, or of an open end by its name in
+        ``ports``.
+
+        Raises:
+            NetworkError: no such port; ``where`` names what asked for it.
+        """
+        name = self.ports.get(port, port)
+        if name not in self._ends:
+            raise NetworkError(self._unknown_port(where, port))
+        return self._ends[name]
+
+    def port_name(self, port: End) -> str:
+        """``part.port`` of a port given as part index and port name."""
+        return f"{self.fittings[port[0]].name}.{port[1]}"
+
+    def to_toml(self) -> str:
+        """The file's text; read again it gives an equal network."""
+        data = self.model_dump(mode="json", exclude_defaults=True)
+        lines = [f"name = {as_toml(self.name)}"]
+        for table in ("place", "ports"):
+            if data.get(table):
+                lines += [
+                    "",
+                    f"[{table}]",
+                    *(f"{toml_key(k)} = {as_toml(v)}" for k, v in data[table].items()),
+                ]
+        for table in ("fittings", "joints"):
+            for row in data.get(table, ()):
+                lines += ["", f"[[{table}]]", *(f"{k} = {as_toml(v)}" for k, v in row.items())]
+        return "\n".join(lines) + "\n"
+
+    @cached_property
+    def _ends(self) -> dict[str, End]:
+        """Every port, in order, by its name in the file."""
+        return {
+            f"{part.name}.{port}": (i, port)
+            for i, part in enumerate(self.fittings)
+            for port in part.of.port_names
+        }
+
+    def _naming_faults(self) -> list[Fault]:
+        """Impossible sizes, names taken twice, joints of ports that do not exist or are joined
+        already."""
+        faults: list[Fault] = []
+        names: set[str] = set()
+        for i, part in enumerate(self.fittings):
+            if part.name in names:
+                faults.append(
+                    Fault(f"fittings.{i}.name", f"{part.name!r} is taken by an earlier fitting")
+                )
+            names.add(part.name)
+            try:
+                part.fitting()
+            except GeometryError as error:
+                faults += [f.at(f"fittings.{i}.{f.where.rpartition('.')[2]}") for f in error.faults]
+        taken: dict[str, int] = {}
+        for k, joint in enumerate(self.joints):
+            for which, port in enumerate(joint.ports):
+                where = f"joints.{k}.ports.{which}"
+                if port not in self._ends:
+                    faults.append(self._unknown_port(where, port))
+                elif port in taken:
+                    faults.append(Fault(where, f"{port!r} is used by joints.{taken[port]} already"))
+                taken.setdefault(port, k)
+            if joint.ports[0].partition(".")[0] == joint.ports[1].partition(".")[0]:
+                faults.append(Fault(f"joints.{k}.ports", "joins a fitting to itself"))
+        for name, port in self.ports.items():
+            if port not in self._ends:
+                faults.append(self._unknown_port(f"ports.{name}", port))
+            if name in self._ends:
+                faults.append(Fault(f"ports.{name}", "is the name of a port of a fitting"))
+        return faults
+
+    def _unknown_port(self, where: str, port: str) -> Fault:
+        """The fault of a port that does not exist, with those of the same fitting, or else the
+        fittings."""
+        name = port.partition(".")[0]
+        of_part = tuple(end for end in self._ends if end.startswith(f"{name}."))
+        if of_part:
+            return Fault(where, f"there is no port {port!r}", of_part, given=port)
+        problem = f"there is no fitting {name!r} (given: {port!r})"
+        return Fault(where, problem, tuple(part.name for part in self.fittings), given=name)
+
+
+def load_network(source: str | Path) -> Network:
+    """Read a network file, or a shipped network by name.
+
+    Raises:
+        NetworkError: no such file, bad TOML or JSON, or any fault in it; every fault is listed with
+            its path in the file.
+    """
+    return validate(network_data(source))
+
+
+def network_data(source: str | Path) -> dict[str, Any]:
+    """The plain data of a network file, or of a shipped network by name, as yet unchecked.
+
+    Raises:
+        NetworkError: there is no such file, or it cannot be read.
+    """
+    return read_file(source, NETWORK, NetworkError)[1]
+
+
+def validate(data: Mapping[str, Any]) -> Network:
+    """A network from plain data, as read from TOML or JSON.
+
+    Raises:
+        NetworkError: lists every fault with its dotted path.
+    """
+    return checked(Network, data, "fittings", lambda item: _fault(item, data), NetworkError)
+
+
+def _fault(item: Any, data: Mapping[str, Any]) -> Fault:
+    if item["type"] == "string_pattern_mismatch" and item["loc"][0] == "fittings":
+        where = f"fittings.{item['loc'][1]}.name"
+        return Fault(
+            where,
+            f"is {item['input']!r}; a part's name has no dot, space or separator and is not empty",
+        )
+    return fault_of(item, "fittings", (), lambda places: keys_at(Network, data, places))

@@ -1,0 +1,244 @@
+"""Where robots are on their routes: arc length, tilt, offset, and theta5 to the fitting ahead."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, length
+from omnitrack_sim.pipes import Centreline, Passage, Route
+
+
+@dataclass(eq=False)
+class Place:
+    """Places of n robots on their routes.
+
+    Attributes:
+        way: (n,) index into ``RouteMap.routes`` of each robot's route.
+        distance: (n,) m, arc length of the centreline point nearest to the robot's centre.
+        aside: (n, 3) m, from that point to the robot's centre, world frame. offset: (n,) m, its
+            length.
+        tangent, normal: (n, 3) of the centreline at that point, world frame. curvature: (n,) 1/m.
+        passage: (n,) index into ``RouteMap.passages`` of the fitting being passed or next, or of
+            the end of the way after its last one.
+        turning: (n, 3) unit vectors, world frame, of its turning direction.
+        frame: (n, 3, 3) of the robots that drive nose first, in the world.
+        distance_std, theta5_std, tilt_std: (n,) m, rad and rad, standard deviations, where the
+            place is an estimate; None where it is the truth.
+        sure: (n,) bool, robots that know their theta5 well enough to plan by it; None: all.
+    """
+
+    way: NDArray[np.intp]
+    distance: Array
+    aside: Array
+    offset: Array
+    tangent: Array
+    normal: Array
+    curvature: Array
+    passage: NDArray[np.intp]
+    turning: Array
+    frame: Array
+    distance_std: Array | None = None
+    theta5_std: Array | None = None
+    tilt_std: Array | None = None
+    sure: NDArray[np.bool_] | None = None
+
+    def __repr__(self) -> str:
+        return f"Place({len(self.way)} robots)"
+
+    @cached_property
+    def tilt(self) -> Array:
+        """Robot axis against the centreline's tangent (n,), rad."""
+        return angle_between(self.frame[:, :, 2], self.tangent)
+
+    @cached_property
+    def theta5(self) -> Array:
+        """Module 1 from the turning direction of the fitting being passed or next (n,), rad, in
+        [-pi, pi)."""
+        return angle_about(self.frame[:, :, 2], self.turning, self.frame[:, :, 0])
+
+
+class RouteMap:
+    """The routes of a batch, with all that is looked up along them. Locating robots changes nothing
+    here; only ``add`` does.
+
+    ``passages`` are the fittings that need an orientation, elbows and tees, of one route after the
+    other. Each route has one entry more, None, for what comes after its last one; theta5 is then
+    measured from the x axis of the route's frame at its end.
+
+    Attributes:
+        routes: what ``way`` counts. version: how many times routes have been added.
+        first, count: (W,) first passage of each route, and number with the end; arrays below have
+            an entry a passage.
+        start, end: (Q,) m, arc length where the fitting begins to matter and where it has been
+            passed.
+        way_of: (Q,) route of each passage.
+        is_turn: (Q,) bool, the route bends there. is_tee_turn, is_straight_over, into_branch,
+            out_of_branch: (Q,) bool.
+        bend_radius: (Q,) m, of the centreline; nan where it does not bend.
+        radius: (Q,) m, of the bore there. corner_radius: (Q,) m, see ``Passage``.
+        directions: (Q, 3) turning directions at the fitting's entry, world frame. ahead: (Q, 3)
+            the way's direction there. turn: (Q,) rad, by which the way turns; a right angle where
+            it does not bend.
+    """
+
+    def __init__(self, routes: Sequence[Route]):
+        self.routes = list(routes)
+        self.version = 0
+        self._learn()
+
+    def add(self, route: Route) -> int:
+        """A further route; returns its number. Passages of the earlier ones keep theirs."""
+        self.routes.append(route)
+        self.version += 1
+        self._learn()
+        return len(self.routes) - 1
+
+    def _learn(self) -> None:
+        """What is looked up of all routes."""
+        self.centreline = Centreline.together([route.centreline for route in self.routes])
+        self.lengths = self.centreline.lengths  # (W,) m
+        passages: list[Passage | None] = []
+        first, end_directions, last_radius = [], [], []
+        for route in self.routes:
+            first.append(len(passages))
+            passages += [p for p in route.fittings if p.asks_orientation]
+            passages.append(None)
+            end_directions.append(
+                route.centreline.frame(np.array([route.centreline.length]))[0, :, 0]
+            )
+            last_radius.append(route.fittings[-1].radius)
+        self.passages = tuple(passages)
+        self.first = np.array(first)
+        self.count = np.diff([*first, len(passages)])
+        self.last = self.first + self.count - 1
+        self.way_of = np.repeat(np.arange(len(self.routes)), self.count)
+        spans = [(np.inf, np.inf) if p is None else p.span for p in passages]
+        self.start, self.end = np.array(spans).T
+        self.is_turn = np.array([p is not None and p.is_turn for p in passages])
+        self.is_tee_turn = np.array([p is not None and p.manoeuvre == "tee_turn" for p in passages])
+        self.is_straight_over = np.array(
+            [p is not None and p.manoeuvre == "tee_straight" for p in passages]
+        )
+        self.bend_radius = np.array([np.nan if p is None else p.bend_radius for p in passages])
+        self.into_branch = np.array([p is not None and p.into_branch for p in passages])
+        self.out_of_branch = np.array([p is not None and p.out_of_branch for p in passages])
+        at_end = iter(zip(end_directions, last_radius, strict=True))
+        ends = [(p.turn_direction, p.radius) if p is not None else next(at_end) for p in passages]
+        self.directions = np.array([direction for direction, _ in ends])
+        self.radius = np.array([radius for _, radius in ends])
+        entries = np.where(np.isinf(self.start), 0.0, self.start)
+        self.ahead = self.tangents(entries[:, None], self.way_of)[:, 0]
+        self.turn = np.array(
+            [p.turn_angle if p is not None and p.is_turn else np.pi / 2 for p in passages]
+        )
+        self.corner_radius = np.array(
+            [
+                p.corner_radius if p is not None else radius
+                for p, (_, radius) in zip(passages, ends, strict=True)
+            ]
+        )
+        self._ends = np.full((len(first), int(self.count.max())), np.inf)  # (W, most passages) m
+        for way, (begin, count) in enumerate(zip(self.first, self.count, strict=True)):
+            self._ends[way, :count] = self.end[begin : begin + count]
+
+    def locate(self, position: Array, rotation: Array, way: NDArray[np.intp], near: Array) -> Place:
+        """Places of n robots.
+
+        Args:
+            position: (n, 3) m, world frame.
+            rotation: (n, 3, 3) frames that drive nose first, in the world.
+            way: (n,) number of each robot's route.
+            near: (n,) m, arc length where each robot was a moment ago: routes may come close to
+                themselves.
+        """
+        distance, point, tangent, normal, curvature = self.centreline.nearest(
+            position, near, self._way(way)
+        )
+        aside = position - point
+        passage = self._passage(distance, way)
+        return Place(
+            way=way,
+            distance=distance,
+            aside=aside,
+            offset=length(aside),
+            tangent=tangent,
+            normal=normal,
+            curvature=curvature,
+            passage=passage,
+            turning=self._turning_direction(distance, passage, normal),
+            frame=rotation,
+        )
+
+    def nose_room(self, place: Place, length: float) -> Array:
+        """Room (n,) m from the noses of robots of a length, m, to the next fitting's bend or
+        opening; infinite after the last one."""
+        return self.start.take(place.passage) - place.distance - length / 2
+
+    def straight(self, start: Array, end: Array, way: NDArray[np.intp]) -> Array | None:
+        """Tangents (n, 3) where the stretches from ``start`` to ``end`` (n,) m are all straight."""
+        return self.centreline.straight(start, end, self._way(way))
+
+    def tangents(self, distance: Array, way: NDArray[np.intp]) -> Array:
+        """Unit vectors (n, k, 3) along each robot's centreline at arc lengths (n, k) m."""
+        which = self._way(way)
+        repeated = None if which is None else np.repeat(which, distance.shape[1])
+        return self.centreline.tangents(distance.ravel(), repeated).reshape(*distance.shape, 3)
+
+    def _way(self, way: NDArray[np.intp]) -> NDArray[np.intp] | None:
+        """As ``Centreline`` takes it: none where there is one route only."""
+        return way if len(self.routes) > 1 else None
+
+    def name_of(self, passage: int) -> str:
+        """The name of a passage's fitting in the network."""
+        found = self.passages[passage]
+        assert found is not None
+        return self.routes[self.way_of[passage]].network.parts[found.index].name
+
+    def start_poses(
+        self, way: NDArray[np.intp], distance: Array, theta5: Array
+    ) -> tuple[Array, Array]:
+        """Positions (n, 3) m and rotations (n, 3, 3) of robots on the centreline, along its
+        tangent, turned to ``theta5`` (n,) rad, at arc length ``distance`` (n,) m."""
+        position, tangent, normal, _ = self.centreline.at(distance, self._way(way))
+        turning = self._turning_direction(distance, self._passage(distance, way), normal)
+        side = cross(tangent, turning)
+        x = np.cos(theta5)[:, None] * turning + np.sin(theta5)[:, None] * side
+        return position, np.stack([x, cross(tangent, x), tangent], axis=-1)
+
+    def poses(self, way: NDArray[np.intp], distance: Array, turn: Array) -> tuple[Array, Array]:
+        """Positions (k, 3) m and rotations (k, 3, 3) on the centreline at arc lengths (k,) m, along
+        its tangent, with module 1 turned by ``turn`` (k,) rad from the centreline's normal."""
+        position, tangent, normal, _ = self.centreline.at(distance, self._way(way))
+        side = cross(tangent, normal)
+        x = np.cos(turn)[:, None] * normal + np.sin(turn)[:, None] * side
+        return position, np.stack([x, cross(tangent, x), tangent], axis=-1)
+
+    def _passage(self, distance: Array, way: NDArray[np.intp]) -> NDArray[np.intp]:
+        if len(self.routes) == 1:
+            return np.minimum(self._ends[0].searchsorted(distance, side="right"), self.last)
+        passed = np.add.reduce(
+            self._ends.take(way, axis=0) <= distance[:, None], axis=1, dtype=np.intp
+        )
+        return np.minimum(self.first.take(way) + passed, self.last.take(way))
+
+    def _turning_direction(
+        self, distance: Array, passage: NDArray[np.intp], normal: Array
+    ) -> Array:
+        bending = self.is_turn.take(passage) & (distance > self.start.take(passage))
+        directions = self.directions.take(passage, axis=0)
+        if not np.count_nonzero(bending):
+            return directions
+        return np.where(bending[:, None], normal, directions)
+
+
+def angle_about(axis: Array, start: Array, end: Array) -> Array:
+    """Angle (n,) rad about ``axis`` (n, 3) from ``start`` to ``end`` (n, 3), both projected across
+    the axis."""
+    return np.arctan2(
+        dot(cross(axis, start), end), dot(start, end) - dot(axis, start) * dot(axis, end)
+    )

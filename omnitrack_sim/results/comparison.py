@@ -1,0 +1,179 @@
+"""Two runs beside each other: how their scenarios differ, and what came of it."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from omnitrack_sim.record.metrics import METRICS
+from omnitrack_sim.results.loading import as_result
+from omnitrack_sim.results.notebook import comparison_html
+from omnitrack_sim.results.result import Result
+from omnitrack_sim.scenario.tables import unit_of
+
+NOISE = 1e-9
+"""Part of the larger of two numbers by which they may differ and count as the same: what the order
+of a sum, or one version of a library, makes of a run is far below it."""
+_UNITS = {metric.name: metric.unit for metric in METRICS}
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One thing that two runs have.
+
+    Attributes:
+        name: dotted path of a value of the scenario; or name of a metric, with ``_1`` to ``_3`` at
+            the end where there is one for each module, or a dot and the phase.
+        unit: of both; "1" for numbers without one, empty where none is known.
+        a, b: what it is in each; None where it is not there.
+    """
+
+    name: str
+    unit: str
+    a: Any
+    b: Any
+
+    @property
+    def difference(self) -> float | None:
+        """b - a; None where they are not both numbers."""
+        numbers = all(type(value) in (int, float) for value in (self.a, self.b))
+        return self.b - self.a if numbers else None
+
+    @property
+    def differs(self) -> bool:
+        """Whether a and b are not the same; numbers are if they differ by no more than ``NOISE`` of
+        the larger one, and what is not a number is the same as itself."""
+        if self.difference is not None and math.isfinite(self.difference):
+            return abs(self.difference) > NOISE * max(abs(self.a), abs(self.b))
+        return self.a != self.b and not (self.a != self.a and self.b != self.b)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Two runs beside each other; of ``compare``.
+
+    Attributes:
+        a, b: the runs.
+    """
+
+    a: Result
+    b: Result
+
+    def __repr__(self) -> str:
+        ends = [f"{r.scenario.name!r} {r.outcome.value}" for r in (self.a, self.b)]
+        return f"Comparison({' / '.join(ends)}; {self.headline})"
+
+    @property
+    def headline(self) -> str:
+        """In how many values the scenarios differ, in words."""
+        count = len(self.values)
+        if count == 0:
+            return "the scenarios are the same"
+        return f"the scenarios differ in {count} {'value' if count == 1 else 'values'}"
+
+    @cached_property
+    def values(self) -> tuple[Difference, ...]:
+        """The values in which the resolved scenarios differ, by dotted path; their names are left
+        out."""
+        first, second = (r.scenario.model_dump(mode="json") for r in (self.a, self.b))
+        del first["name"], second["name"]
+        return tuple(
+            Difference(path, unit_of(path) or "", a, b) for path, a, b in _differing(first, second)
+        )
+
+    @cached_property
+    def figures(self) -> tuple[Difference, ...]:
+        """Duration and metrics of both, those too that are the same."""
+        first, second = (
+            dict(_flat("duration_s", r.duration_s)) | _metrics(r) for r in (self.a, self.b)
+        )
+        names = [*first, *(name for name in second if name not in first)]
+        return tuple(
+            Difference(name, _unit(name), first.get(name), second.get(name)) for name in names
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """All of it as plain data, as ``omnitrack compare --json`` prints it."""
+        return {
+            side: {
+                "name": run.scenario.name,
+                "outcome": run.outcome.value,
+                "reason": run.reason,
+                "scenario_sha256": run.scenario.hash,
+            }
+            for side, run in (("a", self.a), ("b", self.b))
+        } | {
+            "values": [_told(one) for one in self.values],
+            "figures": [_told(one) | {"difference": one.difference} for one in self.figures],
+        }
+
+    def _repr_html_(self) -> str:
+        return comparison_html(self)
+
+
+def compare(a: Result | str | os.PathLike[str], b: Result | str | os.PathLike[str]) -> Comparison:
+    """Two runs beside each other.
+
+    Args:
+        a, b: runs, or folders of saved ones.
+
+    Raises:
+        OutputError: a folder is no run.
+        TypeError: one is neither a result nor a folder.
+    """
+    return Comparison(as_result(a), as_result(b))
+
+
+class _Absent:
+    """What stands where a scenario has no such value."""
+
+
+def _differing(a: Any, b: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Dotted path and both values where two tables of plain data differ; lists of tables of
+    different length, and lists of numbers, as a whole."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        for key in [*a, *(key for key in b if key not in a)]:
+            there, here = a.get(key, _Absent), b.get(key, _Absent)
+            yield from _differing(there, here, f"{path}.{key}".lstrip("."))
+    elif _tables(a) and _tables(b) and len(a) == len(b):
+        for i, (there, here) in enumerate(zip(a, b, strict=True)):
+            yield from _differing(there, here, f"{path}.{i}")
+    elif a != b:
+        there, here = (None if value is _Absent else value for value in (a, b))
+        yield path, there, here
+
+
+def _tables(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(item, dict) for item in value)
+
+
+def _metrics(run: Result) -> dict[str, Any]:
+    return {name: value for key in run.metrics for name, value in _flat(key, run.metrics[key])}
+
+
+def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """The numbers of a metric, each with a name of its own."""
+    if isinstance(value, list):
+        yield from ((f"{name}_{i + 1}", item) for i, item in enumerate(value))
+    elif isinstance(value, dict):
+        yield from ((f"{name}.{key}", item) for key, item in value.items())
+    else:
+        yield name, value
+
+
+def _unit(name: str) -> str:
+    """Unit of a number of a run; empty of a metric of a user's own."""
+    if name == "duration_s":
+        return "s"
+    for known in (name, name.rpartition("_")[0], name.partition(".")[0]):
+        if known in _UNITS:
+            return _UNITS[known]
+    return ""
+
+
+def _told(one: Difference) -> dict[str, Any]:
+    return {"name": one.name, "unit": one.unit, "a": one.a, "b": one.b}

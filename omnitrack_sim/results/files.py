@@ -1,0 +1,222 @@
+"""The files of a run's folder: its tables, written and read back."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+import math
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.base.errors import OutputError
+from omnitrack_sim.base.naming import near_entry
+from omnitrack_sim.base.writing import npz_of
+from omnitrack_sim.record.channels import CHANNELS, Channel, Vector
+from omnitrack_sim.record.timeline import Visit
+from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
+from omnitrack_sim.robots.omnitrack.drive import Drive
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+RESULT_FILE, SCENARIO_FILE, TIMELINE_FILE, TRAJECTORY_FILE, REPLAY_FILE, MAP_FILE = (
+    "result.json",
+    "scenario.json",
+    "timeline.csv",
+    "trajectory.parquet",
+    "replay.npz",
+    "map.toml",
+)
+"""A run is read back from all but the timeline, which is derived. Only runs of robots that explore
+have a map."""
+
+
+def write_timeline(visits: list[Visit], path: Path) -> None:
+    """One row a visit. Numbers are written so that reading gives them back exactly; what there is
+    not, is empty."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(field.name for field in dataclasses.fields(Visit))
+        rows.writerows(dataclasses.astuple(visit) for visit in visits)
+
+
+def write_trajectory(trajectory: Trajectory, folder: Path) -> None:
+    """Write a trajectory's channels and its joint positions, a file each."""
+    _write_parquet(trajectory, folder / TRAJECTORY_FILE)
+    arrays = {"time": trajectory.time, "qpos": trajectory.qpos}
+    (folder / REPLAY_FILE).write_bytes(npz_of(arrays))
+
+
+def read_trajectory(folder: Path, drive: Drive) -> Trajectory:
+    """The trajectory of a run's folder, valid in itself, of a robot with ``drive``.
+
+    Raises:
+        OutputError: a file is missing or damaged, or the two do not belong together.
+    """
+    with reading(folder / TRAJECTORY_FILE) as path:
+        time, channels, phases, schema = _read_parquet(path)
+    with reading(folder / REPLAY_FILE) as path:
+        replayed, qpos = _read_npz(path, len(time), JOINT_POSITIONS + drive.shafts)
+        if not np.array_equal(replayed, time):
+            raise _OtherRun("other times")
+        return Trajectory(time, channels, phases, qpos, schema)
+
+
+class _OtherRun(ValueError):
+    """Two files of a folder are each whole, and not of one run."""
+
+    def __init__(self, difference: str) -> None:
+        super().__init__(f"is not of the same run as {TRAJECTORY_FILE}: {difference}")
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[Path]:
+    """Turn whatever the reading of a file raises into an ``OutputError`` that names the file.
+
+    On damaged bytes decoders raise anything: EOFError, MemoryError, KeyError, errors of their own.
+    """
+    try:
+        yield path
+    except FileNotFoundError as error:
+        folder = path.parent
+        if folder.exists():
+            raise OutputError(f"{folder}: is no run: {path.name} is missing") from error
+        meant = near_entry(folder, lambda entry: (entry / RESULT_FILE).is_file())
+        question = "" if meant is None else f"; did you mean {str(meant)!r}?"
+        raise OutputError(f"{folder}: no such folder{question}") from error
+    except NotADirectoryError as error:
+        given = path.parent
+        told = f"; {given.parent} is one" if (given.parent / RESULT_FILE).exists() else ""
+        raise OutputError(f"{given}: is a file; a run is the folder of its files{told}") from error
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except _OtherRun as error:
+        raise OutputError(f"{path}: {error}") from error
+    except Exception as error:
+        cause = str(error) or type(error).__name__
+        raise OutputError(f"{path}: is damaged, or no file of a run: {cause}") from error
+
+
+def require(holds: bool | np.bool_, fault: str) -> None:
+    """Refuse what is read, by an error that ``reading`` tells with the file's name."""
+    if not holds:
+        raise ValueError(fault)
+
+
+def _write_parquet(trajectory: Trajectory, path: Path) -> None:
+    """One row a sample; unit and meaning stand in each column's metadata, phase names in the
+    table's."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    columns = [pa.array(values) for _, _, values in trajectory.columns()]
+    columns.insert(0, pa.array(trajectory.time))
+    own = [
+        {**dataclasses.asdict(channel), "vector": isinstance(channel, Vector)}
+        for name, channel in trajectory.schema.items()
+        if name not in CHANNELS
+    ]
+    about = {"phases": json.dumps(trajectory.phases), "own_channels": json.dumps(own)}
+    schema = pa.schema(_fields(trajectory.schema), metadata=about)
+    table = pa.Table.from_arrays(columns, schema=schema)
+    pq.write_table(table, path, compression="zstd", write_page_checksum=True)
+
+
+def _fields(schema: Mapping[str, Channel]) -> list[pa.Field]:
+    """The columns of the table."""
+    import pyarrow as pa
+
+    fields = [pa.field("time", pa.float64(), metadata={"unit": "s", "meaning": "simulated time"})]
+    for channel in schema.values():
+        about = {"unit": channel.unit, "meaning": channel.meaning, "frame": channel.frame}
+        fields += [pa.field(column, _kind(channel), metadata=about) for column in channel.columns]
+    return fields
+
+
+def _kind(channel: Channel) -> pa.DataType:
+    import pyarrow as pa
+
+    return pa.int32() if channel.whole else pa.float64()
+
+
+_Table = tuple[NDArray[np.float64], dict[str, NDArray], tuple[str, ...], dict[str, Channel]]
+
+
+def _read_parquet(path: Path) -> _Table:
+    """Time, channels, names of the phases, and what the channels hold."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    # Without threads, which abort a process that ends while they begin: `pq.read_table` begins one
+    # even where it is told to use none.
+    file = pq.ParquetFile(
+        pa.BufferReader(path.read_bytes()), pre_buffer=False, page_checksum_verification=True
+    )
+    table = file.read(use_threads=False)
+    about = table.schema.metadata
+    schema = {**RECORDED}
+    for data in json.loads(about[b"own_channels"]):
+        channel = _own_channel(data, table.num_columns)
+        require(channel.name not in schema, f"there are two channels {channel.name!r}")
+        schema[channel.name] = channel
+    found, wanted = table.schema.remove_metadata(), pa.schema(_fields(schema)).remove_metadata()
+    require(found.equals(wanted), "its columns are not those of its channels")
+    require(all(column.null_count == 0 for column in table.columns), "it has gaps")
+    time, channels = table["time"].to_numpy(), {}
+    for name, channel in schema.items():
+        values = np.stack([table[column].to_numpy() for column in channel.columns], axis=-1)
+        channels[name] = values.reshape(table.num_rows, *channel.shape)
+    phases = tuple(json.loads(about[b"phases"]))
+    require(all(isinstance(name, str) for name in phases), "a name of a phase is no text")
+    "".join(phases).encode()  # raises if there are halves of characters
+    _require_order(time, channels, len(phases))
+    return time, channels, phases, schema
+
+
+def _require_order(time: NDArray[np.float64], channels: Mapping[str, NDArray], phases: int) -> None:
+    """Refuse times, phases and gears that no run has."""
+    require(len(time) > 0, "it has no samples")
+    require(np.isfinite(time).all() and (np.diff(time) > 0).all(), "its times do not increase")
+    phase, gear = channels["phase"], channels["gear"]
+    require(phase.min() >= 0 and phase.max() < phases, "it has phases without a name")
+    require(np.isin(gear, (-1.0, 1.0)).all(), "it has gears that are neither 1 nor -1")
+
+
+def _own_channel(data: dict[str, Any], most: int) -> Channel:
+    """A channel of a user's own sensor, of at most ``most`` numbers."""
+    kind = Vector if data.pop("vector") else Channel
+    shape = tuple(data.pop("shape"))
+    require(all(type(size) is int and size > 0 for size in shape), f"a channel has shape {shape}")
+    require(math.prod(shape) <= most, f"a channel has shape {shape}")
+    words = [data[key] for key in ("name", "unit", "meaning", "frame")]
+    require(all(isinstance(word, str) for word in words), "a channel's words are no text")
+    return kind(shape=shape, **data)
+
+
+def _read_npz(
+    path: Path, samples: int, positions: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Time (T,) and joint positions (T, nq) of a file with T ``samples`` of nq ``positions``."""
+    shapes = {"time": (samples,), "qpos": (samples, positions)}
+    arrays = {}
+    with zipfile.ZipFile(path) as archive:
+        for name, shape in shapes.items():
+            entry = archive.getinfo(f"{name}.npy")
+            most = 8 * math.prod(shape) + 1024  # the header of an array is far shorter
+            if entry.file_size > most:
+                raise _OtherRun("more samples or joints")
+            array = np.load(io.BytesIO(archive.read(entry)), allow_pickle=False)
+            require(array.dtype == float, f"{name} holds {array.dtype}")
+            if array.ndim > 0 and len(array) != samples:
+                raise _OtherRun(f"{len(array)} samples, not {samples}")
+            require(array.shape == shape, f"{name} has shape {array.shape}, expected {shape}")
+            arrays[name] = array
+    return arrays["time"], arrays["qpos"]

@@ -1,0 +1,349 @@
+"""Pictures that the robots' cameras take: kept in a temporary file as they come, saved with the
+run, and read back one by one."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import weakref
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.writing import told
+from omnitrack_sim.results.files import reading, require
+from omnitrack_sim.senses.optics import Camera
+
+if TYPE_CHECKING:
+    import pyarrow.parquet as pq
+
+PICTURES_FILE = "pictures.parquet"
+"""Of a run's folder, where ``record.pictures`` is true."""
+MILLIMETRE = 1e-3
+"""Step of the distances that are kept, m."""
+_GROUP = 2**20
+"""Bytes that are written, and read, at a time."""
+_LEAST_SIZE, _MOST_SIZE = 8, 512  # pixels, as ``OpticsTable.pixels`` has them
+
+
+@dataclass(frozen=True)
+class Coding:
+    """How pixels are kept: brightness in 8 bits, distance in 16 bits of whole millimetres, 0 where
+    the pixel says nothing.
+
+    Attributes:
+        size: rows and columns.
+        unit: "1" of brightness, 0 to 1; "m" of distances.
+    """
+
+    size: int
+    unit: str
+
+    @property
+    def record(self) -> np.dtype[Any]:
+        """One picture with its time, s, and the end that it is taken from, 1 nose and -1 tail."""
+        pixel = "<u2" if self.unit == "m" else "u1"
+        return np.dtype([("time", "<f8"), ("end", "i1"), ("pixels", pixel, (self.size**2,))])
+
+    def coded(self, picture: Array) -> NDArray[np.uint8 | np.uint16]:
+        """Pixels (..., k) as they are kept."""
+        known, kind = np.isfinite(picture), self.record["pixels"].base
+        picture = np.where(known, picture, 0.0)
+        if self.unit != "m":
+            return np.round(255 * np.clip(picture, 0.0, 1.0)).astype(kind)
+        steps = np.clip(np.round(picture / MILLIMETRE), 1, 65535)
+        return np.where(known, steps, 0).astype(kind)
+
+    def pixels(self, coded: NDArray) -> Array:
+        """One kept picture (rows, columns) in ``unit``; NaN where a pixel says nothing."""
+        square = coded.reshape(self.size, self.size).astype(float)
+        if self.unit != "m":
+            return square / 255
+        return np.where(square > 0, square * MILLIMETRE, np.nan)
+
+
+def coding_of(camera: Camera) -> Coding:
+    """How the pictures of a camera are kept. One with a lamp measures brightness, another one
+    distances."""
+    return Coding(camera.optics.pixels, "m" if camera.lamp is None else "1")
+
+
+class _Source(Protocol):
+    """Where pictures lie."""
+
+    def read(self, first: int, last: int) -> NDArray:
+        """Records of pictures from ``first`` to before ``last``."""
+        ...
+
+
+class Pictures(Sequence[Array]):
+    """What a robot's camera has seen. ``pictures[i]`` is a picture (rows, columns) float, read when
+    it is asked for; x, towards module 1, is to the right, and NaN is a pixel that says nothing.
+
+    Attributes:
+        time: (P,) s. end: (P,) 1 from the nose, -1 from the tail.
+        unit: of the pixels: "1" for brightness, 0 to 1; "m" for distances along their rays.
+        size: rows and columns.
+    """
+
+    def __init__(self, coding: Coding, time: Array, end: NDArray[np.int8], source: _Source) -> None:
+        self.time, self.end = time, end
+        self._coding, self._source = coding, source
+
+    @property
+    def unit(self) -> str:
+        return self._coding.unit
+
+    @property
+    def size(self) -> int:
+        return self._coding.size
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __repr__(self) -> str:
+        return f"Pictures({len(self)} of {self.size} by {self.size} pixels, unit {self.unit})"
+
+    @overload
+    def __getitem__(self, index: int) -> Array: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Array]: ...
+
+    def __getitem__(self, index: int | slice) -> Array | Sequence[Array]:
+        """A picture, or a list of them.
+
+        Raises:
+            IndexError: there are fewer.
+            OutputError: the file of the run is gone or damaged.
+        """
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        place = range(len(self))[index]
+        return self._coding.pixels(self._source.read(place, place + 1)["pixels"][0])
+
+    def seen_at(self, time: float, end: int) -> int | None:
+        """The last picture up to ``time`` s from an end (1 nose, -1 tail); None before the
+        first."""
+        known = np.flatnonzero((self.time <= time) & (self.end == end))
+        return int(known[-1]) if len(known) else None
+
+    def write(self, path: Path) -> None:
+        """Write all of them into a Parquet file, a part at a time."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        schema = _schema(self._coding)
+        options = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
+        with pq.ParquetWriter(path, schema, **options) as writer:
+            for first, last in _groups(len(self), self._coding):
+                part = self._source.read(first, last)
+                octets = np.ascontiguousarray(part["pixels"])
+                pixels = pa.FixedSizeBinaryArray.from_buffers(
+                    schema.field("pixels").type, len(part), [None, pa.py_buffer(octets)]
+                )
+                columns = [pa.array(np.array(part[name])) for name in ("time", "end")]
+                table = pa.Table.from_arrays([*columns, pixels], schema=schema)
+                writer.write_table(table, row_group_size=len(part))
+
+
+def read_pictures(folder: Path, end: float) -> Pictures:
+    """The pictures of a run's folder, whose run ended at ``end`` s; only their times are read.
+
+    Raises:
+        OutputError: the file is missing or damaged.
+    """
+    with reading(folder / PICTURES_FILE) as path:
+        with _opened(path) as file:
+            coding, rows = _coding_in(file), file.metadata.num_rows
+            table = file.read(columns=["time", "end"], use_threads=False)
+            groups = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
+        require(groups == [b - a for a, b in _groups(rows, coding)], "its parts are not whole")
+        require(table.num_columns == 2 and not any(c.null_count for c in table.columns), "has gaps")
+        time, ends = table["time"].to_numpy(), table["end"].to_numpy()
+        require(len(time) > 0, "it has no pictures")
+        require(np.isfinite(time).all() and (np.diff(time) > 0).all(), "its times do not increase")
+        require(time[-1] <= end + 1e-6, "it has pictures from after the end of the run")
+        require(np.isin(ends, (-1, 1)).all(), "it has ends that are neither 1 nor -1")
+        return Pictures(coding, time, ends, _Saved(path.absolute(), coding, rows))
+
+
+class Album:
+    """Pictures of n robots as they come, in a temporary file that goes with the last one who looks
+    at it, at the latest with the process.
+
+    Raises:
+        OutputError: the system's temporary folder is full or closed to us.
+    """
+
+    def __init__(self, coding: Coding, n: int) -> None:
+        self._coding, self._counts = coding, np.zeros(n, int)
+        self._last = np.full(n, -np.inf)
+        self._times: list[Array] = []
+        self._ends: list[NDArray[np.int8]] = []
+        self._place = tempfile.gettempdir()
+        with told(self._place):
+            descriptor, path = tempfile.mkstemp(prefix="omnitrack-pictures-")
+            os.unlink(path)  # nobody can leave it behind
+        self._file = _File(descriptor)
+
+    def add(
+        self, time: Array, end: NDArray[np.int_], picture: Array, active: NDArray[np.bool_]
+    ) -> None:
+        """Keep a picture (n, k) of each robot at ``time`` (n,) s from ``end`` (n,); of robots that
+        are not ``active`` (n,) any more it does not count."""
+        part = np.zeros(len(time), self._coding.record)
+        part["time"], part["end"], part["pixels"] = time, end, self._coding.coded(picture)
+        with told(self._place):
+            self._file.append(part.tobytes())
+        # The clock of physics that has diverged begins anew.
+        self._counts += active & (time > self._last)
+        self._last = np.array(time)
+        self._times.append(np.array(part["time"]))
+        self._ends.append(np.array(part["end"]))
+
+    def pictures(self) -> list[Pictures]:
+        """Those of each robot, up to the end of its run."""
+        times, ends = np.array(self._times), np.array(self._ends)
+        return [
+            Pictures(
+                self._coding,
+                times[:count, robot],
+                ends[:count, robot],
+                _Kept(self._file, self._coding, robot, len(self._counts)),
+            )
+            for robot, count in enumerate(self._counts.tolist())
+        ]
+
+
+class _File:
+    """A file without a name, which is closed when nobody refers to it any more."""
+
+    def __init__(self, descriptor: int) -> None:
+        self.descriptor = descriptor
+        weakref.finalize(self, os.close, descriptor)
+
+    def append(self, octets: bytes) -> None:
+        view = memoryview(octets)
+        while view:
+            view = view[os.write(self.descriptor, view) :]
+
+
+class _Kept:
+    """One robot's pictures in the temporary file of all ``n``."""
+
+    def __init__(self, file: _File, coding: Coding, robot: int, n: int) -> None:
+        self._file, self._record, self._robot, self._n = file, coding.record, robot, n
+
+    def read(self, first: int, last: int) -> NDArray:
+        """See ``_Source``."""
+        size = self._record.itemsize
+        places = (size * (i * self._n + self._robot) for i in range(first, last))
+        octets = b"".join(os.pread(self._file.descriptor, size, place) for place in places)
+        return np.frombuffer(octets, self._record)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        count = os.fstat(self._file.descriptor).st_size // (self._record.itemsize * self._n)
+        return _Held, (self.read(0, count),)
+
+
+class _Held:
+    """Pictures in memory, as they are handed to another process."""
+
+    def __init__(self, records: NDArray) -> None:
+        self._records = records
+
+    def read(self, first: int, last: int) -> NDArray:
+        """See ``_Source``."""
+        return self._records[first:last]
+
+
+class _Saved:
+    """Pictures in a run's folder. The part that was read last is kept."""
+
+    def __init__(self, path: Path, coding: Coding, rows: int) -> None:
+        self._path, self._coding = path, coding
+        self._groups = list(_groups(rows, coding))
+        self._at, self._part = -1, np.zeros(0, coding.record)
+
+    def read(self, first: int, last: int) -> NDArray:
+        """See ``_Source``.
+
+        Raises:
+            OutputError: the file is gone or damaged.
+        """
+        each, parts = _per_group(self._coding), []
+        for number in range(first // each, -(-last // each)):
+            start, _ = self._groups[number]
+            part = self._group(number)
+            parts.append(part[max(0, first - start) : last - start])
+        return np.concatenate(parts)
+
+    def _group(self, number: int) -> NDArray:
+        if number == self._at:
+            return self._part
+        first, last = self._groups[number]
+        with reading(self._path) as path, _opened(path) as file:
+            require(_coding_in(file) == self._coding, "it is of another run by now")
+            table = file.read_row_group(number, use_threads=False).combine_chunks()
+            require(table.num_rows == last - first, "a part of it is not whole")
+            part = np.zeros(last - first, self._coding.record)
+            for name in ("time", "end"):
+                part[name] = table[name].to_numpy()
+            octets = b"".join(table["pixels"].to_pylist())
+            pixels = np.frombuffer(octets, self._coding.record["pixels"].base)
+            part["pixels"] = pixels.reshape(last - first, -1)
+        self._at, self._part = number, part
+        return part
+
+
+def _opened(path: Path) -> pq.ParquetFile:
+    import pyarrow.parquet as pq
+
+    # Without threads, as in `files.py`.
+    return pq.ParquetFile(str(path), pre_buffer=False, page_checksum_verification=True)
+
+
+def _per_group(coding: Coding) -> int:
+    return max(1, _GROUP // coding.record.itemsize)
+
+
+def _groups(rows: int, coding: Coding) -> Iterator[tuple[int, int]]:
+    """First and last of each part of so many pictures."""
+    each = _per_group(coding)
+    return ((first, min(first + each, rows)) for first in range(0, rows, each))
+
+
+def _schema(coding: Coding) -> Any:
+    """The columns of the file; size and unit stand in its metadata."""
+    import pyarrow as pa
+
+    octets = coding.record["pixels"].itemsize
+    kept = "8 bits of brightness" if coding.unit == "1" else "16 bits, whole mm; 0 says nothing"
+    about = {"unit": coding.unit, "meaning": f"pixels row by row, {kept}", "frame": "camera"}
+    fields = [
+        pa.field("time", pa.float64(), metadata={"unit": "s", "meaning": "simulated time"}),
+        pa.field("end", pa.int8(), metadata={"unit": "1", "meaning": "1 nose, -1 tail"}),
+        pa.field("pixels", pa.binary(octets), metadata=about),
+    ]
+    return pa.schema(fields, metadata={"size": str(coding.size), "unit": coding.unit})
+
+
+def _coding_in(file: pq.ParquetFile) -> Coding:
+    """How the pictures of a file are kept.
+
+    Raises:
+        ValueError: its columns are not those of pictures.
+    """
+    found, about = file.schema_arrow, file.schema_arrow.metadata or {}
+    size, unit = int(about[b"size"]), about[b"unit"].decode()
+    require(_LEAST_SIZE <= size <= _MOST_SIZE and unit in ("1", "m"), "it has no such pictures")
+    coding = Coding(size, unit)
+    wanted = _schema(coding).remove_metadata()
+    require(found.remove_metadata().equals(wanted), "its columns are not those of pictures")
+    return coding

@@ -1,0 +1,65 @@
+"""What made a result: seed, scenario, versions, platform, commit."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from omnitrack_sim.robots.omnitrack.control.driven import KIND
+from omnitrack_sim.scenario import Scenario
+
+
+def provenance_of(scenario: Scenario) -> dict[str, Any]:
+    """What made a result: seed, scenario hash, versions, platform, git commit of a checkout; and
+    who drove, where that was no controller."""
+    made = {"seed": scenario.seed, "scenario_sha256": scenario.hash, **environment()}
+    if scenario.control.kind != KIND:
+        return made
+    table = scenario.control_parameters
+    return made | {"driven_by": table.driver, "orders": len(table.orders)}
+
+
+@cache
+def environment() -> dict[str, Any]:
+    """Versions, platform and git commit of this process."""
+    versions = {name: _version(name) for name in ("omnitrack_sim", "mujoco", "numpy")}
+    return {
+        "versions": versions | {"python": platform.python_version()},
+        "platform": f"{platform.system()} {platform.machine()}",
+        "git_commit": _git_commit(),
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def _git_commit() -> str | None:
+    """Commit of the checkout that the package runs from, with ``+changes`` where files differ; None
+    outside one."""
+    root = Path(__file__).parents[2]
+    if not (root / ".git").exists():
+        return None
+    try:
+        command = [
+            "git",
+            "-C",
+            str(root),
+            "describe",
+            "--always",
+            "--abbrev=40",
+            "--dirty=+changes",
+            "--exclude=*",
+        ]
+        return subprocess.run(
+            command, capture_output=True, text=True, check=True, timeout=10
+        ).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return None

@@ -1,0 +1,1 @@
+"""One folder a robot: its data, body, motors, kinematics and control law."""

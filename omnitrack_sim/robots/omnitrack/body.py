@@ -1,0 +1,318 @@
+"""The robot as MJCF: chassis, three sprung arms, rolling modules, two travelling tracks of lugs
+each.
+
+A track is a row of sphere lugs on a slide joint along the module. The lugs of a running belt stand
+still on the wall while the robot passes over them, as on the real chain; after each lug pitch the
+plant moves the row back by one pitch, so it never runs out. The motor's reflected rotor inertia is
+the armature of that joint, so belt, friction and robot are solved together in one implicit step. A
+belt speed set from outside would need steps of microseconds against stiff friction, because three
+belts in one pipe are coupled rigidly.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from omnitrack_sim.base.rotations import quaternion_from_matrix, rotation_about
+from omnitrack_sim.record.channels import TRACKS
+from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
+from omnitrack_sim.robots.omnitrack.belt_motors import add_belt_motors, output_inertia
+from omnitrack_sim.robots.omnitrack.similarity import similar
+from omnitrack_sim.walls.collider import line_record
+
+COLLISION_GROUP = 3
+LUG_CONTYPE, LUG_CONAFFINITY = 1, 2
+"""Lugs touch walls (2, 1) and nothing else."""
+FRICTION = 0.9
+"""Of a lug on the wall in a model as it is built; the plant sets each robot's own."""
+LUG_IMPEDANCE = (0.95, 0.99)
+"""Impedance of a lug's contact at its surface and from the robot's ``contact_depth`` on."""
+LINE_IMPEDANCE = (0.993, 0.9987)
+"""Of a row of lugs seen as one line. It rests on two points instead of 15 lugs, which together
+should be as stiff: (1 - d) / d is 2/15 of the lugs'."""
+CHAIN_TIME = 0.004
+"""Time constant of the tie between the two runs of a chain, which move as one, s; numerical."""
+STOP_TIME = 0.02
+"""Time constant of the stops of an arm's slide and pitch, s; MuJoCo's own default."""
+TIE_DEPTH = 0.001
+"""Travel over which ties and stops come to their full stiffness, m; MuJoCo's own default. At a
+pitch stop it is an angle, rad, which does not scale."""
+FREE_SPRING_LENGTH = 10.0
+"""Upper end of the springs' dead band, m: springs push only. Beyond all travel of the robot, and
+beyond the longest free length that its preload may ask for."""
+
+
+def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -> mujoco.MjsBody:
+    """Add the robot to the world at the origin, robot frame = world frame; returns the chassis.
+
+    With ``line_tracks`` each row of lugs is one capsule from its first lug to its last, for the
+    compiled collider.
+
+    Bodies ``chassis``, ``arm_i``, ``module_i``, ``track_upper_i``, ``track_lower_i`` for i = 1, 2,
+    3. Joints ``robot``
+    (free), ``slide_i``, ``pitch_i``, ``roll_i``, ``belt_upper_i``, ``belt_lower_i`` (tied: the two
+    runs of one chain). Tendons ``spring_front_i``, ``spring_rear_i``. Actuators ``roll_i``
+    (position, rad) and ``belt_i`` (velocity servo, m/s; forces in N at the belt). Sensors
+    ``contact_upper_i``, ``contact_lower_i`` (net force of a track), ``touch_upper_i``,
+    ``touch_lower_i`` (sum of its normal forces), ``velocity_i`` and ``spin_i`` of the modules.
+    """
+    chassis = add_chassis(spec, robot)
+    for number, angle in enumerate(MODULE_ANGLES, start=1):
+        arm = add_arm(chassis, robot, number, angle)
+        module = add_module(arm, robot, number)
+        for track, side in zip(TRACKS, (1.0, -1.0), strict=True):
+            _add_track(module, robot, f"{track}_{number}", side, line_tracks)
+            add_contact_sensor(spec, f"contact_{track}_{number}", f"track_{track}_{number}")
+            _add_touch_sensor(spec, robot, f"{track}_{number}")
+        add_springs(spec, robot, number)
+        _add_roll_motor(spec, robot, number)
+        _tie_runs(spec, robot, number)
+        add_motion_sensors(spec, number)
+    add_belt_motors(spec, robot)
+    return chassis
+
+
+def add_chassis(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
+    """The chassis with the robot's free joint."""
+    chassis = spec.worldbody.add_body(name="chassis")
+    chassis.add_freejoint(name="robot")
+    set_cylinder_inertia(chassis, robot.chassis_mass, robot.chassis_radius, robot.chassis_length)
+    return chassis
+
+
+def set_cylinder_inertia(body: mujoco.MjsBody, mass: float, radius: float, length: float) -> None:
+    """Mass and inertia of a solid cylinder along z, kg and kg m²."""
+    across = mass * (3 * radius**2 + length**2) / 12
+    body.mass, body.ipos = mass, [0, 0, 0]
+    body.inertia = [across, across, mass * radius**2 / 2]
+    body.explicitinertial = True
+
+
+def add_arm(chassis: mujoco.MjsBody, robot: Robot, number: int, angle: float) -> mujoco.MjsBody:
+    """The arm of a module at ``angle`` rad: it slides radially and pitches on its shafts."""
+    turn = rotation_about([0, 0, 1], angle)
+    arm = chassis.add_body(
+        name=f"arm_{number}",
+        pos=turn @ [robot.module_distance, 0, 0],
+        quat=quaternion_from_matrix(turn),
+    )
+    set_cylinder_inertia(arm, robot.arm_mass, robot.arm_radius, robot.shaft_spacing)
+    stop_time = [sized(robot, STOP_TIME, "s"), 1.0]
+    arm.add_joint(
+        name=f"slide_{number}",
+        type=mujoco.mjtJoint.mjJNT_SLIDE,
+        axis=[1, 0, 0],
+        limited=True,
+        range=robot.slide_range,
+        damping=[robot.slide_damping, 0, 0],
+        solref_limit=stop_time,
+        solimp_limit=impedance(0.9, 0.95, sized(robot, TIE_DEPTH, "m")),
+    )
+    arm.add_joint(
+        name=f"pitch_{number}",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=[0, 1, 0],
+        limited=True,
+        range=[-robot.pitch_limit, robot.pitch_limit],
+        damping=[robot.pitch_damping, 0, 0],
+        solref_limit=stop_time,
+    )
+    return arm
+
+
+def add_module(arm: mujoco.MjsBody, robot: Robot, number: int) -> mujoco.MjsBody:
+    """A module without tracks: it rolls about its own axis, z."""
+    module = arm.add_body(name=f"module_{number}")
+    set_cylinder_inertia(module, robot.module_mass, robot.lug_radius, robot.length)
+    module.add_joint(
+        name=f"roll_{number}",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=[0, 0, 1],
+        armature=robot.rotary_motor.reflected_inertia,
+    )
+    return module
+
+
+def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, line: bool) -> None:
+    """One run of the chain: a row of sphere lugs along z, ``side`` = 1 above the module axis, -1
+    below it.
+
+    A positive belt speed moves the upper run backward, which drives forward where it is at the
+    wall, and the lower run forward.
+    """
+    track = module.add_body(name=f"track_{name}")
+    track.ipos = [0, 0, 0]
+    track.mass, track.inertia, track.explicitinertial = (
+        robot.track_mass,
+        [robot.track_mass * robot.lug_radius**2] * 3,
+        True,
+    )
+    track.add_joint(
+        name=f"belt_{name}",
+        type=mujoco.mjtJoint.mjJNT_SLIDE,
+        axis=[0, 0, -side],
+        armature=output_inertia(robot) / 2,
+    )
+    places, radius = lug_places(robot), robot.lug_radius - robot.track_offset
+    if line:
+        track.add_geom(
+            name=f"line_{name}",
+            pos=[side * robot.track_offset, 0, 0],
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            size=[radius, places[-1], 0],
+            solimp=impedance(*LINE_IMPEDANCE, robot.contact_depth),
+            userdata=line_record(lug_pitch(robot), robot.scale),
+            **contact_of_lugs(robot),
+        )
+        return
+    for index, z in enumerate(places):
+        track.add_geom(
+            name=f"lug_{name}_{index}",
+            pos=[side * robot.track_offset, 0, z],
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[radius, 0, 0],
+            solimp=impedance(*LUG_IMPEDANCE, robot.contact_depth),
+            **contact_of_lugs(robot),
+        )
+
+
+def contact_of_lugs(robot: Robot) -> dict[str, Any]:
+    """What every geom that touches the wall has in common: masks, friction, stiffness in time."""
+    return {
+        "contype": LUG_CONTYPE,
+        "conaffinity": LUG_CONAFFINITY,
+        "condim": 3,
+        "priority": 1,
+        "friction": [FRICTION, 0, 0],
+        "solref": [robot.contact_time, 1.0],
+        "mass": 0,
+        "group": COLLISION_GROUP,
+    }
+
+
+def sized(robot: Robot, value: float, unit: str) -> float:
+    """A constant of this module, which is for a robot of scale 1, in a robot of its own scale."""
+    return similar(value, unit, robot.scale)
+
+
+def impedance(surface: float, deep: float, depth: float) -> list[float]:
+    """MuJoCo's solimp: impedance from ``surface`` to ``deep`` over ``depth`` (m or rad), along a
+    parabola on either side of the middle."""
+    return [surface, deep, depth, 0.5, 2.0]
+
+
+def lug_pitch(robot: Robot) -> float:
+    """Distance of neighbouring lugs along a track, m."""
+    return robot.contact_length / robot.lugs_per_track
+
+
+def lug_places(robot: Robot) -> np.ndarray:
+    """z of the lugs on the module (K,), m: K lugs at one pitch, centred, so that the row covers the
+    contact length."""
+    return (np.arange(robot.lugs_per_track) - (robot.lugs_per_track - 1) / 2) * lug_pitch(robot)
+
+
+def add_springs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
+    """Front and rear springs of an arm (Fig. 2): each pushes on the arm at its own shafts, and only
+    pushes.
+
+    Together they give the radial stiffness k and the pitch stiffness k (spacing / 2)^2.
+    """
+    for end, side in (("front", 1.0), ("rear", -1.0)):
+        spring = spec.add_tendon(name=f"spring_{end}_{number}")
+        spring.wrap_joint(f"slide_{number}", 1.0)
+        spring.wrap_joint(f"pitch_{number}", side * robot.shaft_spacing / 2)
+        spring.stiffness = [robot.module_stiffness / 2, 0, 0]
+        free = spring_free_length(robot, robot.preload)
+        spring.springlength = [free, sized(robot, FREE_SPRING_LENGTH, "m")]
+
+
+def spring_free_length(robot: Robot, preload: float) -> float:
+    """Arm travel at which the springs are free, m: preload over the stiffness of the module's
+    springs."""
+    return preload / robot.module_stiffness
+
+
+def _add_roll_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
+    motor = spec.add_actuator(
+        name=f"roll_{number}",
+        trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        target=f"roll_{number}",
+        forcelimited=True,
+        forcerange=[-robot.roll_torque, robot.roll_torque],
+    )
+    stiffness, inertia = robot.roll_stiffness, robot.rotary_motor.reflected_inertia
+    motor.set_to_position(kp=stiffness, kv=2 * math.sqrt(stiffness * inertia))
+
+
+def _tie_runs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
+    """The lower run of a chain follows the upper one."""
+    tie_joints(spec, robot, f"chain_{number}", f"belt_lower_{number}", f"belt_upper_{number}")
+
+
+def tie_joints(spec: mujoco.MjSpec, robot: Robot, name: str, follower: str, leader: str) -> None:
+    """An equality by which one joint moves as another does."""
+    spec.add_equality(
+        name=name,
+        type=mujoco.mjtEq.mjEQ_JOINT,
+        objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        name1=follower,
+        name2=leader,
+        data=[0, 1, *[0] * 10],
+        solref=[sized(robot, CHAIN_TIME, "s"), 1.0],
+        solimp=impedance(0.9, 0.95, sized(robot, TIE_DEPTH, "m")),
+    )
+
+
+def add_motion_sensors(spec: mujoco.MjSpec, number: int) -> None:
+    """Velocity ``velocity_i`` and angular velocity ``spin_i`` of a module, world axes."""
+    for kind in (mujoco.mjtSensor.mjSENS_FRAMELINVEL, mujoco.mjtSensor.mjSENS_FRAMEANGVEL):
+        name = "velocity" if kind == mujoco.mjtSensor.mjSENS_FRAMELINVEL else "spin"
+        spec.add_sensor(
+            name=f"{name}_{number}",
+            type=kind,
+            objtype=mujoco.mjtObj.mjOBJ_XBODY,
+            objname=f"module_{number}",
+        )
+
+
+def add_contact_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
+    """Net contact of all that hangs on a body: (found, force (3,), position (3,)), world axes; the
+    force is that on the wall."""
+    fields = mujoco.mjtConDataField
+    wanted = sum(
+        1 << int(f) for f in (fields.mjCONDATA_FOUND, fields.mjCONDATA_FORCE, fields.mjCONDATA_POS)
+    )
+    net_force, slots = 3, 1
+    spec.add_sensor(
+        name=name,
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_XBODY,
+        objname=body,
+        intprm=[wanted, net_force, slots],
+    )
+
+
+def _add_touch_sensor(spec: mujoco.MjSpec, robot: Robot, name: str) -> None:
+    """Sum of the normal forces of all contacts of a track, N.
+
+    The net force does not tell it: where contacts have different normals, as at a rim, or where the
+    arm does not stand at right angles to the wall, friction has a share along the arm.
+    """
+    zone = spec.body(f"track_{name}").add_site(
+        name=f"touch_{name}",
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[robot.length, 0, 0],
+        group=COLLISION_GROUP,
+        rgba=[0, 0, 0, 0],
+    )
+    spec.add_sensor(
+        name=f"touch_{name}",
+        type=mujoco.mjtSensor.mjSENS_TOUCH,
+        objtype=mujoco.mjtObj.mjOBJ_SITE,
+        objname=zone.name,
+    )

@@ -1,0 +1,163 @@
+"""A robot that makes no headway in a turn backs off to before the fitting and tries again; straight
+over an opening it rolls where it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.table import Part, Table, Unit
+from omnitrack_sim.record.events import BackedOff, Event
+from omnitrack_sim.robots.omnitrack.control.aligner import Aligner
+from omnitrack_sim.robots.omnitrack.control.interface import ControlSetup, Observation
+
+
+class RecoveryTable(Table):
+    """When a turn has failed and is tried again. D is the bore that the robot is made for."""
+
+    retries: Annotated[int, Field(ge=0, le=1000), Unit("1")] = 2
+    """How often a robot tries one fitting again before it is left to hang."""
+    progress: Annotated[Part, Unit("D")] = 0.0125
+    """Advance beyond the farthest point so far that counts as headway."""
+    patience: Annotated[Part, Unit("D")] = 0.9375
+    """Way that cruising would have taken the robot without headway, after which the turn has
+    failed; half of `monitor.patience`."""
+    merge_patience: Annotated[Part, Unit("D")] = 1.6875
+    """The same out of a branch, where most robots that hang for a while get through."""
+    fallen: Annotated[Part, Unit("D")] = 0.25
+    """Fall behind the farthest point after which the turn has failed."""
+    beside: Annotated[Part, Unit("pipe radii")] = 0.6
+    """Offset from the centreline beyond which a robot has gone past the branch."""
+    back_off: Annotated[Part, Unit("D")] = 3.75
+    """Way that cruising would have taken it after which backing off is given up."""
+
+
+class Backing(NamedTuple):
+    """Which robots (n,) drive backward now, and what was decided."""
+
+    robots: NDArray[np.bool_]
+    events: Sequence[Event]
+
+
+class Recovery:
+    """Which of n robots back off.
+
+    Args:
+        setup: of the controller. path: of the ``RecoveryTable`` in its parameters.
+
+    Attributes:
+        farthest: (n,) m, farthest point so far. waiting: (n,) s without headway, or backing off.
+        backing: (n,) bool. retries: (n,) at the fitting at hand, ``passage`` (n,).
+    """
+
+    def __init__(self, setup: ControlSetup, path: str) -> None:
+        self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
+        self.period = setup.period
+        bore, n = setup.robot.nominal_bore, setup.n
+        each = {name: setup.each(f"{path}.{name}") for name in RecoveryTable.model_fields}
+        speed = setup.settings.cruise_speed
+        self._most_retries, self._beside = each["retries"], each["beside"]
+        self._progress, self._fallen = each["progress"] * bore, each["fallen"] * bore  # (n,) m
+        self._patience = each["patience"] * bore / speed  # (n,) s
+        self._merge_patience = each["merge_patience"] * bore / speed
+        self._back_off = each["back_off"] * bore / speed
+        self.farthest = np.full(n, -np.inf)
+        self.waiting = np.zeros(n)
+        self.backing = np.zeros(n, bool)
+        self.retries = np.zeros(n, int)
+        self.passage = np.zeros(n, np.intp)
+
+    def begin_leg(self, robot: int) -> None:
+        """Start a robot afresh on its new way."""
+        self.farthest[robot], self.waiting[robot] = -np.inf, 0.0
+        self.backing[robot], self.retries[robot], self.passage[robot] = False, 0, -1
+
+    def go_on(self, robot: int, later: int) -> None:
+        """A robot's leg goes on, on a route whose passages are counted ``later`` by so many."""
+        self.passage[robot] += later
+
+    def step(
+        self, observation: Observation, standing: NDArray[np.bool_], room: Array, aligner: Aligner
+    ) -> Backing:
+        """Find out who backs off.
+
+        Args:
+            observation: of this moment.
+            standing: (n,) robots that roll on the spot and are not waited for.
+            room: (n,) m, from the nose to the next fitting.
+            aligner: told to align robots again that have backed off.
+        """
+        place = observation.place
+        moved_on = place.passage != self.passage
+        if np.count_nonzero(moved_on):
+            self.retries = np.where(moved_on & ~self.backing, 0, self.retries)
+            self.passage = np.where(self.backing, self.passage, place.passage)
+        distance = place.distance
+        headway = distance > self.farthest + self._progress
+        if np.count_nonzero(headway):
+            self.farthest = np.where(headway, distance, self.farthest)
+        still = self.backing | ~(headway | standing)
+        self.waiting = (self.waiting + self.period) * still
+        events = self._begin(observation, room)
+        self._roll_where_they_hang(place.passage, room, aligner)
+        if np.count_nonzero(self.backing):
+            self._end(place.distance, aligner)
+        return Backing(self.backing, events)
+
+    def _begin(self, observation: Observation, room: Array) -> list[Event]:
+        place, routes = observation.place, self.routes
+        turning = routes.is_turn.take(place.passage) & (room < 0) & ~self.backing
+        if not np.count_nonzero(turning):
+            return []
+        merging = routes.out_of_branch[place.passage]
+        hanging = self.waiting > np.where(merging, self._merge_patience, self._patience)
+        fallen = place.distance < self.farthest - self._fallen
+        # Out of a branch there is nothing to go past: the far wall stands across the way.
+        room_beside = self._beside * routes.radius[place.passage]
+        beside = routes.into_branch[place.passage] & (place.offset > room_beside)
+        may = turning & (self.retries < self._most_retries) & self.settings.retry
+        failed = may & (hanging | fallen | beside)
+        events: list[Event] = []
+        for robot in np.flatnonzero(failed).tolist():
+            name = routes.name_of(int(place.passage[robot]))
+            time, distance = float(observation.time[robot]), float(place.distance[robot])
+            tilt = float(np.degrees(place.tilt[robot]))
+            events.append(BackedOff(robot, time, name, distance, tilt))
+        if events:
+            self.backing = self.backing | failed
+            self.retries = self.retries + failed
+            self.waiting = np.where(failed, 0.0, self.waiting)
+        return events
+
+    def _roll_where_they_hang(
+        self, passage: NDArray[np.intp], room: Array, aligner: Aligner
+    ) -> None:
+        """Have robots that hang straight over an opening roll there, where they are badly turned
+        about their axis: one that comes into the fitting on its way has been aligned before it, one
+        that has fallen into it has not."""
+        over = self.routes.is_straight_over.take(passage) & (room < 0)
+        if not np.count_nonzero(over):
+            return
+        may = over & (self.retries < self._most_retries) & self.settings.retry
+        hanging = may & (self.waiting > self._patience)
+        if hanging.any():
+            self.retries = self.retries + hanging
+            self.waiting = np.where(hanging, 0.0, self.waiting)
+            aligner.align_inside(hanging, passage)
+
+    def _end(self, distance: Array, aligner: Aligner) -> None:
+        given_up = self.waiting > self._back_off
+        start = self.routes.start[self.passage]
+        before = start - self.robot.length / 2 - self.robot.standing_room  # m, a retry begins here
+        done = self.backing & ((distance <= before) | given_up)
+        if not done.any():
+            return
+        self.backing = self.backing & ~done
+        self.farthest = np.where(done, distance, self.farthest)
+        self.waiting = np.where(done, 0.0, self.waiting)
+        aligner.align_again(done, self.passage)

@@ -1,0 +1,302 @@
+"""Section III of the paper, Eqs. 1-20: how module speeds and robot motion belong together.
+
+Robot frame: z forward, x towards module 1, modules at 0, +120 and -120 degrees about z. SI units,
+rad. All functions take arrays of any leading shape (...) and broadcast. The symbols are those of
+the paper's Table 1; docs/kinematics.md lists them, derives what the paper leaves out and shows
+where it contradicts itself:
+
+* Eqs. 6-7 have module 2 at +120 degrees. Eqs. 11-12, 14 and 18 have it at -120, and so has Eq. 20
+  if theta5 counts in the same sense as the module angles. Here it is at +120 throughout: exchange
+  modules 2 and 3 to get the printed ones.
+* ``lever`` is the distance from the robot axis at which the speeds act. Eqs. 10-18 take the
+  module's centre, l = D/2 - r; Eq. 20 takes the wall, D/2. A track touches at the wall.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.rotations import Array, cross, length
+from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
+
+_COS, _SIN = np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES)  # (3,)
+_ROOT3 = np.sqrt(3.0)
+# (3, 3) unit vectors from the robot axis to the modules, and k x these
+_OUTWARD = np.stack([_COS, _SIN, np.zeros(3)], axis=-1)
+_TANGENT = np.stack([-_SIN, _COS, np.zeros(3)], axis=-1)
+
+Module = Literal["two_track", "ball_lug"]
+MODULE_KINDS: tuple[Module, ...] = ("two_track", "ball_lug")
+"""``two_track`` has two crawler chains: either the upper or the lower one is at the wall and moves
+it fully. ``ball_lug`` has balls that turn about the module's cross axis, as in a lumped model: the
+wall gets the component cos(roll)."""
+_ON_THE_LINE = 1e-9
+"""Size of cos(roll) on the no-motion line: the rounding of 90 degrees, not a tolerance."""
+
+
+def wall_speed(shaft_speed: ArrayLike, lug_radius: ArrayLike) -> Array:
+    """Eqs. 1-3: V_i = r theta_dot_i, m/s, for lugs that do not slip.
+
+    Args:
+        shaft_speed: theta_dot_i (...,), rad/s.
+        lug_radius: r, m.
+    """
+    return np.asarray(shaft_speed, float) * np.asarray(lug_radius, float)
+
+
+def inertial_rate(rate: ArrayLike, omega: ArrayLike, vector: ArrayLike) -> Array:
+    """Eq. 4, Coriolis's theorem: df/dt (inertial frame) = df/dt (rotating frame) + omega x f.
+
+    Args:
+        rate: df/dt (..., 3) as seen in the rotating frame.
+        omega: (..., 3) rad/s, angular velocity of the rotating frame.
+        vector: f (..., 3).
+    """
+    return np.asarray(rate, float) + cross(np.asarray(omega, float), np.asarray(vector, float))
+
+
+def module_velocities(speeds: ArrayLike, theta4_dot: ArrayLike, arms: ArrayLike) -> Array:
+    """Eqs. 5-7: velocities (..., 3, 3) m/s of the module centres, module by component.
+
+    In the inertial frame: V_i k + theta4_dot k x l_i e_i, with e_i from the robot axis to module i.
+
+    Args:
+        speeds: V_i (..., 3), m/s along the robot axis.
+        theta4_dot: (...,) rad/s, rotation of the robot about its z axis.
+        arms: l_i (..., 3), m.
+    """
+    speeds, arms = np.asarray(speeds, float), np.asarray(arms, float)
+    spin = np.asarray(theta4_dot, float)[..., None, None] * np.array([0.0, 0.0, 1.0])
+    return inertial_rate(
+        speeds[..., None] * np.array([0.0, 0.0, 1.0]), spin, arms[..., None] * _OUTWARD
+    )
+
+
+def mean_velocity(speeds: ArrayLike, theta4_dot: ArrayLike, arms: ArrayLike) -> Array:
+    """Eq. 8: velocity (..., 3) m/s of the robot, the mean of ``module_velocities``."""
+    return module_velocities(speeds, theta4_dot, arms).mean(axis=-2)
+
+
+def forward_speed(speeds: ArrayLike) -> Array:
+    """Eq. 9: V_cz (...,) m/s, the mean of the module speeds (..., 3).
+
+    With equal arms it is all that Eq. 8 gives.
+    """
+    return np.asarray(speeds, float).mean(axis=-1)
+
+
+def cross_velocity(theta4_dot: ArrayLike, arms: ArrayLike) -> Array:
+    """Velocity (..., 2) m/s across the robot axis: what Eq. 8 has beyond Eq. 9.
+
+    theta4_dot / 3 times the sum of l_i k x e_i; zero for equal arms. The walls do not let the robot
+    go there, so this is the speed at which lugs scrub sideways when a robot that sags in a
+    horizontal pipe rolls.
+
+    Args:
+        theta4_dot: (...,) rad/s.
+        arms: l_i (..., 3), m.
+    """
+    spin, arms = np.asarray(theta4_dot, float), np.asarray(arms, float)
+    return spin[..., None] / 3 * (arms @ _TANGENT[:, :2])
+
+
+def rotation_by_module(speeds: ArrayLike, lever: ArrayLike) -> Array:
+    """Eqs. 10-12: angular velocity (..., 3, 3) rad/s by each module alone, module by component.
+
+    The robot turns about the line through the other two modules, at a = l/2 beyond the centre, so
+    the rate is V_i / (a + l) = 2 V_i / (3 l).
+
+    Args:
+        speeds: V_i (..., 3), m/s.
+        lever: l (...,), m, the same for all modules.
+    """
+    speeds, lever = np.asarray(speeds, float), np.asarray(lever, float)
+    return -(speeds / (1.5 * lever[..., None]))[..., None] * _TANGENT
+
+
+def angular_velocity(speeds: ArrayLike, theta4_dot: ArrayLike, lever: ArrayLike) -> Array:
+    """Eqs. 13-16: angular velocity (..., 3) rad/s of the robot, robot frame.
+
+    The sum of Eqs. 10-12, and theta4_dot about z.
+
+    Args:
+        speeds: V_i (..., 3), m/s.
+        theta4_dot: (...,) rad/s.
+        lever: l (...,), m.
+    """
+    omega = rotation_by_module(speeds, lever).sum(axis=-2)
+    spin = np.asarray(theta4_dot, float)[..., None] * np.array([0.0, 0.0, 1.0])
+    return omega + spin
+
+
+def jacobian(lug_radius: ArrayLike, lever: ArrayLike) -> Array:
+    """J (..., 4, 4) of Eqs. 17-18.
+
+    (omega_x, omega_y, omega_z, V_cz) = J (theta_dot_1, theta_dot_2, theta_dot_3, theta_dot_4).
+
+    Args:
+        lug_radius: r, m.
+        lever: l, m.
+    """
+    r, l = np.broadcast_arrays(np.asarray(lug_radius, float), np.asarray(lever, float))
+    j = np.zeros((*r.shape, 4, 4))
+    j[..., 0, :3] = (r / l)[..., None] * np.array([0.0, _ROOT3 / 3, -_ROOT3 / 3])
+    j[..., 1, :3] = (r / l)[..., None] * np.array([-2.0, 1.0, 1.0]) / 3
+    j[..., 2, 3] = 1.0
+    j[..., 3, :3] = (r / 3)[..., None]
+    return j
+
+
+def inverse_jacobian(lug_radius: ArrayLike, lever: ArrayLike) -> Array:
+    """Inverse (..., 4, 4) of ``jacobian``: shaft speeds and theta_dot_4 for a wanted motion.
+
+    Row i: (V_cz - l (omega_y cos a_i - omega_x sin a_i)) / r, with a_i = 0, 120, -120 degrees.
+    """
+    r, l = np.broadcast_arrays(np.asarray(lug_radius, float), np.asarray(lever, float))
+    inverse = np.zeros((*r.shape, 4, 4))
+    inverse[..., :3, 0] = (l / r)[..., None] * _SIN
+    inverse[..., :3, 1] = -(l / r)[..., None] * _COS
+    inverse[..., :3, 3] = (1 / r)[..., None]
+    inverse[..., 3, 2] = 1.0
+    return inverse
+
+
+def module_speeds(
+    forward_speed: ArrayLike, omega_x: ArrayLike, omega_y: ArrayLike, lever: ArrayLike
+) -> Array:
+    """Wall speeds (..., 3) m/s for a wanted motion.
+
+    The first three rows of ``inverse_jacobian`` times r.
+
+    Args:
+        forward_speed: V_cz (...,), m/s.
+        omega_x: rotation about the robot's x axis (...,), rad/s.
+        omega_y: rotation about the robot's y axis (...,), rad/s.
+        lever: m.
+    """
+    v, arm = np.asarray(forward_speed, float)[..., None], np.asarray(lever, float)[..., None]
+    wx, wy = np.asarray(omega_x, float)[..., None], np.asarray(omega_y, float)[..., None]
+    return v - arm * (wy * _COS - wx * _SIN)
+
+
+def radius_of_curvature(speeds: ArrayLike, omega: ArrayLike) -> Array:
+    """Eq. 19 as printed: (|V_1| + |V_2| + |V_3|) / (3 |omega|), (...,) m.
+
+    Limits: infinite on a straight line, NaN at rest. The sizes of the speeds are added, so it is
+    the radius of the centre's path only while no module runs backward and the robot does not roll;
+    a robot that turns on the spot gets 0.577 l to 0.667 l instead of 0. ``path_radius`` is right in
+    these cases too.
+
+    Args:
+        speeds: V_i (..., 3), m/s.
+        omega: (..., 3) rad/s.
+    """
+    return _ratio(np.abs(np.asarray(speeds, float)).mean(axis=-1), length(np.asarray(omega, float)))
+
+
+def path_radius(speeds: ArrayLike, omega: ArrayLike) -> Array:
+    """Radius (...,) m of the path of the robot's centre: |V_cz| / sqrt(omega_x^2 + omega_y^2).
+
+    0 when it turns on the spot, infinite on a straight line, NaN at rest. Rolling (omega_z) does
+    not bend the path. Arguments as for ``radius_of_curvature``.
+    """
+    omega = np.asarray(omega, float)
+    return _ratio(np.abs(forward_speed(speeds)), np.hypot(omega[..., 0], omega[..., 1]))
+
+
+def _ratio(speed: Array, rate: Array) -> Array:
+    moving = np.where(speed > 0, np.inf, np.nan)
+    return np.where(rate > 0, speed / np.where(rate > 0, rate, 1.0), moving)
+
+
+def elbow_radii(theta5: ArrayLike, mean_radius: ArrayLike, module_distance: ArrayLike) -> Array:
+    """Eq. 20: radius (..., 3) m of each module's path through an elbow: R_e - d cos(theta5 + a_i).
+
+    The printed case is R_e = 1.5 D and d = 0.5 D. V_1 : V_2 : V_3 are as these radii, their mean is
+    R_e. A negative one (d > R_e) is a module that runs backward.
+
+    Args:
+        theta5: (...,) rad, module 1 from the turning direction.
+        mean_radius: R_e (...,), m, of the elbow's centreline.
+        module_distance: d (...,), m, from the robot axis to where the modules touch.
+    """
+    angle = np.asarray(theta5, float)[..., None] + np.array(MODULE_ANGLES)
+    return np.asarray(mean_radius, float)[..., None] - np.asarray(module_distance, float)[
+        ..., None
+    ] * np.cos(angle)
+
+
+def elbow_speeds(
+    forward_speed: ArrayLike, theta5: ArrayLike, mean_radius: ArrayLike, module_distance: ArrayLike
+) -> Array:
+    """Wall speeds (..., 3) m/s through an elbow: Eq. 20, scaled to the mean ``forward_speed``.
+
+    They equal ``module_speeds`` with lever d and a rotation of forward_speed / R_e towards the
+    turning direction.
+    """
+    radii = elbow_radii(theta5, mean_radius, module_distance)
+    return (
+        np.asarray(forward_speed, float)[..., None]
+        * radii
+        / np.asarray(mean_radius, float)[..., None]
+    )
+
+
+def elbow_paths(
+    elbow_angle: ArrayLike, theta5: ArrayLike, mean_radius: ArrayLike, module_distance: ArrayLike
+) -> Array:
+    """Lengths (..., 3) m of the modules' paths through an elbow of ``elbow_angle`` rad.
+
+    The angle times ``elbow_radii``.
+    """
+    return np.asarray(elbow_angle, float)[..., None] * elbow_radii(
+        theta5, mean_radius, module_distance
+    )
+
+
+def turn_from_roll(roll: ArrayLike, lug_radius: ArrayLike, pipe_radius: ArrayLike) -> Array:
+    """Turn (...,) rad of the robot about its z axis when all modules roll without slip.
+
+    For a roll of ``roll`` rad it is -roll r / R. The modules roll on the inside of the pipe. In
+    rates: theta4_dot = -omega_z r / R.
+    """
+    return -np.asarray(roll, float) * np.asarray(lug_radius, float) / np.asarray(pipe_radius, float)
+
+
+def belt_sign(roll: ArrayLike) -> Array:
+    """Direction (...,) in which a positive belt speed drives a module: the sign of cos(roll).
+
+    The upper track is at the wall for |roll| < 90 degrees, the lower one, running backward, beyond.
+    Zero at the no-motion line (Fig. 18).
+    """
+    cosine = np.cos(roll)
+    return np.where(np.abs(cosine) < _ON_THE_LINE, 0.0, np.sign(cosine))
+
+
+def wall_per_belt(roll: ArrayLike, module: Module = "two_track") -> Array:
+    """Wall speed over belt speed (...,) at ``roll`` rad.
+
+    It is ``belt_sign`` for ``two_track`` and cos(roll) for ``ball_lug``; see MODULE_KINDS.
+
+    Raises:
+        InputError: there is no such kind of module.
+    """
+    if module not in MODULE_KINDS:
+        raise InputError(Fault("module", f"is {module!r}", MODULE_KINDS, module))
+    sign = belt_sign(roll)
+    return sign if module == "two_track" else np.where(sign == 0, 0.0, np.cos(roll))
+
+
+def belt_speed(wall_speed: ArrayLike, roll: ArrayLike, module: Module = "two_track") -> Array:
+    """Belt speed (...,) m/s that gives a module ``wall_speed`` (...,) m/s at ``roll`` rad.
+
+    It is 0 on the no-motion line. No belt speed moves the robot there: see ``belt_sign``. The
+    inverse of ``wall_per_belt``.
+    """
+    factor = wall_per_belt(roll, module)
+    moves = factor != 0
+    return np.where(moves, np.asarray(wall_speed, float) / np.where(moves, factor, 1.0), 0.0)

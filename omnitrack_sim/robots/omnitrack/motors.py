@@ -1,0 +1,190 @@
+"""Gearmotors as values: ratio, rotor inertia, torque-speed line, torque limit and speed servo."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar, Self
+
+from pydantic import BeforeValidator, Field, ValidationError
+from pydantic_core import InitErrorDetails, PydanticKnownError
+
+from omnitrack_sim.base.naming import ByName
+from omnitrack_sim.robots.omnitrack.quantity import Figures, Quantity, quantity_of
+from omnitrack_sim.robots.omnitrack.similarity import SCALES, similar
+
+
+class Motor(Figures):
+    """A gearmotor with its speed servo. Speeds and torques are those of the output shaft.
+
+    SI units, radians. Frozen: change by ``motor.model_copy(update=...)`` or a scenario override.
+    Speed, torque and inertia are figures of their own: another ``gear_ratio`` alone changes the
+    reflected inertia and nothing else. Ranges are those of motors for robots of every scale.
+    """
+
+    OTHER_KEYS: ClassVar = ("like",)
+    """Keys of its table in files beside its own: the motor whose figures it takes over."""
+
+    name: Annotated[
+        str, Field(min_length=1), Quantity("", "assumed", "what messages call the motor")
+    ] = "custom"
+    source: Annotated[str, Quantity("", "assumed", "where the motor's figures come from")] = ""
+    gear_ratio: Annotated[
+        float,
+        Quantity(
+            "1", "published", "turns of the rotor in one turn of the output shaft", (0.1, 1e5)
+        ),
+    ]
+    rotor_inertia: Annotated[
+        float,
+        Quantity(
+            "kg m²", "assumed", "about the rotor's own axis, before the gears", (1e-16, 100.0)
+        ),
+    ]
+    no_load_speed: Annotated[
+        float,
+        Quantity("rad/s", "assumed", "where the torque-speed line meets zero torque", (1e-3, 1e5)),
+    ]
+    stall_torque: Annotated[
+        float,
+        Quantity("N m", "assumed", "where the torque-speed line meets zero speed", (1e-7, 1e7)),
+    ]
+    torque_limit: Annotated[
+        float,
+        Quantity(
+            "N m", "assumed", "what the motor or its current limit gives at most", (1e-7, 1e7)
+        ),
+    ]
+    efficiency: Annotated[
+        float,
+        Quantity(
+            "1",
+            "assumed",
+            "part of its power that the gears pass on, from rotor to shaft and from shaft to rotor",
+            (0.05, 1.0),
+        ),
+    ] = 1.0
+    speed_bandwidth: Annotated[
+        float,
+        Quantity(
+            "rad/s",
+            "derived",
+            "of the speed loop's proportional part, without load: its gain over the reflected "
+            "inertia; see docs/control.md",
+            (0.01, 1e5),
+        ),
+    ] = 18.0
+    speed_integral_time: Annotated[
+        float, Quantity("s", "derived", "integral time of the speed loop", (1e-4, 1e6))
+    ] = 0.1
+    speed_droop: Annotated[
+        float,
+        Quantity(
+            "rad/N m s",
+            "derived",
+            "speed by which a motor gives way for each unit of torque beyond the mean of the "
+            "robot's motors; see docs/control.md",
+            (0.0, 1e6),
+        ),
+    ] = 1.0
+    scale: Annotated[
+        float | None,
+        Quantity(
+            "",
+            "assumed",
+            "robot.scale that the figures are for, which then scale with the robot; none: a "
+            "product, which has its figures in a robot of any size",
+            SCALES,
+        ),
+    ] = None
+
+    @property
+    def reflected_inertia(self) -> float:
+        """Rotor inertia as felt at the output shaft, kg m²: J ratio²."""
+        return self.rotor_inertia * self.gear_ratio**2
+
+    @property
+    def full_torque_speed(self) -> float:
+        """Fastest speed at which the torque-speed line leaves the whole torque limit, rad/s.
+
+        It is 0 where the limit is beyond the stall torque."""
+        return self.no_load_speed * max(0.0, 1 - self.torque_limit / self.stall_torque)
+
+    def at_scale(self, scale: float) -> Self:
+        """The motor in a robot of ``scale``: itself, or with all figures scaled from its own
+        ``scale``. The result is not checked."""
+        if self.scale is None or self.scale == scale:
+            return self
+        figures = {
+            name: similar(getattr(self, name), quantity_of(info).unit, scale / self.scale)
+            for name, info in type(self).model_fields.items()
+        }
+        return self.model_copy(update=figures | {"scale": scale})
+
+
+# The rotor's inertia is stated at the output, as 0.0088 kg m²: two digits of 9e-9 kg m² (a rotor of
+# 2 g and 3 mm radius, assumed) times 986.41².
+_PUBLISHED_RATIO = 986.41
+_ROTOR_INERTIA = 0.0088 / _PUBLISHED_RATIO**2
+
+MOTORS: Mapping[str, Motor] = MappingProxyType(
+    ByName(
+        (motor.name, motor)
+        for motor in (
+            Motor(
+                name="simulation",
+                source="the paper's simulation prescribes the speeds: a torque-speed line beyond "
+                "what they need, limited to the published motor's extrapolated stall torque",
+                gear_ratio=_PUBLISHED_RATIO,
+                rotor_inertia=_ROTOR_INERTIA,
+                no_load_speed=20.0,
+                stall_torque=12.0,
+                torque_limit=1.18,
+                scale=1.0,
+            ),
+            Motor(
+                # 34.6 rpm without load, 12 kg cm extrapolated stall torque, 2.5 kg cm recommended
+                # limit.
+                name="pololu_1000_hpcb",
+                source="Pololu 1000:1 HPCB 12 V (986.41:1): 34.6 rpm, 12 kg cm and 2.5 kg cm, "
+                "scaled from the maker's figures for the other ratios of the family",
+                gear_ratio=_PUBLISHED_RATIO,
+                rotor_inertia=_ROTOR_INERTIA,
+                no_load_speed=3.62,
+                stall_torque=1.18,
+                torque_limit=0.245,
+            ),
+        )
+    )
+)
+"""The motors that come with the package, by name."""
+
+
+def _motor_of(given: Any) -> Any:
+    """What a file says of a motor, as a motor or its table: a shipped motor's name, or a table that
+    may start from one with ``like``.
+
+    Raises:
+        ValidationError, PydanticKnownError: no shipped motor has that name.
+    """
+    if isinstance(given, str):
+        if given not in MOTORS:
+            raise PydanticKnownError("literal_error", {"expected": _CHOICES})
+        return MOTORS[given]
+    if isinstance(given, Mapping) and "like" in given:
+        like = given["like"]
+        if not isinstance(like, str) or like not in MOTORS:
+            fault = InitErrorDetails(
+                type="literal_error", loc=("like",), input=like, ctx={"expected": _CHOICES}
+            )
+            raise ValidationError.from_exception_data("Motor", [fault])
+        start = MOTORS[like].model_dump(exclude={"name", "source"})
+        return start | {key: value for key, value in given.items() if key != "like"}
+    return given
+
+
+_CHOICES = " or ".join(map(repr, MOTORS))
+
+NamedMotor = Annotated[Motor, BeforeValidator(_motor_of)]
+"""A motor, the name of a shipped one, or a motor's table; ``like = NAME`` in a table takes what it
+does not give from a shipped motor."""

@@ -1,0 +1,68 @@
+"""A network for others: MJCF of the walls, STL of the pipe wall, CSV of the centrelines."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from omnitrack_sim.base.writing import check_folder, write_files
+from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.robots.omnitrack.published import network_stl, network_xml
+
+SPACING = 0.01
+"""Greatest distance of neighbouring points of the centreline table, m."""
+COLUMNS = (
+    "name",
+    "from",
+    "to",
+    "s_m",
+    *(f"{axis}_m" for axis in "xyz"),
+    *(f"tangent_{axis}" for axis in "xyz"),
+    "curvature_per_m",
+)
+
+
+def export_network(name: str, pipes: Assembly, folder: str | Path) -> list[Path]:
+    """Write ``NAME.xml`` (MJCF), ``NAME.stl`` and ``NAME_centrelines.csv``; returns their paths.
+
+    The folder is made when missing; files of these names are replaced, all or none.
+
+    Args:
+        name: of the files and of the model in them.
+        pipes: placed in the world.
+        folder: where the files go.
+
+    Raises:
+        OutputError: a file cannot be written; then none is.
+    """
+    makers = {
+        f"{name}.xml": lambda: network_xml(pipes, name).encode(),
+        f"{name}.stl": lambda: network_stl(pipes),
+        f"{name}_centrelines.csv": lambda: centreline_table(pipes).encode(),
+    }
+    check_folder(folder, files=makers)
+    return write_files({Path(folder) / file: make() for file, make in makers.items()})
+
+
+def centreline_table(pipes: Assembly) -> str:
+    """CSV of the axis curves of every fitting, ``COLUMNS`` wide; a tee has one curve for each pair
+    of its ports.
+
+    ``s_m`` is the arc length from the port ``from``; points and unit tangents in the world frame.
+    """
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(COLUMNS)
+    for part in pipes.parts:
+        for enter, leave in combinations(part.fitting.port_names, 2):
+            line = part.axis(enter, leave)
+            s = np.linspace(0, line.length, max(2, math.ceil(line.length / SPACING) + 1))
+            point, tangent, _, curvature = line.at(s)
+            for row in np.column_stack([s, point, tangent, curvature]):
+                table.writerow([part.name, enter, leave, *(f"{value + 0.0:.9g}" for value in row)])
+    return text.getvalue()

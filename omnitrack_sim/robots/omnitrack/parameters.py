@@ -1,0 +1,383 @@
+"""The robot's parameters, each with its unit and where it comes from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Annotated, Any, Self
+
+from pydantic import (
+    Field,
+    ModelWrapValidatorHandler,
+    model_validator,
+)
+
+from omnitrack_sim.robots.omnitrack.fit import refuse_misfits
+from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor, NamedMotor
+from omnitrack_sim.robots.omnitrack.quantity import (
+    Figures,
+    Parameter,
+    Quantity,
+    parameter_rows,
+    quantity_of,
+)
+from omnitrack_sim.robots.omnitrack.similarity import SCALES, similar
+
+MODULES = 3
+MODULE_ANGLES = (0.0, 2 * math.pi / 3, -2 * math.pi / 3)
+"""Angle of each module about the robot's z axis from module 1, rad (paper, Fig. 5)."""
+
+GRAVITY = 9.81
+"""Weight of a mass, N/kg, where a figure of the robot asks for it."""
+REFERENCE_BORE = 0.16
+"""Bore of the paper's pipe, m, for which control parameters with a unit are stated."""
+
+
+class Robot(Figures):
+    """Omnidirectional Tractable Three Module Robot, lumped as in the paper's simulation.
+
+    SI units, radians. Frozen: change by ``robot.model_copy(update=...)`` or a scenario override,
+    and the size by ``robot.scaled(factor)``.
+
+    ``scale`` asks for the same robot in another size. Reading a robot scales every value by the
+    law of dynamic similarity (``similarity.py``), from the scale that the values are stated for,
+    ``values_at_scale``, to ``scale``. A robot that has been read has the values of its own size
+    and says so, ``values_at_scale == scale``, so that reading what it dumped changes nothing.
+    """
+
+    scale: Annotated[
+        float,
+        Quantity("1", "assumed", "size of the robot; 1 is the one for 160 mm pipes", SCALES),
+    ] = 1.0
+    values_at_scale: Annotated[
+        float,
+        Quantity(
+            "1",
+            "assumed",
+            "size that the given values are for; they are scaled from it to `scale`, once",
+            SCALES,
+        ),
+    ] = 1.0
+    lug_radius: Annotated[
+        float,
+        Quantity(
+            "m",
+            "derived",
+            "r = V / theta_dot: 100 mm/s at the motor's no-load 3.62 rad/s",
+            (0.004, 0.08),
+        ),
+    ] = 0.0276
+    reach: Annotated[
+        float,
+        Quantity(
+            "m",
+            "inferred",
+            "axis to lug surface, springs extended; what the 96.54 degree sector needs",
+            (0.03, 0.4),
+        ),
+    ] = 0.0961
+    nominal_pipe_radius: Annotated[
+        float,
+        Quantity(
+            "m",
+            "published",
+            "Section II.A: 160 mm pipe; the slide coordinate is zero here",
+            (0.02, 0.3),
+        ),
+    ] = 0.080
+    slide_travel_inward: Annotated[
+        float,
+        Quantity("m", "assumed", "arm travel from the nominal pipe towards the axis", (1e-4, 0.25)),
+    ] = 0.018
+    contact_length: Annotated[
+        float,
+        Quantity(
+            "m",
+            "assumed",
+            "length of the contact line of a track; see docs/design-study.md",
+            (0.01, 1.0),
+        ),
+    ] = 0.090
+    lugs_per_track: Annotated[
+        int,
+        Quantity(
+            "1", "numerical", "fine limit of the contact line; see docs/design-study.md", (2, 200)
+        ),
+    ] = 15
+    track_offset: Annotated[
+        float,
+        Quantity(
+            "m",
+            "numerical",
+            "lug centres of the two tracks lie this far above and below the module axis",
+            (1e-5, 0.02),
+        ),
+    ] = 0.001
+    spring_stiffness: Annotated[
+        float, Quantity("N/m", "published", "Section VI: 0.5 N/mm, each spring", (1.0, 1e5))
+    ] = 500.0
+    springs_per_module: Annotated[
+        int,
+        Field(multiple_of=2),
+        Quantity("1", "derived", "Section II.A: four shafts a module, a spring on each", (2, 20)),
+    ] = 4
+    preload: Annotated[
+        float,
+        Quantity("N", "assumed", "force of a module's springs in the nominal pipe", (0.0, 2000.0)),
+    ] = 25.0
+    shaft_spacing: Annotated[
+        float,
+        Quantity(
+            "m", "assumed", "front to rear shafts; sets the pitch stiffness of an arm", (0.01, 1.0)
+        ),
+    ] = 0.140
+    pitch_limit: Annotated[
+        float,
+        Quantity("rad", "assumed", "slot clearance on the shafts (Section II.A)", (1e-3, 0.5)),
+    ] = math.radians(4.0)
+    slide_damping: Annotated[
+        float, Quantity("N s/m", "assumed", "sliding friction of an arm on its shafts", (0.0, 1e4))
+    ] = 20.0
+    pitch_damping: Annotated[
+        float,
+        Quantity("N m s/rad", "assumed", "as slide_damping, about the pitch axis", (0.0, 100.0)),
+    ] = 0.05
+    chassis_mass: Annotated[
+        float, Quantity("kg", "assumed", "ABS chassis and steel shafts", (0.01, 50.0))
+    ] = 0.28
+    chassis_length: Annotated[
+        float, Quantity("m", "assumed", "centre chassis along the robot axis", (0.01, 1.0))
+    ] = 0.150
+    chassis_radius: Annotated[
+        float, Quantity("m", "assumed", "of the cylinder with the chassis's inertia", (0.002, 0.2))
+    ] = 0.025
+    arm_mass: Annotated[
+        float, Quantity("kg", "assumed", "one arm pair, without its module", (1e-3, 10.0))
+    ] = 0.04
+    arm_radius: Annotated[
+        float,
+        Quantity("m", "assumed", "of the cylinder with the inertia of an arm pair", (1e-3, 0.1)),
+    ] = 0.01
+    module_mass: Annotated[
+        float, Quantity("kg", "assumed", "one module: two gearmotors, chains, lugs", (0.01, 20.0))
+    ] = 0.20
+    track_mass: Annotated[
+        float,
+        Quantity(
+            "kg",
+            "numerical",
+            "one run of lugs; small, for module_mass counts the chain already",
+            (1e-5, 1.0),
+        ),
+    ] = 1e-3
+    contact_time: Annotated[
+        float,
+        Quantity(
+            "s",
+            "numerical",
+            "time constant of a lug's contact; at 4 ms lugs bounce on a tee's rim, see "
+            "docs/design-study.md",
+            (5e-4, 0.2),
+        ),
+    ] = 0.01
+    contact_depth: Annotated[
+        float,
+        Quantity(
+            "m",
+            "numerical",
+            "depth over which a lug's contact comes to its full stiffness",
+            (1e-6, 0.01),
+        ),
+    ] = 0.0005
+    motor: Annotated[
+        NamedMotor,
+        Quantity("", "assumed", "crawler motor: a shipped motor's name, or a table of its own"),
+    ] = MOTORS["simulation"]
+    torque_limit: Annotated[
+        float | None,
+        Quantity("N m", "assumed", "limit on a crawler motor; none: the motor's own", (1e-4, 1e4)),
+    ] = None
+    drive: Annotated[
+        str,
+        Quantity(
+            "",
+            "published",
+            "Section II.B: a motor a module; or another drive, see docs/differential.md",
+        ),
+    ] = "three_motors"
+    gear_friction: Annotated[
+        float,
+        Quantity(
+            "1",
+            "assumed",
+            "friction between the outputs of one motor, as a part of the force that each passes on",
+            (0.0, 1.0),
+        ),
+    ] = 0.0
+    brake_force: Annotated[
+        float,
+        Quantity(
+            "N", "assumed", "largest force of a brake on a module's belt; 0: no brakes", (0.0, 1e4)
+        ),
+    ] = 0.0
+    roll_motor: Annotated[
+        NamedMotor | None,
+        Quantity(
+            "",
+            "assumed",
+            "rotary motor, of which the reflected inertia counts; none: same as the crawler's",
+        ),
+    ] = None
+    roll_stiffness: Annotated[
+        float,
+        Quantity(
+            "N m/rad",
+            "assumed",
+            "position gain of the rotary motor's servo, damped critically for its own inertia",
+            (0.01, 1e5),
+        ),
+    ] = 20.0
+    roll_rate: Annotated[
+        float,
+        Quantity(
+            "rad/s",
+            "assumed",
+            "largest speed of the rotary motor (same gearmotor: 3.62 no-load)",
+            (0.01, 100.0),
+        ),
+    ] = 1.5
+    roll_torque: Annotated[
+        float,
+        Quantity(
+            "N m",
+            "assumed",
+            "limit on a rotary motor (same gearmotor as the crawler's)",
+            (1e-3, 1e4),
+        ),
+    ] = 1.2
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _at_its_scale(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        stated = handler(data)
+        values: dict[str, Any] = {}
+        for name, info in cls.model_fields.items():
+            # A value that is not given is the default, which is for scale 1.
+            origin = stated.values_at_scale if name in stated.model_fields_set else 1.0
+            value = getattr(stated, name)
+            values[name] = (
+                _plain_if_scaled(value, stated.scale)
+                if isinstance(value, Motor)
+                else similar(value, quantity_of(info).unit, stated.scale / origin)
+            )
+        values["values_at_scale"] = stated.scale
+        robot = stated if values == dict(stated) else handler(values)
+        refuse_misfits(robot)
+        return robot
+
+    def __repr_args__(self) -> Iterator[tuple[str, Any]]:
+        """The size, and what differs from the standard robot of that size."""
+        standard = type(self)(scale=self.scale)
+        for name, value in self:
+            if name == "scale" or value != getattr(standard, name):
+                yield name, value
+
+    def __str__(self) -> str:
+        return repr(self)
+
+    def scaled(self, factor: float) -> Self:
+        """The same robot, ``factor`` times as large: every value scaled by the law of similarity.
+
+        A motor that is a product keeps its figures (see ``Motor.scale``), so a robot with one is
+        not similar to the other.
+        """
+        return type(self).model_validate(dict(self) | {"scale": self.scale * factor})
+
+    @property
+    def crawler_motor(self) -> Motor:
+        """The crawler motor with the robot's torque limit, where it has one."""
+        if self.torque_limit is None:
+            return self.motor
+        return self.motor.model_copy(update={"torque_limit": self.torque_limit})
+
+    @property
+    def rotary_motor(self) -> Motor:
+        """The motor that rolls a module."""
+        return self.motor if self.roll_motor is None else self.roll_motor
+
+    @property
+    def climbing_torque(self) -> float:
+        """Torque of a third of the robot's weight at a module's shaft, N m: the worst steady
+        climb."""
+        return self.mass * GRAVITY / 3 * self.lug_radius
+
+    @property
+    def feasible_belt_speed(self) -> float:
+        """Belt speed that the crawler motor holds against ``climbing_torque``, m/s."""
+        motor = self.crawler_motor
+        part = max(0.0, 1 - self.climbing_torque / motor.stall_torque)
+        return motor.no_load_speed * part * self.lug_radius
+
+    @property
+    def nominal_bore(self) -> float:
+        """Inner diameter of the pipe that the robot is made for, m."""
+        return 2 * self.nominal_pipe_radius
+
+    @property
+    def length_scale(self) -> float:
+        """Bore over the paper's, 1."""
+        return self.nominal_bore / REFERENCE_BORE
+
+    @property
+    def time_scale(self) -> float:
+        """Times over those in the paper's pipe, 1: the root of the lengths', at equal gravity
+        (``similarity.py``)."""
+        return math.sqrt(self.length_scale)
+
+    @property
+    def module_distance(self) -> float:
+        """Module axis from robot axis in the nominal pipe, m: l = R - r (Table 1)."""
+        return self.nominal_pipe_radius - self.lug_radius
+
+    @property
+    def module_stiffness(self) -> float:
+        """Radial stiffness of one module's springs together, N/m."""
+        return self.spring_stiffness * self.springs_per_module
+
+    @property
+    def pitch_stiffness(self) -> float:
+        """Pitch stiffness of one arm while all its springs are loaded, N m/rad: k (spacing /
+        2)^2."""
+        return self.module_stiffness * (self.shaft_spacing / 2) ** 2
+
+    @property
+    def slide_range(self) -> tuple[float, float]:
+        """Travel of an arm from the nominal pipe radius, m, outward positive."""
+        return -self.slide_travel_inward, self.reach - self.nominal_pipe_radius
+
+    @property
+    def mass(self) -> float:
+        """Whole robot, kg."""
+        return self.chassis_mass + MODULES * (self.arm_mass + self.module_mass)
+
+    @property
+    def length(self) -> float:
+        """Tip to tip along the robot axis, m: outermost lug centres and a lug radius at each
+        end."""
+        return self.contact_length + 2 * self.lug_radius
+
+    @property
+    def standing_room(self) -> float:
+        """Room, m, between the nose and a fitting that the robot stops before to roll: D/8."""
+        return self.nominal_pipe_radius / 4
+
+    def parameters(self) -> list[Parameter]:
+        """The parameter table: every field, and those of its motors as ``motor.NAME``, with value,
+        unit, provenance and source."""
+        return parameter_rows(self)
+
+
+def _plain_if_scaled(motor: Motor, scale: float) -> Motor | dict[str, Any]:
+    """The motor in a robot of ``scale``; as a table, which is checked, where it is another one."""
+    scaled = motor.at_scale(scale)
+    return motor if scaled is motor else scaled.model_dump()

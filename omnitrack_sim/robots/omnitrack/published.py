@@ -1,0 +1,264 @@
+"""Published copies of the models: MJCF in ``models/``, meshes in ``assets/``. Byte-reproducible."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import trimesh
+
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.rotations import Pose
+from omnitrack_sim.base.writing import write_files
+from omnitrack_sim.pipes import (
+    Assembly,
+    Elbow,
+    Fitting,
+    Part,
+    Route,
+    Step,
+    Straight,
+    Tee,
+    route,
+)
+from omnitrack_sim.robots.omnitrack import MODULES, Robot
+from omnitrack_sim.robots.omnitrack.body import spring_free_length
+from omnitrack_sim.robots.omnitrack.looks import add_cameras, add_pipe_looks, add_robot_looks
+from omnitrack_sim.robots.omnitrack.turning import add_turning_robot
+from omnitrack_sim.walls.meshes import fitting_mesh, network_mesh
+from omnitrack_sim.walls.primitives import add_walls
+from omnitrack_sim.walls.spec import new_spec
+
+FITTINGS: Mapping[str, Fitting] = {
+    "straight": Straight(0.5),
+    "elbow_1.5d": Elbow(0.24),
+    "elbow_90mm": Elbow(0.09),
+    "tee": Tee(),
+}
+"""The published fittings, by the name of their files."""
+SCENES: Mapping[str, str] = {"straight": "straight", "elbow": "elbow_1.5d", "tee": "tee"}
+"""Scene name and the fitting that its robot stands before."""
+START_DISTANCE = 0.10
+"""Robot's centre from the start of the route in a scene's keyframe ``start``, m."""
+
+SETTLING_TIME = 0.3
+"""For which the robot of a scene stands before its keyframe is taken, s."""
+
+
+def write_models(models_dir: Path, assets_dir: Path) -> list[Path]:
+    """Write every published file; returns their paths. The folders are made when missing.
+
+    Simulations build their models in memory; these files are for other programs, in which nobody
+    moves travelling lugs back. So their robot is that of ``model.turning``.
+
+    Raises:
+        OutputError: a file cannot be written; then none is.
+    """
+    return write_files(_files(Path(models_dir), Path(assets_dir)))
+
+
+def check_models(models_dir: Path, assets_dir: Path) -> list[str]:
+    """Names of files that are missing, differ from what ``write_models`` would write, or are no
+    longer generated.
+
+    Raises:
+        InputError: there are no published models, as beside a package that was installed from a
+            wheel, or a file cannot be read.
+    """
+    try:
+        if not (Path(models_dir).is_dir() or Path(assets_dir).is_dir()):
+            raise InputError(
+                Fault(
+                    f"{models_dir}, {assets_dir}",
+                    "no such folders; the published models live in a checkout of the project, not "
+                    "in the installed package: name the checkout with --root, or write them with "
+                    "--write",
+                )
+            )
+        return _different(Path(models_dir), Path(assets_dir))
+    except OSError as error:
+        place = error.filename or models_dir
+        raise InputError(Fault(str(place), f"cannot be read: {error.strerror or error}")) from error
+
+
+def _different(models_dir: Path, assets_dir: Path) -> list[str]:
+    files = _files(models_dir, assets_dir)
+    wrong = [
+        path.name
+        for path, content in files.items()
+        if not path.is_file() or path.read_bytes() != content
+    ]
+    strays = {
+        p
+        for folder, ends in ((models_dir, ("xml",)), (assets_dir, ("obj", "stl")))
+        for e in ends
+        for p in folder.glob(f"*.{e}")
+    }
+    return sorted([*wrong, *(p.name for p in strays - set(files))])
+
+
+def network_xml(network: Assembly, name: str) -> str:
+    """MJCF of a network's collision walls, world frame; six digits, nothing else in it."""
+    spec = new_spec(name)
+    add_walls(spec, network)
+    spec.compile()
+    return spec.to_xml()
+
+
+def network_stl(network: Assembly) -> bytes:
+    """The walls of a whole network as one solid, binary STL, m, world frame.
+
+    Single precision folds slivers at the rims of tees, so the file, unlike ``network_mesh``, is not
+    quite watertight.
+    """
+    return trimesh.exchange.stl.export_stl(network_mesh(network))
+
+
+def _files(models_dir: Path, assets_dir: Path) -> dict[Path, bytes]:
+    files: dict[Path, bytes] = {}
+    assets: dict[bytes, str] = {}
+    for name, spec in _specs().items():
+        text, meshes = _published(spec, name, assets)
+        files[models_dir / f"{name}.xml"] = text
+        files |= {assets_dir / file: content for file, content in meshes.items()}
+        assets |= {content: file for file, content in meshes.items()}
+    for name, fitting in FITTINGS.items():
+        mesh = fitting_mesh(fitting)
+        files[assets_dir / f"{name}.stl"] = trimesh.exchange.stl.export_stl(mesh)
+        files[assets_dir / f"{name}.obj"] = _obj(mesh.vertices, mesh.faces)
+    return files
+
+
+def _specs() -> dict[str, mujoco.MjSpec]:
+    specs = {"robot": _robot_spec()}
+    specs |= {f"pipe_{name}": _pipe_spec(name, fitting) for name, fitting in FITTINGS.items()}
+    specs |= {
+        f"scene_{name}": _scene_spec(name, FITTINGS[fitting]) for name, fitting in SCENES.items()
+    }
+    return specs
+
+
+def _robot_spec() -> mujoco.MjSpec:
+    """The robot alone where nothing pulls on it: keyframe ``start`` with its springs free."""
+    spec = new_spec("omnitrack_robot")
+    robot = Robot()
+    spec.option.gravity = [0, 0, 0]
+    chassis = add_turning_robot(spec, robot)
+    add_robot_looks(spec, robot)
+    light = spec.worldbody.add_light(name="sun", pos=[0.5, -1, 1], dir=[-0.5, 1, -1])
+    light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    chassis.add_camera(
+        name="front",
+        pos=[0, 0, 0.5],
+        xyaxes=[0, -1, 0, 1, 0, 0],
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
+    )
+    chassis.add_camera(
+        name="side",
+        pos=[0, -0.5, 0],
+        xyaxes=[1, 0, 0, 0, 0, 1],
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
+    )
+    free = min(spring_free_length(robot, robot.preload), robot.slide_range[1])
+    _add_start(spec, Pose(), free)
+    return spec
+
+
+def _pipe_spec(name: str, fitting: Fitting) -> mujoco.MjSpec:
+    """One fitting in its own frame: collision walls and the look of its far half."""
+    spec = new_spec(f"omnitrack_pipe_{name}")
+    network = Assembly((Part(name, fitting, Pose()),))
+    add_walls(spec, network)
+    add_pipe_looks(spec, network)
+    add_cameras(spec, network)
+    return spec
+
+
+def _scene_route(fitting: Fitting) -> Route:
+    """The fitting behind a straight, and another one behind it where it is no straight itself."""
+    steps = [
+        Step("entry", Straight(0.4), "start", "end"),
+        Step(fitting.kind, fitting, *fitting.default_way),
+    ]
+    if not fitting.is_plain:
+        steps.append(Step("exit", Straight(0.4), "start", "end"))
+    return route(steps)
+
+
+def _scene_spec(name: str, fitting: Fitting) -> mujoco.MjSpec:
+    """A pipe run that begins upward, with the robot in its entry: keyframe ``start``."""
+    way, robot = _scene_route(fitting), Robot()
+    spec = new_spec(f"omnitrack_scene_{name}")
+    add_walls(spec, way.network)
+    chassis = add_turning_robot(spec, robot)
+    add_robot_looks(spec, robot)
+    add_pipe_looks(spec, way.network)
+    add_cameras(spec, way.network)
+    distance = np.array([START_DISTANCE])
+    start = Pose(way.centreline.frame(distance)[0], way.centreline.at(distance)[0][0])
+    chassis.pos, chassis.quat = start.position, start.quaternion
+    _add_start(spec, start, _settled_slide(spec))
+    return spec
+
+
+def _settled_slide(spec: mujoco.MjSpec) -> float:
+    """Travel of the arms, m, at which the springs and the lugs' contacts hold each other, to a
+    micrometre."""
+    model = spec.copy().compile()
+    data = mujoco.MjData(model)
+    while data.time < SETTLING_TIME:
+        mujoco.mj_step(model, data)
+    travel = [data.joint(f"slide_{number}").qpos[0] for number in range(1, MODULES + 1)]
+    return round(float(np.mean(travel)), 6)
+
+
+def _add_start(spec: mujoco.MjSpec, pose: Pose, slide: float) -> None:
+    """Keyframe ``start``: the robot at ``pose``, its arms out by ``slide`` m, at rest."""
+    data = mujoco.MjData(spec.copy().compile())
+    data.joint("robot").qpos[:] = [*pose.position, *pose.quaternion]
+    for number in range(1, MODULES + 1):
+        data.joint(f"slide_{number}").qpos[:] = slide
+    spec.add_key(name="start", qpos=data.qpos)
+
+
+def _published(
+    spec: mujoco.MjSpec, model: str, known: Mapping[bytes, str]
+) -> tuple[bytes, dict[str, bytes]]:
+    """XML that reads its meshes from ``../assets``, and those meshes by file name.
+
+    A mesh that an earlier model wrote already (``known``: content to file name) is read from that
+    file.
+    """
+    for body in spec.bodies:
+        if body.explicitinertial:
+            body.ipos = np.nan_to_num(body.ipos)  # without a place the inertia is not written
+    spec.compile()
+    root = ET.fromstring(spec.to_xml())
+    compiler = root.find("compiler")
+    if compiler is None:
+        raise RuntimeError(f"{model} has no compiler section")
+    compiler.set("meshdir", "../assets")
+    meshes: dict[str, bytes] = {}
+    by_name = {mesh.name: mesh for mesh in spec.meshes}
+    for element in root.findall("asset/mesh"):
+        mesh = by_name[element.attrib["name"]]
+        content = _obj(np.reshape(mesh.uservert, (-1, 3)), np.reshape(mesh.userface, (-1, 3)))
+        file = known.get(
+            content, f"{model}_{mesh.name}.obj" if mesh.name not in model else f"{mesh.name}.obj"
+        )
+        meshes[file] = content
+        for attribute in ("vertex", "face", "normal", "texcoord"):
+            element.attrib.pop(attribute, None)
+        element.set("file", file)
+    ET.indent(root)
+    return ET.tostring(root, encoding="utf-8") + b"\n", meshes
+
+
+def _obj(vertices: np.ndarray, faces: np.ndarray) -> bytes:
+    """Wavefront OBJ: m, seven digits, faces counted from 1."""
+    lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in np.asarray(vertices, float) + 0.0]
+    lines += [f"f {a} {b} {c}" for a, b, c in np.asarray(faces) + 1]
+    return ("\n".join(lines) + "\n").encode()

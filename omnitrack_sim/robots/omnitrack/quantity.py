@@ -1,0 +1,99 @@
+"""Unit, provenance, source and range of a parameter, and the table of a model's parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator
+from pydantic.fields import FieldInfo
+
+from omnitrack_sim.robots.omnitrack.similarity import similar
+
+Provenance = Literal["published", "derived", "inferred", "assumed", "numerical"]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Unit, provenance and source of one parameter; stands in the field's annotation.
+
+    ``within`` is the range of a number, both ends included, for a robot of scale 1. It scales with
+    the number. None for what is no number.
+    """
+
+    unit: str
+    provenance: Provenance
+    source: str
+    within: tuple[float, float] | None = None
+
+    def range_at(self, scale: float) -> tuple[float, float] | None:
+        """The range for a robot of ``scale``."""
+        if self.within is None:
+            return None
+        low, high = (similar(end, self.unit, scale) for end in self.within)
+        return low, high
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One row of the parameter table; ``name`` is the dotted path below the model."""
+
+    name: str
+    value: Any
+    unit: str
+    provenance: Provenance
+    source: str
+    within: tuple[float, float] | None = None
+
+
+ROUNDING = 1e-9
+"""Part of a limit by which a number that was scaled may miss it."""
+
+
+class Figures(BaseModel):
+    """A frozen model every field of which has a ``Quantity``, and every number its range.
+
+    Numbers are for a robot of the scale that the field ``values_at_scale`` gives, where the model
+    has one, and of scale 1 elsewhere.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @field_validator("*")
+    @classmethod
+    def _is_in_its_range(cls, value: Any, info: ValidationInfo) -> Any:
+        quantity = quantity_of(cls.model_fields[str(info.field_name)])
+        scale = info.data.get("values_at_scale", 1.0)
+        within = quantity.range_at(scale)
+        if within is None or not isinstance(value, int | float):
+            return value
+        low, high = within
+        if not low - ROUNDING * abs(low) <= value <= high + ROUNDING * abs(high):
+            unit = "" if quantity.unit in ("", "1") else f" {quantity.unit}"
+            at = "" if scale == 1 else f" at scale {scale:g}"
+            raise ValueError(f"must be from {low:.6g} to {high:.6g}{unit}{at}")
+        return value
+
+
+def quantity_of(info: FieldInfo) -> Quantity:
+    """The ``Quantity`` in the annotation of a field."""
+    return next(item for item in info.metadata if isinstance(item, Quantity))
+
+
+def parameter_rows(model: BaseModel, prefix: str = "") -> list[Parameter]:
+    """Every field of ``model``, and of the models in it, with value, unit, provenance and source.
+
+    Args:
+        model: all of its fields have a ``Quantity``.
+        prefix: stands before every name, such as "motor.".
+    """
+    rows: list[Parameter] = []
+    for name, info in type(model).model_fields.items():
+        value, quantity = getattr(model, name), quantity_of(info)
+        if isinstance(value, BaseModel):
+            rows += parameter_rows(value, f"{prefix}{name}.")
+        else:
+            within = quantity.range_at(getattr(model, "values_at_scale", 1.0))
+            told = replace(quantity, within=within)
+            rows.append(Parameter(prefix + name, value, **vars(told)))
+    return rows

@@ -1,0 +1,84 @@
+"""A scenario as one MuJoCo model: walls, robot and, for pictures, looks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+
+from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack.body import add_robot
+from omnitrack_sim.walls.primitives import add_exact_walls, add_plates, add_walls
+from omnitrack_sim.walls.spec import TIMESTEP, new_spec
+
+
+def let_walls_sleep(spec: mujoco.MjSpec) -> None:
+    """Have MuJoCo pass over what never moves: a step no longer costs 9 ns for each wall piece.
+    States do not change.
+
+    The robot itself is kept awake.
+    """
+    spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
+    spec.body("chassis").sleep = mujoco.mjtSleepPolicy.mjSLEEP_NEVER
+
+
+def build_scene(
+    network: Assembly,
+    robot: Robot,
+    *,
+    plates: Sequence[tuple[int, str]] = (),
+    timestep: float = TIMESTEP,
+    wall_tolerance: float = 1e-4,
+    staves: int | None = None,
+    exact: bool = False,
+    looks: bool = False,
+) -> mujoco.MjSpec:
+    """The robot at the world's origin and the walls of a network, ready to compile.
+
+    Args:
+        network: pipes, placed in the world.
+        robot: parameters.
+        plates: ports (part index, port) that are closed by a plate.
+        timestep: s.
+        wall_tolerance: m, largest distance of the walls from the exact surface on all but tees.
+        staves: number of wall pieces around a bore, instead of what the tolerance asks for.
+        exact: one geom a fitting and a line without gaps a track, for the compiled collider;
+            ``wall_tolerance``, ``staves`` and the robot's ``lugs_per_track`` then mean nothing.
+        looks: add visual geoms, cameras and lights; they change neither mass nor contact.
+    """
+    spec = new_spec("omnitrack_scene")
+    spec.option.timestep = timestep
+    if exact:
+        add_exact_walls(spec, network)
+    else:
+        add_walls(spec, network, tolerance=wall_tolerance, staves=staves)
+    add_plates(spec, network, plates, looks)
+    add_robot(spec, robot, line_tracks=exact)
+    if looks:
+        from omnitrack_sim.robots.omnitrack.looks import (
+            add_cameras,
+            add_pipe_looks,
+            add_robot_looks,
+        )
+
+        add_robot_looks(spec, robot)
+        add_pipe_looks(spec, network)
+        add_cameras(spec, network, size=robot.scale)
+    return spec
+
+
+def build_looks(
+    network: Assembly, robot: Robot, plates: Sequence[tuple[int, str]] = ()
+) -> mujoco.MjSpec:
+    """The robot, and the plates that close ports of a network, as they are seen: without walls.
+
+    The joints are those of ``build_scene``.
+    """
+    from omnitrack_sim.robots.omnitrack.looks import add_robot_looks
+
+    spec = new_spec("omnitrack_looks")
+    add_plates(spec, network, plates, looks=True)
+    add_robot(spec, robot)
+    add_robot_looks(spec, robot, coarse=True)
+    return spec

@@ -1,0 +1,244 @@
+"""The motion singularity region of Section IV in closed form.
+
+A pipe of radius R is cut at half the turn angle delta by the mitre plane. The section is an
+ellipse, with semi-axes a = R / cos(delta/2) in the plane of the turn and R across it. A robot whose
+modules reach rho > R from its axis touches it only where the ellipse is within rho. The part
+beyond, projected along the pipe onto the circle at its end, is a sector centred on the outer
+direction, opposite the turn: a module in it has no wall.
+
+The authors' derivation is not public. ``ellipse`` is the literal reading of the text; ``crotch``
+and ``strip`` are two rivals. docs/singularity.md derives all three. Angles are in rad, lengths in
+one unit throughout; functions take arrays of any shape and broadcast. theta5 is the angle of module
+1 from the turning direction.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.rotations import Array
+
+Definition = Literal["ellipse", "crotch", "strip"]
+DEFINITIONS: tuple[Definition, ...] = get_args(Definition)
+"""``ellipse``: a circle of radius rho about the centre of the mitre ellipse. ``crotch``: a circle
+of radius rho through the ellipse's inner vertex, where the crotch is. ``strip``: a point contact
+needs the outermost |y| = R of the bores."""
+
+PAPER_SECTOR = np.radians(96.54)
+"""Sector of the paper's robot (Section IV)."""
+
+
+def mitre_ellipse(pipe_radius: ArrayLike, turn_angle: ArrayLike = np.pi / 2) -> tuple[Array, Array]:
+    """Semi-axes of the section in the mitre plane.
+
+    In the plane of the turn R / cos(delta/2), and across it R.
+    """
+    return section_ellipse(pipe_radius, _turn_angle(turn_angle) / 2)
+
+
+def section_ellipse(pipe_radius: ArrayLike, tilt: ArrayLike) -> tuple[Array, Array]:
+    """Semi-axes R / cos(tilt) and R of a pipe cut by a plane ``tilt`` rad from square (Fig. 7).
+
+    Its eccentricity is sin(tilt).
+
+    Raises:
+        InputError: the pipe radius is not positive, or the tilt not below 90 degrees.
+    """
+    radius, tilt = np.broadcast_arrays(
+        _positive(pipe_radius, "pipe_radius"), np.asarray(tilt, float)
+    )
+    _require(
+        np.abs(tilt) < np.pi / 2, "tilt", tilt, "must lie between -90 and 90 degrees", angle=True
+    )
+    return radius / np.cos(tilt), radius.copy()
+
+
+def mitre_intersection(
+    pipe_radius: ArrayLike, reach: ArrayLike, turn_angle: ArrayLike = np.pi / 2
+) -> tuple[Array, Array]:
+    """Where the circle of radius rho meets the concentric mitre ellipse.
+
+    (u, v) >= 0, with u in the plane of the turn. u^2 = (rho^2 - R^2) / sin^2(delta/2). The other
+    three points are its mirror images. NaN where the circle lies inside (rho < R) or outside (rho >
+    a).
+    """
+    radius, rho, half = np.broadcast_arrays(
+        _positive(pipe_radius, "pipe_radius"),
+        _positive(reach, "reach"),
+        _turn_angle(turn_angle) / 2,
+    )
+    meets = (rho >= radius) & (rho * np.cos(half) <= radius)
+    u = np.sqrt(np.where(meets, (rho - radius) * (rho + radius), np.nan)) / np.sin(half)
+    return u, np.sqrt(np.maximum(rho * rho - u * u, 0.0))
+
+
+def sector_angle(
+    pipe_radius: ArrayLike,
+    reach: ArrayLike,
+    turn_angle: ArrayLike = np.pi / 2,
+    definition: Definition = "ellipse",
+) -> Array:
+    """Angle Phi of the singular sector, rad.
+
+    It is 2 pi below rho = R, where nothing touches, and 0 where all directions touch.
+
+    With T = tan(delta/2) and c = cos(delta/2), cos(Phi/2) is
+
+    * ``ellipse``: sqrt(rho^2/R^2 - 1) / T; 180 degrees at rho = R, 0 from rho = R / c on;
+    * ``crotch``: (2 c rho/R - 1 - c^2) / sin^2(delta/2), which is 2 sqrt(2) rho/R - 3 for a right
+      angle;
+
+    and for ``strip`` sin(Phi/2) = R / rho, at any turn angle.
+
+    Args:
+        pipe_radius: R.
+        reach: rho, largest distance of a module's surface from the robot axis.
+        turn_angle: delta, rad.
+        definition: see ``DEFINITIONS``.
+
+    Raises:
+        InputError: a length is not positive, the turn angle not between 0 and 180 degrees, or no
+            such definition.
+    """
+    radius, rho, half = np.broadcast_arrays(
+        _positive(pipe_radius, "pipe_radius"),
+        _positive(reach, "reach"),
+        _turn_angle(turn_angle) / 2,
+    )
+    ratio = np.maximum(rho / radius, 1.0)
+    if definition not in DEFINITIONS:
+        raise InputError(Fault("definition", f"is {definition!r}", DEFINITIONS, definition))
+    if definition == "strip":
+        half_sector = np.arcsin(1.0 / ratio)
+    else:
+        c = np.cos(half)
+        if definition == "ellipse":
+            cosine = np.sqrt((ratio - 1.0) * (ratio + 1.0)) / np.tan(half)
+        else:
+            cosine = (2 * c * ratio - 1.0 - c * c) / np.sin(half) ** 2
+        half_sector = np.arccos(np.clip(cosine, -1.0, 1.0))
+    return np.where(rho < radius, 2 * np.pi, 2 * half_sector)
+
+
+def reach_from_sector(
+    sector: ArrayLike,
+    pipe_radius: ArrayLike,
+    turn_angle: ArrayLike = np.pi / 2,
+    definition: Definition = "ellipse",
+) -> Array:
+    """Reach rho, in the unit of ``pipe_radius``, that gives the sector Phi.
+
+    The inverse of ``sector_angle``. ``ellipse``: R sqrt(1 + T^2 cos^2(Phi/2)). Phi = 0 gives the
+    least reach that has no sector.
+
+    Raises:
+        InputError: Phi is not between 0 and the sector at rho = R (for ``strip``, 0 itself has no
+            finite reach).
+    """
+    radius, half_sector, half = np.broadcast_arrays(
+        _positive(pipe_radius, "pipe_radius"),
+        np.asarray(sector, float) / 2,
+        _turn_angle(turn_angle) / 2,
+    )
+    largest = sector_angle(1.0, 1.0, 2 * half, definition)
+    low = half_sector > 0 if definition == "strip" else half_sector >= 0
+    wanted = (
+        f"must lie between 0 and {np.degrees(np.min(largest)):.2f} degrees, its value at rho = R"
+    )
+    _require(
+        low & (2 * half_sector <= largest + 1e-12), "sector", np.asarray(sector), wanted, angle=True
+    )
+    if definition == "strip":
+        return radius / np.sin(half_sector)
+    c = np.cos(half)
+    if definition == "ellipse":
+        return radius * np.sqrt(1.0 + (np.tan(half) * np.cos(half_sector)) ** 2)
+    return radius * (np.cos(half_sector) * np.sin(half) ** 2 + 1.0 + c * c) / (2 * c)
+
+
+def safe_margin(sector: ArrayLike, modules: ArrayLike = 3) -> Array:
+    """Half-width of the safe range of theta5 about its best value, rad.
+
+    (period - Phi) / 2, at least 0.
+    """
+    return np.maximum(0.0, (2 * np.pi / _modules(modules) - np.asarray(sector, float)) / 2)
+
+
+def failure_rate(sector: ArrayLike, modules: ArrayLike = 3) -> Array:
+    """Share of all orientations that have a module in the sector.
+
+    Phi over the period 2 pi / modules, at most 1. The paper's 80.45 % is 96.54 / 120 (Section VI).
+    """
+    return np.minimum(1.0, np.asarray(sector, float) * _modules(modules) / (2 * np.pi))
+
+
+def success_rate(sector: ArrayLike, modules: ArrayLike = 3) -> Array:
+    """Share of all orientations that keep every module out of the sector: 1 - failure rate."""
+    return 1.0 - failure_rate(sector, modules)
+
+
+def is_singular(theta5: ArrayLike, sector: ArrayLike, modules: ArrayLike = 3) -> NDArray[np.bool_]:
+    """Whether a module is inside the sector: |theta5 + 2 pi k / modules - pi| < Phi / 2 for some k.
+
+    Equal modules repeat after 2 pi / modules, so one wrapped angle answers for all of them.
+    """
+    per_period = _modules(modules) / (2 * np.pi)
+    turns = (np.asarray(theta5, float) - np.pi) * per_period
+    return np.abs(turns - np.rint(turns)) < np.asarray(sector, float) * (per_period / 2)
+
+
+def best_theta5(modules: ArrayLike = 3) -> Array:
+    """theta5 of the best orientation, modulo the period.
+
+    The outer direction then lies midway between two modules. 0 for an odd number of modules (one
+    points into the turn), half a period for an even one.
+    """
+    modules = _modules(modules)
+    return np.where(modules % 2 == 1, 0.0, np.pi / modules)
+
+
+def worst_theta5(modules: ArrayLike = 3) -> Array:
+    """theta5 of the worst orientation, modulo the period: a module points outward."""
+    modules = _modules(modules)
+    return np.where(modules % 2 == 1, np.pi / modules, 0.0)
+
+
+def _require(holds: Any, name: str, value: Any, wanted: str, *, angle: bool = False) -> None:
+    """Raise an error about the first value that is out of range; angles are told in degrees."""
+    if not np.all(holds):
+        first = np.broadcast_to(value, np.shape(holds))[~np.asarray(holds)].flat[0]
+        told = f"{np.degrees(first):g} degrees" if angle else f"{first:g}"
+        raise InputError(Fault(name, f"is {told}; it {wanted}"))
+
+
+def _positive(value: ArrayLike, name: str) -> Array:
+    value = np.asarray(value, float)
+    _require((value > 0) & np.isfinite(value), name, value, "must be positive")
+    return value
+
+
+def _turn_angle(value: ArrayLike) -> Array:
+    value = np.asarray(value, float)
+    _require(
+        (value > 0) & (value < np.pi),
+        "turn_angle",
+        value,
+        "must lie between 0 and 180 degrees",
+        angle=True,
+    )
+    return value
+
+
+def _modules(value: ArrayLike) -> NDArray:
+    value = np.asarray(value)
+    _require(
+        (value >= 1) & (value == np.floor(value)),
+        "modules",
+        value,
+        "must be a whole number, at least 1",
+    )
+    return value

@@ -1,0 +1,282 @@
+"""The tables of a scenario file: keys, defaults, units and limits."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from omnitrack_sim.base.bounds import SHORTEST_STEP
+from omnitrack_sim.base.table import Angle, Direction, Part, Positive, Table, Unit, units_of
+from omnitrack_sim.pipes import ARCS, Arcs, Fitting, Step
+from omnitrack_sim.pipes.entries import FittingEntry
+from omnitrack_sim.pipes.fittings import known_fittings
+from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.robots.omnitrack import Robot
+
+_ROBOT_UNITS = {
+    # A robot with a rotary motor of its own has all the parameters that a robot can have.
+    row.name: row.unit or None
+    for row in Robot(roll_motor=Robot().motor).parameters()
+}
+
+
+def unit_of(path: str) -> str | None:
+    """Unit of the value at a dotted path of a scenario; None where it has none."""
+    table, *keys = path.split(".")
+    if path.endswith("_deg"):
+        return "deg"
+    if table == "robot":
+        return _ROBOT_UNITS.get(".".join(keys))
+    named = [key for key in keys if not key.isdigit() and key != "*"]
+    if table == "pipes":
+        return pipe_units().get(named[-1]) if named else None
+    return UNITS.get(".".join([table, *named]))
+
+
+def pipe_units() -> dict[str, str]:
+    """Units of the keys of all fittings that are known in this process."""
+    tables = [fitting.Table for fitting in known_fittings().values()]
+    return {key: unit.symbol for table in tables for key, unit in units_of(table).items()}
+
+
+class Pipe(FittingEntry):
+    """A fitting in the list ``pipes``, which is in the order of the route."""
+
+    name: str | None = None
+    """What messages call it. Left out: its kind and number."""
+    enter: str
+    """Port that is entered: `start` or `end`; of a tee or wye `run_start`, `run_end` or
+    `branch`."""
+    leave: str
+    """Another port. A pipe with two ports is left by the one that it is not entered by."""
+    turn_deg: Angle = 0.0
+    """Rotation about the joint's axis; elbows in a row without it stay in one plane."""
+
+    @classmethod
+    def keys_for(cls, fitting: type[Fitting]) -> dict[str, Any]:
+        """Ports with the fitting's own way as default."""
+        enter, leave = fitting.default_way
+        port = Literal[fitting.port_names]
+        return {"enter": (port, enter), "leave": (port, leave)}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _leaves_by_the_other(cls, data: Any) -> Any:
+        """Of two ports, the one that is not entered is left by."""
+        if not isinstance(data, dict) or "leave" in data:
+            return data
+        ports = cls.of.port_names
+        if len(ports) == 2:
+            others = [port for port in ports if port != data.get("enter", cls.of.default_way[0])]
+            return {**data, "leave": others[0]}
+        return data
+
+    @field_validator("leave")
+    @classmethod
+    def _is_another_port(cls, leave: str, info: ValidationInfo) -> str:
+        if leave == info.data.get("enter"):
+            raise ValueError(
+                f"is where the {cls.of.kind} is entered; take one of the others of "
+                f"{', '.join(cls.of.port_names)}"
+            )
+        return leave
+
+    def step(self, index: int) -> Step:
+        """As a step of a route."""
+        name = self.name or f"{self.of.kind}_{index}"
+        return Step(name, self.fitting(), self.enter, self.leave, math.radians(self.turn_deg))
+
+
+class Start(Table):
+    """Where and how the robot begins, and how the route lies in the world."""
+
+    theta5_deg: Angle = 0.0
+    """Module 1 from the turning direction of the next fitting: 0 points into the turn, or at a
+    tee's opening."""
+    distance: Annotated[float, Unit("m")] = 0.10
+    """Along the centreline, from the start port to the robot's centre."""
+    roll_deg: Angle = 0.0
+    """Roll of all modules; 0: upper track at the wall, 180: lower track."""
+    axis: Annotated[Direction, Unit("1")] = (0.0, 0.0, 1.0)
+    """Direction of the route's first axis in the world; not with a network."""
+    turn_deg: Angle = 0.0
+    """Rotation of the whole route about that axis; not with a network."""
+
+
+Acceleration = Annotated[float, Field(ge=-1000, le=1000)]
+"""m/s², up to a hundred times that of the earth."""
+
+
+class World(Table):
+    """What surrounds pipes and robot."""
+
+    gravity: Annotated[tuple[Acceleration, Acceleration, Acceleration], Unit("m/s²")] = (
+        0.0,
+        0.0,
+        -9.81,
+    )
+    """Acceleration, world frame."""
+
+
+class Contact(Table):
+    """Lugs on the wall."""
+
+    friction: Annotated[float, Field(ge=0, le=5), Unit("1")] = 0.9
+    """Coulomb coefficient of the lugs on the wall; 0.9 is assumed, for latex on dry plastic."""
+
+
+Radius = Annotated[float, Field(ge=1e-3, le=1000)]
+"""Of an arc, m."""
+
+
+class Control(Table):
+    """The controller, and what every controller is asked for."""
+
+    kind: str = "jacobian"
+    """The controller: "jacobian" tracks the centreline; "paper" sets speeds as written (Eq. 20, and
+    inner module backward in a tee), open loop; "equal" runs all modules at cruise speed; "driven"
+    obeys a driver's orders; "policy" is a trained policy of a file; `module:Class` names a class
+    of your own."""
+    cruise_speed: Annotated[float, Field(ge=1e-6, le=1), Unit("m/s")] = 0.1
+    """Speed of the robot's centre, in turns as well."""
+    align: bool = True
+    """Stop and roll to a safe orientation before a fitting."""
+    retry: bool = True
+    """Back off, align anew and try again where a turn makes no headway; how often says
+    `control.parameters.recovery.retries`."""
+    speed_limit: Annotated[float, Field(ge=1e-6, le=100), Unit("m/s")] = 0.2
+    """Cap on a belt's speed."""
+    tee_turn_radius: Annotated[Radius, Unit("m")] = ARCS.turn
+    """Radius of the centreline's arc from run to branch; a short tee gets what fits it."""
+    tee_merge_radius: Annotated[Radius, Unit("m")] = ARCS.merge
+    """Likewise from branch to run."""
+    safe_margin_deg: Annotated[float, Field(ge=1e-3, le=60)] | None = None
+    """Half-width of the safe range of theta5. Left out: by the motion singularity region of
+    `robot.reach`, 11.73 for 96.1 mm."""
+    parameters: dict[str, Any] = Field(default_factory=dict)
+    """A table that only this controller has."""
+
+    @property
+    def arcs(self) -> Arcs:
+        """Of the centreline in tees."""
+        return Arcs(self.tee_turn_radius, self.tee_merge_radius)
+
+
+class MonitorTable(Table):
+    """When a run is over. D is the bore that the robot is made for."""
+
+    progress: Annotated[Part, Unit("D")] = 0.0125
+    """Advance beyond the farthest point so far that counts as headway."""
+    patience_time: Annotated[Part, Unit("s")] = 3.0
+    """A robot hangs when it has made no headway for longer than this, for D = 160 mm, and for
+    longer than `patience` as well. In plain pipes the run is then over; in a mission another way is
+    tried first."""
+    patience: Annotated[Part, Unit("D")] = 1.875
+    """Way that cruising would have taken it in the meantime."""
+    slide_back: Annotated[Part, Unit("D")] = 0.625
+    """A robot hangs, too, when it has fallen so far behind the farthest point."""
+    memory: Annotated[Part, Unit("s")] = 0.5
+    """Time constant of the averages that the name of a failure is read from, for D = 160 mm."""
+    tee_room: Annotated[Part, Unit("pipe radii")] = 1.5
+    """Offset from the centreline beyond which a robot in a tee turn has left its way (`left_pipe`,
+    or in a mission a fall); elsewhere 1."""
+    falls: Annotated[int, Field(ge=0, le=1000), Unit("1")] = 2
+    """How often a robot that has fallen off its way into another pipe of its network plans on from
+    there; 0 to 1000."""
+    lost_contact: Annotated[Part, Unit("robot weights")] = 0.102
+    """`motion_singularity`: in a tee turn, the normal force of a module is below this part of the
+    robot's weight."""
+    no_motion_cosine: Annotated[Part, Unit("1")] = 0.2
+    """`no_motion_line`: the size of cos(roll) of all modules is below this."""
+    slipping_ratio: Annotated[Part, Unit("1")] = 0.5
+    """`slipping`: two modules have a larger slip ratio than this; otherwise the robot is
+    `stuck`."""
+    stalled_speed: Annotated[Part, Unit("1")] = 0.2
+    """`stalled`: a motor at its torque limit runs below this part of the commanded speed."""
+
+
+ColliderName = Literal["primitives", "exact"]
+
+
+class Physics(Table):
+    """Numerics."""
+
+    timestep: Annotated[float, Field(ge=SHORTEST_STEP, le=0.005), Unit("s")] = 0.002
+    """Of the physics."""
+    control_period: Annotated[float, Field(gt=0, le=0.05), Unit("s")] = 0.01
+    """Whole number of time steps."""
+    record_period: Annotated[float, Field(gt=0, le=1), Unit("s")] = 0.02
+    """Whole number of control periods."""
+    time_limit: Annotated[Positive | None, Unit("s")] = None
+    """Simulated time after which the run is over; of a mission that of its first leg, and further
+    legs add their own. Left out: four route lengths at cruise speed, and 20 s."""
+    collider: ColliderName = "primitives"
+    """Walls of boxes and rows of sphere lugs; or "exact": true surfaces and whole tracks, 5 times
+    faster (extra `fast`)."""
+    wall_tolerance: Annotated[float, Field(ge=1e-6, le=2e-3), Unit("m")] = 1e-4
+    """Largest distance of the walls from the exact surface on straights, reducers and elbows."""
+    staves: Annotated[Annotated[int, Field(ge=8, le=720)] | None, Unit("1")] = None
+    """Wall pieces around a bore. Left out: by the tolerance."""
+
+    @field_validator("control_period", "record_period")
+    @classmethod
+    def _is_whole_steps(cls, period: float, info: ValidationInfo) -> float:
+        """A period is a whole multiple of the one below it."""
+        below = "timestep" if info.field_name == "control_period" else "control_period"
+        step = info.data.get(below)  # missing when it is at fault itself
+        if step is not None and (
+            round(period / step) < 1 or abs(period / step - round(period / step)) > 1e-6
+        ):
+            raise ValueError(f"is {period} s, not a whole multiple of physics.{below} ({step} s)")
+        return period
+
+
+class Goal(Table):
+    """Where the run is over."""
+
+    distance: Annotated[Positive | None, Unit("m")] = None
+    """Arc length of the robot's centre; not with a mission. Left out: the robot's nose at the end
+    of the route."""
+
+
+class RecordTable(Table):
+    """What is recorded besides what always is. Sensors and metrics of a user's own go by the name
+    ``module:Object``; see docs/extending.md."""
+
+    sensors: Annotated[tuple[str, ...], Field(max_length=100)] = ()
+    """A list of sensors whose channels controllers see and the trajectory has; robots of one batch
+    share it."""
+    metrics: Annotated[tuple[str, ...], Field(max_length=100)] = ()
+    """A list of metrics that are computed beside the shipped ones, also for the tables of sweeps;
+    robots of one batch share it."""
+    pictures: bool = False
+    """Whether all that the robot's cameras see is saved in `pictures.parquet`: for
+    `sensing.kind = "onboard"`."""
+
+
+class Expect(Table):
+    """What the author of the file expects; ``omnitrack run`` says whether it came true."""
+
+    outcome: Outcome | None = None
+    """What the author expects: `reached_goal`, `motion_singularity`, `stalled`, `stuck`,
+    `slipping`, `no_motion_line`, `left_pipe`, `timed_out`, `lost`, `ended` or `diverged`."""
+
+
+_TABLES: dict[str, type[Table]] = {
+    "start": Start,
+    "world": World,
+    "contact": Contact,
+    "control": Control,
+    "monitor": MonitorTable,
+    "physics": Physics,
+    "goal": Goal,
+}
+UNITS: dict[str, str] = {
+    f"{name}.{key}": unit.symbol
+    for name, table in _TABLES.items()
+    for key, unit in units_of(table).items()
+}
+"""Units of the numbers by path; those in degrees end in ``_deg``, the robot's parameters and the
+fittings have their own."""

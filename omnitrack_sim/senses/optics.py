@@ -1,0 +1,121 @@
+"""Lens and pixels of a camera at the robot's nose, and what a camera is."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.table import Part, Table, Unit
+from omnitrack_sim.senses.draws import Keys
+
+RANGE, NORMAL, PART, LIT, JOINT, GRAIN = 0, slice(1, 4), 4, 5, 6, 7
+"""Places of what a ray has met, as ``Walls.trace`` returns it."""
+
+
+class Walls(Protocol):
+    """Pipes that rays meet: the true ones for a camera, those of its map for a robot."""
+
+    def trace(
+        self,
+        which: NDArray[np.intp],
+        position: Array,
+        rotation: Array,
+        rays: Array,
+        far: float,
+        lamp: Array | None = None,
+    ) -> Array:
+        """What rays meet; see ``model.rays.RayWalls``."""
+        ...
+
+    def nearest(self, which: NDArray[np.intp], points: Array) -> tuple[Array, Array, Array]:
+        """Distances of points from the walls; see ``model.rays.RayWalls``."""
+        ...
+
+
+class OpticsTable(Table):
+    """What all cameras have. The camera stands on the robot's axis at the end that leads, and looks
+    along it; x of the picture points to module 1."""
+
+    pixels: Annotated[int, Field(ge=8, le=512), Unit("1")] = 48
+    """Rows and columns of the picture."""
+    field_of_view_deg: Annotated[float, Field(ge=20, le=170)] = 100.0
+    """From the left edge of the picture to the right one, through its middle."""
+    distortion: Annotated[float, Field(ge=-0.3, le=0.3), Unit("1")] = 0.0
+    """Of the lens: a ray at angle a from the axis falls on the picture at a (1 + distortion a²), in
+    proportion; 0 is an equidistant lens."""
+    ahead: Annotated[float, Field(ge=0, le=0.1), Unit("m")] = 0.0
+    """Of the lens before the robot's nose. Behind it, the modules would stand in the picture."""
+    rate: Annotated[Part, Unit("1/s")] = 10.0
+    """Pictures a second; a whole number of control periods lies between two."""
+    latency: Annotated[float, Field(ge=0, le=1), Unit("s")] = 0.05
+    """From the picture to its arrival; a whole number of control periods."""
+    far: Annotated[Part, Unit("m")] = 1.5
+    """Beyond this the camera sees nothing."""
+
+
+def rays_of(optics: OpticsTable) -> Array:
+    """Directions (pixels², 3) of the pixels, row by row, unit vectors in the camera frame."""
+    middle = (np.arange(optics.pixels) + 0.5) / optics.pixels * 2 - 1
+    x, y = np.meshgrid(middle, middle)
+    size = np.hypot(x, y)
+    edge = np.radians(optics.field_of_view_deg) / 2
+    wanted = size * edge * (1 + optics.distortion * edge**2)
+    angle = wanted
+    for _ in range(20):  # of a (1 + k a²), which is monotone for the distortions that are taken
+        angle = wanted / (1 + optics.distortion * angle**2)
+    scale = np.sin(angle) / np.maximum(size, 1e-12)
+    return np.stack([x * scale, y * scale, np.cos(angle)], axis=-1).reshape(-1, 3)
+
+
+class Camera(Protocol):
+    """A camera: how it makes a picture of what its rays meet, and what picture a robot expects.
+
+    Attributes:
+        optics: lens, pixels, rate and latency.
+        lamp: (3,) m, camera frame, of the lamp beside the lens; None without one.
+    """
+
+    optics: OpticsTable
+    lamp: Array | None
+
+    def __init__(self, table: Any) -> None: ...
+
+    def picture(
+        self,
+        hits: Array,
+        rays: Array,
+        pixels: NDArray[np.intp],
+        keys: Keys,
+        number: int | NDArray[np.int_],
+        metered: NDArray[np.intp] | None = None,
+    ) -> Array:
+        """Picture (n, k) of what rays (k, 3) have met (n, k, 8), with its noise; NaN where a pixel
+        says nothing.
+
+        Args:
+            pixels: (k,) which ones they are, row by row: the noise of each does not depend on
+                which others are looked at.
+            keys: (n,) of the robots' random numbers. number: of the picture, or
+                (n,) that of each robot's.
+            metered: (m,) places among ``pixels`` of those that an exposure goes by, the same ones
+                whichever others are looked at; without it all.
+        """
+        ...
+
+    def expected(self, hits: Array, rays: Array) -> Array:
+        """The picture (n, k) without noise and dirt; NaN where nothing is expected."""
+        ...
+
+    def spread(self, expected: Array) -> Array:
+        """Standard deviation (n, k) of a pixel about what is expected of it."""
+        ...
+
+    def slopes(self, hits: Array, rays: Array, rotation: Array) -> Array | None:
+        """How the expected picture changes with the camera's pose, (n, k, 6): for each metre along
+        the world's axes, and each rad about the camera's own; None where this has to be found from
+        pictures of neighbouring poses."""
+        ...

@@ -1,0 +1,156 @@
+"""The tables of ``[sensing]``: what the robot knows of itself, and by what."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
+from omnitrack_sim.senses.depth import DepthTable
+from omnitrack_sim.senses.headlight import HeadlightTable
+
+
+class EncoderTable(Table):
+    """``[sensing.encoders]``: of belts and roll, on the motors' shafts. The counts are those of a
+    Pololu magnetic encoder (12 a turn) behind a gear of 986.41."""
+
+    counts: Annotated[int, Field(ge=1, le=10**7), Unit("1")] = 11837
+    """Counts of one turn of a motor's output shaft."""
+    radius_error: Annotated[float, Field(ge=0, le=0.2), Unit("1")] = 0.003
+    """Standard deviation of a belt's own error of its travel, as a part of it: worn or stretched
+    lugs; assumed."""
+
+
+class ArmTable(Table):
+    """``[sensing.arms]``: travel of the arms on their shafts, by a linear Hall sensor each. All
+    figures are assumed."""
+
+    noise: Annotated[float, Field(ge=0, le=0.05), Unit("m")] = 0.0002
+    """Standard deviation of a reading."""
+    bias: Annotated[float, Field(ge=0, le=0.05), Unit("m")] = 0.0002
+    """Standard deviation of an arm's own constant error."""
+    resolution: Annotated[float, Field(gt=0, le=0.05), Unit("m")] = 0.00005
+    """Step of the readings."""
+
+
+class CurrentTable(Table):
+    """``[sensing.current]``: torque of the motors by their current. All figures are assumed."""
+
+    noise: Annotated[float, Field(ge=0, le=1), Unit("1")] = 0.02
+    """Standard deviation of a reading, as a part of the torque limit."""
+    bias: Annotated[float, Field(ge=0, le=1), Unit("1")] = 0.01
+    """Standard deviation of a motor's own constant error, as a part of the torque limit."""
+
+
+class ImuTable(Table):
+    """``[sensing.imu]``: rate gyro and accelerometer at the robot's centre. Noise, bias and error
+    of scale are those of the data sheet of an ICM-42688-P, the biases after a calibration at
+    rest."""
+
+    gyro_noise_deg: Annotated[NotNegative, Unit("deg/s/sqrt(Hz)")] = 0.0028
+    """Density of the gyro's noise."""
+    gyro_bias_deg: Annotated[NotNegative, Unit("deg/s")] = 0.05
+    """Standard deviation of its bias at the start."""
+    gyro_walk_deg: Annotated[NotNegative, Unit("deg/s/sqrt(s)")] = 0.002
+    """By which the bias wanders; assumed."""
+    gyro_scale: Annotated[float, Field(ge=0, le=0.2), Unit("1")] = 0.002
+    """Standard deviation of its error of scale."""
+    force_noise: Annotated[NotNegative, Unit("m/s²/sqrt(Hz)")] = 0.0007
+    """Density of the accelerometer's noise."""
+    force_bias: Annotated[NotNegative, Unit("m/s²")] = 0.05
+    """Standard deviation of its bias."""
+
+
+class BeginTable(Table):
+    """``[sensing.start]``: what the robot knows of its place as it begins."""
+
+    distance_std: Annotated[float, Field(ge=0, le=1), Unit("m")] = 0.01
+    """Standard deviation of what it takes for its distance along its pipe."""
+    theta5_known: bool = False
+    """Whether it knows how it is turned about the pipe's axis; otherwise it has to find that
+    out."""
+
+
+class FilterTable(Table):
+    """``[sensing.filter]``: of the estimate of the robot's pose, see docs/autonomy.md."""
+
+    # Dry belts slip by less than 1 % in straights; in turns by a tenth and more.
+    slip_std: Annotated[float, Field(ge=1e-4, le=1), Unit("1")] = 0.01
+    """Standard deviation of the belts' slip in straight pipe, as a part of their travel."""
+    slip_turning: Annotated[float, Field(ge=1e-4, le=3), Unit("1")] = 0.15
+    """The same in a turn as sharp as the pipe's radius."""
+    # A robot that hangs in a branch runs its belts on the spot: they ask for a turn, and the gyro
+    # says that there is none.
+    slip_noticed: Annotated[float, Field(ge=0, le=3), Unit("1")] = 0.5
+    """The same where the belts ask for a turn that the gyro does not see, by as much as their
+    travel."""
+    slip_time: Annotated[Part, Unit("s")] = 0.5
+    """Time over which slip changes."""
+    aside_std: Annotated[Part, Unit("m/sqrt(m)")] = 0.01
+    """By which the robot wanders across its axis on a metre of way."""
+    # Round the corner of a branch the robot's centre moves aside as fast as it goes ahead.
+    aside_turning: Annotated[Part, Unit("m/sqrt(m)")] = 0.1
+    """The same in a turn as sharp as the pipe's radius."""
+    turn_walk_deg: Annotated[NotNegative, Unit("deg/sqrt(s)")] = 0.3
+    """By which the direction may be wrong after a second, whatever the pictures say: robot and
+    pipes are not quite as on the map."""
+    pixel_share: Annotated[float, Field(gt=0, le=1), Unit("1")] = 0.05
+    """Part of a picture's pixels that counts as independent: their errors go together, and the
+    pipes are not quite as on the map."""
+    lamp_share: Annotated[float, Field(gt=0, le=1), Unit("1")] = 0.06
+    """The same of a camera with a lamp: a patch of dirt covers several."""
+    stride: Annotated[int, Field(ge=1, le=64), Unit("1")] = 3
+    """Of the pixels that are compared with the map: every third of every third row."""
+    arm_std: Annotated[Part, Unit("m")] = 0.002
+    """Standard deviation of the place where an arm's module touches the wall: its pitch is not
+    measured."""
+    force_std: Annotated[Part, Unit("m/s²")] = 1.5
+    """Standard deviation of the direction of gravity in one reading of 0.1 s, which contains the
+    bias and the robot's own accelerations."""
+    misfit: Annotated[Part, Unit("1")] = 3.0
+    """Median of the pixels' errors, in their standard deviations, beyond which the picture is not
+    that of the map. In turns it may be so for a second."""
+    misfit_time: Annotated[Part, Unit("s")] = 2.0
+    """Time of such pictures after which the robot does not know where it is."""
+    sure_deg: Annotated[float, Field(gt=0, le=180)] = 4.0
+    """Standard deviation of theta5 above which the robot does not drive into a fitting that bends
+    or branches; of the safe margin of 11.73 degrees a turn's plan takes half."""
+
+
+class SearchTable(Table):
+    """``[sensing.search]``: what a robot does that does not know where it is. D is the bore that
+    the robot is made for."""
+
+    tries: Annotated[int, Field(ge=1, le=1000), Unit("1")] = 4
+    """Rounds of standing, stepping back and rolling after which it gives up (`lost`)."""
+    look: Annotated[Part, Unit("s")] = 1.5
+    """Time that it stands and looks, before and after each step."""
+    step: Annotated[Part, Unit("D")] = 0.4
+    """Way by which it steps back in the second half of its rounds."""
+    roll_deg: Annotated[float, Field(ge=0, le=360)] = 40.0
+    """By which it rolls its modules in each round, to see its pipe from another side."""
+
+
+class SensingTable(Table):
+    """``[sensing]``."""
+
+    kind: Literal["truth", "onboard"] = "truth"
+    """"truth": controllers are told the exact pose; "onboard": they know what the sensors say."""
+    camera: str = "depth"
+    """"depth" measures distances, "headlight" brightness beside one lamp; `module:Class` names a
+    camera of your own."""
+    both_ends: bool = True
+    """Whether there is a camera at either end, which take turns, or only one, at the end that
+    leads. The one behind sees the fitting that has just been passed."""
+    encoders: EncoderTable = EncoderTable()
+    arms: ArmTable = ArmTable()
+    current: CurrentTable = CurrentTable()
+    imu: ImuTable = ImuTable()
+    depth: DepthTable = DepthTable()
+    headlight: HeadlightTable = HeadlightTable()
+    camera_parameters: dict[str, Any] = Field(default_factory=dict)
+    """The table of a camera of your own."""
+    start: BeginTable = BeginTable()
+    filter: FilterTable = FilterTable()
+    search: SearchTable = SearchTable()

@@ -1,6 +1,0 @@
-"""Sensors: functions from the state of the physics to measured quantities."""
-
-from omnitrack_sim.sensing.sensor import Sensor, State
-from omnitrack_sim.sensing.truth import SENSORS
-
-__all__ = ["SENSORS", "Sensor", "State"]

@@ -1,6 +1,0 @@
-"""What lies ahead in the pipe, found in pictures of the camera at the robot's nose."""
-
-from omnitrack_sim.sensing.recognition.recogniser import Recogniser
-from omnitrack_sim.sensing.recognition.sighting import Motion, Sighting
-
-__all__ = ["Motion", "Recogniser", "Sighting"]

@@ -1,0 +1,1 @@
+"""Figures, films, replay pages and the window, all from saved trajectories."""

@@ -1,0 +1,259 @@
+"""What pictures are painted from: triangles with normals and colours, of the robot as it is
+compiled, and of pipes from their exact surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cache
+from typing import Self
+
+import mujoco
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+
+from omnitrack_sim.base.rotations import Array, Pose, matrix_from_quaternion, unit
+from omnitrack_sim.pipes import Part
+from omnitrack_sim.robots.omnitrack.looks import ROBOT_GROUP
+from omnitrack_sim.walls.meshes import THICKNESS, cut_normal, cutaway_mesh, inside_mesh
+
+PIPE, SECTION, JOINT = (0.64, 0.705, 0.775), (0.93, 0.95, 0.97), (0.36, 0.41, 0.47)
+"""Red, green, blue of a pipe's wall, of where it is cut, and of the seams between parts."""
+SEAM_WIDTH, SEAM_HEIGHT = 0.005, 0.001
+"""Of the weld between two parts, m: along the pipe, and into the bore."""
+_ROUND, _THIN, _THIN_RADIUS = (16, 4), (8, 2), 0.005
+"""Faces of a round primitive about its axis, and corners along a quarter circle; of one that is
+thinner than this, m."""
+_TO_CENTRE = 0.02  # of the way from a corner to its triangle's centre, where its normal is taken
+_SECTIONS_CUT, _SECTIONS_INSIDE = 72, 48  # corners of a pipe's cross-section
+_SAME = np.array(3 * [1e-5] + 3 * [0.03] + 4 * [0.01])  # m, and parts of unit vectors and colours
+
+Faces = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles to paint.
+
+    Attributes:
+        position, normal: (V, 3) m and unit, in the frame of the vertex's body.
+        colour: (V, 4) red, green, blue and gloss, each from 0 to 1.
+        body: (V,) index of the body; 0 is the world.
+        faces: (F, 3) vertices, counterclockwise from outside.
+    """
+
+    position: Array
+    normal: Array
+    colour: Array
+    body: NDArray[np.int32]
+    faces: Faces
+
+    @classmethod
+    def joined(cls, surfaces: list[Self]) -> Self:
+        """All of them as one; at least one is needed."""
+        offsets = np.cumsum([0, *(len(s.position) for s in surfaces[:-1])])
+        faces = [s.faces + offset for s, offset in zip(surfaces, offsets, strict=True)]
+        arrays = {
+            f.name: np.concatenate([getattr(s, f.name) for s in surfaces])
+            for f in fields(cls)
+            if f.name != "faces"
+        }
+        return cls(**arrays, faces=np.concatenate(faces).astype(np.int32))
+
+
+def robot_surface(model: mujoco.MjModel, without: str = "") -> Surface:
+    """The visible geoms of a model, of the robot and of plates, each in the frame of its body;
+    those of the mesh ``without`` are left out."""
+    shown = model.geom_group == ROBOT_GROUP
+    if without:
+        mesh = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_MESH, without)
+        shown &= (model.geom_type != mujoco.mjtGeom.mjGEOM_MESH) | (model.geom_dataid != mesh)
+    return Surface.joined([_geom(model, int(i)) for i in np.flatnonzero(shown)])
+
+
+def body_spheres(surface: Surface, bodies: int) -> tuple[Array, Array]:
+    """Centres (bodies, 3) m, in the bodies' frames, and radii (bodies,) m of spheres around what is
+    seen of each body; the radius is 0 where nothing is."""
+    centres, radii = np.zeros((bodies, 3)), np.zeros(bodies)
+    for body in np.unique(surface.body):
+        points = surface.position[surface.body == body]
+        centres[body] = (points.min(axis=0) + points.max(axis=0)) / 2
+        radii[body] = np.linalg.norm(points - centres[body], axis=1).max()
+    return centres, radii
+
+
+def geom_colour(model: mujoco.MjModel, geom: int) -> Array:
+    """Red, green, blue (3,) of a geom, 0 to 1, sRGB."""
+    material = int(model.geom_matid[geom])
+    return (model.geom_rgba[geom] if material < 0 else model.mat_rgba[material])[:3]
+
+
+def _geom(model: mujoco.MjModel, geom: int) -> Surface:
+    position, normal, faces = _shape(model, geom)
+    rotation = matrix_from_quaternion(model.geom_quat[geom])
+    material = int(model.geom_matid[geom])
+    gloss = 0.25 if material < 0 else float(model.mat_specular[material])
+    return _painted(
+        position @ rotation.T + model.geom_pos[geom],
+        normal @ rotation.T,
+        faces,
+        (*geom_colour(model, geom).tolist(), gloss),
+        int(model.geom_bodyid[geom]),
+    )
+
+
+def _painted(
+    position: Array, normal: Array, faces: ArrayLike, colour: ArrayLike, body: int = 0
+) -> Surface:
+    """A surface of one body; ``colour`` is (4,), or (V, 4)."""
+    count = len(position)
+    return Surface(
+        position,
+        normal,
+        np.broadcast_to(np.asarray(colour, float), (count, 4)),
+        np.full(count, body, np.int32),
+        np.asarray(faces, np.int32),
+    )
+
+
+def _shape(model: mujoco.MjModel, geom: int) -> tuple[Array, Array, Faces]:
+    """Positions, normals and faces of a geom in its own frame."""
+    kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        return _mesh(model, int(model.geom_dataid[geom]))
+    detail = _THIN if size[0] < _THIN_RADIUS else _ROUND
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        position, normal, faces = _unit_box()
+        return position * size, normal, faces
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        position, normal, faces = _unit_cylinder(*detail)
+        return position * size[[0, 0, 1]], normal, faces
+    position, normal, faces = _unit_sphere(*detail)
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        ends = np.sign(position[:, 2:]) * [[0.0, 0.0, 1.0]]
+        return size[0] * position + size[1] * ends, normal, faces
+    axes = size if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID else size[[0, 0, 0]]
+    return position * axes, unit(normal / axes), faces
+
+
+def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[Array, Array, Faces]:
+    """A mesh with one vertex for each pair of point and normal that its faces use."""
+    rows = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
+    corners = np.stack([model.mesh_face[rows], model.mesh_facenormal[rows]], axis=-1)
+    pairs, index = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
+    position = model.mesh_vert[model.mesh_vertadr[mesh] + pairs[:, 0]].astype(float)
+    normal = model.mesh_normal[model.mesh_normaladr[mesh] + pairs[:, 1]].astype(float)
+    return position, unit(normal), index.reshape(-1, 3).astype(np.int32)
+
+
+@cache
+def _unit_box() -> tuple[Array, Array, Faces]:
+    box = trimesh.creation.box((2.0, 2.0, 2.0))
+    corners = np.asarray(box.vertices)[box.faces].reshape(-1, 3)
+    return (
+        corners,
+        np.repeat(box.face_normals, 3, axis=0),
+        np.arange(36, dtype=np.int32).reshape(-1, 3),
+    )
+
+
+@cache
+def _unit_sphere(around: int, along: int) -> tuple[Array, Array, Faces]:
+    """Its equator is there twice, so that a capsule can be pulled apart there."""
+    up = np.linspace(0.0, np.pi / 2, along)
+    angle = np.concatenate([-up[::-1] - 1e-9, up + 1e-9])
+    profile = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return _revolved(profile, profile, around)
+
+
+@cache
+def _unit_cylinder(around: int, along: int) -> tuple[Array, Array, Faces]:
+    profile = np.array([[0, -1], [1, -1], [1, -1], [1, 1], [1, 1], [0, 1]], float)
+    normal = np.array([[0, -1], [0, -1], [1, 0], [1, 0], [0, 1], [0, 1]], float)
+    return _revolved(profile, normal, around)
+
+
+def _revolved(profile: Array, normal: Array, around: int) -> tuple[Array, Array, Faces]:
+    """A profile (k, 2) of radius and height, from below, turned about z, with its normals."""
+    angle = np.arange(around) * 2 * np.pi / around
+    turn = np.stack([np.cos(angle), np.sin(angle)], axis=-1)[:, None]
+
+    def turned(values: Array) -> Array:
+        height = np.broadcast_to(values[:, 1], (around, len(values)))
+        return np.concatenate([turn * values[:, :1], height[..., None]], axis=-1).reshape(-1, 3)
+
+    return turned(profile), turned(normal), _strips(around, len(profile), closed=True)
+
+
+def _strips(rows: int, columns: int, closed: bool) -> Faces:
+    """Triangles between neighbouring points of a grid (rows, columns), row after row."""
+    index = np.arange(rows * columns).reshape(rows, columns)
+    if closed:
+        index = np.concatenate([index, index[:1]])
+    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    return np.concatenate(
+        [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
+    ).astype(np.int32)
+
+
+def cut_pipe(part: Part, towards: Array) -> Surface:
+    """The half of a part away from a viewer in direction ``towards`` (3,), world frame."""
+    local = part.pose.rotation.T @ towards
+    mesh = cutaway_mesh(part.fitting, local, sections=_SECTIONS_CUT)
+    cut = cut_normal(part.fitting, local)
+    return _wall(part, mesh, cut)
+
+
+def pipe_inside(part: Part) -> Surface:
+    """The inner surface of a part, which is seen from within only: painted without the faces that
+    look away, the pipe is open towards any viewer."""
+    return _wall(part, inside_mesh(part.fitting, _SECTIONS_INSIDE), np.zeros(3))
+
+
+def _wall(part: Part, mesh: trimesh.Trimesh, cut: Array) -> Surface:
+    """A mesh of a part, world frame: smooth with the normals of the exact surface, and flat where
+    it is cut or ends."""
+    corners = np.asarray(mesh.vertices)[mesh.faces]  # (F, 3, 3)
+    flat = np.asarray(mesh.face_normals)
+    centre = corners.mean(axis=1, keepdims=True)
+    near = corners + _TO_CENTRE * (centre - corners)
+    distance, inward = part.fitting.signed_distance(near)
+    inward = inward * np.where(distance > -THICKNESS / 2, 1.0, -1.0)[..., None]
+    curved = (inward * flat[:, None]).sum(axis=-1).min(axis=1) > 0.7
+    normal = np.where(curved[:, None, None], inward, flat[:, None])
+    sectioned = ~curved & (flat @ cut > 0.99)
+    colour = np.where(sectioned[:, None], (*SECTION, 0.0), (*PIPE, 0.0))
+    pose, wanted = part.pose, np.broadcast_to(colour[:, None], (len(colour), 3, 4))
+    corner = np.concatenate([corners, unit(normal), wanted], axis=-1).reshape(-1, 10)
+    # Corners that meet with nearly the same normal are one vertex, which is painted once.
+    _, first, index = np.unique(
+        np.round(corner / _SAME),
+        axis=0,
+        return_index=True,
+        return_inverse=True,
+    )
+    position, normal, colours = np.split(corner[first], [3, 6], axis=1)
+    return _painted(pose.apply(position), normal @ pose.rotation.T, index.reshape(-1, 3), colours)
+
+
+def seam(port: Pose, radius: float, away: Array) -> Surface:
+    """The weld at a port, a low ridge in the bore, world frame.
+
+    Args:
+        port: the port's frame.
+        radius: of the narrower bore that meets there, m.
+        away: (3,) world direction in which the pipes are cut away, or zeros.
+    """
+    angle = np.linspace(0.0, 2 * np.pi, _SECTIONS_INSIDE + 1)
+    out = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)[:, None]
+    along = np.array([-0.5, 0.0, 0.5])[:, None] * [[0.0, 0.0, SEAM_WIDTH]]
+    height = np.array([0.3, 1.0, 0.3])[:, None] * SEAM_HEIGHT
+    position = (radius - height) * out + along
+    tilt = np.array([-0.7, 0.0, 0.7])[:, None] * [[0.0, 0.0, 1.0]]
+    normal = unit((tilt - out).reshape(-1, 3))
+    rows, columns = position.shape[:2]
+    faces = _strips(rows, columns, closed=False)
+    world = port.apply(position.reshape(-1, 3))
+    behind = (world[faces].mean(axis=1) - port.position) @ away <= 0
+    turned = faces[behind][:, ::-1]  # seen from within
+    return _painted(world, normal @ port.rotation.T, turned, (*JOINT, 0.0))

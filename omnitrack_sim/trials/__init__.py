@@ -1,0 +1,1 @@
+"""Many runs: sweeps, studies and benchmarks on one engine."""

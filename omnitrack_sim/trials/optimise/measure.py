@@ -1,0 +1,148 @@
+"""From the trials of candidates to the values of their objectives."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.base.errors import Fault, StudyError
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.text import counted
+from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.robots.omnitrack import MODULES
+from omnitrack_sim.trials.optimise.explore import Measured
+from omnitrack_sim.trials.optimise.tables import SUCCESS_RATE, Objective, Plan
+from omnitrack_sim.trials.sweep import Sweep
+from omnitrack_sim.trials.sweep.batch import ERROR, INVALID
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_OF_MODULES = {"mean": np.mean, "max": np.max, "min": np.min, "sum": np.sum}
+LEAVE_OUT = "leave_out"
+"""What becomes of trials that failed where an objective does not say."""
+LOST = (Outcome.DIVERGED.value, ERROR)
+"""Outcomes of trials that ran and have no figures to be trusted."""
+
+
+class Measure:
+    """Makes the values of the objectives from a table of trials.
+
+    Args:
+        plan: with the objectives.
+        sweeps: that the trials of a candidate are of, in their order.
+    """
+
+    def __init__(self, plan: Plan, sweeps: Sequence[Sweep]):
+        self.plan = plan
+        self._part_of: dict[str | None, NDArray[np.bool_]] = {}
+        owner = np.repeat([sweep.name for sweep in sweeps], [sweep.size for sweep in sweeps])
+        for objective in plan.objectives:
+            of_all = objective.trials is None
+            self._part_of[objective.trials] = of_all | (owner == objective.trials)
+
+    def __call__(self, table: pa.Table, count: int) -> list[Measured]:
+        """What ``count`` candidates have shown in their trials, which stand one after the other."""
+        outcome = np.array(table["outcome"].to_pylist()).reshape(count, -1)
+        passed = np.array(table["success"].to_pylist(), bool).reshape(count, -1)
+        invalid, lost = outcome == INVALID, np.isin(outcome, LOST)
+        values = np.stack(
+            [
+                self._values(objective, table, passed, invalid | lost)
+                for objective in self.plan.objectives
+            ],
+            axis=1,
+        )
+        return [
+            Measured(
+                tuple(own.tolist()),
+                outcome.shape[1],
+                int(passed[i].sum()),
+                int(invalid[i].sum()),
+                int(lost[i].sum()),
+            )
+            for i, own in enumerate(values)
+        ]
+
+    def _values(
+        self,
+        objective: Objective,
+        table: pa.Table,
+        passed: NDArray[np.bool_],
+        without: NDArray[np.bool_],
+    ) -> Array:
+        """The values (C,) of one objective; ``passed`` and ``without`` figures are (C, T)."""
+        part = self._part_of[objective.trials]
+        if objective.metric == SUCCESS_RATE:
+            return passed[:, part].mean(axis=1)
+        figures = figures_of(objective, table).reshape(passed.shape)
+        worst = without | ~np.isfinite(figures)
+        if objective.failed == "worst":
+            worst |= ~passed
+        figures = np.where(worst, objective.worst_value, figures)
+        counted = passed | worst if objective.failed in (None, LEAVE_OUT) else passed | True
+        return np.array(
+            [
+                _aggregate(objective, own[part & kept])
+                for own, kept in zip(figures, counted, strict=True)
+            ]
+        )
+
+    def refuse_unmeasured(self, table: pa.Table) -> None:
+        """Refuse objectives that no trial gives, though trials have run to an outcome, and those
+        that count only trials that passed where none has: no candidate would have a value.
+
+        Raises:
+            StudyError: names each of them.
+        """
+        outcome = table["outcome"].to_pylist()
+        ran = np.array([one not in (INVALID, *LOST) for one in outcome])
+        passed = np.array(table["success"].to_pylist(), bool)
+        faults = []
+        for i, objective in enumerate(self.plan.objectives):
+            part = np.resize(self._part_of[objective.trials], len(ran)) & ran
+            if objective.metric == SUCCESS_RATE or not part.any():
+                continue
+            if not np.isfinite(figures_of(objective, table)[part]).any():
+                ran_there = counted(int(part.sum()), "trial")
+                problem = f"{objective.metric!r} has no finite value in {ran_there}"
+                faults.append(Fault(f"objectives.{i}.metric", problem))
+            elif objective.failed != "count" and objective.worst is None and not passed[part].any():
+                problem = f"{objective.metric}: no trial of the first generation passed, and with "
+                problem += f"failed = {json.dumps(objective.failed or LEAVE_OUT)} only those that "
+                problem += 'passed have a finite value: use failed = "count", or easier trials'
+                faults.append(Fault(f"objectives.{i}", problem))
+        if faults:
+            raise StudyError(faults)
+
+
+def figures_of(objective: Objective, table: pa.Table) -> Array:
+    """The metric of an objective in each trial; not a number where a trial has none."""
+    name, module = objective.metric, objective.module
+    if module is None or isinstance(module, int):
+        return _column(table, name if module is None else f"{name}_{module}")
+    each = [_column(table, f"{name}_{i}") for i in range(1, MODULES + 1)]
+    return _OF_MODULES[module](each, axis=0)
+
+
+def _column(table: pa.Table, name: str) -> Array:
+    return np.array([np.nan if v is None else v for v in table[name].to_pylist()], float)
+
+
+def _aggregate(objective: Objective, figures: Array) -> float:
+    """One number of the values of the trials; the worst where there are none."""
+    how = objective.aggregate or "mean"
+    if not len(figures):
+        return objective.worst_value
+    if how == "mean":
+        return float(figures.mean())
+    # Values are taken as they are: between an infinite one and another there is no middle.
+    ordered = np.sort(figures)
+    part = {"min": 0.0, "median": 0.5, "max": 1.0}.get(how)
+    part = int(how[1:]) / 100 if part is None else part
+    return float(ordered[max(math.ceil(part * len(ordered)), 1) - 1])

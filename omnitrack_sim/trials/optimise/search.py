@@ -1,0 +1,188 @@
+"""Asks for candidates and is told their values: CMA-ES in several directions at once.
+
+Nothing here knows what a candidate is, or runs one. With several objectives there is no best value
+but a front, and CMA-ES minimises one number. So the front is searched in directions: each is a
+weighing of the objectives and has a CMA-ES of its own, which minimises the largest of the weighed
+distances to the best values found so far (the augmented Chebyshev scalarisation, which reaches
+every point of a front, also where it is hollow). All searches ask at once, which fills many
+workers, and every candidate counts for the front.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.trials.optimise.tables import Plan
+
+if TYPE_CHECKING:
+    from cmaes import CMA
+
+SLOPE = 0.05
+"""Part of the sum of the distances that is added to the largest one, so that of two candidates that
+are as far the one that is nearer by the other objectives is the better one."""
+_LATTICE = 12
+"""Steps along an edge of the lattice of weighings that directions are picked from."""
+
+
+class Searches:
+    """One CMA-ES for each direction, in the unit cube of the variables.
+
+    The same plan and the same values give the same candidates.
+    """
+
+    def __init__(self, plan: Plan):
+        self.weighings = weighings_of(plan)  # (K, m)
+        start = np.array([v.place_of(v.start) for v in plan.variables if v.start is not None])
+        self._searches = [
+            _search(start, plan, number) for number in range(1, len(self.weighings) + 1)
+        ]
+
+    def ask(self) -> list[tuple[int, Array]]:
+        """The searches, from 1, and the points (n,) that they ask for; none of a search that has
+        come to its end."""
+        return [
+            (number, search.ask())
+            for number, search in enumerate(self._searches, start=1)
+            if not search.should_stop()
+            for _ in range(search.population_size)
+        ]
+
+    def tell(
+        self, asked: Sequence[tuple[int, Array]], losses: Array, violations: Array, last: slice
+    ) -> None:
+        """Tell what ``ask`` has asked for.
+
+        Args:
+            asked: as it was given.
+            losses: (C, m) of all candidates so far, see ``losses_of``; infinite where there is no
+                value.
+            violations: (C,) of the limits, 0 where all are kept.
+            last: where among them those that were asked for stand.
+        """
+        scores = scores_of(losses, violations, self.weighings)[:, last]
+        kept = violations[last]
+        numbers = np.array([number for number, _ in asked])
+        for number in np.unique(numbers):
+            (own,) = np.nonzero(numbers == number)
+            ranked = own[np.lexsort((scores[number - 1, own], kept[own]))]
+            # CMA-ES goes by order alone. Ranks are numbers even where a value is infinite.
+            told = [(asked[i][1], float(rank)) for rank, i in enumerate(ranked)]
+            self._searches[number - 1].tell(told)
+
+    def centres(self) -> list[tuple[int, Array]]:
+        """The searches, from 1, and the point (n,) about which each asks in the end."""
+        return [
+            (number, np.clip(search.mean, 0.0, 1.0))
+            for number, search in enumerate(self._searches, start=1)
+        ]
+
+
+def _search(start: Array, plan: Plan, number: int) -> CMA:
+    try:
+        from cmaes import CMA
+    except ImportError:
+        problem = "needs the package cmaes: pip install 'omnitrack_sim[optimise]'"
+        raise InputError(Fault("a study", problem)) from None
+    seed = np.random.SeedSequence([plan.seed, number]).generate_state(1)[0]
+    bounds = np.tile([0.0, 1.0], (len(start), 1))
+    return CMA(start, plan.step, bounds, seed=int(seed), population_size=plan.asked_each)
+
+
+def weighings_of(plan: Plan) -> Array:
+    """How each search weighs the objectives (K, m): spread evenly, times their weights."""
+    weights = [plan.objectives[i].weight for i in plan.weighed]
+    return spread_weighings(len(weights), plan.search_count) * weights
+
+
+def spread_weighings(objectives: int, count: int) -> Array:
+    """``count`` weighings (count, objectives) that add up to 1, far from each other.
+
+    A single one weighs all objectives alike. Several begin with those of one objective alone; each
+    further one is the point of a lattice that is farthest from all before it. Between two
+    objectives they are evenly spaced.
+    """
+    if count == 1:
+        return np.full((1, objectives), 1 / objectives)
+    if objectives == 2:
+        part = np.linspace(1.0, 0.0, count)
+        return np.stack([part, 1 - part], axis=1)
+    bars = itertools.combinations(range(_LATTICE + objectives - 1), objectives - 1)
+    ends = np.array([[-1, *bar, _LATTICE + objectives - 1] for bar in bars])
+    lattice = (np.diff(ends, axis=1) - 1) / _LATTICE
+    chosen = [*np.eye(objectives)][:count]
+    while len(chosen) < count:
+        away = np.linalg.norm(lattice[:, None] - np.array(chosen), axis=2).min(axis=1)
+        chosen.append(lattice[np.round(away, 9).argmax()])
+    return np.array(chosen)
+
+
+def scores_of(losses: Array, violations: Array, weighings: Array) -> Array:
+    """How far each candidate is from the best values of all, by each weighing (K, C).
+
+    Distances are counted in the width of the front. Infinite where a candidate lacks a value.
+
+    Args:
+        losses, violations: see ``Searches.tell``.
+        weighings: (K, m).
+    """
+    best, width = _frame(losses, violations)
+    known = np.isfinite(losses).all(axis=1)
+    weighed = weighings[:, None] * ((losses[known] - best) / width)  # (K, known, m)
+    scores = np.full((len(weighings), len(losses)), np.inf)
+    slope = SLOPE * weighings.mean(axis=0)
+    scores[:, known] = weighed.max(axis=2) + (losses[known] - best) / width @ slope
+    return scores
+
+
+def _frame(losses: Array, violations: Array) -> tuple[Array, Array]:
+    """Best value of each objective (m,), and the width of the front in it (m,)."""
+    front = losses[front_of(losses, violations)]
+    known = losses[np.isfinite(losses).all(axis=1)]
+    if not len(known):
+        return np.zeros(losses.shape[1]), np.ones(losses.shape[1])
+    of_front, of_all = np.ptp(front, axis=0), np.ptp(known, axis=0)
+    width = np.where(of_front > 0, of_front, of_all)
+    return front.min(axis=0), np.where(width > 0, width, 1.0)
+
+
+def front_of(losses: Array, violations: Array) -> NDArray[np.intp]:
+    """Indices of the candidates on the front: no other one is better in one objective and not worse
+    in all.
+
+    Candidates count that have all values and keep all limits; if there is none, those that break
+    the limits least.
+    """
+    known = np.isfinite(losses).all(axis=1)
+    least = violations[known].min(initial=np.inf)
+    (counted,) = np.nonzero(known & (violations <= least))
+    own = losses[counted]
+    best = [not ((own <= one).all(axis=1) & (own < one).any(axis=1)).any() for one in own]
+    return counted[np.array(best, bool)]
+
+
+def violations_of(plan: Plan, values: Array) -> Array:
+    """By how much each candidate (C,) breaks the limits: parts of the limits, added up.
+
+    Args:
+        plan: with the limits.
+        values: (C, objectives).
+    """
+    total = np.zeros(len(values))
+    for i, objective in enumerate(plan.objectives):
+        if objective.limit is not None:
+            excess = objective.sign * (values[:, i] - objective.limit)
+            total += np.maximum(excess, 0.0) / (abs(objective.limit) or 1.0)
+    return total
+
+
+def losses_of(plan: Plan, values: Array) -> Array:
+    """The weighed ones of the values (C, objectives), turned so that smaller is better (C, m)."""
+    weighed = list(plan.weighed)
+    return values[:, weighed] * [plan.objectives[i].sign for i in weighed]

@@ -1,0 +1,198 @@
+"""The tables of a study file: what is varied, what is asked for, how long it is searched."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from omnitrack_sim.base.bounds import LARGEST, MOST_TRIALS
+from omnitrack_sim.base.table import Table
+from omnitrack_sim.trials.sweep.axes import Number
+
+SUCCESS_RATE = "success_rate"
+"""The objective that is no metric of a run: the part of the trials that reached the goal."""
+MOST_VARIABLES, MOST_OBJECTIVES = 100, 10
+DIGITS = 9
+"""Significant digits of the values that are tried, so that they read the same in every file."""
+Path = Annotated[str, Field(min_length=1)]
+Name = Annotated[str, Field(min_length=1)]
+Module = Literal[1, 2, 3, "mean", "max", "min", "sum"]
+"""Which module of a metric that has one value for each, or how the three become one number."""
+
+
+class Variable(Table):
+    """A value of the scenarios that is varied between two bounds.
+
+    Attributes:
+        path: dotted path of the value, or several that all take it.
+        low, high: the bounds, both included.
+        scale: whether steps are alike by difference or by ratio.
+        start: where the search begins; none: the value of the first base scenario if it lies
+            within the bounds, else the middle.
+        whole: whether only whole numbers are tried; none: as the value of the base scenario is one.
+    """
+
+    path: Path | Annotated[tuple[Path, ...], Field(min_length=1)]
+    low: Number
+    high: Number
+    scale: Literal["linear", "log"] = "linear"
+    start: float | None = None
+    whole: bool | None = None
+
+    @field_validator("high")
+    @classmethod
+    def _is_above(cls, high: float, info: ValidationInfo) -> float:
+        low = info.data.get("low")
+        if low is not None and high <= low:
+            raise ValueError(f"must be over low, {low:g}")
+        return high
+
+    @field_validator("scale")
+    @classmethod
+    def _has_a_logarithm(cls, scale: str, info: ValidationInfo) -> str:
+        low = info.data.get("low")
+        if scale == "log" and low is not None and low < 1 / LARGEST:
+            raise ValueError(f"needs bounds of {1 / LARGEST:g} or more, and low is {low:g}")
+        return scale
+
+    @field_validator("start")
+    @classmethod
+    def _is_within(cls, start: float | None, info: ValidationInfo) -> float | None:
+        low, high = info.data.get("low", -math.inf), info.data.get("high", math.inf)
+        if start is not None and not low <= start <= high:
+            raise ValueError(f"must be from low to high, {low:g} to {high:g}")
+        return start
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """All paths that take the value."""
+        return (self.path,) if isinstance(self.path, str) else self.path
+
+    @property
+    def name(self) -> str:
+        """The first path, by which the variable is known."""
+        return self.paths[0]
+
+    def value_at(self, place: float) -> float | int:
+        """The value at a place between the bounds, 0 at ``low`` and 1 at ``high``."""
+        if self.scale == "log":
+            value = self.low * (self.high / self.low) ** place
+        else:
+            value = self.low + (self.high - self.low) * place
+        value = min(max(float(f"{value:.{DIGITS}g}"), self.low), self.high)
+        return round(value) if self.whole else value
+
+    def place_of(self, value: float) -> float:
+        """The place of a value between the bounds, from 0 to 1."""
+        if self.scale == "log":
+            return math.log(value / self.low) / math.log(self.high / self.low)
+        return (value - self.low) / (self.high - self.low)
+
+
+class Objective(Table):
+    """What is asked of a candidate: a metric of its trials made one number, or its success rate.
+
+    Attributes:
+        metric: a metric of runs, ``duration_s``, ``attempts`` or ``success_rate``.
+        goal: which way is better.
+        name: of its columns; none: the metric.
+        trials: name of the trials that count; none: all of the study.
+        module: for metrics that have one value a module.
+        aggregate: what becomes of the values of the trials: "mean", "median", "min", "max", or a
+            percentile such as "p95"; none: the mean.
+        failed: what a trial counts in which the robot did not reach the goal.
+        worst: what a trial without a value counts; none: infinitely bad.
+        limit: the worst value that a candidate may have.
+        weight: how much it counts beside the others; with 0 its limit alone counts.
+    """
+
+    metric: Name
+    goal: Literal["minimise", "maximise"]
+    name: Name | None = None
+    trials: Name | None = None
+    module: Module | None = None
+    aggregate: str | None = None
+    failed: Literal["leave_out", "count", "worst"] | None = None
+    worst: Number | None = None
+    limit: Number | None = None
+    weight: Annotated[float, Field(ge=0, le=1e6)] = 1.0
+
+    @field_validator("aggregate")
+    @classmethod
+    def _is_known(cls, aggregate: str | None) -> str | None:
+        if aggregate is not None and not re.fullmatch(r"mean|median|min|max|p\d\d?", aggregate):
+            raise ValueError("is none of mean, median, min, max and percentiles such as p95")
+        return aggregate
+
+    @property
+    def sign(self) -> float:
+        """Factor that makes smaller values the better ones."""
+        return 1.0 if self.goal == "minimise" else -1.0
+
+    @property
+    def worst_value(self) -> float:
+        """What a trial without a value counts."""
+        return self.sign * math.inf if self.worst is None else self.worst
+
+
+class Final(Table):
+    """The check of the best candidates on trials that the search has not seen.
+
+    Attributes:
+        candidates: how many of the best are checked for each direction of the search; with 0 there
+            is no check.
+        samples: draws of the random axes; none: as many as in the search.
+        seed: of the draws.
+    """
+
+    candidates: Annotated[int, Field(ge=0, le=100)] = 3
+    samples: Annotated[int, Field(ge=1, le=MOST_TRIALS)] | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**62)] = 1_000_003
+
+
+class Plan(Table):
+    """What is searched, and how long; all that a search knows of a study.
+
+    Attributes:
+        variables: what is varied.
+        objectives: what is asked for.
+        generations: how often each search asks for candidates.
+        population: how many it asks for; none: 4 + 3 ln(number of variables), as CMA-ES has it.
+        directions: how many searches there are, each for another weighing of the objectives; none:
+            1 for one objective, else twice their number and 1.
+        step: standard deviation of the first candidates about the start, as part of the range.
+        seed: of the candidates.
+    """
+
+    variables: Annotated[tuple[Variable, ...], Field(min_length=1, max_length=MOST_VARIABLES)]
+    objectives: Annotated[tuple[Objective, ...], Field(min_length=1, max_length=MOST_OBJECTIVES)]
+    generations: Annotated[int, Field(ge=1, le=100_000)] = 20
+    population: Annotated[int, Field(ge=4, le=10_000)] | None = None
+    directions: Annotated[int, Field(ge=1, le=100)] | None = None
+    step: Annotated[float, Field(ge=1e-6, le=10)] = 0.25
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+
+    @property
+    def weighed(self) -> tuple[int, ...]:
+        """Indices of the objectives that are more than a limit."""
+        return tuple(i for i, objective in enumerate(self.objectives) if objective.weight > 0)
+
+    @property
+    def search_count(self) -> int:
+        """Number of searches."""
+        if self.directions is not None:
+            return self.directions
+        return 1 if len(self.weighed) == 1 else 2 * len(self.weighed) + 1
+
+    @property
+    def asked_each(self) -> int:
+        """Candidates that a search asks for in a generation."""
+        return self.population or 4 + math.floor(3 * math.log(len(self.variables)))
+
+    @property
+    def candidate_count(self) -> int:
+        """Candidates of the whole search: the start, the generations, and the centres."""
+        return 1 + self.search_count * (self.generations * self.asked_each + 1)

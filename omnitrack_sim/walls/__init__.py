@@ -1,0 +1,1 @@
+"""Pipes inside MuJoCo: exact contact and rays, walls of primitives, meshes for export."""

@@ -1,0 +1,271 @@
+"""Contacts of a whole track with one fitting: plain Python, compiled by ``install``.
+
+A track is a line of spheres. Along the line the distance to a concave wall (a straight's, a tee's
+cylinders) has its minima at the ends of what lies beside that wall; along a convex one (an elbow's
+inner side, a tee's rim) within. So contacts are wanted at the ends of the line, at the minima along
+it, and where a straight wall that carries the line
+ends: at a port before an elbow, at an open end, at the rim, at the ends of a reducer's cone.
+
+A minimum is a patch, not a point: lugs straddle a rim and push against its flanks, which carries
+force along the track beyond friction. So there are contacts half a lug pitch to either side of it
+too. Without them a robot on a slippery wall fails more often than one with 15 or 43 lugs a track
+(docs/design-study.md).
+"""
+
+from __future__ import annotations
+
+import math
+
+from omnitrack_sim.pipes.compiled import EDGE, HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
+from omnitrack_sim.walls.collider.record import (
+    BOX,
+    ENDS,
+    KIND,
+    MARK,
+    PITCH,
+    RECORD_SIZE,
+    SCALE,
+    SIZES,
+)
+from omnitrack_sim.walls.collider.through import (
+    as_doubles,
+    at,
+    call_original,
+    call_span,
+    call_surface,
+    doubles_of,
+    number_at,
+    scratch,
+    word,
+)
+
+CONTACT_SIZE = 10
+"""Numbers of a contact (MuJoCo's mjPreContact): distance, position (3), normal (3), first tangent
+(3)."""
+MOST_CONTACTS = 24
+"""On one line and one fitting; MuJoCo has room for 50."""
+SPACING = 0.008
+"""Largest spacing of the samples between which a minimum is looked for, m, for a robot of scale 1:
+a third of a lug's radius."""
+PLATEAU = 0.02
+"""Slope along the line up to which a wall that ends at the rim counts as carrying it."""
+LEAST_APART = 0.003
+"""A minimum nearer than this to an end of the line is that end, m."""
+POSITION = 1e-7
+"""Accuracy with which a minimum is found, m."""
+SIZE, USER, USER_SIZE, POSITIONS, MATRICES, COUNT = 1, 2, 3, 4, 5, 6
+"""Words of the block of ``native``: where MuJoCo's structures keep sizes, user data and its length,
+positions and orientations of geoms; and the number of kinds."""
+
+
+@compiled
+def _add(con, n, kind, sizes, ray, s, radius, margin, out):
+    """Add the contact at s if the wall is that near; returns the number of contacts. Still in the
+    fitting's frame."""
+    px, py, pz, ax, ay, az = ray
+    x, y, z = px + s * ax, py + s * ay, pz + s * az
+    d = call_surface(kind, sizes, x, y, z, out)
+    # A line whose axis lies within the wall belongs to another pipe.
+    if d <= 0.0 or d - radius >= margin or n >= MOST_CONTACTS:
+        return n
+    gx, gy, gz = out[0], out[1], out[2]
+    k = n * CONTACT_SIZE
+    middle = 0.5 * (d + radius)
+    con[k] = d - radius
+    con[k + 1], con[k + 2], con[k + 3] = x - middle * gx, y - middle * gy, z - middle * gz
+    con[k + 4], con[k + 5], con[k + 6] = gx, gy, gz
+    return n + 1
+
+
+@compiled
+def _slope(kind, sizes, ray, s, out):
+    """Distance, its derivative along the line, and the face, at s."""
+    px, py, pz, ax, ay, az = ray
+    d = call_surface(kind, sizes, px + s * ax, py + s * ay, pz + s * az, out)
+    return d, out[0] * ax + out[1] * ay + out[2] * az, out[3]
+
+
+@compiled
+def _minimum(kind, sizes, ray, a, slope_a, b, slope_b, out):
+    """Where the slope turns from negative at ``a`` to positive at ``b``: regula falsi
+    (Illinois)."""
+    side = 0
+    s = b
+    for _ in range(60):
+        s = (a * slope_b - b * slope_a) / (slope_b - slope_a)
+        _, slope, _ = _slope(kind, sizes, ray, s, out)
+        if slope < 0.0:
+            a, slope_a = s, slope
+            if side == -1:
+                slope_b *= 0.5
+            side = -1
+        else:
+            b, slope_b = s, slope
+            if side == 1:
+                slope_a *= 0.5
+            side = 1
+        if b - a < POSITION or abs(slope) < 1e-9:
+            break
+    return s
+
+
+@compiled
+def _rim_begins(kind, sizes, ray, a, face_a, b, out):
+    """Where the nearest part of the wall changes between ``a`` and ``b``, by bisection."""
+    while b - a > POSITION:
+        s = 0.5 * (a + b)
+        _, _, face = _slope(kind, sizes, ray, s, out)
+        if face == face_a:
+            a = s
+        else:
+            b = s
+    return 0.5 * (a + b)
+
+
+@compiled
+def _add_within(con, n, kind, sizes, ray, bounds, radius, pitch, margin, scale, out):
+    """Add the contacts between the ends: minima with their flanks, and where a rim begins at a
+    straight wall. ``bounds``: the span, and whether contact ends at its ends."""
+    low, high, low_ends, high_ends = bounds
+    pieces = math.ceil((high - low) / (SPACING * scale))
+    reach = radius + margin
+    first = low + (LEAST_APART * scale if low_ends else 0.0)
+    last = high - (LEAST_APART * scale if high_ends else 0.0)
+    a = low
+    d_a, slope_a, face_a = _slope(kind, sizes, ray, a, out)
+    for i in range(pieces):
+        b = low + (high - low) * (i + 1) / pieces
+        d_b, slope_b, face_b = _slope(kind, sizes, ray, b, out)
+        # The distance changes by no more than one metre a metre.
+        if 0.5 * (d_a + d_b - (b - a)) < reach:
+            s = low - 1.0
+            if slope_a < 0.0 <= slope_b:
+                s = _minimum(kind, sizes, ray, a, slope_a, b, slope_b, out)
+            elif face_a != face_b:
+                onto_rim = slope_b if face_b == EDGE else -slope_a
+                if onto_rim > -PLATEAU:
+                    s = _rim_begins(kind, sizes, ray, a, face_a, b, out)
+            if first <= s <= last:
+                n = _add(con, n, kind, sizes, ray, s, radius, margin, out)
+                for flank in (s - pitch / 2, s + pitch / 2):
+                    if low <= flank <= high:
+                        n = _add(con, n, kind, sizes, ray, flank, radius, margin, out)
+        a, d_a, slope_a, face_a = b, d_b, slope_b, face_b
+    return n
+
+
+@compiled
+def _in_fitting(wall, w, position, matrix, g_line, g_wall):
+    """Centre and direction of a line in the frame of a fitting: six numbers."""
+    l, o = 3 * g_line, 3 * g_wall
+    m = 9 * g_wall
+    dx, dy, dz = (
+        position[l] - position[o],
+        position[l + 1] - position[o + 1],
+        position[l + 2] - position[o + 2],
+    )
+    ux, uy, uz = matrix[9 * g_line + 2], matrix[9 * g_line + 5], matrix[9 * g_line + 8]
+    # The box that bounds the fitting has its centre elsewhere.
+    px = matrix[m] * dx + matrix[m + 3] * dy + matrix[m + 6] * dz + wall[w + BOX]
+    py = matrix[m + 1] * dx + matrix[m + 4] * dy + matrix[m + 7] * dz + wall[w + BOX + 1]
+    pz = matrix[m + 2] * dx + matrix[m + 5] * dy + matrix[m + 8] * dz + wall[w + BOX + 2]
+    ax = matrix[m] * ux + matrix[m + 3] * uy + matrix[m + 6] * uz
+    ay = matrix[m + 1] * ux + matrix[m + 4] * uy + matrix[m + 7] * uz
+    az = matrix[m + 2] * ux + matrix[m + 5] * uy + matrix[m + 8] * uz
+    return px, py, pz, ax, ay, az
+
+
+@compiled
+def line_contacts(
+    con, wall, w, position, matrix, g_line, g_wall, radius, half, pitch, margin, scale
+):
+    """Contacts of a capsule's axis with one fitting, written to ``con``; returns their number.
+
+    Args:
+        con: room for MOST_CONTACTS contacts of CONTACT_SIZE numbers; normals point from the wall to
+            the line.
+        wall: user data of all geoms, m; ``w`` is where this fitting's record begins.
+        position, matrix: (3 per geom) m and (9 per geom, row major), frames of all geoms in the
+            world.
+        g_line, g_wall: geom numbers of the line and of the wall.
+        radius, half: of the capsule, m. pitch: distance of its lugs, m.
+        margin: distance up to which contacts count, m.
+        scale: size of the robot that the line belongs to, 1 for 160 mm pipes.
+    """
+    kind, sizes, out = int(wall[w + KIND]), at(wall, w + SIZES), scratch()
+    ray = _in_fitting(wall, w, position, matrix, g_line, g_wall)
+    px, py, pz, ax, ay, az = ray
+    out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -half, half, 1.0, 1.0
+    within = call_span(kind, sizes, at(wall, w + ENDS), px, py, pz, ax, ay, az, out)
+    low, high, low_ends, high_ends = out[LOW], out[HIGH], out[LOW_ENDS] > 0, out[HIGH_ENDS] > 0
+    if high < low:
+        return 0
+    n = 0
+    if low_ends:
+        n = _add(con, n, kind, sizes, ray, low, radius, margin, out)
+    if high_ends:
+        n = _add(con, n, kind, sizes, ray, high, radius, margin, out)
+    if within > 0.0 and high > low:
+        bounds = low, high, low_ends, high_ends
+        n = _add_within(con, n, kind, sizes, ray, bounds, radius, pitch, margin, scale, out)
+    for i in range(n):
+        _into_world(con, i * CONTACT_SIZE, wall, w, position, matrix, g_line, g_wall)
+    return n
+
+
+@compiled
+def _into_world(con, k, wall, w, position, matrix, g_line, g_wall):
+    """Bring the contact at ``con[k]`` from the fitting's frame into the world's; its first tangent
+    lies along the line."""
+    o, m = 3 * g_wall, 9 * g_wall
+    ux, uy, uz = matrix[9 * g_line + 2], matrix[9 * g_line + 5], matrix[9 * g_line + 8]
+    _to_world(con, k + 1, matrix, m)
+    con[k + 1] += position[o] - _turned(matrix, m, wall, w + BOX, 0)
+    con[k + 2] += position[o + 1] - _turned(matrix, m, wall, w + BOX, 1)
+    con[k + 3] += position[o + 2] - _turned(matrix, m, wall, w + BOX, 2)
+    _to_world(con, k + 4, matrix, m)
+    along = ux * con[k + 4] + uy * con[k + 5] + uz * con[k + 6]
+    tx, ty, tz = ux - along * con[k + 4], uy - along * con[k + 5], uz - along * con[k + 6]
+    size = math.sqrt(tx * tx + ty * ty + tz * tz)
+    scale = 1.0 / size if size > 1e-6 else 0.0
+    con[k + 7], con[k + 8], con[k + 9] = scale * tx, scale * ty, scale * tz
+
+
+@compiled
+def _turned(matrix, m, vector, v, row):
+    """One row of a geom's rotation times a vector."""
+    r = m + 3 * row
+    return matrix[r] * vector[v] + matrix[r + 1] * vector[v + 1] + matrix[r + 2] * vector[v + 2]
+
+
+@compiled
+def _to_world(con, k, matrix, m):
+    """Rotate three numbers in place from the fitting's frame to the world's."""
+    x, y, z = (
+        _turned(matrix, m, con, k, 0),
+        _turned(matrix, m, con, k, 1),
+        _turned(matrix, m, con, k, 2),
+    )
+    con[k], con[k + 1], con[k + 2] = x, y, z
+
+
+@compiled("collide")
+def collide(model, data, contacts, wall, line, margin):
+    """MuJoCo's collision function (mjfCollision) of height field and capsule. Compiled only."""
+    if number_at(model, word(USER_SIZE)) != RECORD_SIZE:
+        return call_original(model, data, contacts, wall, line, margin)
+    records = doubles_of(model, word(USER))
+    track, w = RECORD_SIZE * line, RECORD_SIZE * wall
+    if records[w] != MARK or records[track] != MARK:
+        return call_original(model, data, contacts, wall, line, margin)
+    # A record of another process may have a number that means nothing here.
+    if not 0.0 <= records[w + KIND] < word(COUNT):
+        return 0
+    sizes = doubles_of(model, word(SIZE))
+    radius, half = sizes[3 * line], sizes[3 * line + 1]
+    pitch, scale = records[track + PITCH], records[track + SCALE]
+    position, matrix = doubles_of(data, word(POSITIONS)), doubles_of(data, word(MATRICES))
+    con = as_doubles(contacts)
+    return line_contacts(
+        con, records, w, position, matrix, line, wall, radius, half, pitch, margin, scale
+    )

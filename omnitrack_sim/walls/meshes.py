@@ -1,0 +1,223 @@
+"""Solid pipe fittings as triangle meshes, for pictures and export. Collision never uses them.
+
+Each fitting is (outer solids together) - (bores together): uniting finished pipe *shells* instead
+would leave the wall
+of the run across the mouth of the branch. The genus tells the two apart: openings - 1 when every
+bore is open.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+import trimesh
+from manifold3d import CrossSection, Manifold, Mesh, OpType
+from numpy.typing import ArrayLike
+
+from omnitrack_sim.base.rotations import Array, Pose
+from omnitrack_sim.pipes import Assembly, Fitting, Part
+
+THICKNESS = 0.004
+"""Wall thickness of every fitting, m: a 168 mm pipe with a 160 mm bore; assumed."""
+SECTIONS = 96
+"""Corners of a pipe's cross-section."""
+DEGREES_PER_RING = 3.75
+"""Bend angle between neighbouring cross-sections of an elbow, degrees."""
+OVERCUT = 2e-4
+"""How far cutting solids reach into what is already empty, m."""
+JOINT_DISC = 1e-3
+"""Half the depth of the discs that unite neighbouring parts, m: as much as a loop may miss."""
+
+
+def fitting_mesh(
+    fitting: Fitting, thickness: float = THICKNESS, sections: int = SECTIONS
+) -> trimesh.Trimesh:
+    """The wall of a fitting as a watertight solid of genus openings - 1, m, fitting frame.
+
+    The bore is inscribed: corners lie on the exact surface, faces up to R (1 - cos(pi / sections))
+    inside it.
+    """
+    return manifold_to_trimesh(_wall(fitting, thickness, sections))
+
+
+def network_mesh(
+    network: Assembly, thickness: float = THICKNESS, sections: int = SECTIONS
+) -> trimesh.Trimesh:
+    """The walls of a whole network as one watertight solid, m, world frame: open at its open ends
+    and nowhere else.
+
+    Parts touch in a plane only, which rounding may leave as a gap: a disc across each joint unites
+    them.
+    """
+    outer, bores = [], []
+    for part in network.parts:
+        fitting, matrix = part.fitting, np.column_stack([part.pose.rotation, part.pose.position])
+        outer.append(_fill(fitting, thickness, sections).transform(matrix))
+        bores.append(_bore(fitting, sections).transform(matrix))
+    for (i, port), (j, other) in network.joints:
+        place = network.parts[i].port(port)
+        matrix = np.column_stack([place.rotation, place.position])
+        ends = (network.parts[i], port), (network.parts[j], other)
+        for solids, more in ((outer, thickness), (bores, 0.0)):
+            solids.append(_joint_disc(*ends, more, sections).transform(matrix))
+    # A bore ends flush with its wall: at an open end it is cut a little beyond, or a film may stay.
+    for i, port in network.open_ends:
+        place, radius = network.parts[i].port(port), network.parts[i].fitting.port_radius(port)
+        matrix = np.column_stack([place.rotation, place.position])
+        disc = Manifold.cylinder(2 * OVERCUT, radius, circular_segments=sections, center=True)
+        bores.append(disc.transform(matrix))
+    return manifold_to_trimesh(
+        Manifold.batch_boolean(outer, OpType.Add) - Manifold.batch_boolean(bores, OpType.Add)
+    )
+
+
+def cutaway_mesh(
+    fitting: Fitting,
+    towards: ArrayLike,
+    thickness: float = THICKNESS,
+    sections: int = SECTIONS,
+    keep: bool = True,
+) -> trimesh.Trimesh:
+    """Half of a fitting: the half facing ``towards`` is taken away, so that one looks into the
+    bore.
+
+    Args:
+        fitting: what to cut.
+        towards: (3,) direction of the viewer in the fitting frame. Fittings that bend or branch
+            are cut along their own plane, on the viewer's side; axial ones along their axis.
+        thickness: of the wall, m.
+        sections: corners of the cross-section.
+        keep: True for the half that stays, False for the one taken away.
+    """
+    side = np.asarray(cut_normal(fitting, towards)) * (-1.0 if keep else 1.0)
+    return manifold_to_trimesh(_wall(fitting, thickness, sections).trim_by_plane(tuple(side), 0.0))
+
+
+def inside_mesh(fitting: Fitting, sections: int = SECTIONS) -> trimesh.Trimesh:
+    """The inner surface of a fitting alone, m, fitting frame; its faces look into the bore."""
+    mesh = fitting_mesh(fitting, sections=sections)
+    within = fitting.signed_distance(np.asarray(mesh.vertices))[0] > -THICKNESS / 2
+    mesh.update_faces(within[mesh.faces].all(axis=1))
+    mesh.remove_unreferenced_vertices()
+    return mesh
+
+
+def cut_normal(fitting: Fitting, towards: ArrayLike) -> Array:
+    """Unit normal (3,) of the cut through the fitting's axis, fitting frame, on the side of
+    ``towards`` (3,)."""
+    x, y, _ = np.asarray(towards, float)
+    if not fitting.is_axial:
+        return np.array([0.0, math.copysign(1.0, y), 0.0])
+    across = np.array([x, y, 0.0])
+    length = float(np.linalg.norm(across))
+    return across / length if length > 1e-6 else np.array([0.0, 1.0, 0.0])
+
+
+@dataclass(frozen=True)
+class ManifoldKit:
+    """``pipes.kit.Kit`` with the solids of manifold3d."""
+
+    sections: int
+    overcut: float = OVERCUT
+
+    def cylinder(
+        self,
+        length: float,
+        radius: float,
+        end_radius: float | None = None,
+        *,
+        centred: bool = False,
+    ) -> Manifold:
+        """See ``Kit``."""
+        end = radius if end_radius is None else end_radius
+        sections = self.sections
+        return Manifold.cylinder(length, radius, end, circular_segments=sections, center=centred)
+
+    def revolved(self, outline: Array) -> Manifold:
+        """See ``Kit``."""
+        return Manifold.revolve(CrossSection([outline]), circular_segments=self.sections)
+
+    def bend(self, mean_radius: float, angle: float, radius: float) -> Manifold:
+        """See ``Kit``."""
+        disc = CrossSection.circle(radius, self.sections).translate((mean_radius, 0.0))
+        degrees = math.degrees(angle)
+        steps = max(3, math.ceil(degrees / DEGREES_PER_RING))
+        sector = Manifold.revolve(disc, circular_segments=steps, revolve_degrees=degrees)
+        # revolve() sweeps from +x towards +y about z; a bend from -x towards +z about y.
+        return sector.transform(
+            np.array([[-1, 0, 0, mean_radius], [0, 0, 1, 0], [0, 1, 0, 0]], float)
+        )
+
+    def loft(self, rings: Array, hub: int | None) -> Manifold:
+        """See ``Kit``."""
+        solid = trimesh.Trimesh(*_loft(rings, hub), process=False)
+        if solid.volume < 0:
+            solid.invert()
+        return Manifold(
+            Mesh(np.asarray(solid.vertices, np.float32), np.asarray(solid.faces, np.uint32))
+        )
+
+    def moved(self, solid: Manifold, pose: Pose) -> Manifold:
+        """See ``Kit``."""
+        return solid.transform(np.column_stack([pose.rotation, pose.position]))
+
+
+def _wall(fitting: Fitting, thickness: float, sections: int) -> Manifold:
+    # The bore is made first: the order of making solids orders the triangles of the result.
+    bore = _bore(fitting, sections)
+    return _fill(fitting, thickness, sections) - bore
+
+
+def _bore(fitting: Fitting, sections: int) -> Manifold:
+    return cast(Manifold, fitting.bore(ManifoldKit(sections)))
+
+
+def _fill(fitting: Fitting, thickness: float, sections: int) -> Manifold:
+    return cast(Manifold, fitting.fill(ManifoldKit(sections), thickness))
+
+
+def _joint_disc(a: tuple[Part, str], b: tuple[Part, str], more: float, sections: int) -> Manifold:
+    """Solid about the joint of two ports, in the frame of the first, that fills both bores and
+    ``more`` m around them.
+
+    Within JOINT_DISC of the port plane it is as wide as the parts are there; at a small step, as
+    the narrower one.
+    """
+    radii = [part.fitting.port_radius(port) for part, port in (a, b)]
+    radius = min(radii) if more == 0 else max(radii)
+    behind, ahead = (radius + JOINT_DISC * part.fitting.flare(port) for part, port in (a, b))
+    if behind == ahead == radius:
+        return Manifold.cylinder(
+            2 * JOINT_DISC, radius + more, circular_segments=sections, center=True
+        )
+    across = [0.0, behind + more, radius + more, ahead + more, 0.0]
+    along = JOINT_DISC * np.array([-1.0, -1.0, 0.0, 1.0, 1.0])
+    return Manifold.revolve(
+        CrossSection([np.column_stack([across, along])]), circular_segments=sections
+    )
+
+
+def _loft(rings: Array, hub: int | None) -> tuple[Array, np.ndarray]:
+    """Vertices and faces of the solid through closed rings (m, k, 3), with fans over both ends
+    about their corner ``hub``; without a hub the last ring is joined to the first."""
+    count, corners, _ = rings.shape
+    index = np.arange(count * corners).reshape(count, corners)
+    a, b = (index[:-1], index[1:]) if hub is not None else (index, np.roll(index, -1, axis=0))
+    a_next, b_next = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
+    faces = [np.stack([a, a_next, b], -1), np.stack([a_next, b_next, b], -1)]
+    faces = [triangles.reshape(-1, 3) for triangles in faces]
+    if hub is not None:
+        fan = [(hub, (hub + i) % corners, (hub + i + 1) % corners) for i in range(1, corners - 1)]
+        faces += [index[0][np.array(fan)][:, ::-1], index[-1][np.array(fan)]]
+    return rings.reshape(-1, 3), np.concatenate(faces)
+
+
+def manifold_to_trimesh(solid: Manifold) -> trimesh.Trimesh:
+    """The same solid, vertices (n, 3) and faces (m, 3) in the order of the boolean kernel."""
+    mesh = solid.to_mesh()
+    return trimesh.Trimesh(
+        np.asarray(mesh.vert_properties[:, :3], float), np.asarray(mesh.tri_verts), process=False
+    )

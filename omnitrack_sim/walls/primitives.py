@@ -1,0 +1,150 @@
+"""Collision walls as geoms: the pieces that the fittings give, or one exact wall a fitting."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from omnitrack_sim.base.rotations import Pose
+from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.pipes.assembly import JOINED
+from omnitrack_sim.pipes.pieces import Pieces
+from omnitrack_sim.walls.collider import bring
+from omnitrack_sim.walls.collider.record import RECORD_SIZE, bounding_box, wall_record
+
+GROUP = 3
+
+
+def add_walls(
+    spec: mujoco.MjSpec, network: Assembly, tolerance: float = 1e-4, staves: int | None = None
+) -> int:
+    """Add the walls of a network to the world body; returns the number of geoms.
+
+    Args:
+        spec: to add to. Geoms are named ``wall_<part>_<index>``, group 3, and collide with lugs
+            only.
+        network: joined parts.
+        tolerance: m, largest distance from the exact surface on all but tees. Within 10 mm of a
+            tee's rim it is 0.5 mm at the default.
+        staves: pieces around a bore, instead of what the tolerance asks for.
+    """
+    count = 0
+    for part in network.parts:
+        pieces = Pieces()
+        part.fitting.add_walls(pieces, tolerance, staves)
+        for index, (centre, rotation, half) in enumerate(pieces.boxes):
+            pose = part.pose @ Pose(rotation, centre)
+            _add_geom(
+                spec,
+                f"wall_{part.name}_{index}",
+                mujoco.mjtGeom.mjGEOM_BOX,
+                size=half,
+                pos=pose.position,
+                quat=pose.quaternion,
+            )
+        for index, (a, b, radius) in enumerate(pieces.capsules):
+            ends = [*part.pose.apply(a), *part.pose.apply(b)]
+            _add_geom(
+                spec,
+                f"rim_{part.name}_{index}",
+                mujoco.mjtGeom.mjGEOM_CAPSULE,
+                size=[radius, 0, 0],
+                fromto=ends,
+            )
+        count += len(pieces.boxes) + len(pieces.capsules)
+    return count
+
+
+def add_exact_walls(spec: mujoco.MjSpec, network: Assembly) -> int:
+    """Add one geom a fitting to the world body, for the compiled collider; returns their number.
+
+    Each is a height field, of which only the box around the bore and the user data count, which say
+    what it is.
+    """
+    spec.nuser_geom = RECORD_SIZE
+    taken = {end: other for a, b in network.joints for end, other in ((a, b), (b, a))}
+    for index, part in enumerate(network.parts):
+        ends = [
+            _line_ends(network, (index, port), taken.get((index, port)))
+            for port in part.fitting.ports
+        ]
+        centre, half = bounding_box(part.fitting)
+        pose = part.pose @ Pose(np.eye(3), centre)
+        name = f"wall_{part.name}"
+        spec.add_hfield(
+            name=name,
+            nrow=2,
+            ncol=2,
+            size=[half[0], half[1], half[2], half[2]],
+            userdata=[0, 0, 1, 1],
+        )
+        _add_geom(
+            spec,
+            name,
+            mujoco.mjtGeom.mjGEOM_HFIELD,
+            hfieldname=name,
+            pos=pose.position,
+            quat=pose.quaternion,
+            userdata=wall_record(part.fitting, tuple(ends)),
+        )
+        bring(type(part.fitting))
+    return len(network.parts)
+
+
+def _line_ends(network: Assembly, end: tuple[int, str], other: tuple[int, str] | None) -> bool:
+    """Whether the wall stops carrying a track at port ``end``, which is joined to ``other`` or to
+    nothing."""
+    if other is None:
+        return True
+    mine, theirs = (network.parts[index].fitting for index, _ in (end, other))
+    bore, next_bore = mine.port_radius(end[1]), theirs.port_radius(other[1])
+    # Where the wall flares into this part there is a kink at its end. At a narrow end that is a
+    # convex edge, which the collider finds by itself.
+    at_kink = theirs.bends_at(other[1]) or mine.flare(end[1]) < 0
+    return at_kink or abs(bore - next_bore) > JOINED
+
+
+def add_plates(
+    spec: mujoco.MjSpec,
+    network: Assembly,
+    plates: Sequence[tuple[int, str]],
+    looks: bool = False,
+) -> None:
+    """Close ports (part index, port name) by plates that collide with lugs; they are seen in
+    pictures.
+
+    With ``looks`` they are as round as the bore; otherwise square, which touches faster and goes
+    into the wall.
+    """
+    for index, port in plates:
+        part = network.parts[index]
+        pose, radius = part.port(port), part.fitting.port_radius(port)
+        spec.worldbody.add_geom(
+            name=f"plate_{part.name}_{port}",
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER if looks else mujoco.mjtGeom.mjGEOM_BOX,
+            size=[radius, PLATE_THICKNESS / 2, 0.0]
+            if looks
+            else [radius, radius, PLATE_THICKNESS / 2],
+            pos=pose.position,
+            quat=pose.quaternion,
+            contype=2,
+            conaffinity=1,
+            group=PLATE_GROUP,
+            rgba=PLATE_COLOUR,
+        )
+
+
+PLATE_GROUP, PLATE_COLOUR = 2, [0.72, 0.22, 0.18, 1.0]
+PLATE_THICKNESS = 0.006
+"""Of a plate that closes a pipe, m; assumed."""
+
+
+def _add_geom(spec: mujoco.MjSpec, name: str, kind: mujoco.mjtGeom, **shape: object) -> None:
+    spec.worldbody.add_geom(
+        name=name, type=kind, group=GROUP, contype=2, conaffinity=1, rgba=WALL_COLOUR, **shape
+    )
+
+
+WALL_COLOUR = [0.62, 0.66, 0.70, 0.25]

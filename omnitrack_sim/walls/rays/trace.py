@@ -1,0 +1,270 @@
+"""Rays against the exact walls: plain Python on numbers, compiled by ``walls``.
+
+A ray is followed as far as a fitting knows that the bore is clear along it (``Wall.clear``), from
+there by steps of the distance to the wall (sphere tracing); both never pass through it. Each part
+of a network counts between its port planes. A ray that leaves through an open end meets nothing;
+one that leaves through a plate meets that; of one that leaves through a port beyond which nothing
+is known, nothing is told.
+"""
+
+from __future__ import annotations
+
+import math
+
+from omnitrack_sim.pipes.compiled import compiled
+from omnitrack_sim.walls.collider.through import at, scratch
+from omnitrack_sim.walls.rays.layout import (
+    GRAIN,
+    HIT_SIZE,
+    JOINT,
+    LIT,
+    MOST_NEAR,
+    NEAR,
+    NORMAL,
+    PART,
+    PART_SIZE,
+    PLATE,
+    PORTS_ROOM,
+    RANGE,
+    ROTATION,
+    SHORT,
+    UNKNOWN,
+    UNSEEN,
+    clear_from,
+    nearest_port,
+    parts_along,
+    parts_around,
+    surface_at,
+)
+
+HIT, CLOSE = 5e-4, 0.01
+"""Distance from the wall, m, from which the rest are two steps by the slope, and how long one of
+them may be, m."""
+EXACT = 1e-10
+"""Distance from the wall, m, at which a ray is on it."""
+LONGER = 1.6
+"""A step over the distance from the wall; see ``_follow``."""
+MOST_STEPS = 300
+DIM = 0.03
+"""Before the end of what has been seen of a straight, m, nothing is told: the end may be there, and
+a ring, or a little before."""
+GRAIN_SIZE = 0.012
+"""Of the patches of the surface's grain, m."""
+
+
+@compiled
+def _only(near, count, s):
+    """Which of the parts in ``near`` the ray is in at s; -1 where it is in none or in several."""
+    which = -1
+    for k in range(count):
+        if near[NEAR * k + 1] <= s <= near[NEAR * k + 2]:
+            if which >= 0:
+                return -1
+            which = k
+    return which
+
+
+@compiled
+def _widest(parts, near, count, s, out):
+    """Which of the parts in ``near`` the ray is in at s, the widest where there are several, -1
+    outside all; the distance from its wall, with the gradient in ``out``."""
+    best, which, latest = -1e30, -1, -1
+    for k in range(count):
+        n = NEAR * k
+        if near[n + 1] <= s <= near[n + 2]:
+            d, latest = surface_at(parts, int(near[n]) * PART_SIZE, at(near, n + 3), s, out), k
+            if d > best:
+                best, which = d, k
+    if which != latest:
+        n = NEAR * which
+        surface_at(parts, int(near[n]) * PART_SIZE, at(near, n + 3), s, out)
+    return which, best
+
+
+@compiled
+def _follow(parts, near, count, far, out):
+    """Where along a ray the wall is, m, with its gradient in ``out``, which of the parts in
+    ``near`` it is of, and 1; ``far`` and -1 where the ray gets so far; 0 in the place of 1 where it
+    leaves through a port.
+
+    It goes on as far as the bore is clear for certain, else by a step that is longer than the
+    distance from the wall, which halves the number of steps along a pipe. Where the ball at the
+    next place does not reach the one at the last, there may be a wall between: then the step is
+    taken back.
+    """
+    s, last, stretch = 0.0, -1, LONGER
+    from_s, from_d, stretched, at_end = 0.0, 0.0, False, False
+    for _ in range(MOST_STEPS):
+        k = -1 if stretched or at_end else _only(near, count, s)
+        d, clear = 0.0, clear_from(parts, near, k, s) if k >= 0 else 0.0
+        if clear <= 0.0:
+            asked = k >= 0
+            k, d = _widest(parts, near, count, s, out)
+            if stretched and (k < 0 or from_d + d < s - from_s):
+                s, stretch, stretched = from_s + from_d, 1.0, False
+                continue
+            if k < 0:
+                return s, last, 0
+            if d < HIT:
+                return _onto_wall(parts, near, k, s, d, out), k, 1
+            clear = 0.0 if asked else clear_from(parts, near, k, s)
+        last, stretched, at_end = k, False, False
+        left = max(min(near[NEAR * k + 2], far) - s, 0.0)
+        if clear > d:
+            at_end = clear < left
+            s += clear if at_end else left + SHORT
+        else:
+            from_s, from_d = s, d
+            stretched = stretch > 1.0 and stretch * d < left
+            s += stretch * d if stretched else max(min(d, left), SHORT)
+        if s >= far:
+            return far, k, -1
+    _widest(parts, near, count, s, out)
+    return s, last, 1
+
+
+@compiled
+def _onto_wall(parts, near, k, s, d, out):
+    """From a place close to the wall, onto it by its slope; its gradient in ``out``."""
+    n = NEAR * k
+    p, line = int(near[n]) * PART_SIZE, at(near, n + 3)
+    for _ in range(3):
+        slope = out[0] * line[3] + out[1] * line[4] + out[2] * line[5]
+        if abs(d) < EXACT or slope > -1e-2:
+            break
+        there = s + max(-CLOSE, min(d / -slope, CLOSE))
+        beyond = surface_at(parts, p, line, there, out)
+        if abs(beyond) >= abs(d) or there > near[n + 2]:
+            surface_at(parts, p, line, s, out)
+            break
+        s, d = there, beyond
+    return s
+
+
+@compiled
+def _grain(x, y, z):
+    """A smooth pattern of the place (fitting frame, m), -1 to 1: dirt and the like."""
+    a, b, c = x / GRAIN_SIZE, y / GRAIN_SIZE, z / GRAIN_SIZE
+    first = math.sin(a + 1.7 * math.sin(0.83 * b + 0.4)) * math.sin(b + 1.3 * math.sin(0.71 * c))
+    second = math.sin(2.3 * c + 1.1 * math.sin(1.9 * a)) * math.sin(1.7 * a + 2.9 * b)
+    return 0.6 * first + 0.4 * second
+
+
+@compiled
+def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, out):
+    """Write what a ray has met to ``hits`` from ``h`` on; ``out``: gradient there. Returns whether
+    it has met a wall."""
+    hits[h + RANGE], hits[h + PART], hits[h + LIT] = math.inf, -1.0, 0.0
+    hits[h + NORMAL] = hits[h + NORMAL + 1] = hits[h + NORMAL + 2] = 0.0
+    hits[h + JOINT], hits[h + GRAIN] = math.inf, 0.0
+    if met < 0 or k < 0:
+        return False
+    p = int(near[NEAR * k]) * PART_SIZE
+    wx, wy, wz = x + s * ux, y + s * uy, z + s * uz
+    q, beyond = p, math.inf
+    if met == 0 or lamp[3] > 0.0:
+        q, beyond = nearest_port(parts, p, wx, wy, wz)
+    if met == 0:
+        if parts[q + 6] != PLATE:
+            if parts[q + 6] >= UNKNOWN:
+                hits[h + RANGE] = math.nan
+            return False
+        hits[h + NORMAL], hits[h + NORMAL + 1] = -parts[q + 3], -parts[q + 4]
+        hits[h + NORMAL + 2] = -parts[q + 5]
+    else:
+        if q != p and parts[q + 6] == UNSEEN:
+            if beyond < DIM:
+                hits[h + RANGE] = math.nan
+                return False
+            beyond = math.inf
+        r = p + ROTATION
+        for row in range(3):
+            hits[h + NORMAL + row] = (
+                parts[r + 3 * row] * out[0]
+                + parts[r + 3 * row + 1] * out[1]
+                + parts[r + 3 * row + 2] * out[2]
+            )
+    hits[h + RANGE], hits[h + PART], hits[h + JOINT] = s, near[NEAR * k] - first, beyond
+    if lamp[3] > 0.0 and lamp[4] > 0.0:
+        line = at(near, NEAR * k + 3)
+        hits[h + GRAIN] = _grain(
+            line[0] + s * line[3], line[1] + s * line[4], line[2] + s * line[5]
+        )
+    return True
+
+
+@compiled
+def _lit(parts, around, number, x, y, z, nx, ny, nz, lx, ly, lz, work, ends, out):
+    """How squarely the lamp at l shines on the wall at a point with normal n; 0 where something
+    stands between them. The way to the lamp begins a little off the wall."""
+    lift = 5.0 * HIT
+    x, y, z = x + lift * nx, y + lift * ny, z + lift * nz
+    dx, dy, dz = lx - x, ly - y, lz - z
+    far = math.sqrt(dx * dx + dy * dy + dz * dz)
+    if far < 1e-9:
+        return 1.0
+    ux, uy, uz = dx / far, dy / far, dz / far
+    facing = ux * nx + uy * ny + uz * nz
+    if facing <= 0.0:
+        return 0.0
+    count = parts_along(parts, around, number, x, y, z, ux, uy, uz, far, work, ends, out)
+    _, _, met = _follow(parts, work, count, far, out)
+    return facing if met < 0 else 0.0
+
+
+@compiled("trace")
+def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
+    """What the rays of cameras meet.
+
+    Args:
+        parts: records of PART_SIZE numbers.
+        maps: (cameras, 2) first and last + 1 of the parts that are a camera's world.
+        poses: (cameras, 12) m place, and rotation row by row, of each camera in the world.
+        cameras: their number.
+        rays: (count, 3) unit vectors, camera frame.
+        count: of rays a camera.
+        lamp: (3,) m, camera frame, then 1 where there is one, then 1 where walls have a grain.
+        far: m, beyond which nothing is seen.
+        work: room for NEAR MOST_NEAR numbers, as many for the way to the lamp, PORTS_ROOM zeros
+            for ports, and a number for each part of a map.
+        hits: (cameras, count, HIT_SIZE), written to.
+    """
+    out = scratch()
+    to_lamp, ends = at(work, NEAR * MOST_NEAR), at(work, 2 * NEAR * MOST_NEAR)
+    around = at(work, 2 * NEAR * MOST_NEAR + PORTS_ROOM)
+    aside = math.sqrt(lamp[0] * lamp[0] + lamp[1] * lamp[1] + lamp[2] * lamp[2])
+    for camera in range(cameras):
+        first, last, c = int(maps[2 * camera]), int(maps[2 * camera + 1]), 12 * camera
+        x, y, z = poses[c], poses[c + 1], poses[c + 2]
+        lx = x + poses[c + 3] * lamp[0] + poses[c + 4] * lamp[1] + poses[c + 5] * lamp[2]
+        ly = y + poses[c + 6] * lamp[0] + poses[c + 7] * lamp[1] + poses[c + 8] * lamp[2]
+        lz = z + poses[c + 9] * lamp[0] + poses[c + 10] * lamp[1] + poses[c + 11] * lamp[2]
+        number = parts_around(parts, first, last, x, y, z, far + aside, around)
+        for ray in range(count):
+            rx, ry, rz = rays[3 * ray], rays[3 * ray + 1], rays[3 * ray + 2]
+            ux = poses[c + 3] * rx + poses[c + 4] * ry + poses[c + 5] * rz
+            uy = poses[c + 6] * rx + poses[c + 7] * ry + poses[c + 8] * rz
+            uz = poses[c + 9] * rx + poses[c + 10] * ry + poses[c + 11] * rz
+            near = parts_along(parts, around, number, x, y, z, ux, uy, uz, far, work, ends, out)
+            s, k, met = _follow(parts, work, near, far, out)
+            h = (camera * count + ray) * HIT_SIZE
+            seen = _write(parts, first, work, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, out)
+            if seen and lamp[3] > 0.0:
+                hits[h + LIT] = _lit(
+                    parts,
+                    around,
+                    number,
+                    x + s * ux,
+                    y + s * uy,
+                    z + s * uz,
+                    hits[h + NORMAL],
+                    hits[h + NORMAL + 1],
+                    hits[h + NORMAL + 2],
+                    lx,
+                    ly,
+                    lz,
+                    to_lamp,
+                    ends,
+                    out,
+                )
+    return 0

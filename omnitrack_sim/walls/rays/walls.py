@@ -1,0 +1,177 @@
+"""The walls that rays meet: parts of networks as records, and the compiled functions on them."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Collection, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.pipes import Part
+from omnitrack_sim.walls.collider import bring, install
+from omnitrack_sim.walls.collider.record import wall_number
+from omnitrack_sim.walls.rays import layout
+from omnitrack_sim.walls.rays.nearest import nearest
+from omnitrack_sim.walls.rays.trace import trace
+
+Port = tuple[int, str]
+"""A part's index in its map, and the name of a port of it."""
+_WORK = 2 * layout.NEAR * layout.MOST_NEAR + layout.PORTS_ROOM
+
+
+class RayWalls:
+    """Maps, each a number of placed parts, whose walls rays meet. Needs the extra ``fast``.
+
+    A map may be the true network or what a robot takes for it; robots may share one.
+
+    Args:
+        maps: parts of each map. closed: (part index, port) that a plate closes, of each map.
+        unknown: (part index, port), of each map, that nothing is known of what is beyond.
+        dirty: whether the walls have a grain.
+
+    Raises:
+        ImportError: numba is missing.
+        GeometryError: a kind of fitting has a wall that does not compile.
+    """
+
+    def __init__(
+        self,
+        maps: Sequence[Sequence[Part]],
+        closed: Sequence[Collection[Port]] | None = None,
+        unknown: Sequence[Collection[Port]] | None = None,
+        *,
+        dirty: bool = True,
+    ) -> None:
+        install()
+        self._dirty = dirty
+        plates = [()] * len(maps) if closed is None else closed
+        dark = [()] * len(maps) if unknown is None else unknown
+        self._maps = [_records(*each) for each in zip(maps, plates, dark, strict=True)]
+        self._join()
+
+    def replace(
+        self,
+        number: int,
+        parts: Sequence[Part],
+        closed: Collection[Port] = (),
+        unknown: Collection[Port] = (),
+    ) -> None:
+        """Put another map in the place of one; arguments as of the class."""
+        self._maps[number] = _records(parts, closed, unknown)
+        self._join()
+
+    def _join(self) -> None:
+        self._parts = np.concatenate(self._maps)
+        ends = np.cumsum([0, *(len(records) for records in self._maps)])
+        self._work = _WORK + max(map(len, self._maps), default=0)
+        self._spans = np.stack([ends[:-1], ends[1:]], axis=-1).astype(float)
+
+    def trace(
+        self,
+        which: NDArray[np.intp],
+        position: Array,
+        rotation: Array,
+        rays: Array,
+        far: float,
+        lamp: Array | None = None,
+    ) -> Array:
+        """What the rays of n cameras meet (n, k, 8), in the order of ``layout``: range, m (infinite
+        for nothing, NaN beyond a port that nothing is known of); unit normal into the bore (3),
+        world frame; number of the part in its map, -1 for nothing; how squarely the lamp shines
+        there, cosine, 0 in the dark; distance from the nearest joint or end, m; grain, -1 to 1, 0
+        of walls without one.
+
+        Args:
+            which: (n,) map of each camera.
+            position: (n, 3) m, world frame. rotation: (n, 3, 3) camera frame in the world.
+            rays: (k, 3) unit vectors, camera frame.
+            far: m, beyond which nothing is seen.
+            lamp: (3,) m, camera frame; none: nobody asks what it shines on.
+        """
+        n, k = len(position), len(rays)
+        poses = np.concatenate([position, rotation.reshape(n, 9)], axis=1)
+        light = np.zeros(5) if lamp is None else np.array([*lamp, 1.0, self._dirty])
+        hits = np.empty((n, k, layout.HIT_SIZE))
+        _entry(trace)(
+            *_pointers(self._parts, self._spans[which], poses),
+            n,
+            *_pointers(np.ascontiguousarray(rays, float)),
+            k,
+            *_pointers(light),
+            far,
+            *_pointers(np.zeros(self._work), hits),
+        )
+        return hits
+
+    def nearest(self, which: NDArray[np.intp], points: Array) -> tuple[Array, Array, Array]:
+        """Distances (n, k) m of points (n, k, 3) m from the walls, positive in the bore; unit
+        gradients (n, k, 3); and the parts (n, k) that they lie in, -1 for none, where the distance
+        means nothing. World frame; ``which`` (n,): map of each row."""
+        n, k = points.shape[:2]
+        found = np.empty((n, k, 5))
+        _entry(nearest)(
+            *_pointers(self._parts, self._spans[which], np.ascontiguousarray(points)),
+            n,
+            k,
+            *_pointers(np.zeros(16), found),
+        )
+        return found[..., 0], found[..., 1:4], found[..., 4]
+
+
+def _records(parts: Sequence[Part], closed: Collection[Port], unknown: Collection[Port]) -> Array:
+    """The records (parts, PART_SIZE) of a map."""
+    records = [
+        part_record(part, *([port for i, port in ends if i == index] for ends in (closed, unknown)))
+        for index, part in enumerate(parts)
+    ]
+    for fitting in dict.fromkeys(type(part.fitting) for part in parts):
+        bring(fitting)  # after their records, which number the kinds
+    return np.array(records).reshape(-1, layout.PART_SIZE)
+
+
+def part_record(part: Part, closed: Collection[str] = (), unknown: Collection[str] = ()) -> Array:
+    """The record (PART_SIZE,) of a placed part, for this process only; ``closed``: ports that a
+    plate closes; ``unknown``: ports that nothing is known of what is beyond."""
+    fitting, pose = part.fitting, part.pose
+    record = np.zeros(layout.PART_SIZE)
+    low, high = fitting.bounds
+    record[layout.KIND] = wall_number(fitting.wall)
+    record[layout.CENTRE : layout.CENTRE + 3] = pose.apply((low + high) / 2)
+    # Points that are measured a little outside the wall still belong to it.
+    record[layout.REACH] = float(np.linalg.norm(high - low)) / 2 + fitting.largest_radius / 2
+    record[layout.POSITION : layout.POSITION + 3] = pose.position
+    record[layout.ROTATION : layout.ROTATION + 9] = pose.rotation.ravel()
+    record[layout.PORTS] = len(fitting.port_names)
+    for i, name in enumerate(fitting.ports):
+        port, place = part.port(name), layout.PLANES + layout.PORT_SIZE * i
+        record[place : place + 3] = port.position
+        record[place + 3 : place + 6] = port.rotation[:, 2]
+        dark = layout.UNSEEN if fitting.is_plain else layout.UNKNOWN
+        record[place + 6] = (
+            layout.PLATE if name in closed else dark if name in unknown else layout.OPEN
+        )
+    record[layout.SIZES : layout.SIZES + len(fitting.sizes)] = fitting.sizes
+    return record
+
+
+@cache
+def _entry(function: Callable[..., Any]) -> Any:
+    """A compiled function, which holds no interpreter lock."""
+    from omnitrack_sim.walls.collider.compile import compile_entry
+
+    install()
+    kept = compile_entry(function)
+    _kept.append(kept)
+    return kept.ctypes
+
+
+_kept: list[Any] = []
+"""Compiled functions, for good: their addresses are called."""
+
+
+def _pointers(*arrays: Array) -> list[Any]:
+    return [array.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for array in arrays]
