@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.base.errors import InputError
-from omnitrack_sim.robots.omnitrack.singularity import (
+from omnitrack_sim.robots.omnitrack.singularity import TurnCase, safe_margin, sector_angle
+from omnitrack_sim.robots.omnitrack.tee_contact import (
     TeePath,
-    TurnCase,
     contact_map,
     outer_sector,
-    safe_margin,
-    sector_angle,
     straight_path,
     turn_path,
     wall_distance,

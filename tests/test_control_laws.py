@@ -13,8 +13,7 @@ from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, lengt
 from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.events import BackedOff, Rolled
-from omnitrack_sim.robots.omnitrack.control.aligner import AIMS, Aligner
-from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error
+from omnitrack_sim.robots.omnitrack.control.alignment import AIMS, Aligner, orientation_error
 from omnitrack_sim.robots.omnitrack.control.interface import (
     Command,
     Controller,
@@ -22,8 +21,7 @@ from omnitrack_sim.robots.omnitrack.control.interface import (
     Observation,
 )
 from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController
-from omnitrack_sim.robots.omnitrack.control.sway import Lean
-from omnitrack_sim.robots.omnitrack.control.tracking import Tracking
+from omnitrack_sim.robots.omnitrack.control.tracking import Lean, Tracking
 from omnitrack_sim.robots.omnitrack.kinematics import module_speeds
 from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
 from omnitrack_sim.scenario import validate

@@ -7,7 +7,7 @@ import pytest
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import OutputError, ScenarioError
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS
-from omnitrack_sim.robots.omnitrack.belt_motors import add_belt_motors, belt_inertia
+from omnitrack_sim.robots.omnitrack.body import add_belt_motors, belt_inertia
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.show.film.render import render_frame
 

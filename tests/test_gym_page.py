@@ -10,8 +10,7 @@ import pytest
 from omnitrack_sim.base.table import meanings_of
 from omnitrack_sim.gym import IDS, TERMS
 from omnitrack_sim.gym.options import RANGES, Options
-from omnitrack_sim.robots.omnitrack.policy import FEATURE_SETS, entry_names
-from omnitrack_sim.robots.omnitrack.policy.actions import ACTIONS
+from omnitrack_sim.robots.omnitrack.policy import ACTIONS, FEATURE_SETS, entry_names
 
 pytest.importorskip("numba")
 PAGE = (Path(__file__).parents[1] / "docs" / "gym.md").read_text(encoding="utf-8")

@@ -10,8 +10,8 @@ from omnitrack_sim import Scenario, Simulation, load_scenario, override, run_bat
 from omnitrack_sim.base.rotations import matrix_from_quaternion
 from omnitrack_sim.record.events import NotAligned, Rolled
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
-from omnitrack_sim.robots.omnitrack.control.aligner import AlignmentTable
 from omnitrack_sim.robots.omnitrack.control.alignment import (
+    AlignmentTable,
     no_motion_distance,
     orientation_error,
     preferred_theta5,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.pipes import Elbow, Reducer, Step, Straight, Tee, route
-from omnitrack_sim.robots.omnitrack.parts import coil, lug_row, triangular_prism
+from omnitrack_sim.robots.omnitrack.looks import coil, lug_row, triangular_prism
 from omnitrack_sim.walls.meshes import SECTIONS, THICKNESS, cutaway_mesh, fitting_mesh, network_mesh
 
 FITTINGS = [

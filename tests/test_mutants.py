@@ -23,7 +23,9 @@ def test_there_are_sixty_changes_over_all_fields() -> None:
     assert all(len(mutant.breaks.split()) > 5 for mutant in EVERY)
     assert set(mutants.QUICK) < {mutant.name for mutant in EVERY}
     rooms = Counter(Path(mutant.file).parts[1] for mutant in EVERY)
-    assert {"walls", "senses", "record", "robots", "pipes", "autonomy", "sim", "trials"} <= set(rooms)
+    assert {"walls", "senses", "record", "robots", "pipes", "autonomy", "sim", "trials"} <= set(
+        rooms
+    )
 
 
 @pytest.mark.parametrize("mutant", EVERY, ids=lambda mutant: mutant.name)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from omnitrack_sim import Outcome, Result, Scenario, load_scenario, override, run, run_batch
-from omnitrack_sim.robots.omnitrack.control.aligner import AlignmentTable
+from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable
 from omnitrack_sim.robots.omnitrack.kinematics import turn_from_roll
 from omnitrack_sim.sim.builder import scene_of
 

@@ -10,7 +10,6 @@ import pytest
 from runs import COLLIDER, there_and_back
 
 import omnitrack_sim as ot
-from omnitrack_sim.robots.omnitrack.control import JacobianController
 from omnitrack_sim.robots.omnitrack.policy import (
     ACTIONS,
     DIRECT,
@@ -161,7 +160,7 @@ def test_robots_that_begin_anew_know_nothing_of_before(acting):
     for _ in range(7):
         sim.step()
     assert (decisions.action == 1).all()
-    decisions.begin(np.array([True, False]), decisions.setup)
+    decisions.reset(np.array([0]), decisions.setup)
     assert decisions.due.tolist() == [True, False]
     assert (decisions.action[0] == 0).all()
     assert (decisions.action[1] == 1).all()
@@ -170,30 +169,22 @@ def test_robots_that_begin_anew_know_nothing_of_before(acting):
     assert decisions.roll[1, 0] > decisions.roll[0, 0]
 
 
-def test_robots_that_began_at_different_times_ask_one_controller(monkeypatch):
-    """One step after the last beginning; what they are told is what they are told alone."""
-    asked: list[object] = []
-    step = JacobianController.step
-    monkeypatch.setattr(
-        JacobianController, "step", lambda self, seen: asked.append(self) or step(self, seen)
-    )
-    # Five: tables of three modules, or of as many passages, are not told apart by their sizes.
+def test_robots_that_begin_at_different_times_are_commanded_as_alone():
+    """By the base, to the same bytes."""
+    # Five: tables of three modules, or of as many passages, have other sizes.
     changes = ({}, {"start.theta5_deg": 40.0}, {"robot.preload": 30.0}, {}, {})
     scenarios = [_tee(**{"start.distance": 0.265}, **change) for change in changes]
     sim = ot.Simulation(scenarios, recording=False)
     decisions = Decisions(sim.setup, features_of("onboard"), RESIDUAL)
-    counts, told = [], []
+    told = []
     for moment in range(60):
         if moment in (5, 12):
-            begun = np.arange(5) == moment % 3
-            sim.restart(np.flatnonzero(begun), [scenarios[moment % 3]])
-            decisions.begin(begun, sim.setup)
-        asked.clear()
+            begun = np.array([moment % 3])
+            sim.restart(begun, [scenarios[moment % 3]])
+            decisions.reset(begun, sim.setup)
         command = decisions.command(sim.observation)
-        counts.append(len(asked))
         told.append(command.belt_speed.copy())
         sim.step(command)
-    assert [counts[i] for i in (0, 4, 5, 6, 11, 12, 13, 59)] == [1, 1, 2, 1, 1, 2, 1, 1]
     for robot, begin in ((1, 0), (2, 5)):
         alone = ot.Simulation([scenarios[robot]], recording=False)
         own = Decisions(alone.setup, features_of("onboard"), RESIDUAL)

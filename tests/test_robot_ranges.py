@@ -7,8 +7,7 @@ from random_robots import random_robots, standing
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import ScenarioError
-from omnitrack_sim.robots.omnitrack.quantity import quantity_of
-from omnitrack_sim.robots.omnitrack.similarity import SCALES
+from omnitrack_sim.robots.omnitrack.quantity import SCALES, quantity_of
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim.run import no_load_slips
 from omnitrack_sim.walls.collider import why_not

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.robots.omnitrack.quantity import quantity_of
-from omnitrack_sim.robots.omnitrack.similarity import froude_exponent, similar
+from omnitrack_sim.robots.omnitrack.quantity import froude_exponent, quantity_of, similar
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim.builder import scene_of
 from omnitrack_sim.walls.collider import why_not

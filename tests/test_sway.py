@@ -8,7 +8,7 @@ from test_control_laws import PERIOD, Bench, scenario_of
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import cross, rotation_about
-from omnitrack_sim.robots.omnitrack.control.sway import JUDGED, LEAST_TURN, PROGRESS, SHAPE, Sway
+from omnitrack_sim.robots.omnitrack.control.tracking import SWAY, Sway
 from omnitrack_sim.robots.omnitrack.kinematics import module_speeds
 
 RATE = 1.5
@@ -42,21 +42,21 @@ def lean(theta5_deg: float, slip: float, progress: float, **changes: float) -> n
         seen = bench.observe(inside, theta5_deg, rotation=turned, **more)
         return sway.step(seen, np.array([True]), FIRST).aside
 
-    for _ in range(round(1.2 * LEAST_TURN / RATE / PERIOD)):
-        step(0.5 * JUDGED, **readings)
+    for _ in range(round(1.2 * SWAY.least_turn / RATE / PERIOD)):
+        step(0.5 * SWAY.judged, **readings)
     # What slips later does not count.
-    asked = step(progress, wall_speed=wall_speed) if progress > JUDGED else step(progress)
+    asked = step(progress, wall_speed=wall_speed) if progress > SWAY.judged else step(progress)
     assert sway.slip == pytest.approx([slip])
     return asked[0]
 
 
-@pytest.mark.parametrize("part", range(len(PROGRESS)))
+@pytest.mark.parametrize("part", range(len(SWAY.progress)))
 @pytest.mark.parametrize("theta5_deg", [6.0, -6.0])
 def test_a_robot_leans_by_the_shape_away_from_module_1(theta5_deg: float, part: int) -> None:
-    asked = lean(theta5_deg, 0.5, float(PROGRESS[part]), lean_deg=30.0)
+    asked = lean(theta5_deg, 0.5, SWAY.progress[part], lean_deg=30.0)
     bench = Bench(scenario_of("tee_turn"))
     side = cross(bench.routes.ahead[0], bench.routes.directions[0])
-    expected = -np.sign(theta5_deg) * np.tan(np.radians(30.0)) * SHAPE[part]
+    expected = -np.sign(theta5_deg) * np.tan(np.radians(30.0)) * SWAY.lean[part]
     assert asked == pytest.approx(expected * side, abs=1e-6)
 
 

@@ -10,7 +10,7 @@ from torch import nn
 
 import omnitrack_sim as ot
 from omnitrack_sim.robots.omnitrack.policy import ACTINGS, Mlp, TrainingRecord, named_features
-from omnitrack_sim.robots.omnitrack.policy.feature import Entries
+from omnitrack_sim.robots.omnitrack.policy.features import Entries
 
 NEARNESS = 1e-6
 """By which the policy's actions may differ from those of the trainer's network."""

@@ -53,9 +53,7 @@ class Lane:
             self._make(scenarios)
             return
         self.simulation.restart(robots, scenarios)
-        begun = np.zeros(self.simulation.n, bool)
-        begun[robots] = True
-        self.decisions.begin(begun, self.simulation.setup)
+        self.decisions.reset(robots, self.simulation.setup)
         self.travel[robots] = 0.0
 
     def advance(self, actions: Array) -> Mapping[str, Array]:

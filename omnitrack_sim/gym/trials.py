@@ -13,7 +13,7 @@ from omnitrack_sim.gym.options import Options
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.robots.omnitrack import GRAVITY
 from omnitrack_sim.robots.omnitrack.policy import DECISION_PERIOD
-from omnitrack_sim.robots.omnitrack.policy.decisions import steps_of
+from omnitrack_sim.robots.omnitrack.policy.controller import steps_of
 from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
 from omnitrack_sim.walls.collider import why_not
 

@@ -15,9 +15,9 @@ from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, unit
 from omnitrack_sim.base.table import Table, Unit
 from omnitrack_sim.pipes.route_map import Place
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
-from omnitrack_sim.robots.omnitrack.control.aligner import Aligner, AlignmentTable, manoeuvres
+from omnitrack_sim.robots.omnitrack.control.alignment import Aligner, AlignmentTable, manoeuvres
 from omnitrack_sim.robots.omnitrack.control.interface import Command, ControlSetup, Observation
-from omnitrack_sim.robots.omnitrack.control.leg_watch import LegWatch
+from omnitrack_sim.robots.omnitrack.control.jacobian import LegWatch
 from omnitrack_sim.robots.omnitrack.kinematics import elbow_speeds
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT = range(5)
@@ -52,17 +52,24 @@ class PaperController:
     Parameters: ClassVar[type[Table]] = PaperTable
 
     def __init__(self, setup: ControlSetup) -> None:
+        self.aligner = Aligner(setup, "alignment")
+        self._legs = LegWatch(setup)
+        # (n,) passage whose turn is under way, and the last one whose turn is complete
+        self.turning, self.turned = np.zeros((2, setup.n), int)
+        self.turn_speeds = np.zeros((setup.n, 3))  # m/s, at the walls
+        self.reset(np.arange(setup.n), setup)
+
+    def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
+        """Begin anew with robots ``rows``; ``setup`` is that of all robots."""
+        self.aligner.reset(rows, setup)
+        self._legs.reset(rows, setup)
         self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
         bore = setup.robot.nominal_bore
         self._elbow_delay = setup.each("elbow_delay") * bore  # (n,) m
         self._tee_trigger = setup.each("tee_trigger") * bore
         self._complete = np.radians(setup.each("complete_deg"))
-        self.aligner = Aligner(setup, "alignment")
-        self._legs = LegWatch(setup.routes)
-        n = setup.n
-        self.turning = np.full(n, -1)  # (n,) passage whose turn is under way
-        self.turned = np.full(n, -1)  # (n,) last passage whose turn is complete
-        self.turn_speeds = np.zeros((n, 3))  # m/s, at the walls
+        self.turning[rows] = self.turned[rows] = -1
+        self.turn_speeds[rows] = 0.0
         self._learn()
 
     def _learn(self) -> None:
@@ -83,10 +90,10 @@ class PaperController:
         if self._legs.grown:
             self._learn()
             self.aligner.learn()
-        for robot, later in self._legs.longer:
-            self.aligner.go_on(robot, later)
-            self.turning[robot] += later * (self.turning[robot] >= 0)
-            self.turned[robot] += later * (self.turned[robot] >= 0)
+        for robot, shift in self._legs.extended:
+            self.aligner.extend_leg(robot, shift)
+            self.turning[robot] += shift * (self.turning[robot] >= 0)
+            self.turned[robot] += shift * (self.turned[robot] >= 0)
         for robot, turned in changes:
             self.aligner.begin_leg(robot, turned, int(observation.place.way[robot]))
             self.turning[robot] = self.turned[robot] = -1

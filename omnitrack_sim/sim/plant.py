@@ -14,8 +14,12 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.record.channels import CHANNELS, TRACKS
 from omnitrack_sim.robots.omnitrack import Robot
-from omnitrack_sim.robots.omnitrack.belt_motors import friction_tendons
-from omnitrack_sim.robots.omnitrack.body import LUG_CONAFFINITY, LUG_CONTYPE, lug_pitch
+from omnitrack_sim.robots.omnitrack.body import (
+    LUG_CONAFFINITY,
+    LUG_CONTYPE,
+    friction_tendons,
+    lug_pitch,
+)
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.senses import SENSORS, Sensor, State
 from omnitrack_sim.senses.sensor import Addresses

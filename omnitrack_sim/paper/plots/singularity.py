@@ -17,15 +17,17 @@ from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.robots.omnitrack.singularity import (
     DEFINITIONS,
-    TeePath,
     TurnCase,
     failure_rate,
-    outer_sector,
     section_ellipse,
     sector_angle,
+    worst_theta5,
+)
+from omnitrack_sim.robots.omnitrack.tee_contact import (
+    TeePath,
+    outer_sector,
     turn_path,
     wall_distance,
-    worst_theta5,
 )
 from omnitrack_sim.show.plots.style import ALARM, GREY, INK, MODULE_COLOURS, styled
 

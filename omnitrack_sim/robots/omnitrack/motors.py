@@ -10,8 +10,7 @@ from pydantic import BeforeValidator, Field, ValidationError
 from pydantic_core import InitErrorDetails, PydanticKnownError
 
 from omnitrack_sim.base.naming import ByName
-from omnitrack_sim.robots.omnitrack.quantity import Figures, Quantity, quantity_of
-from omnitrack_sim.robots.omnitrack.similarity import SCALES, similar
+from omnitrack_sim.robots.omnitrack.quantity import SCALES, Figures, Quantity, quantity_of, similar
 
 
 class Motor(Figures):

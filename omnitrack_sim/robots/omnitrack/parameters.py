@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator
 from typing import Annotated, Any, Self
@@ -9,19 +10,22 @@ from typing import Annotated, Any, Self
 from pydantic import (
     Field,
     ModelWrapValidatorHandler,
+    ValidationError,
     model_validator,
 )
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from omnitrack_sim.robots.omnitrack.fit import refuse_misfits
 from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor, NamedMotor
 from omnitrack_sim.robots.omnitrack.quantity import (
+    ROUNDING,
+    SCALES,
     Figures,
     Parameter,
     Quantity,
     parameter_rows,
     quantity_of,
+    similar,
 )
-from omnitrack_sim.robots.omnitrack.similarity import SCALES, similar
 
 MODULES = 3
 MODULE_ANGLES = (0.0, 2 * math.pi / 3, -2 * math.pi / 3)
@@ -31,6 +35,11 @@ GRAVITY = 9.81
 """Weight of a mass, N/kg, where a figure of the robot asks for it."""
 REFERENCE_BORE = 0.16
 """Bore of the paper's pipe, m, for which control parameters with a unit are stated."""
+
+
+LONGEST_PRESS = 1.0
+"""By how much the springs may be pressed together in the nominal pipe, m, in a robot of scale 1: a
+force that hardly changes with the bore asks for long springs, but hardly for longer ones."""
 
 
 class Robot(Figures):
@@ -272,8 +281,44 @@ class Robot(Figures):
             )
         values["values_at_scale"] = stated.scale
         robot = stated if values == dict(stated) else handler(values)
-        refuse_misfits(robot)
+        faults = [
+            InitErrorDetails(
+                type=PydanticCustomError("misfit", "{problem}", {"problem": problem}),
+                loc=tuple(path.split(".")),
+                input=functools.reduce(getattr, path.split("."), robot),
+            )
+            for path, problem in robot._misfits()
+        ]
+        if faults:
+            raise ValidationError.from_exception_data("Robot", faults)
         return robot
+
+    def _misfits(self) -> Iterator[tuple[str, str]]:
+        """Values, each within its range, that do not go together: the field to change, and the
+        problem."""
+        nominal = self.nominal_pipe_radius
+        if self.reach <= nominal:
+            yield "reach", f"must be over nominal_pipe_radius, {nominal:.6g} m"
+        room = nominal - self.lug_radius
+        if room <= 0:
+            yield "lug_radius", f"must be under nominal_pipe_radius, {nominal:.6g} m"
+        elif self.slide_travel_inward >= room:
+            problem = f"would take a module's axis beyond the robot's; must be under {room:.6g} m"
+            yield "slide_travel_inward", problem
+        if self.track_offset > self.lug_radius / 2:
+            problem = f"must be at most half of lug_radius, {self.lug_radius / 2:.6g} m"
+            yield "track_offset", problem
+        press, most = self.preload / self.module_stiffness, LONGEST_PRESS * self.scale
+        if press > most * (1 + ROUNDING):
+            problem = (
+                f"would press the springs together by {press:.4g} m in the nominal pipe, at "
+                f"{self.module_stiffness:.4g} N/m a module; at most {most:.4g} m"
+            )
+            yield "preload", problem
+        if self.feasible_belt_speed <= 0:
+            load = f"{self.climbing_torque:.4g} N m"
+            problem = f"cannot carry the robot: a third of its weight is {load} at a module's shaft"
+            yield "motor.stall_torque", problem
 
     def __repr_args__(self) -> Iterator[tuple[str, Any]]:
         """The size, and what differs from the standard robot of that size."""

@@ -18,7 +18,6 @@ import mujoco
 
 from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
-from omnitrack_sim.robots.omnitrack.belt_motors import belt_force, belt_inertia
 from omnitrack_sim.robots.omnitrack.body import (
     LUG_IMPEDANCE,
     add_arm,
@@ -27,6 +26,8 @@ from omnitrack_sim.robots.omnitrack.body import (
     add_module,
     add_motion_sensors,
     add_springs,
+    belt_force,
+    belt_inertia,
     contact_of_lugs,
     impedance,
     lug_places,

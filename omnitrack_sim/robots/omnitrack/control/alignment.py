@@ -11,17 +11,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array, wrap_angle
+from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
 from omnitrack_sim.pipes.fittings import Manoeuvre
+from omnitrack_sim.pipes.route_map import RouteMap
+from omnitrack_sim.record.events import Event, NotAligned, Rolled
 from omnitrack_sim.robots.omnitrack import MODULES
+from omnitrack_sim.robots.omnitrack.control.gear import SWAPPED
+from omnitrack_sim.robots.omnitrack.control.interface import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign, turn_from_roll
-from omnitrack_sim.robots.omnitrack.singularity import best_theta5
+from omnitrack_sim.robots.omnitrack.singularity import best_theta5, safe_margin, sector_angle
 
 NO_MOTION_MARGIN = np.radians(30.0)
 """Default least distance of a roll from the no-motion line, rad.
@@ -279,3 +285,323 @@ def _line_borders(roll: Array, clearance: Array, roll_limit: float) -> Array:
     nearest = wrap_angle(np.pi / 2 - roll, np.pi)
     lines = nearest[..., None] + np.pi * np.arange(-reached, reached + 1)
     return np.concatenate([lines - clearance[..., None], lines + clearance[..., None]], axis=-1)
+
+
+Three = tuple[NotNegative, NotNegative, NotNegative]
+_BY_IMPORTANCE: tuple[Manoeuvre, ...] = ("tee_turn", "tee_straight", "elbow")
+
+
+class AlignmentTable(Table):
+    """When a robot rolls its modules before a fitting, and how far."""
+
+    roll_settled: Annotated[Part, Unit("rad")] = 0.02
+    """Error of the roll at which it counts as done."""
+    attempts: Annotated[int, Field(ge=1, le=1000), Unit("1")] = 3
+    """Rolls in a row before one fitting; slip while rolling makes the first one fall short."""
+    patience: Annotated[Part, Unit("s")] = 1.0
+    """Time beyond what a roll should take after which it is looked at as it is, for D = 160 mm. The
+    belts' grip may hold a module off its target."""
+    # Distances of the roll from the no-motion line, the best first, and the further roll that a
+    # robot puts up with to have so much. Out of a branch 60 of 60 robots pass with 90 and 60
+    # degrees, 58 with 40 and 11 with 30, where the track away from the wall touches and brakes;
+    # straight over a tee such a robot falls into a branch that opens downward.
+    clearances_deg: Three = (60.0, 45.0, 30.0)
+    """Distances of the roll from the no-motion line that are tried, the best first."""
+    clearance_detours_deg: Three = (0.0, 90.0, 360.0)
+    """What each of these costs, as further roll: a robot puts up with so much of it to have the one
+    before."""
+    aim_detour_deg: NotNegative = 90.0
+    """Further roll that a robot puts up with to come into the next narrower range."""
+    clear_enough_deg: Annotated[float, Field(ge=0, le=90)] = 45.0
+    """Distance of the roll from the no-motion line with which a robot of good theta5 drives on."""
+    no_motion_band: Annotated[float, Field(ge=0, le=1), Unit("1")] = 0.1
+    """Size of cos(roll) below which the belts keep their direction; at the no-motion line its sign
+    is noise."""
+    # Fractions of the safe margin to aim for, tried in order. If every roll that reaches the first
+    # ends near the no-motion line, the planner falls back to the next, wider one. Straight over a
+    # tee nearer is steadier: tilt up to 1.1 degrees from 6 degrees beside the best orientation, 0.9
+    # from the best.
+    aim_elbow: Annotated[Three, Unit("1")] = (0.5, 0.5, 1.0)
+    """Half-widths of the range for an elbow, the narrowest first, as parts of the safe margin."""
+    aim_tee_turn: Annotated[Three, Unit("1")] = (0.5, 0.85, 1.0)
+    """Likewise for a turn in a tee."""
+    aim_tee_straight: Annotated[Three, Unit("1")] = (0.25, 0.5, 1.0)
+    """Likewise straight over a tee."""
+    # Out of a branch dead on is best: up a slippery run 33 of 40 pass, 29 from 5 or 10 degrees
+    # beside (docs/design-study.md).
+    aside_tee_turn: Annotated[Three, Unit("1")] = (0.45, 0.4, 0.3)
+    """What each range for a turn in a tee keeps off the best orientation, where the robot turns
+    into the branch: dead on, both outer modules lose the wall at the same time. 0: nothing."""
+
+
+AIMS = 3
+"""Number of fractions that are tried."""
+SIDES = 2
+"""Number of ranges of theta5 of one aim: one on either side of the best orientation."""
+
+
+def manoeuvres(routes: RouteMap) -> tuple[Manoeuvre | None, ...]:
+    """What each passage of the routes asks for; None after the last one of a route."""
+    return tuple(None if p is None else p.manoeuvre for p in routes.passages)
+
+
+def held_belt_sign(roll: Array, band: ArrayLike, before: Array) -> Array:
+    """Direction (n, 3) in which the belts drive forward.
+
+    Args:
+        roll: (n, 3) rad, as measured.
+        band: size of cos(roll) below which the direction stays what it was ``before``, (n, 3).
+    """
+    cosine = np.cos(roll)
+    return np.where(np.abs(cosine) > band, np.sign(cosine), before)
+
+
+class Standing(NamedTuple):
+    """Which robots (n,) stand still to roll, and what was decided."""
+
+    robots: NDArray[np.bool_]
+    events: Sequence[Event]
+
+
+class Aligner:
+    """Roll commands of n robots.
+
+    Fittings that follow each other with less room between than the robot needs to stand in are
+    prepared for together, before the first of them: a tee turn comes first, then a tee to be passed
+    straight, then elbows. What cannot be met beforehand is made up for on the way.
+
+    Args:
+        setup: of the controller. path: of the ``AlignmentTable`` in its parameters.
+
+    Attributes:
+        roll: (n, 3) rad, what the rotary motors are asked. roll_target: (n, 3) rad, where it goes.
+        aligned: (n,) passages dealt with so far. attempts: (n,) rolls before the one at hand.
+        deadline: (n,) s, when a roll is looked at as it is.
+    """
+
+    def __init__(self, setup: ControlSetup, path: str) -> None:
+        self._path, self._rows = path, np.arange(setup.n)
+        self.roll, self.roll_target, self._belt_sign = np.zeros((3, setup.n, 3))
+        self.attempts, self.aligned = np.zeros((2, setup.n), int)
+        self.deadline = np.zeros(setup.n)
+        self._inside = np.zeros(setup.n, bool)  # robots that are aligned with the nose in a fitting
+        self.reset(self._rows, setup)
+
+    def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
+        """Begin anew with robots ``rows``; ``setup`` is that of all robots."""
+        self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
+        each = {name: setup.each(f"{self._path}.{name}") for name in AlignmentTable.model_fields}
+        self._settled, self._most_attempts = each["roll_settled"], each["attempts"]
+        self._patience = each["patience"] * setup.robot.time_scale
+        self._clearances = np.radians(each["clearances_deg"])  # (n, K) rad
+        self._clearance_detours = np.radians(each["clearance_detours_deg"])
+        self._aim_detour = np.radians(each["aim_detour_deg"])
+        self._clear_enough = np.radians(each["clear_enough_deg"]) - self._settled
+        self._band = each["no_motion_band"][:, None]
+        self._aims = {m: each[f"aim_{m}"] for m in _BY_IMPORTANCE}  # (n, AIMS) of each manoeuvre
+        self._aside = each["aside_tee_turn"]  # (n, AIMS)
+        self._step = self.robot.roll_rate * setup.period  # rad
+        self.learn()
+        self.roll[rows] = self.roll_target[rows] = setup.roll[rows]
+        self._belt_sign[rows] = belt_sign(setup.roll[rows])
+        self.attempts[rows], self.deadline[rows], self._inside[rows] = 0, np.inf, False
+        # Without alignment every passage counts as dealt with.
+        first = self.routes.first[setup.place.way]
+        self.aligned[rows] = np.where(self.settings.align, first, np.iinfo(np.intp).max)[rows]
+
+    def learn(self) -> None:
+        """What each passage wants of theta5, together with those that follow it closely.
+
+        The safe margin is that of a right-angled corner, whatever the angle of the branch. With the
+        angle put in, the region has no sector below 67 degrees and no safe orientation above 106,
+        while wyes are passed, at 60 degrees as at 135, by about the orientations that pass a tee
+        (docs/wye.md).
+        """
+        routes, asked = self.routes, manoeuvres(self.routes)
+        given = self.settings.safe_margin[:, None]
+        sector = sector_angle(routes.corner_radius, self.settings.reach[:, None], np.pi / 2)
+        margin = np.where(np.isnan(given), safe_margin(sector), given)  # (n, Q) rad
+        self.best = np.zeros((AIMS, SIDES, *margin.shape))  # (AIMS, SIDES, n, Q) rad
+        self.aim = np.zeros(self.best.shape)  # rad, half-width of the range about it
+        # (Q,) goes with any orientation
+        self.makes_do = np.array([m in ("elbow", "tee_straight") for m in asked])
+        for q, manoeuvre in enumerate(asked):
+            if manoeuvre is None:
+                continue
+            together = self._together(q, manoeuvre, asked)
+            centres = [
+                preferred_theta5(wanted) - self._turned_between(q, p) for p, wanted in together
+            ]
+            for i in range(AIMS):
+                widths = [self._aims[wanted][:, i] * margin[:, p] for p, wanted in together]
+                wishes = list(map(Wish, centres, widths))
+                for j, first in enumerate(self._to_the_sides(together[0][0], wishes[0], i, margin)):
+                    best, aim = agreed([first, *wishes[1:]])
+                    self.best[i, j, :, q], self.aim[i, j, :, q] = best, aim
+
+    def _to_the_sides(self, q: int, wish: Wish, aim: int, margin: Array) -> tuple[Wish, Wish]:
+        """What of the wish of passage ``q`` lies on either side of the best orientation; all of it,
+        twice, where there is nothing to keep beside."""
+        if not self.routes.into_branch[q]:
+            return wish, wish
+        aside = np.minimum(self._aside[:, aim] * margin[:, q], wish.margin)
+        middle = np.where(aside > 0, (wish.margin + aside) / 2, 0.0)
+        half = wish.margin - middle
+        return Wish(wish.best + middle, half), Wish(wish.best - middle, half)
+
+    def _together(
+        self, q: int, manoeuvre: Manoeuvre, asked: Sequence[Manoeuvre | None]
+    ) -> list[tuple[int, Manoeuvre]]:
+        """Passage ``q`` and those that follow it closely, the one that matters most first."""
+        together: list[tuple[int, Manoeuvre]] = [(q, manoeuvre)]
+        for p in range(q + 1, len(asked)):
+            following = asked[p]
+            room = self.robot.length + self.robot.standing_room
+            if following is None or self._room_between(p - 1) >= room:
+                break
+            together.append((p, following))
+        together.sort(key=lambda passage: _BY_IMPORTANCE.index(passage[1]))
+        return together
+
+    def _room_between(self, passage: int) -> float:
+        """Length, m, of the way from the end of a passage to the start of the next one."""
+        return float(self.routes.start[passage + 1] - self.routes.end[passage])
+
+    def _turned_between(self, first: int, later: int) -> float:
+        """How much larger, rad, theta5 is at a ``later`` passage than at the ``first`` without
+        twist."""
+        routes, angles = self.routes, []
+        for q in (first, later):
+            found = routes.passages[q]
+            assert found is not None
+            entry = np.array([found.s_enter])
+            frame = routes.centreline.frame(entry, routes.way_of[[q]])[0]
+            x, y, _ = routes.directions[q] @ frame
+            angles.append(np.arctan2(y, x))
+        return float(angles[0] - angles[1])
+
+    def belt_sign(self, roll: Array) -> Array:
+        """Direction (n, 3) in which the belts drive forward at the measured ``roll`` (n, 3) rad."""
+        self._belt_sign = held_belt_sign(roll, self._band, self._belt_sign)
+        return self._belt_sign
+
+    def begin_leg(self, robot: int, turned: bool, way: int) -> None:
+        """A robot drives another way from now on; ``turned``: in the other gear."""
+        if turned:
+            self.roll[robot] = 0.0 - self.roll[robot, SWAPPED]
+            self.roll_target[robot] = -self.roll_target[robot, SWAPPED]
+            self._belt_sign[robot] = self._belt_sign[robot, SWAPPED]
+        self.attempts[robot], self.deadline[robot], self._inside[robot] = 0, np.inf, False
+        if self.settings.align[robot]:
+            self.aligned[robot] = self.routes.first[way]
+
+    def extend_leg(self, robot: int, shift: int) -> None:
+        """Follow a robot whose leg goes on, on a route whose passages have numbers larger by
+        ``shift``."""
+        if self.settings.align[robot]:
+            self.aligned[robot] += shift
+
+    def align_again(self, robots: NDArray[np.bool_], passage: NDArray[np.intp]) -> None:
+        """Forget that ``robots`` (n,) have been aligned for their ``passage`` (n,)."""
+        again = robots & self.settings.align
+        self.aligned = np.where(again, np.minimum(self.aligned, passage), self.aligned)
+
+    def align_inside(self, robots: NDArray[np.bool_], passage: NDArray[np.intp]) -> None:
+        """As ``align_again``, and for fittings that go with any orientation, too."""
+        self.align_again(robots, passage)
+        self._inside = self._inside | robots
+
+    def step(self, observation: Observation, room: Array) -> Standing:
+        """Find out who has to stand, plan a roll where one is due, and move ``roll`` on.
+
+        Args:
+            observation: of this moment. room: (n,) m, ``RouteMap.nose_room`` at this moment.
+        """
+        standing = self._stand(observation, room)
+        missing = self.roll_target - self.roll
+        if np.count_nonzero(missing):
+            self.roll += np.minimum(np.maximum(missing, -self._step), self._step)
+        return standing
+
+    def _stand(self, observation: Observation, room: Array) -> Standing:
+        place, events = observation.place, []
+        due = (self.aligned <= place.passage) & (room <= self.robot.standing_room)
+        if not np.count_nonzero(due):
+            return Standing(due, ())
+        new = due & np.isinf(self.deadline)
+        self.deadline = np.where(new, observation.time + self._patience, self.deadline)
+        settled = np.abs(observation.roll - self.roll_target).max(axis=-1) < self._settled
+        # The last ranges are the widest.
+        best = self.best[-1][:, self._rows, place.passage]  # (SIDES, n)
+        width = self.aim[-1][:, self._rows, place.passage]
+        error = np.abs(orientation_error(place.theta5, best))
+        oriented = (error <= width + ROUNDING).any(axis=0)
+        off_the_line = no_motion_distance(observation.roll).min(axis=-1) >= self._clear_enough
+        # With the nose inside, a fitting that goes with any orientation is not worth a stop.
+        inside = (room < 0) & self.makes_do[place.passage]
+        decide = due & (settled | (observation.time > self.deadline))
+        if place.sure is not None:
+            decide &= place.sure
+        good = (oriented | (inside & ~self._inside)) & off_the_line
+        finished = decide & (good | (self.attempts >= self._most_attempts))
+        self.aligned = np.where(finished, place.passage + 1, self.aligned)
+        self.attempts = np.where(finished, 0, self.attempts)
+        self._inside = self._inside & ~finished
+        self.deadline = np.where(finished, np.inf, self.deadline)
+        again = decide & ~finished
+        if again.any():
+            events = self._plan(np.flatnonzero(again), observation)
+        return Standing(due & ~finished, events)
+
+    def _plan(self, robots: NDArray[np.intp], observation: Observation) -> list[Event]:
+        """Plan a roll for each of ``robots`` (m,); those without a plan drive on as they are."""
+        place = observation.place
+        theta5 = place.theta5[robots]
+        plan = self._cheapest(robots, theta5, place.passage[robots])
+        self.roll_target[robots] += plan.change[:, None]
+        rolls = np.abs(plan.change) > self._settled[robots]
+        most = self._most_attempts[robots]
+        self.attempts[robots] = np.where(rolls, self.attempts[robots] + 1, most)
+        rolling = np.abs(plan.change) / self.robot.roll_rate
+        self.deadline[robots] = observation.time[robots] + rolling + self._patience[robots]
+        return [
+            self._told(int(robot), plan, i, observation)
+            for i, robot in enumerate(robots)
+            if rolls[i] or not plan.exists[i]
+        ]
+
+    def _cheapest(
+        self, robots: NDArray[np.intp], theta5: Array, passage: NDArray[np.intp]
+    ) -> RollPlan:
+        """Of the rolls to all aims with all clearances, the one that costs least, for ``robots``
+        (m,)."""
+        roll = self.roll_target[robots, 0]
+        ratio = self.robot.lug_radius / self.routes.radius[passage]
+        best = self.best[..., robots, passage]  # (AIMS, SIDES, m) rad
+        aims = self.aim[..., robots, passage]
+        plan, least = None, np.full(len(robots), np.inf)
+        for clearance, detour in zip(
+            self._clearances[robots].T, self._clearance_detours[robots].T, strict=True
+        ):
+            for width, side in np.ndindex(*best.shape[:2]):
+                centre, aim = best[width, side], aims[width, side]
+                other = plan_roll(theta5, roll, centre, aim, ratio, no_motion_margin=clearance)
+                # Of two equally long rolls, to either side, the positive one costs less.
+                roll_cost = np.abs(other.change) - ROUNDING * (other.change > 0)
+                cost = roll_cost + detour + width * self._aim_detour[robots]
+                cost = np.where(other.exists, cost, np.inf)
+                plan = other if plan is None else other.where(cost < least, plan)
+                least = np.minimum(cost, least)
+        assert plan is not None
+        return plan
+
+    def _told(self, robot: int, plan: RollPlan, i: int, observation: Observation) -> Event:
+        """One plan, or why there is none, as an event."""
+        place, time = observation.place, float(observation.time[robot])
+        fitting = self.routes.name_of(int(place.passage[robot]))
+        theta5_deg = float(np.degrees(place.theta5[robot]))
+        if not plan.exists[i]:
+            cause = Obstacle(int(plan.obstacle[i])).text
+            return NotAligned(robot, time, fitting, theta5_deg, cause)
+        change, after = float(np.degrees(plan.change[i])), float(np.degrees(plan.theta5[i]))
+        return Rolled(robot, time, fitting, change, theta5_deg, after)

@@ -6,15 +6,20 @@ from __future__ import annotations
 from typing import Annotated, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import TURNED
 from omnitrack_sim.base.table import NotNegative, Table, Unit
-from omnitrack_sim.robots.omnitrack.control.aligner import Aligner, AlignmentTable, manoeuvres
+from omnitrack_sim.robots.omnitrack.control.alignment import Aligner, AlignmentTable, manoeuvres
 from omnitrack_sim.robots.omnitrack.control.interface import Command, ControlSetup, Observation
-from omnitrack_sim.robots.omnitrack.control.leg_watch import LegWatch
 from omnitrack_sim.robots.omnitrack.control.recovery import Recovery, RecoveryTable
-from omnitrack_sim.robots.omnitrack.control.sway import Sway, SwayTable
-from omnitrack_sim.robots.omnitrack.control.tracking import Tracking, TrackingTable, wall_speeds
+from omnitrack_sim.robots.omnitrack.control.tracking import (
+    Sway,
+    SwayTable,
+    Tracking,
+    TrackingTable,
+    wall_speeds,
+)
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT, BACK_OFF = range(6)
 _PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT, None: CRUISE}
@@ -51,6 +56,49 @@ class FeedbackTable(Table):
     recovery: RecoveryTable = RecoveryTable()
 
 
+class LegWatch:
+    """Notices when robots have been sent onto another leg or route.
+
+    Attributes:
+        grown: routes have been added since the last observation: what was looked up in them has to
+            be looked up again.
+        extended: robots whose leg goes on, on a route that begins as the last one, and by how much
+            the numbers of its passages are larger.
+    """
+
+    def __init__(self, setup: ControlSetup) -> None:
+        self._leg, self._gear = np.zeros((2, setup.n), int)
+        self._way = np.zeros(setup.n, np.intp)
+        self.reset(np.arange(setup.n), setup)
+
+    def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
+        """Begin anew with robots ``rows``; ``setup`` is that of all robots."""
+        self._routes, self._version = setup.routes, setup.routes.version
+        self._leg = self._leg.copy()  # an observation's own array
+        self._leg[rows] = -1  # the first observation is no change
+        self.grown = False
+        self.extended: list[tuple[int, int]] = []
+
+    def changes(self, observation: Observation) -> list[tuple[int, bool]]:
+        """Robots on another leg than before, and whether each drives in the other gear now."""
+        leg, gear, way = self._leg, self._gear, self._way
+        self.grown = self._routes.version != self._version
+        self._version = self._routes.version
+        self._way = observation.place.way
+        self.extended = []
+        if leg is observation.leg and way is self._way:
+            return []
+        self._leg, self._gear = observation.leg, observation.gear
+        known, same = leg >= 0, leg == observation.leg
+        first = self._routes.first
+        self.extended = [
+            (robot, int(first[self._way[robot]] - first[way[robot]]))
+            for robot in np.flatnonzero(known & same & (way != self._way)).tolist()
+        ]
+        robots = np.flatnonzero(known & ~same).tolist()
+        return [(robot, bool(gear[robot] != observation.gear[robot])) for robot in robots]
+
+
 class JacobianController:
     """Straights, elbows and tees with one law; stops and rolls the modules where theta5 is outside
     the safe margin.
@@ -71,24 +119,33 @@ class JacobianController:
     Parameters: ClassVar[type[Table]] = FeedbackTable
 
     def __init__(self, setup: ControlSetup) -> None:
-        self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
-        self.tracking = Tracking(setup, "tracking")
         self.sway = Sway(setup, "sway")
         self.aligner = Aligner(setup, "alignment")
         self.recovery = Recovery(setup, "recovery")
-        self._legs = LegWatch(setup.routes)
+        self._legs = LegWatch(setup)
+        self._rows = np.arange(setup.n)
+        self.resting = np.zeros(setup.n, bool)
+        self.angular_velocity = np.zeros((setup.n, 3))  # rad/s, robot frame, smoothed
+        self.reset(self._rows, setup)
+
+    def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
+        """Begin anew with robots ``rows``; ``setup`` is that of all robots."""
+        for part in (self.sway, self.aligner, self.recovery, self._legs):
+            part.reset(rows, setup)
+        self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
+        self.tracking = Tracking(setup, "tracking")
         self._steers = setup.drive.steers
         self._turn_speed = setup.each("tracking.turn_speed")
         self._damping = {name: setup.each(f"damping.{name}") for name in DampingTable.model_fields}
         time = self._damping["rate_filter"] * setup.robot.time_scale
         self._smoothing = (setup.period / (time + setup.period))[:, None]
-        self._rows, self._forward = np.arange(setup.n), np.ones(setup.n)
-        self.resting = np.zeros(setup.n, bool)
-        self.angular_velocity = np.zeros((setup.n, 3))  # rad/s, robot frame, smoothed
+        self._forward = np.ones(setup.n)
+        self.resting = self.resting.copy()  # the last command holds the array
+        self.resting[rows], self.angular_velocity[rows] = False, 0.0
         self._learn()
 
     def _learn(self) -> None:
-        """What each passage of the routes asks for."""
+        """Look up what each passage of the routes asks for."""
         asked, none = manoeuvres(self.routes), np.zeros(len(self._rows))
         self.kind = np.array([_PHASES[m] for m in asked])  # (Q,) phase in each passage
         gains = [none if m is None else self._damping[m] for m in asked]  # Q times (n,)
@@ -97,14 +154,14 @@ class JacobianController:
         self.rate_gain = np.array([merge if out else gain for gain, out in merging])  # (Q, n)
 
     def _follow_legs(self, observation: Observation) -> None:
-        """Prepare robots that have been sent onto another way."""
+        """Prepare robots that have been sent onto another route."""
         changes = self._legs.changes(observation)
         if self._legs.grown:
             self._learn()
             self.aligner.learn()
-        for robot, later in self._legs.longer:
-            self.aligner.go_on(robot, later)
-            self.recovery.go_on(robot, later)
+        for robot, shift in self._legs.extended:
+            self.aligner.extend_leg(robot, shift)
+            self.recovery.extend_leg(robot, shift)
         for robot, turned in changes:
             self.aligner.begin_leg(robot, turned, int(observation.place.way[robot]))
             self.recovery.begin_leg(robot)

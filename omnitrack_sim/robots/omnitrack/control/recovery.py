@@ -13,7 +13,7 @@ from pydantic import Field
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Part, Table, Unit
 from omnitrack_sim.record.events import BackedOff, Event
-from omnitrack_sim.robots.omnitrack.control.aligner import Aligner
+from omnitrack_sim.robots.omnitrack.control.alignment import Aligner
 from omnitrack_sim.robots.omnitrack.control.interface import ControlSetup, Observation
 
 
@@ -56,30 +56,34 @@ class Recovery:
     """
 
     def __init__(self, setup: ControlSetup, path: str) -> None:
+        self._path, n = path, setup.n
+        self.farthest, self.waiting = np.zeros((2, n))
+        self.backing = np.zeros(n, bool)
+        self.retries, self.passage = np.zeros((2, n), np.intp)
+        self.reset(np.arange(n), setup)
+
+    def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
+        """Begin anew with robots ``rows``; ``setup`` is that of all robots."""
         self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
         self.period = setup.period
-        bore, n = setup.robot.nominal_bore, setup.n
-        each = {name: setup.each(f"{path}.{name}") for name in RecoveryTable.model_fields}
-        speed = setup.settings.cruise_speed
+        each = {name: setup.each(f"{self._path}.{name}") for name in RecoveryTable.model_fields}
+        bore, speed = setup.robot.nominal_bore, setup.settings.cruise_speed
         self._most_retries, self._beside = each["retries"], each["beside"]
         self._progress, self._fallen = each["progress"] * bore, each["fallen"] * bore  # (n,) m
         self._patience = each["patience"] * bore / speed  # (n,) s
         self._merge_patience = each["merge_patience"] * bore / speed
         self._back_off = each["back_off"] * bore / speed
-        self.farthest = np.full(n, -np.inf)
-        self.waiting = np.zeros(n)
-        self.backing = np.zeros(n, bool)
-        self.retries = np.zeros(n, int)
-        self.passage = np.zeros(n, np.intp)
+        self.begin_leg(rows)
 
-    def begin_leg(self, robot: int) -> None:
-        """Start a robot afresh on its new way."""
-        self.farthest[robot], self.waiting[robot] = -np.inf, 0.0
-        self.backing[robot], self.retries[robot], self.passage[robot] = False, 0, -1
+    def begin_leg(self, rows: int | NDArray[np.intp]) -> None:
+        """Forget the progress and the retries of robots ``rows``, which begin a leg."""
+        self.farthest[rows], self.waiting[rows] = -np.inf, 0.0
+        self.backing[rows], self.retries[rows], self.passage[rows] = False, 0, -1
 
-    def go_on(self, robot: int, later: int) -> None:
-        """A robot's leg goes on, on a route whose passages are counted ``later`` by so many."""
-        self.passage[robot] += later
+    def extend_leg(self, robot: int, shift: int) -> None:
+        """Follow a robot whose leg goes on, on a route whose passages have numbers larger by
+        ``shift``."""
+        self.passage[robot] += shift
 
     def step(
         self, observation: Observation, standing: NDArray[np.bool_], room: Array, aligner: Aligner

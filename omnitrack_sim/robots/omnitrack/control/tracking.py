@@ -9,16 +9,18 @@ points anywhere into that stretch is right.
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
 
 from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, length, unit
 from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
 from omnitrack_sim.pipes.route_map import Place
-from omnitrack_sim.robots.omnitrack.control.interface import ControlSetup
-from omnitrack_sim.robots.omnitrack.control.sway import Lean
-from omnitrack_sim.robots.omnitrack.kinematics import module_speeds
+from omnitrack_sim.robots.omnitrack.control.interface import ControlSetup, Observation
+from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, module_speeds
 
 LEADS = 7
 """Points of the stretch that the heading is compared with."""
@@ -142,3 +144,121 @@ def wall_speeds(
     speeds = module_speeds(speed, omega[:, 0], omega[:, 1], lever)
     limit = speed_limit[:, None]
     return np.minimum(np.maximum(speeds, -limit), limit)
+
+
+class SwayTable(Table):
+    """How a robot sways in a turn from a tee's run into its branch.
+
+    The slip of the turn is the part of the rotation by the belts that the gyroscope does not see.
+    """
+
+    lean_deg: Annotated[float, Field(ge=0, le=80)] = 40.0
+    """Largest lean that is asked for, 0 to 80; a robot reaches half of it. 0: none."""
+    # A turn with less slip is left alone. On a dry wall it is -0.14 to -0.02, in turns that fail
+    # without sway 0.23 and more.
+    slip: Annotated[NotNegative, Unit("1")] = 0.1
+    """A turn that slips no more than this is left alone."""
+    slip_range: Annotated[Part, Unit("1")] = 0.2
+    """Slip beyond that with which the lean is in full."""
+
+
+@dataclass(frozen=True)
+class SwayProfile:
+    """Lean over the course of a turn into a branch.
+
+    Attributes:
+        progress: rotation so far at which ``lean`` stands, as parts of the turn.
+        lean: lean there, as parts of the largest; linear between. The swing back begins early: a
+            robot follows it by about a ninth of the turn later.
+        judged: part of the turn after which its slip is no longer measured. Farther on the inner
+            module may have lost its wall, and its belt then turns nothing on a dry wall either.
+        least_turn: rad, rotation by the belts that is enough to tell how much of it slips.
+    """
+
+    progress: tuple[float, ...] = (1 / 9, 1 / 3, 5 / 9, 7 / 9)
+    lean: tuple[float, ...] = (-0.15, 1.0, 0.5, 0.0)
+    judged: float = 1 / 3
+    least_turn: float = np.radians(5.0)
+
+
+SWAY = SwayProfile()
+
+
+class Lean(NamedTuple):
+    """How n robots shall lean.
+
+    Attributes:
+        aside: (n, 3) is added to the direction that they shall turn to, world frame.
+        most: (n,) the largest size that it has in this turn.
+    """
+
+    aside: Array
+    most: Array
+
+
+class Sway:
+    """The sway of n robots.
+
+    A robot leans to the side of the turn's plane that module 1 is not on when the turn begins.
+
+    Args:
+        setup: of the controller. path: of the ``SwayTable`` in its parameters.
+
+    Attributes:
+        by_belts, turned: (n,) rad, how far robots have turned in the first part of their turn by
+            the speeds of their belts, and by the gyroscope.
+    """
+
+    def __init__(self, setup: ControlSetup, path: str) -> None:
+        self._path = path
+        self._side, self.by_belts, self.turned = np.zeros((3, setup.n))
+        self.reset(np.arange(setup.n), setup)
+
+    def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
+        """Begin anew with robots ``rows``; ``setup`` is that of all robots."""
+        self.routes, self.period = setup.routes, setup.period
+        each = {name: setup.each(f"{self._path}.{name}") for name in SwayTable.model_fields}
+        self._most = np.tan(np.radians(each["lean_deg"]))  # (n,)
+        self._slip, self._slip_range = each["slip"], each["slip_range"]
+        self._side[rows], self.by_belts[rows], self.turned[rows] = 1.0, 0.0, 0.0
+
+    @property
+    def slip(self) -> Array:
+        """Slip of the turn (n,), 1; zero as long as belts have not turned a robot far enough."""
+        known = self.by_belts > SWAY.least_turn
+        return np.where(known, 1.0 - self.turned / np.maximum(self.by_belts, SWAY.least_turn), 0.0)
+
+    def step(
+        self, observation: Observation, turning: NDArray[np.bool_], full: NDArray[np.bool_]
+    ) -> Lean:
+        """How robots shall lean now.
+
+        Args:
+            observation: of this moment. turning: (n,) robots that turn into a branch now.
+            full: (n,) robots that sway in full, whatever slips.
+        """
+        place = observation.place
+        beside = np.where(place.theta5 < 0, 1.0, -1.0)
+        self._side = np.where(turning, self._side, beside)
+        if not np.count_nonzero(turning):
+            self.by_belts, self.turned = 0 * self.by_belts, 0 * self.turned
+            return Lean(np.zeros((len(turning), 3)), np.zeros(len(turning)))
+        passage, rotation = place.passage, observation.rotation
+        ahead = self.routes.ahead.take(passage, axis=0)
+        towards = self.routes.directions.take(passage, axis=0)
+        normal = cross(ahead, towards)
+        axis = rotation[:, :, 2]
+        heading = np.arctan2(dot(axis, towards), dot(axis, ahead))
+        progress = heading / self.routes.turn.take(passage)
+        in_robot = dot(normal[:, None], rotation.transpose(0, 2, 1))
+        radius = self.routes.radius.take(passage)
+        belts = dot(angular_velocity(observation.wall_speed, 0.0, radius), in_robot)
+        gyro = dot(observation.angular_velocity, in_robot)
+        elapsed = np.where(turning & (progress < SWAY.judged), self.period, 0.0)
+        self.by_belts = np.where(turning, self.by_belts, 0.0) + elapsed * belts
+        self.turned = np.where(turning, self.turned, 0.0) + elapsed * gyro
+        share = np.clip((self.slip - self._slip) / self._slip_range, 0.0, 1.0)
+        share = np.where(full, 1.0, share)
+        most = np.where(turning, self._most * share, 0.0)
+        size = self._side * most * np.interp(progress, SWAY.progress, SWAY.lean)
+        return Lean(size[:, None] * normal, most)

@@ -1,25 +1,29 @@
 """Learned controllers: what they observe, what they decide, and what comes of it."""
 
-from omnitrack_sim.robots.omnitrack.policy.actions import (
-    ACTINGS,
+from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
+from omnitrack_sim.robots.omnitrack.policy.features import (
     ACTIONS,
+    FEATURE_SETS,
+    FEATURES,
+    Feature,
+    FeatureInput,
+    bounds,
+    entry_names,
+    entry_slices,
+    features_of,
+)
+from omnitrack_sim.robots.omnitrack.policy.file import (
+    ACTINGS,
     DECISION_PERIOD,
     DIRECT,
     RESIDUAL,
     Acting,
+    Mlp,
+    Policy,
+    TrainingRecord,
+    load_policy,
+    named_features,
 )
-from omnitrack_sim.robots.omnitrack.policy.decisions import Decisions
-from omnitrack_sim.robots.omnitrack.policy.feature import (
-    Feature,
-    View,
-    bounds,
-    entry_names,
-    entry_slices,
-)
-from omnitrack_sim.robots.omnitrack.policy.features import FEATURE_SETS, FEATURES, features_of
-from omnitrack_sim.robots.omnitrack.policy.file import Policy, load_policy, named_features
-from omnitrack_sim.robots.omnitrack.policy.header import TrainingRecord
-from omnitrack_sim.robots.omnitrack.policy.mlp import Mlp
 
 __all__ = [
     "ACTINGS",
@@ -32,10 +36,10 @@ __all__ = [
     "Acting",
     "Decisions",
     "Feature",
+    "FeatureInput",
     "Mlp",
     "Policy",
     "TrainingRecord",
-    "View",
     "bounds",
     "entry_names",
     "entry_slices",

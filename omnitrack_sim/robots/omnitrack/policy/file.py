@@ -9,34 +9,305 @@ import io
 import math
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, model_validator
 
 from omnitrack_sim.base.arguments import check_is
-from omnitrack_sim.base.bounds import MOST_LAYERS, MOST_POLICY_BYTES
+from omnitrack_sim.base.bounds import LARGEST_WEIGHT, MOST_LAYERS, MOST_POLICY_BYTES, MOST_WIDTH
 from omnitrack_sim.base.errors import Fault, InputError, PolicyError
 from omnitrack_sim.base.files import is_file, parsed
+from omnitrack_sim.base.naming import ByName
 from omnitrack_sim.base.reading import checked, fault_of
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.shipped import shipped_policies
+from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import counted, strict_json
 from omnitrack_sim.base.writing import npz_of, write_file
-from omnitrack_sim.robots.omnitrack.policy.actions import ACTIONS, DECISION_PERIOD, DIRECT, Acting
-from omnitrack_sim.robots.omnitrack.policy.feature import Entries, Feature
-from omnitrack_sim.robots.omnitrack.policy.features import FEATURES, features_of
-from omnitrack_sim.robots.omnitrack.policy.header import (
-    ActingEntry,
-    FeatureEntry,
-    Header,
-    TrainingRecord,
+from omnitrack_sim.robots.omnitrack.policy.features import (
+    ACTIONS,
+    FEATURES,
+    Feature,
+    FloatRows,
+    features_of,
 )
-from omnitrack_sim.robots.omnitrack.policy.mlp import Mlp
 
+DECISION_PERIOD = 0.05
+"""Time that a decision holds, s: 5 mm of travel at 0.1 m/s, a third of the time in which the
+springs can turn a robot over in a tee."""
 HEADER = "policy"
 """Name of the entry of JSON, as bytes of UTF-8."""
+
+
+@dataclass(frozen=True)
+class Acting:
+    """How a decision becomes a command.
+
+    Attributes:
+        name: of this way to act.
+        base: the shipped controller to whose command the decision is added; none: it is the
+            command. While the base stands or backs off, the decision counts for nothing.
+        speed: part of the speed limit that an action of 1 stands for.
+        roll_reach: rad, by how much the roll may be off that of the base; infinite without one.
+    """
+
+    name: str
+    base: str | None = None
+    speed: float = 1.0
+    roll_reach: float = math.inf
+
+
+DIRECT = Acting("direct")
+# Where walls are slippery and the way leads down, a turn has to be driven otherwise than the base
+# drives it, so belts may do anything. 0.3 rad of roll turn the robot by 6 degrees, half the safe
+# range of theta5.
+RESIDUAL = Acting("residual", base="jacobian", roll_reach=0.3)
+ACTINGS: Mapping[str, Acting] = ByName({acting.name: acting for acting in (DIRECT, RESIDUAL)})
+"""Ways to act by name."""
+
+
+TILE = 16
+"""Rows that are evaluated together: the products of a layer of 64 to 64 then take 0.5 MB and stay
+in the processor's cache. 64 rows take twice as long in one tile."""
+
+
+def _relu(x: Array) -> Array:
+    return np.maximum(x, 0.0)
+
+
+def _elu(x: Array) -> Array:
+    return np.where(x > 0, x, np.expm1(np.minimum(x, 0.0)))
+
+
+def _cut(x: Array) -> Array:
+    return np.minimum(np.maximum(x, -1.0), 1.0)
+
+
+ACTIVATIONS: Mapping[str, Callable[[Array], Array]] = ByName(
+    {"tanh": np.tanh, "relu": _relu, "elu": _elu}
+)
+"""Between layers, by name."""
+OUTPUTS: Mapping[str, Callable[[Array], Array]] = ByName({"clip": _cut, "tanh": np.tanh})
+"""Behind the last layer, by name: both end within -1 and 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mlp:
+    """Layers with an activation between them, of normalised entries.
+
+    It is evaluated in double precision, and all sums are taken in one order, so that a row gives
+    the same bytes alone and among any number of others. Matrix products of BLAS do not.
+
+    Attributes:
+        weights: (inputs, outputs) of each layer, the first one first. biases: (outputs,) of each.
+        mean, std: (inputs,) of the entries: they are taken less ``mean`` and over ``std``, ...
+        reach: ... and cut off at this size.
+        activation, output: names, see ``ACTIVATIONS`` and ``OUTPUTS``.
+
+    Raises:
+        ValueError: shapes that do not fit, numbers that are none or too large, another name.
+    """
+
+    weights: Sequence[Array]
+    biases: Sequence[Array]
+    mean: Array
+    std: Array
+    reach: float = 10.0
+    activation: str = "tanh"
+    output: str = "clip"
+
+    def __post_init__(self) -> None:
+        for name, known in (("activation", ACTIVATIONS), ("output", OUTPUTS)):
+            if getattr(self, name) not in known:
+                choices = ", ".join(known)
+                raise ValueError(f"{name} is {getattr(self, name)!r} (choose from: {choices})")
+        if not 1 <= len(self.weights) <= MOST_LAYERS or len(self.weights) != len(self.biases):
+            counts = f"{len(self.weights)} weights and {len(self.biases)} biases"
+            raise ValueError(f"has {counts}; as many of each, 1 to {MOST_LAYERS}")
+        for name in ("weights", "biases"):
+            object.__setattr__(self, name, [np.array(a, float) for a in getattr(self, name)])
+        for name in ("mean", "std"):
+            object.__setattr__(self, name, np.array(getattr(self, name), float))
+        self._check_shapes()
+        self._check_numbers()
+
+    def _check_shapes(self) -> None:
+        width = self.inputs
+        wanted: dict[str, tuple[Array, tuple[int, ...]]] = {
+            "mean": (self.mean, (width,)),
+            "std": (self.std, (width,)),
+        }
+        for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            outputs = weight.shape[1] if weight.ndim == 2 else bias.shape[0] if bias.ndim else 1
+            wanted[f"weight_{i}"] = weight, (width, outputs)
+            wanted[f"bias_{i}"] = bias, (outputs,)
+            width = outputs
+        for name, (array, shape) in wanted.items():
+            if array.shape != shape:
+                raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
+            if not all(1 <= size <= MOST_WIDTH for size in shape):
+                raise ValueError(f"{name} has shape {shape}; widths go from 1 to {MOST_WIDTH}")
+
+    def _check_numbers(self) -> None:
+        every = {"mean": self.mean, "std": self.std}
+        every |= {f"weight_{i}": weight for i, weight in enumerate(self.weights)}
+        every |= {f"bias_{i}": bias for i, bias in enumerate(self.biases)}
+        for name, array in every.items():
+            if not np.isfinite(array).all():
+                raise ValueError(f"{name} holds what is not a number, or infinite")
+            if np.abs(array).max() > LARGEST_WEIGHT:
+                raise ValueError(f"{name} holds numbers larger than {LARGEST_WEIGHT:g}")
+        if not (self.std > 1 / LARGEST_WEIGHT).all():
+            raise ValueError(f"std holds numbers that are not larger than {1 / LARGEST_WEIGHT:g}")
+        if not 0 < self.reach <= LARGEST_WEIGHT:
+            raise ValueError(f"reach is {self.reach}; above 0, at most {LARGEST_WEIGHT:g}")
+
+    def __repr__(self) -> str:
+        return f"Mlp({'-'.join(map(str, self.widths))}, {self.activation}, {self.output})"
+
+    @property
+    def inputs(self) -> int:
+        """Number of entries."""
+        return self.weights[0].shape[0] if self.weights[0].ndim else 0
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        """Number of entries, and of the outputs of each layer."""
+        return (self.inputs, *(len(bias) for bias in self.biases))
+
+    def __call__(self, entries: ArrayLike) -> FloatRows:
+        """Outputs (n, m) within -1 and 1 of entries (n, inputs).
+
+        Raises:
+            ValueError: entries of another shape.
+        """
+        rows = np.asarray(entries, float)
+        if rows.ndim != 2 or rows.shape[1] != self.inputs:
+            raise ValueError(f"entries have shape {rows.shape}; needs (n, {self.inputs})")
+        tiles = [self._tile(rows[i : i + TILE]) for i in range(0, len(rows), TILE)]
+        return np.concatenate(tiles).astype(np.float32)
+
+    def _tile(self, rows: Array) -> Array:
+        x = (rows - self.mean) / self.std
+        x = np.minimum(np.maximum(x, -self.reach), self.reach)
+        *hidden, last = zip(self.weights, self.biases, strict=True)
+        for weight, bias in hidden:
+            x = ACTIVATIONS[self.activation](_layer(x, weight, bias))
+        return OUTPUTS[self.output](_layer(x, *last))
+
+
+def _layer(x: Array, weight: Array, bias: Array) -> Array:
+    """``x @ weight + bias``. The sum goes over an axis that is not the last one, where NumPy adds
+    row after row."""
+    return np.add.reduce(x[:, :, None] * weight, axis=1) + bias
+
+
+Word = Annotated[str, Field(max_length=200)]
+
+
+class FeatureEntry(Table):
+    """One feature, as it was when the policy was trained."""
+
+    name: Word
+    size: Annotated[int, Field(ge=1)]
+    unit: Word
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, name: str, feature: Feature) -> Self:
+        """What a feature is now. ``name``: under which it is found."""
+        low, high = float(feature.low), float(feature.high)
+        return cls(name=name, size=feature.size, unit=feature.unit, low=low, high=high)
+
+    def feature(self) -> Feature:
+        """The feature of that name.
+
+        Raises:
+            ValueError: there is none, or it is another one by now.
+        """
+        try:
+            found = features_of([self.name])
+        except InputError as error:
+            raise ValueError(str(error)) from None
+        if len(found) != 1:
+            raise ValueError(f"features: {self.name!r} is a set of them, not one")
+        now = FeatureEntry.of(self.name, found[0])
+        if now != self:
+            raise ValueError(f"features: was made for {self._told()}, which is now {now._told()}")
+        return found[0]
+
+    def _told(self) -> str:
+        numbers = "1 number" if self.size == 1 else f"{self.size} numbers"
+        return f"{self.name!r} of {numbers} from {self.low:g} to {self.high:g} {self.unit}"
+
+
+class ActingEntry(Table):
+    """How the policy's decisions become commands, see ``Acting``."""
+
+    name: Word
+    base: Literal["jacobian", "paper", "equal"] | None = None
+    speed: Annotated[float, Field(gt=0, le=1)]
+    roll_reach: Annotated[float, Field(ge=0, le=math.pi)] | None = None
+
+    @classmethod
+    def of(cls, acting: Acting) -> Self:
+        """A way to act, as a file says it."""
+        reach = acting.roll_reach if math.isfinite(acting.roll_reach) else None
+        return cls.model_validate(vars(acting) | {"roll_reach": reach})
+
+    def acting(self) -> Acting:
+        """The way to act."""
+        reach = math.inf if self.roll_reach is None else self.roll_reach
+        return Acting(self.name, self.base, self.speed, reach)
+
+
+class TrainingRecord(Table):
+    """How a policy came about."""
+
+    command: Annotated[str, Field(max_length=2000)] = ""
+    """That trained it."""
+    seed: int | None = None
+    """Of the training."""
+    steps: Annotated[int, Field(ge=0)] | None = None
+    """Decisions that it was trained for."""
+    date: Word = ""
+    """Of the training, as ISO 8601 has it."""
+    package_version: Word = ""
+    """Of omnitrack_sim."""
+    note: Annotated[str, Field(max_length=2000)] = ""
+    """What else there is to say, such as what it was trained on."""
+
+
+class Header(Table):
+    """The JSON entry of a policy file."""
+
+    format: Literal[1]
+    architecture: Literal["mlp"]
+    activation: Word
+    output: Word
+    reach: float
+    features: Annotated[tuple[FeatureEntry, ...], Field(min_length=1, max_length=200)]
+    actions: tuple[Word, ...]
+    decision_period_s: float
+    acting: ActingEntry
+    record: TrainingRecord = TrainingRecord()
+
+    @model_validator(mode="after")
+    def _is_for_these_actions(self) -> Self:
+        _same("actions", self.actions, ACTIONS)
+        _same("decision_period_s", self.decision_period_s, DECISION_PERIOD)
+        return self
+
+
+def _same(key: str, given: str | float | Sequence[str], now: str | float | Sequence[str]) -> None:
+    if given != now:
+        raise ValueError(f"{key}: was made for {given}, and here it is {now}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +351,7 @@ class Policy:
         """The features themselves."""
         return features_of(self.features)
 
-    def __call__(self, entries: ArrayLike) -> Entries:
+    def __call__(self, entries: ArrayLike) -> FloatRows:
         """Actions (n, 4) of entries (n, k).
 
         Raises:

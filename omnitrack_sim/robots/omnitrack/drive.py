@@ -1,0 +1,246 @@
+"""A drive as a value: how many motors there are, and the gears between them and the belts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.naming import ByName, named
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.robots.omnitrack import MODULES
+from omnitrack_sim.robots.omnitrack.motors import Motor
+
+_NOTHING = 1e-9
+"""Size of a coefficient that counts as zero."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """m motors that drive the three belts through gears without loss between their speeds.
+
+    The gears are a matrix B. A motor turns at B times the speeds of the belts; by the balance of
+    power each belt is given B's transpose times the forces of the motors. For three motors B is
+    the identity. For the 1-input 3-output differential it is (1/3, 1/3, 1/3): the speeds of the
+    outputs add up to three times that of the input, and their forces are equal.
+
+    Speeds are in m/s and forces in N, at the belts.
+
+    Attributes:
+        name: for messages.
+        gears: (m, 3), the matrix B, row by row.
+        size: torque and rotor inertia of each motor, as multiples of those of ``robot.motor``.
+
+    Raises:
+        ValueError: ``gears`` is not (m, 3), a motor drives nothing, or two drive the same.
+    """
+
+    name: str
+    gears: Sequence[Sequence[float]]
+    size: float = 1.0
+
+    def __post_init__(self) -> None:
+        matrix = self.matrix
+        if matrix.ndim != 2 or matrix.shape[1] != MODULES or not np.isfinite(matrix).all():
+            raise ValueError(f"gears of drive {self.name!r} are no rows of {MODULES} numbers")
+        if np.linalg.matrix_rank(matrix) < len(matrix):
+            raise ValueError(f"gears of drive {self.name!r}: its motors are not independent")
+        if not self.size > 0:
+            raise ValueError(f"size of drive {self.name!r} is {self.size}; it must be positive")
+
+    @cached_property
+    def matrix(self) -> Array:
+        """The gears B (m, 3)."""
+        return np.asarray(self.gears, float)
+
+    @property
+    def motors(self) -> int:
+        """Number of motors, m."""
+        return len(self.gears)
+
+    @property
+    def steers(self) -> bool:
+        """Whether the belts can be given three speeds of their own."""
+        return self.motors == MODULES
+
+    @cached_property
+    def direct(self) -> bool:
+        """Whether motor i drives belt i and nothing else."""
+        return np.array_equal(self.matrix, np.eye(MODULES))
+
+    @property
+    def strength(self) -> Array:
+        """What the motors can give each belt at most (3,), as multiples of the torque limit of one
+        ``robot.motor``."""
+        return self.size * np.abs(self.matrix).sum(axis=0)
+
+    @property
+    def shafts(self) -> int:
+        """Number of shafts that the model has beside the belts, each a joint of its own: one for
+        each motor, none where every motor turns its own belt and nothing else."""
+        return 0 if self.direct else self.motors
+
+    @cached_property
+    def relative(self) -> Array:
+        """What the belts can do while all motors stand still (3, 3): a projection of their
+        speeds."""
+        free = np.eye(MODULES) - np.linalg.pinv(self.matrix) @ self.matrix
+        return np.where(np.abs(free) > _NOTHING, free, 0.0)
+
+    @cached_property
+    def _inverse(self) -> Array:
+        """Forces of the motors for those of the belts, (m, 3)."""
+        return np.asarray(np.linalg.pinv(self.matrix.T), float)
+
+    def motor_values(self, belts: Array) -> Array:
+        """Speeds of the motors (n, m) for those of the belts (n, 3)."""
+        return belts if self.direct else _product(belts, self.matrix)
+
+    def belt_values(self, motors: Array) -> Array:
+        """Forces of the belts (n, 3) for those of the motors (n, m)."""
+        return motors if self.direct else _product(motors, self.matrix.T)
+
+    def motor_forces(self, belts: Array) -> Array:
+        """Forces of the motors (..., m) that give the belts theirs (..., 3)."""
+        return belts if self.direct else _product(belts, self._inverse)
+
+
+def _product(values: Array, matrix: Array) -> Array:
+    """``matrix`` (a, b) times each of ``values`` (..., b), in one order of sums, so that a robot
+    has the same bits alone and in a batch."""
+    total = values[..., :1] * matrix[:, 0]
+    for i in range(1, matrix.shape[1]):
+        total = total + values[..., i : i + 1] * matrix[:, i]
+    return total
+
+
+class SpeedLoop:
+    """The electrical side of n robots' crawler motors: what the speed servos are asked and how much
+    force they may give.
+
+    The belts, with the reflected rotor inertia and the proportional part of the loop, are part of
+    the physics. Here are the integral part with its droop, the torque-speed line and the limit.
+
+    Args:
+        drive: number of motors, and the gears between them and the belts.
+        motor: ``robot.motor``.
+        torque_limit: (n,) N m, overrides the motor's own.
+        lug_radius: m, belt speed over shaft speed (Eq. 1).
+        n: number of robots.
+
+    Attributes:
+        saturated: (n, 3) bool, modules whose motor is at its limit.
+    """
+
+    def __init__(
+        self, drive: Drive, motor: Motor, torque_limit: ArrayLike, lug_radius: float, n: int
+    ):
+        self.drive, self.motor, self.lug_radius = drive, motor, lug_radius
+        self.torque_limit = np.broadcast_to(np.asarray(torque_limit, float), (n,))[:, None]
+        self.saturated: NDArray[np.bool_] = np.zeros((n, 3), bool)
+        self._correction = np.zeros((n, drive.motors))  # m/s, integral part
+        self._driven = np.abs(drive.matrix) > 0  # (m, 3) belts of each motor
+
+    def restart(self, robots: NDArray[np.intp], torque_limit: Array) -> None:
+        """Have the motors of ``robots`` (k,) begin anew, with limits ``torque_limit`` (k,) N m."""
+        limits = self.torque_limit.copy()
+        limits[robots, 0] = torque_limit
+        saturated = self.saturated.copy()
+        saturated[robots] = False
+        self.torque_limit, self.saturated = limits, saturated
+        self._correction[robots] = 0.0
+
+    def advance(
+        self, command: Array, belt_speed: Array, torque: Array, dt: float
+    ) -> tuple[Array, Array, Array]:
+        """One control step.
+
+        Args:
+            command: (n, 3) m/s, belt speeds asked.
+            belt_speed: (n, 3) m/s, as they are.
+            torque: (n, 3) N m, what the motors gave the modules' shafts last.
+            dt: s since the last call.
+
+        Returns:
+            Set points of the m speed servos (n, m) m/s, and the least and largest force (n, m) N
+            that each may give, all at the belts.
+        """
+        drive, size = self.drive, self.drive.size
+        wanted, speed = drive.motor_values(command), drive.motor_values(belt_speed)
+        given = drive.motor_forces(torque) / size  # N m, of one robot.motor
+        lowest, highest = self._torque_range(speed / self.lug_radius)
+        saturated = (given <= 0.999 * lowest) | (given >= 0.999 * highest)
+        # The integral grows only where the motor can follow (no wind-up in a stall).
+        excess = given - _mean(given)
+        droop = self.motor.speed_droop * self.lug_radius * excess
+        error = wanted - droop - speed
+        self._correction = np.where(
+            saturated,
+            self._correction,
+            self._correction + error * dt / self.motor.speed_integral_time,
+        )
+        self.saturated = saturated if drive.direct else self._of_modules(saturated)
+        force = size / self.lug_radius
+        return wanted + self._correction, lowest * force, highest * force
+
+    def _of_modules(self, motors: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Whether a motor of each module (n, 3) is among those of ``motors`` (n, m)."""
+        return np.any(motors[:, :, None] & self._driven, axis=1)
+
+    def _torque_range(self, speed: Array) -> tuple[Array, Array]:
+        """Least and largest torque (n, m) N m at the shaft at ``speed`` rad/s.
+
+        Driving, the torque-speed line and the limit hold as the maker states them, at the output
+        shaft. Against its direction of turning the gears' losses help the motor twice: once for
+        what it does not lose on the way out, and once for what it does lose on the way in.
+        """
+        motor = self.motor
+        line = motor.stall_torque / motor.no_load_speed
+        highest = _within(motor.stall_torque - line * speed, self.torque_limit)
+        lowest = -_within(motor.stall_torque + line * speed, self.torque_limit)
+        if motor.efficiency == 1:
+            return lowest, highest
+        braking = 1 / motor.efficiency**2
+        return (
+            np.where(speed > 0, lowest * braking, lowest),
+            np.where(speed < 0, highest * braking, highest),
+        )
+
+
+def _mean(torque: Array) -> Array:
+    """Mean (n, 1) over the motors, in one order of sums."""
+    total = torque[:, :1]
+    for i in range(1, torque.shape[1]):
+        total = total + torque[:, i : i + 1]
+    return total / torque.shape[1]
+
+
+def _within(torque: Array, limit: Array) -> Array:
+    """``torque`` cut to the range from 0 to ``limit``."""
+    return np.minimum(np.maximum(torque, 0.0), limit)
+
+
+DRIVES: ByName[Drive] = ByName(
+    three_motors=Drive("three_motors", ((1, 0, 0), (0, 1, 0), (0, 0, 1))),
+    # One motor as strong and as heavy as the three together, so that only the gears differ.
+    differential=Drive("differential", ((1 / 3, 1 / 3, 1 / 3),), size=3.0),
+)
+"""Shipped drives by the name that a scenario's ``robot.drive`` gives. Others are named by
+``module:Object``."""
+
+
+def drive_of(name: str) -> Drive:
+    """The drive that ``robot.drive`` names.
+
+    Raises:
+        InputError: there is no such drive.
+    """
+    found = named(name, "robot.drive", DRIVES)
+    if not isinstance(found, Drive):
+        problem = f"is {name!r}, which is no ot.Drive"
+        raise InputError(Fault("robot.drive", problem, (*DRIVES, "module:Object")))
+    return found
