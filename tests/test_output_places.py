@@ -10,10 +10,10 @@ import pytest
 from samples import sample_result
 from typer.testing import CliRunner
 
-from omnitrack_sim import network
 from omnitrack_sim.base import writing
 from omnitrack_sim.base.errors import InputError, OmnitrackError, OutputError
 from omnitrack_sim.cli import app
+from omnitrack_sim.pipes import network
 
 LONG = "n" * 256
 
@@ -33,7 +33,7 @@ def place(tmp_path, monkeypatch) -> Path:
         raise AssertionError("the command has begun to work")
 
     for target in (
-        "omnitrack_sim.network.load_network",
+        "omnitrack_sim.pipes.network.load_network",
         "omnitrack_sim.robots.omnitrack.singularity.TurnCase",
         "omnitrack_sim.sim.run.run",
         "omnitrack_sim.results.loading.load_result",
