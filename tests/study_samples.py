@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from omnitrack_sim.trials.optimise.explore import Candidate, Measured
-from omnitrack_sim.trials.optimise.spec import Study, resolve
-from omnitrack_sim.trials.optimise.tables import Objective, Plan, Variable
+from omnitrack_sim.trials.search import Candidate, Measured
+from omnitrack_sim.trials.study import Study, resolve
+from omnitrack_sim.trials.study_tables import Objective, Plan, Variable
 
 TEXT = """
 generations = 2

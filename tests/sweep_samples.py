@@ -14,10 +14,8 @@ from typing import Any
 
 from omnitrack_sim.paper.open_loop import EqualController
 from omnitrack_sim.robots.omnitrack.control import ControlSetup, JacobianController
-from omnitrack_sim.trials.sweep import Sweep
-from omnitrack_sim.trials.sweep.batch import Row, run_trials
-from omnitrack_sim.trials.sweep.spec import resolve
-from omnitrack_sim.trials.sweep.trials import Batch
+from omnitrack_sim.trials.batches import Batch, Row, run_trials
+from omnitrack_sim.trials.sweep import Sweep, resolve
 
 TEXT = """
 base = "straight"

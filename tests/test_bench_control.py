@@ -15,11 +15,9 @@ from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.base.pool import LocalPool
 from omnitrack_sim.cli import main
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval
-from omnitrack_sim.trials.bench import TASKS, Bench, Task, entry_of, run_bench, shipped_entries
-from omnitrack_sim.trials.bench.figures import MEASURES, Trials, rows_of
-from omnitrack_sim.trials.bench.tables import FILES, page
-from omnitrack_sim.trials.bench.tasks import DRY, _drawn
-from omnitrack_sim.trials.sweep import dispatch
+from omnitrack_sim.trials import dispatch
+from omnitrack_sim.trials.bench import DRY, TASKS, Task, _drawn, entry_of, shipped_entries
+from omnitrack_sim.trials.bench_run import FILES, MEASURES, Bench, Trials, page, rows_of, run_bench
 
 
 def _short(trials: int, changes: dict):

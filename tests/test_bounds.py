@@ -15,7 +15,7 @@ from omnitrack_sim.pipes.fittings.wye import Wye
 from omnitrack_sim.pipes.near import touching
 from omnitrack_sim.pipes.pieces import Pieces
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.trials.sweep.spec import resolve
+from omnitrack_sim.trials.sweep import resolve
 
 PIPE = {"kind": "straight", "length": 1.2}
 KILOMETRE = {"kind": "straight", "length": 1000.0}

@@ -50,12 +50,11 @@ from omnitrack_sim.scenario.tables import (
     World,
 )
 from omnitrack_sim.senses.table import SensingTable
-from omnitrack_sim.trials.optimise.checks import RESERVED
-from omnitrack_sim.trials.optimise.spec import StudyFile
-from omnitrack_sim.trials.optimise.spec import resolve as resolve_study
-from omnitrack_sim.trials.optimise.tables import Final, Objective, Variable
-from omnitrack_sim.trials.sweep.axes import AXES
-from omnitrack_sim.trials.sweep.spec import SweepFile, resolve
+from omnitrack_sim.trials.axes import AXES
+from omnitrack_sim.trials.study import RESERVED, StudyFile
+from omnitrack_sim.trials.study import resolve as resolve_study
+from omnitrack_sim.trials.study_tables import Final, Objective, Variable
+from omnitrack_sim.trials.sweep import SweepFile, resolve
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

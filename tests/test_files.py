@@ -23,7 +23,7 @@ from omnitrack_sim.cli.common import settings_of
 from omnitrack_sim.pipes.network import load_network
 from omnitrack_sim.results.loading import load_result
 from omnitrack_sim.scenario import load_scenario
-from omnitrack_sim.trials.optimise import load_study
+from omnitrack_sim.trials.study import load_study
 from omnitrack_sim.trials.sweep import load_sweep
 
 PIPE = '[[pipes]]\nkind = "straight"\nlength = 1.0\n'

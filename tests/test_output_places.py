@@ -38,7 +38,7 @@ def place(tmp_path, monkeypatch) -> Path:
         "omnitrack_sim.sim.run.run",
         "omnitrack_sim.results.loading.load_result",
         "omnitrack_sim.paper.command.run_all",
-        "omnitrack_sim.trials.sweep.dispatch.run_trials",
+        "omnitrack_sim.trials.dispatch.run_trials",
     ):
         monkeypatch.setattr(target, work)
     monkeypatch.chdir(tmp_path)

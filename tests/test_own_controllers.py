@@ -16,7 +16,7 @@ from runs import same_result
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault
 from omnitrack_sim.base.pool import LocalPool
-from omnitrack_sim.trials.sweep.spec import resolve
+from omnitrack_sim.trials.sweep import resolve
 
 MODULE = '''
 from typing import Literal

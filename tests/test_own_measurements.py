@@ -17,7 +17,7 @@ from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.base.pool import LocalPool
 from omnitrack_sim.record.channels import CHANNELS, Vector
 from omnitrack_sim.senses import State
-from omnitrack_sim.trials.sweep.spec import resolve
+from omnitrack_sim.trials.sweep import resolve
 
 POWER = ot.Sensor(
     ot.Channel("belt_power", (3,), "W", "mechanical power of each belt", tail_first="swapped"),

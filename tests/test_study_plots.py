@@ -8,7 +8,7 @@ import pytest
 
 from omnitrack_sim.show.plots.study import Scale, Tried, study_figure
 from omnitrack_sim.show.plots.style import save_figure
-from omnitrack_sim.trials.optimise.search import front_of
+from omnitrack_sim.trials.search import front_of
 
 
 def _tried(objectives: int, count: int = 60) -> Tried:

@@ -17,10 +17,9 @@ from omnitrack_sim.cli import app
 from omnitrack_sim.cli.common import with_changes
 from omnitrack_sim.cli.optimise import _print_result
 from omnitrack_sim.show.plots.style import PictureWarning
-from omnitrack_sim.trials.optimise import picture
-from omnitrack_sim.trials.optimise import run as study_run
-from omnitrack_sim.trials.optimise.explore import Measured, explore
-from omnitrack_sim.trials.sweep import dispatch
+from omnitrack_sim.trials import dispatch, study_run
+from omnitrack_sim.trials import study_history as picture
+from omnitrack_sim.trials.search import Measured, explore
 
 FILES = {
     "study.json",

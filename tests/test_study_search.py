@@ -4,15 +4,19 @@ import numpy as np
 import pytest
 from study_samples import OPTIMUM, noisy_quadratic, places, quadratic_plan
 
-from omnitrack_sim.trials.optimise.choice import best_of, front, to_be_checked
-from omnitrack_sim.trials.optimise.explore import Measured, explore, values_of
-from omnitrack_sim.trials.optimise.search import (
+from omnitrack_sim.trials.search import (
+    Measured,
+    best_of,
+    explore,
+    front,
     front_of,
     scores_of,
     spread_weighings,
+    to_be_checked,
+    values_of,
     violations_of,
 )
-from omnitrack_sim.trials.optimise.tables import Objective, Variable
+from omnitrack_sim.trials.study_tables import Objective, Variable
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -8,12 +8,12 @@ import pytest
 from study_samples import small_study, study_data
 
 from omnitrack_sim import StudyError, load_study, override, shipped_studies
-from omnitrack_sim.trials.optimise import checks
-from omnitrack_sim.trials.optimise.explore import Candidate
-from omnitrack_sim.trials.optimise.measure import Measure
-from omnitrack_sim.trials.optimise.spec import Study, resolve
-from omnitrack_sim.trials.optimise.tables import Objective, Variable
-from omnitrack_sim.trials.optimise.trials import batches_of
+from omnitrack_sim.trials import study as checks
+from omnitrack_sim.trials.objectives import Measure
+from omnitrack_sim.trials.search import Candidate
+from omnitrack_sim.trials.study import Study, resolve
+from omnitrack_sim.trials.study_run import batches_of
+from omnitrack_sim.trials.study_tables import Objective, Variable
 
 SPEED, PRELOAD = study_data()["variables"]
 DISTANCE, TORQUE = study_data()["objectives"]

@@ -12,7 +12,8 @@ from sweep_samples import small_sweep
 
 from omnitrack_sim import OutputError, run_sweep
 from omnitrack_sim.show.plots.style import PictureWarning
-from omnitrack_sim.trials.sweep import dispatch, engine
+from omnitrack_sim.trials import dispatch
+from omnitrack_sim.trials import sweep_run as engine
 
 FILES = ("trials.parquet", "trials.csv", "summary.json", "success_map.png", "sweep.json")
 

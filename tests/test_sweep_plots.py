@@ -15,9 +15,8 @@ from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import save_figure
 from omnitrack_sim.show.plots.success import SINGULAR_COLOUR
 from omnitrack_sim.show.plots.sweep import THETA5, Spread, sweep_figure
-from omnitrack_sim.trials.sweep import load_sweep
-from omnitrack_sim.trials.sweep.picture import CLASSES, draw_map, spreads, turn_case
-from omnitrack_sim.trials.sweep.spec import resolve
+from omnitrack_sim.trials.sweep import load_sweep, resolve
+from omnitrack_sim.trials.sweep_figure import CLASSES, draw_map, spreads, turn_case
 
 RNG = np.random.default_rng(0)
 N = 400

@@ -28,9 +28,10 @@ from omnitrack_sim.record.events import BackedOff, FellOff
 from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.sim.run import run_batch
-from omnitrack_sim.trials.sweep import batch, dispatch
-from omnitrack_sim.trials.sweep.summary import summarise_sweep
-from omnitrack_sim.trials.sweep.table import metric_columns, to_parquet
+from omnitrack_sim.trials import batches as batch
+from omnitrack_sim.trials import dispatch
+from omnitrack_sim.trials.store import metric_columns, to_parquet
+from omnitrack_sim.trials.sweep_run import summarise_sweep
 
 ALL = {*FILES, "parts"}
 

@@ -32,7 +32,7 @@ from omnitrack_sim import load_sweep, run_sweep
 from omnitrack_sim.base import workers
 from omnitrack_sim.base.pool import LocalPool
 from omnitrack_sim.base.workers import DaskPool, WorkersLost
-from omnitrack_sim.trials.sweep import dispatch
+from omnitrack_sim.trials import dispatch
 
 
 def started(*arguments: object, **more: object) -> subprocess.Popen:

@@ -84,7 +84,7 @@ SWEEP: Mapping[str, Any] = {
 @cache
 def sweep() -> Sweep:
     """A sweep of four trials in two batches."""
-    from omnitrack_sim.trials.sweep.spec import resolve
+    from omnitrack_sim.trials.sweep import resolve
 
     return resolve(SWEEP)
 

@@ -123,8 +123,8 @@ def _beside(rng: random.Random, value: float) -> Any:
 def limits() -> tuple[float, ...]:
     """Every limit that the tables of files and the robot set on a number."""
     from omnitrack_sim import Network, Scenario
-    from omnitrack_sim.trials.sweep.axes import AXES
-    from omnitrack_sim.trials.sweep.spec import SweepFile
+    from omnitrack_sim.trials.axes import AXES
+    from omnitrack_sim.trials.sweep import SweepFile
 
     found = {
         limit for model in (Scenario, Network, SweepFile, *AXES.values()) for limit in _of(model)

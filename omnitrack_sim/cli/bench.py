@@ -16,8 +16,9 @@ from omnitrack_sim.cli.common import app, out, plain, print_json
 from omnitrack_sim.cli.trials import DaskOption, WorkersOption, make_workers, trials_bar
 
 if TYPE_CHECKING:
-    from omnitrack_sim.trials.bench import Bench, Task
-    from omnitrack_sim.trials.sweep import Status
+    from omnitrack_sim.trials.bench import Task
+    from omnitrack_sim.trials.bench_run import Bench
+    from omnitrack_sim.trials.dispatch import Status
 
 
 @app.command("bench-control")
@@ -68,7 +69,8 @@ def bench_control(
 ) -> None:
     """Put controllers and policies through the same held-out trials; the same command goes on after
     an interruption."""
-    from omnitrack_sim.trials.bench import Bench, entry_of, run_bench, shipped_entries
+    from omnitrack_sim.trials.bench import entry_of, shipped_entries
+    from omnitrack_sim.trials.bench_run import Bench, run_bench
 
     asked = [*(entries or shipped_entries()), *(policies or [])]
     bench = Bench(_tasks(tasks), [entry_of(one) for one in asked], quick, trials)
@@ -100,7 +102,7 @@ def _tasks(names: Sequence[str] | None) -> list[Task]:
 
 
 def _print(bench: Bench, rows: Sequence[dict[str, Any]], target: Path) -> None:
-    from omnitrack_sim.trials.bench.figures import MEASURES
+    from omnitrack_sim.trials.bench_run import MEASURES
 
     named = [
         m.words.replace(" ", "\n") + ("" if m.unit == "1" else f"\n{m.unit}") for m in MEASURES

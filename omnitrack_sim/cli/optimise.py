@@ -26,7 +26,8 @@ from omnitrack_sim.cli.trials import DaskOption, WorkersOption, make_workers, tr
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from omnitrack_sim.trials.optimise import Study, StudyResult, StudyStatus
+    from omnitrack_sim.trials.study import Study
+    from omnitrack_sim.trials.study_run import StudyResult, StudyStatus
 
 
 @app.command()
@@ -55,7 +56,7 @@ def optimise(
     ] = False,
 ) -> None:
     """Search for the best values of a scenario; the same command goes on after an interruption."""
-    from omnitrack_sim.trials.optimise import load_study
+    from omnitrack_sim.trials.study import load_study
 
     study = with_changes(
         lambda changes: load_study(source, changes),
@@ -74,7 +75,7 @@ def optimise(
 
 def _run(study: Study, target: Path, executor: Callable[[], Executor] | None) -> StudyResult:
     """Run a study and tell how far it is."""
-    from omnitrack_sim.trials.optimise import run_study
+    from omnitrack_sim.trials.study_run import run_study
 
     def words(status: StudyStatus, pace: str) -> tuple[str, ...]:
         return status.stage, pace
@@ -129,7 +130,7 @@ def _work(candidates: int, trials: int) -> str:
 
 def _print_result(result: StudyResult, target: Path) -> None:
     """The start and the best beside each other."""
-    from omnitrack_sim.trials.optimise.folder import BEST_FILE
+    from omnitrack_sim.trials.study_store import BEST_FILE
 
     summary, study = result.summary, result.study
     table = Table("", "start", "best", box=None, padding=(0, 2))

@@ -29,7 +29,8 @@ from omnitrack_sim.cli.trials import DaskOption, WorkersOption, make_workers, tr
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from omnitrack_sim.trials.sweep import Status, Sweep
+    from omnitrack_sim.trials.dispatch import Status
+    from omnitrack_sim.trials.sweep import Sweep
 
 LISTED = 10
 """How many trials --list shows."""
@@ -71,8 +72,8 @@ def sweep(
     ] = False,
 ) -> None:
     """Run a sweep; the same command goes on after an interruption."""
+    from omnitrack_sim.trials.store import holds_sweep
     from omnitrack_sim.trials.sweep import load_sweep
-    from omnitrack_sim.trials.sweep.folder import holds_sweep
 
     loaded = with_changes(
         lambda changes: load_sweep(source, changes),
@@ -98,7 +99,7 @@ def _run(
     share: tuple[int, int] | None,
 ) -> int:
     """Run a sweep and tell how far it is; returns the number of rows that are there afterwards."""
-    from omnitrack_sim.trials.sweep import run_sweep
+    from omnitrack_sim.trials.sweep_run import run_sweep
 
     def words(status: Status, pace: str) -> tuple[str, ...]:
         return pace, f"{status.successes} passed"
@@ -113,7 +114,7 @@ def _run(
 
 def _print_outcome(loaded: Sweep, target: Path, done: int, as_json: bool) -> None:
     """Print the summary of a finished sweep, or how far a share of it is."""
-    from omnitrack_sim.trials.sweep.folder import SUMMARY_FILE
+    from omnitrack_sim.trials.store import SUMMARY_FILE
 
     summary = (
         json.loads((target / SUMMARY_FILE).read_text(encoding="utf-8"))

@@ -10,7 +10,7 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from omnitrack_sim.base.bounds import LARGEST, MOST_TRIALS
 from omnitrack_sim.base.table import Table
-from omnitrack_sim.trials.sweep.axes import Number
+from omnitrack_sim.trials.axes import Number
 
 SUCCESS_RATE = "success_rate"
 """The objective that is no metric of a run: the part of the trials that reached the goal."""

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario.tables import unit_of
-from omnitrack_sim.trials.optimise.checks import OF_TRIALS, metrics_of
-from omnitrack_sim.trials.optimise.choice import best_of, front
-from omnitrack_sim.trials.optimise.explore import Candidate, Measured, values_of
-from omnitrack_sim.trials.optimise.search import violations_of
-from omnitrack_sim.trials.optimise.spec import Study
-from omnitrack_sim.trials.optimise.tables import SUCCESS_RATE, Objective
+from omnitrack_sim.show.plots.study import Scale, Tried, study_figure
+from omnitrack_sim.show.plots.style import save_figure
+from omnitrack_sim.trials.search import (
+    Candidate,
+    History,
+    Measured,
+    best_of,
+    front,
+    values_of,
+    violations_of,
+)
+from omnitrack_sim.trials.study import OF_TRIALS, Study, metrics_of
+from omnitrack_sim.trials.study_tables import SUCCESS_RATE, Objective
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
 
 Rows = Sequence[tuple[Candidate, Measured]]
 COUNTS = ("trials", "passed", "invalid", "lost")
@@ -110,3 +121,21 @@ def _fields(study: Study) -> Iterator[tuple[str, pa.Field]]:
     kinds += [(key, pa.int64(), None) for key in COUNTS]
     for name, kind, unit in kinds:
         yield name, pa.field(name, kind, metadata={"unit": unit} if unit else None)
+
+
+def draw_front(study: Study, history: History, checked: History | None, best: Candidate) -> bytes:
+    """``front.png``, of the objectives that have a weight; of the others the limits alone count."""
+    weighed = list(study.weighed)
+    scales = [
+        Scale(name, unit_of_objective(study, objective), objective.goal, objective.limit)
+        for name, objective in ((study.columns[i], study.objectives[i]) for i in weighed)
+    ]
+    values = values_of(history)
+    again = values_of(checked)[:, weighed] if checked else np.empty((0, len(scales)))
+    places = [one.number for one, _ in checked or ()]
+    feasible = violations_of(study, values) == 0
+    on_front = front(study, history)
+    tried = Tried(values[:, weighed], feasible, on_front, best.number, again, places)
+    buffer = io.BytesIO()
+    save_figure(study_figure(scales, tried), buffer, "png")
+    return buffer.getvalue()

@@ -16,11 +16,10 @@ from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.base.writing import check_folder, is_workshop, told, write_file
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.show.plots.style import attempt
-from omnitrack_sim.trials.optimise.spec import FOR_THE_RECORD, Study
-from omnitrack_sim.trials.optimise.trials import Layout
-from omnitrack_sim.trials.sweep.folder import kept, read_part, told_differences
-from omnitrack_sim.trials.sweep.table import to_parquet
-from omnitrack_sim.trials.sweep.trials import Batch
+from omnitrack_sim.trials.batches import Batch
+from omnitrack_sim.trials.store import kept, read_part, to_parquet, told_differences
+from omnitrack_sim.trials.study import FOR_THE_RECORD, Study
+from omnitrack_sim.trials.study_run import Layout
 
 if TYPE_CHECKING:
     import pyarrow as pa

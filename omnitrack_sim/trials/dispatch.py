@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from omnitrack_sim.base.workers import WorkersLost, killed_its_worker
 from omnitrack_sim.results.provenance import environment
-from omnitrack_sim.trials.sweep.batch import ERROR, Row, failed_row, run_trials
-from omnitrack_sim.trials.sweep.trials import Batch
+from omnitrack_sim.trials.batches import ERROR, Batch, Row, failed_row, run_trials
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -65,7 +64,7 @@ class Store(Protocol):
         ...
 
 
-class Columns(Protocol):
+class TableMaker(Protocol):
     """What makes a table of the rows of a batch."""
 
     def table(self, batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
@@ -76,7 +75,7 @@ class Columns(Protocol):
 def run_missing(
     mine: Sequence[Batch],
     store: Store,
-    layout: Columns,
+    layout: TableMaker,
     pool: Pool,
     progress: Progress | None,
 ) -> None:

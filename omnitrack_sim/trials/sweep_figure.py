@@ -17,9 +17,9 @@ from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.scenario.tables import unit_of
 from omnitrack_sim.show.plots.style import PAPER, save_figure
 from omnitrack_sim.show.plots.sweep import CHART, Spread, draw_chart, sweep_figure
-from omnitrack_sim.trials.sweep.axes import DirectionAxis
-from omnitrack_sim.trials.sweep.batch import ERROR, INVALID
-from omnitrack_sim.trials.sweep.spec import Sweep
+from omnitrack_sim.trials.axes import DirectionAxis
+from omnitrack_sim.trials.batches import ERROR, INVALID
+from omnitrack_sim.trials.sweep import Sweep
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Collection, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError, SweepError
 from omnitrack_sim.base.text import counted
-from omnitrack_sim.trials.sweep.batch import INVALID
-from omnitrack_sim.trials.sweep.dispatch import MakeExecutor, Pool, Progress, all_found, run_missing
-from omnitrack_sim.trials.sweep.folder import Folder, Memory
-from omnitrack_sim.trials.sweep.picture import draw_map
-from omnitrack_sim.trials.sweep.spec import Sweep
-from omnitrack_sim.trials.sweep.summary import summarise_sweep
-from omnitrack_sim.trials.sweep.table import Layout, made_by
-from omnitrack_sim.trials.sweep.trials import Batch
+from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.trials.batches import ERROR, INVALID, Batch
+from omnitrack_sim.trials.dispatch import MakeExecutor, Pool, Progress, all_found, run_missing
+from omnitrack_sim.trials.store import Folder, Layout, Memory, made_by
+from omnitrack_sim.trials.sweep import Sweep
+from omnitrack_sim.trials.sweep_figure import draw_map
 
 if TYPE_CHECKING:
     import pyarrow as pa
+if TYPE_CHECKING:
+    import pyarrow as pa
+
 
 _TOLD_REASONS = 3
 
@@ -132,3 +135,59 @@ def _refuse_all_invalid(table: pa.Table) -> None:
                 *(Fault("", r) for r in reasons[:_TOLD_REASONS]),
             ]
         )
+
+
+def summarise_sweep(sweep: Sweep, table: pa.Table, makers: Collection[str]) -> dict[str, Any]:
+    """The contents of ``summary.json``.
+
+    Rates are over the trials that ran to an outcome: ``invalid`` and ``error`` are counted, but not
+    in the rates.
+
+    Args:
+        sweep: the sweep that ran.
+        table: all trials.
+        makers: versions and commits that the batches were made by, as JSON.
+    """
+    outcomes = table["outcome"].to_pylist()
+    columns = sweep.trials()
+    groups = {}
+    for name in sweep.groups:
+        members: dict[str, list[str]] = {
+            sweep.label(name, value): [] for value in sweep.crossed[name]
+        }
+        for value, outcome in zip(columns[name], outcomes, strict=True):
+            members[sweep.label(name, value)].append(outcome)
+        groups[name] = [{"value": label, **_rate(found)} for label, found in members.items()]
+    return {
+        "name": sweep.name,
+        "sweep_sha256": sweep.hash,
+        **_rate(outcomes),
+        "outcomes": dict(sorted(Counter(outcomes).items())),
+        "groups": groups,
+        "provenance": {
+            "seed": sweep.seed,
+            "sampling": sweep.sampling,
+            "samples": sweep.samples,
+            "made_by": [json.loads(text) for text in sorted(makers)],
+        },
+    }
+
+
+def _rate(outcomes: Collection[str]) -> dict[str, Any]:
+    """Numbers of trials and successes, and the success rate with its Wilson 95 % interval.
+
+    The rate is None if no trial counts.
+    """
+    counts = Counter(outcomes)
+    counted = len(outcomes) - counts[INVALID] - counts[ERROR]
+    passed = counts[Outcome.REACHED_GOAL]
+    low, high = wilson_interval(passed, counted)
+    return {
+        "trials": len(outcomes),
+        "invalid": counts[INVALID],
+        "error": counts[ERROR],
+        "counted": counted,
+        "successes": passed,
+        "success_rate": passed / counted if counted else None,
+        "success_rate_95": [low, high],
+    }

@@ -15,10 +15,10 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import counted
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.robots.omnitrack import MODULES
-from omnitrack_sim.trials.optimise.explore import Measured
-from omnitrack_sim.trials.optimise.tables import SUCCESS_RATE, Objective, Plan
+from omnitrack_sim.trials.batches import ERROR, INVALID
+from omnitrack_sim.trials.search import Measured
+from omnitrack_sim.trials.study_tables import SUCCESS_RATE, Objective, Plan
 from omnitrack_sim.trials.sweep import Sweep
-from omnitrack_sim.trials.sweep.batch import ERROR, INVALID
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -1,0 +1,234 @@
+"""The entries of the benchmark: what drives the robot through the trials."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.reading import NAME_PATTERN
+from omnitrack_sim.base.shipped import shipped_policies
+from omnitrack_sim.pipes.random import random_network
+from omnitrack_sim.robots.omnitrack import GRAVITY
+from omnitrack_sim.robots.omnitrack.control.catalogue import CONTROLLERS, controller_of
+from omnitrack_sim.robots.omnitrack.policy import load_policy
+from omnitrack_sim.scenario import Scenario, load_scenario, validate
+from omnitrack_sim.trials.axes import Axis, DirectionAxis, UniformAxis
+from omnitrack_sim.trials.sweep import Sweep
+from omnitrack_sim.walls.collider import why_not
+
+DEFAULT = "feedback"
+"""The entry that all others are compared with."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One way to drive.
+
+    Attributes:
+        name: of its rows and of the folder of its trials. words: what it is.
+        changes: of the scenarios of all tasks, by dotted path, in this order.
+    """
+
+    name: str
+    words: str
+    changes: Mapping[str, Any] = field(default_factory=dict)
+
+
+# The values before commit aa5bc0e and sway, where they are parameters.
+_BEFORE = {
+    "robot.motor.speed_bandwidth": 50.0,
+    "robot.motor.speed_droop": 0.0,
+    "control.parameters.tracking.turn_speed": 1.0,
+    "control.parameters.damping.tee_turn": 5.0,
+    "control.parameters.damping.tee_straight": 2.5,
+    "control.parameters.sway.lean_deg": 0.0,
+    "control.parameters.alignment.aside_tee_turn": [0.0, 0.0, 0.0],
+}
+_SHIPPED = (
+    Entry(DEFAULT, "the default controller: feedback on the heading, gentle drive, sway"),
+    Entry("earlier", "the same before gentle drive, sway and rolling aside", _BEFORE),
+    Entry("equal", "all modules at cruise speed", {"control.kind": "equal"}),
+    Entry(
+        "as_written",
+        "the paper's speeds, open loop: Eq. 20 in elbows, inner module backward in tees",
+        {"control.kind": "paper"},
+    ),
+    Entry(
+        "eq20",
+        "Eq. 20 in every turn, open loop; a tee is taken for an elbow",
+        {"control.kind": "omnitrack_sim.paper.open_loop:BendController"},
+    ),
+    Entry("differential", "one motor and a differential", {"robot.drive": "differential"}),
+)
+
+
+def shipped_entries() -> dict[str, Entry]:
+    """The shipped ways to drive, and the shipped policies, by name; the default one first."""
+    found = {entry.name: entry for entry in _SHIPPED}
+    return found | {name: _of_policy(name, name) for name in shipped_policies()}
+
+
+def entry_of(source: str) -> Entry:
+    """The entry that is meant: a shipped one by name, a kind of controller, ``module:Object``, or
+    the path of a policy file; ``NAME=`` before it gives it another name.
+
+    Raises:
+        InputError: there is no such thing, or it cannot be used.
+    """
+    name, given, what = source.rpartition("=")
+    shipped = shipped_entries()
+    if what in shipped:
+        found = shipped[what]
+    elif what.endswith(".npz"):
+        found = _of_policy(Path(what).stem, what)
+    else:
+        found = _of_controller(what, tuple(shipped))
+    return Entry(_fit(name, source), found.words, found.changes) if given else found
+
+
+def _of_policy(name: str, source: str) -> Entry:
+    policy = load_policy(source)
+    words = f"policy, {policy.acting.name}"
+    path = str(Path(source).resolve()) if Path(source).is_file() else source
+    changes = {"control.kind": "policy", "control.parameters.policy": path}
+    return Entry(_fit(name, source), words, changes)
+
+
+def _of_controller(kind: str, shipped: Sequence[str]) -> Entry:
+    if kind not in CONTROLLERS and ":" not in kind:
+        choices = (*dict.fromkeys((*shipped, *CONTROLLERS)), "module:Object", "FILE.npz")
+        raise InputError(Fault("--entry", f"is {kind!r}", choices, given=kind))
+    controller_of(kind)
+    return Entry(_fit(kind.replace(":", "."), kind), f"controller {kind}", {"control.kind": kind})
+
+
+def _fit(name: str, source: str) -> str:
+    """A name that a folder may have."""
+    if re.match(NAME_PATTERN, name.replace(".", "_")) and len(name) <= 100:
+        return name
+    raise InputError(Fault(f"--entry {source}", "has no name for a folder; write NAME= before it"))
+
+
+SEED = 71_000
+"""Of the first task; the others count on from it."""
+FIRST_NETWORK = 71_000_000
+"""Seed of the first random network."""
+DRY, SLIPPERY = (0.7, 1.0), (0.5, 0.7)
+BATCH = 16
+"""Trials that run together."""
+Changes = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One job.
+
+    Attributes:
+        name: of its rows. words: what the robot does.
+        trials: of the whole benchmark. quick: with ``--quick``.
+        sweep: makes the trials of an entry, from their number and the entry's changes.
+    """
+
+    name: str
+    words: str
+    trials: int
+    quick: int
+    sweep: Callable[[int, Changes], Sweep]
+
+
+def _collider() -> Changes:
+    return {"physics.collider": "exact" if why_not() is None else "primitives"}
+
+
+def _axes(friction: tuple[float, float]) -> tuple[Axis, ...]:
+    return (
+        UniformAxis(path="start.theta5_deg", kind="uniform", low=-60, high=60),
+        UniformAxis(path="contact.friction", kind="uniform", low=friction[0], high=friction[1]),
+        UniformAxis(path="robot.preload", kind="uniform", low=20, high=35),
+        DirectionAxis(path="world.gravity", kind="direction"),
+    )
+
+
+def _drawn(
+    base: str, seed: int, friction: tuple[float, float], trials: int, changes: Changes
+) -> Sweep:
+    """Random trials of a shipped scenario."""
+    scenario = load_scenario(base, {**_collider(), **changes})
+    return Sweep(
+        name=base,
+        seed=seed,
+        samples=trials,
+        sampling="latin_hypercube",
+        batch=BATCH,
+        axes=_axes(friction),
+        bases={base: scenario},
+        set=dict(changes),
+    )
+
+
+def _networks(trials: int, changes: Changes) -> Sweep:
+    """One mission through a random network a trial, each a base of its own."""
+    bases = {f"network_{i}": _mission(FIRST_NETWORK + i, changes) for i in range(trials)}
+    return Sweep(name="network", batch=BATCH, bases=bases, set=dict(changes))
+
+
+def _mission(seed: int, changes: Changes) -> Scenario:
+    """A mission between two ends of a random network with 6 to 12 fittings, all from ``seed``."""
+    draw = np.random.default_rng([seed, 1])
+    network = random_network(seed)
+    start, goal = draw.choice(network.open_ends, 2, replace=False)
+    gravity = draw.normal(size=3)
+    data = {
+        "name": f"network_{seed}",
+        "network": network.model_dump(mode="json"),
+        "mission": {"start": str(start), "goals": [str(goal)]},
+        "start": {"theta5_deg": float(draw.uniform(-180, 180))},
+        "contact": {"friction": float(draw.uniform(*DRY))},
+        "world": {"gravity": (GRAVITY * gravity / np.linalg.norm(gravity)).tolist()},
+    }
+    return validate(data, changes={**_collider(), **changes})
+
+
+TASKS: Mapping[str, Task] = {
+    task.name: task
+    for task in (
+        Task(
+            "turn",
+            "up a run, out through the branch of a dry tee",
+            200,
+            8,
+            partial(_drawn, "tee_turn", SEED, DRY),
+        ),
+        Task(
+            "turn_slippery",
+            "the same on slippery walls",
+            200,
+            8,
+            partial(_drawn, "tee_turn", SEED + 1, SLIPPERY),
+        ),
+        Task(
+            "merge",
+            "out of the branch, up the run",
+            200,
+            8,
+            partial(_drawn, "tee_merge", SEED + 2, DRY),
+        ),
+        Task("over", "straight over a tee", 200, 8, partial(_drawn, "tee_straight", SEED + 3, DRY)),
+        Task(
+            "elbow",
+            "through an elbow of mean radius 90 mm",
+            200,
+            8,
+            partial(_drawn, "elbow_short", SEED + 4, DRY),
+        ),
+        Task("network", "to a far end of a random network", 100, 4, _networks),
+    )
+}
+"""All tasks by name."""
