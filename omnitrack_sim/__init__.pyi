@@ -72,13 +72,13 @@ from .show.replay.write import write_replay as write_replay
 from .sim.run import run as run
 from .sim.run import run_batch as run_batch
 from .sim.simulation import Simulation as Simulation
-from .trials.optimise.run import StudyResult as StudyResult
-from .trials.optimise.run import run_study as run_study
-from .trials.optimise.spec import Study as Study
-from .trials.optimise.spec import load_study as load_study
-from .trials.sweep.engine import run_sweep as run_sweep
-from .trials.sweep.picture import plot_sweep as plot_sweep
-from .trials.sweep.spec import Sweep as Sweep
-from .trials.sweep.spec import load_sweep as load_sweep
+from .trials.study import Study as Study
+from .trials.study import load_study as load_study
+from .trials.study_run import StudyResult as StudyResult
+from .trials.study_run import run_study as run_study
+from .trials.sweep import Sweep as Sweep
+from .trials.sweep import load_sweep as load_sweep
+from .trials.sweep_figure import plot_sweep as plot_sweep
+from .trials.sweep_run import run_sweep as run_sweep
 
 __version__: str
