@@ -17,7 +17,6 @@ from omnitrack_sim.base.text import counted
 from omnitrack_sim.trials.batches import (
     INVALID,
     Batch,
-    Row,
     Trial,
     batched,
     fitted,
@@ -36,7 +35,7 @@ from omnitrack_sim.trials.search import (
     explore,
     to_be_checked,
 )
-from omnitrack_sim.trials.store import made_by, result_fields, to_csv, to_parquet
+from omnitrack_sim.trials.store import made_by, to_csv, to_parquet
 from omnitrack_sim.trials.study import Study
 from omnitrack_sim.trials.study_history import draw_front, final_table, front_table, history_table
 from omnitrack_sim.trials.study_store import (
@@ -47,6 +46,7 @@ from omnitrack_sim.trials.study_store import (
     HISTORY_FILE,
     SUMMARY_FILE,
     Folder,
+    Layout,
     Memory,
 )
 from omnitrack_sim.trials.sweep import Sweep
@@ -267,25 +267,6 @@ def _settings(study: Study, candidate: Candidate) -> str:
 
 
 _TOLD_REASONS = 3
-
-
-class Layout:
-    """The columns of the trials of a study."""
-
-    def __init__(self, sweeps: Sequence[Sweep]):
-        import pyarrow as pa
-
-        bases = [base for sweep in sweeps for base in sweep.bases.values()]
-        self.schema = pa.schema([pa.field("trial", pa.int64()), *result_fields(bases)])
-
-    def table(self, batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
-        """The rows of a batch, with its hash and what made it in the metadata."""
-        import pyarrow as pa
-
-        rows = [row | {"model": batch.model} for row in rows]
-        metadata = {"part": batch.hash, "made_by": json.dumps(made_by, sort_keys=True)}
-        schema = self.schema.with_metadata(metadata)
-        return pa.Table.from_pylist(rows, schema)
 
 
 class Trials:

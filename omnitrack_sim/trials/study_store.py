@@ -7,7 +7,7 @@ goes on from wherever it was killed.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,10 +16,10 @@ from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.base.writing import check_folder, is_workshop, told, write_file
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.show.plots.style import attempt
-from omnitrack_sim.trials.batches import Batch
-from omnitrack_sim.trials.store import kept, read_part, to_parquet, told_differences
+from omnitrack_sim.trials.batches import Batch, Row
+from omnitrack_sim.trials.store import kept, read_part, result_fields, to_parquet, told_differences
 from omnitrack_sim.trials.study import FOR_THE_RECORD, Study
-from omnitrack_sim.trials.study_run import Layout
+from omnitrack_sim.trials.sweep import Sweep
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -38,6 +38,25 @@ FILES = (
     FIGURE_FILE,
 )
 PARTS, VALUES = "parts", "values"
+
+
+class Layout:
+    """The columns of the trials of a study."""
+
+    def __init__(self, sweeps: Sequence[Sweep]):
+        import pyarrow as pa
+
+        bases = [base for sweep in sweeps for base in sweep.bases.values()]
+        self.schema = pa.schema([pa.field("trial", pa.int64()), *result_fields(bases)])
+
+    def table(self, batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
+        """The rows of a batch, with its hash and what made it in the metadata."""
+        import pyarrow as pa
+
+        rows = [row | {"model": batch.model} for row in rows]
+        metadata = {"part": batch.hash, "made_by": json.dumps(made_by, sort_keys=True)}
+        schema = self.schema.with_metadata(metadata)
+        return pa.Table.from_pylist(rows, schema)
 
 
 class Folder:
