@@ -14,8 +14,12 @@ from tee_turns import random_tee_turns, summary_line
 
 from omnitrack_sim import load_scenario, override, run_batch
 
+PIECES = {"physics.collider": "primitives"}
+"""Walls and lugs as pieces: what the studies of lugs and numerics are about."""
 VARIANTS = {
-    "lugs": [(f"{k} lugs a track", {"robot.lugs_per_track": k}) for k in (5, 9, 12, 17, 24, 34)],
+    "lugs": [
+        (f"{k} lugs a track", PIECES | {"robot.lugs_per_track": k}) for k in (5, 9, 12, 17, 24, 34)
+    ],
     "length": [
         (f"contact length {1000 * x:.0f} mm", {"robot.contact_length": x})
         for x in (0.07, 0.08, 0.09, 0.1, 0.11)
@@ -25,12 +29,12 @@ VARIANTS = {
         for x in (0.09, 0.11, 0.126, 0.15, 0.18)
     ],
     "numerics": [
-        ("as shipped", {}),
-        ("half the time step", {"physics.timestep": 0.001}),
-        ("twice the staves", {"physics.staves": 96}),
+        ("as shipped", PIECES),
+        ("half the time step", PIECES | {"physics.timestep": 0.001}),
+        ("twice the staves", PIECES | {"physics.staves": 96}),
         (
             "twice the lugs",
-            {"robot.lugs_per_track": 2 * load_scenario("tee_turn").robot.lugs_per_track},
+            PIECES | {"robot.lugs_per_track": 2 * load_scenario("tee_turn").robot.lugs_per_track},
         ),
     ],
 }

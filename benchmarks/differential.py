@@ -2,7 +2,7 @@
 
 python benchmarks/differential.py [--quick] [--workers N] [--figures FOLDER]
 
-Every cell of the tables is one batch with the exact collider where it loads (extra fast), without
+Every cell of the tables is one batch, without
 retry: start orientations over 120 degrees, 20 or in the tee turn 10 degrees apart, and gravity in
 three directions. Robot and pipes are symmetrical, so that an orientation and its mirror image are
 one trial: no two of them are both there. The ways
@@ -38,7 +38,6 @@ import omnitrack_sim as ot
 from omnitrack_sim.paper.plots.elbows import SERIES_COLOURS
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.show.plots.style import MODULE_COLOURS, save_figure, styled
-from omnitrack_sim.walls.collider import why_not
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scenarios" / "scripts"))
 
@@ -110,7 +109,6 @@ def trials(cell: Cell, orientations: Sequence[float]) -> list[ot.Scenario]:
     """All trials of a cell: gravities one after the other, orientations within."""
     places = ELBOWS | TEES
     fixed = {
-        "physics.collider": "exact" if why_not() is None else "primitives",
         "start.axis": [0.0, 0.0, 1.0],
         "control.align": cell.place in (OVER, TURN),
         "control.retry": False,
@@ -292,8 +290,7 @@ def main() -> None:
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
         found = dict(zip((cell for cell, _ in tasks), pool.map(drive, tasks), strict=True))
     took, count = time.perf_counter() - begin, sum(map(len, found.values()))
-    kind = "exact" if why_not() is None else "primitives"
-    print(f"{count} trials in {took:.0f} s; collider: {kind}")
+    print(f"{count} trials in {took:.0f} s")
     show(found)
     if asked.figures is not None:
         for name, draw in (

@@ -2,7 +2,7 @@
 
 python benchmarks/missions.py [--quick] [--only STUDY ...] [--workers N] [--out DIR]
 
-Seven studies, with the exact collider where it loads (extra fast), else with walls of primitives:
+Seven studies:
 
 * pairs: the network fig14 from every open end to every other one, with three start orientations
   each.
@@ -41,7 +41,6 @@ from omnitrack_sim import Result, Scenario, load_network, override, random_netwo
 from omnitrack_sim.base.errors import ScenarioError
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.walls.collider import why_not
 
 ORIENTATIONS_DEG = (0.0, 40.0, 80.0)
 """Start orientations of the pairs: a third of the period of three modules apart."""
@@ -106,7 +105,6 @@ class Run:
     rolls: int
     duration_s: float
     wall_s: float
-    collider: str
     reason: str
     events: str
 
@@ -185,7 +183,6 @@ def close(name: str, seed: int) -> Scenario | None:
         "start": {"theta5_deg": float(rng.uniform(-180, 180)), "distance": 0.15},
         "contact": {"friction": float(rng.uniform(*FRICTION))},
         "world": {"gravity": gravity.tolist()},
-        "physics": {"collider": "exact" if why_not() is None else "primitives"},
     }
     try:
         return validate(data)
@@ -209,7 +206,6 @@ def _mission(
             "start": {"theta5_deg": theta5_deg},
             "contact": {"friction": friction},
             "world": {"gravity": list(gravity)},
-            "physics": {"collider": "exact" if why_not() is None else "primitives"},
         }
     )
 
@@ -274,7 +270,6 @@ def drive(task: tuple[str, int, str, str, float]) -> Run:
         rolls=sum(visit.rolls for visit in visits),
         duration_s=result.duration_s,
         wall_s=wall,
-        collider=str(result.provenance["collider"]),
         reason=result.reason,
         events="\n".join(map(str, result.events)),
     )
@@ -312,10 +307,7 @@ def main() -> None:
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
         runs = list(pool.map(drive, tasks))
     simulated = sum(run.duration_s for run in runs)
-    print(
-        f"collider: {runs[0].collider}; {simulated:.0f} simulated s in "
-        f"{time.perf_counter() - begin:.0f} s\n"
-    )
+    print(f"{simulated:.0f} simulated s in {time.perf_counter() - begin:.0f} s\n")
     print(
         "| study | arrived | 95 % interval | in planned order | retries | mean time of those that "
         "arrived |"

@@ -17,7 +17,14 @@ from __future__ import annotations
 import argparse
 from itertools import permutations
 
-from omnitrack_sim import Scenario, Simulation, load_scenario, random_network, shortest_route
+from omnitrack_sim import (
+    Scenario,
+    Simulation,
+    load_scenario,
+    override,
+    random_network,
+    shortest_route,
+)
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim import builder
 from omnitrack_sim.sim.shares import timed
@@ -44,7 +51,8 @@ VARIANTS = {
 def long_scenario(pieces: int, collider: str) -> Scenario:
     """The tee turn, with so many straights behind it that they make ``pieces`` pieces of wall."""
     data = load_scenario("tee_turn").model_dump(mode="json")
-    have = len(builder.scene_of(load_scenario("tee_turn")).geoms)
+    pieces_of_walls = override(load_scenario("tee_turn"), {"physics.collider": "primitives"})
+    have = len(builder.scene_of(pieces_of_walls).geoms)
     data["pipes"] += [
         {"kind": "straight", "length": SEGMENT}
         for _ in range(max(0, round((pieces - have) / STAVES)))

@@ -31,7 +31,7 @@ MOMENT = 0.2
 
 def jobs(name: str, count: int) -> list[Scenario]:
     """The turns of one way to sense."""
-    base = override(load_scenario("tee_turn"), {"physics.collider": "exact", **SENSING[name]})
+    base = override(load_scenario("tee_turn"), SENSING[name])
     angles = np.random.default_rng(SEED).uniform(-SPREAD, SPREAD, count)
     return [override(base, {"start.theta5_deg": float(angle)}) for angle in angles]
 

@@ -2,7 +2,7 @@
 
 python benchmarks/open_loop.py [--quick] [--workers N] [--trials N] [--generations N] [--seed S]
 
-Runs random aligned tee turns (friction 0.5 to 0.8, preload 20 to 35 N, any gravity, exact collider,
+Runs random aligned tee turns (friction 0.5 to 0.8, preload 20 to 35 N, any gravity,
 no retry). For each that fails, CMA-ES (extra optimise) searches for belt speeds that pass, from the
 moment on where the turn begins: knots over time for each module, within control.speed_limit, first
 as a correction of the default controller's commands, then, where none passed, in their place. The
@@ -48,7 +48,6 @@ from tee_turns import random_tee_turns
 
 from omnitrack_sim import Result, Scenario, override, run_batch
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.walls.collider import why_not
 
 FRICTION, PRELOAD = (0.5, 0.8), (20.0, 35.0)
 TRIALS, QUICK_TRIALS = 200, 40
@@ -167,8 +166,7 @@ class Search:
 
 def turns(count: int, seed: int) -> list[Scenario]:
     """The trials."""
-    changes = {"physics.collider": "exact"}
-    return random_tee_turns(count, seed=seed, friction=FRICTION, preload=PRELOAD, changes=changes)
+    return random_tee_turns(count, seed=seed, friction=FRICTION, preload=PRELOAD)
 
 
 def solve(case: Case, seed: int, generations: int) -> Case:
@@ -321,10 +319,7 @@ def main() -> None:
         for trial, result in enumerate(results)
         if not result.success
     ]
-    print(
-        f"{trials - len(failed)} of {trials} passed, seed {asked.seed}, collider "
-        f"{'exact' if why_not() is None else 'primitives'}\n"
-    )
+    print(f"{trials - len(failed)} of {trials} passed, seed {asked.seed}\n")
     print(f"| {' | '.join(HEADS)} |")
     print("|---" * len(HEADS) + "|", flush=True)
     cases = []

@@ -2,7 +2,7 @@
 
 python benchmarks/screenshot_replay.py [--time S] [--camera NAME] [--out FILE]
 
-Runs the mission fig14 with the exact collider, writes its page, opens it at a time, and saves what
+Runs the mission fig14, writes its page, opens it at a time, and saves what
 is seen. Needs chromium and the Python package playwright.
 """
 
@@ -27,8 +27,7 @@ def main() -> None:
     parser.add_argument("--camera", default="follow", choices=("orbit", "follow", "onboard"))
     parser.add_argument("--out", type=Path, default=Path("docs/figures/replay.png"))
     asked = parser.parse_args()
-    scenario = ot.load_scenario("missions/fig14")
-    result = ot.run(ot.override(scenario, {"physics.collider": "exact"}))
+    result = ot.run(ot.load_scenario("missions/fig14"))
     with tempfile.TemporaryDirectory() as folder:
         page = ot.write_replay(result, Path(folder) / "replay.html")
         photograph(f"{page.as_uri()}#t={asked.time}&camera={asked.camera}", asked.out)

@@ -27,7 +27,6 @@ from omnitrack_sim import Scenario, load_scenario, override, run_batch
 from omnitrack_sim.paper.steering import SteeringLoop
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.show.plots.style import ALARM, GREY, MODULE_COLOURS, save_figure, styled
-from omnitrack_sim.walls.collider import why_not
 
 BANDWIDTHS = (1.7, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0)
 RATE_GAINS = (2.0, 5.0, 8.0)
@@ -58,7 +57,6 @@ def changes_of(bandwidth: float, rate_gain: float) -> dict[str, Any]:
         "robot.motor.speed_bandwidth": bandwidth,
         "control.parameters.damping.tee_turn": rate_gain,
         "control.parameters.sway.lean_deg": 0.0,  # the study is about the loops alone
-        "physics.collider": "exact" if why_not() is None else "primitives",
         "physics.record_period": 0.01,
     }
 

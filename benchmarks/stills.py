@@ -14,7 +14,6 @@ from PIL import Image
 
 import omnitrack_sim as ot
 
-FAST = {"physics.collider": "exact"}
 FILM = 960, 540
 
 
@@ -26,18 +25,18 @@ def main() -> None:
     folder = parser.parse_args().out
     figures = folder / "figures"
     figures.mkdir(parents=True, exist_ok=True)
-    turn = ot.run(ot.load_scenario("tee_turn", FAST))
+    turn = ot.run(ot.load_scenario("tee_turn"))
     still(turn, 3.1, "side", (1280, 720), folder / "tee.png")
     still(turn, 3.6, "side", FILM, figures / "film_side.png")
     ot.render_strip(turn, figures / "film_strip.png", width=480, height=360)
-    journey = ot.run(ot.load_scenario("missions/fig14", FAST))
+    journey = ot.run(ot.load_scenario("missions/fig14"))
     still(journey, 13.0, "follow", FILM, figures / "film_follow.png")
     still(journey, 2.0, "onboard", FILM, figures / "film_onboard.png")
     seeing = ot.run(ot.load_scenario("missions/fig14_onboard"))
     still(seeing, 18.0, "follow", FILM, figures / "fig14_onboard.png")
-    exploring = ot.run(ot.load_scenario("missions/explore_onboard", FAST))
+    exploring = ot.run(ot.load_scenario("missions/explore_onboard"))
     still(exploring, 30.0, "follow", FILM, figures / "explore_onboard.png")
-    mission = ot.run(ot.load_scenario("missions/dead_end", FAST))
+    mission = ot.run(ot.load_scenario("missions/dead_end"))
     still(mission, 16.0, "follow", (800, 450), figures / "mission_frame.png")
     ot.plot_mission(mission, figures / "mission_map.png")
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 SCREEN = (1500, 900)
 """Pixels; MuJoCo's window takes two thirds of them each way."""
-SETTINGS = {"start.theta5_deg": -20.0, "start.distance": 0.24, "physics.collider": "exact"}
+SETTINGS = {"start.theta5_deg": -20.0, "start.distance": 0.24}
 
 
 def main() -> None:

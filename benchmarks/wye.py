@@ -5,7 +5,7 @@ python benchmarks/wye.py [--quick] [--workers N] [--trials N] [--margin-deg A] [
 A wye's branch leans by an angle towards one end of its run. So there are two turns into the branch:
 the turn by that angle, and the sharp one, by 180 degrees less it, for a robot that comes from the
 other end; and the same two out of it, the merge and the sharp merge. Every cell of the table is a
-batch of random trials with the exact collider where it loads (extra fast): any start orientation,
+batch of random trials: any start orientation,
 any direction of gravity, a preload of 20 to 35 N, friction of a dry wall (0.8 to 1.0) in one half
 and of a wet one (0.6 to 0.8) in the other. The controller rolls the robot first, and backs off to
 try again where it gets stuck. Straight over, trials go both ways in turn.
@@ -41,7 +41,6 @@ from omnitrack_sim.pipes.fittings.wye import Wye
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.plots.style import save_figure, styled
-from omnitrack_sim.walls.collider import why_not
 
 WAYS = {
     "turn": (("run_start", "branch"),),
@@ -150,7 +149,6 @@ def trial(cell: Cell, index: int, changes: Mapping[str, Any] | None = None) -> S
             "contact": {"friction": float(rng.uniform(*WALLS[wall_of(index)]))},
             "robot": {"preload": float(rng.uniform(*PRELOAD))},
             "world": {"gravity": gravity.tolist()},
-            "physics": {"collider": "exact" if why_not() is None else "primitives"},
         }
     )
     return override(scenario, dict(changes)) if changes else scenario
@@ -305,10 +303,7 @@ def main() -> None:
     begin = time.perf_counter()
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
         found = dict(zip(cells(), pool.map(drive, tasks), strict=True))
-    print(
-        f"{count * len(tasks)} trials in {time.perf_counter() - begin:.0f} s; collider: "
-        f"{'exact' if why_not() is None else 'primitives'}\n"
-    )
+    print(f"{count * len(tasks)} trials in {time.perf_counter() - begin:.0f} s\n")
     print(f"| {' | '.join(HEADS)} |")
     print("|---" * len(HEADS) + "|")
     for cell, trials in found.items():

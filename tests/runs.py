@@ -5,20 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
 from omnitrack_sim import Result, Scenario, load_scenario, override
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.walls.collider import why_not
-
-COLLIDER = "exact" if why_not() is None else "primitives"
-"""The fast one where it loads."""
 
 
 def rolling_tee(**changes: Any) -> Scenario:
     """A tee turn from a bad orientation, so that the modules are rolled before the tee."""
     base = {
-        "physics.collider": COLLIDER,
         "physics.time_limit": 3.0,
         "start.distance": 0.25,
         "start.theta5_deg": 50.0,
@@ -36,7 +30,6 @@ def there_and_back(**changes: Any) -> Scenario:
             "network": network,
             "mission": mission,
             "control": {"cruise_speed": 0.15},
-            "physics": {"collider": COLLIDER},
         }
     )
     return override(scenario, changes)
@@ -72,6 +65,3 @@ def same_result(a: Result, b: Result) -> bool:
 
 def _figures(result: Result) -> dict[str, Any]:
     return {key: value for key, value in result.metrics.items() if key != "no_load_slip_m_s"}
-
-
-needs_exact = pytest.mark.skipif(why_not() is not None, reason="the exact collider does not load")

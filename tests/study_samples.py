@@ -23,8 +23,6 @@ samples = 2
 batch = {batch}
 [trials.set]
 "physics.time_limit" = 0.02
-"physics.wall_tolerance" = 0.002
-"robot.lugs_per_track" = 3
 "control.kind" = "{kind}"
 [[trials.axes]]
 path = "contact.friction"

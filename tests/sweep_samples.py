@@ -23,8 +23,6 @@ samples = {samples}
 batch = 3
 [set]
 "physics.time_limit" = {time_limit}
-"physics.wall_tolerance" = 0.002
-"robot.lugs_per_track" = 3
 [[axes]]
 path = "control.kind"
 kind = "list"

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import pytest
-from runs import COLLIDER, rolling_tee, same_record, same_result, there_and_back
+from runs import rolling_tee, same_record, same_result, there_and_back
 
 import omnitrack_sim as ot
 from omnitrack_sim.sim.builder import CARRIED, EACH, batch_key
@@ -104,7 +104,7 @@ to its own legs."""
 
 def straight(**changes: Any) -> ot.Scenario:
     """A second in a straight pipe, from a little beside the best orientation."""
-    base = {"physics.collider": COLLIDER, "physics.time_limit": 0.8, "start.distance": 0.25}
+    base = {"physics.time_limit": 0.8, "start.distance": 0.25}
     return ot.override(ot.load_scenario("straight"), base | changes)
 
 

@@ -25,8 +25,6 @@ from omnitrack_sim.walls.collider.compile import _digest
 from omnitrack_sim.walls.collider.record import ENDS
 from omnitrack_sim.walls.primitives import add_exact_walls
 
-pytest.importorskip("numba")
-
 FITTINGS = {
     "straight": Straight(0.4),
     "reducer": Reducer(0.15, 0.15),
@@ -314,20 +312,19 @@ def test_a_small_step_carries_a_track_on_both_sides():
 def test_runs_agree_with_primitives(name):
     """The shipped runs end alike, in the same time within 5 %, with normal forces within 15 %."""
     scenario = ot.load_scenario(name)
-    ours, exact = ot.run_batch([scenario, ot.override(scenario, {"physics.collider": "exact"})])
-    assert exact.outcome is ours.outcome
-    assert exact.duration_s == pytest.approx(ours.duration_s, rel=0.05)
+    pieces = ot.override(scenario, {"physics.collider": "primitives"})
+    exact, other = ot.run_batch([scenario, pieces])
+    assert exact.outcome is other.outcome
+    assert exact.duration_s == pytest.approx(other.duration_s, rel=0.05)
     np.testing.assert_allclose(
-        exact.metrics["normal_force_mean_n"], ours.metrics["normal_force_mean_n"], rtol=0.15
+        exact.metrics["normal_force_mean_n"], other.metrics["normal_force_mean_n"], rtol=0.15
     )
-    assert (exact.provenance["collider"], ours.provenance["collider"]) == ("exact", "primitives")
+    assert (exact.provenance["collider"], other.provenance["collider"]) == ("exact", "primitives")
 
 
 def test_runs_repeat_at_any_thread_count():
     """Two threads and one give the same bytes."""
-    base = ot.override(
-        ot.load_scenario("tee_turn"), {"physics.collider": "exact", "physics.time_limit": 1.0}
-    )
+    base = ot.override(ot.load_scenario("tee_turn"), {"physics.time_limit": 1.0})
     trials = [ot.override(base, {"start.theta5_deg": angle}) for angle in (0.0, 20.0, 50.0)]
     for one, two in zip(
         ot.run_batch(trials, threads=1), ot.run_batch(trials, threads=2), strict=True
@@ -338,7 +335,7 @@ def test_runs_repeat_at_any_thread_count():
 def test_walls_stay_exact_under_a_turned_route():
     """Contacts of a robot in a route that leans: every contact position lies within its depth of
     the exact surface."""
-    changes = {"physics.collider": "exact", "start.axis": [0.3, -0.5, 0.8], "start.turn_deg": 33.0}
+    changes = {"start.axis": [0.3, -0.5, 0.8], "start.turn_deg": 33.0}
     scenario = ot.override(ot.load_scenario("elbow_short"), changes)
     network = scenario.route.network
     model = scene_of(scenario).compile()
@@ -349,20 +346,6 @@ def test_walls_stay_exact_under_a_turned_route():
     assert data.ncon >= 6
     distance, _ = network.signed_distance(data.contact.pos)
     np.testing.assert_allclose(distance, data.contact.dist / 2, atol=1e-9)
-
-
-def test_without_numba_the_walls_are_primitives(monkeypatch):
-    """The run goes on, and says so."""
-    monkeypatch.setattr("omnitrack_sim.sim.builder.why_not", lambda: "numba is missing")
-    monkeypatch.setattr("omnitrack_sim.sim.simulation.why_not", lambda: "numba is missing")
-    scenario = ot.override(
-        ot.load_scenario("straight"), {"physics.collider": "exact", "physics.time_limit": 0.1}
-    )
-    result = ot.run(scenario)
-    assert result.provenance["collider"] == "primitives"
-    assert [str(event) for event in result.events] == [
-        "exact collider not used: numba is missing; walls and tracks are primitives"
-    ]
 
 
 def test_records_have_their_size():

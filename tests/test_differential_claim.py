@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from runs import COLLIDER
 from samples import sample_result, sample_trajectory
 
 import omnitrack_sim as ot
@@ -139,7 +138,7 @@ def test_rows_count_what_passed_and_show_its_figures():
 def test_brakes_hold_what_runs_faster_than_asked():
     """In a turn the inner belt is braked below the outer ones, and one that is slower than asked is
     not braked."""
-    changes = BRAKES | {"physics.collider": COLLIDER, "start.distance": 0.25}
+    changes = BRAKES | {"start.distance": 0.25}
     changes |= {"physics.time_limit": 2.5}
     simulation = ot.Simulation(
         [ot.override(ot.load_scenario("tee_turn"), changes)], controller=BrakeSteering

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from runs import COLLIDER, rolling_tee, same_result, there_and_back
+from runs import rolling_tee, same_result, there_and_back
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.bounds import MOST_ORDERS
@@ -121,9 +121,7 @@ def test_no_load_slip_is_that_of_the_autopilot(handed_over):
 
 def test_heading_turns_the_robot_into_the_branch():
     """The nose is told where to point before the tee; the robot drives in and straightens up."""
-    scenario = ot.override(
-        ot.load_scenario("tee_turn"), {"physics.collider": COLLIDER, "start.distance": 0.25}
-    )
+    scenario = ot.override(ot.load_scenario("tee_turn"), {"start.distance": 0.25})
     result = driven(scenario, [(at(0), {"speed": 0.1, "heading": (1.0, 0.0, 0.0)})])
     assert result.outcome is ot.Outcome.REACHED_GOAL
     assert result.metrics["tilt_exit_deg"] < 2
@@ -133,7 +131,7 @@ def test_heading_turns_the_robot_into_the_branch():
 def test_robot_in_the_region_hangs_in_the_tee():
     """The same heading with theta5 well within the motion singularity region: the robot gets into
     the opening, and no further."""
-    changes = {"physics.collider": COLLIDER, "start.distance": 0.25, "start.theta5_deg": 40.0}
+    changes = {"start.distance": 0.25, "start.theta5_deg": 40.0}
     scenario = ot.override(ot.load_scenario("tee_turn"), changes)
     plan = [(at(0), {"speed": 0.1, "heading": (1.0, 0.0, 0.0)}), (at(8.0), {"by": "end"})]
     result = driven(scenario, plan)
@@ -161,7 +159,7 @@ def test_forward_is_where_the_nose_points():
 
 def test_roll_keeps_to_the_motors_rate():
     """The modules roll no faster than the robot's rotary motors, to where they are told."""
-    scenario = ot.override(ot.load_scenario("straight"), {"physics.collider": COLLIDER})
+    scenario = ot.load_scenario("straight")
     result = driven(scenario, [(at(0), {"roll_deg": 45.0}), (at(1.0), {"by": "end"})])
     asked = result.trajectory["roll_command"]
     rates = np.diff(asked[:, 0]) / np.diff(result.trajectory.time)
@@ -171,7 +169,7 @@ def test_roll_keeps_to_the_motors_rate():
 
 def test_orders_beyond_the_belts_are_cut():
     """The belts are asked no more than their limit, forward as in a turn."""
-    scenario = ot.override(ot.load_scenario("straight"), {"physics.collider": COLLIDER})
+    scenario = ot.load_scenario("straight")
     plan = [(at(0), {"speed": 5.0, "heading": (0.0, 1.0, 1.0)}), (at(0.2), {"by": "end"})]
     result = driven(scenario, plan)
     assert np.abs(result.trajectory["belt_speed_command"]).max() <= scenario.control.speed_limit
@@ -218,7 +216,7 @@ def test_controller_of_a_users_own_ends_its_run():
             over = observation.time >= self.until - 1e-9
             return ot.Command(np.zeros((len(over), 3)), over=over)
 
-    scenario = ot.override(ot.load_scenario("straight"), {"physics.collider": COLLIDER})
+    scenario = ot.load_scenario("straight")
     results = ot.run_batch([scenario] * 2, controller=Patient, no_load=False)
     assert [result.outcome for result in results] == [ot.Outcome.ENDED] * 2
     assert [result.duration_s for result in results] == pytest.approx([0.11, 0.21])

@@ -7,12 +7,10 @@ import pytest
 from network_samples import elbow, joint, straight
 
 import omnitrack_sim as ot
+from omnitrack_sim.autonomy.camera_sight import CameraSight
 from omnitrack_sim.base.rotations import rotation_about
 from omnitrack_sim.record.events import EndInspected, ExplorationComplete
 from omnitrack_sim.scenario import Scenario, validate
-
-pytest.importorskip("numba")
-from omnitrack_sim.autonomy.camera_sight import CameraSight
 
 
 def bend(**sensing) -> Scenario:
@@ -26,7 +24,6 @@ def bend(**sensing) -> Scenario:
             "name": "bend",
             "network": network,
             "mission": {"start": "foot.start", "map": "unknown", "task": "explore"},
-            "physics": {"collider": "exact"},
             "sensing": {"kind": "onboard", **sensing},
         }
     )

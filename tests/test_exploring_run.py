@@ -23,9 +23,6 @@ from omnitrack_sim.cli import app
 from omnitrack_sim.record.events import EndInspected, ExplorationComplete, GoalReached
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.run import run_batch
-from omnitrack_sim.walls.collider import why_not
-
-fast = pytest.mark.skipif(why_not() is not None, reason="without the exact collider it takes long")
 
 
 def fork(**mission) -> Scenario:
@@ -41,10 +38,9 @@ def fork(**mission) -> Scenario:
     }
     table = {"start": "foot.start", "map": "unknown", "task": "explore", **mission}
     data = {"name": "fork", "network": network, "mission": table}
-    return validate(data | {"physics": {"collider": "exact"}, "world": {"gravity": [0, 0, 0]}})
+    return validate(data | {"world": {"gravity": [0, 0, 0]}})
 
 
-@fast
 def test_a_robot_explores_and_comes_back(tmp_path):
     """Both ends are inspected, the closed one too; the map is saved, read back and a network."""
     result = run(fork(blocked=["on.end"]))
@@ -70,7 +66,6 @@ def test_a_robot_explores_and_comes_back(tmp_path):
         load_result(folder)
 
 
-@fast
 def test_a_robot_finds_alone_as_in_a_batch():
     """The run is over at the goal, whose name is in the map; the numbers are the same in a batch
     with another robot."""
@@ -88,7 +83,6 @@ def test_a_robot_finds_alone_as_in_a_batch():
         assert np.array_equal(alone.trajectory[name], first.trajectory[name])
 
 
-@fast
 def test_a_goal_that_cannot_be_found_is_told():
     """A plate is before it: the robot explores the rest, comes back, and the reason names it."""
     result = run(fork(task="find", goals=["far"], blocked=["on.start"]))

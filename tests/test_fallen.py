@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from network_samples import branched, straight
-from runs import COLLIDER, needs_exact, same_result
+from runs import same_result
 
 import omnitrack_sim as ot
 from omnitrack_sim.autonomy.goals import Mission
@@ -239,7 +239,6 @@ def past_the_tee(*goals: str, **tables) -> ot.Scenario:
             "world": {"gravity": [0.0, 0.0, 0.0]},
             "control": {"cruise_speed": 0.15, "align": False},
             "start": {"distance": 0.3},
-            "physics": {"collider": COLLIDER},
             **tables,
         }
     )
@@ -347,7 +346,6 @@ def test_a_robot_in_plain_pipes_has_nowhere_to_fall() -> None:
     assert legs.plan_anew(0, 1.0, MIDDLE, UP)[:2] == (None, ())
 
 
-@needs_exact
 def test_a_robot_that_lies_across_a_tee_rights_itself() -> None:
     """It slips out of a branch on a slippery wall, gravity along the run: within 1.5 s after its
     fall it stands upright in the opening, nose towards its goal."""

@@ -287,8 +287,6 @@ ROUTE = [
 @pytest.mark.parametrize("collider", ["primitives", "exact"])
 def test_a_robot_drives_through_a_fitting_from_outside(collider):
     """A scenario names the user's class; the robot passes it with either collider."""
-    if collider == "exact":
-        pytest.importorskip("numba")
     scenario = validate({"name": "outside", "pipes": ROUTE, "physics": {"collider": collider}})
     assert scenario.pipes[1].model_dump()["leave"] == "start"
     assert Scenario.model_validate_json(scenario.model_dump_json()) == scenario
@@ -311,8 +309,6 @@ def test_a_robot_drives_through_a_fitting_from_outside(collider):
 )
 def test_a_robot_passes_a_wye(collider, name, words, turn_deg):
     """The shipped scenarios of a wye end as they expect, with either collider."""
-    if collider == "exact":
-        pytest.importorskip("numba")
     scenario = ot.override(ot.load_scenario(name), {"physics.collider": collider})
     passage = scenario.route.fittings[1]
     assert (passage.words, passage.turn_angle) == (words, pytest.approx(np.radians(turn_deg)))

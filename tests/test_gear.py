@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from runs import needs_exact
 
 from omnitrack_sim import (
     Outcome,
@@ -91,7 +90,6 @@ class TailFirstLegs(Legs):
         self.gear = -self.gear
 
 
-@needs_exact
 @pytest.mark.parametrize(("theta5_deg", "until"), [(0.0, 99.0), (50.0, 4.5)])
 def test_tail_first_is_nose_first_seen_from_behind(theta5_deg, until, monkeypatch):
     """Through an elbow: the same way, with belts and rolls of modules 2 and 3 exchanged.
@@ -102,7 +100,7 @@ def test_tail_first_is_nose_first_seen_from_behind(theta5_deg, until, monkeypatc
     pipes = [{"kind": "straight", "length": 0.4}, {"kind": "elbow", "mean_radius": 0.24}]
     pipes.append({"kind": "straight", "length": 0.4})
     start = {"distance": 0.12, "theta5_deg": theta5_deg}
-    scenario = validate({"pipes": pipes, "start": start, "physics": {"collider": "exact"}})
+    scenario = validate({"pipes": pipes, "start": start})
     there = Simulation([scenario])
     monkeypatch.setattr("omnitrack_sim.sim.simulation.Legs", TailFirstLegs)
     runs = [there, Simulation([scenario], make_plant=tail_first_plant)]

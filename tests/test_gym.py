@@ -22,7 +22,6 @@ from omnitrack_sim.gym import IDS, TERMS
 from omnitrack_sim.gym.options import RANGES, options_of
 from omnitrack_sim.gym.trials import Trials, with_values
 
-pytest.importorskip("numba")
 BRIEF = {"changes": {"physics.time_limit": 0.3}}
 
 

@@ -12,7 +12,6 @@ from gymnasium.wrappers.vector import NormalizeObservation, RecordEpisodeStatist
 import omnitrack_sim as ot
 import omnitrack_sim.gym as environments
 
-pytest.importorskip("numba")
 BRIEF = {"observation": "truth", "changes": {"physics.time_limit": 0.4}}
 ID = "omnitrack_sim/TeeTurn-v0"
 

@@ -5,14 +5,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import pytest
-
 from omnitrack_sim.base.table import meanings_of
 from omnitrack_sim.gym import IDS, TERMS
 from omnitrack_sim.gym.options import RANGES, Options
 from omnitrack_sim.robots.omnitrack.policy import ACTIONS, FEATURE_SETS, entry_names
 
-pytest.importorskip("numba")
 PAGE = (Path(__file__).parents[1] / "docs" / "gym.md").read_text(encoding="utf-8")
 
 

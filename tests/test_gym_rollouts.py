@@ -21,7 +21,6 @@ from omnitrack_sim.robots.omnitrack.policy import (
     named_features,
 )
 
-pytest.importorskip("numba")
 BRIEF = {"changes": {"physics.time_limit": 0.6}}
 SHORT = {"changes": {"physics.time_limit": 0.4}}
 SEED = 7

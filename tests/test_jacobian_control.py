@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from runs import COLLIDER
 
 from omnitrack_sim import Scenario, Simulation, load_scenario, override, run_batch
 from omnitrack_sim.base.rotations import matrix_from_quaternion
@@ -99,7 +98,7 @@ def plant_beside(scenario: Scenario, start: Start, threads: int) -> Plant:
 def test_a_robot_beside_the_centreline_drives_back_to_it():
     """On a straight 8 mm are less than 2 mm after half a metre; with ``centring = 0`` the robot
     stays where friction holds it."""
-    base = override(load_scenario("straight"), {"physics.collider": COLLIDER})
+    base = load_scenario("straight")
     without = {"control.parameters.tracking.centring": 0.0}
     simulation = Simulation([base, override(base, without)], make_plant=plant_beside)
     simulation.advance()

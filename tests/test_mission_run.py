@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from runs import needs_exact
 
 from omnitrack_sim import (
     Outcome,
@@ -27,8 +26,7 @@ LENGTH = Robot().length
 def mission_of(network, start: str, /, *goals: str, **tables) -> Scenario:
     """A mission on exact walls."""
     mission = {"start": start, "goals": list(goals)} | tables.pop("mission", {})
-    physics = {"collider": "exact"} | tables.pop("physics", {})
-    return validate({"network": network, "mission": mission, "physics": physics, **tables})
+    return validate({"network": network, "mission": mission, **tables})
 
 
 def driven(scenario: Scenario) -> Result:
@@ -38,11 +36,10 @@ def driven(scenario: Scenario) -> Result:
 @pytest.fixture(scope="module")
 def dead_end() -> Result:
     # At theta5 = 0 the last merge, against gravity, is close: some processors' sines decide it.
-    changes = {"physics.collider": "exact", "start.theta5_deg": 10.0}
+    changes = {"start.theta5_deg": 10.0}
     return driven(override(load_scenario("missions/dead_end"), changes))
 
 
-@needs_exact
 def test_a_robot_before_a_plate_backs_out_and_goes_round(dead_end):
     """It takes the port for closed, backs out tail first, goes round the loop and arrives."""
     assert dead_end.success, dead_end.reason
@@ -65,7 +62,6 @@ def test_a_robot_before_a_plate_backs_out_and_goes_round(dead_end):
     assert np.linalg.norm(end) == pytest.approx(LENGTH / 2 + NOSE_ROOM, abs=0.005)
 
 
-@needs_exact
 def test_a_mission_is_saved_and_read_back(dead_end, tmp_path):
     """Legs, events, routes and plates come back as they were."""
     again = load_result(dead_end.save(tmp_path / "run"))
@@ -86,7 +82,6 @@ def test_a_mission_is_saved_and_read_back(dead_end, tmp_path):
     )
 
 
-@needs_exact
 def test_a_robot_with_no_other_way_gives_up():
     """A plate in the only way: the run ends there, and the events tell why."""
     pipes = [{"kind": "straight", "name": name, "length": 0.4} for name in ("a", "b")]
@@ -97,7 +92,6 @@ def test_a_robot_with_no_other_way_gives_up():
     assert len(result.legs) == 1
 
 
-@needs_exact
 def test_a_goal_that_is_cut_off_on_the_way_is_no_success(monkeypatch):
     """At the first goal with the second one out of reach by what was found closed: not arrived, and
     told so."""
@@ -116,7 +110,6 @@ def test_a_goal_that_is_cut_off_on_the_way_is_no_success(monkeypatch):
     assert str(result.events[-2]).endswith("reached far")
 
 
-@needs_exact
 def test_two_goals_one_after_the_other():
     """The robot tells each goal it reaches and backs out of the first."""
     result = driven(mission_of("house_sewer", "sewer", "yard", "kitchen"))
@@ -126,7 +119,6 @@ def test_two_goals_one_after_the_other():
     assert result.goal_points().shape == (2, 3)
 
 
-@needs_exact
 def test_fittings_close_together_are_passed():
     """An S-bend, then a tee right after an elbow."""
     sizes = [
@@ -154,7 +146,6 @@ def test_fittings_close_together_are_passed():
     assert [visit.name for visit in result.timeline()] == [f"p{i}" for i in range(7)]
 
 
-@needs_exact
 def test_a_mission_does_not_depend_on_its_batch():
     """Missions with other starts and goals share a batch, one with a leg added on the way: same
     bits as alone."""

@@ -37,7 +37,6 @@ def test_a_notebook_runs_and_shows_what_is_stored(name, tmp_path):
     """Every cell ends without an error and shows things of the kinds that stand in the file."""
     if name == "learn-in-5-minutes":
         pytest.importorskip("gymnasium")
-        pytest.importorskip("numba")
     path = DOCS / f"{name}.ipynb"
     stored = nbformat.read(path, as_version=4)
     nbformat.validate(stored)

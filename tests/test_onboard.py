@@ -10,9 +10,7 @@ import pytest
 import omnitrack_sim as ot
 from omnitrack_sim.record.events import LostItself, Rolled
 
-pytest.importorskip("numba")
-
-ONBOARD = {"physics.collider": "exact", "sensing.kind": "onboard"}
+ONBOARD = {"sensing.kind": "onboard"}
 
 
 def onboard(name="tee_turn", **changes):

@@ -12,7 +12,6 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
 import open_loop
-from runs import COLLIDER
 from steered_turns import KNOTS, Trace, Turn, between, finish, go_on, ready, replay, steered, trace
 
 from omnitrack_sim import load_scenario, override, run_batch
@@ -30,7 +29,6 @@ def scenario():
             "start.distance": 0.28,
             "goal.distance": 0.55,
             "control.align": False,
-            "physics.collider": COLLIDER,
             "physics.time_limit": 3.0,
         },
     )

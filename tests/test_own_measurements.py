@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from runs import COLLIDER, same_record, there_and_back
+from runs import same_record, there_and_back
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError
@@ -60,7 +60,7 @@ class Watcher:
 
 
 def straight(**changes: object) -> ot.Scenario:
-    short = {"physics.time_limit": 0.3, "physics.collider": COLLIDER}
+    short = {"physics.time_limit": 0.3}
     return ot.override(ot.load_scenario("straight"), short | changes)
 
 
@@ -250,7 +250,7 @@ def test_named_metrics_are_columns_of_sweeps(gauges) -> None:
     """The table of a sweep has the metrics that its base names, with units, at two workers as in
     one process."""
     axis = {"path": "contact.friction", "kind": "list", "values": [0.5, 0.9]}
-    short = {"physics.time_limit": 0.2, "physics.collider": COLLIDER}
+    short = {"physics.time_limit": 0.2}
     sweep = resolve({"name": "s", "base": "straight", "set": short | NAMED, "axes": [axis]})
     table = ot.run_sweep(sweep)
     result = ot.run(sweep.scenario(1))

@@ -22,15 +22,12 @@ from omnitrack_sim.show.film.render import render_frames
 from omnitrack_sim.show.film.seen import ROOM, levels, palette
 from omnitrack_sim.show.film.workers import painted
 
-pytest.importorskip("numba")
-
 CAMERAS = ("depth", "headlight")
 
 
 def filmed(camera="depth", **changes):
     """One and a half seconds of a robot that drives by this camera."""
     base = {
-        "physics.collider": "exact",
         "physics.time_limit": 1.5,
         "sensing.kind": "onboard",
         "sensing.camera": camera,

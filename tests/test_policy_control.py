@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from policy_samples import driver, random_policy
-from runs import COLLIDER, same_result, there_and_back
+from runs import same_result, there_and_back
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.pool import LocalPool
@@ -36,7 +36,6 @@ policy = "own/random.npz"
 
 def _tee(policy: Path, **changes) -> ot.Scenario:
     base = {
-        "physics.collider": COLLIDER,
         "physics.time_limit": 0.5,
         "start.distance": 0.3,
         "control.kind": "policy",
@@ -128,7 +127,7 @@ def test_the_python_of_the_page_runs(tmp_path, monkeypatch, capsys):
     exec(compile(learner, "policies.md", "exec"), names)
     assert capsys.readouterr().out.split()[-2:] == ["(5,", "4)"]
     turn = {"control.kind": "policy", "control.parameters.policy": str(tmp_path / "mine.npz")}
-    result = ot.run(ot.load_scenario("tee_turn", turn | {"physics.collider": COLLIDER}))
+    result = ot.run(ot.load_scenario("tee_turn", turn))
     assert result.outcome is ot.Outcome.REACHED_GOAL
     scenario = _tee(tmp_path / "mine.npz")
     for controller in (None, names["Learner"]):

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from runs import COLLIDER, there_and_back
+from runs import there_and_back
 
 import omnitrack_sim as ot
 from omnitrack_sim.robots.omnitrack.policy import (
@@ -55,7 +55,7 @@ def _constant(*action: float) -> Decide:
 
 
 def _tee(**changes) -> ot.Scenario:
-    base = {"physics.collider": COLLIDER, "physics.time_limit": 1.0}
+    base = {"physics.time_limit": 1.0}
     return ot.override(ot.load_scenario("tee_turn"), base | changes)
 
 
@@ -92,7 +92,7 @@ def test_belts_turn_round_beyond_the_no_motion_line():
     controller = _driven("onboard", _constant(0.5, 0.5, 0.5, 1.0))
     scenario = ot.override(
         ot.load_scenario("straight"),
-        {"physics.collider": COLLIDER, "physics.time_limit": 2.4, "contact.friction": 1.0},
+        {"physics.time_limit": 2.4, "contact.friction": 1.0},
     )
     trajectory = _run(scenario, controller).trajectory
     assert trajectory["roll"][-1].min() > np.pi * 0.9

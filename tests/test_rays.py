@@ -12,8 +12,6 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Part, Reducer, Straight, Tee
 from omnitrack_sim.pipes.fittings.wye import Wye
-
-pytest.importorskip("numba")
 from omnitrack_sim.walls.rays import RayWalls
 
 AHEAD, SIDE = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])

@@ -8,7 +8,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-pytest.importorskip("numba")
 from omnitrack_sim.autonomy.recognition import Motion, Recogniser
 from omnitrack_sim.autonomy.recognition.poses import STILL, cameras
 from omnitrack_sim.base.rotations import Pose

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pages import TOLERANCE, needs_browser, opened, picture
-from runs import COLLIDER
 from samples import sample_result, sample_trajectory
 
 from omnitrack_sim import Result, load_scenario, override, run, show_replay, write_replay
@@ -27,7 +26,7 @@ def place(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def tees() -> list[Result]:
     """Two ways to a tee at two speeds."""
-    common = {"physics.time_limit": 1.5, "physics.collider": COLLIDER}
+    common = {"physics.time_limit": 1.5}
     changes = [common | {"control.cruise_speed": speed} for speed in (0.1, 0.08)]
     return [run(override(load_scenario("tee_turn"), change)) for change in changes]
 

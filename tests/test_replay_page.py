@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 import pytest
 from pages import TOLERANCE, needs_browser, opened, picture
-from runs import COLLIDER
 
 from omnitrack_sim import Result, load_scenario, override, run, write_replay
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
@@ -28,7 +27,7 @@ def place(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def mission() -> Result:
     """Through two reducers into a pipe, tail first out of it and on to another end."""
-    changes = {"mission.goals": ["side", "outlet"], "physics.collider": COLLIDER}
+    changes = {"mission.goals": ["side", "outlet"]}
     return run(override(load_scenario("missions/narrow"), changes))
 
 

@@ -17,14 +17,11 @@ from omnitrack_sim.show.film.seen import levels, palette
 from omnitrack_sim.show.replay.seen import COLUMNS, EVERY
 from omnitrack_sim.show.replay.write import replay_data
 
-pytest.importorskip("numba")
-
 
 @pytest.fixture(scope="module")
 def result():
     """Two seconds of a mission of a robot that drives by what it sees."""
     changes = {
-        "physics.collider": "exact",
         "sensing.kind": "onboard",
         "record.pictures": True,
         "physics.time_limit": 2.0,

@@ -8,12 +8,10 @@ from runs import there_and_back
 
 import omnitrack_sim as ot
 
-EXACT = {"physics.collider": "exact"}
-
 
 def tee(**changes: object) -> ot.Scenario:
     """A tee turn of at most 1.5 s, with exact walls."""
-    return ot.override(ot.load_scenario("tee_turn"), EXACT | {"physics.time_limit": 1.5} | changes)
+    return ot.override(ot.load_scenario("tee_turn"), {"physics.time_limit": 1.5} | changes)
 
 
 def onboard() -> ot.Scenario:

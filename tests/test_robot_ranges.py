@@ -10,9 +10,6 @@ from omnitrack_sim.base.errors import ScenarioError
 from omnitrack_sim.robots.omnitrack.quantity import SCALES, quantity_of
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim.run import no_load_slips
-from omnitrack_sim.walls.collider import why_not
-
-COLLIDERS = ["primitives"] + (["exact"] if why_not() is None else [])
 
 
 def _faults(**robot) -> dict[str, str]:
@@ -86,7 +83,7 @@ def test_values_that_do_not_go_together_are_refused(robot, where, told):
     assert told in _faults(**robot)[where]
 
 
-@pytest.mark.parametrize("collider", COLLIDERS)
+@pytest.mark.parametrize("collider", ["primitives", "exact"])
 def test_every_robot_within_the_ranges_can_be_simulated(collider):
     """Robots drawn over the whole ranges, many values at their ends, compile in MuJoCo and take a
     first step. What becomes of them after it is a result."""

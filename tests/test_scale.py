@@ -9,7 +9,6 @@ import omnitrack_sim as ot
 from omnitrack_sim.robots.omnitrack.quantity import froude_exponent, quantity_of, similar
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim.builder import scene_of
-from omnitrack_sim.walls.collider import why_not
 
 SCALES = (0.625, 1.875)
 """For pipes of 100 and 300 mm."""
@@ -184,7 +183,6 @@ def test_robots_of_three_sizes_climb_alike():
         assert other == pytest.approx(one, abs=1e-9)
 
 
-@pytest.mark.skipif(why_not() is not None, reason="needs the compiled collider")
 def test_robots_of_three_sizes_turn_alike():
     """Through an elbow of 1.5 D, where modules at one speed tilt the robot by 43 degrees and turn
     theta5 by 66, tilt and theta5 (rad) and distance over D agree to 2e-3.

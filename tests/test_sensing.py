@@ -11,8 +11,6 @@ from omnitrack_sim.senses.depth import DepthCamera, DepthTable
 from omnitrack_sim.senses.draws import keys, normal, uniform
 from omnitrack_sim.senses.headlight import HeadlightCamera, HeadlightTable
 from omnitrack_sim.senses.optics import OpticsTable, rays_of
-
-pytest.importorskip("numba")
 from omnitrack_sim.walls.rays import RayWalls
 
 ONE = np.zeros(1, int)

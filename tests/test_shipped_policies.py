@@ -10,7 +10,6 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.pool import LocalPool
 from omnitrack_sim.base.shipped import shipped_policies
 
-pytest.importorskip("numba")  # they were trained on exact walls
 ACTING = {"tee_turn": "direct", "tee_turn_residual": "residual"}
 
 
@@ -36,7 +35,6 @@ def test_it_turns_into_the_branch(name, friction, theta5_deg):
         "control.parameters.policy": name,
         "start.theta5_deg": theta5_deg,
         "contact.friction": friction,
-        "physics.collider": "exact",
     }
     result = ot.run(ot.load_scenario("tee_turn", changes))
     assert result.outcome is ot.Outcome.REACHED_GOAL
@@ -49,7 +47,7 @@ def test_they_run_in_a_sweep_with_two_workers(tmp_path):
     (tmp_path / "base.toml").write_text(tee + policy)
     (tmp_path / "sweep.toml").write_text(
         'base = "base.toml"\nbatch = 2\n'
-        '[set]\n"physics.collider" = "exact"\n"physics.time_limit" = 1.0\n'
+        '[set]\n"physics.time_limit" = 1.0\n'
         f'[[axes]]\npath = "control.parameters.policy"\nkind = "list"\nvalues = {list(ACTING)}\n'
         '[[axes]]\npath = "start.theta5_deg"\nkind = "list"\nvalues = [-20, 10]\n'
     )

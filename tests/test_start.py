@@ -6,16 +6,11 @@ import pytest
 
 from omnitrack_sim import Outcome, load_scenario, override, run, run_batch
 from omnitrack_sim.sim.builder import scene_of, start_qpos
-from omnitrack_sim.walls.collider import why_not
 
-EXACT = pytest.param(
-    "exact",
-    marks=pytest.mark.skipif(why_not() is not None, reason="needs the compiled collider"),
-)
 PRELOADS = (5.0, 25.0, 100.0, 1000.0)
 
 
-@pytest.mark.parametrize("collider", ["primitives", EXACT])
+@pytest.mark.parametrize("collider", ["primitives", "exact"])
 def test_arms_start_in_equilibrium(collider):
     """From the first sample on, the wall carries each module's spring force within 1 %, and no arm
     moves by more than 5 um, whether it is pressed with 5 or with 1000 N."""
@@ -32,7 +27,7 @@ def test_arms_start_in_equilibrium(collider):
         assert np.ptp(slide, axis=0).max() < 5e-6
 
 
-@pytest.mark.parametrize("collider", ["primitives", EXACT])
+@pytest.mark.parametrize("collider", ["primitives", "exact"])
 def test_a_falling_robot_starts_on_the_wall_too(collider):
     """In a level pipe the lowest module carries from the start, though its springs do not: the
     chassis still falls."""
@@ -43,12 +38,9 @@ def test_a_falling_robot_starts_on_the_wall_too(collider):
     assert (force[0] > 0.9 * level.robot.preload).all()
 
 
-@pytest.mark.skipif(why_not() is not None, reason="needs the compiled collider")
 def test_a_hard_pressed_robot_stays_in_its_pipe():
     """With 1000 N a module, exact walls hold the robot: it drives on."""
-    hard = override(
-        load_scenario("straight"), {"physics.collider": "exact", "robot.preload": 1000.0}
-    )
+    hard = override(load_scenario("straight"), {"robot.preload": 1000.0})
     assert run(hard).outcome is Outcome.REACHED_GOAL
 
 
@@ -71,7 +63,7 @@ def test_normal_force_adds_up_the_contacts():
     assert [data.sensor(f"touch_{track}").data[0] for track in tracks] == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("collider", ["primitives", EXACT])
+@pytest.mark.parametrize("collider", ["primitives", "exact"])
 def test_walls_never_pull(collider):
     """On a wall with a friction of 5, where friction along an arm exceeds the normal force, no
     normal force is negative."""

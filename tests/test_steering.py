@@ -65,7 +65,7 @@ def test_the_heading_loop_crosses_over_at_its_gain():
 def test_the_simulated_torque_swings_where_the_model_has_no_margin():
     """In one dry tee turn the torque changes four times as much with 50 rad/s and a rate gain of 5
     as with the defaults."""
-    dry = {"start.theta5_deg": 0.0, "control.align": False, "physics.collider": "exact"}
+    dry = {"start.theta5_deg": 0.0, "control.align": False}
     soft = ot.override(ot.load_scenario("tee_turn"), dry)
     swinging = {"robot.motor.speed_bandwidth": 50.0, "control.parameters.damping.tee_turn": 5.0}
     calm, wild = (

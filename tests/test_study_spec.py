@@ -196,11 +196,11 @@ def test_a_bound_that_only_goes_with_others_is_no_fault():
 
 
 def test_changes_of_the_call_reach_all_trials():
-    """``--set`` and ``--fast`` change the bases of every sweep; what is wrong in them is told."""
+    """``--set`` changes the bases of every sweep; what is wrong in them is told."""
     data = study_data() | {"trials": [TRIALS, TRIALS | {"name": "again", "seed": 3}]}
-    study = resolve(data, changes={"physics.collider": "exact"})
+    study = resolve(data, changes={"physics.collider": "primitives"})
     bases = [base for sweep in study.trials for base in sweep.bases.values()]
-    assert [base.physics.collider for base in bases] == ["exact", "exact"]
+    assert [base.physics.collider for base in bases] == ["primitives", "primitives"]
     with pytest.raises(StudyError) as caught:
         resolve(data, changes={"physics.colider": "exact"})
     assert [fault.where for fault in caught.value.faults] == ["--set physics.colider"]

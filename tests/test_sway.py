@@ -91,7 +91,6 @@ def test_a_robot_may_be_told_to_sway_in_full() -> None:
 
 
 SLIPPERY = {
-    "physics.collider": "exact",
     "robot.preload": 33.0,
     "start.theta5_deg": 5.0,
     "control.align": False,

@@ -12,7 +12,6 @@ import pytest
 
 pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
-pytest.importorskip("numba")
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks" / "learning"))
 
 import checkpoint

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from runs import COLLIDER, rolling_tee, same_result
+from runs import rolling_tee, same_result
 from screens import at_window, needs_screen, screen
 
 import omnitrack_sim as ot
@@ -175,7 +175,7 @@ def test_replayed_run_is_the_record():
 def test_region_tells_the_way_to_its_border(theta5, inside, border):
     """The best orientation is 11.73 degrees from the region on either side, the worst one deepest
     in it (docs/singularity.md)."""
-    changes = {"physics.collider": COLLIDER, "start.theta5_deg": theta5}
+    changes = {"start.theta5_deg": theta5}
     simulation = ot.Simulation([ot.override(ot.load_scenario("tee_turn"), changes)])
     reach = simulation.scenarios[0].robot.reach
     region = region_of(simulation.legs.routes, simulation.place, reach)
@@ -217,7 +217,7 @@ def command(*arguments: str, **environment: str) -> subprocess.CompletedProcess[
         (("drive", "straight"), "needs a screen"),
         (("drive", "strait"), "did you mean 'straight'"),
         (("view", "{folder}"), "is no run: result.json is missing"),
-        (("view", "{folder}", "--fast"), "is a saved run"),
+        (("view", "{folder}", "--set", "name=other"), "is a saved run"),
         (("drive", "{folder}"), "is a folder"),
         (("drive", "straight", "--out", "{folder}"), "no run"),
         (("view", "straight", "--speed", "fast"), "--speed: is 'fast'"),
@@ -278,7 +278,6 @@ def driven(tmp_path_factory) -> Path:
         "start.theta5_deg": -20.0,
         "start.distance": 0.24,
         "goal.distance": 0.62,  # just behind the tee
-        "physics.collider": COLLIDER,
     }
     changes = [part for key, value in settings.items() for part in ("--set", f"{key}={value}")]
     with screen() as display:
@@ -382,9 +381,7 @@ def test_nothing_is_saved_of_a_robot_that_was_not_driven(tmp_path):
     """A window that is closed before the first order leaves no folder; the clock goes without an
     order, too, when it is told to."""
     with screen() as display:
-        done = at_window(
-            display, "Driver", UNDRIVEN_SCRIPT, "drive", "straight", "--fast", folder=tmp_path
-        )
+        done = at_window(display, "Driver", UNDRIVEN_SCRIPT, "drive", "straight", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "nothing is saved" in done.stdout
     assert list(tmp_path.iterdir()) == []
@@ -393,7 +390,7 @@ def test_nothing_is_saved_of_a_robot_that_was_not_driven(tmp_path):
 @needs_screen
 def test_scenario_is_viewed_with_its_controller(tmp_path):
     """It runs by itself, a step at a time, from the start again, to its end."""
-    changes = ["--set", "physics.time_limit=0.5", "--set", f"physics.collider={COLLIDER}"]
+    changes = ["--set", "physics.time_limit=0.5"]
     with screen() as display:
         done = at_window(
             display, "Player", VIEW_SCRIPT, "view", "straight", *changes, folder=tmp_path

@@ -30,7 +30,7 @@ import numpy as np
 from bullet_plant import BulletPlant, contacts_per_lug, make_bullet_plant
 from bullet_walls import SETTINGS, BulletSettings, bullet_wall_error
 
-from omnitrack_sim import Scenario, load_scenario
+from omnitrack_sim import Scenario, load_scenario, override
 from omnitrack_sim.sim.shares import timed
 from omnitrack_sim.sim.simulation import Simulation
 
@@ -101,7 +101,7 @@ def main() -> None:
     given = parser.parse_args()
     for name in given.setting or SETTINGS:
         for job in given.job or JOBS:
-            scenario = load_scenario(job)
+            scenario = override(load_scenario(job), {"physics.collider": "primitives"})
             result = drive(scenario, SETTINGS[name])
             largest, most = bullet_wall_error(scenario, SETTINGS[name], given.probes)
             values = "  ".join(

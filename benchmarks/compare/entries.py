@@ -22,7 +22,7 @@ from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.builder import scene_of
 from omnitrack_sim.sim.plant import Plant
 from omnitrack_sim.sim.simulation import MakePlant
-from omnitrack_sim.walls.collider import line_record, why_not
+from omnitrack_sim.walls.collider import line_record
 from omnitrack_sim.walls.primitives import add_exact_walls, add_walls
 from omnitrack_sim.walls.spec import new_spec
 
@@ -35,7 +35,7 @@ TITLES = {
     "sdf": "MuJoCo, signed distance field",
     "bullet": "PyBullet, concave triangle mesh",
 }
-NEEDS = {"convex": "coacd", "bullet": "pybullet", "exact": "numba"}
+NEEDS = {"convex": "coacd", "bullet": "pybullet"}
 """Packages that an entry needs beyond those of omnitrack_sim."""
 PROBE_DEPTH = 1e-3
 """How far a lug is pressed into the exact surface to feel for the walls, m.
@@ -217,7 +217,7 @@ def missing(peer: str) -> str | None:
     package = NEEDS.get(peer)
     if package is not None and importlib.util.find_spec(package) is None:
         return f"pip install {package}"
-    return why_not() if peer == "exact" else None
+    return None
 
 
 OWN_PRIMITIVES = [(0.002, 1e-4), (0.004, 1e-4), (0.001, 1e-4), (0.002, 5e-4), (0.002, 2e-5)]

@@ -46,7 +46,7 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
     chosen: list[Case] = []
     tried = []
     for job in options.job or PARTS:
-        scenario = load_scenario(job)
+        scenario = override(load_scenario(job), {"physics.collider": "primitives"})
         if options.quick:
             scenario = override(scenario, {"physics.time_limit": options.quick_time})
         for peer in peers:

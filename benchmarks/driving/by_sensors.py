@@ -87,7 +87,6 @@ def turns(task: tuple[str, int, int, int]) -> list[Drive]:
     changes = {
         "control.align": True,
         "control.retry": True,
-        "physics.collider": "exact",
         **SENSES[sense],
     }
     every = random_tee_turns(

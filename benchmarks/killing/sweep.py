@@ -18,7 +18,6 @@ samples = {trials}
 batch = 8
 [set]
 "physics.time_limit" = 1.5
-"physics.wall_tolerance" = 0.0005
 [[axes]]
 path = "start.theta5_deg"
 kind = "uniform"

@@ -86,22 +86,6 @@ SetOption = Annotated[
 ]
 
 
-FastOption = Annotated[
-    bool,
-    typer.Option(
-        "--fast",
-        help="Exact walls and whole tracks, compiled (physics.collider = exact; extra fast).",
-    ),
-]
-FAST = 'physics.collider="exact"'
-"""What ``--fast`` sets."""
-
-
-def settings_asked(assignments: Sequence[str] | None, fast: bool) -> list[str]:
-    """The texts of ``--set``, and what ``--fast`` adds to them."""
-    return [*(assignments or ()), *([FAST] if fast else ())]
-
-
 def load(source: str, assignments: Sequence[str] | None) -> Scenario:
     """The scenario of a file or name, with the values of ``--set``."""
     from omnitrack_sim.scenario import load_scenario

@@ -12,13 +12,11 @@ from rich.table import Table
 from omnitrack_sim.base.text import counted
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
-    FastOption,
     SetOption,
     app,
     out,
     plain,
     print_json,
-    settings_asked,
     with_changes,
 )
 from omnitrack_sim.cli.trials import DaskOption, WorkersOption, make_workers, trials_bar
@@ -41,7 +39,6 @@ def optimise(
         ),
     ],
     assignments: SetOption = None,
-    fast: FastOption = False,
     folder: Annotated[
         Path | None,
         typer.Option("--out", metavar="DIR", help="Where all files go; out/NAME when not given."),
@@ -58,10 +55,7 @@ def optimise(
     """Search for the best values of a scenario; the same command goes on after an interruption."""
     from omnitrack_sim.trials.study import load_study
 
-    study = with_changes(
-        lambda changes: load_study(source, changes),
-        settings_asked(assignments, fast),
-    )
+    study = with_changes(lambda changes: load_study(source, changes), assignments)
     if only_list:
         _print_plan(study)
         return

@@ -11,7 +11,6 @@ from rich.table import Table
 
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
-    FastOption,
     ScenarioArgument,
     SetOption,
     app,
@@ -20,7 +19,6 @@ from omnitrack_sim.cli.common import (
     plain,
     print_json,
     progress,
-    settings_asked,
 )
 from omnitrack_sim.cli.film import check_camera, filmed
 from omnitrack_sim.cli.replay import PAGE
@@ -34,7 +32,6 @@ if TYPE_CHECKING:
 def run(
     scenario: ScenarioArgument,
     assignments: SetOption = None,
-    fast: FastOption = False,
     folder: Annotated[
         Path | None,
         typer.Option("--out", metavar="DIR", help="Where the results go; out/NAME when not given."),
@@ -59,7 +56,7 @@ def run(
     from omnitrack_sim.results.files import RESULT_FILE
     from omnitrack_sim.sim.run import run as run_scenario
 
-    loaded = load(scenario, settings_asked(assignments, fast))
+    loaded = load(scenario, assignments)
     camera = camera or ("side" if loaded.mission is None else "follow")
     if video:
         check_camera(camera)

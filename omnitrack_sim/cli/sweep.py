@@ -15,13 +15,11 @@ from omnitrack_sim.base.errors import Fault, InputError, OutputError
 from omnitrack_sim.base.text import clipped, counted
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
-    FastOption,
     SetOption,
     app,
     out,
     plain,
     print_json,
-    settings_asked,
     with_changes,
 )
 from omnitrack_sim.cli.trials import DaskOption, WorkersOption, make_workers, trials_bar
@@ -49,7 +47,6 @@ def sweep(
         ),
     ],
     assignments: SetOption = None,
-    fast: FastOption = False,
     folder: Annotated[
         Path | None,
         typer.Option(
@@ -75,10 +72,7 @@ def sweep(
     from omnitrack_sim.trials.store import holds_sweep
     from omnitrack_sim.trials.sweep import load_sweep
 
-    loaded = with_changes(
-        lambda changes: load_sweep(source, changes),
-        settings_asked(assignments, fast),
-    )
+    loaded = with_changes(lambda changes: load_sweep(source, changes), assignments)
     if only_list:
         _print_trials(loaded)
         return

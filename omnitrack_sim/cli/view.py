@@ -11,13 +11,11 @@ import typer
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.cli.common import (
-    FastOption,
     ScenarioArgument,
     SetOption,
     app,
     load,
     out,
-    settings_asked,
 )
 from omnitrack_sim.cli.runs import draw, print_result
 from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Key, help_lines
@@ -56,18 +54,16 @@ def view(
         ),
     ],
     assignments: SetOption = None,
-    fast: FastOption = False,
     speed: SpeedOption = "1",
 ) -> None:
     """Show a scenario as it runs, or a saved run again, in a window (needs a screen)."""
     pace = _speed(speed)
-    settings = settings_asked(assignments, fast)
     if _is_folder(source):
-        if settings:
-            raise InputError(Fault(source, "is a saved run; --set and --fast are for scenarios"))
+        if assignments:
+            raise InputError(Fault(source, "is a saved run; --set is for scenarios"))
         _replay(source, pace)
         return
-    loaded = load(source, settings)
+    loaded = load(source, assignments)
     from omnitrack_sim.show.viewer.show import Player
     from omnitrack_sim.show.viewer.window import Window, require_screen
 
@@ -101,7 +97,6 @@ def _replay(folder: str, speed: float) -> None:
 def drive(
     scenario: ScenarioArgument,
     assignments: SetOption = None,
-    fast: FastOption = False,
     folder: Annotated[
         Path | None,
         typer.Option(
@@ -116,7 +111,7 @@ def drive(
     from omnitrack_sim.scenario.driven import driven_name
 
     pace = _speed(speed)
-    loaded = load(scenario, settings_asked(assignments, fast))
+    loaded = load(scenario, assignments)
     target = folder or Path("out") / driven_name(loaded.name)
     check_folder(target, RESULT_FILE)
     from omnitrack_sim.show.viewer.show import Driver

@@ -15,7 +15,6 @@ from omnitrack_sim.robots.omnitrack import GRAVITY
 from omnitrack_sim.robots.omnitrack.policy import DECISION_PERIOD
 from omnitrack_sim.robots.omnitrack.policy.controller import steps_of
 from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
-from omnitrack_sim.walls.collider import why_not
 
 RANDOM = "random_network"
 """In the place of a scenario: a random network in each episode."""
@@ -41,8 +40,6 @@ class Trials:
     def __init__(self, options: Options) -> None:
         self._options, self.alike = options, options.scenario != RANDOM
         changes: dict[str, Any] = {"sensing.kind": options.senses}
-        if why_not() is None:
-            changes["physics.collider"] = "exact"
         if options.picture:
             changes["sensing.both_ends"] = False
         self._changes = changes | options.changes

@@ -38,6 +38,8 @@ SINGLE = (
     "no_motion_line",
 )
 """Scenarios below ``paper/`` that are run as they are, once each."""
+FEW_LUGS = {"physics.collider": "primitives", "robot.lugs_per_track": 5}
+"""Lugs count only where tracks are rows of them."""
 _UNAIDED: dict[str, Any] = {"control.align": False, "control.retry": False}
 ELBOW_DRIVES: dict[str, dict[str, Any]] = {
     "jacobian": {"control.kind": "jacobian"},
@@ -66,8 +68,8 @@ def _elbows_and_tees(quick: bool) -> dict[str, list[Scenario]]:
     lists |= _elbows(np.arange(-60, 60, 30 if quick else 10))
     lists["aligned"] = random_tee_turns(trials, (0.8, 1.0))
     lists["slippery"] = random_tee_turns(trials, (0.6, 0.8))
-    lists["few_lugs"] = random_tee_turns(trials, (0.8, 1.0), {"robot.lugs_per_track": 5})
-    lists["few_lugs_slippery"] = random_tee_turns(trials, (0.6, 0.8), {"robot.lugs_per_track": 5})
+    lists["few_lugs"] = random_tee_turns(trials, (0.8, 1.0), FEW_LUGS)
+    lists["few_lugs_slippery"] = random_tee_turns(trials, (0.6, 0.8), FEW_LUGS)
     for state in ("aligned", "unaligned"):
         base = load_scenario(f"paper/straight_over_tee_{state}")
         lists[f"straight_over_{state}"] = [

@@ -14,9 +14,14 @@ from omnitrack_sim.scenario import Scenario
 
 
 def provenance_of(scenario: Scenario) -> dict[str, Any]:
-    """What made a result: seed, scenario hash, versions, platform, git commit of a checkout; and
-    who drove, where that was no controller."""
-    made = {"seed": scenario.seed, "scenario_sha256": scenario.hash, **environment()}
+    """Provenance of a result: seed, scenario hash, collider, versions, platform, git commit of a
+    checkout; and who drove, where that was no controller."""
+    made = {
+        "seed": scenario.seed,
+        "scenario_sha256": scenario.hash,
+        "collider": scenario.physics.collider,
+        **environment(),
+    }
     if scenario.control.kind != KIND:
         return made
     table = scenario.control_parameters

@@ -212,13 +212,14 @@ class Physics(Table):
     time_limit: Annotated[Positive | None, Unit("s")] = None
     """Simulated time after which the run is over; of a mission that of its first leg, and further
     legs add their own. Left out: four route lengths at cruise speed, and 20 s."""
-    collider: ColliderName = "primitives"
-    """Walls of boxes and rows of sphere lugs; or "exact": true surfaces and whole tracks, 5 times
-    faster (extra `fast`)."""
+    collider: ColliderName = "exact"
+    """True surfaces and whole tracks; or "primitives": walls of boxes and rows of sphere lugs, 5
+    times slower, a second way to the same contacts."""
     wall_tolerance: Annotated[float, Field(ge=1e-6, le=2e-3), Unit("m")] = 1e-4
-    """Largest distance of the walls from the exact surface on straights, reducers and elbows."""
+    """Largest distance of walls of primitives from the exact surface on straights, reducers and
+    elbows."""
     staves: Annotated[Annotated[int, Field(ge=8, le=720)] | None, Unit("1")] = None
-    """Wall pieces around a bore. Left out: by the tolerance."""
+    """Pieces around a bore of walls of primitives. Left out: by the tolerance."""
 
     @field_validator("control_period", "record_period")
     @classmethod

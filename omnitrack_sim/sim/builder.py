@@ -21,7 +21,6 @@ from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.scene import build_scene, let_walls_sleep
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.plant import Start
-from omnitrack_sim.walls.collider import why_not
 
 SLEEP_FROM = 1000
 """Number of geoms from which it pays to have MuJoCo pass over the walls, which needs an MjData for
@@ -96,12 +95,6 @@ def each(scenarios: Sequence[Scenario], name: str) -> NDArray:
     return np.array([np.nan if value is None else value for value in values])
 
 
-def collider_of(scenario: Scenario) -> str:
-    """The collider that a run of the scenario has: the exact one only where it can be loaded."""
-    exact = scenario.physics.collider == "exact" and why_not() is None
-    return "exact" if exact else "primitives"
-
-
 def scene_of(scenario: Scenario, *, looks: bool = False) -> mujoco.MjSpec:
     """The scenario's pipes and robot as one MjSpec; ``looks`` adds what pictures need."""
     physics = scenario.physics
@@ -112,7 +105,7 @@ def scene_of(scenario: Scenario, *, looks: bool = False) -> mujoco.MjSpec:
         timestep=physics.timestep,
         wall_tolerance=physics.wall_tolerance,
         staves=physics.staves,
-        exact=collider_of(scenario) == "exact" and not looks,
+        exact=physics.collider == "exact" and not looks,
         looks=looks,
     )
     # MuJoCo does not let a model sleep in which tendons are tied, as those of shared motors are.

@@ -35,7 +35,7 @@ def gathered(
                 duration_s=float(simulation.end_time[i]),
                 metrics=_figures(simulation, i, trajectory, slips[i], metrics),
                 trajectory=trajectory,
-                provenance=provenance_of(scenario) | {"collider": simulation.collider},
+                provenance=provenance_of(scenario),
                 events=simulation.events[i],
                 legs=simulation.legs.driven(i),
                 map=simulation.legs.map(i),

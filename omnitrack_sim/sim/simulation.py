@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from omnitrack_sim.autonomy.ahead import Look, Sight
 from omnitrack_sim.autonomy.judged_sight import JudgedSight
 from omnitrack_sim.base.arguments import check_all, check_is
-from omnitrack_sim.base.errors import Fault, ScenarioError
 from omnitrack_sim.base.rotations import Array, heading
 from omnitrack_sim.base.text import shown
 from omnitrack_sim.pipes.route_map import Place
@@ -36,7 +35,6 @@ from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.model import METRIC_NAMES, refuse_taken
 from omnitrack_sim.senses import SENSORS, Sensor, State
 from omnitrack_sim.sim.builder import (
-    collider_of,
     scene_of,
     settings_of,
     start_of,
@@ -46,7 +44,6 @@ from omnitrack_sim.sim.legs import Legs, Onward
 from omnitrack_sim.sim.monitor import Monitor, Verdict
 from omnitrack_sim.sim.plant import Plant, Start
 from omnitrack_sim.sim.recorder import Recorder
-from omnitrack_sim.walls.collider import why_not
 
 if TYPE_CHECKING:
     from omnitrack_sim.sim.onboard import Onboard
@@ -129,7 +126,6 @@ class Simulation:
         self.legs = Legs(self.scenarios)
         start = start_of(self.scenarios, self.legs.routes, self.legs.way)
         settings, notes = settings_of(self.scenarios, self.legs.routes, self.legs.way)
-        self.collider = collider_of(first)
         sensors = (*first.own_sensors, *check_all(Sensor, "sensors", sensors))
         refuse_taken("sensors", [sensor.channel.name for sensor in sensors], CHANNELS)
         every = (*SENSORS, *sensors)
@@ -210,10 +206,7 @@ class Simulation:
 
     def _noted(self, robot: int, note: str | None) -> list[Event]:
         """The remarks with which a robot's run begins."""
-        texts = [] if note is None else [note]
-        if self.collider != self.scenarios[0].physics.collider:
-            texts.append(f"exact collider not used: {why_not()}; walls and tracks are primitives")
-        return [Note(robot, 0.0, "; ".join(texts))] if texts else []
+        return [] if note is None else [Note(robot, 0.0, note)]
 
     @property
     def observation(self) -> Observation:
@@ -390,10 +383,6 @@ class Simulation:
         first = self.scenarios[0]
         if first.sensing.kind != "onboard":
             return None
-        missing = why_not()
-        if missing is not None:
-            problem = f'is "onboard", for which rays are compiled: {missing}'
-            raise ScenarioError([Fault("sensing.kind", problem)])
         from omnitrack_sim.sim.onboard import Onboard
 
         limits = self.motors.torque_limit[:, 0]

@@ -21,7 +21,6 @@ from omnitrack_sim.robots.omnitrack.policy import load_policy
 from omnitrack_sim.scenario import Scenario, load_scenario, validate
 from omnitrack_sim.trials.axes import Axis, DirectionAxis, UniformAxis
 from omnitrack_sim.trials.sweep import Sweep
-from omnitrack_sim.walls.collider import why_not
 
 DEFAULT = "feedback"
 """The entry that all others are compared with."""
@@ -143,10 +142,6 @@ class Task:
     sweep: Callable[[int, Changes], Sweep]
 
 
-def _collider() -> Changes:
-    return {"physics.collider": "exact" if why_not() is None else "primitives"}
-
-
 def _axes(friction: tuple[float, float]) -> tuple[Axis, ...]:
     return (
         UniformAxis(path="start.theta5_deg", kind="uniform", low=-60, high=60),
@@ -160,7 +155,7 @@ def _drawn(
     base: str, seed: int, friction: tuple[float, float], trials: int, changes: Changes
 ) -> Sweep:
     """Random trials of a shipped scenario."""
-    scenario = load_scenario(base, {**_collider(), **changes})
+    scenario = load_scenario(base, changes)
     return Sweep(
         name=base,
         seed=seed,
@@ -193,7 +188,7 @@ def _mission(seed: int, changes: Changes) -> Scenario:
         "contact": {"friction": float(draw.uniform(*DRY))},
         "world": {"gravity": (GRAVITY * gravity / np.linalg.norm(gravity)).tolist()},
     }
-    return validate(data, changes={**_collider(), **changes})
+    return validate(data, changes=changes)
 
 
 TASKS: Mapping[str, Task] = {

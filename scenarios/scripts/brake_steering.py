@@ -59,7 +59,7 @@ class BrakeSteering:
 
 
 def main() -> None:
-    base = ot.override(ot.load_scenario("tee_turn"), {"physics.collider": "exact"})
+    base = ot.load_scenario("tee_turn")
     print("drive                            outcome              time, s  energy, J  slip, mm")
     for name, changes in DRIVES.items():
         scenario = ot.override(base, {"control.retry": False, **changes})

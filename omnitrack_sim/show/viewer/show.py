@@ -215,8 +215,7 @@ class Driver(Player):
                 simulation.step()
         scenario = with_orders(self.scenario, self._controller.orders())
         (result,) = simulation.results(no_load_slips([scenario]))
-        provenance = provenance_of(scenario) | {"collider": simulation.collider}
-        return replace(result, scenario=scenario, provenance=provenance)
+        return replace(result, scenario=scenario, provenance=provenance_of(scenario))
 
     def panels(self) -> list[tuple[mujoco.mjtGridPos, Lines]]:
         """What stands in the corners of the window."""

@@ -2,11 +2,10 @@
 
 A track is one capsule, a fitting one geom; their user data says what they are. ``record`` makes
 that data, ``line`` finds the contacts by the functions that each kind of fitting brings,
-``compile`` turns them into C functions, ``install`` puts these into MuJoCo. Needs numba (extra
-``fast``).
+``compile`` turns them into C functions, ``install`` puts these into MuJoCo.
 """
 
-from omnitrack_sim.walls.collider.install import bring, install, why_not
+from omnitrack_sim.walls.collider.install import bring, install
 from omnitrack_sim.walls.collider.record import RECORD_SIZE, bounding_box, line_record, wall_record
 
 __all__ = [
@@ -16,5 +15,4 @@ __all__ = [
     "install",
     "line_record",
     "wall_record",
-    "why_not",
 ]

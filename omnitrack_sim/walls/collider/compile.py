@@ -21,9 +21,6 @@ def compile_entry(function: _Function) -> Any:
     The functions are compiled as copies, whose globals have the compiled ones in the place of the
     plain ones: modules stay as they are. Helpers are not kept on disk one by one; an entry is, with
     all that it calls.
-
-    Raises:
-        ImportError: numba is missing.
     """
     from numba import cfunc
     from numba.core.caching import FunctionCache

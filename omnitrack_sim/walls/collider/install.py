@@ -26,27 +26,11 @@ _kept: list[Any] = []
 
 
 @cache
-def why_not() -> str | None:
-    """Why the exact collider cannot be used here, in a sentence; None where it can, and then it is
-    installed."""
-    try:
-        install()
-    except ImportError:
-        return "numba is missing; pip install 'omnitrack_sim[fast]' brings it"
-    except (
-        Exception
-    ) as error:  # whatever keeps compiled code from loading here: walls of primitives always work
-        return f"it does not load here ({type(error).__name__}: {error})"
-    return None
-
-
-@cache
 def install() -> Any:
     """Enter the collider in MuJoCo's table, once a process; returns the block that ``native``
     describes. Code that is not on disk yet is compiled, which takes seconds.
 
     Raises:
-        ImportError: numba is missing.
         RuntimeError: MuJoCo's structures are not laid out as expected.
     """
     from llvmlite import binding

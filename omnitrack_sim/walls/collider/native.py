@@ -1,4 +1,4 @@
-"""What only numba has: C signatures, and the intrinsics for ``through``. Needs the extra ``fast``.
+"""What only numba has: C signatures, and the intrinsics for ``through``.
 
 All that changes from process to process (addresses of functions, places of MuJoCo's fields) is read
 at run time from one block of words, an external symbol that the loader of compiled code binds.

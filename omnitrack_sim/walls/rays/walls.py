@@ -24,7 +24,7 @@ _WORK = 2 * layout.NEAR * layout.MOST_NEAR + layout.PORTS_ROOM
 
 
 class RayWalls:
-    """Maps, each a number of placed parts, whose walls rays meet. Needs the extra ``fast``.
+    """Maps, each a number of placed parts, whose walls rays meet.
 
     A map may be the true network or what a robot takes for it; robots may share one.
 
@@ -34,7 +34,6 @@ class RayWalls:
         dirty: whether the walls have a grain.
 
     Raises:
-        ImportError: numba is missing.
         GeometryError: a kind of fitting has a wall that does not compile.
     """
 
