@@ -23,6 +23,7 @@ samples = 2
 batch = {batch}
 [trials.set]
 "physics.time_limit" = 0.02
+"robot.lugs_per_track" = 3
 "control.kind" = "{kind}"
 [[trials.axes]]
 path = "contact.friction"

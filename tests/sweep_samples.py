@@ -23,6 +23,7 @@ samples = {samples}
 batch = 3
 [set]
 "physics.time_limit" = {time_limit}
+"robot.lugs_per_track" = 3
 [[axes]]
 path = "control.kind"
 kind = "list"

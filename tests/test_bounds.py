@@ -10,7 +10,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.base import bounds
 from omnitrack_sim.base.errors import InputError, NetworkError, ScenarioError, SweepError
 from omnitrack_sim.base.rotations import Pose
-from omnitrack_sim.pipes import Elbow, Part, Reducer, Straight, Tee
+from omnitrack_sim.pipes import Elbow, Part, Reducer, Straight, Tee, network
 from omnitrack_sim.pipes.fittings.wye import Wye
 from omnitrack_sim.pipes.near import touching
 from omnitrack_sim.pipes.pieces import Pieces
@@ -105,7 +105,7 @@ def test_a_network_beyond_the_bound_is_refused_as_such():
     data["fittings"][6] |= {"run_length": 999.0, "branch_length": 999.0}
     data["fittings"] += [{**KILOMETRE, "name": "last"}]
     data["joints"] += [{"ports": ["b.end", "last.start"]}]
-    read = ot.network.validate
+    read = network.validate
     assert "at most 10000 m" in _faults(read, data, NetworkError)["fittings"]
 
 
