@@ -13,7 +13,7 @@ import numpy as np
 
 import omnitrack_sim as ot
 import omnitrack_sim.gym
-from omnitrack_sim.robots.omnitrack.policy.features import Entries
+from omnitrack_sim.robots.omnitrack.policy.features import FloatRows
 
 
 class Batch:
@@ -72,7 +72,7 @@ class Episodes(NamedTuple):
     value: np.ndarray
     success: np.ndarray
     duration: np.ndarray
-    seen: Entries
+    seen: FloatRows
 
 
 def _serve(pipe: Connection, id: str, options: dict[str, Any]) -> None:
@@ -100,7 +100,7 @@ def _driven(envs: gymnasium.vector.VectorEnv, policy: ot.Policy, seed: int) -> E
     count."""
     n, period = envs.num_envs, 1 / envs.metadata["render_fps"]
     entries, _ = envs.reset(seed=seed)
-    seen: list[Entries] = []
+    seen: list[FloatRows] = []
     returns, durations = np.zeros(n), np.zeros(n)
     passed, active = np.zeros(n, bool), np.ones(n, bool)
     while active.any():

@@ -10,7 +10,7 @@ from torch import nn
 
 import omnitrack_sim as ot
 from omnitrack_sim.robots.omnitrack.policy import ACTINGS, Mlp, TrainingRecord, named_features
-from omnitrack_sim.robots.omnitrack.policy.features import Entries
+from omnitrack_sim.robots.omnitrack.policy.features import FloatRows
 
 NEARNESS = 1e-6
 """By which the policy's actions may differ from those of the trainer's network."""
@@ -40,7 +40,7 @@ def policy_of(
     return ot.Policy(network, named_features(observation), ACTINGS[acting], record)
 
 
-def difference(policy: ot.Policy, model: PPO, normalise: VecNormalize, entries: Entries) -> float:
+def difference(policy: ot.Policy, model: PPO, normalise: VecNormalize, entries: FloatRows) -> float:
     """Largest difference between the actions (n, 4) of policy and trainer for entries (n, k).
 
     The trainer's network is evaluated in double precision: in single precision its own sums are

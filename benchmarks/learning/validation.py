@@ -10,7 +10,7 @@ from batches import Batch
 from variants import VALIDATION_SEED
 
 import omnitrack_sim as ot
-from omnitrack_sim.robots.omnitrack.policy.features import Entries
+from omnitrack_sim.robots.omnitrack.policy.features import FloatRows
 
 
 class Score(NamedTuple):
@@ -38,7 +38,7 @@ class Validation:
 
     def __init__(self, batches: Sequence[Batch]) -> None:
         self._batches, self.spent = batches, 0.0
-        self.seen: Entries = np.zeros((0, batches[0].observation_space.shape[0]), np.float32)
+        self.seen: FloatRows = np.zeros((0, batches[0].observation_space.shape[0]), np.float32)
 
     def score(self, policy: ot.Policy) -> Score:
         """Drive all trials to their ends."""
