@@ -117,17 +117,28 @@ def _write_parquet(trajectory: Trajectory, path: Path) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    columns = [pa.array(values) for _, _, values in trajectory.columns()]
-    columns.insert(0, pa.array(trajectory.time))
+    schema = _schema(trajectory)
+    arrays = [trajectory.time, *(values for _, _, values in trajectory.columns())]
+    # From their buffers: ``pa.array`` would import pandas, to see whether it is given a Series.
+    columns = [
+        pa.Array.from_buffers(field.type, len(values), [None, pa.py_buffer(values)])
+        for field, values in zip(schema, arrays, strict=True)
+    ]
+    table = pa.Table.from_arrays(columns, schema=schema)
+    pq.write_table(table, path, compression="zstd", write_page_checksum=True)
+
+
+def _schema(trajectory: Trajectory) -> pa.Schema:
+    """Columns of the table of a trajectory, with its phases and its own channels."""
+    import pyarrow as pa
+
     own = [
         {**dataclasses.asdict(channel), "vector": isinstance(channel, Vector)}
         for name, channel in trajectory.schema.items()
         if name not in CHANNELS
     ]
     about = {"phases": json.dumps(trajectory.phases), "own_channels": json.dumps(own)}
-    schema = pa.schema(_fields(trajectory.schema), metadata=about)
-    table = pa.Table.from_arrays(columns, schema=schema)
-    pq.write_table(table, path, compression="zstd", write_page_checksum=True)
+    return pa.schema(_fields(trajectory.schema), metadata=about)
 
 
 def _fields(schema: Mapping[str, Channel]) -> list[pa.Field]:
