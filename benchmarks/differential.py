@@ -112,7 +112,7 @@ def trials(cell: Cell, orientations: Sequence[float]) -> list[ot.Scenario]:
         "start.axis": [0.0, 0.0, 1.0],
         "control.align": cell.place in (OVER, TURN),
         "control.retry": False,
-        "contact.friction": cell.friction,
+        "world.friction": cell.friction,
     }
     base = ot.override(ot.load_scenario(places[cell.place]), fixed | WAYS[cell.way])
     return [
@@ -240,7 +240,7 @@ def racing_figure() -> Figure:
     page = Figure((8.0, 4.2), layout="constrained")
     panels = page.subplots(2, 2, sharey="row", sharex="col")
     for column, place in enumerate((f"{OVER}, not rolled", TURN)):
-        scenario = ot.override(trials(Cell(place, ONE), [0.0])[0], {"physics.time_limit": 6.5})
+        scenario = ot.override(trials(Cell(place, ONE), [0.0])[0], {"run.time_limit": 6.5})
         record = ot.run(scenario).trajectory
         panels[0, column].set_title(f"{place}, climbing")
         panels[1, column].set_xlabel("time, s")

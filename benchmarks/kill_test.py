@@ -22,7 +22,7 @@ from killing.sweep import kill_sweep
 
 
 def _run(friction: float, *more: str) -> tuple[str, ...]:
-    short = ("--set", "physics.time_limit=0.3", "--set", f"contact.friction={friction}")
+    short = ("--set", "run.time_limit=0.3", "--set", f"world.friction={friction}")
     return ("run", "straight", *short, "--out", "out/run", *more)
 
 

@@ -181,8 +181,7 @@ def close(name: str, seed: int) -> Scenario | None:
     data = {
         "pipes": close_fittings()[name],
         "start": {"theta5_deg": float(rng.uniform(-180, 180)), "distance": 0.15},
-        "contact": {"friction": float(rng.uniform(*FRICTION))},
-        "world": {"gravity": gravity.tolist()},
+        "world": {"friction": float(rng.uniform(*FRICTION)), "gravity": gravity.tolist()},
     }
     try:
         return validate(data)
@@ -204,8 +203,7 @@ def _mission(
             "network": network,
             "mission": {"start": start, "goals": [goal]},
             "start": {"theta5_deg": theta5_deg},
-            "contact": {"friction": friction},
-            "world": {"gravity": list(gravity)},
+            "world": {"friction": friction, "gravity": list(gravity)},
         }
     )
 
@@ -257,7 +255,7 @@ def drive(task: tuple[str, int, str, str, float]) -> Run:
         seed=seed,
         start=start if mission is None else mission.start,
         goal="" if mission is None else mission.goals[-1],
-        friction=scenario.contact.friction,
+        friction=scenario.world.friction,
         theta5_deg=scenario.start.theta5_deg,
         gravity_x=x,
         gravity_y=y,

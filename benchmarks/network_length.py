@@ -57,7 +57,8 @@ def long_scenario(pieces: int, collider: str) -> Scenario:
         {"kind": "straight", "length": SEGMENT}
         for _ in range(max(0, round((pieces - have) / STAVES)))
     ]
-    data["physics"] |= {"collider": collider, "time_limit": 1000.0}
+    data["physics"]["collider"] = collider
+    data["run"]["time_limit"] = 1000.0
     data["start"]["distance"] = load_scenario("tee_turn").route.fittings[1].opening[0] - BEFORE
     data["control"]["align"] = False
     return validate(data)
@@ -81,7 +82,8 @@ def network_scenario(collider: str) -> Scenario:
             "start": {"distance": second.opening[0] - BEFORE},
             "world": {"gravity": (-9.81 * along).tolist()},
             "control": {"align": False},
-            "physics": {"collider": collider, "time_limit": 1000.0},
+            "physics": {"collider": collider},
+            "run": {"time_limit": 1000.0},
         }
     )
 

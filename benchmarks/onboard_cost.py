@@ -52,7 +52,7 @@ def main() -> None:
     options = parser.parse_args()
     count = 16 if options.quick else options.robots
     for name in SENSING:
-        run_batch([override(jobs(name, 1)[0], {"physics.time_limit": MOMENT})], threads=1)
+        run_batch([override(jobs(name, 1)[0], {"run.time_limit": MOMENT})], threads=1)
     print(f"{count} tee turns, processor time for each simulated second of a robot")
     truth = 0.0
     for name in SENSING:

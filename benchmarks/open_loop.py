@@ -57,7 +57,7 @@ STEP = 0.3
 """Standard deviation with which a search begins, in parts of the speed limit."""
 WINNERS = 6
 """Passing commands of a generation that are tried on the neighbours."""
-SHORT = {"physics.time_limit": 9.0}
+SHORT = {"run.time_limit": 9.0}
 """Changes for the search: s, more than it takes to pass, and less than to hang."""
 EASIER = 0.2
 """Friction that is added for runs to compare with."""
@@ -96,8 +96,8 @@ class Case(NamedTuple):
 
 def neighbours(scenario: Scenario) -> list[Scenario]:
     """Four trials that are hardly different."""
-    friction, theta5 = scenario.contact.friction, scenario.start.theta5_deg
-    near = [{"contact.friction": factor * friction} for factor in (0.98, 1.02)]
+    friction, theta5 = scenario.world.friction, scenario.start.theta5_deg
+    near = [{"world.friction": factor * friction} for factor in (0.98, 1.02)]
     near += [{"start.theta5_deg": theta5 + step} for step in (-1.0, 1.0)]
     return [override(scenario, change) for change in near]
 
@@ -172,7 +172,7 @@ def turns(count: int, seed: int) -> list[Scenario]:
 def solve(case: Case, seed: int, generations: int) -> Case:
     """Search for commands that would have passed."""
     scenario = turns(case.trial + 1, seed)[-1]
-    easier = override(scenario, {"contact.friction": scenario.contact.friction + EASIER})
+    easier = override(scenario, {"world.friction": scenario.world.friction + EASIER})
     search = Search(scenario, seed)
     search.run(False, np.zeros((KNOTS, 3)), generations)
     if search.robust < 0:
@@ -227,7 +227,7 @@ def line(case: Case, scenario: Scenario) -> str:
     best = "-" if case.robust is None else f"{case.robust} of 4"
     columns = [
         str(case.trial),
-        f"{scenario.contact.friction:.2f}",
+        f"{scenario.world.friction:.2f}",
         f"{scenario.robot.preload:.0f} N",
         f"{along:.1f}, {towards:.1f}, {aside:.1f}",
         case.detail,

@@ -57,7 +57,7 @@ def changes_of(bandwidth: float, rate_gain: float) -> dict[str, Any]:
         "robot.motor.speed_bandwidth": bandwidth,
         "control.parameters.damping.tee_turn": rate_gain,
         "control.parameters.sway.lean_deg": 0.0,  # the study is about the loops alone
-        "physics.record_period": 0.01,
+        "record.period": 0.01,
     }
 
 

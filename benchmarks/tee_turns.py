@@ -32,7 +32,7 @@ def random_tee_turns(
         draw = {
             "name": f"tee_turn_{index}",
             "start.theta5_deg": float(rng.uniform(-theta5_deg, theta5_deg)),
-            "contact.friction": float(rng.uniform(*friction)),
+            "world.friction": float(rng.uniform(*friction)),
             "robot.preload": float(rng.uniform(*preload)),
             "world.gravity": (9.81 * gravity / np.linalg.norm(gravity)).tolist(),
             "control.align": False,

@@ -146,9 +146,11 @@ def trial(cell: Cell, index: int, changes: Mapping[str, Any] | None = None) -> S
         {
             "pipes": [straights[0], wye, straights[1]],
             "start": {"theta5_deg": float(rng.uniform(-180, 180)), "distance": 0.12},
-            "contact": {"friction": float(rng.uniform(*WALLS[wall_of(index)]))},
+            "world": {
+                "friction": float(rng.uniform(*WALLS[wall_of(index)])),
+                "gravity": gravity.tolist(),
+            },
             "robot": {"preload": float(rng.uniform(*PRELOAD))},
-            "world": {"gravity": gravity.tolist()},
         }
     )
     return override(scenario, dict(changes)) if changes else scenario
@@ -168,7 +170,7 @@ def ended(index: int, result: Result) -> Ended:
     forward = scenario.route.centreline.frame(np.zeros(1))[0, :, 2]
     return Ended(
         wall=wall_of(index),
-        friction=scenario.contact.friction,
+        friction=scenario.world.friction,
         downward=float(np.dot(scenario.world.gravity, forward)) / 9.81,
         outcome=result.outcome.value,
         passed=result.success,

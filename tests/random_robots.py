@@ -43,7 +43,8 @@ def standing(robot: ot.Robot, collider: str) -> dict[str, Any]:
         "pipes": [{"kind": "straight", "inner_diameter": bore, "length": 2 * length + 4 * bore}],
         "robot": robot.model_dump(),
         "start": {"distance": start, "theta5_deg": 20.0},
-        "physics": {"collider": collider, "time_limit": 0.5},
+        "physics": {"collider": collider},
+        "run": {"time_limit": 0.5},
     }
 
 

@@ -13,7 +13,7 @@ from omnitrack_sim.scenario import validate
 def rolling_tee(**changes: Any) -> Scenario:
     """A tee turn from a bad orientation, so that the modules are rolled before the tee."""
     base = {
-        "physics.time_limit": 3.0,
+        "run.time_limit": 3.0,
         "start.distance": 0.25,
         "start.theta5_deg": 50.0,
     }

@@ -22,11 +22,11 @@ base = "straight"
 samples = 2
 batch = {batch}
 [trials.set]
-"physics.time_limit" = 0.02
+"run.time_limit" = 0.02
 "robot.lugs_per_track" = 3
 "control.kind" = "{kind}"
 [[trials.axes]]
-path = "contact.friction"
+path = "world.friction"
 kind = "uniform"
 low = 0.5
 high = 1.0

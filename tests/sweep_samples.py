@@ -22,14 +22,14 @@ base = "straight"
 samples = {samples}
 batch = 3
 [set]
-"physics.time_limit" = {time_limit}
+"run.time_limit" = {time_limit}
 "robot.lugs_per_track" = 3
 [[axes]]
 path = "control.kind"
 kind = "list"
 values = {kinds}
 [[axes]]
-path = "contact.friction"
+path = "world.friction"
 kind = "uniform"
 low = 0.5
 high = 1.0

@@ -85,9 +85,9 @@ OTHER: dict[str, Any] = {
     "start.theta5_deg": -20.0,
     "start.roll_deg": 30.0,
     "world.gravity": [0.0, 3.0, 0.0],
-    "contact.friction": 0.3,
+    "world.friction": 0.3,
     "robot.preload": 15.0,
-    "robot.torque_limit": 0.05,
+    "robot.motor.torque_limit": 0.05,
     "robot.roll_torque": 0.02,
     "control.cruise_speed": 0.06,
     "control.align": False,
@@ -95,8 +95,8 @@ OTHER: dict[str, Any] = {
     "control.speed_limit": 0.05,
     "control.safe_margin_deg": 59.0,
     "control.parameters": {"recovery": {"retries": 0}, "tracking": {"gain": 1.0}},
-    "physics.time_limit": 0.7,
-    "goal.distance": 0.31,
+    "run.time_limit": 0.7,
+    "run.goal_distance": 0.31,
 }
 """Another value for each path that a batch takes of each robot, and for the goal that each brings
 to its own legs."""
@@ -104,7 +104,7 @@ to its own legs."""
 
 def straight(**changes: Any) -> ot.Scenario:
     """A second in a straight pipe, from a little beside the best orientation."""
-    base = {"physics.time_limit": 0.8, "start.distance": 0.25}
+    base = {"run.time_limit": 0.8, "start.distance": 0.25}
     return ot.override(ot.load_scenario("straight"), base | changes)
 
 
@@ -114,7 +114,7 @@ def tee(**changes: Any) -> ot.Scenario:
     base = {
         "control.parameters.recovery.patience": 0.5,
         "control.parameters.recovery.progress": 1.0,
-        "physics.time_limit": 2.2,
+        "run.time_limit": 2.2,
         "start.theta5_deg": 15.0,
         "start.distance": 0.30,
     }

@@ -22,7 +22,7 @@ from omnitrack_sim.trials.bench_run import FILES, MEASURES, Bench, Trials, page,
 
 def _short(trials: int, changes: dict):
     """Begins of turns in the tee, of 0.3 s."""
-    return _drawn("tee_turn", 1, DRY, trials, {**changes, "physics.time_limit": 0.3})
+    return _drawn("tee_turn", 1, DRY, trials, {**changes, "run.time_limit": 0.3})
 
 
 SHORT = Task("short", "up the run for a moment", 4, 2, _short)
@@ -56,14 +56,14 @@ def test_more_trials_are_so_many_of_each_task():
     some, more = (Bench(tasks, entries, trials=trials).sweeps() for trials in (None, 250))
     assert [sweep.size for sweep in some.values()] == [200, 100]
     assert [sweep.size for sweep in more.values()] == [250, 250]
-    friction = [s["turn", "feedback"].trials()["contact.friction"] for s in (some, more)]
+    friction = [s["turn", "feedback"].trials()["world.friction"] for s in (some, more)]
     assert not set(friction[0]) & set(friction[1])
     assert list(more["network", "feedback"].bases)[:100] == list(some["network", "feedback"].bases)
 
 
 def test_dry_and_slippery_walls_do_not_overlap():
     sweeps = Bench([TASKS["turn"], TASKS["turn_slippery"]], [entry_of("feedback")]).sweeps()
-    dry, wet = (sweep.trials()["contact.friction"] for sweep in sweeps.values())
+    dry, wet = (sweep.trials()["world.friction"] for sweep in sweeps.values())
     assert len(dry) == len(wet) == 200
     assert min(dry) >= 0.7 >= max(wet) >= 0.69
     assert min(wet) >= 0.5

@@ -20,7 +20,7 @@ from omnitrack_sim.trials.sweep import resolve
 PIPE = {"kind": "straight", "length": 1.2}
 KILOMETRE = {"kind": "straight", "length": 1000.0}
 PIECES = {"collider": "primitives"}
-FINE = {"timestep": 1e-6, "control_period": 1e-6, "record_period": 1e-6}
+FINE = {"physics": {"timestep": 1e-6, "control_period": 1e-6}, "record": {"period": 1e-6}}
 SCENARIOS_MD = Path(__file__).parents[1] / "docs" / "scenarios.md"
 
 
@@ -47,13 +47,17 @@ def _chain(fittings: int, goals: int = 1) -> dict:
     ("change", "where", "told"),
     [
         ({"physics": {"timestep": 1e-9}}, "physics.timestep", "1e-09"),
-        ({"physics": {"timestep": 1e-6, "time_limit": 101.0}}, "physics.timestep", "1.01e+08 time"),
-        ({"physics": {"time_limit": 1e300}}, "physics.time_limit", "at most 100,000,000"),
-        ({"physics": FINE | {"time_limit": 9.0}}, "physics.record_period", "9e+06 samples"),
+        (
+            {"physics": {"timestep": 1e-6}, "run": {"time_limit": 101.0}},
+            "physics.timestep",
+            "1.01e+08 time",
+        ),
+        ({"run": {"time_limit": 1e300}}, "run.time_limit", "at most 100,000,000"),
+        (FINE | {"run": {"time_limit": 9.0}}, "record.period", "9e+06 samples"),
         ({"control": {"cruise_speed": 1e-12}}, "control.cruise_speed", "1e-12"),
         ({"control": {"cruise_speed": 2e-6}}, "control.cruise_speed", "2.4e+06 s"),
         ({"pipes": [KILOMETRE] * 11}, "pipes", "are 11000 m long together; at most 10000 m"),
-        ({"pipes": [KILOMETRE] * 3}, "physics.record_period", "6.001e+06 samples"),
+        ({"pipes": [KILOMETRE] * 3}, "record.period", "6.001e+06 samples"),
         ({"pipes": [PIPE] * 1001}, "pipes", "at most 1000 items"),
         (
             {"pipes": [PIPE] * 300, "physics": PIECES | {"staves": 720}},
@@ -84,10 +88,10 @@ def test_work_without_bound_is_refused_with_key_figure_and_bound(change, where, 
 def test_generous_work_is_allowed():
     """A kilometre of pipe at ten samples a second, a day at 2 ms, and the finest step for a
     second."""
-    slow = {"record_period": 0.1}
-    assert validate({"pipes": [KILOMETRE], "physics": slow}).route.centreline.length == 1000
-    validate({"pipes": [PIPE], "physics": {"time_limit": 86_400.0, **slow}})
-    validate({"pipes": [PIPE], "physics": FINE | {"time_limit": 1.0}})
+    slow = {"period": 0.1}
+    assert validate({"pipes": [KILOMETRE], "record": slow}).route.centreline.length == 1000
+    validate({"pipes": [PIPE], "run": {"time_limit": 86_400.0}, "record": slow})
+    validate({"pipes": [PIPE], **FINE, "run": {"time_limit": 1.0}})
 
 
 def test_legs_of_a_mission_count_together():
@@ -122,7 +126,7 @@ def test_a_network_beyond_the_bound_is_refused_as_such():
 )
 def test_sweeps_have_bounds_too(change, where, told):
     """Trials, samples of a batch, words and numbers of an axis."""
-    grid = {"kind": "grid", "path": "contact.friction", "start": 0.1, "stop": 1, "count": 5000}
+    grid = {"kind": "grid", "path": "world.friction", "start": 0.1, "stop": 1, "count": 5000}
     uniform = {"kind": "uniform", "path": "robot.preload", "low": 20, "high": 30}
     axes = [*(_axis(grid, axis) for axis in change.get("axes", [{}])), uniform]
     faults = _faults(
@@ -192,7 +196,7 @@ def test_long_pipes_are_compared_only_where_they_come_close(monkeypatch):
     )
     long = {"kind": "straight", "length": 200.0}
     pipes = [long, {"kind": "elbow", "mean_radius": 0.24}, long]
-    validate({"pipes": pipes, "physics": {"record_period": 0.1}})
+    validate({"pipes": pipes, "record": {"period": 0.1}})
     every = len(Part("p", Straight(200.0), Pose()).bore_samples())
     assert 0 < sum(compared) < 0.1 * every
 

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from omnitrack_sim import load_result, load_scenario
 from omnitrack_sim.cli import app
 
-SHORT = ["--set", "physics.time_limit=0.3"]
+SHORT = ["--set", "run.time_limit=0.3"]
 
 
 def omnitrack(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess:
@@ -54,7 +54,7 @@ def test_a_run_through_many_fittings_has_a_map_and_a_table(tmp_path):
     text = "".join(f'[[pipes]]\nkind = "{kind}"\n{rest}\n' for kind, rest in pipes)
     text = text.replace('"straight"\n', '"straight"\nlength = 0.4\n')
     (tmp_path / "chain.toml").write_text(text)
-    limit = ["--set", "physics.time_limit=0.3", "--set", "start.distance=0.385"]
+    limit = ["--set", "run.time_limit=0.3", "--set", "start.distance=0.385"]
     done = omnitrack(
         "run", str(tmp_path / "chain.toml"), *limit, "--no-video", "--out", str(tmp_path / "chain")
     )
@@ -86,7 +86,7 @@ def test_result_file_says_what_happened(run_dir):
 
 def test_an_override_reaches_the_run(run_dir):
     """--set is in the resolved scenario."""
-    assert load_result(run_dir).scenario.physics.time_limit == 0.3
+    assert load_result(run_dir).scenario.run.time_limit == 0.3
 
 
 def test_json_goes_to_standard_output(tmp_path):
@@ -111,7 +111,7 @@ def test_same_scenario_same_bytes(tmp_path, run_dir):
     [
         (["run", "nowhere"], "tee_turn"),
         (["run", "straight", "--set", "control.sped=1"], "control.sped"),
-        (["run", "straight", "--set", "contact.friction"], "PATH=VALUE"),
+        (["run", "straight", "--set", "world.friction"], "PATH=VALUE"),
         (["run", "straight", "--set", "pipes.0.length=-1"], "pipes.0.length"),
         (["run", "straight", "--camera", "above"], "follow"),
         (["render", "nowhere"], "nowhere"),

@@ -16,7 +16,7 @@ from omnitrack_sim.scenario import load_scenario, override, validate
 from omnitrack_sim.trials.sweep import resolve
 
 SAME = ("scenario.json", "timeline.csv", "trajectory.parquet", "replay.npz", "result.json")
-SHORT = {"physics.time_limit": 0.1}
+SHORT = {"run.time_limit": 0.1}
 PIPES = [{"kind": "straight", "length": 1.0}]
 DRIVER = """
 import numpy as np
@@ -94,17 +94,17 @@ def test_a_sweep_takes_the_scenario_of_a_run_as_its_base(tmp_path):
     """A base in JSON, found beside the sweep file."""
     file = tmp_path / "run.json"
     file.write_text(load_scenario("straight").model_dump_json())
-    axes = [{"kind": "list", "path": "contact.friction", "values": [0.5, 0.9]}]
-    plain = {"name": "s", "base": "run.json", "axes": axes, "set": {"physics.time_limit": 2.0}}
+    axes = [{"kind": "list", "path": "world.friction", "values": [0.5, 0.9]}]
+    plain = {"name": "s", "base": "run.json", "axes": axes, "set": {"run.time_limit": 2.0}}
     sweep = resolve(plain, tmp_path)
     assert sweep.hash == resolve(plain | {"base": "straight"}).hash
-    assert sweep.scenario(1).contact.friction == 0.9
+    assert sweep.scenario(1).world.friction == 0.9
 
 
 @pytest.mark.parametrize(
     "changes",
     [
-        {"control.cruise_speed": 0.08, "world.gravity.2": -1.0, "goal.distance": 0.4},
+        {"control.cruise_speed": 0.08, "world.gravity.2": -1.0, "run.goal_distance": 0.4},
         {"robot.preload": 7.0},
         {"robot.scale": 0.5, "pipes.0.inner_diameter": 0.08, "start.distance": 0.06},
         {"robot.scale": 0.5, "robot.preload": 7.0, "pipes.0.inner_diameter": 0.08},
@@ -197,7 +197,7 @@ def test_a_network_with_faults_is_not_missing_as_well():
 def test_faults_in_a_sweep_say_where_the_value_comes_from(tmp_path):
     """--set, the file's [set], or the base; --set mends what the base has wrong."""
     (tmp_path / "bad.json").write_text(json.dumps({"seed": -1, "pipes": PIPES}))
-    axes = [{"kind": "grid", "path": "contact.friction", "start": 0.3, "stop": 0.9, "count": 3}]
+    axes = [{"kind": "grid", "path": "world.friction", "start": 0.3, "stop": 0.9, "count": 3}]
     plain = {"name": "s", "base": "bad.json", "axes": axes, "set": {"pipes.*.length": -1}}
     with pytest.raises(ot.SweepError) as caught:
         resolve(plain, tmp_path, {"control.kind": "papr"})
@@ -237,7 +237,7 @@ def test_the_command_runs_a_saved_scenario(tmp_path, monkeypatch):
         assert ended.value.code == 0
         return folder
 
-    first = omnitrack("straight", "--set", "physics.time_limit=0.1")
+    first = omnitrack("straight", "--set", "run.time_limit=0.1")
     again = omnitrack(str(first / "scenario.json"))
     other = omnitrack(str(first / "scenario.json"), "--set", "robot.preload=20")
     for file in SAME:

@@ -324,7 +324,7 @@ def test_runs_agree_with_primitives(name):
 
 def test_runs_repeat_at_any_thread_count():
     """Two threads and one give the same bytes."""
-    base = ot.override(ot.load_scenario("tee_turn"), {"physics.time_limit": 1.0})
+    base = ot.override(ot.load_scenario("tee_turn"), {"run.time_limit": 1.0})
     trials = [ot.override(base, {"start.theta5_deg": angle}) for angle in (0.0, 20.0, 50.0)]
     for one, two in zip(
         ot.run_batch(trials, threads=1), ot.run_batch(trials, threads=2), strict=True

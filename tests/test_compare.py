@@ -31,7 +31,7 @@ def row(
 
 def test_the_robot_drives_in_a_flex():
     """In walls of a rigid flex it drives 0.2 m along a straight, 15 lugs a track at the wall."""
-    scenario = ot.override(ot.load_scenario("straight"), {"physics.time_limit": 2.2})
+    scenario = ot.override(ot.load_scenario("straight"), {"run.time_limit": 2.2})
     entry = flex_entry()
     simulation = ot.Simulation([scenario], make_plant=entry.prepare(scenario).make_plant)
     simulation.advance()

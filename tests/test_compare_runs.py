@@ -30,7 +30,7 @@ def result(changes=None, **fields):
 def test_values_that_differ_are_told_by_their_path_with_their_unit():
     """Of the resolved scenarios: numbers, words, parts of lists; not the name, and not twice."""
     changed = {
-        "contact.friction": 0.5,
+        "world.friction": 0.5,
         "robot.preload": 30.0,
         "pipes.0.length": 1.5,
         "world.gravity": [0.0, 0.0, 0.0],
@@ -40,8 +40,8 @@ def test_values_that_differ_are_told_by_their_path_with_their_unit():
     by_path = {one.name: one for one in found.values}
     assert set(changed) <= set(by_path)
     assert all(path.startswith((*changed, "control.parameters")) for path in by_path)
-    friction, preload = by_path["contact.friction"], by_path["robot.preload"]
-    assert (friction.a, friction.b, friction.unit) == (BASE.contact.friction, 0.5, "1")
+    friction, preload = by_path["world.friction"], by_path["robot.preload"]
+    assert (friction.a, friction.b, friction.unit) == (BASE.world.friction, 0.5, "1")
     assert (preload.unit, preload.difference) == ("N", pytest.approx(30.0 - BASE.robot.preload))
     assert by_path["pipes.0.length"].unit == "m"
     assert by_path["control.kind"].difference is None
@@ -94,7 +94,7 @@ def test_the_figure_has_both_runs_in_every_panel():
     a cross at the end of the one that failed; both are named by what differs."""
     a = result()
     b = result(
-        {"contact.friction": 0.5}, trajectory=sample_trajectory(end=6.0), outcome=Outcome.STUCK
+        {"world.friction": 0.5}, trajectory=sample_trajectory(end=6.0), outcome=Outcome.STUCK
     )
     figure = ot.plot_compare(a, b)
     assert len(figure.axes) == len(WHOLE) + 3 * len(EACH)
@@ -110,8 +110,8 @@ def test_the_figure_has_both_runs_in_every_panel():
     )
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == [
-        "A: contact.friction = 0.9; reached goal after 4.00 s",
-        "B: contact.friction = 0.5; stuck after 6.00 s",
+        "A: world.friction = 0.9; reached goal after 4.00 s",
+        "B: world.friction = 0.5; stuck after 6.00 s",
     ]
     assert {type(handle) for handle in legend.legend_handles} == {Line2D}
 
@@ -139,7 +139,7 @@ def test_html_is_safe_and_tells_what_differs():
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     place = tmp_path_factory.mktemp("runs")
-    a, b = result(), result({"contact.friction": 0.5}, duration_s=4.0)
+    a, b = result(), result({"world.friction": 0.5}, duration_s=4.0)
     return str(a.save(place / "a")), str(b.save(place / "b"))
 
 
@@ -151,7 +151,7 @@ def test_the_command_prints_tables(folders):
     """Outcomes, the value that differs, and that no figure does."""
     done = command(*folders)
     assert done.exit_code == 0, done.exception
-    assert "contact.friction" in done.output
+    assert "world.friction" in done.output
     assert "all figures are the same" in done.output
     assert "the scenarios are the same" in command(folders[0], folders[0]).output
 

@@ -170,7 +170,7 @@ def test_a_leg_of_no_way_is_refused(tmp_path):
 @pytest.mark.parametrize("name", READ)
 def test_a_file_of_another_run_is_named(run, tmp_path, name):
     """Of a run of other length in another pipe."""
-    scenario = override(sample_result().scenario, {"contact.friction": 0.5})
+    scenario = override(sample_result().scenario, {"world.friction": 0.5})
     other = sample_result(
         sample_trajectory(end=5.0), scenario=scenario, provenance=provenance_of(scenario)
     ).save(tmp_path / "other")

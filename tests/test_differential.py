@@ -79,7 +79,7 @@ def test_power_in_is_power_out_and_friction_loss(friction):
 
 def test_the_robot_s_friction_follows_the_force_that_is_passed_on():
     """In a climb with gear friction the tendons rub with that part of a belt's force."""
-    change = {"robot.drive": "differential", "robot.gear_friction": 0.2, "physics.time_limit": 0.5}
+    change = {"robot.drive": "differential", "robot.gear_friction": 0.2, "run.time_limit": 0.5}
     simulation = ot.Simulation([ot.override(ot.load_scenario("vertical_climb"), change)])
     for _ in range(30):
         force = simulation.observation.motor_torque[0] / simulation.plant.robot.lug_radius
@@ -92,7 +92,7 @@ def test_the_robot_s_friction_follows_the_force_that_is_passed_on():
 def test_a_climb_loads_the_modules_equally():
     """Without steering, the three modules of a climbing robot pull alike, within 1 %, and the belts
     share the motor's work."""
-    change = {"robot.drive": "differential", "physics.time_limit": 2.0, "goal.distance": None}
+    change = {"robot.drive": "differential", "run.time_limit": 2.0, "run.goal_distance": None}
     result = ot.run(ot.override(ot.load_scenario("vertical_climb"), change))
     traction = result.trajectory["traction"][40:].mean(axis=0)
     assert traction == pytest.approx(np.full(3, 9.81 * ot.Robot().mass / 3), rel=0.01)
@@ -137,7 +137,7 @@ PAIR = ot.Drive("pair", ((1, 0, 0), (0, 0.5, 0.5)), size=1.5)
 def test_a_run_with_shafts_comes_back_and_is_drawn(name, tmp_path):
     """One, two and three shafts of their own stand in the replay beside the robot's joints; a
     replay of more is refused before it is unpacked, and one of fewer for its shape."""
-    change = {"robot.drive": name, "physics.time_limit": 0.2}
+    change = {"robot.drive": name, "run.time_limit": 0.2}
     result = ot.run(ot.override(ot.load_scenario("straight"), change))
     folder = result.save(tmp_path / "run")
     loaded = ot.load_result(folder)
@@ -157,7 +157,7 @@ def test_a_run_with_shafts_comes_back_and_is_drawn(name, tmp_path):
 def test_a_robot_too_weak_to_climb_is_at_the_limit_of_each_belt(name):
     """With a fifth of the torque that a climb takes every belt is given all that its motors have,
     within 1 %, which the metrics count as at the limit."""
-    change = {"robot.drive": name, "robot.torque_limit": 0.02, "physics.time_limit": 1.0}
+    change = {"robot.drive": name, "robot.motor.torque_limit": 0.02, "run.time_limit": 1.0}
     result = ot.run(ot.override(ot.load_scenario("vertical_climb"), change))
     limits = 0.02 * drive_of(name).strength
     assert result.metrics["motor_torque_max_nm"] == pytest.approx(limits.tolist(), rel=0.01)

@@ -76,7 +76,7 @@ def test_a_cell_of_the_benchmark_is_what_its_names_say(cell):
     way_in = [s.route.centreline.frame(np.zeros(1))[0, :, 2] @ s.world.gravity for s in scenarios]
     assert np.allclose(way_in, np.repeat([-9.81, 9.81, 0.0], 2))
     first = scenarios[0]
-    assert first.contact.friction == cell.friction
+    assert first.world.friction == cell.friction
     assert first.robot.drive == ("three_motors" if "three" in cell.way else "differential")
     assert (first.robot.gear_friction > 0) == ("gear friction" in cell.way)
     assert (first.robot.brake_force > 0) == ("brakes" in cell.way)
@@ -139,7 +139,7 @@ def test_brakes_hold_what_runs_faster_than_asked():
     """In a turn the inner belt is braked below the outer ones, and one that is slower than asked is
     not braked."""
     changes = BRAKES | {"start.distance": 0.25}
-    changes |= {"physics.time_limit": 2.5}
+    changes |= {"run.time_limit": 2.5}
     simulation = ot.Simulation(
         [ot.override(ot.load_scenario("tee_turn"), changes)], controller=BrakeSteering
     )

@@ -38,16 +38,14 @@ from omnitrack_sim.robots.omnitrack.policy.controller import PolicyTable
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario import validate as validate_scenario
 from omnitrack_sim.scenario.tables import (
-    Contact,
-    Control,
-    Expect,
-    Goal,
+    ControlTable,
     MonitorTable,
-    Physics,
+    PhysicsTable,
     Pipe,
     RecordTable,
-    Start,
-    World,
+    RunTable,
+    StartTable,
+    WorldTable,
 )
 from omnitrack_sim.senses.table import SensingTable
 from omnitrack_sim.trials.axes import AXES
@@ -228,9 +226,9 @@ def rows_below(heading: str, page: str) -> dict[str, list[str]]:
 
 TABLES = {
     "## `mission`": [Mission],
-    "## `start`": [Start],
-    "## `world`, `contact`": [World, Contact],
-    "## `control`": [Control],
+    "## `start`": [StartTable],
+    "## `world`": [WorldTable],
+    "## `control`": [ControlTable],
     "### `control.parameters.tracking`": [type(FeedbackTable().tracking)],
     "### `control.parameters.sway`": [type(FeedbackTable().sway)],
     "### `control.parameters.damping`": [type(FeedbackTable().damping)],
@@ -247,8 +245,8 @@ TABLES = {
     },
     "## `monitor`": [MonitorTable],
     "## `record`": [RecordTable],
-    "## `physics`": [Physics],
-    "## `goal`, `expect`": [Goal, Expect],
+    "## `physics`": [PhysicsTable],
+    "## `run`": [RunTable],
 }
 
 
@@ -325,15 +323,13 @@ def test_every_key_of_a_scenario_is_documented():
     keys = set(schema["properties"])
     for table in (
         "Mission",
-        "Start",
-        "World",
-        "Contact",
-        "Control",
+        "StartTable",
+        "WorldTable",
+        "ControlTable",
         "MonitorTable",
         "RecordTable",
-        "Physics",
-        "Goal",
-        "Expect",
+        "PhysicsTable",
+        "RunTable",
     ):
         keys |= set(schema["$defs"][table]["properties"])
     for kind in shipped_fittings():

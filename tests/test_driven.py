@@ -45,7 +45,7 @@ def at(time: float) -> Callable[[ot.Simulation], bool]:
 @pytest.fixture(scope="module")
 def handed_over() -> ot.Result:
     """Rolled by hand, turned by the autopilot, taken over in the turn, handed over again."""
-    scenario = rolling_tee(**{"physics.time_limit": None})
+    scenario = rolling_tee(**{"run.time_limit": None})
     plan = [
         (at(0), {"speed": 0.05}),
         (at(0.5), {"roll_deg": 30.0}),
@@ -87,7 +87,7 @@ def test_record_tells_who_drove(handed_over):
     assert handed_over.outcome is ot.Outcome.REACHED_GOAL
     assert handed_over.as_expected is None
     assert handed_over.scenario.name == "tee_turn_driven"
-    assert handed_over.scenario.physics.time_limit == LONGEST_DRIVE
+    assert handed_over.scenario.run.time_limit == LONGEST_DRIVE
 
 
 def test_the_end_is_no_change_of_drivers():
@@ -113,7 +113,7 @@ def test_driven_scenario_is_driven_anew_without_its_orders(handed_over):
 
 def test_no_load_slip_is_that_of_the_autopilot(handed_over):
     """It is measured with a controller that drives, and not with orders meant for other pipes."""
-    scenario = rolling_tee(**{"physics.time_limit": 0.1})
+    scenario = rolling_tee(**{"run.time_limit": 0.1})
     plain = ot.run(scenario).metrics["no_load_slip_m_s"]
     again = ot.run(with_orders(handed_over.scenario, [Order(time=0.05, by="end")]))
     assert again.metrics["no_load_slip_m_s"] == plain

@@ -88,8 +88,8 @@ def test_a_camera_sees_what_is_there():
 def test_a_robot_sees_alone_what_it_sees_in_a_batch():
     """The noise of its looks is its own."""
     scenario = bend(both_ends=False)
-    other = ot.override(scenario, {"contact.friction": 0.8, "start.theta5_deg": 30.0})
-    limit = {"physics.time_limit": 2.0}
+    other = ot.override(scenario, {"world.friction": 0.8, "start.theta5_deg": 30.0})
+    limit = {"run.time_limit": 2.0}
     alone = ot.run(ot.override(scenario, limit))
     _, among = ot.run_batch([ot.override(other, limit), ot.override(scenario, limit)])
     assert [str(event) for event in alone.events] == [str(event) for event in among.events]

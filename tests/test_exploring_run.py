@@ -70,7 +70,7 @@ def test_a_robot_finds_alone_as_in_a_batch():
     """The run is over at the goal, whose name is in the map; the numbers are the same in a batch
     with another robot."""
     scenario = fork(task="find", goals=["far"])
-    other = override(scenario, {"contact.friction": 0.8})
+    other = override(scenario, {"world.friction": 0.8})
     alone, (first, second) = run(scenario), run_batch([scenario, other])
     assert alone.outcome is second.outcome is Outcome.REACHED_GOAL
     assert not any(isinstance(event, ExplorationComplete) for event in alone.events)

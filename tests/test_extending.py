@@ -39,7 +39,7 @@ def test_scripts_of_the_page_run(script, capsys):
 def test_tables_of_the_page_are_scenarios(table):
     """Each TOML example, with pipes where it has none, is a valid scenario that runs."""
     data = tomllib.loads(table)
-    data = {"pipes": [{"kind": "straight", "length": 1.0}], "physics": {"time_limit": 0.2}} | data
+    data = {"pipes": [{"kind": "straight", "length": 1.0}], "run": {"time_limit": 0.2}} | data
     result = ot.run(validate(data))
     assert result.duration_s == pytest.approx(0.2)
     assert result.outcome is ot.Outcome.TIMED_OUT
@@ -60,7 +60,7 @@ def test_every_kind_of_extension_has_an_example():
 
 def test_the_drive_of_the_page_drives_two_modules_alike():
     """Named in a scenario, its second motor gives modules 2 and 3 equal torques."""
-    change = {"robot.drive": "my_drives:PAIR", "physics.time_limit": 0.3}
+    change = {"robot.drive": "my_drives:PAIR", "run.time_limit": 0.3}
     result = ot.run(ot.override(ot.load_scenario("vertical_climb"), change))
     first, second, third = result.trajectory["motor_torque"][-1]
     assert second == third != first

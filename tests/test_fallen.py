@@ -355,12 +355,12 @@ def test_a_robot_that_lies_across_a_tee_rights_itself() -> None:
             "mission.start": "c.start",
             "mission.goals": ["a.start"],
             "world.gravity": [0.0, 0.0, 9.81],
-            "contact.friction": 0.5,
+            "world.friction": 0.5,
             "robot.preload": 20.0,
             "control.cruise_speed": 0.1,
             "control.align": True,
             "start.distance": 0.1,
-            "physics.time_limit": 12.0,
+            "run.time_limit": 12.0,
         },
     )
     (result,) = ot.run_batch([scenario], no_load=False)

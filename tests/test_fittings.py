@@ -312,7 +312,7 @@ def test_a_robot_passes_a_wye(collider, name, words, turn_deg):
     scenario = ot.override(ot.load_scenario(name), {"physics.collider": collider})
     passage = scenario.route.fittings[1]
     assert (passage.words, passage.turn_angle) == (words, pytest.approx(np.radians(turn_deg)))
-    assert ot.run(scenario).outcome == scenario.expect.outcome
+    assert ot.run(scenario).outcome == scenario.run.expected_outcome
 
 
 def test_a_corner_has_the_same_size_both_ways():

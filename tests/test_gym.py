@@ -22,7 +22,7 @@ from omnitrack_sim.gym import IDS, TERMS
 from omnitrack_sim.gym.options import RANGES, options_of
 from omnitrack_sim.gym.trials import Trials, with_values
 
-BRIEF = {"changes": {"physics.time_limit": 0.3}}
+BRIEF = {"changes": {"run.time_limit": 0.3}}
 
 
 @pytest.mark.parametrize("id", IDS)
@@ -113,8 +113,8 @@ def test_trials_are_drawn_from_their_ranges():
     options = options_of({"ranges": {"robot.preload": 22.0, "start.theta5_deg": None}})
     rng = np.random.default_rng(1)
     drawn = [Trials(options).draw(rng) for _ in range(40)]
-    friction = np.array([s.contact.friction for s in drawn])
-    low, high = RANGES["contact.friction"]
+    friction = np.array([s.world.friction for s in drawn])
+    low, high = RANGES["world.friction"]
     assert friction.min() >= low
     assert friction.max() <= high
     assert np.ptp(friction) > 0.8 * (high - low)
@@ -129,7 +129,7 @@ def test_trials_are_drawn_from_their_ranges():
 def test_a_trial_is_what_override_makes():
     """Values that were checked before are put in without checks, to the same scenario."""
     base = ot.load_scenario("tee_turn")
-    values = {"contact.friction": 0.7, "robot.preload": 21.0, "world.gravity": (1.0, 2.0, 3.0)}
+    values = {"world.friction": 0.7, "robot.preload": 21.0, "world.gravity": (1.0, 2.0, 3.0)}
     values |= {"seed": 5, "start.theta5_deg": 12.0}
     made, expected = with_values(base, values), ot.override(base, values)
     assert made == expected
@@ -177,7 +177,7 @@ def test_residual_actions_of_nothing_are_the_feedback_controllers_own():
 
 def test_memory_does_not_grow():
     """Over many episodes."""
-    env = vector(8, observation="truth", changes={"physics.time_limit": 0.2})
+    env = vector(8, observation="truth", changes={"run.time_limit": 0.2})
     env.reset(seed=1)
     action = np.full((8, 4), 0.3, np.float32)
 

@@ -12,7 +12,7 @@ from gymnasium.wrappers.vector import NormalizeObservation, RecordEpisodeStatist
 import omnitrack_sim as ot
 import omnitrack_sim.gym as environments
 
-BRIEF = {"observation": "truth", "changes": {"physics.time_limit": 0.4}}
+BRIEF = {"observation": "truth", "changes": {"run.time_limit": 0.4}}
 ID = "omnitrack_sim/TeeTurn-v0"
 
 

@@ -21,8 +21,8 @@ from omnitrack_sim.robots.omnitrack.policy import (
     named_features,
 )
 
-BRIEF = {"changes": {"physics.time_limit": 0.6}}
-SHORT = {"changes": {"physics.time_limit": 0.4}}
+BRIEF = {"changes": {"run.time_limit": 0.6}}
+SHORT = {"changes": {"run.time_limit": 0.4}}
 SEED = 7
 
 
@@ -52,7 +52,7 @@ def told_by(env, actions, seed):
 @pytest.mark.parametrize("observation", ["onboard", "truth"])
 def test_robots_of_a_vector_see_what_single_ones_see(name, observation):
     """Bit for bit, over several episodes of different lengths that follow in the same step."""
-    options = {"observation": observation, "changes": {"physics.time_limit": 0.4}}
+    options = {"observation": observation, "changes": {"run.time_limit": 0.4}}
     n, steps = 3, 20
     actions = drive_ahead(n, steps)
     many = vector(n, name, autoreset_mode=AutoresetMode.SAME_STEP, **options)
@@ -96,7 +96,7 @@ def test_a_run_sees_what_the_environment_sees(sensing):
     the same bytes and ends the same way at the same time."""
     actions = drive_ahead(1, 12)[:, 0]
     kind = ot.override(ot.load_scenario("tee_turn"), {}).driven_by(Replayed).control.kind
-    changes = {"physics.time_limit": 0.6, "control.kind": kind, "control.parameters": {}}
+    changes = {"run.time_limit": 0.6, "control.kind": kind, "control.parameters": {}}
     Replayed.actions, Replayed.seen = actions, []
     env = single(sensing=sensing, changes=changes)
     seen, told = told_by(env, actions, SEED)
@@ -127,7 +127,7 @@ def test_a_policy_drives_in_a_run_as_in_a_vector(tmp_path, acting):
     policy = ot.Policy(network, named_features("onboard"), acting=acting, record=record)
     policy.save(tmp_path / "drawn.npz")
     changes = {
-        "physics.time_limit": 1.0,
+        "run.time_limit": 1.0,
         "control.kind": "policy",
         "control.parameters": {"policy": str(tmp_path / "drawn.npz")},
     }

@@ -26,7 +26,7 @@ def results():
     has no safe one."""
     base = override(
         load_scenario("tee_turn"),
-        {"start.theta5_deg": 60, "physics.time_limit": 4.0, "control.retry": False},
+        {"start.theta5_deg": 60, "run.time_limit": 4.0, "control.retry": False},
     )
     return run_batch([base, override(base, {"robot.reach": 0.088})])
 
@@ -66,7 +66,7 @@ def test_a_robot_without_safe_orientation_says_so_and_drives_on(results):
 def test_modules_on_the_no_motion_line_are_rolled_off_it():
     """A robot that reaches the fitting with its modules near 90 degrees stops to roll, though
     theta5 is best."""
-    base = override(load_scenario("tee_turn"), {"start.roll_deg": 70, "physics.time_limit": 5.0})
+    base = override(load_scenario("tee_turn"), {"start.roll_deg": 70, "run.time_limit": 5.0})
     (result,) = run_batch([base])
     assert "rolls the modules by" in str(result.events[0])
     rolled = np.flatnonzero(result.trajectory["phase"] == result.trajectory.phases.index("align"))[

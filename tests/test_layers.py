@@ -101,7 +101,7 @@ def test_the_wheel_is_what_runs(wheel, tmp_path):
 
 def test_the_wheel_runs_a_scenario_by_name(wheel, tmp_path):
     """The scenarios and the scripts of replay pages are with it."""
-    short = ("--no-video", "--set", "physics.time_limit=0.1")
+    short = ("--no-video", "--set", "run.time_limit=0.1")
     done = _with(wheel, tmp_path, "-m", "omnitrack_sim.cli", "run", "tee_turn", *short)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out" / "tee_turn" / "result.json").is_file()

@@ -14,7 +14,7 @@ from omnitrack_sim.walls.spec import new_spec
 DIVERGING = """
 import omnitrack_sim as ot
 
-scenario = ot.override(ot.load_scenario("straight"), {{"physics.time_limit": 0.1}})
+scenario = ot.override(ot.load_scenario("straight"), {{"run.time_limit": 0.1}})
 sim = ot.Simulation([scenario] * 2, threads={threads})
 sim.plant._batch.bind("qvel")[:, 8] = 1e12
 sim.advance()

@@ -86,7 +86,7 @@ def test_choices_are_listed_as_far_as_they_fit():
     [
         ("cruise_sped", "cruise_speed"),
         ("Cruise_Speed", "cruise_speed"),
-        ("frction", "contact.friction"),
+        ("frction", "world.friction"),
         ("misaligned", "paper/tee_turn_misaligned"),
         ("tee", "paper/tee_turn_misaligned"),
         ("ted", None),
@@ -96,7 +96,7 @@ def test_choices_are_listed_as_far_as_they_fit():
 )
 def test_the_nearest_choice_is_found(given, meant):
     """Whole names first, whatever the case, then parts of names; nothing where nothing is near."""
-    choices = ["kind", "cruise_speed", "contact.friction", "paper/tee_turn_misaligned"]
+    choices = ["kind", "cruise_speed", "world.friction", "paper/tee_turn_misaligned"]
     assert nearest(given, choices) == meant
 
 
@@ -245,6 +245,6 @@ def test_a_command_that_is_interrupted_says_so(omnitrack, monkeypatch):
 def test_a_table_that_is_set_points_to_the_way_to_change_it():
     """Scenarios and their tables are frozen."""
     scenario = ot.load_scenario("straight")
-    for table, name in ((scenario, "seed"), (scenario.contact, "friction")):
+    for table, name in ((scenario, "seed"), (scenario.world, "friction")):
         with pytest.raises(TypeError, match=rf"{name} cannot be set: ot\.override"):
             setattr(table, name, 1)

@@ -187,7 +187,7 @@ def test_back_to_the_start_goes_tail_first():
             r"^pipes: are given as well as a network",
         ),
         ({"start.axis": [1.0, 0.0, 0.0]}, r"^start.axis: is for pipes"),
-        ({"goal.distance": 1.0}, r"^goal.distance: is for pipes"),
+        ({"run.goal_distance": 1.0}, r"^run.goal_distance: is for pipes"),
         (
             {"start.distance": 0.01},
             r"^start.distance: is 0.01 m; the robot lies inside the pipe from ",
@@ -238,7 +238,7 @@ def test_shipped_missions_are_planned_to_their_last_goal(name):
     """Each loads, says in a comment what it shows, expects to arrive, and with a known map has a
     way to every goal."""
     scenario = load_scenario(name)
-    assert scenario.expect.outcome is Outcome.REACHED_GOAL
+    assert scenario.run.expected_outcome is Outcome.REACHED_GOAL
     assert shipped_scenarios()[name].read_text(encoding="utf-8").startswith("# ")
     assert scenario.mission is not None
     if scenario.mission.map == "unknown":
@@ -271,7 +271,7 @@ def test_films_of_missions_follow_the_robot(name, camera, monkeypatch, tmp_path)
     monkeypatch.setattr(
         "omnitrack_sim.show.film.render.render_video", lambda *_, camera, **__: used.append(camera)
     )
-    short = ["--set", "physics.time_limit=0.1", "--out", str(tmp_path / "run")]
+    short = ["--set", "run.time_limit=0.1", "--out", str(tmp_path / "run")]
     done = CliRunner().invoke(app, ["run", name, *short])
     assert done.exit_code == 0, done.output
     assert used == [camera]

@@ -205,7 +205,7 @@ def test_the_limits_of_the_cause_are_the_scenarios() -> None:
 def test_no_run_ends_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     """A simulation whose monitor finds nothing goes on past its time limit; with the verdict it is
     over at the next step."""
-    limit = {"physics.time_limit": 0.1}
+    limit = {"run.time_limit": 0.1}
     simulation = ot.Simulation([ot.override(ot.load_scenario("straight"), limit)])
     usual, given = simulation.monitor.look, []
 

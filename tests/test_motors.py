@@ -134,7 +134,7 @@ def test_a_heavier_rotor_starts_more_slowly():
     """With a hundred times the inertia and the same torque the robot falls behind in the first
     tenth of a second: the inertia counts in the run, not only in the model."""
     heavy = {"like": "simulation", "rotor_inertia": 100 * ot.MOTORS["simulation"].rotor_inertia}
-    brief = {"physics": {"time_limit": 0.1}, "pipes": PIPES}
+    brief = {"run": {"time_limit": 0.1}, "pipes": PIPES}
     results = ot.run_batch(
         [validate(brief | {"robot": {"motor": motor}}) for motor in ("simulation", heavy)],
         no_load=False,
@@ -143,10 +143,12 @@ def test_a_heavier_rotor_starts_more_slowly():
     assert slow < 0.5 * usual
 
 
-def test_the_robot_s_torque_limit_goes_before_the_motor_s():
-    """``robot.torque_limit`` holds for the crawler motor; none leaves the motor's own."""
-    assert _scenario(motor=OWN).robot.crawler_motor.torque_limit == 0.3
-    assert _scenario(motor=OWN, torque_limit=0.2).robot.crawler_motor.torque_limit == 0.2
+def test_the_torque_limit_of_a_motor_by_name_can_be_set():
+    """``robot.motor.torque_limit`` is set in the motor's table, whether the file names the motor
+    or writes it out."""
+    for motor in (OWN, "simulation"):
+        changed = ot.override(_scenario(motor=motor), {"robot.motor.torque_limit": 0.2})
+        assert changed.robot.motor.torque_limit == 0.2
 
 
 def test_feasible_speed_is_on_the_torque_speed_line():

@@ -52,7 +52,7 @@ def test_it_has_every_key_there_is(tmp_path, monkeypatch):
     text = (tmp_path / "mine.toml").read_text(encoding="utf-8")
     keys = set(re.findall(r"^(?:#|#: )?(\w+) = ", text, re.MULTILINE))
     schema = ot.Scenario.model_json_schema()["$defs"]
-    for table in ("Start", "World", "Contact", "Physics", "MonitorTable", "Mission", "Robot"):
+    for table in ("StartTable", "WorldTable", "PhysicsTable", "MonitorTable", "Mission", "Robot"):
         assert set(schema[table]["properties"]) <= keys
     assert {"mean_radius", "end_diameter", "branch_diameter", "no_load_speed"} <= keys
     for key, table in parameters_model(controller_of("jacobian"))():
@@ -65,7 +65,7 @@ def test_it_runs_to_the_same_bytes(tmp_path, monkeypatch):
     """Trajectory and replay of a run of the new file are those of the shipped scenario."""
     monkeypatch.chdir(tmp_path)
     new("mine", "--from", "straight")
-    short = {"physics.time_limit": 0.5}
+    short = {"run.time_limit": 0.5}
     for name in ("straight", "mine.toml"):
         ot.run(ot.load_scenario(name, short)).save(tmp_path / name.partition(".")[0])
     for file in ("replay.npz", "timeline.csv"):

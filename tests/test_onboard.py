@@ -91,7 +91,7 @@ def test_a_robot_drives_the_same_alone_and_among_others():
     """Its noise, its pictures and its estimate do not depend on its neighbours, of which one ends
     before it, or on threads."""
     robots = [
-        onboard(start__theta5_deg=angle, physics__time_limit=limit)
+        onboard(start__theta5_deg=angle, run__time_limit=limit)
         for angle, limit in ((0.0, 1.0), (50.0, 2.5), (-80.0, 2.5))
     ]
     alone = ot.run(robots[1]).trajectory.channels

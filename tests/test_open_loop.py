@@ -27,9 +27,9 @@ def scenario():
         load_scenario("tee_turn"),
         {
             "start.distance": 0.28,
-            "goal.distance": 0.55,
+            "run.goal_distance": 0.55,
             "control.align": False,
-            "physics.time_limit": 3.0,
+            "run.time_limit": 3.0,
         },
     )
 
@@ -96,7 +96,7 @@ def test_a_turn_knows_its_places(scenario):
 def test_a_failure_tells_where_it_hangs(scenario):
     """A robot whose time is out has not turned yet, a bit on from its start 180 mm before the axis
     of the branch."""
-    (result,) = run_batch([override(scenario, {"physics.time_limit": 0.1})], no_load=False)
+    (result,) = run_batch([override(scenario, {"run.time_limit": 0.1})], no_load=False)
     kind, detail = open_loop.how_it_failed(result)
     assert kind == "hangs half turned"
     assert re.fullmatch(

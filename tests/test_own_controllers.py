@@ -70,7 +70,7 @@ class NoController:
 
 function = print
 '''
-BRIEF = {"physics.time_limit": 0.4}
+BRIEF = {"run.time_limit": 0.4}
 
 
 @pytest.fixture
@@ -153,8 +153,8 @@ def test_parameters_of_a_controller_without_a_model_are_refused(drivers: ModuleT
 def test_faults_of_the_parameters_are_told_with_all_others(drivers: ModuleType) -> None:
     """A bad parameter and a bad friction are told at once."""
     where = "control.parameters.part"
-    changes = {"control.kind": "drivers:Tuned", where: -1.0, "contact.friction": -1.0}
-    assert set(faults_of(**changes)) == {where, "contact.friction"}
+    changes = {"control.kind": "drivers:Tuned", where: -1.0, "world.friction": -1.0}
+    assert set(faults_of(**changes)) == {where, "world.friction"}
 
 
 def test_a_class_handed_over_gives_the_same_as_its_name(drivers: ModuleType) -> None:
@@ -253,7 +253,7 @@ def test_modules_are_found_in_the_working_folder(tmp_path: Path) -> None:
     """The command line finds a module beside where it is called, as ``python`` does a script's."""
     (tmp_path / "beside.py").write_text(MODULE, encoding="utf-8")
     paths = [str(Path(ot.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
-    changes = ["control.kind=beside:Tuned", "control.parameters.part=0.7", "physics.time_limit=0.1"]
+    changes = ["control.kind=beside:Tuned", "control.parameters.part=0.7", "run.time_limit=0.1"]
     options = [part for change in changes for part in ("--set", change)]
     done = subprocess.run(
         [Path(sys.executable).with_name("omnitrack"), "run", "straight", "--no-video", *options],
@@ -312,7 +312,7 @@ class Steady:
     (tmp_path / "steady_control.py").write_text(code, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
     changes = {
-        "physics.time_limit": 0.5,
+        "run.time_limit": 0.5,
         "control.kind": "steady_control:Steady",
         "control.parameters.speed": 0.05,
     }

@@ -60,7 +60,7 @@ class Watcher:
 
 
 def straight(**changes: object) -> ot.Scenario:
-    short = {"physics.time_limit": 0.3}
+    short = {"run.time_limit": 0.3}
     return ot.override(ot.load_scenario("straight"), short | changes)
 
 
@@ -164,7 +164,7 @@ def test_a_run_with_own_channels_is_read_back(result: ot.Result, folder: Path) -
 
 def test_a_batch_measures_every_robot() -> None:
     """Own channels of a robot in a batch have the bytes that they have alone."""
-    scenarios = [straight(**{"contact.friction": f}) for f in (0.5, 0.9)]
+    scenarios = [straight(**{"world.friction": f}) for f in (0.5, 0.9)]
     together = ot.run_batch(scenarios, sensors=SENSORS, metrics=METRICS, no_load=False)
     for scenario, result in zip(scenarios, together, strict=True):
         alone = ot.run(scenario, sensors=SENSORS, metrics=METRICS)
@@ -249,8 +249,8 @@ def test_a_bad_name_in_record_is_a_fault(gauges, path: str, name: str, told: str
 def test_named_metrics_are_columns_of_sweeps(gauges) -> None:
     """The table of a sweep has the metrics that its base names, with units, at two workers as in
     one process."""
-    axis = {"path": "contact.friction", "kind": "list", "values": [0.5, 0.9]}
-    short = {"physics.time_limit": 0.2}
+    axis = {"path": "world.friction", "kind": "list", "values": [0.5, 0.9]}
+    short = {"run.time_limit": 0.2}
     sweep = resolve({"name": "s", "base": "straight", "set": short | NAMED, "axes": [axis]})
     table = ot.run_sweep(sweep)
     result = ot.run(sweep.scenario(1))
@@ -290,8 +290,8 @@ def test_a_sensor_may_add_up() -> None:
         ot.Channel("work", (), "J", "of all belts"),
         lambda state: state.last("work", np.zeros(len(state.time))) + period * state["power"],
     )
-    base = ot.override(ot.load_scenario("straight"), {"physics.time_limit": 0.5})
-    fine = ot.override(base, {"physics.record_period": period})
+    base = ot.override(ot.load_scenario("straight"), {"run.time_limit": 0.5})
+    fine = ot.override(base, {"record.period": period})
     every = ot.run(fine, sensors=[power, work]).trajectory
     np.testing.assert_allclose(every["work"], period * np.cumsum(every["power"]), rtol=1e-12)
     coarse = ot.run(base, sensors=[power, work]).trajectory
@@ -302,7 +302,7 @@ def test_a_sensor_may_add_up() -> None:
 def test_a_channel_that_is_there_already_is_refused(name: str) -> None:
     """A sensor with a shipped name, or with the name of another own one, is an input error."""
     sensor = ot.Sensor(ot.Channel(name, (), "1", "a gauge"), lambda state: state.time)
-    base = ot.override(ot.load_scenario("straight"), {"physics.time_limit": 0.05})
+    base = ot.override(ot.load_scenario("straight"), {"run.time_limit": 0.05})
     with pytest.raises(InputError, match=f"'{name}' is taken"):
         ot.Simulation([base], sensors=[sensor, sensor])
 
@@ -310,7 +310,7 @@ def test_a_channel_that_is_there_already_is_refused(name: str) -> None:
 def test_a_metric_that_is_there_already_is_refused() -> None:
     """A metric with a shipped name is an input error."""
     metric = ot.Metric("energy_j", "J", "another energy", lambda run: 0.0)
-    base = ot.override(ot.load_scenario("straight"), {"physics.time_limit": 0.05})
+    base = ot.override(ot.load_scenario("straight"), {"run.time_limit": 0.05})
     with pytest.raises(InputError, match="'energy_j' is taken"):
         ot.run(base, metrics=[metric])
 
@@ -318,7 +318,7 @@ def test_a_metric_that_is_there_already_is_refused() -> None:
 def test_a_list_without_per_module_is_refused() -> None:
     """A metric says whether it gives one number or one a module."""
     metric = ot.Metric("three", "1", "a list", lambda run: [1.0, 2.0, 3.0])
-    base = ot.override(ot.load_scenario("straight"), {"physics.time_limit": 0.05})
+    base = ot.override(ot.load_scenario("straight"), {"run.time_limit": 0.05})
     with pytest.raises(ValueError, match="per_module is False"):
         ot.run(base, metrics=[metric])
 

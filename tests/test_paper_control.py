@@ -61,9 +61,7 @@ def test_turn_ends_when_the_axis_has_turned():
 
 def test_equal_speeds_are_equal():
     """The baseline never modulates."""
-    speeds, _ = _turn_speeds(
-        "elbow_short", 0.0, **{"control.kind": "equal", "physics.time_limit": 4.0}
-    )
+    speeds, _ = _turn_speeds("elbow_short", 0.0, **{"control.kind": "equal", "run.time_limit": 4.0})
     assert speeds.tolist() == [0.1, 0.1, 0.1]
 
 
@@ -105,7 +103,7 @@ def test_an_elbow_can_begin_later():
     _, result = _turn_speeds(
         "elbow_short",
         0.0,
-        **{"control.parameters.elbow_delay": 0.05 / BORE, "physics.time_limit": 3.0},
+        **{"control.parameters.elbow_delay": 0.05 / BORE, "run.time_limit": 3.0},
     )
     trajectory = result.trajectory
     begin = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("elbow"))[0]
@@ -115,7 +113,7 @@ def test_an_elbow_can_begin_later():
 
 def test_a_tee_turn_begins_at_its_trigger():
     """Half a radius past the opening's edge, as published, or where the scenario says."""
-    base = {"control.align": False, "control.kind": "paper", "physics.time_limit": 4.5}
+    base = {"control.align": False, "control.kind": "paper", "run.time_limit": 4.5}
     later = {"control.parameters.tee_trigger": 0.06 / BORE}
     for changes, expected in (({}, 0.04), (later, 0.06)):
         (result,) = run_batch([override(load_scenario("tee_turn"), base | changes)])

@@ -70,7 +70,7 @@ def test_motors_carry_the_traction(climb):
 def test_reversal_at_half_a_roll_and_no_motion_between():
     """Rolled by 180 degrees the robot runs backward at belt speed; at 90 degrees under 5 % of it
     (Fig. 18)."""
-    base = _climb(world__gravity=[0.0, 0.0, 0.0], physics__time_limit=2.5, start__distance=0.4)
+    base = _climb(world__gravity=[0.0, 0.0, 0.0], run__time_limit=2.5, start__distance=0.4)
     upright, turned, beside = run_batch(
         [override(base, {"start.roll_deg": a}) for a in (0.0, 180.0, 90.0)]
     )
@@ -116,7 +116,7 @@ def test_too_little_friction_slides_down():
     """Below weight over the sum of the preloads the robot slides down, and the outcome says so."""
     robot = _climb().robot
     needed = robot.mass * G / (3 * robot.preload)
-    below, above = run_batch([_climb(contact__friction=f * needed) for f in (0.9, 1.2)])
+    below, above = run_batch([_climb(world__friction=f * needed) for f in (0.9, 1.2)])
     assert below.outcome is Outcome.SLIPPING
     assert below.trajectory["distance"][-1] < below.trajectory["distance"][0]
     assert above.outcome is Outcome.REACHED_GOAL
@@ -127,7 +127,7 @@ def test_too_little_torque_stalls():
     so."""
     robot = _climb().robot
     needed = robot.mass * G / 3 * robot.lug_radius
-    below, above = run_batch([_climb(robot__torque_limit=f * needed) for f in (0.95, 1.2)])
+    below, above = run_batch([_climb(robot__motor__torque_limit=f * needed) for f in (0.95, 1.2)])
     assert below.outcome is Outcome.STALLED
     assert above.outcome is Outcome.REACHED_GOAL
 

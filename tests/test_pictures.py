@@ -28,7 +28,7 @@ CAMERAS = ("depth", "headlight")
 def filmed(camera="depth", **changes):
     """One and a half seconds of a robot that drives by this camera."""
     base = {
-        "physics.time_limit": 1.5,
+        "run.time_limit": 1.5,
         "sensing.kind": "onboard",
         "sensing.camera": camera,
         "record.pictures": True,
@@ -46,7 +46,7 @@ def run(request):
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_a_run_is_the_same_with_and_without_its_pictures(camera, stride):
     """A robot compares the same pixels, exposed alike, whether the others are looked at or not."""
-    limit = {"physics__time_limit": 1.0, "sensing__filter__stride": stride}
+    limit = {"run__time_limit": 1.0, "sensing__filter__stride": stride}
     kept, plain = (ot.run(filmed(camera, record__pictures=p, **limit)) for p in (True, False))
     assert same_record(kept, plain)
     assert len(kept.pictures) == 11
@@ -106,7 +106,7 @@ def test_pictures_can_be_handed_to_another_process(run, tmp_path):
 
 def test_a_robot_has_the_same_pictures_alone_and_among_others():
     """Also where the others' runs end earlier or later than its own."""
-    robots = [filmed(goal__distance=d) for d in (0.15, 0.22, 0.3)]
+    robots = [filmed(run__goal_distance=d) for d in (0.15, 0.22, 0.3)]
     alone = [ot.run(robot).pictures for robot in robots]
     lengths = [len(pictures) for pictures in alone]
     assert lengths[0] < lengths[2]
@@ -117,7 +117,7 @@ def test_a_robot_has_the_same_pictures_alone_and_among_others():
 
 def test_a_run_without_pictures_says_so():
     """Also where a robot has no camera at all."""
-    result = ot.run(filmed(record__pictures=False, physics__time_limit=0.1))
+    result = ot.run(filmed(record__pictures=False, run__time_limit=0.1))
     with pytest.raises(ot.InputError, match=r"record\.pictures: is false: this run has recorded"):
         _ = result.pictures
     with pytest.raises(ot.InputError, match=r'record\.pictures: is true, .* = "onboard"'):

@@ -25,7 +25,7 @@ leave = "branch"
 [[pipes]]
 kind = "straight"
 length = 0.4
-[physics]
+[run]
 time_limit = 0.5
 [control]
 kind = "policy"
@@ -36,7 +36,7 @@ policy = "own/random.npz"
 
 def _tee(policy: Path, **changes) -> ot.Scenario:
     base = {
-        "physics.time_limit": 0.5,
+        "run.time_limit": 0.5,
         "start.distance": 0.3,
         "control.kind": "policy",
         "control.parameters.policy": str(policy),

@@ -55,7 +55,7 @@ def _constant(*action: float) -> Decide:
 
 
 def _tee(**changes) -> ot.Scenario:
-    base = {"physics.time_limit": 1.0}
+    base = {"run.time_limit": 1.0}
     return ot.override(ot.load_scenario("tee_turn"), base | changes)
 
 
@@ -78,7 +78,7 @@ def test_every_entry_is_named_and_within_its_bounds(name):
 
 def test_a_decision_is_wall_speeds_and_a_roll_rate_for_50_ms():
     controller = _driven("onboard", _constant(0.5, 0.5, 0.5, 1.0))
-    scenario = _tee(**{"physics.time_limit": 0.5, "control.speed_limit": 0.16})
+    scenario = _tee(**{"run.time_limit": 0.5, "control.speed_limit": 0.16})
     result = _run(scenario, controller)
     trajectory = result.trajectory
     assert trajectory["belt_speed_command"][-1] == pytest.approx([0.08] * 3)
@@ -92,7 +92,7 @@ def test_belts_turn_round_beyond_the_no_motion_line():
     controller = _driven("onboard", _constant(0.5, 0.5, 0.5, 1.0))
     scenario = ot.override(
         ot.load_scenario("straight"),
-        {"physics.time_limit": 2.4, "contact.friction": 1.0},
+        {"run.time_limit": 2.4, "world.friction": 1.0},
     )
     trajectory = _run(scenario, controller).trajectory
     assert trajectory["roll"][-1].min() > np.pi * 0.9
@@ -112,7 +112,7 @@ def test_observations_are_the_same_bytes_alone_and_together():
 
 def test_without_a_residue_the_base_drives():
     """To the same bytes, through a roll before the tee."""
-    scenario = _tee(**{"start.theta5_deg": 50.0, "start.distance": 0.25, "physics.time_limit": 3.0})
+    scenario = _tee(**{"start.theta5_deg": 50.0, "start.distance": 0.25, "run.time_limit": 3.0})
     still = _driven("preview", _constant(0, 0, 0, 0), RESIDUAL)
     ours, base = _run(scenario, still), ot.run(scenario)
     assert ours.trajectory.qpos.tobytes() == base.trajectory.qpos.tobytes()
@@ -123,7 +123,7 @@ def test_without_a_residue_the_base_drives():
 @pytest.mark.parametrize(("action", "driven"), [(0.25, 0.15), (1.0, 0.2)])
 def test_a_residue_is_added_and_rests_with_its_base(action, driven):
     """The sum stays within the speed limit, 0.2 m/s; the base cruises at 0.1 m/s."""
-    scenario = _tee(**{"start.theta5_deg": 50.0, "start.distance": 0.25, "physics.time_limit": 2.0})
+    scenario = _tee(**{"start.theta5_deg": 50.0, "start.distance": 0.25, "run.time_limit": 2.0})
     trajectory = _run(scenario, _driven("preview", _constant(0, action, 0, 1), RESIDUAL)).trajectory
     speed, phase = trajectory["belt_speed_command"], trajectory["phase"]
     aligning = np.flatnonzero(phase == trajectory.phases.index("align"))
@@ -219,7 +219,7 @@ def test_features_have_names_of_users_too():
     (own, time) = features_of([f"{__name__}:SPEED_TWICE", "tilt"])
     assert (own, time.name) == (SPEED_TWICE, "tilt")
     controller = _driven(f"{__name__}:SPEED_TWICE", _constant(0, 0, 0, 0))
-    _run(_tee(**{"physics.time_limit": 0.1}), controller)
+    _run(_tee(**{"run.time_limit": 0.1}), controller)
     assert np.concatenate(controller.seen).tolist() == [[0.0]] * len(controller.seen)
     with pytest.raises(ot.InputError, match=r"'onbord'.*did you mean 'onboard'"):
         features_of("onbord")
@@ -233,6 +233,6 @@ def test_what_is_not_observed_is_told():
     with pytest.raises(ot.InputError, match="'normal_force' is not there for these robots"):
         _run(_tee(**{"sensing.kind": "onboard"}), controller)
     controller = _driven("preview", _constant(0.5, 0.5, 0.5, 0))
-    scenario = _tee(**{"sensing.kind": "onboard", "physics.time_limit": 0.3})
+    scenario = _tee(**{"sensing.kind": "onboard", "run.time_limit": 0.3})
     _run(scenario, controller)
     assert len(controller.seen) > 4

@@ -124,7 +124,7 @@ def test_scenes_start_in_equilibrium(name):
 def test_the_straight_scene_climbs_as_the_package_does():
     """With ``mj_step`` alone the robot climbs a vertical pipe more than six times as far as its
     tracks are long, at the speed and with the belt force of the package's own run, within 1 %."""
-    scenario = ot.override(ot.load_scenario("vertical_climb"), {"physics.time_limit": 1.5})
+    scenario = ot.override(ot.load_scenario("vertical_climb"), {"run.time_limit": 1.5})
     there = ot.run(scenario).trajectory
     late = there.time > 1.0
     speed = np.polyfit(there.time[late], there["position"][late, 2], 1)[0]

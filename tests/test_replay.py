@@ -173,11 +173,11 @@ def test_differences_of_scenarios_are_told_by_path():
     pipe = {"kind": "straight", "length": 1.0}
     one, named, other = (
         sample_result(scenario=validate({"name": "a", "pipes": [pipe | {"name": name}]} | changes))
-        for name, changes in (("x", {}), ("y", {}), ("y", {"contact": {"friction": 0.3}}))
+        for name, changes in (("x", {}), ("y", {}), ("y", {"world": {"friction": 0.3}}))
     )
     assert differences(one, named) == []
-    friction = one.scenario.contact.friction
-    assert differences(one, other) == [["contact.friction", "1", f"{friction:.4g}", "0.3"]]
+    friction = one.scenario.world.friction
+    assert differences(one, other) == [["world.friction", "1", f"{friction:.4g}", "0.3"]]
 
 
 @pytest.mark.parametrize(
@@ -198,7 +198,7 @@ def test_a_run_through_other_pipes_is_refused(tmp_path, pipes, told):
 def test_a_robot_of_another_size_is_a_ghost_of_its_own():
     """Its solids are its own; what both have in common stands in the page once."""
     alone = len(replay_data([in_pipes()])["shapes"])
-    same = replay_data([in_pipes(), in_pipes(**{"contact.friction": 0.4})])
+    same = replay_data([in_pipes(), in_pipes(**{"world.friction": 0.4})])
     other = replay_data([in_pipes(), in_pipes(**{"robot.contact_length": 0.1})])
     assert len(same["shapes"]) == alone < len(other["shapes"])
 

@@ -26,7 +26,7 @@ def place(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def tees() -> list[Result]:
     """Two ways to a tee at two speeds."""
-    common = {"physics.time_limit": 1.5}
+    common = {"run.time_limit": 1.5}
     changes = [common | {"control.cruise_speed": speed} for speed in (0.1, 0.08)]
     return [run(override(load_scenario("tee_turn"), change)) for change in changes]
 

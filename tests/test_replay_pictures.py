@@ -24,7 +24,7 @@ def result():
     changes = {
         "sensing.kind": "onboard",
         "record.pictures": True,
-        "physics.time_limit": 2.0,
+        "run.time_limit": 2.0,
     }
     return ot.run(ot.override(ot.load_scenario("missions/fig14"), changes))
 

@@ -59,7 +59,7 @@ def test_random_trials_repeat_and_cover_all_gravities():
     first, again = (random_tee_turns(60, (0.8, 1.0)) for _ in range(2))
     assert [s.hash for s in first] == [s.hash for s in again]
     assert {s.world.gravity for s in first} == set(GRAVITIES.values())
-    assert all(0.8 <= s.contact.friction <= 1.0 and s.control.align for s in first)
+    assert all(0.8 <= s.world.friction <= 1.0 and s.control.align for s in first)
     assert (
         min(s.start.theta5_deg for s in first) < -40 < 40 < max(s.start.theta5_deg for s in first)
     )
@@ -172,7 +172,7 @@ def test_pictures_that_fail_cost_no_claim(tmp_path, monkeypatch):
 def _results(**changes):
     base = sample_result()
     key = next(iter(changes))
-    path = {"friction": "contact.friction", "theta5": "start.theta5_deg"}[key]
+    path = {"friction": "world.friction", "theta5": "start.theta5_deg"}[key]
     return [
         sample_result(scenario=override(base.scenario, {path: value})) for value in changes[key]
     ]

@@ -11,7 +11,7 @@ import omnitrack_sim as ot
 
 def tee(**changes: object) -> ot.Scenario:
     """A tee turn of at most 1.5 s, with exact walls."""
-    return ot.override(ot.load_scenario("tee_turn"), {"physics.time_limit": 1.5} | changes)
+    return ot.override(ot.load_scenario("tee_turn"), {"run.time_limit": 1.5} | changes)
 
 
 def onboard() -> ot.Scenario:
@@ -24,7 +24,7 @@ def changed(base: ot.Scenario, number: int) -> ot.Scenario:
     return ot.override(
         base,
         {
-            "contact.friction": 0.5 + 0.05 * number,
+            "world.friction": 0.5 + 0.05 * number,
             "robot.preload": 10.0 + number,
             "world.gravity": [0.5 * number, 0.0, -9.0],
             "start.theta5_deg": 10.0 * number,
@@ -91,7 +91,7 @@ def test_the_others_go_on_as_if_nothing_had_happened(make, speeds) -> None:
 
 def test_a_robot_whose_run_is_over_runs_again(speeds) -> None:
     """One that has run out of time, and one whose physics has gone wrong."""
-    brief = tee(**{"physics.time_limit": 0.05})
+    brief = tee(**{"run.time_limit": 0.05})
     simulation = ot.Simulation([brief, tee()], recording=False)
     simulation.plant._batch.bind("qvel")[1, 0] = 1e12
     drive(simulation, 5, 0, speeds)
@@ -109,7 +109,7 @@ def test_a_robot_whose_run_is_over_runs_again(speeds) -> None:
 def test_speed_and_time_limit_are_those_of_the_new_run(speeds) -> None:
     """The settings that a controller would be given, and when the run is over."""
     simulation = ot.Simulation([tee(), tee()], recording=False)
-    fast = tee(**{"control.cruise_speed": 0.12, "physics.time_limit": 0.03})
+    fast = tee(**{"control.cruise_speed": 0.12, "run.time_limit": 0.03})
     simulation.restart([1], [fast])
     assert simulation.setup.settings.cruise_speed.tolist() == [0.1, 0.12]
     drive(simulation, 4, 1, speeds)
@@ -125,7 +125,7 @@ def test_what_is_recorded_does_not_begin_anew() -> None:
 
 def test_without_a_record_there_are_no_results(speeds) -> None:
     """And nothing is kept."""
-    simulation = ot.Simulation([tee(**{"physics.time_limit": 0.03})], recording=False)
+    simulation = ot.Simulation([tee(**{"run.time_limit": 0.03})], recording=False)
     simulation.advance()
     assert simulation.recorder.count == 0
     with pytest.raises(RuntimeError, match="nothing was recorded"):

@@ -43,10 +43,10 @@ def test_every_outcome_has_advice():
     ],
 )
 def test_a_result_says_whether_it_was_expected(tmp_path, expected, outcome, told):
-    """True where the outcome is that of ``expect.outcome``, None where nothing is expected; so it
-    stands in result.json. Success is the goal, whatever was expected."""
+    """True where the outcome is that of ``run.expected_outcome``, None where nothing is expected;
+    so it stands in result.json. Success is the goal, whatever was expected."""
     plain = sample_result(outcome=outcome)
-    scenario = override(plain.scenario, {"expect.outcome": expected})
+    scenario = override(plain.scenario, {"run.expected_outcome": expected})
     result = sample_result(outcome=outcome, scenario=scenario)
     assert result.as_expected is told
     summary = json.loads((result.save(tmp_path / "run") / "result.json").read_text())

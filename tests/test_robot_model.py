@@ -105,7 +105,7 @@ def test_robots_start_with_their_arms_at_the_wall(bore: float) -> None:
     """In a bore wider or narrower than the nominal one the arms stand where the wall is, and do
     not jump from there."""
     pipe = {"kind": "straight", "length": 0.6, "inner_diameter": bore}
-    scenario = validate({"pipes": [pipe], "physics": {"time_limit": 0.1}})
+    scenario = validate({"pipes": [pipe], "run": {"time_limit": 0.1}})
     simulation = ot.Simulation([scenario])
     simulation.advance()
     (result,) = simulation.results()
@@ -119,7 +119,7 @@ def test_the_tracks_that_face_the_wall_touch_it() -> None:
     """The upper one, the lower one, and both near the no-motion line."""
     expected = {0: [True, False], 45: [True, False], 90: [True, True], 180: [False, True]}
     base = validate({"pipes": [{"kind": "straight", "length": 0.6}], "start": {"distance": 0.2}})
-    brief = {"world.gravity": [0.0, 0.0, 0.0], "physics.time_limit": 0.1}
+    brief = {"world.gravity": [0.0, 0.0, 0.0], "run.time_limit": 0.1}
     scenarios = [ot.override(base, brief | {"start.roll_deg": float(roll)}) for roll in expected]
     results = ot.run_batch(scenarios, no_load=False)
     for result, tracks in zip(results, expected.values(), strict=True):

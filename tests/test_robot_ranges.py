@@ -97,7 +97,7 @@ def test_a_run_of_any_robot_ends_with_an_outcome_and_without_a_warning():
     """Robots at the ends of their ranges may diverge or leave the pipe at once; their slip without
     load is then not a number, and nothing divides by zero on the way."""
     scenarios = [
-        validate(standing(robot, "primitives") | {"physics": {"time_limit": 0.1}})
+        validate(standing(robot, "primitives") | {"run": {"time_limit": 0.1}})
         for robot in random_robots(seed=3, count=4)
     ]
     results = ot.run_batch(scenarios)

@@ -20,7 +20,7 @@ from omnitrack_sim.sim import recorder
 
 
 def _short_tee(**changes):
-    base = override(load_scenario("tee_turn"), {"physics.time_limit": 3.2, "control.align": False})
+    base = override(load_scenario("tee_turn"), {"run.time_limit": 3.2, "control.align": False})
     return override(base, {k.replace("__", "."): v for k, v in changes.items()})
 
 
@@ -37,7 +37,7 @@ def test_same_bytes_at_any_thread_count_alone_and_in_a_batch():
     """A trial is bit for bit the same at 1 and 2 threads, alone and among 15 others."""
     scenario = _short_tee(start__theta5_deg=5.0)
     others = [
-        _short_tee(start__theta5_deg=a, contact__friction=0.8)
+        _short_tee(start__theta5_deg=a, world__friction=0.8)
         for a in np.linspace(-30, 30, 15).tolist()
     ]
     alone, threaded = run(scenario), run(scenario, threads=2)
@@ -49,7 +49,7 @@ def test_same_bytes_at_any_thread_count_alone_and_in_a_batch():
 def test_a_trial_that_ends_earlier_keeps_its_own_record():
     """A neighbour that runs longer changes neither the length nor the end of a trial's record."""
     scenario = _short_tee()
-    short = override(scenario, {"physics.time_limit": 1.005})
+    short = override(scenario, {"run.time_limit": 1.005})
     alone, (together, longer) = run(short), run_batch([short, scenario])
     assert _equal(alone, together)
     assert together.trajectory.time[-1] == pytest.approx(together.duration_s)
@@ -59,7 +59,7 @@ def test_a_trial_that_ends_earlier_keeps_its_own_record():
 def test_results_keep_the_order_of_the_scenarios():
     """Scenarios of different models and speeds come back in the order they were given."""
     names = ["straight", "vertical_climb", "straight", "elbow"]
-    limit = {"physics.time_limit": 0.3}
+    limit = {"run.time_limit": 0.3}
     results = run_batch(
         [override(load_scenario(n), limit | {"seed": i}) for i, n in enumerate(names)]
     )
@@ -69,7 +69,7 @@ def test_results_keep_the_order_of_the_scenarios():
 
 def test_a_diverging_trial_ends_alone():
     """A trial whose state becomes infinite ends as diverged; its neighbour goes on."""
-    simulation = Simulation([_short_tee(physics__time_limit=0.5)] * 2)
+    simulation = Simulation([_short_tee(run__time_limit=0.5)] * 2)
     simulation.plant.qpos[0, 0] = np.nan
     simulation.advance()
     assert [r.outcome for r in simulation.results()] == [Outcome.DIVERGED, Outcome.TIMED_OUT]
@@ -99,7 +99,7 @@ class RaisingBatch:
 def test_a_trial_on_which_the_engine_raises_ends_alone():
     """It ends as diverged at that step, with the record up to there; its neighbours go on, with
     the bytes that they have without it."""
-    scenario = _short_tee(physics__time_limit=0.5)
+    scenario = _short_tee(run__time_limit=0.5)
     plain, simulation = Simulation([scenario] * 2), Simulation([scenario] * 3)
     simulation.plant._batch = RaisingBatch(simulation.plant._batch, 1, calls=20)
     plain.advance()
@@ -115,7 +115,7 @@ def test_a_trial_on_which_the_engine_raises_ends_alone():
 
 def test_time_is_strictly_increasing_and_samples_are_regular():
     """Samples stand one record period apart."""
-    time = run(_short_tee(physics__time_limit=0.5)).trajectory.time
+    time = run(_short_tee(run__time_limit=0.5)).trajectory.time
     assert np.allclose(np.diff(time), 0.02)
 
 
@@ -130,7 +130,7 @@ def test_progress_reports_rise_to_the_end():
 
 def test_samples_are_kept_in_blocks_without_a_gap(monkeypatch):
     """A record of several blocks, the last one not full, is that of a single block, bit for bit."""
-    scenario = override(load_scenario("straight"), {"physics.time_limit": 0.5})
+    scenario = override(load_scenario("straight"), {"run.time_limit": 0.5})
     whole = run(scenario)
     monkeypatch.setattr(recorder, "BLOCK", 7)
     pieces = run(scenario)

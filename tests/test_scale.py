@@ -143,7 +143,7 @@ def _run_of(s: float, bend: bool = False) -> ot.Scenario:
             "pipes": [before, elbow, behind] if bend else [pipe | {"length": 0.7 * s}],
             "robot": {"scale": s},
             "start": {"distance": 0.12 * s, "theta5_deg": 40.0},
-            "goal": {"distance": 0.8 * s if bend else 0.5 * s},
+            "run": {"goal_distance": 0.8 * s if bend else 0.5 * s},
             "control": {
                 "kind": "equal",
                 "align": False,
@@ -154,10 +154,10 @@ def _run_of(s: float, bend: bool = False) -> ot.Scenario:
             "physics": {
                 "timestep": 0.002 * root,
                 "control_period": 0.01 * root,
-                "record_period": 0.02 * root,
                 "collider": "exact" if bend else "primitives",
                 "wall_tolerance": 1e-4 * s,
             },
+            "record": {"period": 0.02 * root},
         }
     )
 

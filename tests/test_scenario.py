@@ -32,7 +32,7 @@ def test_shipped_scenarios_are_valid_and_expect_something():
     for name in shipped_scenarios():
         scenario = load_scenario(name)
         assert scenario.name == name.rpartition("/")[2]
-        assert scenario.expect.outcome is not None
+        assert scenario.run.expected_outcome is not None
 
 
 def test_a_scenario_survives_its_own_json():
@@ -48,7 +48,7 @@ def test_scenarios_are_equal_by_their_keys():
     one, other = load_scenario("tee_turn"), load_scenario("tee_turn")
     assert one.route is not other.route
     assert one == other == Scenario.model_validate(one.model_dump())
-    assert one != override(other, {"contact.friction": 0.5})
+    assert one != override(other, {"world.friction": 0.5})
     assert one != "tee_turn"
 
 
@@ -103,10 +103,10 @@ def test_scenarios_are_equal_by_their_keys():
         ({"pipes": []}, "pipes", "is missing"),
         ({"start": {"distance": 0.01}}, "start.distance", "inside the pipe"),
         ({"start": {"distance": 0.49}}, "start.distance", "inside the pipe"),
-        ({"goal": {"distance": 0.05}}, "goal.distance", "over start.distance"),
+        ({"run": {"goal_distance": 0.05}}, "run.goal_distance", "over start.distance"),
         ({"physics": {"control_period": 0.003}}, "physics.control_period", "whole multiple"),
         ({"start": {"axis": [0.0, 0.0, 0.0]}}, "start.axis", "no direction"),
-        ({"expect": {"outcome": "flew"}}, "expect.outcome", "reached_goal"),
+        ({"run": {"expected_outcome": "flew"}}, "run.expected_outcome", "reached_goal"),
         ({"pipes": [{"kind": "straight", "length": "0.5"}]}, "pipes.0.length", "valid number"),
         ({"pipes": [{"kind": "straight", "length": 500e3}]}, "pipes.0.length", "1000"),
         ({"control": {"align": "no"}}, "control.align", "valid boolean"),
@@ -124,8 +124,8 @@ def test_a_fault_is_named_by_its_place_with_what_would_be_right(change, where, t
 
 def test_all_faults_are_told_at_once():
     """Three faults in three tables give three lines."""
-    data = {"pipes": PIPES, "contact": {"friction": -1}, "monitor": {"patience": "x"}, "seed": -1}
-    assert set(_faults(data)) == {"contact.friction", "monitor.patience", "seed"}
+    data = {"pipes": PIPES, "world": {"friction": -1}, "monitor": {"patience": "x"}, "seed": -1}
+    assert set(_faults(data)) == {"world.friction", "monitor.patience", "seed"}
 
 
 def test_a_faulty_pipe_is_one_fault():
@@ -174,12 +174,12 @@ def test_override_with_an_unknown_path_lists_the_choices(path, choice):
 def test_override_takes_numpy_values():
     """Values computed with NumPy, arrays included, do as well as plain ones."""
     changes = {
-        "contact.friction": np.float64(0.5),
+        "world.friction": np.float64(0.5),
         "seed": np.int64(3),
         "world.gravity": np.array([0.0, 0.0, 1.0]),
     }
     changed = override(load_scenario("tee_turn"), changes)
-    assert (changed.contact.friction, changed.seed, changed.world.gravity) == (
+    assert (changed.world.friction, changed.seed, changed.world.gravity) == (
         0.5,
         3,
         (0.0, 0.0, 1.0),
@@ -191,7 +191,7 @@ def test_only_floats_of_the_compiled_model_share_a_batch():
     base = load_scenario("tee_turn")
     same = {
         "start.theta5_deg": 9.0,
-        "contact.friction": 0.5,
+        "world.friction": 0.5,
         "robot.preload": 20.0,
         "world.gravity": [0, 0, 1.0],
         "seed": 3,

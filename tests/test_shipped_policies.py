@@ -34,7 +34,7 @@ def test_it_turns_into_the_branch(name, friction, theta5_deg):
         "control.kind": "policy",
         "control.parameters.policy": name,
         "start.theta5_deg": theta5_deg,
-        "contact.friction": friction,
+        "world.friction": friction,
     }
     result = ot.run(ot.load_scenario("tee_turn", changes))
     assert result.outcome is ot.Outcome.REACHED_GOAL
@@ -47,7 +47,7 @@ def test_they_run_in_a_sweep_with_two_workers(tmp_path):
     (tmp_path / "base.toml").write_text(tee + policy)
     (tmp_path / "sweep.toml").write_text(
         'base = "base.toml"\nbatch = 2\n'
-        '[set]\n"physics.time_limit" = 1.0\n'
+        '[set]\n"run.time_limit" = 1.0\n'
         f'[[axes]]\npath = "control.parameters.policy"\nkind = "list"\nvalues = {list(ACTING)}\n'
         '[[axes]]\npath = "start.theta5_deg"\nkind = "list"\nvalues = [-20, 10]\n'
     )

@@ -15,7 +15,7 @@ from omnitrack_sim.sim.shares import Shares, timed
 
 def straight(**changes: object) -> ot.Scenario:
     """Three tenths of a second in a straight pipe."""
-    limit = {"physics.time_limit": 0.3}
+    limit = {"run.time_limit": 0.3}
     return ot.override(ot.load_scenario("straight"), limit | changes)
 
 
@@ -39,7 +39,7 @@ def test_steps_by_hand_give_the_bytes_of_a_run(
 ) -> None:
     """A robot stepped by hand ends with the record, events, legs and figures of ``run``."""
     angles = np.linspace(-40.0, 40.0, others).tolist()
-    neighbours = [make(**{"start.theta5_deg": a, "contact.friction": 0.8}) for a in angles]
+    neighbours = [make(**{"start.theta5_deg": a, "world.friction": 0.8}) for a in angles]
     at = others // 2
     results = by_hand(ot.Simulation([*neighbours[:at], make(), *neighbours[at:]]))
     assert same_result(results[at], runs[name])
@@ -110,13 +110,13 @@ def test_arrays_of_a_command_may_be_written_into_again() -> None:
         simulation.step(ot.Command(speed))
         told.append(speed[0].copy())
     recorded = simulation.results()[0].trajectory["belt_speed_command"]
-    every = round(simulation.scenarios[0].physics.record_period / simulation.period)
+    every = round(simulation.scenarios[0].record.period / simulation.period)
     assert np.array_equal(recorded[1:], np.array(told)[every - 1 :: every])
 
 
 def test_results_wait_for_all_runs_to_be_over() -> None:
     """While a robot runs there are no results; the error says how many do."""
-    simulation = ot.Simulation([straight(), straight(**{"physics.time_limit": 0.1})])
+    simulation = ot.Simulation([straight(), straight(**{"run.time_limit": 0.1})])
     with pytest.raises(RuntimeError, match="2 of 2 robots still run"):
         simulation.results()
     while simulation.active.all():
@@ -131,7 +131,7 @@ def test_results_wait_for_all_runs_to_be_over() -> None:
 def test_a_robot_whose_run_is_over_stays_as_it_is() -> None:
     """It keeps its pose, its last command, its ending, its events and its record, whatever is
     commanded while the other one goes on."""
-    brief = straight(**{"physics.time_limit": 0.1})
+    brief = straight(**{"run.time_limit": 0.1})
     simulation = ot.Simulation([brief, straight()])
     speed = np.full((2, 3), 0.1)
     while simulation.active.all():
@@ -162,7 +162,7 @@ def test_robots_stop_wherever_their_chains_are() -> None:
     """Chains are set back by a pitch now and then; one whose robot has stopped stays as it was,
     whatever the step at which it stopped."""
     limits = [0.01 * step for step in range(8, 18)]
-    scenarios = [straight(**{"physics.time_limit": limit}) for limit in (*limits, 0.3)]
+    scenarios = [straight(**{"run.time_limit": limit}) for limit in (*limits, 0.3)]
     simulation = ot.Simulation(scenarios)
     poses: dict[int, bytes] = {}
     while simulation.active.any():

@@ -16,7 +16,7 @@ def test_arms_start_in_equilibrium(collider):
     moves by more than 5 um, whether it is pressed with 5 or with 1000 N."""
     climb = override(
         load_scenario("vertical_climb"),
-        {"physics.collider": collider, "physics.time_limit": 0.2, "physics.record_period": 0.01},
+        {"physics.collider": collider, "run.time_limit": 0.2, "record.period": 0.01},
     )
     for preload, result in zip(
         PRELOADS, run_batch([override(climb, {"robot.preload": p}) for p in PRELOADS]), strict=True
@@ -32,7 +32,7 @@ def test_a_falling_robot_starts_on_the_wall_too(collider):
     """In a level pipe the lowest module carries from the start, though its springs do not: the
     chassis still falls."""
     level = override(
-        load_scenario("straight"), {"physics.collider": collider, "physics.time_limit": 0.1}
+        load_scenario("straight"), {"physics.collider": collider, "run.time_limit": 0.1}
     )
     force = run(level).trajectory["normal_force"]
     assert (force[0] > 0.9 * level.robot.preload).all()
@@ -47,7 +47,7 @@ def test_a_hard_pressed_robot_stays_in_its_pipe():
 def test_normal_force_adds_up_the_contacts():
     """The touch sensors read the sum of the normal forces of a track's contacts, in a robot that is
     pressed and slides sideways on a sticky wall."""
-    model = scene_of(override(load_scenario("tee_turn"), {"contact.friction": 5.0})).compile()
+    model = scene_of(override(load_scenario("tee_turn"), {"world.friction": 5.0})).compile()
     data = mujoco.MjData(model)
     data.qpos[:] = start_qpos(load_scenario("tee_turn"), model)
     data.joint("robot").qpos[:2] += 0.002  # into the wall, off the axis
@@ -69,7 +69,7 @@ def test_walls_never_pull(collider):
     normal force is negative."""
     sticky = override(
         load_scenario("elbow_short"),
-        {"physics.collider": collider, "contact.friction": 5.0, "physics.time_limit": 4.0},
+        {"physics.collider": collider, "world.friction": 5.0, "run.time_limit": 4.0},
     )
     force = run(sticky).trajectory["normal_force"]
     assert force.min() >= 0.0

@@ -18,7 +18,7 @@ from omnitrack_sim.trials.study_tables import Objective, Variable
 SPEED, PRELOAD = study_data()["variables"]
 DISTANCE, TORQUE = study_data()["objectives"]
 TRIALS = study_data()["trials"][0]
-LONG = {"physics.time_limit": 9000.0}
+LONG = {"run.time_limit": 9000.0}
 
 
 def _faults(**changes) -> dict[str, str]:
@@ -116,7 +116,7 @@ def test_all_faults_in_the_light_of_the_trials_are_told_at_once():
             SPEED | {"path": "robot.motor"},
             PRELOAD,
             PRELOAD,
-            PRELOAD | {"path": "contact.friction"},
+            PRELOAD | {"path": "world.friction"},
             PRELOAD | {"path": "robot.lugs_per_track"},
             PRELOAD | {"path": "robot.pitch_limit", "high": 50},
             PRELOAD | {"path": "robot.slide_damping", "low": -5},
@@ -253,10 +253,10 @@ def test_candidates_share_their_draws_and_the_check_has_others():
         for batch in batches_of(study, study.trials, pair)
         for trial in batch.trials
     }
-    friction = [trials[i]["contact.friction"] for i in range(4)]
+    friction = [trials[i]["world.friction"] for i in range(4)]
     assert friction[:2] == friction[2:]
     assert [trials[i]["control.cruise_speed"] for i in range(4)] == [0.1, 0.1, 0.05, 0.05]
-    unseen = study.unseen[0].trials()["contact.friction"]
+    unseen = study.unseen[0].trials()["world.friction"]
     assert len(unseen) == 3
     assert not set(unseen) & set(friction)
 

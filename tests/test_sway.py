@@ -103,13 +103,13 @@ def test_a_robot_that_drives_downward_on_a_slippery_wall_passes_by_its_sway() ->
     base = ot.override(ot.load_scenario("tee_turn"), SLIPPERY)
     down = 9.81 * base.route.centreline.at(np.zeros(1))[1][0]
     slippery = [
-        ot.override(base, {"world.gravity": down.tolist(), "contact.friction": friction})
+        ot.override(base, {"world.gravity": down.tolist(), "world.friction": friction})
         for friction in (0.52, 0.54, 0.55)
     ]
     none = {"control.parameters.sway.lean_deg": 0.0}
     without = [ot.override(scenario, none) for scenario in slippery]
     assert [result.success for result in ot.run_batch(slippery)] == [True] * 3
     assert [result.success for result in ot.run_batch(without)] == [False] * 3
-    dry = ot.override(base, {"contact.friction": 0.9})
+    dry = ot.override(base, {"world.friction": 0.9})
     a, b = ot.run_batch([dry, ot.override(dry, none)])
     assert np.array_equal(a.trajectory["position"], b.trajectory["position"])

@@ -21,7 +21,7 @@ from omnitrack_sim.trials.sweep_figure import CLASSES, draw_map, spreads, turn_c
 RNG = np.random.default_rng(0)
 N = 400
 PRELOAD = Spread("robot.preload", "N", RNG.uniform(5, 40, N))
-FRICTION = Spread("contact.friction", "1", RNG.uniform(0.3, 1.2, N))
+FRICTION = Spread("world.friction", "1", RNG.uniform(0.3, 1.2, N))
 KIND = Spread("control.kind", "", ["a", "b"] * (N // 2), ("a", "b"))
 ORIENTATION = Spread(THETA5, "deg", np.linspace(-60, 59, N))
 PASSED = (np.asarray(PRELOAD.values, float) > 20).astype(float)
@@ -91,7 +91,7 @@ def test_a_map_has_a_cell_a_grid_point_and_bins_of_draws():
     assert np.ma.asarray(axis.collections[0].get_array()).size == 64
     assert axis.texts
     assert all(re.fullmatch("[0-4]", text.get_text()) for text in axis.texts)
-    assert (axis.get_xlabel(), axis.get_ylabel()) == ("robot.preload [N]", "contact.friction")
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("robot.preload [N]", "world.friction")
 
 
 def test_cells_of_two_values_have_a_legend_and_no_scale():
@@ -115,7 +115,7 @@ def test_cells_of_two_values_have_a_legend_and_no_scale():
 
 
 AXES = [
-    {"path": "contact.friction", "kind": "list", "values": [0.5, 0.7]},
+    {"path": "world.friction", "kind": "list", "values": [0.5, 0.7]},
     {"path": "robot.preload", "kind": "list", "values": [10.0, 20.0, 30.0]},
     {"path": "control.kind", "kind": "list", "values": ["jacobian", "paper"]},
 ]
@@ -139,7 +139,7 @@ def test_one_chart_of_a_sweep_goes_into_an_axis(tmp_path):
     assert ot.plot_sweep(sweep, table, over="robot.preload", ax=left) is figure
     assert left.lines[0].get_ydata().tolist() == [0, 100, 100]
     assert (left.get_xlabel(), left.get_ylabel()) == ("robot.preload [N]", "success rate [%]")
-    ot.plot_sweep(sweep, table, over=["contact.friction", "robot.preload"], ax=right)
+    ot.plot_sweep(sweep, table, over=["world.friction", "robot.preload"], ax=right)
     rates = np.ma.asarray(right.collections[0].get_array())
     assert rates.tolist() == [[0, 0], [100, 100], [100, 100]]
     ot.plot_sweep(*sweep_and_table(AXES[:1]), ax=Figure().subplots())
@@ -150,8 +150,8 @@ def test_one_chart_of_a_sweep_goes_into_an_axis(tmp_path):
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ({"over": "friction"}, "over: is 'friction'; did you mean 'contact.friction'"),
-        ({"over": ["contact.friction", "control.kind"]}, "over: name one axis, or two of numbers"),
+        ({"over": "friction"}, "over: is 'friction'; did you mean 'world.friction'"),
+        ({"over": ["world.friction", "control.kind"]}, "over: name one axis, or two of numbers"),
         ({"ax": Figure().subplots()}, "over: name one axis, or two of numbers"),
         ({"over": []}, "over: name one axis"),
         ({"path": "a.bmp"}, "png, svg, pdf"),

@@ -51,7 +51,7 @@ def test_columns_and_units(table):
     assert names[:7] == [
         "trial",
         "control.kind",
-        "contact.friction",
+        "world.friction",
         *(f"world.gravity_{c}" for c in "xyz"),
         "robot.preload",
     ]
@@ -138,7 +138,7 @@ def test_groups_of_every_kind_of_value():
         {"path": "control.align", "kind": "list", "values": [True, False]},
         {"path": "robot.preload", "kind": "list", "values": [20, 30.5]},
     ]
-    sweep = small_sweep(axes=axes, set={"physics.time_limit": 0.02})
+    sweep = small_sweep(axes=axes, set={"run.time_limit": 0.02})
     table = run_sweep(sweep)
     kinds = [str(table.schema.field(name).type) for name in table.schema.names[1:7]]
     assert kinds == ["int64", "double", "double", "double", "bool", "double"]
@@ -209,10 +209,10 @@ def test_a_damaged_part_is_run_again(calm, tmp_path, damage):
 
 def test_another_sweep_is_refused_and_the_difference_named(calm):
     """A changed axis is named with both values."""
-    other = small_sweep(samples=6, set={"physics.time_limit": 0.2})
+    other = small_sweep(samples=6, set={"run.time_limit": 0.2})
     with pytest.raises(OutputError, match="samples is 5 there and 6 here") as caught:
         run_sweep(other, calm)
-    assert "bases.straight.physics.time_limit is 0.1 there and 0.2 here" in str(caught.value)
+    assert "bases.straight.run.time_limit is 0.1 there and 0.2 here" in str(caught.value)
     assert "another folder" in str(caught.value)
 
 

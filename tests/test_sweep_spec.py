@@ -24,7 +24,7 @@ from omnitrack_sim.scenario.tables import UNITS, unit_of
 from omnitrack_sim.sim.builder import batch_key
 from omnitrack_sim.trials.sweep import resolve
 
-GRID = {"path": "contact.friction", "kind": "grid", "start": 0.2, "stop": 0.8, "count": 3}
+GRID = {"path": "world.friction", "kind": "grid", "start": 0.2, "stop": 0.8, "count": 3}
 KIND = {"path": "control.kind", "kind": "list", "values": ["jacobian", "paper"]}
 UNIFORM = {"path": "robot.preload", "kind": "uniform", "low": 10, "high": 30}
 GRAVITY = {"path": "world.gravity", "kind": "direction"}
@@ -106,7 +106,7 @@ def test_crossed_axes_run_first_slowest_and_share_their_draws():
     """Grid and list are crossed; every combination has the same random values."""
     columns = _sweep(KIND, UNIFORM, GRID, samples=2).trials()
     assert columns["control.kind"] == ["jacobian"] * 6 + ["paper"] * 6
-    assert columns["contact.friction"] == pytest.approx([0.2, 0.2, 0.5, 0.5, 0.8, 0.8] * 2)
+    assert columns["world.friction"] == pytest.approx([0.2, 0.2, 0.5, 0.5, 0.8, 0.8] * 2)
     assert columns["robot.preload"] == columns["robot.preload"][:2] * 6
     assert len(set(columns["robot.preload"])) == 2
 
@@ -127,10 +127,10 @@ def test_combinations_have_draws_of_their_own_when_asked():
 def test_draws_have_their_distributions_and_repeat(sampling):
     """Uniform, truncated normal and direction have their ranges and means; the seed alone
     decides."""
-    normal = {"path": "contact.friction", "kind": "normal", "mean": 0.8, "std": 0.2, "low": 0.7}
+    normal = {"path": "world.friction", "kind": "normal", "mean": 0.8, "std": 0.2, "low": 0.7}
     axes = (UNIFORM, normal, GRAVITY)
     columns = _sweep(*axes, samples=1000, sampling=sampling).trials()
-    preload, friction = np.array(columns["robot.preload"]), np.array(columns["contact.friction"])
+    preload, friction = np.array(columns["robot.preload"]), np.array(columns["world.friction"])
     gravity = np.array(columns["world.gravity"])
     assert 10 <= preload.min() < preload.max() <= 30
     assert preload.mean() == pytest.approx(20, abs=0.6)
@@ -147,14 +147,14 @@ def test_draws_have_their_distributions_and_repeat(sampling):
 def test_a_normal_far_above_its_mean_stays_in_its_range():
     """A truncation eight deviations out neither leaves its range nor collapses."""
     axis = {
-        "path": "contact.friction",
+        "path": "world.friction",
         "kind": "normal",
         "mean": 0.0,
         "std": 0.1,
         "low": 0.8,
         "high": 0.9,
     }
-    values = _sweep(axis, samples=200).trials()["contact.friction"]
+    values = _sweep(axis, samples=200).trials()["world.friction"]
     assert min(values) >= 0.8
     assert max(values) <= 0.9
     assert len(set(values)) > 150
@@ -174,7 +174,7 @@ def test_a_trial_is_the_override_of_its_base():
         {
             **{f"pipes.{i}.inner_diameter": 0.17 for i in range(3)},
             "robot.preload": 0.17,
-            "contact.friction": 0.2,
+            "world.friction": 0.2,
             "control.align": False,
         },
     )
@@ -186,15 +186,13 @@ def test_several_bases_are_the_first_axis():
     sweep = _sweep(GRID, base=["tee_turn", "elbow_short"])
     assert sweep.trials()["base"] == ["tee_turn"] * 3 + ["elbow_short"] * 3
     assert sweep.scenario(5).name == "elbow_short"
-    assert sweep.groups == ("base", "contact.friction")
+    assert sweep.groups == ("base", "world.friction")
 
 
 def test_a_base_may_be_a_file_beside_the_sweep(tmp_path):
     """Paths of bases are relative to the sweep's file, whose stem is its name."""
     (tmp_path / "pipe.toml").write_text('[[pipes]]\nkind = "straight"\nlength = 0.6\n')
-    text = (
-        'base = "pipe.toml"\n[[axes]]\npath = "contact.friction"\nkind = "list"\nvalues = [0.5]\n'
-    )
+    text = 'base = "pipe.toml"\n[[axes]]\npath = "world.friction"\nkind = "list"\nvalues = [0.5]\n'
     (tmp_path / "mine.toml").write_text(text)
     sweep = load_sweep(tmp_path / "mine.toml", {"robot.preload": 20})
     assert sweep.name == "mine"
@@ -330,8 +328,8 @@ def test_all_faults_in_the_light_of_the_base_are_told_at_once():
         GRID | {"path": "world.gravity"},
         GRID,
         GRID,
-        GRAVITY | {"path": "contact.friction"},
-        set={"control.aling": 1, "contact.friction": 0.5},
+        GRAVITY | {"path": "world.friction"},
+        set={"control.aling": 1, "world.friction": 0.5},
         group_by=["robot.reach"],
     )
     assert "cruise_speed" in faults["axes.0.path"]
@@ -342,8 +340,8 @@ def test_all_faults_in_the_light_of_the_base_are_told_at_once():
     assert "set by axes.5 too" in faults["axes.6.path"]
     assert "axes.7.path" in faults
     assert "align" in faults["set.control.aling"]
-    assert "set by axes.5 too" in faults["set.contact.friction"]
-    assert "contact.friction" in faults["group_by.0"]
+    assert "set by axes.5 too" in faults["set.world.friction"]
+    assert "world.friction" in faults["group_by.0"]
 
 
 @pytest.mark.parametrize(
@@ -353,7 +351,7 @@ def test_all_faults_in_the_light_of_the_base_are_told_at_once():
         ({"base": 3}, "base", "neither a text nor a list"),
         ({"axes": []}, "axes", "at least one axis"),
         ({"samples": 1_000_000}, "axes", "at most 1000000"),
-        ({"set": {"contact.friction": -1}}, "set.contact.friction", "greater"),
+        ({"set": {"world.friction": -1}}, "set.world.friction", "greater"),
     ],
 )
 def test_single_faults(keys, where, told):

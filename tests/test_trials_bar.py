@@ -91,12 +91,12 @@ def test_one_trial_is_told_in_the_singular(clock, capfd, tmp_path):
         "sweep [x]: 1 of 1 trial, 1 passed, workers lost 1 time",
     ]
     file = tmp_path / "one.toml"
-    axis = '[[axes]]\npath = "contact.friction"\nkind = "list"\nvalues = [0.8]\n'
+    axis = '[[axes]]\npath = "world.friction"\nkind = "list"\nvalues = [0.8]\n'
     file.write_text(f'base = "straight"\n{axis}', encoding="utf-8")
     listed = CliRunner().invoke(app, ["sweep", str(file), "--list"])
     assert listed.stdout.startswith("1 trial in 1 batch of 1 model\n")
     sweep = load_sweep(file)
-    assert repr(sweep) == "Sweep('one': 1 trial of straight; contact.friction)"
+    assert repr(sweep) == "Sweep('one': 1 trial of straight; world.friction)"
     with pytest.raises(InputError, match=r"is not the table of 'one', which has 1 trial$"):
         plot_sweep(sweep, pa.table({}), tmp_path / "one.png")
     assert optimise._work(1, 1) == "1 candidate of 1 trial, 1 trial in all"
@@ -150,11 +150,11 @@ def test_a_piped_sweep_tells_its_size_and_its_end_and_keeps_its_json_clean(tmp_p
     alone."""
     (tmp_path / "two.toml").write_text(
         'base = "straight"\n'
-        '[[axes]]\npath = "contact.friction"\nkind = "list"\nvalues = [0.8, 0.9]\n',
+        '[[axes]]\npath = "world.friction"\nkind = "list"\nvalues = [0.8, 0.9]\n',
         encoding="utf-8",
     )
     command = [Path(sys.executable).with_name("omnitrack"), "sweep", "two.toml", "--json"]
-    command += ["--set", "physics.time_limit=0.1", "--workers", "1"]
+    command += ["--set", "run.time_limit=0.1", "--workers", "1"]
     for first in ("2 trials", "2 trials, all of them done before"):
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
         told = [f"sweep two: {first}", "sweep two: 2 of 2 trials, 0 passed"]

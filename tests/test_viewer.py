@@ -277,7 +277,7 @@ def driven(tmp_path_factory) -> Path:
     settings = {
         "start.theta5_deg": -20.0,
         "start.distance": 0.24,
-        "goal.distance": 0.62,  # just behind the tee
+        "run.goal_distance": 0.62,  # just behind the tee
     }
     changes = [part for key, value in settings.items() for part in ("--set", f"{key}={value}")]
     with screen() as display:
@@ -390,7 +390,7 @@ def test_nothing_is_saved_of_a_robot_that_was_not_driven(tmp_path):
 @needs_screen
 def test_scenario_is_viewed_with_its_controller(tmp_path):
     """It runs by itself, a step at a time, from the start again, to its end."""
-    changes = ["--set", "physics.time_limit=0.5"]
+    changes = ["--set", "run.time_limit=0.5"]
     with screen() as display:
         done = at_window(
             display, "Player", VIEW_SCRIPT, "view", "straight", *changes, folder=tmp_path

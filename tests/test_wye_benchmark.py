@@ -34,7 +34,7 @@ def test_trials_of_a_number_differ_only_by_wye_and_way():
         for other in others:
             assert other.model_dump(exclude={"pipes"}) == first.model_dump(exclude={"pipes"})
         low, high = wye.WALLS[wye.wall_of(index)]
-        assert low <= first.contact.friction <= high
+        assert low <= first.world.friction <= high
     over = [wye.trial(wye.Cell("over", 45.0), index).route.fittings[1] for index in range(4)]
     ways = {(wye.wall_of(index), passage.enter) for index, passage in enumerate(over)}
     assert len(ways) == 4

@@ -269,7 +269,7 @@ def _clock(timestep: float) -> dict[str, float]:
     return {
         "physics.timestep": timestep,
         "physics.control_period": period,
-        "physics.record_period": 5 * period,
+        "record.period": 5 * period,
     }
 
 

@@ -48,7 +48,7 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
     for job in options.job or PARTS:
         scenario = override(load_scenario(job), {"physics.collider": "primitives"})
         if options.quick:
-            scenario = override(scenario, {"physics.time_limit": options.quick_time})
+            scenario = override(scenario, {"run.time_limit": options.quick_time})
         for peer in peers:
             cases = [Case.of(e, job, scenario, options.probes) for e in listed if e.peer == peer]
             for case in cases:

@@ -67,7 +67,7 @@ PLACES = (
     *("earlier", "earlier/result.json", "readonly/x", "device.png", "nowhere/x.png", "a/../x.png"),
 )
 PATHS = (
-    *("robot.preload", "robot.scale", "contact.friction", "physics.timestep", "pipes.0.length"),
+    *("robot.preload", "robot.scale", "world.friction", "physics.timestep", "pipes.0.length"),
     *("pipes.0.kind", "pipes.9.length", "pipes.-1.length", "pipes.0", "pipes", "robot", "name"),
     *(
         "control.kind",
@@ -84,13 +84,13 @@ PATHS = (
         "a" * 300,
         ".".join(["a"] * 3000),
         "seed",
-        "goal.distance",
-        "expect.outcome",
+        "run.goal_distance",
+        "run.expected_outcome",
     ),
     *(
         "record.sensors",
         "physics.collider",
-        "physics.time_limit",
+        "run.time_limit",
         "naem",
         "robot.prelaod",
         "$",
@@ -176,12 +176,12 @@ def _furnish(folder: Path, rng: random.Random) -> None:
     odd = rng.random() < ODD_NAMES
     name, part, label = (values.text(rng) if odd else word for word in ("pipe", "part", "slippery"))
     axis = {
-        "path": "contact.friction",
+        "path": "world.friction",
         "kind": "list",
         "values": [0.5, 0.9],
         "labels": [label, "b"],
     }
-    sweep = {"base": "straight", "set": {"physics.time_limit": 0.05}, "axes": [axis]}
+    sweep = {"base": "straight", "set": {"run.time_limit": 0.05}, "axes": [axis]}
     pipe = {"kind": "straight", "length": 0.5, "name": part}
     (folder / "small.toml").write_text(toml(sweep), encoding="utf-8")
     (folder / "pipe.toml").write_text(toml({"name": name, "pipes": [pipe]}), encoding="utf-8")
@@ -236,7 +236,7 @@ def _some(rng: random.Random, **options: Callable[[random.Random], str]) -> list
 
 def _run(rng: random.Random) -> list[str]:
     name = rng.choice(("straight", "pipe.toml", "pipe.toml", _argument(rng), _place(rng)))
-    short = ["--set", "physics.time_limit=0.02"]
+    short = ["--set", "run.time_limit=0.02"]
     rest = _some(rng, set=_setting, out=_place, camera=_argument)
     video = [] if "--camera" in rest or rng.random() < 0.1 else ["--no-video"]
     as_json = ["--json"] if rng.random() < 0.3 else []

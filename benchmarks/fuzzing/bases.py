@@ -20,7 +20,7 @@ def runs() -> dict[str, Contents]:
     """Folders of runs by name: straight, a turn, a mission of several legs, a diverged one."""
     from omnitrack_sim import load_scenario, override, run
 
-    short: dict[str, Any] = {"physics.time_limit": 0.2}
+    short: dict[str, Any] = {"run.time_limit": 0.2}
     turn = {"start.distance": 0.3, "start.theta5_deg": 50.0, **short}
     results = {
         "plain": run(override(load_scenario("straight"), short)),
@@ -76,8 +76,8 @@ SWEEP: Mapping[str, Any] = {
     "name": "small",
     "base": "straight",
     "batch": 2,
-    "set": {"physics.time_limit": 0.05},
-    "axes": [{"path": "contact.friction", "kind": "list", "values": [0.5, 0.7, 0.8, 0.9]}],
+    "set": {"run.time_limit": 0.05},
+    "axes": [{"path": "world.friction", "kind": "list", "values": [0.5, 0.7, 0.8, 0.9]}],
 }
 
 

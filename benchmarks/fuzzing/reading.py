@@ -69,7 +69,7 @@ def _try_scenario(file: File, path: Path, number: int, desk: Desk) -> None:
     desk.attempt("first steps", BUILDING, lambda: _first_steps(scenario, desk), OmnitrackError)
     desk.only("first steps", file.name, "run")
     if number % SAMPLE == 0 and not desk.faults:
-        short = f"physics.time_limit={STEPS * scenario.physics.control_period!r}"
+        short = f"run.time_limit={STEPS * scenario.physics.control_period!r}"
         wanted = ["--set", short, "--no-video", "--out", "given"]
         desk.command(["run", file.name, *wanted], BUILDING)
         desk.only("omnitrack run", file.name, "run", "given")
@@ -87,7 +87,7 @@ def _first_steps(scenario: Scenario, desk: Desk) -> None:
     from omnitrack_sim import load_result, override
     from omnitrack_sim.sim.run import run_batch
 
-    short = override(scenario, {"physics.time_limit": STEPS * scenario.physics.control_period})
+    short = override(scenario, {"run.time_limit": STEPS * scenario.physics.control_period})
     result = run_batch([short], no_load=False)[0]
     result.save(desk.folder / "run")
     back = load_result(desk.folder / "run")

@@ -17,14 +17,14 @@ base = "tee_turn"
 samples = {trials}
 batch = 8
 [set]
-"physics.time_limit" = 1.5
+"run.time_limit" = 1.5
 [[axes]]
 path = "start.theta5_deg"
 kind = "uniform"
 low = -60
 high = 60
 [[axes]]
-path = "contact.friction"
+path = "world.friction"
 kind = "uniform"
 low = 0.6
 high = 1.0

@@ -27,7 +27,7 @@ from torch import nn
 import omnitrack_sim.gym  # noqa: F401  registers the environments
 
 ID = "omnitrack_sim/TeeTurn-v0"
-BRIEF = {"sensing": "truth", "changes": {"physics.time_limit": 2.0}}
+BRIEF = {"sensing": "truth", "changes": {"run.time_limit": 2.0}}
 ROBOTS, ROLLOUT, GAMMA, EPOCHS, CLIP = 8, 32, 0.99, 4, 0.2
 AHEAD = np.float32([0.5, 0.5, 0.5, 0.0])
 

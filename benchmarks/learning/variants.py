@@ -41,12 +41,12 @@ class Trials:
 
     def options(self) -> dict[str, Any]:
         """Keyword arguments of ``gymnasium.make_vec``."""
-        changes: dict[str, Any] = {"physics.time_limit": TIME_LIMIT}
+        changes: dict[str, Any] = {"run.time_limit": TIME_LIMIT}
         if self.downward:
             changes["world.gravity"] = [0.0, 0.0, GRAVITY]
         ranges = {
             "start.theta5_deg": _THETA5,
-            "contact.friction": self.friction,
+            "world.friction": self.friction,
             "robot.preload": _PRELOAD,
             "control.cruise_speed": self.cruise,
         }

@@ -66,7 +66,7 @@ def check_changes(changes: object) -> None:
     Raises:
         TypeError: they are no mapping, or a path is no text.
     """
-    like = "such as {'contact.friction': 0.3}"
+    like = "such as {'world.friction': 0.3}"
     if not isinstance(changes, Mapping):
         raise TypeError(f"changes: is {_told(changes)}; it must be a mapping, {like}")
     for path in changes:

@@ -104,7 +104,7 @@ def _paths() -> Iterator[tuple[str, str]]:
     from omnitrack_sim.robots.omnitrack import Robot
     from omnitrack_sim.robots.omnitrack.control.catalogue import controller_of, parameters_model
     from omnitrack_sim.scenario import Scenario
-    from omnitrack_sim.scenario.tables import Control, Pipe
+    from omnitrack_sim.scenario.tables import ControlTable, Pipe
 
     scenario = Scenario.model_construct()
     for name, table in scenario:
@@ -112,7 +112,7 @@ def _paths() -> Iterator[tuple[str, str]]:
             yield from ((f"robot.{row.name}", row.source) for row in Robot().parameters())
         else:
             yield from _below(name, table)
-    controller = parameters_model(controller_of(Control().kind))
+    controller = parameters_model(controller_of(ControlTable().kind))
     yield from _below("control.parameters", controller())
     keys = {
         key: meaning

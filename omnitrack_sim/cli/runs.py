@@ -104,7 +104,7 @@ def print_result(result: Result, target: Path) -> None:
     for event in result.events:
         out.print(f"  {plain(str(event))}", soft_wrap=True)
     if result.as_expected is False:
-        out.print(f"  [yellow]expected {result.scenario.expect.outcome}[/]")
+        out.print(f"  [yellow]expected {result.scenario.run.expected_outcome}[/]")
     if _is_mission(result):
         out.print(_visit_table(result))
         out.print(

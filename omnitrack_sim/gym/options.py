@@ -22,13 +22,19 @@ from omnitrack_sim.robots.omnitrack.policy import (
 )
 
 RANGES: Mapping[str, tuple[float, float]] = {
-    "contact.friction": (0.6, 1.0),
+    "world.friction": (0.6, 1.0),
     "robot.preload": (20.0, 30.0),
     "start.theta5_deg": (-180.0, 180.0),
     "control.cruise_speed": (0.08, 0.12),
 }
 """What each trial draws evenly, and between which values."""
-_DRAWN = (*RANGES, "start.distance", "start.roll_deg", "robot.torque_limit", "robot.roll_torque")
+_DRAWN = (
+    *RANGES,
+    "start.distance",
+    "start.roll_deg",
+    "robot.motor.torque_limit",
+    "robot.roll_torque",
+)
 """What a trial may draw: what robots of one batch need not share."""
 Range = tuple[float, float]
 _SEVERAL = {

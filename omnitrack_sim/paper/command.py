@@ -256,7 +256,7 @@ def _elbow_figures(runs: Runs) -> _Figures:
 def _friction_figures(runs: Runs) -> _Figures:
     """What friction does to tee turns with alignment."""
     slippery = runs["slippery_downward"][0]
-    friction = slippery.scenario.contact.friction
+    friction = slippery.scenario.world.friction
     return {
         "success_by_friction": (
             "Success of aligned tee turns by friction, with Wilson 95 % intervals.",
@@ -279,7 +279,7 @@ def _by_friction(results: Sequence[Result], step: float = 0.05) -> list[tuple[st
     """Label, passed and total by range of friction."""
     bins: dict[int, list[bool]] = {}
     for result in results:
-        bins.setdefault(int(result.scenario.contact.friction / step + 1e-9), []).append(
+        bins.setdefault(int(result.scenario.world.friction / step + 1e-9), []).append(
             result.success
         )
     return [

@@ -174,7 +174,7 @@ def motors(runs: Runs) -> Claim:
     """Load and stall with the published motor."""
     told, stalled = [], []
     for result in runs["pololu"]:
-        limit = result.scenario.robot.crawler_motor.torque_limit
+        limit = result.scenario.robot.motor.torque_limit
         steady = np.quantile(np.abs(result.trajectory["motor_torque"]), 0.9, axis=0).max()
         stall = max(result.metrics["stall_time_s"])  # type: ignore[arg-type]
         told.append(

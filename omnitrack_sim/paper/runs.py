@@ -75,7 +75,7 @@ def _elbows_and_tees(quick: bool) -> dict[str, list[Scenario]]:
         lists[f"straight_over_{state}"] = [
             override(base, {"world.gravity": list(g)}) for g in GRAVITIES.values()
         ]
-    downward = {"world.gravity": [0.0, 0.0, 9.81], "contact.friction": 0.65, "control.retry": False}
+    downward = {"world.gravity": [0.0, 0.0, 9.81], "world.friction": 0.65, "control.retry": False}
     lists["slippery_downward"] = [override(tee, downward)]
     return lists
 
@@ -140,7 +140,7 @@ def random_tee_turns(
             base,
             {
                 "start.theta5_deg": float(rng.uniform(-60, 60)),
-                "contact.friction": float(rng.uniform(*friction)),
+                "world.friction": float(rng.uniform(*friction)),
                 "world.gravity": list(gravities[rng.integers(len(gravities))]),
             },
         )
@@ -165,9 +165,9 @@ def _preloads(base: Scenario) -> list[Scenario]:
         override(
             base,
             {
-                "contact.friction": friction,
+                "world.friction": friction,
                 "robot.preload": factor * least_preload(base.robot, friction),
-                "physics.time_limit": 3.0,
+                "run.time_limit": 3.0,
             },
         )
         for friction in FRICTIONS

@@ -165,7 +165,7 @@ def slippery(runs: Runs) -> Claim:
     text = rate(results)[2]
     failed = [r for r in results if not r.success]
     down = sum(r.scenario.world.gravity[2] > 0 for r in failed)
-    lowest = max((r.scenario.contact.friction for r in failed), default=float("nan"))
+    lowest = max((r.scenario.world.friction for r in failed), default=float("nan"))
     return Claim(
         id="tee_slippery",
         source="not in the paper",

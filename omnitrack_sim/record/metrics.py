@@ -260,7 +260,7 @@ METRICS: tuple[Metric, ...] = (
         "torque_change_nm_s",
         "N m/s",
         "sizes of the changes of the same torque from sample to sample, added up, over the time; "
-        "it depends on `physics.record_period`",
+        "it depends on `record.period`",
         _torque_change,
         per_module=True,
     ),

@@ -35,9 +35,9 @@ _ADVICE = {
     ),
     Outcome.STALLED: (
         "A crawler motor stood still at its torque limit: with a tilt of a few degrees raise "
-        "robot.torque_limit, lower robot.preload or take another robot.motor; with one of tens of "
-        "degrees the robot is wedged across the pipe, and none of these frees it: find in the "
-        "summary plot where it began to tilt, and try another start.theta5_deg or control.kind."
+        "robot.motor.torque_limit, lower robot.preload or take another robot.motor; with one of "
+        "tens of degrees the robot is wedged across the pipe, and none of these frees it: find in "
+        "the summary plot where it began to tilt, and try another start.theta5_deg or control.kind."
     ),
     Outcome.STUCK: (
         "The robot stopped without a stall or slip: look at tilt and contact in the summary plot, "
@@ -45,7 +45,7 @@ _ADVICE = {
         "three_motors, its belts may lack the speeds that the way asks for, or the force where a "
         "module has no wall, and three_motors shows whether that is the cause."
     ),
-    Outcome.SLIPPING: "The belts ran but the robot did not follow: raise contact.friction or "
+    Outcome.SLIPPING: "The belts ran but the robot did not follow: raise world.friction or "
     "robot.preload.",
     Outcome.NO_MOTION_LINE: (
         "The modules lie on the no-motion line (roll near 90 degrees), where both tracks touch and "
@@ -57,7 +57,7 @@ _ADVICE = {
         "start.distance, and "
         "gravity against the friction."
     ),
-    Outcome.TIMED_OUT: "Time ran out while the robot still moved: raise physics.time_limit.",
+    Outcome.TIMED_OUT: "Time ran out while the robot still moved: raise run.time_limit.",
     Outcome.LOST: (
         "The robot did not know where it was, or took itself to be at a goal where it was not: "
         "look at the estimates in the record, and try another sensing.camera or less noise."

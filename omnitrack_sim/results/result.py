@@ -85,9 +85,9 @@ class Result:
 
     @property
     def as_expected(self) -> bool | None:
-        """Whether the outcome is the scenario's ``expect.outcome``; None where it expects
+        """Whether the outcome is the scenario's ``run.expected_outcome``; None where it expects
         nothing."""
-        expected = self.scenario.expect.outcome
+        expected = self.scenario.run.expected_outcome
         return None if expected is None else self.outcome is expected
 
     @property

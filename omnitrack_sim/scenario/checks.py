@@ -10,7 +10,7 @@ from omnitrack_sim.base.errors import Fault, GeometryError, InputError, NetworkE
 from omnitrack_sim.base.shipped import shipped_networks
 from omnitrack_sim.pipes.layout import End
 from omnitrack_sim.robots.omnitrack.drive import drive_of
-from omnitrack_sim.scenario.tables import Start
+from omnitrack_sim.scenario.tables import StartTable, is_multiple
 from omnitrack_sim.scenario.work import too_much_work
 from omnitrack_sim.senses.cameras import camera_of
 
@@ -27,6 +27,7 @@ def faults_of(scenario: Scenario) -> list[Fault]:
         *_missing(scenario),
         *_impossible_pipes(scenario),
         *_no_such_drive(scenario),
+        *_uneven_samples(scenario),
         *_impossible_cameras(scenario),
         *_no_cameras(scenario),
     ]
@@ -90,11 +91,11 @@ def _missing(scenario: Scenario) -> list[Fault]:
         )
     if scenario.mission is None:
         faults.append(Fault("mission", "is missing: a table with start and goals"))
-    for key, default in (("axis", Start().axis), ("turn_deg", Start().turn_deg)):
+    for key, default in (("axis", StartTable().axis), ("turn_deg", StartTable().turn_deg)):
         if getattr(scenario.start, key) != default:
             faults.append(Fault(f"start.{key}", "is for pipes; a network has its own place"))
-    if scenario.goal.distance is not None:
-        faults.append(Fault("goal.distance", "is for pipes; a mission has goals"))
+    if scenario.run.goal_distance is not None:
+        faults.append(Fault("run.goal_distance", "is for pipes; a mission has goals"))
     return faults
 
 
@@ -105,6 +106,15 @@ def _no_such_drive(scenario: Scenario) -> list[Fault]:
     except InputError as error:
         return list(error.faults)
     return []
+
+
+def _uneven_samples(scenario: Scenario) -> list[Fault]:
+    """A record period that is no whole number of control periods."""
+    period, step = scenario.record.period, scenario.physics.control_period
+    if is_multiple(period, step):
+        return []
+    problem = f"is {period} s, not a whole multiple of physics.control_period ({step} s)"
+    return [Fault("record.period", problem)]
 
 
 def _impossible_cameras(scenario: Scenario) -> list[Fault]:
@@ -167,7 +177,7 @@ def _bores_out_of_reach(scenario: Scenario, ports: Iterable[End]) -> list[Fault]
 def _misplaced(scenario: Scenario) -> list[Fault]:
     """A start or goal that is not on the route."""
     half, length = scenario.robot.length / 2, scenario.route.centreline.length
-    distance, goal = scenario.start.distance, scenario.goal.distance
+    distance, goal = scenario.start.distance, scenario.run.goal_distance
     if not half <= distance <= length - half:
         problem = (
             f"is {distance} m; the robot lies inside the pipe from {half:.4f} to "
@@ -176,5 +186,5 @@ def _misplaced(scenario: Scenario) -> list[Fault]:
         return [Fault("start.distance", problem)]
     if goal is not None and not distance < goal <= length:
         problem = f"is {goal} m; must be over start.distance and at most {length:.4f} m"
-        return [Fault("goal.distance", problem)]
+        return [Fault("run.goal_distance", problem)]
     return []

@@ -23,7 +23,7 @@ def to_drive(scenario: Scenario, driver: str) -> Scenario:
     data = scenario.model_dump(mode="json")
     autopilot = autopilot_of(scenario)
     data["name"] = driven_name(scenario.name)
-    data["expect"] = {}
+    data["run"]["expected_outcome"] = None
     data["control"] |= {
         "kind": KIND,
         "parameters": {
@@ -32,8 +32,8 @@ def to_drive(scenario: Scenario, driver: str) -> Scenario:
             "autopilot_parameters": autopilot["parameters"],
         },
     }
-    if data["physics"]["time_limit"] is None:
-        data["physics"]["time_limit"] = LONGEST_DRIVE
+    if data["run"]["time_limit"] is None:
+        data["run"]["time_limit"] = LONGEST_DRIVE
     return validate(data)
 
 

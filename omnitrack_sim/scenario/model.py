@@ -33,16 +33,14 @@ from omnitrack_sim.robots.omnitrack.control.catalogue import controller_of, para
 from omnitrack_sim.robots.omnitrack.control.interface import Controller
 from omnitrack_sim.scenario.checks import faults_of
 from omnitrack_sim.scenario.tables import (
-    Contact,
-    Control,
-    Expect,
-    Goal,
+    ControlTable,
     MonitorTable,
-    Physics,
+    PhysicsTable,
     Pipe,
     RecordTable,
-    Start,
-    World,
+    RunTable,
+    StartTable,
+    WorldTable,
 )
 from omnitrack_sim.senses import Sensor
 from omnitrack_sim.senses.table import SensingTable
@@ -67,17 +65,15 @@ class Scenario(Table):
     """Instead of `pipes`: a network, as a file, a shipped one's name or a table."""
     mission: Mission | None = None
     """Where to go in the network."""
-    start: Start = Start()
-    world: World = World()
-    contact: Contact = Contact()
+    start: StartTable = StartTable()
+    world: WorldTable = WorldTable()
     robot: Robot = Robot()
-    control: Control = Control()
+    control: ControlTable = ControlTable()
     sensing: SensingTable = SensingTable()
-    physics: Physics = Physics()
-    goal: Goal = Goal()
+    physics: PhysicsTable = PhysicsTable()
+    run: RunTable = RunTable()
     monitor: MonitorTable = MonitorTable()
     record: RecordTable = RecordTable()
-    expect: Expect = Expect()
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """Of the noise of onboard sensors; a run without them draws no random number."""
 
@@ -195,8 +191,8 @@ class Scenario(Table):
     @property
     def goal_distance(self) -> float:
         """Arc length of the robot's centre at the goal, m."""
-        if self.goal.distance is not None:
-            return self.goal.distance
+        if self.run.goal_distance is not None:
+            return self.run.goal_distance
         if self.planner is not None:
             return self.planner.first.end
         return self.route.centreline.length - self.robot.length / 2 - NOSE_ROOM
@@ -211,8 +207,8 @@ class Scenario(Table):
     def time_limit_s(self) -> float:
         """Simulated seconds after which a run is over; of a mission its first leg, and each further
         one has its own."""
-        if self.physics.time_limit is not None:
-            return self.physics.time_limit
+        if self.run.time_limit is not None:
+            return self.run.time_limit
         return self.time_for(self.route.centreline.length)
 
     def time_for(self, length: float) -> float:

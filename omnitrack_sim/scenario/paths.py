@@ -12,7 +12,7 @@ from omnitrack_sim.base.paths import below, default_of, index_of, inside, keys_o
 from omnitrack_sim.base.table import files_of
 from omnitrack_sim.robots.omnitrack.control.catalogue import controller_of, parameters_model
 from omnitrack_sim.scenario.model import Scenario
-from omnitrack_sim.scenario.tables import Control
+from omnitrack_sim.scenario.tables import ControlTable
 
 OPEN_TABLE = ("control", "parameters")
 """Below this path the controller decides which keys there are."""
@@ -101,7 +101,7 @@ def _kind_at(data: Any, places: Sequence[str]) -> Any:
 def _parameters_of(kind: Any) -> Any:
     """The model of ``control.parameters`` of a kind of controller."""
     try:
-        return parameters_model(controller_of(str(Control().kind if kind is None else kind)))
+        return parameters_model(controller_of(str(ControlTable().kind if kind is None else kind)))
     except InputError:
         return None  # the fault is told elsewhere
 
@@ -109,7 +109,7 @@ def _parameters_of(kind: Any) -> Any:
 def _other_controller(data: Any, kind: Any) -> None:
     """Leave out the parameters where another controller is chosen, which has others."""
     control = data.get("control") if isinstance(data, dict) else None
-    if isinstance(control, dict) and control.get("kind", Control().kind) != kind:
+    if isinstance(control, dict) and control.get("kind", ControlTable().kind) != kind:
         data["control"] = {**control, "parameters": {}}
 
 

@@ -22,7 +22,7 @@ from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.control.catalogue import controller_of, parameters_model
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.paths import choices_at, set_value, spread
-from omnitrack_sim.scenario.tables import Control, RecordTable
+from omnitrack_sim.scenario.tables import ControlTable, RecordTable
 
 
 def load_scenario(source: str | Path, changes: Mapping[str, Any] | None = None) -> Scenario:
@@ -148,13 +148,13 @@ def _with_parameters(
 ) -> tuple[Mapping[str, Any], list[Fault]]:
     """A scenario's data with all keys of ``[control.parameters]``, and the faults found there."""
     control = data.get("control", {})
-    kind = control.get("kind", Control().kind) if isinstance(control, Mapping) else None
+    kind = control.get("kind", ControlTable().kind) if isinstance(control, Mapping) else None
     if not isinstance(kind, str):
         return data, []  # a fault that is told elsewhere
     try:
         model = parameters_model(controller_of(kind))
     except InputError as error:
-        return {**data, "control": {**control, "kind": Control().kind}}, list(error.faults)
+        return {**data, "control": {**control, "kind": ControlTable().kind}}, list(error.faults)
     given, where = control.get("parameters", {}), "control.parameters"
     if not isinstance(given, Mapping):
         return data, []

@@ -89,7 +89,7 @@ class Pipe(FittingEntry):
         return Step(name, self.fitting(), self.enter, self.leave, math.radians(self.turn_deg))
 
 
-class Start(Table):
+class StartTable(Table):
     """Where and how the robot begins, and how the route lies in the world."""
 
     theta5_deg: Angle = 0.0
@@ -109,8 +109,8 @@ Acceleration = Annotated[float, Field(ge=-1000, le=1000)]
 """m/s², up to a hundred times that of the earth."""
 
 
-class World(Table):
-    """What surrounds pipes and robot."""
+class WorldTable(Table):
+    """Surroundings of the robot: gravity, and friction of the walls."""
 
     gravity: Annotated[tuple[Acceleration, Acceleration, Acceleration], Unit("m/s²")] = (
         0.0,
@@ -118,11 +118,6 @@ class World(Table):
         -9.81,
     )
     """Acceleration, world frame."""
-
-
-class Contact(Table):
-    """Lugs on the wall."""
-
     friction: Annotated[float, Field(ge=0, le=5), Unit("1")] = 0.9
     """Coulomb coefficient of the lugs on the wall; 0.9 is assumed, for latex on dry plastic."""
 
@@ -131,7 +126,7 @@ Radius = Annotated[float, Field(ge=1e-3, le=1000)]
 """Of an arc, m."""
 
 
-class Control(Table):
+class ControlTable(Table):
     """The controller, and what every controller is asked for."""
 
     kind: str = "jacobian"
@@ -197,21 +192,22 @@ class MonitorTable(Table):
     """`stalled`: a motor at its torque limit runs below this part of the commanded speed."""
 
 
+def is_multiple(period: float, step: float) -> bool:
+    """Test if a period is a whole number of steps, but for rounding."""
+    count = round(period / step)
+    return count >= 1 and abs(period / step - count) <= 1e-6  # allows for rounding
+
+
 ColliderName = Literal["primitives", "exact"]
 
 
-class Physics(Table):
+class PhysicsTable(Table):
     """Numerics."""
 
     timestep: Annotated[float, Field(ge=SHORTEST_STEP, le=0.005), Unit("s")] = 0.002
     """Of the physics."""
     control_period: Annotated[float, Field(gt=0, le=0.05), Unit("s")] = 0.01
     """Whole number of time steps."""
-    record_period: Annotated[float, Field(gt=0, le=1), Unit("s")] = 0.02
-    """Whole number of control periods."""
-    time_limit: Annotated[Positive | None, Unit("s")] = None
-    """Simulated time after which the run is over; of a mission that of its first leg, and further
-    legs add their own. Left out: four route lengths at cruise speed, and 20 s."""
     collider: ColliderName = "exact"
     """True surfaces and whole tracks; or "primitives": walls of boxes and rows of sphere lugs, 5
     times slower, a second way to the same contacts."""
@@ -221,31 +217,37 @@ class Physics(Table):
     staves: Annotated[Annotated[int, Field(ge=8, le=720)] | None, Unit("1")] = None
     """Pieces around a bore of walls of primitives. Left out: by the tolerance."""
 
-    @field_validator("control_period", "record_period")
+    @field_validator("control_period")
     @classmethod
     def _is_whole_steps(cls, period: float, info: ValidationInfo) -> float:
-        """A period is a whole multiple of the one below it."""
-        below = "timestep" if info.field_name == "control_period" else "control_period"
-        step = info.data.get(below)  # missing when it is at fault itself
-        if step is not None and (
-            round(period / step) < 1 or abs(period / step - round(period / step)) > 1e-6
-        ):
-            raise ValueError(f"is {period} s, not a whole multiple of physics.{below} ({step} s)")
+        """Require a whole number of time steps."""
+        step = info.data.get("timestep")  # missing when it is at fault itself
+        if step is not None and not is_multiple(period, step):
+            raise ValueError(f"is {period} s, not a whole multiple of physics.timestep ({step} s)")
         return period
 
 
-class Goal(Table):
-    """Where the run is over."""
+class RunTable(Table):
+    """End of the run: its goal, its time limit, and the outcome that its author expects."""
 
-    distance: Annotated[Positive | None, Unit("m")] = None
-    """Arc length of the robot's centre; not with a mission. Left out: the robot's nose at the end
-    of the route."""
+    goal_distance: Annotated[Positive | None, Unit("m")] = None
+    """Arc length of the robot's centre at the goal; not with a mission. Left out: the robot's nose
+    at the end of the route."""
+    time_limit: Annotated[Positive | None, Unit("s")] = None
+    """Simulated time after which the run is over; of a mission that of its first leg, and further
+    legs add their own. Left out: four route lengths at cruise speed, and 20 s."""
+    expected_outcome: Outcome | None = None
+    """`omnitrack run` says whether it came true: `reached_goal`, `motion_singularity`, `stalled`,
+    `stuck`, `slipping`, `no_motion_line`, `left_pipe`, `timed_out`, `lost`, `ended` or
+    `diverged`."""
 
 
 class RecordTable(Table):
-    """What is recorded besides what always is. Sensors and metrics of a user's own go by the name
-    ``module:Object``; see docs/extending.md."""
+    """What is recorded. Sensors and metrics of a user's own go by the name ``module:Object``; see
+    docs/extending.md."""
 
+    period: Annotated[float, Field(gt=0, le=1), Unit("s")] = 0.02
+    """Time between two samples: a whole number of `physics.control_period`."""
     sensors: Annotated[tuple[str, ...], Field(max_length=100)] = ()
     """A list of sensors whose channels controllers see and the trajectory has; robots of one batch
     share it."""
@@ -257,22 +259,14 @@ class RecordTable(Table):
     `sensing.kind = "onboard"`."""
 
 
-class Expect(Table):
-    """What the author of the file expects; ``omnitrack run`` says whether it came true."""
-
-    outcome: Outcome | None = None
-    """What the author expects: `reached_goal`, `motion_singularity`, `stalled`, `stuck`,
-    `slipping`, `no_motion_line`, `left_pipe`, `timed_out`, `lost`, `ended` or `diverged`."""
-
-
 _TABLES: dict[str, type[Table]] = {
-    "start": Start,
-    "world": World,
-    "contact": Contact,
-    "control": Control,
+    "start": StartTable,
+    "world": WorldTable,
+    "control": ControlTable,
     "monitor": MonitorTable,
-    "physics": Physics,
-    "goal": Goal,
+    "physics": PhysicsTable,
+    "run": RunTable,
+    "record": RecordTable,
 }
 UNITS: dict[str, str] = {
     f"{name}.{key}": unit.symbol

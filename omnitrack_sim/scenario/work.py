@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from omnitrack_sim.base.bounds import MOST_PIECES, MOST_SAMPLES, MOST_STEPS
 from omnitrack_sim.base.errors import Fault
-from omnitrack_sim.scenario.tables import Control, Physics
+from omnitrack_sim.scenario.tables import ControlTable, PhysicsTable
 
 if TYPE_CHECKING:
     from omnitrack_sim.scenario.model import Scenario
@@ -21,7 +21,7 @@ the time that it has."""
 
 def samples_of(scenario: Scenario) -> int:
     """Most samples that a run records, up to its time limit."""
-    return math.ceil(most_seconds(scenario) / scenario.physics.record_period)
+    return math.ceil(most_seconds(scenario) / scenario.record.period)
 
 
 def most_seconds(scenario: Scenario) -> float:
@@ -46,7 +46,7 @@ def too_much_work(scenario: Scenario) -> Iterator[Fault]:
         yield Fault(where, f"{told}; at most {MOST_STEPS:,}")
     elif (samples := samples_of(scenario)) > MOST_SAMPLES:
         told = asked.format(samples, "samples")
-        yield Fault("physics.record_period", f"{told}; at most {MOST_SAMPLES:,}")
+        yield Fault("record.period", f"{told}; at most {MOST_SAMPLES:,}")
     yield from _too_many_pieces(scenario)
 
 
@@ -68,26 +68,26 @@ def _finest(scenario: Scenario) -> str:
     """The key that makes the walls fine, or that of the pipes."""
     if scenario.physics.staves is not None:
         return "physics.staves"
-    if scenario.physics.wall_tolerance < Physics().wall_tolerance:
+    if scenario.physics.wall_tolerance < PhysicsTable().wall_tolerance:
         return "physics.wall_tolerance"
     return "pipes" if scenario.pipes else "network.fittings"
 
 
 def _origin(scenario: Scenario, where: str) -> str:
     """Where the time limit comes from, unless that is the key ``where`` itself."""
-    if scenario.physics.time_limit is not None:
-        return "" if where == "physics.time_limit" else " (physics.time_limit)"
+    if scenario.run.time_limit is not None:
+        return "" if where == "run.time_limit" else " (run.time_limit)"
     return f" at a cruise speed of {scenario.control.cruise_speed:.4g} m/s"
 
 
 def _unusual(scenario: Scenario) -> str:
     """The key that is farthest from its default among those that make many time steps."""
-    slow = Control().cruise_speed / scenario.control.cruise_speed
-    fine = Physics().timestep / scenario.physics.timestep
+    slow = ControlTable().cruise_speed / scenario.control.cruise_speed
+    fine = PhysicsTable().timestep / scenario.physics.timestep
     if fine >= 10 and fine >= slow:
         return "physics.timestep"
-    if scenario.physics.time_limit is not None:
-        return "physics.time_limit"
+    if scenario.run.time_limit is not None:
+        return "run.time_limit"
     if slow >= 10:
         return "control.cruise_speed"
     return "pipes" if scenario.pipes else "mission.goals"

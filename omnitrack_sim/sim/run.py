@@ -141,12 +141,12 @@ def _unloaded(scenario: Scenario) -> Scenario:
         {
             "name": "no_load",
             "robot": scenario.robot.model_dump(),
-            "physics": scenario.physics.model_dump() | {"time_limit": BASELINE_TIME},
-            "contact": scenario.contact.model_dump(),
+            "physics": scenario.physics.model_dump(),
+            "run": {"time_limit": BASELINE_TIME},
             "control": autopilot_of(scenario),
             "monitor": scenario.monitor.model_dump(),
             "record": scenario.record.model_dump() | {"pictures": False},
-            "world": {"gravity": [0.0, 0.0, 0.0]},
+            "world": scenario.world.model_dump() | {"gravity": [0.0, 0.0, 0.0]},
             "pipes": [{"kind": "straight", "length": length, "inner_diameter": 2 * first.radius}],
             "start": {"distance": start},
         }

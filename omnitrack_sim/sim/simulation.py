@@ -122,7 +122,7 @@ class Simulation:
         first, self.n = self.scenarios[0], len(self.scenarios)
         self.period, self._recording = first.physics.control_period, recording
         self._substeps = max(1, round(self.period / first.physics.timestep))
-        self._record_every = max(1, round(first.physics.record_period / self.period))
+        self._record_every = max(1, round(first.record.period / self.period))
         self.legs = Legs(self.scenarios)
         start = start_of(self.scenarios, self.legs.routes, self.legs.way)
         settings, notes = settings_of(self.scenarios, self.legs.routes, self.legs.way)
@@ -139,7 +139,7 @@ class Simulation:
             if make_plant is None
             else make_plant(first, start, threads)
         )
-        limits = [s.robot.crawler_motor.torque_limit for s in self.scenarios]
+        limits = [s.robot.motor.torque_limit for s in self.scenarios]
         drive, motor = drive_of(first.robot.drive), first.robot.motor
         self.motors = SpeedLoop(drive, motor, limits, first.robot.lug_radius, self.n)
         self.active = np.ones(self.n, bool)
@@ -336,7 +336,7 @@ class Simulation:
     ) -> None:
         """Put all that is kept for ``robots`` (k,) back to the start of ``scenarios`` (k)."""
         self.plant.restart(robots, start)
-        limits = np.array([s.robot.crawler_motor.torque_limit for s in scenarios])
+        limits = np.array([s.robot.motor.torque_limit for s in scenarios])
         self.motors.restart(robots, limits)
         distance = np.array([s.start.distance for s in scenarios])
         time_limit = np.array([s.time_limit_s for s in scenarios])

@@ -145,7 +145,7 @@ class Task:
 def _axes(friction: tuple[float, float]) -> tuple[Axis, ...]:
     return (
         UniformAxis(path="start.theta5_deg", kind="uniform", low=-60, high=60),
-        UniformAxis(path="contact.friction", kind="uniform", low=friction[0], high=friction[1]),
+        UniformAxis(path="world.friction", kind="uniform", low=friction[0], high=friction[1]),
         UniformAxis(path="robot.preload", kind="uniform", low=20, high=35),
         DirectionAxis(path="world.gravity", kind="direction"),
     )
@@ -185,8 +185,10 @@ def _mission(seed: int, changes: Changes) -> Scenario:
         "network": network.model_dump(mode="json"),
         "mission": {"start": str(start), "goals": [str(goal)]},
         "start": {"theta5_deg": float(draw.uniform(-180, 180))},
-        "contact": {"friction": float(draw.uniform(*DRY))},
-        "world": {"gravity": (GRAVITY * gravity / np.linalg.norm(gravity)).tolist()},
+        "world": {
+            "friction": float(draw.uniform(*DRY)),
+            "gravity": (GRAVITY * gravity / np.linalg.norm(gravity)).tolist(),
+        },
     }
     return validate(data, changes=changes)
 

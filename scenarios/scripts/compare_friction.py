@@ -10,7 +10,7 @@ FRICTION = (0.08, 0.12, 0.2, 0.5, 0.9)
 
 def main() -> None:
     base = ot.load_scenario("vertical_climb")
-    results = ot.run_batch([ot.override(base, {"contact.friction": mu}) for mu in FRICTION])
+    results = ot.run_batch([ot.override(base, {"world.friction": mu}) for mu in FRICTION])
     needed = base.robot.mass * 9.81 / (3 * base.robot.preload)
     print(
         f"weight over the sum of the preloads: {needed:.3f}; below it three modules cannot hold "

@@ -333,7 +333,7 @@ def belt_inertia(robot: Robot) -> float:
 
 def belt_force(robot: Robot) -> float:
     """Largest force of a crawler motor at the belt, N: its torque limit over the lug radius."""
-    return robot.crawler_motor.torque_limit / robot.lug_radius
+    return robot.motor.torque_limit / robot.lug_radius
 
 
 def output_inertia(robot: Robot) -> float:

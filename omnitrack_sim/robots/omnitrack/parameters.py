@@ -202,10 +202,6 @@ class Robot(Figures):
         NamedMotor,
         Quantity("", "assumed", "crawler motor: a shipped motor's name, or a table of its own"),
     ] = MOTORS["simulation"]
-    torque_limit: Annotated[
-        float | None,
-        Quantity("N m", "assumed", "limit on a crawler motor; none: the motor's own", (1e-4, 1e4)),
-    ] = None
     drive: Annotated[
         str,
         Quantity(
@@ -339,13 +335,6 @@ class Robot(Figures):
         return type(self).model_validate(dict(self) | {"scale": self.scale * factor})
 
     @property
-    def crawler_motor(self) -> Motor:
-        """The crawler motor with the robot's torque limit, where it has one."""
-        if self.torque_limit is None:
-            return self.motor
-        return self.motor.model_copy(update={"torque_limit": self.torque_limit})
-
-    @property
     def rotary_motor(self) -> Motor:
         """The motor that rolls a module."""
         return self.motor if self.roll_motor is None else self.roll_motor
@@ -359,7 +348,7 @@ class Robot(Figures):
     @property
     def feasible_belt_speed(self) -> float:
         """Belt speed that the crawler motor holds against ``climbing_torque``, m/s."""
-        motor = self.crawler_motor
+        motor = self.motor
         part = max(0.0, 1 - self.climbing_torque / motor.stall_torque)
         return motor.no_load_speed * part * self.lug_radius
 

@@ -109,7 +109,7 @@ def _add_roll_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
 
 def _add_belt_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
     """Velocity servo on a belt, up to the speed at which the motor has its full torque left."""
-    force, speed = belt_force(robot), robot.crawler_motor.full_torque_speed * robot.lug_radius
+    force, speed = belt_force(robot), robot.motor.full_torque_speed * robot.lug_radius
     motor = spec.add_actuator(
         name=f"belt_{number}",
         trntype=mujoco.mjtTrn.mjTRN_TENDON,

@@ -221,7 +221,7 @@ ONBOARD = (
         -1,
         1,
         "torque of each belt's motor that drives the module forward",
-        lambda m: m.observation.motor_torque * m.forward / m.setup.robot.crawler_motor.torque_limit,
+        lambda m: m.observation.motor_torque * m.forward / m.setup.robot.motor.torque_limit,
         _PER_MODULE,
     ),
     Feature(
