@@ -86,7 +86,7 @@ class Steered(JacobianController):
         self.begun = np.full(setup.n, np.nan)
         self.handed_back = np.zeros(setup.n, bool)
         self.knots, self.replace = np.zeros((setup.n, KNOTS, 3)), np.zeros(setup.n, bool)
-        way = setup.routes.way_of[:1]
+        way = setup.routes.route_of[:1]
         self._way_out = setup.routes.centreline.at(setup.routes.lengths[way], way)[1]
 
     def step(self, observation: Observation) -> Command:

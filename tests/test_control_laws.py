@@ -52,14 +52,14 @@ class Bench:
 
     def __init__(self, scenario: ot.Scenario) -> None:
         self.scenario, self.time = scenario, 0.0
-        self.routes, self.way = RouteMap([scenario.route]), np.zeros(1, np.intp)
-        settings, _ = settings_of([scenario], self.routes, self.way)
+        self.routes, self.route = RouteMap([scenario.route]), np.zeros(1, np.intp)
+        settings, _ = settings_of([scenario], self.routes, self.route)
         self.setup = ControlSetup(
             self.routes,
             scenario.robot,
             settings,
             [scenario.control_parameters],
-            self.observe(0.1).place,
+            self.observe(0.1).location,
             np.zeros((1, 3)),
             PERIOD,
             np.array([scenario.world.gravity]),
@@ -72,20 +72,20 @@ class Bench:
         """What a robot measures at arc length ``distance`` m, on the centreline or ``aside`` (3,) m
         from it, tilted by the rotation vector ``tilt`` (3,) rad, with other readings as given."""
         at, theta5 = np.array([distance]), np.radians([theta5_deg])
-        position, rotation = self.routes.start_poses(self.way, at, theta5)
+        position, rotation = self.routes.start_poses(self.route, at, theta5)
         if tilt is not None:
             rotation = rotation_about(tilt, np.linalg.norm(tilt)) @ rotation
         aside = np.asarray(more.pop("aside", np.zeros(3)))
-        place = self.routes.locate(position + aside, rotation, self.way, at)
+        location = self.routes.locate(position + aside, rotation, self.route, at)
         readings = {c.name: np.zeros((1, *c.shape)) for c in CHANNELS.values()}
         readings |= {"rotation": rotation, "time": np.array([self.time])}
         readings |= {name: np.asarray(value, float)[None] for name, value in more.items()}
-        return Observation(readings, place, np.zeros(1, int), np.ones(1, int))
+        return Observation(readings, location, np.zeros(1, int), np.ones(1, int))
 
-    def step(self, distance: float, *place: Any, **more: Any) -> Command:
+    def step(self, distance: float, *location: Any, **more: Any) -> Command:
         """The command for an observation, a period after the one before."""
         self.time += PERIOD
-        return self.controller.step(self.observe(distance, *place, **more))
+        return self.controller.step(self.observe(distance, *location, **more))
 
     def inside(self, number: int = 0) -> float:
         """Arc length, m, in the middle of the bend or opening of a passage."""
@@ -187,7 +187,7 @@ def test_a_robot_is_turned_by_its_heading_error_up_to_a_limit() -> None:
     for error in (0.01, 0.1, 0.3, 0.6, 1.2):
         observation = bench.observe(0.15, tilt=np.array([error, 0.0, 0.0]))
         wanted = tracking.wanted_rotation(
-            observation.place, observation.rotation, one, 0 * one, straight
+            observation.location, observation.rotation, one, 0 * one, straight
         )
         size = min(table.gain * error, table.rotation_limit) / BORE
         assert wanted[0] == pytest.approx([-size, 0.0, 0.0], abs=1e-9)
@@ -200,14 +200,14 @@ def test_a_robot_that_backs_off_follows_the_centreline_behind_it() -> None:
     bench = Bench(scenario_of("elbow"))
     tracking = Tracking(bench.setup, "tracking")
     observation = bench.observe(float(bench.routes.end[0]) + 0.01)
-    place, rotation = observation.place, observation.rotation
+    location, rotation = observation.location, observation.rotation
     ahead, back = (
-        tracking.wanted_rotation(place, rotation, np.array([way]), np.zeros(1), UPRIGHT)
+        tracking.wanted_rotation(location, rotation, np.array([way]), np.zeros(1), UPRIGHT)
         for way in (1.0, -1.0)
     )
     assert length(ahead) == pytest.approx([0.0], abs=1e-9)
     # Backward is a negative speed: the rotation that comes of it is the opposite of ``back``.
-    behind = bench.routes.tangents(place.distance[:, None] - 0.05, place.way)[:, 0]
+    behind = bench.routes.tangents(location.distance[:, None] - 0.05, location.route)[:, 0]
     assert angle_between(rotation[:, :, 2], behind) > 0.1
     assert dot(cross(rotation[:, :, 2], behind), -back) > 0.1
 
@@ -285,7 +285,7 @@ def test_a_robot_that_has_gone_past_a_branch_backs_off(name: str, backs: bool) -
     for share, off in ((0.5, False), (0.7, backs)):
         bench = Bench(scenario_of(name, **{"control.retry": True}))
         observation = bench.observe(bench.inside())
-        out = -cross(observation.place.tangent, observation.place.normal)[0]
+        out = -cross(observation.location.tangent, observation.location.normal)[0]
         command = bench.step(bench.inside(), aside=share * BORE / 2 * out)
         assert [type(event) for event in command.events] == [BackedOff] * off
         assert command.resting.tolist() == [off]  # type: ignore[union-attr]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.pipes.route_map import Place, RouteMap
+from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.scenario.tables import MonitorTable
 from omnitrack_sim.sim.monitor import Monitor, Verdict
@@ -25,12 +25,12 @@ def monitor(n: int = 2, time_limit: float = 1e3, **limits: float) -> Monitor:
     return Monitor(ROUTES, ot.Robot(), table, begin, speed, np.full(n, time_limit), PERIOD, PERIOD)
 
 
-def place(distance: list[float], aside: float = 0.0) -> Place:
+def location(distance: list[float], aside: float = 0.0) -> Location:
     """Robots along the pipe, and ``aside`` m off its centreline."""
-    way, at = np.zeros(len(distance), np.intp), np.array(distance)
+    route, at = np.zeros(len(distance), np.intp), np.array(distance)
     line = ROUTES.routes[0].centreline
     points, frames = line.at(at)[0], line.frame(at)
-    return ROUTES.locate(points + aside * frames[:, :, 0], frames, way, at)
+    return ROUTES.locate(points + aside * frames[:, :, 0], frames, route, at)
 
 
 def look(
@@ -48,7 +48,7 @@ def look(
     watching.average(readings, np.full((n, 3), SPEED), saturated, np.ones(n, bool))
     goal = np.full(n, LENGTH - 0.1)
     arrived = np.asarray(distance) >= goal
-    return watching.look(readings, place(distance, aside), arrived, resting, diverged)
+    return watching.look(readings, location(distance, aside), arrived, resting, diverged)
 
 
 def looks(watching: Monitor, seconds: float, distance: list[float], **more: Any) -> list[Verdict]:
@@ -62,8 +62,8 @@ def looks(watching: Monitor, seconds: float, distance: list[float], **more: Any)
 def test_robots_on_their_way_are_left_alone() -> None:
     """Nothing is found of robots that make headway."""
     watching = monitor()
-    way = np.arange(0.1, 0.69, SPEED * PERIOD).tolist()
-    assert [found for at in way for found in look(watching, [at, at])] == []
+    route = np.arange(0.1, 0.69, SPEED * PERIOD).tolist()
+    assert [found for at in route for found in look(watching, [at, at])] == []
 
 
 def test_a_verdict_is_of_one_robot_and_is_given_again() -> None:
@@ -163,7 +163,7 @@ def test_the_cause_is_read_from_what_was_measured(
     these."""
     watching = monitor(1)
     looks(watching, 1.0, [0.3], **more)
-    assert watching.cause(0, place([0.3])) is outcome
+    assert watching.cause(0, location([0.3])) is outcome
 
 
 @pytest.mark.parametrize(
@@ -190,8 +190,8 @@ def test_a_module_that_has_lost_the_wall_in_a_tee_turn_is_the_cause(
         readings |= {"normal_force": force, "belt_speed": np.full((1, 3), SPEED)}
         watching.average(readings, np.full((1, 3), SPEED), np.zeros((1, 3), bool), np.ones(1, bool))
     at = routes.start[:1] - ahead
-    way, line = np.zeros(1, np.intp), routes.routes[0].centreline
-    where = routes.locate(line.at(at)[0], line.frame(at), way, at)
+    route, line = np.zeros(1, np.intp), routes.routes[0].centreline
+    where = routes.locate(line.at(at)[0], line.frame(at), route, at)
     assert watching.cause(0, where) is outcome
 
 
@@ -199,7 +199,7 @@ def test_the_limits_of_the_cause_are_the_scenarios() -> None:
     """With ``slipping_ratio`` above what is measured the same robot counts as stuck."""
     watching = monitor(1, slipping_ratio=0.95)
     looks(watching, 1.0, [0.3], slip_ratio=np.array([[0.9, -0.9, 0.0]]))
-    assert watching.cause(0, place([0.3])) is ot.Outcome.STUCK
+    assert watching.cause(0, location([0.3])) is ot.Outcome.STUCK
 
 
 def test_no_run_ends_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -232,9 +232,9 @@ def test_the_end_is_told_beside_the_goal_and_the_length_of_the_route():
     are of no longer than the run took."""
     watching = monitor(1)
     look(watching, [0.3])
-    short = watching.reason(0, place([0.3]), 0.7, 0.25)
+    short = watching.reason(0, location([0.3]), 0.7, 0.25)
     assert short.startswith("at 0.300 m of a route of 0.800 m, goal at 0.700 m, after 0.25 s; tilt")
     assert short.endswith("(means of the last 0.25 s)")
-    there = watching.reason(0, place([0.7]), 0.7, 6.0)
+    there = watching.reason(0, location([0.7]), 0.7, 6.0)
     assert there.startswith("at 0.700 m, the goal, of a route of 0.800 m, after 6.00 s; tilt")
     assert there.endswith("(means of the last 0.5 s)")

@@ -68,19 +68,19 @@ def test_equal_speeds_are_equal():
 def test_two_modules_are_inner_in_the_worst_orientation():
     """At theta5 = 60 degrees the modules at 60 and -60 from the turn go backward."""
     scenario = override(load_scenario("tee_turn"), {"control.kind": "paper"})
-    routes, way = RouteMap([scenario.route]), np.zeros(1, np.intp)
-    settings, _ = settings_of([scenario], routes, way)
+    routes, route = RouteMap([scenario.route]), np.zeros(1, np.intp)
+    settings, _ = settings_of([scenario], routes, route)
     assert isinstance(settings, Settings)
     at = np.array([0.1])
-    place = routes.locate(np.array([[0.0, 0.0, 0.1]]), np.eye(3)[None], way, at)
+    location = routes.locate(np.array([[0.0, 0.0, 0.1]]), np.eye(3)[None], route, at)
     parameters = [scenario.control_parameters]
     none = np.zeros((1, 3))
     controller = PaperController(
-        ControlSetup(routes, scenario.robot, settings, parameters, place, none, 0.01, none)
+        ControlSetup(routes, scenario.robot, settings, parameters, location, none, 0.01, none)
     )
     theta5 = np.radians(60.0)
-    place.theta5 = np.array([theta5])
-    speeds = controller._speeds(place)
+    location.theta5 = np.array([theta5])
+    speeds = controller._speeds(location)
     assert (np.sign(speeds[0]) == -np.sign(np.cos(theta5 + np.array(MODULE_ANGLES)))).all()
 
 

@@ -178,7 +178,7 @@ def test_region_tells_the_way_to_its_border(theta5, inside, border):
     changes = {"start.theta5_deg": theta5}
     simulation = ot.Simulation([ot.override(ot.load_scenario("tee_turn"), changes)])
     reach = simulation.scenarios[0].robot.reach
-    region = region_of(simulation.legs.routes, simulation.place, reach)
+    region = region_of(simulation.legs.routes, simulation.location, reach)
     assert region is not None
     assert region.inside is inside
     assert np.degrees(region.border) == pytest.approx(border, abs=0.01)
@@ -188,7 +188,7 @@ def test_no_region_without_a_tee_turn():
     """Before an elbow there is none."""
     simulation = ot.Simulation([ot.load_scenario("elbow")])
     reach = simulation.scenarios[0].robot.reach
-    assert region_of(simulation.legs.routes, simulation.place, reach) is None
+    assert region_of(simulation.legs.routes, simulation.location, reach) is None
 
 
 @pytest.mark.parametrize(

@@ -123,10 +123,10 @@ class Case:
             row.error = f"{type(error).__name__}: {error}"
 
     def _fill(self, simulation: Simulation, shares: Shares, outcome: str) -> None:
-        row, place = self.row, simulation.observation.place
+        row, location = self.row, simulation.observation.location
         row.outcome, row.error = outcome, None
-        row.duration_s, row.progress_m = float(simulation.time[0]), float(place.distance[0])
-        row.tilt_deg = float(np.degrees(place.tilt[0]))
+        row.duration_s, row.progress_m = float(simulation.time[0]), float(location.distance[0])
+        row.tilt_deg = float(np.degrees(location.tilt[0]))
         (trajectory,) = simulation.recorder.trajectories(simulation.time)
         row.contacts = float(trajectory["contact_count"].sum(axis=(-1, -2)).mean())
         row.contacts_per_lug = row.contacts / (MODULES * self.scenario.robot.lugs_per_track)

@@ -17,7 +17,7 @@ import numpy as np
 from omnitrack_sim.base.rotations import Array, Pose, angle_between, frame_along, wrap_angle
 from omnitrack_sim.pipes import Elbow, Fitting, Part, Straight
 from omnitrack_sim.pipes.layout import CLOSES, End, both_ways
-from omnitrack_sim.pipes.network import Joint, Network, Place
+from omnitrack_sim.pipes.network import Joint, Network, Origin
 from omnitrack_sim.pipes.planning import port_graph
 
 SHORTEST = 1e-3
@@ -59,7 +59,7 @@ class Belief:
         # The turn from what a file takes for x to the port's own.
         right, up, _ = port.rotation[:, 0] @ frame_along((x, y, z), 0.0)
         turn = round(math.degrees(math.atan2(up, right)), DIGITS) + 0.0
-        self._place = Place(axis=(x, y, z), turn_deg=turn, position=(px, py, pz))
+        self._place = Origin(axis=(x, y, z), turn_deg=turn, position=(px, py, pz))
         self._fittings: dict[str, Fitting] = {}
         self._joints: list[Joint] = []
         self._counts: dict[str, int] = {}

@@ -127,7 +127,7 @@ class Fleet:
     def told(self) -> dict[str, Array]:
         """What ``info`` tells of each robot (n,): its true place and time."""
         found = {
-            "distance": self._each(lambda lane: lane.simulation.place.distance),
+            "distance": self._each(lambda lane: lane.simulation.location.distance),
             "time": self._each(lambda lane: lane.simulation.time),
         }
         return {name: np.nan_to_num(values) for name, values in found.items()}

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes.route_map import Place
+from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.sim.simulation import Simulation
 
 
@@ -64,19 +64,19 @@ class Tally:
 
     def _remember(self, simulation: Simulation) -> None:
         self._active, self._leg = simulation.active, simulation.legs.number
-        self._place: Place = simulation.place
+        self._location: Location = simulation.location
         self._torque = simulation.readings["motor_torque"]
 
     def add(self, simulation: Simulation) -> None:
         """Take in a control step that has just been done."""
-        measured, readings, place = self.measured, simulation.readings, simulation.place
+        measured, readings, location = self.measured, simulation.readings, simulation.location
         # On another leg the way is counted from elsewhere.
         same = self._active & (simulation.legs.number == self._leg)
-        moved = place.distance - self._place.distance
+        moved = location.distance - self._location.distance
         measured["progress"] += np.where(same, moved / self._bore, 0.0)
         slip = np.abs(readings["slip_velocity"]).mean(axis=1)
         change = (np.abs(readings["motor_torque"] - self._torque) / self._limit).mean(axis=1)
-        measured["tilt"] += np.where(self._active, place.tilt * self._period, 0.0)
+        measured["tilt"] += np.where(self._active, location.tilt * self._period, 0.0)
         measured["slip"] += np.where(self._active, slip * self._period / self._bore, 0.0)
         measured["torque_change"] += np.where(self._active, change, 0.0)
         self._remember(simulation)

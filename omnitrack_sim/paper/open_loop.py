@@ -13,7 +13,7 @@ from pydantic import Field
 
 from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, unit
 from omnitrack_sim.base.table import Table, Unit
-from omnitrack_sim.pipes.route_map import Place
+from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 from omnitrack_sim.robots.omnitrack.control.alignment import Aligner, AlignmentTable, manoeuvres
 from omnitrack_sim.robots.omnitrack.control.interface import Command, ControlSetup, Observation
@@ -78,7 +78,7 @@ class PaperController:
         self.kind = np.array([_PHASES[m] for m in manoeuvres(routes)])  # (Q,)
         # (Q,) m, an opening's near edge or a bend's start
         self.mark = np.array([np.inf if p is None else p.mark for p in passages])
-        way = routes.way_of
+        way = routes.route_of
         longest = routes.lengths[way]
         start, end = np.clip(routes.start, 0, longest), np.clip(routes.end, 0, longest)
         self.way_in = routes.centreline.at(start, way)[1]  # (Q, 3) tangents before the turns
@@ -95,72 +95,72 @@ class PaperController:
             self.turning[robot] += shift * (self.turning[robot] >= 0)
             self.turned[robot] += shift * (self.turned[robot] >= 0)
         for robot, turned in changes:
-            self.aligner.begin_leg(robot, turned, int(observation.place.way[robot]))
+            self.aligner.begin_leg(robot, turned, int(observation.location.route[robot]))
             self.turning[robot] = self.turned[robot] = -1
 
     def step(self, observation: Observation) -> Command:
         """The command for the next control period."""
         self._follow_legs(observation)
-        place, s = observation.place, self.settings
-        room = self.routes.nose_room(place, self.robot.length)
+        location, s = observation.location, self.settings
+        room = self.routes.nose_room(location, self.robot.length)
         resting, rolled = self.aligner.step(observation, room)
-        self._mark(place, observation.rotation[:, :, 2], resting)
+        self._mark(location, observation.rotation[:, :, 2], resting)
         turning = self.turning >= 0
         wall_speed = np.where(turning[:, None], self.turn_speeds, s.cruise_speed[:, None])
         limit = s.speed_limit[:, None]
         wall_speed = np.minimum(np.maximum(wall_speed, -limit), limit)
         belt_sign = self.aligner.belt_sign(observation.roll)
         belt_speed = np.where(resting[:, None], 0.0, wall_speed * belt_sign)
-        straight_over = (self.kind[place.passage] == TEE_STRAIGHT) & (room < 0)
+        straight_over = (self.kind[location.passage] == TEE_STRAIGHT) & (room < 0)
         phase = np.where(straight_over, TEE_STRAIGHT, CRUISE)
         phase = np.where(turning, self.kind[self.turning], phase)
         phase = np.where(resting, ALIGN, phase)
         return Command(belt_speed, self.aligner.roll.copy(), phase, resting, rolled)
 
-    def _mark(self, place: Place, axis: Array, resting: NDArray[np.bool_]) -> None:
+    def _mark(self, location: Location, axis: Array, resting: NDArray[np.bool_]) -> None:
         """Begin turns whose mark the head has passed, end those that are complete."""
-        head = place.distance + self.robot.length / 2
-        new = (self.turning < 0) & (place.passage > self.turned)
-        new &= self.routes.is_turn[place.passage]
-        is_elbow = self.kind[place.passage] == ELBOW
+        head = location.distance + self.robot.length / 2
+        new = (self.turning < 0) & (location.passage > self.turned)
+        new &= self.routes.is_turn[location.passage]
+        is_elbow = self.kind[location.passage] == ELBOW
         delay = np.where(is_elbow, self._elbow_delay, self._tee_trigger)
-        begins = new & (head >= self.mark[place.passage] + delay) & ~resting
-        self.turning = np.where(begins, place.passage, self.turning)
+        begins = new & (head >= self.mark[location.passage] + delay) & ~resting
+        self.turning = np.where(begins, location.passage, self.turning)
         if begins.any():
-            speeds = self._speeds(place)
+            speeds = self._speeds(location)
             self.turn_speeds = np.where(begins[:, None], speeds, self.turn_speeds)
         way_in, way_out = self.way_in[self.turning], self.way_out[self.turning]
         about = unit(cross(way_in, way_out))  # the bend's axis
         turned = np.arctan2(dot(cross(way_in, axis), about), dot(way_in, axis))
         left = angle_between(way_in, way_out) - turned
-        past = place.passage > self.turning
+        past = location.passage > self.turning
         complete = (self.turning >= 0) & ((left < self._complete) | past)
         self.turned = np.where(complete, self.turning, self.turned)
         self.turning = np.where(complete, -1, self.turning)
 
-    def _speeds(self, place: Place) -> Array:
+    def _speeds(self, location: Location) -> Array:
         """Wall speeds (n, 3) m/s of the turn ahead, for theta5 as it is now."""
         speed = self.settings.cruise_speed
-        bend_radius = np.nan_to_num(self.routes.bend_radius[place.passage], nan=1.0)
-        radius = self.routes.radius[place.passage]
-        elbow = elbow_speeds(speed, place.theta5, bend_radius, radius)
-        inner: NDArray[np.bool_] = np.cos(place.theta5[:, None] + np.array(MODULE_ANGLES)) > 0
+        bend_radius = np.nan_to_num(self.routes.bend_radius[location.passage], nan=1.0)
+        radius = self.routes.radius[location.passage]
+        elbow = elbow_speeds(speed, location.theta5, bend_radius, radius)
+        inner: NDArray[np.bool_] = np.cos(location.theta5[:, None] + np.array(MODULE_ANGLES)) > 0
         tee = np.where(inner, -1.0, 1.0) * speed[:, None]
-        return np.where((self.kind[place.passage] == ELBOW)[:, None], elbow, tee)
+        return np.where((self.kind[location.passage] == ELBOW)[:, None], elbow, tee)
 
 
 class EqualController(PaperController):
     """All modules at cruise speed everywhere: what a robot without speed modulation does, the
     baseline of Eq. 20."""
 
-    def _speeds(self, place: Place) -> Array:
+    def _speeds(self, location: Location) -> Array:
         return np.repeat(self.settings.cruise_speed[:, None], 3, axis=1)
 
 
 class BendController(PaperController):
     """Eq. 20 in every turn: of a tee it takes the arc of the centreline for an elbow."""
 
-    def _speeds(self, place: Place) -> Array:
-        bend = np.nan_to_num(self.routes.bend_radius[place.passage], nan=1.0)
-        radius = self.routes.radius[place.passage]
-        return elbow_speeds(self.settings.cruise_speed, place.theta5, bend, radius)
+    def _speeds(self, location: Location) -> Array:
+        bend = np.nan_to_num(self.routes.bend_radius[location.passage], nan=1.0)
+        radius = self.routes.radius[location.passage]
+        return elbow_speeds(self.settings.cruise_speed, location.theta5, bend, radius)

@@ -36,7 +36,7 @@ class Centreline:
     """Arc length -> point, tangent, normal, curvature; and back. Beyond its ends it goes on
     straight.
 
-    Several lines may be kept together, so that points on different ones are found at once: ``way``
+    Several lines may be kept together, so that points on different ones are found at once: ``line``
     then says which.
     """
 
@@ -62,7 +62,7 @@ class Centreline:
 
     @classmethod
     def together(cls, lines: Sequence[Centreline]) -> Centreline:
-        """Lines kept together; ``way`` k is the k-th of them."""
+        """Lines kept together; ``line`` k is the k-th of them."""
         bundle = cls.__new__(cls)
         counts = [int(count) for line in lines for count in line._count]
         bundle._index(np.concatenate([line._rows for line in lines]), counts)
@@ -82,10 +82,10 @@ class Centreline:
         self._begins = np.full((len(counts), max(counts)), np.inf)  # (W, most segments) m
         self.lengths = np.empty(len(counts))  # (W,) m
         self._within_search = 1
-        for way, (first, count) in enumerate(zip(self._first, counts, strict=True)):
+        for line, (first, count) in enumerate(zip(self._first, counts, strict=True)):
             start = rows[first : first + count, _START]
-            self._begins[way, :count] = start
-            self.lengths[way] = sum(rows[first : first + count, _LENGTH].tolist())
+            self._begins[line, :count] = start
+            self.lengths[line] = sum(rows[first : first + count, _LENGTH].tolist())
             # Most segments that a stretch of twice SEARCH touches: the last of them begins at its
             # end.
             lowest = np.searchsorted(start, start - 2 * SEARCH, side="right").clip(1) - 1
@@ -104,21 +104,21 @@ class Centreline:
         return not np.count_nonzero(self._rows[:, _CURVATURE])
 
     def at(
-        self, s: Array, way: NDArray[np.intp] | None = None
+        self, s: Array, line: NDArray[np.intp] | None = None
     ) -> tuple[Array, Array, Array, Array]:
         """Point (n, 3) m, tangent (n, 3), normal (n, 3) towards the bend, curvature (n,) 1/m at arc
         length (n,) m.
 
-        On a straight the normal is the side of the route's frame. ``way`` (n,): line of each; none:
-        the first.
+        On a straight the normal is the side of the frame. ``line`` (n,): which of several lines;
+        None: the first.
         """
         s = np.asarray(s, float)
-        rows = self._rows.take(self._segment(s, way), axis=0)
+        rows = self._rows.take(self._segment(s, line), axis=0)
         return _along(rows, s - rows[:, _START])
 
-    def tangents(self, s: Array, way: NDArray[np.intp] | None = None) -> Array:
+    def tangents(self, s: Array, line: NDArray[np.intp] | None = None) -> Array:
         """Tangents (n, 3) at arc length (n,) m, as ``at`` gives them."""
-        rows = self._rows.take(self._segment(s, way), axis=0)
+        rows = self._rows.take(self._segment(s, line), axis=0)
         t, n, curvature = rows[:, _TANGENT], rows[:, _NORMAL], rows[:, _CURVATURE]
         if not np.count_nonzero(curvature):
             return t + n * 0.0
@@ -128,11 +128,11 @@ class Centreline:
         return t * np.cos(angle) + n * np.sin(angle)
 
     def straight(
-        self, start: Array, end: Array, way: NDArray[np.intp] | None = None
+        self, start: Array, end: Array, line: NDArray[np.intp] | None = None
     ) -> Array | None:
         """Tangents (n, 3) of the stretches from ``start`` to ``end`` (n,) m where every one lies on
         a straight; None where one does not."""
-        first, last = self._segment(start, way), self._segment(end, way)
+        first, last = self._segment(start, line), self._segment(end, line)
         if first.tobytes() != last.tobytes():
             return None
         rows = self._rows.take(first, axis=0)
@@ -140,25 +140,25 @@ class Centreline:
             return None
         return rows[:, _TANGENT] + rows[:, _NORMAL] * 0.0
 
-    def frame(self, s: Array, way: NDArray[np.intp] | None = None) -> Array:
+    def frame(self, s: Array, line: NDArray[np.intp] | None = None) -> Array:
         """Rotations (n, 3, 3) of the route's frame at arc length (n,) m: z the tangent, x carried
         without twist."""
         s = np.asarray(s, float)
-        rows = self._rows[self._segment(s, way)]
+        rows = self._rows[self._segment(s, line)]
         angle = np.clip(s - rows[:, _START], 0.0, rows[:, _LENGTH]) * rows[:, _CURVATURE]
         x = _carried(rows[:, _SIDE], rows[:, _TANGENT], rows[:, _NORMAL], angle)
-        _, z, _, _ = self.at(s, way)
+        _, z, _, _ = self.at(s, line)
         return np.stack([x, cross(z, x), z], axis=-1)
 
     def locate(
-        self, points: Array, near: Array | None = None, way: NDArray[np.intp] | None = None
+        self, points: Array, near: Array | None = None, line: NDArray[np.intp] | None = None
     ) -> Array:
         """Arc length (n,) m of the centreline's point nearest to each of ``points`` (n, 3) m.
 
-        With ``near`` (n,) m only arc lengths within ``SEARCH`` of it are looked at. ``way`` (n,):
+        With ``near`` (n,) m only arc lengths within ``SEARCH`` of it are looked at. ``line`` (n,):
         see ``at``.
         """
-        rows = self._rows.take(self._candidates(len(points), near, way), axis=0)
+        rows = self._rows.take(self._candidates(len(points), near, line), axis=0)
         tangent, normal = rows[..., _TANGENT], rows[..., _NORMAL]  # (n, S, 3)
         low, high, k = rows[..., _LOWEST], rows[..., _HIGHEST], rows[..., _SAFE_CURVATURE]
         offset = points[:, None] - rows[..., _POINT]
@@ -183,14 +183,14 @@ class Centreline:
         return s[np.arange(len(s)), squared.argmin(axis=1)]
 
     def nearest(
-        self, points: Array, near: Array, way: NDArray[np.intp] | None = None
+        self, points: Array, near: Array, line: NDArray[np.intp] | None = None
     ) -> tuple[Array, Array, Array, Array, Array]:
         """Arc length (n,) m of the nearest point, and what ``at`` gives there.
 
         Where the foot of every point lies within the segment that ``near`` (n,) m is on, no other
         one is looked at; otherwise as ``locate``. Arguments as there.
         """
-        rows = self._rows.take(self._segment(near, way), axis=0)
+        rows = self._rows.take(self._segment(near, line), axis=0)
         offset = points - rows[:, _POINT]
         u = dot(offset, rows[:, _TANGENT])
         if np.count_nonzero(rows[:, _CURVATURE]):
@@ -200,30 +200,30 @@ class Centreline:
         if np.count_nonzero(within) == len(u):
             s = u + rows[:, _START]
             return (s, *_along(rows, s - rows[:, _START]))
-        s = self.locate(points, near, way)
-        return (s, *self.at(s, way))
+        s = self.locate(points, near, line)
+        return (s, *self.at(s, line))
 
     def _candidates(
-        self, count: int, near: Array | None, way: NDArray[np.intp] | None
+        self, count: int, near: Array | None, line: NDArray[np.intp] | None
     ) -> NDArray[np.intp]:
         """Segments (n, S) on which the nearest point may lie, the last one repeated where there are
         fewer."""
         # Only the segments within reach are looked at, so that a long route costs no more than a
         # short one.
         if near is None:
-            way = np.zeros(count, np.intp) if way is None else way
-            every = self._first[way][:, None] + np.arange(self._count.max())
-            return np.minimum(every, self._last[way][:, None])
-        last = len(self._rows) - 1 if way is None else self._last[way][:, None]
-        return np.minimum(self._segment(near - SEARCH, way)[:, None] + self._offsets, last)
+            line = np.zeros(count, np.intp) if line is None else line
+            every = self._first[line][:, None] + np.arange(self._count.max())
+            return np.minimum(every, self._last[line][:, None])
+        last = len(self._rows) - 1 if line is None else self._last[line][:, None]
+        return np.minimum(self._segment(near - SEARCH, line)[:, None] + self._offsets, last)
 
-    def _segment(self, s: Array, way: NDArray[np.intp] | None) -> NDArray[np.intp]:
+    def _segment(self, s: Array, line: NDArray[np.intp] | None) -> NDArray[np.intp]:
         """Segment (n,) that arc length (n,) m lies on."""
-        if way is None:
+        if line is None:
             begins = self._begins[0, : self._count[0]]
             return np.maximum(begins.searchsorted(s, side="right") - 1, 0)
-        passed = np.add.reduce(self._begins[way] <= s[:, None], axis=1, dtype=np.intp)
-        return self._first[way] + np.maximum(passed - 1, 0)
+        passed = np.add.reduce(self._begins[line] <= s[:, None], axis=1, dtype=np.intp)
+        return self._first[line] + np.maximum(passed - 1, 0)
 
 
 # Columns of the table of segments.

@@ -36,7 +36,7 @@ class NetworkFitting(FittingEntry):
     name: PartName
 
 
-class Place(Table):
+class Origin(Table):
     """Where the first port of the first fitting is, and how the pipe runs from there, world
     frame."""
 
@@ -61,7 +61,7 @@ class Network(Table):
     """
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)] = "network"
-    place: Place = Place()
+    place: Origin = Origin()
     fittings: Annotated[
         tuple[
             Annotated[SerializeAsAny[NetworkFitting], WrapValidator(by_kind(NetworkFitting))], ...
@@ -108,7 +108,7 @@ class Network(Table):
     def believed(
         cls,
         name: str,
-        place: Place,
+        place: Origin,
         fittings: Mapping[str, Fitting],
         joints: Sequence[Joint],
         ports: Mapping[str, str],
@@ -152,7 +152,7 @@ class Network(Table):
             for row in data["fittings"]
         }
         joints = [Joint.model_validate(row) for row in data.get("joints", ())]
-        place = Place.model_validate(data.get("place", {}))
+        place = Origin.model_validate(data.get("place", {}))
         return cls.believed(data["name"], place, fittings, joints, data.get("ports", {}))
 
     def _to_lay_out(self) -> tuple[dict[str, Fitting], list[Joined], Pose]:

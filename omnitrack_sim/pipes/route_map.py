@@ -14,25 +14,25 @@ from omnitrack_sim.pipes import Centreline, Passage, Route
 
 
 @dataclass(eq=False)
-class Place:
-    """Places of n robots on their routes.
+class Location:
+    """Locations of n robots on their routes.
 
     Attributes:
-        way: (n,) index into ``RouteMap.routes`` of each robot's route.
+        route: (n,) index into ``RouteMap.routes``.
         distance: (n,) m, arc length of the centreline point nearest to the robot's centre.
         aside: (n, 3) m, from that point to the robot's centre, world frame. offset: (n,) m, its
             length.
         tangent, normal: (n, 3) of the centreline at that point, world frame. curvature: (n,) 1/m.
         passage: (n,) index into ``RouteMap.passages`` of the fitting being passed or next, or of
-            the end of the way after its last one.
+            the end of the route after its last one.
         turning: (n, 3) unit vectors, world frame, of its turning direction.
         frame: (n, 3, 3) of the robots that drive nose first, in the world.
         distance_std, theta5_std, tilt_std: (n,) m, rad and rad, standard deviations, where the
-            place is an estimate; None where it is the truth.
+            location is an estimate; None where it is the truth.
         sure: (n,) bool, robots that know their theta5 well enough to plan by it; None: all.
     """
 
-    way: NDArray[np.intp]
+    route: NDArray[np.intp]
     distance: Array
     aside: Array
     offset: Array
@@ -48,7 +48,7 @@ class Place:
     sure: NDArray[np.bool_] | None = None
 
     def __repr__(self) -> str:
-        return f"Place({len(self.way)} robots)"
+        return f"Location({len(self.route)} robots)"
 
     @cached_property
     def tilt(self) -> Array:
@@ -71,18 +71,18 @@ class RouteMap:
     measured from the x axis of the route's frame at its end.
 
     Attributes:
-        routes: what ``way`` counts. version: how many times routes have been added.
+        routes: what ``route`` counts. version: how many times routes have been added.
         first, count: (W,) first passage of each route, and number with the end; arrays below have
             an entry a passage.
         start, end: (Q,) m, arc length where the fitting begins to matter and where it has been
             passed.
-        way_of: (Q,) route of each passage.
+        route_of: (Q,) route of each passage.
         is_turn: (Q,) bool, the route bends there. is_tee_turn, is_straight_over, into_branch,
             out_of_branch: (Q,) bool.
         bend_radius: (Q,) m, of the centreline; nan where it does not bend.
         radius: (Q,) m, of the bore there. corner_radius: (Q,) m, see ``Passage``.
         directions: (Q, 3) turning directions at the fitting's entry, world frame. ahead: (Q, 3)
-            the way's direction there. turn: (Q,) rad, by which the way turns; a right angle where
+            the route's direction there. turn: (Q,) rad, by which it turns; a right angle where
             it does not bend.
     """
 
@@ -116,7 +116,7 @@ class RouteMap:
         self.first = np.array(first)
         self.count = np.diff([*first, len(passages)])
         self.last = self.first + self.count - 1
-        self.way_of = np.repeat(np.arange(len(self.routes)), self.count)
+        self.route_of = np.repeat(np.arange(len(self.routes)), self.count)
         spans = [(np.inf, np.inf) if p is None else p.span for p in passages]
         self.start, self.end = np.array(spans).T
         self.is_turn = np.array([p is not None and p.is_turn for p in passages])
@@ -132,7 +132,7 @@ class RouteMap:
         self.directions = np.array([direction for direction, _ in ends])
         self.radius = np.array([radius for _, radius in ends])
         entries = np.where(np.isinf(self.start), 0.0, self.start)
-        self.ahead = self.tangents(entries[:, None], self.way_of)[:, 0]
+        self.ahead = self.tangents(entries[:, None], self.route_of)[:, 0]
         self.turn = np.array(
             [p.turn_angle if p is not None and p.is_turn else np.pi / 2 for p in passages]
         )
@@ -143,26 +143,28 @@ class RouteMap:
             ]
         )
         self._ends = np.full((len(first), int(self.count.max())), np.inf)  # (W, most passages) m
-        for way, (begin, count) in enumerate(zip(self.first, self.count, strict=True)):
-            self._ends[way, :count] = self.end[begin : begin + count]
+        for route, (begin, count) in enumerate(zip(self.first, self.count, strict=True)):
+            self._ends[route, :count] = self.end[begin : begin + count]
 
-    def locate(self, position: Array, rotation: Array, way: NDArray[np.intp], near: Array) -> Place:
-        """Places of n robots.
+    def locate(
+        self, position: Array, rotation: Array, route: NDArray[np.intp], near: Array
+    ) -> Location:
+        """Locate n robots on their routes.
 
         Args:
             position: (n, 3) m, world frame.
             rotation: (n, 3, 3) frames that drive nose first, in the world.
-            way: (n,) number of each robot's route.
+            route: (n,) number of each robot's route.
             near: (n,) m, arc length where each robot was a moment ago: routes may come close to
                 themselves.
         """
         distance, point, tangent, normal, curvature = self.centreline.nearest(
-            position, near, self._way(way)
+            position, near, self._route(route)
         )
         aside = position - point
-        passage = self._passage(distance, way)
-        return Place(
-            way=way,
+        passage = self._passage(distance, route)
+        return Location(
+            route=route,
             distance=distance,
             aside=aside,
             offset=length(aside),
@@ -174,57 +176,57 @@ class RouteMap:
             frame=rotation,
         )
 
-    def nose_room(self, place: Place, length: float) -> Array:
+    def nose_room(self, location: Location, length: float) -> Array:
         """Room (n,) m from the noses of robots of a length, m, to the next fitting's bend or
         opening; infinite after the last one."""
-        return self.start.take(place.passage) - place.distance - length / 2
+        return self.start.take(location.passage) - location.distance - length / 2
 
-    def straight(self, start: Array, end: Array, way: NDArray[np.intp]) -> Array | None:
+    def straight(self, start: Array, end: Array, route: NDArray[np.intp]) -> Array | None:
         """Tangents (n, 3) where the stretches from ``start`` to ``end`` (n,) m are all straight."""
-        return self.centreline.straight(start, end, self._way(way))
+        return self.centreline.straight(start, end, self._route(route))
 
-    def tangents(self, distance: Array, way: NDArray[np.intp]) -> Array:
+    def tangents(self, distance: Array, route: NDArray[np.intp]) -> Array:
         """Unit vectors (n, k, 3) along each robot's centreline at arc lengths (n, k) m."""
-        which = self._way(way)
+        which = self._route(route)
         repeated = None if which is None else np.repeat(which, distance.shape[1])
         return self.centreline.tangents(distance.ravel(), repeated).reshape(*distance.shape, 3)
 
-    def _way(self, way: NDArray[np.intp]) -> NDArray[np.intp] | None:
+    def _route(self, route: NDArray[np.intp]) -> NDArray[np.intp] | None:
         """As ``Centreline`` takes it: none where there is one route only."""
-        return way if len(self.routes) > 1 else None
+        return route if len(self.routes) > 1 else None
 
     def name_of(self, passage: int) -> str:
         """The name of a passage's fitting in the network."""
         found = self.passages[passage]
         assert found is not None
-        return self.routes[self.way_of[passage]].network.parts[found.index].name
+        return self.routes[self.route_of[passage]].network.parts[found.index].name
 
     def start_poses(
-        self, way: NDArray[np.intp], distance: Array, theta5: Array
+        self, route: NDArray[np.intp], distance: Array, theta5: Array
     ) -> tuple[Array, Array]:
         """Positions (n, 3) m and rotations (n, 3, 3) of robots on the centreline, along its
         tangent, turned to ``theta5`` (n,) rad, at arc length ``distance`` (n,) m."""
-        position, tangent, normal, _ = self.centreline.at(distance, self._way(way))
-        turning = self._turning_direction(distance, self._passage(distance, way), normal)
+        position, tangent, normal, _ = self.centreline.at(distance, self._route(route))
+        turning = self._turning_direction(distance, self._passage(distance, route), normal)
         side = cross(tangent, turning)
         x = np.cos(theta5)[:, None] * turning + np.sin(theta5)[:, None] * side
         return position, np.stack([x, cross(tangent, x), tangent], axis=-1)
 
-    def poses(self, way: NDArray[np.intp], distance: Array, turn: Array) -> tuple[Array, Array]:
+    def poses(self, route: NDArray[np.intp], distance: Array, turn: Array) -> tuple[Array, Array]:
         """Positions (k, 3) m and rotations (k, 3, 3) on the centreline at arc lengths (k,) m, along
         its tangent, with module 1 turned by ``turn`` (k,) rad from the centreline's normal."""
-        position, tangent, normal, _ = self.centreline.at(distance, self._way(way))
+        position, tangent, normal, _ = self.centreline.at(distance, self._route(route))
         side = cross(tangent, normal)
         x = np.cos(turn)[:, None] * normal + np.sin(turn)[:, None] * side
         return position, np.stack([x, cross(tangent, x), tangent], axis=-1)
 
-    def _passage(self, distance: Array, way: NDArray[np.intp]) -> NDArray[np.intp]:
+    def _passage(self, distance: Array, route: NDArray[np.intp]) -> NDArray[np.intp]:
         if len(self.routes) == 1:
             return np.minimum(self._ends[0].searchsorted(distance, side="right"), self.last)
         passed = np.add.reduce(
-            self._ends.take(way, axis=0) <= distance[:, None], axis=1, dtype=np.intp
+            self._ends.take(route, axis=0) <= distance[:, None], axis=1, dtype=np.intp
         )
-        return np.minimum(self.first.take(way) + passed, self.last.take(way))
+        return np.minimum(self.first.take(route) + passed, self.last.take(route))
 
     def _turning_direction(
         self, distance: Array, passage: NDArray[np.intp], normal: Array

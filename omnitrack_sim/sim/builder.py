@@ -114,12 +114,12 @@ def scene_of(scenario: Scenario, *, looks: bool = False) -> mujoco.MjSpec:
     return spec
 
 
-def start_of(scenarios: Sequence[Scenario], routes: RouteMap, way: NDArray[np.intp]) -> Start:
-    """Start values and physical constants of each robot; ``way`` (n,): its route."""
+def start_of(scenarios: Sequence[Scenario], routes: RouteMap, route: NDArray[np.intp]) -> Start:
+    """Start values and physical constants of each robot; ``route`` (n,): its route."""
     robots = [s.robot for s in scenarios]
     theta5 = np.radians(each(scenarios, "theta5_deg"))
-    position, rotation = routes.start_poses(way, each(scenarios, "distance"), theta5)
-    pipe_radius = np.array([routes.routes[w].fittings[0].radius for w in way])
+    position, rotation = routes.start_poses(route, each(scenarios, "distance"), theta5)
+    pipe_radius = np.array([routes.routes[w].fittings[0].radius for w in route])
     nominal = np.array([r.nominal_pipe_radius for r in robots])
     preload = each(scenarios, "preload")
     return Start(
@@ -137,7 +137,7 @@ def start_of(scenarios: Sequence[Scenario], routes: RouteMap, way: NDArray[np.in
 
 
 def settings_of(
-    scenarios: Sequence[Scenario], routes: RouteMap, way: NDArray[np.intp]
+    scenarios: Sequence[Scenario], routes: RouteMap, route: NDArray[np.intp]
 ) -> tuple[Settings, list[str | None]]:
     """Control settings of each robot, and a note for each that will not drive at its cruise speed.
 
@@ -146,7 +146,7 @@ def settings_of(
     """
     cruise, notes = [], []
     highest = np.array([s.robot.feasible_belt_speed for s in scenarios])
-    for scenario, w, most in zip(scenarios, way, highest.tolist(), strict=True):
+    for scenario, w, most in zip(scenarios, route, highest.tolist(), strict=True):
         factor = 1 + _sharpest_bend(scenario, routes.routes[w])
         cruise.append(min(scenario.control.cruise_speed, most / factor))
         notes.append(_speed_note(scenario, most, factor))

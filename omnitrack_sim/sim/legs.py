@@ -54,7 +54,7 @@ class Legs:
 
     Attributes:
         routes: of all legs so far.
-        way: (n,) number in ``routes`` of each robot's way.
+        route: (n,) number in ``routes`` of each robot's route.
         number: (n,) legs done so far. gear: (n,) 1 nose first, -1 tail first.
         end: (n,) m, arc length along the way where the leg at hand is over.
         near: (n,) m, arc length where each robot was seen last, or where its leg begins.
@@ -73,22 +73,22 @@ class Legs:
         self._closed: list[list[End]] = [[] for _ in scenarios]
         self._fallen_off: list[list[Step]] = [[] for _ in scenarios]
         self._falls_left = [scenario.monitor.falls for scenario in scenarios]
-        self._way_numbers: dict[object, int] = {}
-        routes, ways = [], []
+        self._route_numbers: dict[object, int] = {}
+        routes, numbers = [], []
         for scenario, driven in zip(scenarios, self._driven, strict=True):
             key = driven[0].way if driven else None
-            if key not in self._way_numbers:
-                self._way_numbers[key] = len(routes)
+            if key not in self._route_numbers:
+                self._route_numbers[key] = len(routes)
                 routes.append(scenario.route)
-            ways.append(self._way_numbers[key])
+            numbers.append(self._route_numbers[key])
         n = len(scenarios)
         for robot, explorer in enumerate(self._explorers):
             if explorer is not None:
                 self._driven[robot] = [explorer.leg]
-                ways[robot] = len(routes)
+                numbers[robot] = len(routes)
                 routes.append(explorer.ways.route(explorer.leg))
         self.routes = RouteMap(routes)
-        self.way: NDArray[np.intp] = np.array(ways, np.intp)
+        self.route: NDArray[np.intp] = np.array(numbers, np.intp)
         self.number = np.zeros(n, int)
         self.gear = np.ones(n, int)
         self.end: Array = np.array([s.goal_distance for s in scenarios])
@@ -100,7 +100,7 @@ class Legs:
 
     def restart(self, robots: NDArray[np.intp], scenarios: Sequence[Scenario]) -> None:
         """Put ``robots`` (k,) onto the first legs of ``scenarios`` (k), which do not explore."""
-        self.way, self.number = self.way.copy(), self.number.copy()
+        self.route, self.number = self.route.copy(), self.number.copy()
         self.gear, self.end, self.near = self.gear.copy(), self.end.copy(), self.near.copy()
         for robot, scenario in zip(robots.tolist(), scenarios, strict=True):
             planner = self._planners[robot] = scenario.planner
@@ -108,9 +108,9 @@ class Legs:
             self._to_come[robot], self._closed[robot], self._fallen_off[robot] = [], [], []
             self._falls_left[robot] = scenario.monitor.falls
             key = None if planner is None else planner.first.way
-            if key not in self._way_numbers:
-                self._way_numbers[key] = self.routes.add(scenario.route)
-            self.way[robot], self.number[robot] = self._way_numbers[key], 0
+            if key not in self._route_numbers:
+                self._route_numbers[key] = self.routes.add(scenario.route)
+            self.route[robot], self.number[robot] = self._route_numbers[key], 0
             self.gear[robot], self.end[robot] = 1, scenario.goal_distance
             self.near[robot] = scenario.start.distance
 
@@ -161,13 +161,13 @@ class Legs:
         if leg is None or leg == before:
             return Onward(leg, told, goes_on, shift=shift)
         route = explorer.ways.route(leg)
-        more = route.centreline.length - float(self.routes.lengths[self.way[robot]])
+        more = route.centreline.length - float(self.routes.lengths[self.route[robot]])
         if goes_on:
             self._driven[robot][-1] = leg
         else:
             self._begin(robot, leg)
         self.end = _with(self.end, robot, leg.end)
-        self.way = _with(self.way, robot, self.routes.add(route))
+        self.route = _with(self.route, robot, self.routes.add(route))
         return Onward(leg, told, goes_on, more, shift)
 
     def in_a_pipe(self, robot: int, position: Array, axis: Array) -> bool:
@@ -271,7 +271,7 @@ class Legs:
         if leg is not None:
             self._begin(robot, leg)
             self.end = _with(self.end, robot, leg.end)
-            self.way = _with(self.way, robot, self._way_of(robot, leg))
+            self.route = _with(self.route, robot, self._route_number(robot, leg))
         return onward
 
     def _begin(self, robot: int, leg: Leg) -> None:
@@ -281,13 +281,13 @@ class Legs:
         self.gear = _with(self.gear, robot, leg.gear)
         self.near = _with(self.near, robot, leg.begin)
 
-    def _way_of(self, robot: int, leg: Leg) -> int:
-        """The number of a leg's way, added to the routes where it is a new one."""
+    def _route_number(self, robot: int, leg: Leg) -> int:
+        """The number of a leg's route, added to the routes where it is a new one."""
         planner = self._planners[robot]
         assert planner is not None
-        if leg.way not in self._way_numbers:
-            self._way_numbers[leg.way] = self.routes.add(planner.route(leg))
-        return self._way_numbers[leg.way]
+        if leg.way not in self._route_numbers:
+            self._route_numbers[leg.way] = self.routes.add(planner.route(leg))
+        return self._route_numbers[leg.way]
 
     def missed(self, robot: int) -> tuple[str, ...]:
         """The goals of a robot's mission that its legs so far do not lead to; none in plain

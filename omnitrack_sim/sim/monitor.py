@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes.route_map import Place, RouteMap
+from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.robots.omnitrack import GRAVITY, Robot
 from omnitrack_sim.scenario.tables import MonitorTable
@@ -100,7 +100,7 @@ class Monitor:
     def look(
         self,
         readings: Mapping[str, Array],
-        place: Place,
+        location: Location,
         arrived: NDArray[np.bool_],
         resting: NDArray[np.bool_],
         diverged: NDArray[np.bool_],
@@ -108,18 +108,18 @@ class Monitor:
         """Look at one control step; verdicts in the order in which they count.
 
         Args:
-            readings: of the sensors. place: of the robots.
+            readings: of the sensors. location: of the robots.
             arrived: (n,) robots that are at the end of the leg at hand, or take themselves to be.
             resting: (n,) robots that stand still or drive backward on purpose.
             diverged: (n,) robots whose physics has gone wrong.
         """
-        distance = place.distance
+        distance = location.distance
         self._headway(distance, resting)
         hanging = (self._waiting > self._patience) | (distance < self._farthest - self._slide_back)
         found = (
             (diverged, Outcome.DIVERGED),
             (arrived, Outcome.REACHED_GOAL),
-            (self.outside(place), Outcome.LEFT_PIPE),
+            (self.outside(location), Outcome.LEFT_PIPE),
             (hanging, None),
             (readings["time"] >= self._time_limit, Outcome.TIMED_OUT),
         )
@@ -136,7 +136,7 @@ class Monitor:
         self._farthest = np.where(counts, distance, self._farthest)
         self._waiting = (self._waiting + self.period) * ~counts
 
-    def outside(self, place: Place) -> NDArray[np.bool_]:
+    def outside(self, location: Location) -> NDArray[np.bool_]:
         """Which robots (n,) have left their way."""
         routes = self.routes
         if self._version != routes.version:
@@ -147,9 +147,9 @@ class Monitor:
             self._room = routes.radius * np.where(in_turn, self.limits.tee_room, 1.0)  # (Q,) m
             self._way_out = routes.lengths + self._exit  # (W,) m
         return (
-            (place.offset > self._room.take(place.passage))
-            | (place.distance < -self._exit)
-            | (place.distance > self._way_out.take(place.way))
+            (location.offset > self._room.take(location.passage))
+            | (location.distance < -self._exit)
+            | (location.distance > self._way_out.take(location.route))
         )
 
     def average(
@@ -179,16 +179,16 @@ class Monitor:
         np.abs(np.cos(readings["roll"]), out=sample[:, ROLL_COSINE])
         self._mean += weight * (sample - self._mean)
 
-    def cause(self, robot: int, place: Place) -> Outcome:
+    def cause(self, robot: int, location: Location) -> Outcome:
         """Why a robot makes no headway."""
-        mean, limits, passage = self._mean[robot], self.limits, int(place.passage[robot])
+        mean, limits, passage = self._mean[robot], self.limits, int(location.passage[robot])
         running = limits.stalled_speed * mean[BELT_COMMAND]
         stalled = (mean[SATURATED] > 0.5) & (mean[BELT_SPEED] < running)
         if (mean[ROLL_COSINE] < limits.no_motion_cosine).all():
             return Outcome.NO_MOTION_LINE
         routes = self.routes
         turning = routes.is_tee_turn[passage]
-        begun = place.distance[robot] > routes.start[passage] - self._exit
+        begun = location.distance[robot] > routes.start[passage] - self._exit
         if turning and begun and mean[NORMAL_FORCE].min() < self._lost_contact:
             return Outcome.MOTION_SINGULARITY
         if stalled.any():
@@ -197,15 +197,15 @@ class Monitor:
             return Outcome.SLIPPING
         return Outcome.STUCK
 
-    def reason(self, robot: int, place: Place, goal: float, time: float) -> str:
+    def reason(self, robot: int, location: Location, goal: float, time: float) -> str:
         """Where a robot's run ended, and what was measured there, in words.
 
         ``goal`` is where the leg at hand is over, m, and ``time`` how long the run took, s.
         """
-        mean, length = self._mean[robot], self.routes.lengths[place.way[robot]]
-        distance = place.distance[robot]
+        mean, length = self._mean[robot], self.routes.lengths[location.route[robot]]
+        distance = location.distance[robot]
         there, before = (", the goal,", "") if distance >= goal else ("", f", goal at {goal:.3f} m")
-        tilt = np.degrees(place.tilt[robot])
+        tilt = np.degrees(location.tilt[robot])
         forces = ", ".join(f"{force:.1f}" for force in mean[NORMAL_FORCE])
         slips = ", ".join(f"{slip:.2f}" for slip in mean[SLIP_RATIO])
         return (

@@ -14,7 +14,7 @@ from omnitrack_sim.autonomy.graft import graft
 from omnitrack_sim.autonomy.localiser import Localiser
 from omnitrack_sim.autonomy.search import Search, Searching
 from omnitrack_sim.base.rotations import Array, heading, quaternion_from_matrix, turned_by
-from omnitrack_sim.pipes.route_map import Place
+from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.robots.omnitrack.body import lug_pitch
 from omnitrack_sim.robots.omnitrack.control.interface import Command
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
@@ -91,7 +91,7 @@ class Onboard:
             state,
         )
         self._maps = OwnMaps(scenarios, legs)
-        position, rotation, tangent = self._begin(scenarios, table, legs.way)
+        position, rotation, tangent = self._begin(scenarios, table, legs.route)
         self.localiser = Localiser(
             table,
             first.robot,
@@ -118,7 +118,7 @@ class Onboard:
         self,
         scenarios: Sequence[Scenario],
         table: SensingTable,
-        way: NDArray[np.intp],
+        route: NDArray[np.intp],
     ) -> tuple[Array, Array, Array]:
         """Where the robots take themselves to be, and the direction of the pipe there."""
         start = table.start
@@ -127,7 +127,7 @@ class Onboard:
         theta5 = np.radians(each(scenarios, "theta5_deg").astype(float))
         if not start.theta5_known:
             theta5 = theta5 + 2 * np.pi * uniform(self.eyes.keys, "theta5", 0, 1)[:, 0]
-        position, rotation = self._routes.start_poses(way, distance, theta5)
+        position, rotation = self._routes.start_poses(route, distance, theta5)
         return position, rotation, rotation[:, :, 2]
 
     @property
@@ -135,14 +135,14 @@ class Onboard:
         """Whether any camera takes a picture at this control step."""
         return bool(np.count_nonzero(self._due))
 
-    def learn(self, robots: Collection[int], place: Place) -> None:
-        """Robots that took themselves to be at ``place`` may have changed their maps."""
+    def learn(self, robots: Collection[int], location: Location) -> None:
+        """Robots that took themselves to be at ``location`` may have changed their maps."""
         for robot in robots:
-            self._maps.learn(robot, place, self.localiser)
+            self._maps.learn(robot, location, self.localiser)
 
-    def shift(self, robot: int, place: Place, more: float) -> None:
-        """A robot is ``more`` m farther along its way than it took itself to be, at ``place``."""
-        self._maps.shift(robot, place, more, self.localiser)
+    def shift(self, robot: int, location: Location, more: float) -> None:
+        """Move the estimate of a robot at ``location`` by ``more`` m along its route."""
+        self._maps.shift(robot, location, more, self.localiser)
 
     def restart(
         self,
@@ -172,10 +172,10 @@ class Onboard:
         self._found = [robot for robot in self._found if robot not in robots]
 
     def look(
-        self, state: State, gear: NDArray[np.int_], place: Place, active: NDArray[np.bool_]
+        self, state: State, gear: NDArray[np.int_], location: Location, active: NDArray[np.bool_]
     ) -> None:
-        """Read the sensors at this moment and bring the estimate up to it; ``place`` is where the
-        robots took themselves to be a moment ago. Robots that are not ``active`` (n,) any more take
+        """Read the sensors at this moment and bring the estimate up to it; ``location`` is the
+        estimate of a moment ago. Robots that are not ``active`` (n,) any more take
         no pictures."""
         self._tick = self._tick + 1
         self._due = self._tick % self._every == 0
@@ -193,15 +193,17 @@ class Onboard:
             assert shot is not None
             seeing = active & shot.taken
             if np.count_nonzero(self.localiser.puzzled & seeing):
-                self._look_along_the_way(place, gear, seeing)
-            self._check_turns(place, gear, seeing)
+                self._look_along_the_way(location, gear, seeing)
+            self._check_turns(location, gear, seeing)
         self.readings = self._told(felt)
 
-    def _check_turns(self, place: Place, gear: NDArray[np.int_], active: NDArray[np.bool_]) -> None:
+    def _check_turns(
+        self, location: Location, gear: NDArray[np.int_], active: NDArray[np.bool_]
+    ) -> None:
         """Have robots that stand before a fitting check that they are turned as they believe, when
         they come there and every second from then on: a wrong turn may fit its surroundings so well
         that small steps do not lead out of it."""
-        before = self._before(place)
+        before = self._before(location)
         time, shot = self.readings["time"], self.localiser.shot
         assert shot is not None
         due = active & before & (time > self._checked + CHECK_EVERY) & (shot.facing == gear)
@@ -210,13 +212,13 @@ class Onboard:
             self._checked[robots] = time[robots]
             self.localiser.verify(robots)
 
-    def _before(self, place: Place) -> NDArray[np.bool_]:
+    def _before(self, location: Location) -> NDArray[np.bool_]:
         """Robots (n,) that are about to enter a fitting."""
-        room = self._routes.nose_room(place, self._robot.length)
+        room = self._routes.nose_room(location, self._robot.length)
         return (room <= self._robot.standing_room) & (room > -INSIDE)
 
     def _look_along_the_way(
-        self, place: Place, gear: NDArray[np.int_], active: NDArray[np.bool_]
+        self, location: Location, gear: NDArray[np.int_], active: NDArray[np.bool_]
     ) -> None:
         """Have robots whose pictures are not those of the map compare all poses around."""
         localiser, routes = self.localiser, self._routes
@@ -224,47 +226,47 @@ class Onboard:
         shot = localiser.shot
         assert shot is not None
         steps = np.arange(-AROUND, AROUND + SPACING / 2, SPACING)
-        distance = place.distance[robots, None] + steps  # (m, c)
-        way = np.repeat(place.way[robots], len(steps))
-        longest = routes.lengths[way].reshape(distance.shape)
+        distance = location.distance[robots, None] + steps  # (m, c)
+        route = np.repeat(location.route[robots], len(steps))
+        longest = routes.lengths[route].reshape(distance.shape)
         distance = np.clip(distance, 0.0, longest)
         places, frames = [], []
         for turn in np.arange(TURNS) * 2 * np.pi / TURNS:
-            found, frame = routes.poses(way, distance.ravel(), np.full(len(way), turn))
+            found, frame = routes.poses(route, distance.ravel(), np.full(len(route), turn))
             places.append(found.reshape(len(robots), -1, 3))
             frames.append(frame.reshape(len(robots), -1, 3, 3))
         frame = heading(np.concatenate(frames, axis=1), gear[robots][:, None])
         found = localiser.seek(robots, shot, np.concatenate(places, axis=1), frame)
         self._found = robots[found].tolist()
 
-    def near(self, near: Array, way: NDArray[np.intp]) -> Array:
+    def near(self, near: Array, route: NDArray[np.intp]) -> Array:
         """``near`` (n,) m, and for robots that have found themselves just now the arc length of
         that place of their way (n,) that they are nearest to."""
         if not self._found:
             return near
         near = near.copy()
         for robot in self._found:
-            along = np.arange(0.0, float(self._routes.lengths[way[robot]]), SPACING)
-            points = self._routes.poses(np.full(len(along), way[robot]), along, 0 * along)[0]
+            along = np.arange(0.0, float(self._routes.lengths[route[robot]]), SPACING)
+            points = self._routes.poses(np.full(len(along), route[robot]), along, 0 * along)[0]
             aside = ((points - self.localiser.filter.position[robot]) ** 2).sum(axis=-1)
             near[robot] = along[aside.argmin()]
         self._found = []
         return near
 
-    def lost(self, place: Place) -> NDArray[np.bool_]:
+    def lost(self, location: Location) -> NDArray[np.bool_]:
         """Robots (n,) that do not know where they are: their pictures are not those of the map, or
         they stand before a fitting and do not know well enough how they are turned."""
-        before = self._before(place)
-        assert place.sure is not None
-        unsure = ~place.sure
+        before = self._before(location)
+        assert location.sure is not None
+        unsure = ~location.sure
         # Stepping back from the fitting does not make it know more.
         self._lost = self.localiser.puzzled | (unsure & (before | self._lost))
         return self._lost
 
-    def guarded(self, command: Command, place: Place, roll: Array) -> Searching:
+    def guarded(self, command: Command, location: Location, roll: Array) -> Searching:
         """A command, less what robots that do not know where they are may not do; who gives up;
         and what there is to tell. ``roll`` (n, 3) rad, as controllers see it."""
-        return self._search.step(command, self.lost(place), self.readings["time"], roll)
+        return self._search.step(command, self.lost(location), self.readings["time"], roll)
 
     def _shoot(self, state: State, facing: NDArray[np.int_], robots: NDArray[np.intp]) -> None:
         """Have robots (m,) take a picture of the pipes as they are; ``facing`` (n,): 1 from the
@@ -274,8 +276,8 @@ class Onboard:
         metered = np.searchsorted(pixels, compared)
         numbers = self._pictures[robots]
         number = int(numbers[0]) if np.ptp(self._pictures) == 0 else numbers
-        place, rotation = state["position"][robots], state["rotation"][robots]
-        taken = self.eyes.take(robots, place, rotation, facing[robots], number, pixels, metered)
+        position, rotation = state["position"][robots], state["rotation"][robots]
+        taken = self.eyes.take(robots, position, rotation, facing[robots], number, pixels, metered)
         self.picture = self.picture.copy()
         self.picture[robots] = taken[:, metered]
         if self._records:
@@ -316,37 +318,40 @@ class Onboard:
             force=nothing,
         )
 
-    def place(self, place: Place) -> Place:
+    def location(self, location: Location) -> Location:
         """A place on the route, found from the estimate, with its standard deviations."""
         pose = self.localiser.filter
-        axis = place.frame[:, :, 2]
+        axis = location.frame[:, :, 2]
         about = pose.std_about(axis)
         across = np.sqrt(
-            (pose.std_about(place.frame[:, :, 0]) ** 2 + pose.std_about(place.frame[:, :, 1]) ** 2)
+            (
+                pose.std_about(location.frame[:, :, 0]) ** 2
+                + pose.std_about(location.frame[:, :, 1]) ** 2
+            )
             / 2
         )
         theta5_std = np.where(self.localiser.unknown, np.pi, about)
         return replace(
-            place,
-            distance_std=pose.std_along(place.tangent),
+            location,
+            distance_std=pose.std_along(location.tangent),
             theta5_std=theta5_std,
             sure=(theta5_std <= self._sure) & ~self.localiser.puzzled,
             tilt_std=across,
         )
 
-    def estimates(self, place: Place) -> Mapping[str, Array]:
-        """Values of the channels ``ESTIMATES``, at a place that ``place`` has returned."""
-        assert place.distance_std is not None
-        assert place.theta5_std is not None
-        assert place.tilt_std is not None
+    def estimates(self, location: Location) -> Mapping[str, Array]:
+        """Values of the channels ``ESTIMATES``, at a place that ``location`` has returned."""
+        assert location.distance_std is not None
+        assert location.theta5_std is not None
+        assert location.tilt_std is not None
         return {
             "position_estimate": self.localiser.filter.position,
-            "distance_estimate": place.distance,
-            "distance_std": place.distance_std,
-            "theta5_estimate": place.theta5,
-            "theta5_std": place.theta5_std,
-            "tilt_estimate": place.tilt,
-            "tilt_std": place.tilt_std,
+            "distance_estimate": location.distance,
+            "distance_std": location.distance_std,
+            "theta5_estimate": location.theta5,
+            "theta5_std": location.theta5_std,
+            "tilt_estimate": location.tilt,
+            "tilt_std": location.tilt_std,
             "misfit": self.localiser.misfit,
         }
 

@@ -12,7 +12,7 @@ from omnitrack_sim.autonomy.localiser import Localiser
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Part
 from omnitrack_sim.pipes.layout import End
-from omnitrack_sim.pipes.route_map import Place
+from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.walls.rays import RayWalls
@@ -50,8 +50,8 @@ class OwnMaps:
         assert belief is not None
         return belief.compared()
 
-    def learn(self, robot: int, place: Place, localiser: Localiser) -> None:
-        """A robot that explores, and took itself to be at ``place``, may have changed its map.
+    def learn(self, robot: int, location: Location, localiser: Localiser) -> None:
+        """A robot that explores, and took itself to be at ``location``, may have changed its map.
         Where the part moves that it is in, it moves along: it knows its place by what is around
         it."""
         before, after = self._known[robot], self._legs.map(robot)
@@ -61,7 +61,7 @@ class OwnMaps:
         self.walls.replace(robot, *self._drawn(robot))
         old, new = before.pipes.parts, after.pipes.parts
         if _bent(old, new):
-            self._turn_with(robot, place, localiser)
+            self._turn_with(robot, location, localiser)
             return
         here = localiser.filter.position[robot]
         for part, moved in zip(old, new, strict=False):
@@ -72,24 +72,26 @@ class OwnMaps:
                     localiser.move(robot, was, is_now)
                 return
 
-    def shift(self, robot: int, place: Place, more: float, localiser: Localiser) -> None:
-        """A robot is ``more`` m farther along its way than it took itself to be, at ``place``."""
-        before, after = self._on_the_way(robot, place, int(place.way[robot]), more)
+    def shift(self, robot: int, location: Location, more: float, localiser: Localiser) -> None:
+        """Move the estimate of a robot at ``location`` by ``more`` m along its route."""
+        before, after = self._on_the_route(robot, location, int(location.route[robot]), more)
         localiser.move(robot, before, after)
 
-    def _turn_with(self, robot: int, place: Place, localiser: Localiser) -> None:
+    def _turn_with(self, robot: int, location: Location, localiser: Localiser) -> None:
         """A fitting behind a robot bends otherwise than was known: it is as far along its way as
         it was, and less sure of its place. How it is turned it knows as before: the gyro has told
         both that and the bend."""
-        before, after = self._on_the_way(robot, place, int(self._legs.way[robot]), 0.0)
+        before, after = self._on_the_route(robot, location, int(self._legs.route[robot]), 0.0)
         localiser.move(robot, before, Pose(before.rotation, after.position))
         localiser.loosen(robot)
 
-    def _on_the_way(self, robot: int, place: Place, way: int, more: float) -> tuple[Pose, Pose]:
-        """The poses of the centreline at a robot's ``place``, and ``more`` m farther on ``way``."""
-        ways = np.array([place.way[robot], way])
-        along = place.distance[robot] + np.array([0.0, more])
-        points, frames = self._legs.routes.poses(ways, along, np.zeros(2))
+    def _on_the_route(
+        self, robot: int, location: Location, route: int, more: float
+    ) -> tuple[Pose, Pose]:
+        """Poses of the centreline at a robot's ``location``, and ``more`` m on along ``route``."""
+        pair = np.array([location.route[robot], route])
+        along = location.distance[robot] + np.array([0.0, more])
+        points, frames = self._legs.routes.poses(pair, along, np.zeros(2))
         return Pose(frames[0], points[0]), Pose(frames[1], points[1])
 
 

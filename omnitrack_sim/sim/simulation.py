@@ -14,7 +14,7 @@ from omnitrack_sim.autonomy.judged_sight import JudgedSight
 from omnitrack_sim.base.arguments import check_all, check_is
 from omnitrack_sim.base.rotations import Array, heading
 from omnitrack_sim.base.text import shown
-from omnitrack_sim.pipes.route_map import Place
+from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.channels import CHANNELS, Channel
 from omnitrack_sim.record.estimates import ESTIMATES
 from omnitrack_sim.record.events import Event, Note
@@ -124,8 +124,8 @@ class Simulation:
         self._substeps = max(1, round(self.period / first.physics.timestep))
         self._record_every = max(1, round(first.record.period / self.period))
         self.legs = Legs(self.scenarios)
-        start = start_of(self.scenarios, self.legs.routes, self.legs.way)
-        settings, notes = settings_of(self.scenarios, self.legs.routes, self.legs.way)
+        start = start_of(self.scenarios, self.legs.routes, self.legs.route)
+        settings, notes = settings_of(self.scenarios, self.legs.routes, self.legs.route)
         sensors = (*first.own_sensors, *check_all(Sensor, "sensors", sensors))
         refuse_taken("sensors", [sensor.channel.name for sensor in sensors], CHANNELS)
         every = (*SENSORS, *sensors)
@@ -174,7 +174,7 @@ class Simulation:
             robot=robot,
             settings=settings,
             parameters=[s.control_parameters for s in self.scenarios],
-            place=self._believed,
+            location=self._believed,
             roll=start.roll,
             period=self.period,
             gravity=start.gravity,
@@ -226,9 +226,9 @@ class Simulation:
         return self._readings
 
     @property
-    def place(self) -> Place:
+    def location(self) -> Location:
         """Where the robots are along their routes."""
-        return self._place
+        return self._location
 
     @property
     def phase(self) -> list[str]:
@@ -299,9 +299,9 @@ class Simulation:
         for robot, scenario in zip(which.tolist(), scenarios, strict=True):
             self.scenarios[robot], self.endings[robot] = scenario, None
         self.legs.restart(which, scenarios)
-        routes, way = self.legs.routes, self.legs.way[which]
-        start = start_of(scenarios, routes, way)
-        settings, notes = settings_of(scenarios, routes, way)
+        routes, route = self.legs.routes, self.legs.route[which]
+        start = start_of(scenarios, routes, route)
+        settings, notes = settings_of(scenarios, routes, route)
         for robot, note in zip(which.tolist(), notes, strict=True):
             self.events[robot] = self._noted(robot, note)
         self._restart_parts(which, scenarios, start, settings)
@@ -318,7 +318,7 @@ class Simulation:
             self.setup,
             settings=self.setup.settings.with_rows(which, settings),
             parameters=parameters,
-            place=self._believed,
+            location=self._believed,
             roll=self._roll_command.copy(),
             gravity=gravity,
         )
@@ -409,19 +409,19 @@ class Simulation:
     def _find(self) -> None:
         """Find the robots on their routes, and where they take themselves to be."""
         legs, readings = self.legs, self._readings
-        self._place = self._locate(readings, self._near)
-        self._near = self._place.distance
-        self._believed = self._place
+        self._location = self._locate(readings, self._near)
+        self._near = self._location.distance
+        self._believed = self._location
         if self.onboard is not None:
-            self._believed = self.onboard.place(
-                self._locate(self.onboard.readings, self.onboard.near(legs.near, legs.way))
+            self._believed = self.onboard.location(
+                self._locate(self.onboard.readings, self.onboard.near(legs.near, legs.route))
             )
         legs.seen_at(self._believed.distance)
 
-    def _locate(self, readings: Mapping[str, Array], near: Array) -> Place:
+    def _locate(self, readings: Mapping[str, Array], near: Array) -> Location:
         legs = self.legs
         frames = heading(readings["rotation"], legs.gear)
-        return legs.routes.locate(readings["position"], frames, legs.way, near)
+        return legs.routes.locate(readings["position"], frames, legs.route, near)
 
     def _settle(self) -> None:
         """Judge where the robots are now, send on who is due, record."""
@@ -455,7 +455,7 @@ class Simulation:
 
     def _end_those_outside(self) -> None:
         """End the runs of robots that are in no pipe of their network, whatever they believe."""
-        outside = self.monitor.outside(self._place) & self.active
+        outside = self.monitor.outside(self._location) & self.active
         for robot in np.flatnonzero(outside).tolist() if np.count_nonzero(outside) else ():
             if not self.legs.in_a_pipe(
                 robot,
@@ -467,7 +467,7 @@ class Simulation:
     def _dispatch(self, verdicts: Sequence[Verdict]) -> None:
         """Send robots that have arrived, hang, or have fallen off their way onto their next legs;
         end the runs of others."""
-        place, sent = self._place, set[int]()
+        location, sent = self._location, set[int]()
         for robot, outcome in verdicts:
             if robot in sent or not self.active[robot]:
                 continue
@@ -481,7 +481,7 @@ class Simulation:
                 self.onboard.localiser.doubt(robot)
                 continue
             time = float(self.time[robot])
-            self._end(robot, outcome or self.monitor.cause(robot, place), time)
+            self._end(robot, outcome or self.monitor.cause(robot, location), time)
         self._find_again(sent)
 
     def _look_ahead(self) -> None:
@@ -519,7 +519,7 @@ class Simulation:
             more = scenario.time_for(max(onward.more, 0.0)) - scenario.time_for(0.0)
             self.monitor.goes_on(robot, more)
         else:
-            length = float(self.legs.routes.lengths[self.legs.way[robot]])
+            length = float(self.legs.routes.lengths[self.legs.route[robot]])
             self.monitor.sent_on(robot, scenario.time_for(length))
 
     def _find_again(self, robots: Collection[int]) -> None:
@@ -549,7 +549,7 @@ class Simulation:
         return Onward(None, ())
 
     def _end(self, robot: int, outcome: Outcome, time: float) -> None:
-        reason = self.monitor.reason(robot, self._place, float(self.legs.end[robot]), time)
+        reason = self.monitor.reason(robot, self._location, float(self.legs.end[robot]), time)
         missed = self.legs.missed(robot)
         if outcome is Outcome.REACHED_GOAL and self._elsewhere(robot):
             outcome, reason = Outcome.LOST, f"took itself to be at the goal; {reason}"
@@ -567,13 +567,13 @@ class Simulation:
                 return False  # that it has found its goals is known from where it truly was
             axis = self._readings["rotation"][robot, :, 2]
             return not exploration.is_home(self._readings["position"][robot], axis)
-        missing = float(self.legs.end[robot] - self._place.distance[robot])
+        missing = float(self.legs.end[robot] - self._location.distance[robot])
         return abs(missing) > self.scenarios[robot].robot.nominal_pipe_radius and (
             self.onboard is not None
         )
 
     def _record(self) -> None:
-        place, legs = self._place, self.legs
+        location, legs = self._location, self.legs
         if self._phase.max() >= len(self.phases):
             raise ValueError(f"command.phase is {self._phase.max()}; phases are {self.phases}")
         self.recorder.sample(
@@ -582,10 +582,10 @@ class Simulation:
                 **{name: self._readings[name] for name in self._measured},
                 "leg": legs.number,
                 "gear": legs.gear,
-                "distance": place.distance,
-                "offset": place.offset,
-                "tilt": place.tilt,
-                "theta5": place.theta5,
+                "distance": location.distance,
+                "offset": location.offset,
+                "tilt": location.tilt,
+                "theta5": location.theta5,
                 "phase": self._phase,
                 "belt_speed_command": self._belt_command,
                 "roll_command": self._roll_command,
@@ -594,7 +594,7 @@ class Simulation:
         )
 
     def _report(self, progress: Progress) -> None:
-        part = np.clip(self._place.distance / self.legs.end, 0, 1)
+        part = np.clip(self._location.distance / self.legs.end, 0, 1)
         part = np.where(self.active, part, 1.0)
         running = np.flatnonzero(self.active)
         if len(running) == 0:

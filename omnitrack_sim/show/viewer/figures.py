@@ -9,7 +9,7 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Passage
-from omnitrack_sim.pipes.route_map import Place, RouteMap
+from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error, preferred_theta5
 from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
 
@@ -37,14 +37,14 @@ class Moment:
 
     Attributes:
         slip_ratio, traction, normal_force: (3,) 1, N, N, as in the channels of these names.
-        routes: of the run. place: of a batch of this one robot. reach: m, of the robot.
+        routes: of the run. location: of a batch of this one robot. reach: m, of the robot.
     """
 
     slip_ratio: Array
     traction: Array
     normal_force: Array
     routes: RouteMap
-    place: Place
+    location: Location
     reach: float
 
 
@@ -60,28 +60,28 @@ class Region(NamedTuple):
     border: float
 
 
-def region_of(routes: RouteMap, place: Place, reach: float) -> Region | None:
+def region_of(routes: RouteMap, location: Location, reach: float) -> Region | None:
     """The region of a robot's tee turn; None where none is ahead or at hand."""
-    number = int(place.passage[0])
+    number = int(location.passage[0])
     passage = routes.passages[number]
     if passage is None or passage.manoeuvre != "tee_turn":
         return None
     # A right angle, whatever that of the branch: see Aligner.learn.
     margin = float(safe_margin(sector_angle(routes.corner_radius[number], reach, np.pi / 2)))
-    error = float(orientation_error(place.theta5[0], preferred_theta5("tee_turn")))
+    error = float(orientation_error(location.theta5[0], preferred_theta5("tee_turn")))
     return Region(abs(error) > margin, abs(abs(error) - margin))
 
 
 def place_lines(moment: Moment) -> Lines:
     """Where the robot is."""
-    place, route = moment.place, moment.routes.routes[int(moment.place.way[0])]
-    distance = float(place.distance[0])
+    location, route = moment.location, moment.routes.routes[int(moment.location.route[0])]
+    distance = float(location.distance[0])
     here: Passage = next((p for p in route.fittings if distance < p.s_leave), route.fittings[-1])
     name = route.network.parts[here.index].name
     return [
         ("in", name),
         ("travelled", f"{distance:.3f} of {route.centreline.length:.3f} m"),
-        ("tilt", f"{np.degrees(place.tilt[0]):.1f} deg"),
+        ("tilt", f"{np.degrees(location.tilt[0]):.1f} deg"),
     ]
 
 
@@ -93,7 +93,7 @@ def contact_lines(moment: Moment) -> Lines:
         ("traction, N", _three("{:>z6.1f}", moment.traction)),
         ("normal force, N", _three("{:>z6.1f}", moment.normal_force)),
         ("theta5", f"{np.degrees(moment.place.theta5[0]):z.1f} deg"),
-        ("motion singularity", _told(region_of(moment.routes, moment.place, moment.reach))),
+        ("motion singularity", _told(region_of(moment.routes, moment.location, moment.reach))),
     ]
 
 

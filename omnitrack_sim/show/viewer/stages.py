@@ -70,7 +70,7 @@ class LiveStage:
             traction=readings["traction"][0],
             normal_force=readings["normal_force"][0],
             routes=simulation.legs.routes,
-            place=simulation.place,
+            location=simulation.location,
             reach=simulation.scenarios[0].robot.reach,
         )
 
@@ -136,7 +136,7 @@ class ReplayStage:
     def _moment(self) -> Moment:
         one = {name: values[self.row : self.row + 1] for name, values in self._trajectory.items()}
         frame = heading(matrix_from_quaternion(one["quaternion"]), one["gear"].astype(int))
-        place = self._routes.locate(
+        location = self._routes.locate(
             one["position"], frame, one["leg"].astype(np.intp), one["distance"]
         )
         return Moment(
@@ -144,6 +144,6 @@ class ReplayStage:
             traction=one["traction"][0],
             normal_force=one["normal_force"][0],
             routes=self._routes,
-            place=place,
+            location=location,
             reach=self._result.scenario.robot.reach,
         )

@@ -406,7 +406,7 @@ class Aligner:
         self._belt_sign[rows] = belt_sign(setup.roll[rows])
         self.attempts[rows], self.deadline[rows], self._inside[rows] = 0, np.inf, False
         # Without alignment every passage counts as dealt with.
-        first = self.routes.first[setup.place.way]
+        first = self.routes.first[setup.location.route]
         self.aligned[rows] = np.where(self.settings.align, first, np.iinfo(np.intp).max)[rows]
 
     def learn(self) -> None:
@@ -475,7 +475,7 @@ class Aligner:
             found = routes.passages[q]
             assert found is not None
             entry = np.array([found.s_enter])
-            frame = routes.centreline.frame(entry, routes.way_of[[q]])[0]
+            frame = routes.centreline.frame(entry, routes.route_of[[q]])[0]
             x, y, _ = routes.directions[q] @ frame
             angles.append(np.arctan2(y, x))
         return float(angles[0] - angles[1])
@@ -485,7 +485,7 @@ class Aligner:
         self._belt_sign = held_belt_sign(roll, self._band, self._belt_sign)
         return self._belt_sign
 
-    def begin_leg(self, robot: int, turned: bool, way: int) -> None:
+    def begin_leg(self, robot: int, turned: bool, route: int) -> None:
         """A robot drives another way from now on; ``turned``: in the other gear."""
         if turned:
             self.roll[robot] = 0.0 - self.roll[robot, SWAPPED]
@@ -493,7 +493,7 @@ class Aligner:
             self._belt_sign[robot] = self._belt_sign[robot, SWAPPED]
         self.attempts[robot], self.deadline[robot], self._inside[robot] = 0, np.inf, False
         if self.settings.align[robot]:
-            self.aligned[robot] = self.routes.first[way]
+            self.aligned[robot] = self.routes.first[route]
 
     def extend_leg(self, robot: int, shift: int) -> None:
         """Follow a robot whose leg goes on, on a route whose passages have numbers larger by
@@ -524,27 +524,27 @@ class Aligner:
         return standing
 
     def _stand(self, observation: Observation, room: Array) -> Standing:
-        place, events = observation.place, []
-        due = (self.aligned <= place.passage) & (room <= self.robot.standing_room)
+        location, events = observation.location, []
+        due = (self.aligned <= location.passage) & (room <= self.robot.standing_room)
         if not np.count_nonzero(due):
             return Standing(due, ())
         new = due & np.isinf(self.deadline)
         self.deadline = np.where(new, observation.time + self._patience, self.deadline)
         settled = np.abs(observation.roll - self.roll_target).max(axis=-1) < self._settled
         # The last ranges are the widest.
-        best = self.best[-1][:, self._rows, place.passage]  # (SIDES, n)
-        width = self.aim[-1][:, self._rows, place.passage]
-        error = np.abs(orientation_error(place.theta5, best))
+        best = self.best[-1][:, self._rows, location.passage]  # (SIDES, n)
+        width = self.aim[-1][:, self._rows, location.passage]
+        error = np.abs(orientation_error(location.theta5, best))
         oriented = (error <= width + ROUNDING).any(axis=0)
         off_the_line = no_motion_distance(observation.roll).min(axis=-1) >= self._clear_enough
         # With the nose inside, a fitting that goes with any orientation is not worth a stop.
-        inside = (room < 0) & self.makes_do[place.passage]
+        inside = (room < 0) & self.makes_do[location.passage]
         decide = due & (settled | (observation.time > self.deadline))
-        if place.sure is not None:
-            decide &= place.sure
+        if location.sure is not None:
+            decide &= location.sure
         good = (oriented | (inside & ~self._inside)) & off_the_line
         finished = decide & (good | (self.attempts >= self._most_attempts))
-        self.aligned = np.where(finished, place.passage + 1, self.aligned)
+        self.aligned = np.where(finished, location.passage + 1, self.aligned)
         self.attempts = np.where(finished, 0, self.attempts)
         self._inside = self._inside & ~finished
         self.deadline = np.where(finished, np.inf, self.deadline)
@@ -555,9 +555,9 @@ class Aligner:
 
     def _plan(self, robots: NDArray[np.intp], observation: Observation) -> list[Event]:
         """Plan a roll for each of ``robots`` (m,); those without a plan drive on as they are."""
-        place = observation.place
-        theta5 = place.theta5[robots]
-        plan = self._cheapest(robots, theta5, place.passage[robots])
+        location = observation.location
+        theta5 = location.theta5[robots]
+        plan = self._cheapest(robots, theta5, location.passage[robots])
         self.roll_target[robots] += plan.change[:, None]
         rolls = np.abs(plan.change) > self._settled[robots]
         most = self._most_attempts[robots]
@@ -597,9 +597,9 @@ class Aligner:
 
     def _told(self, robot: int, plan: RollPlan, i: int, observation: Observation) -> Event:
         """One plan, or why there is none, as an event."""
-        place, time = observation.place, float(observation.time[robot])
-        fitting = self.routes.name_of(int(place.passage[robot]))
-        theta5_deg = float(np.degrees(place.theta5[robot]))
+        location, time = observation.location, float(observation.time[robot])
+        fitting = self.routes.name_of(int(location.passage[robot]))
+        theta5_deg = float(np.degrees(location.theta5[robot]))
         if not plan.exists[i]:
             cause = Obstacle(int(plan.obstacle[i])).text
             return NotAligned(robot, time, fitting, theta5_deg, cause)

@@ -234,7 +234,7 @@ class DrivenController:
         setup = replace(
             self.setup,
             parameters=[parameters] * self.setup.n,
-            place=observation.place,
+            location=observation.location,
             roll=self._roll_in_gear(observation),
         )
         return table.autopilot_class(setup)
@@ -257,7 +257,7 @@ class DrivenController:
             self._damping * self._steered,
             self._wanted_rotation(observation, gear),
             gear * self._speed,
-            setup.routes.radius.take(observation.place.passage),
+            setup.routes.radius.take(observation.location.passage),
             setup.settings.speed_limit,
         )
         if not setup.drive.steers:

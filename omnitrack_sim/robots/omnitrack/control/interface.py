@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import did_you_mean, shown
-from omnitrack_sim.pipes.route_map import Place, RouteMap
+from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.events import Event
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.drive import Drive, drive_of
@@ -26,24 +26,24 @@ class Observation:
     an array (n, 3) in rad. Robots that drive tail first see everything as if they drove nose first.
 
     Attributes:
-        place: where the robots are along their routes.
+        location: where the robots are along their routes.
         leg: (n,) number of the leg that each robot drives. It changes when a robot is sent on.
         gear: (n,) 1 nose first, -1 tail first.
     """
 
-    place: Place
+    location: Location
     leg: NDArray[np.int_]
     gear: NDArray[np.int_]
 
     def __init__(
         self,
         readings: Mapping[str, Array],
-        place: Place,
+        location: Location,
         leg: NDArray[np.int_],
         gear: NDArray[np.int_],
     ) -> None:
         self._readings = readings
-        self.place, self.leg, self.gear = place, leg, gear
+        self.location, self.leg, self.gear = location, leg, gear
 
     def __getattr__(self, name: str) -> Array:
         try:
@@ -145,7 +145,7 @@ class ControlSetup:
         settings: what every controller is asked for.
         parameters: for each robot, ``[control.parameters]`` as the controller's own model; empty
             tables where it has none.
-        place: where the robots begin.
+        location: where the robots begin.
         roll: (n, 3) rad, roll of the modules at the start.
         period: s between two steps.
         gravity: (n, 3) m/s², world frame, as a robot with an inertial unit knows it.
@@ -155,7 +155,7 @@ class ControlSetup:
     robot: Robot
     settings: Settings
     parameters: Sequence[Any]
-    place: Place
+    location: Location
     roll: Array
     period: float
     gravity: Array

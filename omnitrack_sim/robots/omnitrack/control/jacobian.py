@@ -68,7 +68,7 @@ class LegWatch:
 
     def __init__(self, setup: ControlSetup) -> None:
         self._leg, self._gear = np.zeros((2, setup.n), int)
-        self._way = np.zeros(setup.n, np.intp)
+        self._route = np.zeros(setup.n, np.intp)
         self.reset(np.arange(setup.n), setup)
 
     def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
@@ -81,19 +81,19 @@ class LegWatch:
 
     def changes(self, observation: Observation) -> list[tuple[int, bool]]:
         """Robots on another leg than before, and whether each drives in the other gear now."""
-        leg, gear, way = self._leg, self._gear, self._way
+        leg, gear, route = self._leg, self._gear, self._route
         self.grown = self._routes.version != self._version
         self._version = self._routes.version
-        self._way = observation.place.way
+        self._route = observation.location.route
         self.extended = []
-        if leg is observation.leg and way is self._way:
+        if leg is observation.leg and route is self._route:
             return []
         self._leg, self._gear = observation.leg, observation.gear
         known, same = leg >= 0, leg == observation.leg
         first = self._routes.first
         self.extended = [
-            (robot, int(first[self._way[robot]] - first[way[robot]]))
-            for robot in np.flatnonzero(known & same & (way != self._way)).tolist()
+            (robot, int(first[self._route[robot]] - first[route[robot]]))
+            for robot in np.flatnonzero(known & same & (route != self._route)).tolist()
         ]
         robots = np.flatnonzero(known & ~same).tolist()
         return [(robot, bool(gear[robot] != observation.gear[robot])) for robot in robots]
@@ -163,7 +163,7 @@ class JacobianController:
             self.aligner.extend_leg(robot, shift)
             self.recovery.extend_leg(robot, shift)
         for robot, turned in changes:
-            self.aligner.begin_leg(robot, turned, int(observation.place.way[robot]))
+            self.aligner.begin_leg(robot, turned, int(observation.location.route[robot]))
             self.recovery.begin_leg(robot)
             if turned:
                 self.angular_velocity[robot] *= TURNED
@@ -171,8 +171,8 @@ class JacobianController:
     def step(self, observation: Observation) -> Command:
         """The command for the next control period."""
         self._follow_legs(observation)
-        place, s = observation.place, self.settings
-        room = self.routes.nose_room(place, self.robot.length)
+        location, s = observation.location, self.settings
+        room = self.routes.nose_room(location, self.robot.length)
         backing, retried = self.recovery.step(observation, self.resting, room, self.aligner)
         standing, rolled = self.aligner.step(observation, room)
         aligning = standing & ~backing
@@ -180,27 +180,27 @@ class JacobianController:
         rate = self.angular_velocity
         self.angular_velocity = rate + self._smoothing * (observation.angular_velocity - rate)
         inside = room < 0
-        phase = np.where(inside, self.kind.take(place.passage), CRUISE)
+        phase = np.where(inside, self.kind.take(location.passage), CRUISE)
         damped, direction = inside, self._forward
         if np.count_nonzero(self.resting):
             phase = np.where(backing, BACK_OFF, np.where(aligning, ALIGN, phase))
-            out = self.routes.out_of_branch.take(place.passage)
+            out = self.routes.out_of_branch.take(location.passage)
             damped = np.where(backing, out, inside & ~aligning)
             direction = np.where(backing, -1.0, 1.0)
-        turning = (phase == TEE_TURN) & self.routes.into_branch.take(place.passage)
+        turning = (phase == TEE_TURN) & self.routes.into_branch.take(location.passage)
         speed = s.cruise_speed * np.where(turning, self._turn_speed, 1.0)
         centring = self.tracking.centring * ((phase == CRUISE) | (phase == TEE_STRAIGHT))
         lean = self.sway.step(observation, turning, self.recovery.retries > 0)
         wanted = self.tracking.wanted_rotation(
-            place, observation.rotation, direction, centring, lean
+            location, observation.rotation, direction, centring, lean
         )
         wall_speed = wall_speeds(
             observation.rotation,
             self.angular_velocity,
-            self.rate_gain[place.passage, self._rows] * damped,
+            self.rate_gain[location.passage, self._rows] * damped,
             wanted,
             direction * speed,
-            self.routes.radius.take(place.passage),
+            self.routes.radius.take(location.passage),
             s.speed_limit,
         )
         if not self._steers:

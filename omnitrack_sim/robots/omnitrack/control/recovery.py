@@ -96,41 +96,41 @@ class Recovery:
             room: (n,) m, from the nose to the next fitting.
             aligner: told to align robots again that have backed off.
         """
-        place = observation.place
-        moved_on = place.passage != self.passage
+        location = observation.location
+        moved_on = location.passage != self.passage
         if np.count_nonzero(moved_on):
             self.retries = np.where(moved_on & ~self.backing, 0, self.retries)
-            self.passage = np.where(self.backing, self.passage, place.passage)
-        distance = place.distance
+            self.passage = np.where(self.backing, self.passage, location.passage)
+        distance = location.distance
         headway = distance > self.farthest + self._progress
         if np.count_nonzero(headway):
             self.farthest = np.where(headway, distance, self.farthest)
         still = self.backing | ~(headway | standing)
         self.waiting = (self.waiting + self.period) * still
         events = self._begin(observation, room)
-        self._roll_where_they_hang(place.passage, room, aligner)
+        self._roll_where_they_hang(location.passage, room, aligner)
         if np.count_nonzero(self.backing):
-            self._end(place.distance, aligner)
+            self._end(location.distance, aligner)
         return Backing(self.backing, events)
 
     def _begin(self, observation: Observation, room: Array) -> list[Event]:
-        place, routes = observation.place, self.routes
-        turning = routes.is_turn.take(place.passage) & (room < 0) & ~self.backing
+        location, routes = observation.location, self.routes
+        turning = routes.is_turn.take(location.passage) & (room < 0) & ~self.backing
         if not np.count_nonzero(turning):
             return []
-        merging = routes.out_of_branch[place.passage]
+        merging = routes.out_of_branch[location.passage]
         hanging = self.waiting > np.where(merging, self._merge_patience, self._patience)
-        fallen = place.distance < self.farthest - self._fallen
+        fallen = location.distance < self.farthest - self._fallen
         # Out of a branch there is nothing to go past: the far wall stands across the way.
-        room_beside = self._beside * routes.radius[place.passage]
-        beside = routes.into_branch[place.passage] & (place.offset > room_beside)
+        room_beside = self._beside * routes.radius[location.passage]
+        beside = routes.into_branch[location.passage] & (location.offset > room_beside)
         may = turning & (self.retries < self._most_retries) & self.settings.retry
         failed = may & (hanging | fallen | beside)
         events: list[Event] = []
         for robot in np.flatnonzero(failed).tolist():
-            name = routes.name_of(int(place.passage[robot]))
-            time, distance = float(observation.time[robot]), float(place.distance[robot])
-            tilt = float(np.degrees(place.tilt[robot]))
+            name = routes.name_of(int(location.passage[robot]))
+            time, distance = float(observation.time[robot]), float(location.distance[robot])
+            tilt = float(np.degrees(location.tilt[robot]))
             events.append(BackedOff(robot, time, name, distance, tilt))
         if events:
             self.backing = self.backing | failed

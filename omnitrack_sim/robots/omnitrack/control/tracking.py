@@ -18,7 +18,7 @@ from pydantic import Field
 
 from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, length, unit
 from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
-from omnitrack_sim.pipes.route_map import Place
+from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.robots.omnitrack.control.interface import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, module_speeds
 
@@ -76,13 +76,13 @@ class Tracking:
         self._rows = np.arange(setup.n)
 
     def wanted_rotation(
-        self, place: Place, rotation: Array, direction: Array, centring: Array, lean: Lean
+        self, location: Location, rotation: Array, direction: Array, centring: Array, lean: Lean
     ) -> Array:
         """Rotation per metre of travel (n, 3) rad/m, world frame: the bend's curvature plus gain x
         heading error.
 
         Args:
-            place: where the robots are.
+            location: where the robots are.
             rotation: (n, 3, 3) robot frame in the world.
             direction: (n,) 1 forward, -1 backward: the heading is then compared with the centreline
                 behind.
@@ -90,15 +90,15 @@ class Tracking:
             lean: out of the plane of a turn, see ``Sway``.
         """
         axis = rotation[:, :, 2]
-        ahead = place.distance[:, None] + direction[:, None] * self.leads  # (n, leads) m
+        ahead = location.distance[:, None] + direction[:, None] * self.leads  # (n, leads) m
         nearest = self._rows * 0
-        target = self.routes.straight(ahead[:, 0], ahead[:, -1], place.way)
+        target = self.routes.straight(ahead[:, 0], ahead[:, -1], location.route)
         if target is None:
-            tangents = self.routes.tangents(ahead, place.way)
+            tangents = self.routes.tangents(ahead, location.route)
             nearest = angle_between(axis[:, None], tangents).argmin(axis=1)
             target = tangents[self._rows, nearest]
         if np.count_nonzero(centring):
-            slope = centring[:, None] * place.aside
+            slope = centring[:, None] * location.aside
             steepness = np.maximum(length(slope), 1e-12)
             share = direction * np.minimum(1.0, self.steepest / steepness)
             back = target - share[:, None] * slope
@@ -109,10 +109,10 @@ class Tracking:
             target = np.where(leans, unit(target + lean.aside), target)
         angle = angle_between(axis, target)
         wanted = unit(cross(axis, target)) * (direction * self.gain * angle)[:, None]
-        if np.count_nonzero(place.curvature):
+        if np.count_nonzero(location.curvature):
             # A robot that has turned ahead of the bend goes straight until the bend has caught up.
-            curvature = place.curvature * (nearest == 0)
-            wanted = cross(place.tangent, place.normal) * curvature[:, None] + wanted
+            curvature = location.curvature * (nearest == 0)
+            wanted = cross(location.tangent, location.normal) * curvature[:, None] + wanted
         limit = self.limit * (1.0 + lean.most)  # the turn goes on while the robot leans
         return wanted * np.minimum(1.0, limit / np.maximum(length(wanted), 1e-12))[:, None]
 
@@ -237,13 +237,13 @@ class Sway:
             observation: of this moment. turning: (n,) robots that turn into a branch now.
             full: (n,) robots that sway in full, whatever slips.
         """
-        place = observation.place
-        beside = np.where(place.theta5 < 0, 1.0, -1.0)
+        location = observation.location
+        beside = np.where(location.theta5 < 0, 1.0, -1.0)
         self._side = np.where(turning, self._side, beside)
         if not np.count_nonzero(turning):
             self.by_belts, self.turned = 0 * self.by_belts, 0 * self.turned
             return Lean(np.zeros((len(turning), 3)), np.zeros(len(turning)))
-        passage, rotation = place.passage, observation.rotation
+        passage, rotation = location.passage, observation.rotation
         ahead = self.routes.ahead.take(passage, axis=0)
         towards = self.routes.directions.take(passage, axis=0)
         normal = cross(ahead, towards)

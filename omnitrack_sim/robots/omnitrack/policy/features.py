@@ -64,12 +64,12 @@ class FeatureInput:
 
     def in_robot(self, vectors: Array) -> Array:
         """Vectors (n, 3) of the world in the robot frame."""
-        frame = self.observation.place.frame
+        frame = self.observation.location.frame
         return np.stack([dot(vectors, frame[:, :, axis]) for axis in range(3)], axis=-1)
 
     def of_passage(self, name: str) -> Array:
         """Attribute ``name`` of the route map (n, ...) at the fitting being passed or next."""
-        return getattr(self.setup.routes, name).take(self.observation.place.passage)
+        return getattr(self.setup.routes, name).take(self.observation.location.passage)
 
 
 @dataclass(frozen=True)
@@ -162,12 +162,12 @@ def _mean_double_roll(m: FeatureInput) -> Array:
 
 
 def _cosine_and_sine_of_theta5(m: FeatureInput) -> Array:
-    theta5 = m.observation.place.theta5
+    theta5 = m.observation.location.theta5
     return np.stack([np.cos(theta5), np.sin(theta5)], axis=-1)
 
 
 def _theta5_std(m: FeatureInput) -> Array:
-    std = m.observation.place.theta5_std
+    std = m.observation.location.theta5_std
     return np.zeros(m.setup.n) if std is None else std
 
 
@@ -175,12 +175,12 @@ def _distance_to(mark: str) -> Callable[[FeatureInput], Array]:
     """Distance (n,), D, from the robot's centre to the ``start`` or ``end`` of the fitting being
     passed or next."""
     return lambda m: (
-        (m.of_passage(mark) - m.observation.place.distance) / m.setup.robot.nominal_bore
+        (m.of_passage(mark) - m.observation.location.distance) / m.setup.robot.nominal_bore
     )
 
 
 def _kind_of_fitting(m: FeatureInput) -> Array:
-    routes, passage = m.setup.routes, m.observation.place.passage
+    routes, passage = m.setup.routes, m.observation.location.passage
     kinds = (
         routes.is_turn & ~routes.is_tee_turn,
         routes.into_branch,
@@ -191,9 +191,9 @@ def _kind_of_fitting(m: FeatureInput) -> Array:
 
 
 def _tangents_ahead(m: FeatureInput) -> Array:
-    place, setup = m.observation.place, m.setup
-    ahead = place.distance[:, None] + np.array(AHEAD) * setup.robot.nominal_bore
-    tangents = setup.routes.tangents(ahead, place.way)  # (n, len(AHEAD), 3)
+    location, setup = m.observation.location, m.setup
+    ahead = location.distance[:, None] + np.array(AHEAD) * setup.robot.nominal_bore
+    tangents = setup.routes.tangents(ahead, location.route)  # (n, len(AHEAD), 3)
     return np.concatenate([m.in_robot(tangents[:, i]) for i in range(len(AHEAD))], axis=-1)
 
 
@@ -287,7 +287,12 @@ ONBOARD = (
         _theta5_std,
     ),
     Feature(
-        "tilt", "rad", 0, 1, "robot axis against the centreline", lambda m: m.observation.place.tilt
+        "tilt",
+        "rad",
+        0,
+        1,
+        "robot axis against the centreline",
+        lambda m: m.observation.location.tilt,
     ),
     Feature(
         "tangent",
@@ -295,7 +300,7 @@ ONBOARD = (
         -1,
         1,
         "centreline's direction at the robot's centre, robot frame",
-        lambda m: m.in_robot(m.observation.place.tangent),
+        lambda m: m.in_robot(m.observation.location.tangent),
         _XYZ,
     ),
     Feature(
@@ -304,7 +309,7 @@ ONBOARD = (
         -0.25,
         0.25,
         "robot's centre from the centreline, robot frame",
-        lambda m: m.in_robot(m.observation.place.aside)[:, :2] / m.setup.robot.nominal_bore,
+        lambda m: m.in_robot(m.observation.location.aside)[:, :2] / m.setup.robot.nominal_bore,
         _XY,
     ),
     Feature("last_action", "1", -1, 1, "what was decided last", lambda m: m.action, ACTIONS),
@@ -371,7 +376,7 @@ PREVIEW = (
         -1,
         1,
         "turning direction there, robot frame",
-        lambda m: m.in_robot(m.observation.place.turning),
+        lambda m: m.in_robot(m.observation.location.turning),
         _XYZ,
     ),
     Feature(
