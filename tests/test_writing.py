@@ -25,7 +25,7 @@ MARK = "mark"
 KILLED = """
 import itertools, os, signal, sys
 from pathlib import Path
-from omnitrack_sim import writing
+from omnitrack_sim.base import writing
 
 def killed_at(step, work):
     '''Do some work in a child process that is killed at its step-th call of the system; returns
