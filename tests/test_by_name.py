@@ -64,7 +64,7 @@ def test_what_is_printed_of_a_thing_is_a_line_or_two():
         (sample_trajectory(), "201 samples", "4 s"),
         (simulation, "3 of 3 robots", "tee_turn"),
         (simulation.observation, "3 robots"),
-        (simulation.observation.place, "3 robots"),
+        (simulation.observation.location, "3 robots"),
         (ot.Command(np.zeros((3, 3))), "3 robots", "belt_speed"),
         (load_network("fig14"), "fig14", "fittings"),
         (tee.route, "3 fittings"),

@@ -33,7 +33,7 @@ def lean(theta5_deg: float, slip: float, progress: float, **changes: float) -> n
     wall_speed = module_speeds(0.1, RATE * normal[0], RATE * normal[1], radius)
     ahead, towards = bench.routes.ahead[0], bench.routes.directions[0]
     # Where the nose points counts from the way in, not from the centreline's tangent.
-    _, upright = bench.routes.start_poses(bench.way, np.array([0.1]), np.array([theta5]))
+    _, upright = bench.routes.start_poses(bench.route, np.array([0.1]), np.array([theta5]))
     readings = {"wall_speed": wall_speed, "angular_velocity": (1 - slip) * RATE * normal}
 
     def step(part: float, **more: np.ndarray) -> np.ndarray:

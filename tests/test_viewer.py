@@ -259,7 +259,7 @@ wait(lambda: any("until your first order" in told for _, told in panels()), "wha
 press("Next", "Next", "Next", "Next")
 wait(lambda: it.stage.time > 0 and not it.pace.paused, "the clock to go")
 wait(lambda: order() is not None and order().roll_deg == -60, "the roll")
-theta5 = lambda: abs(simulation.place.theta5[0])
+theta5 = lambda: abs(simulation.location.theta5[0])
 wait(lambda: theta5() < 0.07, "the orientation")
 press("Up", "Up", "Up", "Up", "Up", "Down")
 wait(lambda: order().speed == 0.1, "the speed")

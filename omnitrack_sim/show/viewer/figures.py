@@ -92,7 +92,7 @@ def contact_lines(moment: Moment) -> Lines:
         ("slip ratio", _three("{:>z6.2f}", moment.slip_ratio)),
         ("traction, N", _three("{:>z6.1f}", moment.traction)),
         ("normal force, N", _three("{:>z6.1f}", moment.normal_force)),
-        ("theta5", f"{np.degrees(moment.place.theta5[0]):z.1f} deg"),
+        ("theta5", f"{np.degrees(moment.location.theta5[0]):z.1f} deg"),
         ("motion singularity", _told(region_of(moment.routes, moment.location, moment.reach))),
     ]
 
