@@ -34,7 +34,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/speed.py
 
 tutorial: $(READY)
-	$(BIN)/python docs/tutorial.py
+	$(BIN)/python docs/tutorials/tutorial.py
 
 # A bare Debian has python3 without ensurepip: python3-venv brings it.
 $(READY): pyproject.toml

@@ -1,5 +1,5 @@
-"""The picture of docs/viewer.md: the window of `omnitrack drive` in the middle of a tee turn, on a
-virtual screen (Xvfb), by the keys that a driver would press.
+"""The picture of docs/how-to/viewer.md: the window of `omnitrack drive` in the middle of a tee
+turn, on a virtual screen (Xvfb), by the keys that a driver would press.
 
     python benchmarks/viewer_picture.py docs/viewer.png
 """

@@ -21,7 +21,7 @@ PIPE = {"kind": "straight", "length": 1.2}
 KILOMETRE = {"kind": "straight", "length": 1000.0}
 PIECES = {"collider": "primitives"}
 FINE = {"physics": {"timestep": 1e-6, "control_period": 1e-6}, "record": {"period": 1e-6}}
-SCENARIOS_MD = Path(__file__).parents[1] / "docs" / "scenarios.md"
+SCENARIOS_MD = Path(__file__).parents[1] / "docs" / "reference" / "scenarios.md"
 
 
 def _faults(read, data, error: type[InputError]) -> dict[str, str]:
@@ -240,7 +240,7 @@ def test_a_random_network_of_senseless_sizes_is_refused(change, where):
 
 
 def test_every_bound_stands_in_the_documents_with_its_figure():
-    """docs/scenarios.md has a row for each bound, with the figure that holds."""
+    """scenarios.md has a row for each bound, with the figure that holds."""
     rows = re.findall(
         r"^\| `(\w+)` \| ([\d,.e-]+) ?[^|]* \|", SCENARIOS_MD.read_text(), re.MULTILINE
     )

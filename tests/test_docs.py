@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from documents import page
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
@@ -87,8 +88,8 @@ def test_readme_names_every_command_and_scenario():
 
 
 def test_sweeps_and_their_keys_are_documented():
-    """The README names every shipped sweep, docs/sweeps.md every key of a sweep file."""
-    text = (ROOT / "docs" / "sweeps.md").read_text(encoding="utf-8")
+    """The README names every shipped sweep, sweeps.md every key of a sweep file."""
+    text = page("sweeps")
     for name in shipped_sweeps():
         assert f"`{name}`" in README
     keys = {
@@ -99,9 +100,9 @@ def test_sweeps_and_their_keys_are_documented():
 
 
 def test_studies_and_their_keys_are_documented():
-    """The README names every shipped study, docs/optimise.md every key of a study file, every
+    """The README names every shipped study, optimise.md every key of a study file, every
     column and file; its example is valid, and its Python has none but public names."""
-    text = (ROOT / "docs" / "optimise.md").read_text(encoding="utf-8")
+    text = page("optimise")
     for name in shipped_studies():
         assert f"`{name}`" in README
     keys = {key for table in (StudyFile, Variable, Objective, Final) for key in table.model_fields}
@@ -115,8 +116,8 @@ def test_studies_and_their_keys_are_documented():
 
 
 def test_example_of_the_sweep_page_is_valid():
-    """The TOML of docs/sweeps.md is a sweep, and its Python is none but public names."""
-    text = (ROOT / "docs" / "sweeps.md").read_text(encoding="utf-8")
+    """The TOML of sweeps.md is a sweep, and its Python is none but public names."""
+    text = page("sweeps")
     (example,) = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
     assert resolve({"name": "example"} | tomllib.loads(example)).size == 400
     for name in re.findall(r"\bot\.(\w+)", text):
@@ -125,17 +126,17 @@ def test_example_of_the_sweep_page_is_valid():
 
 def test_the_page_of_figures_has_every_function_and_shows_what_there_is():
     """Each public function that plots; names that are public, pictures that are there."""
-    text = (ROOT / "docs" / "plots.md").read_text(encoding="utf-8")
+    text = page("plots")
     used = set(re.findall(r"\bot\.(\w+)", text))
     assert {name for name in omnitrack_sim.__all__ if name.startswith("plot_")} <= used
     assert used - {"plot_"} <= set(omnitrack_sim.__all__)
     for picture in re.findall(r"!\[[^]]*\]\(([^)]+)\)", text):
-        assert (ROOT / "docs" / picture).is_file()
+        assert (ROOT / "docs" / "how-to" / picture).is_file()
 
 
 def test_networks_and_their_keys_are_documented():
-    """The README names every shipped network, docs/networks.md every key of a network file."""
-    text = (ROOT / "docs" / "networks.md").read_text(encoding="utf-8")
+    """The README names every shipped network, networks.md every key of a network file."""
+    text = page("networks")
     for name in shipped_networks():
         assert f"`{name}`" in README
     schema = Network.model_json_schema()
@@ -148,8 +149,8 @@ def test_networks_and_their_keys_are_documented():
 
 
 def test_examples_of_the_network_page_run(capsys):
-    """The TOML of docs/networks.md is a network, and its Python runs."""
-    text = (ROOT / "docs" / "networks.md").read_text(encoding="utf-8")
+    """The TOML of networks.md is a network, and its Python runs."""
+    text = page("networks")
     (example,) = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
     assert validate_network(tomllib.loads(example)).open_ends == (
         "riser.start",
@@ -162,9 +163,9 @@ def test_examples_of_the_network_page_run(capsys):
 
 
 def test_examples_of_the_mission_page_run(capsys):
-    """The TOML of docs/missions.md is a scenario, its Python prints five legs, and it names all
+    """The TOML of missions.md is a scenario, its Python prints five legs, and it names all
     missions and keys."""
-    text = (ROOT / "docs" / "missions.md").read_text(encoding="utf-8")
+    text = page("missions")
     (example,) = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
     assert len(validate_scenario(tomllib.loads(example)).plates) == 1
     (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
@@ -176,7 +177,7 @@ def test_examples_of_the_mission_page_run(capsys):
 
 def test_the_example_of_the_differential_page_is_a_drive(capsys):
     """Its Python runs: two motors, which cannot give three belts speeds of their own."""
-    text = (ROOT / "docs" / "differential.md").read_text(encoding="utf-8")
+    text = page("differential")
     (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     exec(compile(code, "differential.md", "exec"), {"__name__": "differential"})
     assert capsys.readouterr().out == "2 False\n"
@@ -186,7 +187,7 @@ def test_links_of_the_documents_lead_somewhere():
     """Every relative link of README and docs points to a file that exists."""
     links = [
         (page, target)
-        for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+        for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
         for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8"))
         if "://" not in target
     ]
@@ -198,23 +199,23 @@ def test_links_of_the_documents_lead_somewhere():
 
 
 def test_the_channel_page_holds_the_table_of_the_schema():
-    """The one table of docs/channels.md is what the schema prints, row by row."""
-    lines = (ROOT / "docs" / "channels.md").read_text(encoding="utf-8").splitlines()
+    """The one table of channels.md is what the schema prints, row by row."""
+    lines = page("channels").splitlines()
     assert [line for line in lines if line.startswith("|")] == channels.table().splitlines()
 
 
 def test_the_metric_page_holds_the_table_of_the_metrics():
-    """The one table of docs/metrics.md is what the metrics print, and docs/sweeps.md says which of
+    """The one table of metrics.md is what the metrics print, and sweeps.md says which of
     them the tables of sweeps leave out."""
-    lines = (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8").splitlines()
+    lines = page("metrics").splitlines()
     assert [line for line in lines if line.startswith("|")] == metrics.table().splitlines()
-    sweeps = (ROOT / "docs" / "sweeps.md").read_text(encoding="utf-8")
+    sweeps = page("sweeps")
     left_out = [metric.name for metric in metrics.METRICS if not metric.in_tables]
     assert [name for name in left_out if f"`{name}`" not in sweeps] == []
 
 
 def rows_below(heading: str, page: str) -> dict[str, list[str]]:
-    """The rows of the table below a heading of docs/scenarios.md: cells by the key."""
+    """The rows of the table below a heading of scenarios.md: cells by the key."""
     section = page.partition(f"\n{heading}\n")[2].partition("\n#")[0]
     rows = [
         [cell.strip() for cell in line.split("|")[1:-1]]
@@ -251,10 +252,10 @@ TABLES = {
 
 
 def test_channels_and_metrics_of_the_estimate_are_documented_as_they_are_declared():
-    """docs/autonomy.md has a row for each, with unit and meaning."""
-    page = (ROOT / "docs" / "autonomy.md").read_text(encoding="utf-8")
+    """autonomy.md has a row for each, with unit and meaning."""
+    text = page("autonomy")
     for thing in (*ESTIMATES, *ESTIMATE_METRICS):
-        assert f"\n| `{thing.name}` | {thing.unit} | {thing.meaning} |\n" in page
+        assert f"\n| `{thing.name}` | {thing.unit} | {thing.meaning} |\n" in text
 
 
 LINK = re.compile(r"\[([^\]]*)\]\([^)]*\)")
@@ -268,9 +269,9 @@ def said(cell: str) -> str:
 
 @pytest.mark.parametrize(("heading", "tables"), TABLES.items(), ids=list(TABLES))
 def test_keys_are_documented_as_they_are_declared(heading, tables):
-    """docs/scenarios.md has a row for each key of a table, with the default, unit and meaning that
+    """scenarios.md has a row for each key of a table, with the default, unit and meaning that
     the code has, and no other row."""
-    rows = rows_below(heading, (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8"))
+    rows = rows_below(heading, page("scenarios"))
     keys = {
         key: (table, info.get_default(call_default_factory=True))
         for table in tables
@@ -290,8 +291,8 @@ def test_keys_are_documented_as_they_are_declared(heading, tables):
 
 def test_keys_of_pipes_are_documented_as_they_are_declared():
     """Each kind of fitting has its keys in the table of pipes, with unit and meaning."""
-    page = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
-    section = page.partition("\n## `pipes`\n")[2].partition("\n#")[0]
+    text = page("scenarios")
+    section = text.partition("\n## `pipes`\n")[2].partition("\n#")[0]
     rows = [
         [cell.strip() for cell in line.split("|")[1:-1]]
         for line in section.splitlines()
@@ -308,17 +309,17 @@ def test_keys_of_pipes_are_documented_as_they_are_declared():
 
 
 def test_every_table_of_parameters_is_documented():
-    """The tables of the shipped controllers are the ones that docs/scenarios.md has sections of."""
-    page = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    """The tables of the shipped controllers are the ones that scenarios.md has sections of."""
+    text = page("scenarios")
     for controller in map(controller_of, CONTROLLERS):
         for key, info in parameters_model(controller).model_fields.items():
             value = info.get_default(call_default_factory=True)
-            assert not isinstance(value, BaseModel) or f"### `control.parameters.{key}`" in page
+            assert not isinstance(value, BaseModel) or f"### `control.parameters.{key}`" in text
 
 
 def test_every_key_of_a_scenario_is_documented():
-    """docs/scenarios.md names every table and key."""
-    text = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    """scenarios.md names every table and key."""
+    text = page("scenarios")
     schema = Scenario.model_json_schema()
     keys = set(schema["properties"])
     for table in (

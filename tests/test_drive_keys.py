@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 import string
-from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from documents import page
 
 from omnitrack_sim.robots.omnitrack.control.driven import Order
 from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Do, asked, help_lines
@@ -42,13 +42,13 @@ def test_no_key_is_one_of_mujocos(keys):
 
 def test_every_key_is_told():
     """Each key stands in the help, alone or beside the one that it belongs to, and in
-    docs/viewer.md; nothing that can be asked for is left without a key."""
+    viewer.md; nothing that can be asked for is left without a key."""
     for keys in (VIEW, REPLAY, DRIVE):
         named = sum(len(re.split(r"\s{2,}", name)) for name, _ in help_lines(keys))
         assert named == len(keys)
-        page = Path(__file__).parents[1].joinpath("docs", "viewer.md").read_text(encoding="utf-8")
+        text = page("viewer")
         words = [word for name, _ in help_lines(keys) for word in re.split(r"\s{2,}", name)]
-        assert [word for word in words if word not in page] == []
+        assert [word for word in words if word not in text] == []
     assert {key.do for keys in (VIEW, REPLAY, DRIVE) for key in keys} == set(Do)
 
 

@@ -1,4 +1,4 @@
-"""docs/extending.md: every example runs, beside the package and not in it."""
+"""extending.md: every example runs, beside the package and not in it."""
 
 import re
 import sys
@@ -6,11 +6,12 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from documents import page
 
 import omnitrack_sim as ot
 from omnitrack_sim.scenario import validate
 
-PAGE = (Path(__file__).parents[1] / "docs" / "extending.md").read_text(encoding="utf-8")
+PAGE = page("extending")
 BLOCKS = re.findall(r"(?:`(\w+\.py)`:\n\n)?```(python|toml)\n(.*?)```", PAGE, flags=re.DOTALL)
 MODULES = {name: code for name, _, code in BLOCKS if name}
 SCRIPTS = [code for name, kind, code in BLOCKS if kind == "python" and not name]

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
+
+from documents import page
 
 from omnitrack_sim.base.table import meanings_of
 from omnitrack_sim.gym import IDS, TERMS
 from omnitrack_sim.gym.options import RANGES, Options
 from omnitrack_sim.robots.omnitrack.policy import ACTIONS, FEATURE_SETS, entry_names
 
-PAGE = (Path(__file__).parents[1] / "docs" / "gym.md").read_text(encoding="utf-8")
+PAGE = page("gym")
 
 
 def _rows(heading):
@@ -59,4 +60,4 @@ def test_python_of_the_page_runs(tmp_path, monkeypatch):
     blocks = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     assert len(blocks) >= 3
     for block in blocks:
-        exec(compile(block, "docs/gym.md", "exec"), {})
+        exec(compile(block, "gym.md", "exec"), {})

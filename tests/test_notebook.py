@@ -18,7 +18,7 @@ from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.sketch import sketch
 from omnitrack_sim.scenario import validate
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[1] / "docs" / "tutorials"
 PICTURES = {"tutorial": 4, "learn-in-5-minutes": 1}
 """Notebooks, and how many pictures each shows at least."""
 SVG = "{http://www.w3.org/2000/svg}"

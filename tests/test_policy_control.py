@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from documents import page
 from policy_samples import driver, random_policy
 from runs import same_result, there_and_back
 
@@ -118,9 +119,9 @@ def test_the_python_of_the_page_runs(tmp_path, monkeypatch, capsys):
     """A policy that it writes, which turns in a tee as the page says, and a controller whose
     decisions come from elsewhere."""
     monkeypatch.chdir(tmp_path)
-    page = (Path(__file__).parents[1] / "docs" / "policies.md").read_text(encoding="utf-8")
+    text = page("policies")
     made, learner = (
-        code for code in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL) if code
+        code for code in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL) if code
     )
     names: dict = {"__name__": "page"}
     exec(compile(made, "policies.md", "exec"), names)

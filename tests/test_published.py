@@ -9,6 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from documents import page
 from gymnasium.utils.env_checker import check_env
 from scipy.stats import qmc
 
@@ -17,7 +18,7 @@ from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.kinematics import elbow_speeds, wall_per_belt
 
 MODELS = Path(__file__).parents[1] / "models"
-PAGE = (MODELS.parent / "docs" / "physics.md").read_text(encoding="utf-8")
+PAGE = page("physics")
 NUMBERS = (1, 2, 3)
 EVERY = sorted(path.name for path in MODELS.glob("*.xml"))
 SCENES = [name for name in EVERY if name.startswith("scene_")]
@@ -34,7 +35,7 @@ def opened(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def examples() -> list[dict]:
-    """What the examples of docs/physics.md define, as they stand there."""
+    """What the examples of physics.md define, as they stand there."""
     found: list[dict] = []
     for code in re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL):
         found.append({"__name__": "physics"})
@@ -179,7 +180,7 @@ def test_the_elbow_scene_turns():
 
 
 def test_the_elbow_of_the_page_is_passed(monkeypatch, capsys):
-    """The first example of docs/physics.md prints what is told below it."""
+    """The first example of physics.md prints what is told below it."""
     monkeypatch.chdir(MODELS.parent)
     examples()
     assert capsys.readouterr().out == "turned by 88 degrees after 8.8 s\n"
@@ -187,7 +188,7 @@ def test_the_elbow_of_the_page_is_passed(monkeypatch, capsys):
 
 
 def test_the_tee_scene_turns_with_module_1_backward():
-    """As docs/physics.md tells: from z = 0.46 on, until the robot has turned into the branch."""
+    """As physics.md tells: from z = 0.46 on, until the robot has turned into the branch."""
     model, data = opened("scene_tee.xml")
     turned = 0.0
     while data.qpos[0] < 0.3 and data.time < 12.0:
@@ -217,7 +218,7 @@ def test_what_the_contact_sensors_tell():
 @pytest.mark.filterwarnings("ignore:.*recommend using a symmetric and normalized space")
 @pytest.mark.filterwarnings("ignore:.*observation space m[a-z]+ value is -?infinity")
 def test_gymnasium_has_six_bounded_actions(monkeypatch):
-    """The environment of docs/physics.md takes its action space from the model, begins in the
+    """The environment of physics.md takes its action space from the model, begins in the
     keyframe, passes Gymnasium's own check, and climbs. Its actions are in the order told there."""
     monkeypatch.chdir(MODELS.parent)
     env = examples()[1]["Climb"]()

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from documents import page
 from samples import sample_result, sample_trajectory, two_legs_result
 from test_cli import omnitrack
 
@@ -205,8 +206,7 @@ def test_a_robot_of_another_size_is_a_ghost_of_its_own():
 
 def test_the_example_of_the_page_on_replays_runs(tmp_path, monkeypatch):
     """Its Python writes the page of two runs."""
-    root = Path(__file__).parents[1]
-    text = (root / "docs" / "replay.md").read_text(encoding="utf-8")
+    text = page("replay")
     monkeypatch.chdir(tmp_path)
     (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     exec(compile(code, "replay.md", "exec"), {"__name__": "replay"})

@@ -14,7 +14,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.cli import app
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PICTURE = re.compile(r"!\[[^\]]+\]\(([^)]+)\)")
 CHROMIUM = shutil.which("chromium")
 EMPTY_PAGE = """# Page
@@ -63,7 +63,7 @@ def site(tmp_path_factory) -> Path:
 def test_every_page_and_public_name_is_in_the_site(site):
     """All pages of docs, and each public name with its signature and docstring, once."""
     for page in PAGES[1:]:
-        assert page.stem == "README" or (site / f"{page.stem}.html").is_file()
+        assert page.stem == "README" or (site / f"{page.stem}.html").is_file(), page
     reference = "".join(page.read_text(encoding="utf-8") for page in site.glob("api-*.html"))
     for name in ot.__all__:
         assert reference.count(f'id="omnitrack_sim.{name}"') == 1, name

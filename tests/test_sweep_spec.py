@@ -3,10 +3,10 @@
 import json
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
+from documents import page
 
 from omnitrack_sim import (
     Robot,
@@ -363,9 +363,9 @@ def test_single_faults(keys, where, told):
 
 
 def test_units_are_those_of_the_documents():
-    """Every unit in the code stands beside its key in docs/scenarios.md, and every robot parameter
+    """Every unit in the code stands beside its key in scenarios.md, and every robot parameter
     has its own."""
-    text = (Path(__file__).parents[1] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    text = page("scenarios")
     rows = [
         [cell.strip() for cell in line.split("|")[1:-1]]
         for line in text.splitlines()

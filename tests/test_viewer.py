@@ -174,7 +174,7 @@ def test_replayed_run_is_the_record():
 )
 def test_region_tells_the_way_to_its_border(theta5, inside, border):
     """The best orientation is 11.73 degrees from the region on either side, the worst one deepest
-    in it (docs/singularity.md)."""
+    in it (singularity.md)."""
     changes = {"start.theta5_deg": theta5}
     simulation = ot.Simulation([ot.override(ot.load_scenario("tee_turn"), changes)])
     reach = simulation.scenarios[0].robot.reach

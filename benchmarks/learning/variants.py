@@ -59,7 +59,7 @@ class Variant:
     """One way to train for one task.
 
     Attributes:
-        id: of the environment. acting: see docs/policies.md. words: what it is.
+        id: of the environment. acting: see docs/how-to/policies.md. words: what it is.
         trials: to train on. validation: by which the best policy is chosen.
         log_std: logarithm of the spread of the network's last weights that are tried, at first.
         ahead: belt actions at first.

@@ -13,7 +13,7 @@ from sphinx.domains.python import PyClasslike
 from omnitrack_sim.base.table import meanings_of, symbol_of
 from omnitrack_sim.robots.omnitrack.quantity import Quantity
 
-_PAGE = re.compile(r"(?<![`\w/])docs/([\w-]+)\.md")
+_PAGE = re.compile(r"(?<![`\w/])docs/(?:[\w-]+/)?([\w-]+)\.md")
 _CODE = re.compile(r"(?<!`)`([^`]+)`(?!`)")
 BEFORE_NAPOLEON = 400
 """Sphinx calls with lower numbers first; napoleon, which reads the sections, has 500."""

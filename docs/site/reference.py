@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import re
 from itertools import pairwise
 from pathlib import Path
 from types import FunctionType
@@ -15,32 +16,34 @@ import omnitrack_sim as ot
 
 TITLES = {
     "scenario": "Scenarios",
-    "sim": "Runs and their results",
-    "control": "Controllers",
-    "sensing": "Sensors",
-    "record": "What is recorded",
-    "replay": "Replay pages",
-    "film": "Films",
-    "plots": "Figures",
-    "sweep": "Sweeps",
-    "optimise": "Studies",
-    "network": "Networks",
-    "pipes": "Pipes",
-    "robot": "Robot and motors",
-    "drive": "Drives",
-    "theory": "Theory",
-    "schema": "What is shipped",
-    "errors": "Errors",
+    "sim": "Simulation",
+    "results": "Results",
+    "record": "Channels, metrics and events",
+    "trials": "Sweeps and studies",
+    "show": "Figures, films and replay pages",
+    "pipes": "Pipes and networks",
+    "robots": "Robot and controllers",
+    "senses": "Sensors",
+    "autonomy": "Autonomy",
+    "paper": "Theory",
+    "base": "Errors and shipped files",
 }
 """Rooms by their titles, in the order of the pages; a further room stands behind, by its name."""
+_NAME = re.compile(r"^from \.(\S+) import \w+ as (\w+)$", re.MULTILINE)
+
+
+def homes() -> dict[str, str]:
+    """Public names with the modules that define them, as the stub of the package lists them."""
+    stub = Path(str(ot.__file__)).with_suffix(".pyi").read_text(encoding="utf-8")
+    return {name: module for module, name in _NAME.findall(stub)}
 
 
 def rooms() -> dict[str, list[str]]:
-    """The public names by their room."""
-    found: dict[str, list[str]] = {room: [] for room in TITLES}
-    for module, names in ot._HOME.items():
-        found.setdefault(module.partition(".")[0], []).extend(names)
-    return {room: sorted(names, key=str.lower) for room, names in found.items() if names}
+    """Public names by the room that defines them."""
+    names: dict[str, list[str]] = {room: [] for room in TITLES}
+    for name, module in homes().items():
+        names.setdefault(module.partition(".")[0], []).append(name)
+    return {room: sorted(own, key=str.lower) for room, own in names.items() if own}
 
 
 def write_reference(target: Path) -> None:
@@ -132,9 +135,9 @@ def undocumented() -> list[str]:
 
 def doc_of_value(name: str) -> str | None:
     """The text below the assignment of a public value, in the room that it comes from."""
-    room = next(module for module, names in ot._HOME.items() if name in names)
-    folder = Path(ot.__file__).parent / room.replace(".", "/")
-    for path in sorted(folder.glob("*.py")) if folder.is_dir() else [folder.with_suffix(".py")]:
+    module = Path(str(ot.__file__)).parent / homes().get(name, "").replace(".", "/")
+    path = module.with_suffix(".py")
+    for path in sorted(module.glob("*.py")) if module.is_dir() else [path] * path.is_file():
         body = ast.parse(path.read_text(encoding="utf-8")).body
         for statement, below in pairwise(body):
             if _assigned(statement) == name and isinstance(below, ast.Expr):

@@ -61,7 +61,7 @@ def pages() -> dict[Path, str]:
         ROOT / "benchmarks" / "README.md": "benchmarks",
         ROOT / "CHANGELOG.md": "changelog",
     }
-    found = [*DOCS.glob("*.md"), *DOCS.glob("*.ipynb")]
+    found = [*DOCS.rglob("*.md"), *DOCS.rglob("*.ipynb")]
     return {path: path.stem for path in found} | named
 
 

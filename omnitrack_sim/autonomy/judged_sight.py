@@ -36,7 +36,7 @@ class JudgedSight:
         return seen
 
     def figures(self, robot: int) -> dict[str, float]:
-        """The metric of a robot's looks, see docs/metrics.md; not a number before the first."""
+        """Return the metric of a robot's looks (docs/reference/metrics.md); nan if none."""
         told = self._told[robot]
         return {"fitting_recognition_rate": float(self._right[robot] / told) if told else np.nan}
 

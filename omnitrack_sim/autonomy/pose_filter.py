@@ -3,7 +3,7 @@
 State: place p in the world, rotation R of the robot, gyro bias b, slip k of the belts as a part of
 their travel. The errors of p (m, world frame), of R (rad, a rotation about world axes on the left
 of R), of b (rad/s) and of k are normal with one covariance (10, 10) a robot. Derivation:
-docs/autonomy.md.
+docs/how-to/autonomy.md.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ def policies(
         print_json(found)
         return
     if not found:
-        out.print("the package comes with none; docs/policies.md says what a policy file is")
+        out.print("the package comes with none; docs/how-to/policies.md says what a policy file is")
         return
     table = Table("policy", "acts", "network", "what it is", box=None, padding=(0, 2))
     for name, told in found.items():

@@ -1,8 +1,8 @@
 """Environments of Gymnasium for learned controllers (extra ``gym``).
 
 ``import omnitrack_sim.gym`` registers them; ``gymnasium.make("omnitrack_sim/TeeTurn-v0")`` makes
-one robot's, ``gymnasium.make_vec`` many robots' on one batch. docs/gym.md tells what they observe,
-how they act, what is rewarded, and all options.
+one robot's, ``gymnasium.make_vec`` many robots' on one batch. docs/how-to/gym.md describes
+observations, actions, rewards and all options.
 """
 
 try:

@@ -19,7 +19,7 @@ FPS = 20
 
 
 class RobotEnv(gymnasium.Env):
-    """One robot in pipes: see docs/gym.md.
+    """One robot in pipes: see docs/how-to/gym.md.
 
     Args:
         given: the options, see ``options.Options``.

@@ -27,7 +27,7 @@ MOST = 65536
 
 
 class RobotVectorEnv(VectorEnv):
-    """Many robots in pipes, each in an episode of its own: see docs/gym.md.
+    """Many robots in pipes, each in an episode of its own: see docs/how-to/gym.md.
 
     Robot i with the seed s + i sees, bit for bit, what the single environment with that seed sees.
 

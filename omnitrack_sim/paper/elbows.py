@@ -149,7 +149,7 @@ def differential(runs: Runs) -> Claim:
         verdict=judged(passed == total and less),
         expected=Verdict.HOLDS,
         how="elbow and elbow_short with robot.drive = differential; beside it three motors",
-        note="Other directions of gravity, slippery walls and tees: docs/differential.md.",
+        note="Other directions of gravity, slippery walls and tees: docs/studies/differential.md.",
         figures=("elbow_240", "elbow_90"),
         sample=Sample.AVERAGE,
     )

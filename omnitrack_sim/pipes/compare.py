@@ -67,7 +67,7 @@ class MapDifference:
         return self.complete and not (self.extra or self.wrong_sizes or self.angles)
 
     def figures(self) -> dict[str, float]:
-        """The metrics of a run that explores, see docs/metrics.md."""
+        """The metrics of a run that explores, see docs/reference/metrics.md."""
         return {
             "map_found": self.found / self.parts,
             "map_complete": float(self.complete),

@@ -54,7 +54,7 @@ class Joint(Table):
 
 class Network(Table):
     """A pipe network as data: fittings by name and what is joined to what. Keys and units: see
-    docs/networks.md.
+    docs/reference/networks.md.
 
     Raises:
         NetworkError: every fault, with its dotted path.

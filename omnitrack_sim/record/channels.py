@@ -1,8 +1,8 @@
 """The one schema of measured quantities. Plant, observation, mirror, recorder, files and the table
-in docs/channels.md all come from ``CHANNELS``.
+in docs/reference/channels.md all come from ``CHANNELS``.
 
 A new quantity of the shipped sensors is one entry here and one function in ``sensing.truth``. A
-user's own sensor brings its ``Channel`` with it and needs no edit (docs/extending.md).
+user's own sensor brings its ``Channel`` with it and needs no edit (docs/how-to/extending.md).
 """
 
 from __future__ import annotations
@@ -305,7 +305,7 @@ def recorded(channels: Iterable[Channel]) -> dict[str, Channel]:
 
 
 def table(channels: Iterable[Channel] = tuple(CHANNELS.values())) -> str:
-    """Markdown table of channels, as docs/channels.md shows it."""
+    """Markdown table of channels, as docs/reference/channels.md shows it."""
     rows = ["| channel | unit | shape | frame | tail first | seen | recorded | meaning |"]
     rows.append("|---" * 8 + "|")
     for channel in channels:

@@ -293,7 +293,7 @@ METRICS: tuple[Metric, ...] = (
 
 
 def table(metrics: Iterable[Metric] = METRICS) -> str:
-    """Markdown table of metrics, as docs/metrics.md shows it."""
+    """Markdown table of metrics, as docs/reference/metrics.md shows it."""
     rows = ["| metric | unit | modules | meaning |", "|---" * 4 + "|"]
     for metric in metrics:
         modules = "3" if metric.per_module else ""

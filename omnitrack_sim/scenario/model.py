@@ -51,7 +51,7 @@ METRIC_NAMES = {metric.name for metric in (*METRICS, *ESTIMATE_METRICS)}
 
 class Scenario(Table):
     """One run: pipes or a mission through a network, robot, start, world, control. Keys: see
-    docs/scenarios.md."""
+    docs/reference/scenarios.md."""
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)] = "scenario"
     """Of the run, and of the folder that its results go to."""

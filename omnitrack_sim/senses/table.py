@@ -73,7 +73,7 @@ class BeginTable(Table):
 
 
 class FilterTable(Table):
-    """``[sensing.filter]``: of the estimate of the robot's pose, see docs/autonomy.md."""
+    """``[sensing.filter]``: of the estimate of the robot's pose, see docs/how-to/autonomy.md."""
 
     # Dry belts slip by less than 1 % in straights; in turns by a tenth and more.
     slip_std: Annotated[float, Field(ge=1e-4, le=1), Unit("1")] = 0.01

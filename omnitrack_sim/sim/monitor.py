@@ -31,7 +31,7 @@ class Monitor:
 
     Args:
         routes: of the robots. robot: its length and weight are units of the limits.
-        limits: see ``[monitor]`` in docs/scenarios.md.
+        limits: see ``[monitor]`` in docs/reference/scenarios.md.
         start: (n,) m, where they begin. cruise_speed: (n,) m/s.
         time_limit: (n,) s. period: s between two looks. sample_period: s between two samples of
             the averages.

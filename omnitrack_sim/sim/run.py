@@ -36,7 +36,7 @@ def run(
 
     Args:
         scenario: what to run.
-        controller, sensors, metrics: of a user's own, see docs/extending.md.
+        controller, sensors, metrics: of a user's own, see docs/how-to/extending.md.
         threads: native threads for the physics; 0 uses all cores.
         progress: see ``Progress``.
 
@@ -67,7 +67,7 @@ def run_batch(
 
     Args:
         scenarios: any number, none too.
-        controller, sensors, metrics: of a user's own, see docs/extending.md.
+        controller, sensors, metrics: of a user's own, see docs/how-to/extending.md.
         threads: native threads for the physics; 0 uses all cores. The results do not depend on it.
         progress: see ``Progress``.
         no_load: also measure the slip without load, by a short run for each robot, friction and

@@ -308,7 +308,7 @@ _TABLES: dict[str, type[BaseModel]] = {
 
 
 class StudyFile(Plan):
-    """A study file as it is written. docs/optimise.md explains the keys."""
+    """A study file as it is written. docs/how-to/optimise.md explains the keys."""
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)]
     trials: Annotated[tuple[dict[str, Any], ...], Field(min_length=1, max_length=100)]

@@ -242,7 +242,7 @@ class _Plan(Table):
 
 
 class SweepFile(_Plan):
-    """A sweep file as it is written. docs/sweeps.md explains the keys."""
+    """A sweep file as it is written. docs/how-to/sweeps.md explains the keys."""
 
     base: str | Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_WORDS)]
     set: dict[str, Any] = Field(default_factory=dict)

@@ -50,7 +50,7 @@ def plot_sweep(
         table: of ``run_sweep``, all trials.
         path: file to write; none: the figure is returned and nothing is written.
         over: one axis of the sweep for the rates over it with Wilson 95 % intervals, or two that
-            are numbers for a map; none: the figure that a sweep's folder has (docs/sweeps.md).
+            are numbers for a map; none: as in a sweep's folder (docs/how-to/sweeps.md).
         ax: where to draw one chart; none: in a figure of its own.
         format: ``png``, ``pdf`` or ``svg``; none: from the ending of ``path``.
 

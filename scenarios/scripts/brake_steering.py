@@ -40,7 +40,7 @@ class BrakeSteering:
     class Parameters(FeedbackTable):
         """``[control.parameters]``: those of the default controller, and the brakes' gain."""
 
-        # Chosen on turns of its own: with twice as much it swings (docs/differential.md).
+        # Chosen on turns of its own: with twice as much it swings (docs/studies/differential.md).
         damping: DampingTable = DampingTable(tee_turn=2.5)
         brake_gain: float = Field(10.0, ge=0)  # part of the brake's force for each m/s too fast
 

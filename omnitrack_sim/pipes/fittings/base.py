@@ -42,7 +42,7 @@ class Arcs(NamedTuple):
 
     Out of a branch the far wall of the run turns the robot while its tail is still in the branch: a
     wide arc, which begins to turn early and turns slowly, passes more often there; into a branch a
-    tight one (docs/tee-turn.md).
+    tight one (docs/studies/tee-turn.md).
     """
 
     turn: float = 0.09

@@ -2,8 +2,8 @@
 
 Robot frame: z forward, x towards module 1, modules at 0, +120 and -120 degrees about z. SI units,
 rad. All functions take arrays of any leading shape (...) and broadcast. The symbols are those of
-the paper's Table 1; docs/kinematics.md lists them, derives what the paper leaves out and shows
-where it contradicts itself:
+the paper's Table 1; docs/explanation/kinematics.md lists them, derives what the paper leaves out
+and shows where it contradicts itself:
 
 * Eqs. 6-7 have module 2 at +120 degrees. Eqs. 11-12, 14 and 18 have it at -120, and so has Eq. 20
   if theta5 counts in the same sense as the module angles. Here it is at +120 throughout: exchange

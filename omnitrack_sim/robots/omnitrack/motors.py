@@ -69,7 +69,7 @@ class Motor(Figures):
             "rad/s",
             "derived",
             "of the speed loop's proportional part, without load: its gain over the reflected "
-            "inertia; see docs/control.md",
+            "inertia; see docs/explanation/control.md",
             (0.01, 1e5),
         ),
     ] = 18.0
@@ -82,7 +82,7 @@ class Motor(Figures):
             "rad/N m s",
             "derived",
             "speed by which a motor gives way for each unit of torque beyond the mean of the "
-            "robot's motors; see docs/control.md",
+            "robot's motors; see docs/explanation/control.md",
             (0.0, 1e6),
         ),
     ] = 1.0

@@ -103,14 +103,17 @@ class Robot(Figures):
         Quantity(
             "m",
             "assumed",
-            "length of the contact line of a track; see docs/design-study.md",
+            "length of the contact line of a track; see docs/studies/design-study.md",
             (0.01, 1.0),
         ),
     ] = 0.090
     lugs_per_track: Annotated[
         int,
         Quantity(
-            "1", "numerical", "fine limit of the contact line; see docs/design-study.md", (2, 200)
+            "1",
+            "numerical",
+            "fine limit of the contact line; see docs/studies/design-study.md",
+            (2, 200),
         ),
     ] = 15
     track_offset: Annotated[
@@ -185,7 +188,7 @@ class Robot(Figures):
             "s",
             "numerical",
             "time constant of a lug's contact; at 4 ms lugs bounce on a tee's rim, see "
-            "docs/design-study.md",
+            "docs/studies/design-study.md",
             (5e-4, 0.2),
         ),
     ] = 0.01
@@ -207,7 +210,7 @@ class Robot(Figures):
         Quantity(
             "",
             "published",
-            "Section II.B: a motor a module; or another drive, see docs/differential.md",
+            "Section II.B: a motor a module; or another drive, see docs/studies/differential.md",
         ),
     ] = "three_motors"
     gear_friction: Annotated[

@@ -7,9 +7,9 @@ beyond, projected along the pipe onto the circle at its end, is a sector centred
 direction, opposite the turn: a module in it has no wall.
 
 The authors' derivation is not public. ``ellipse`` is the literal reading of the text; ``crotch``
-and ``strip`` are two rivals. docs/singularity.md derives all three. Angles are in rad, lengths in
-one unit throughout; functions take arrays of any shape and broadcast. theta5 is the angle of module
-1 from the turning direction.
+and ``strip`` are two rivals. docs/explanation/singularity.md derives all three. Angles are
+in rad, lengths in one unit throughout; functions take arrays of any shape and broadcast.
+theta5 is the angle of module 1 from the turning direction.
 """
 
 from __future__ import annotations

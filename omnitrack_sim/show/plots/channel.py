@@ -39,7 +39,7 @@ def plot_channel(
 
     Args:
         result: the run, or the folder of a saved one.
-        channel: any recorded one (docs/channels.md), also of a sensor of your own.
+        channel: any recorded one (docs/reference/channels.md), also of a sensor of your own.
         path: file to write; none: nothing is written.
         module: 1 to 3, to show this one alone, with its command where there is one; none: all.
         ax: where to draw; none: in a figure of its own.

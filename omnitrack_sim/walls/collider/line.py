@@ -9,7 +9,7 @@ ends: at a port before an elbow, at an open end, at the rim, at the ends of a re
 A minimum is a patch, not a point: lugs straddle a rim and push against its flanks, which carries
 force along the track beyond friction. So there are contacts half a lug pitch to either side of it
 too. Without them a robot on a slippery wall fails more often than one with 15 or 43 lugs a track
-(docs/design-study.md).
+(docs/studies/design-study.md).
 """
 
 from __future__ import annotations

@@ -328,7 +328,7 @@ class AlignmentTable(Table):
     aim_tee_straight: Annotated[Three, Unit("1")] = (0.25, 0.5, 1.0)
     """Likewise straight over a tee."""
     # Out of a branch dead on is best: up a slippery run 33 of 40 pass, 29 from 5 or 10 degrees
-    # beside (docs/design-study.md).
+    # beside (docs/studies/design-study.md).
     aside_tee_turn: Annotated[Three, Unit("1")] = (0.45, 0.4, 0.3)
     """What each range for a turn in a tee keeps off the best orientation, where the robot turns
     into the branch: dead on, both outer modules lose the wall at the same time. 0: nothing."""
@@ -415,7 +415,7 @@ class Aligner:
         The safe margin is that of a right-angled corner, whatever the angle of the branch. With the
         angle put in, the region has no sector below 67 degrees and no safe orientation above 106,
         while wyes are passed, at 60 degrees as at 135, by about the orientations that pass a tee
-        (docs/wye.md).
+        (docs/studies/wye.md).
         """
         routes, asked = self.routes, manoeuvres(self.routes)
         given = self.settings.safe_margin[:, None]

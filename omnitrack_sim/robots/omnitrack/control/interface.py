@@ -22,8 +22,9 @@ from omnitrack_sim.robots.omnitrack.drive import Drive, drive_of
 class Observation:
     """What n robots measure at one moment.
 
-    Every observed channel of the schema (docs/channels.md) is an attribute: ``observation.roll`` is
-    an array (n, 3) in rad. Robots that drive tail first see everything as if they drove nose first.
+    Every observed channel of the schema (docs/reference/channels.md) is an attribute:
+    ``observation.roll`` is an array (n, 3) in rad. Robots that drive tail first
+    see everything as if they drove nose first.
 
     Attributes:
         location: where the robots are along their routes.
@@ -115,7 +116,7 @@ class Command(NamedTuple):
 @dataclass(frozen=True)
 class Settings:
     """What all controllers are asked for; each field is (n,). See ``[control]`` in
-    docs/scenarios.md."""
+    docs/reference/scenarios.md."""
 
     cruise_speed: Array  # m/s
     align: NDArray[np.bool_]

@@ -1,0 +1,11 @@
+"""The pages of the documentation, by their names."""
+
+from pathlib import Path
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def page(name: str) -> str:
+    """Return the text of the one page of this name, in whichever folder of docs it stands."""
+    (path,) = DOCS.glob(f"*/{name}.md")
+    return path.read_text(encoding="utf-8")
