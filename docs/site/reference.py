@@ -136,8 +136,8 @@ def undocumented() -> list[str]:
 def doc_of_value(name: str) -> str | None:
     """The text below the assignment of a public value, in the room that it comes from."""
     module = Path(str(ot.__file__)).parent / homes().get(name, "").replace(".", "/")
-    path = module.with_suffix(".py")
-    for path in sorted(module.glob("*.py")) if module.is_dir() else [path] * path.is_file():
+    file = module.with_suffix(".py")
+    for path in sorted(module.glob("*.py")) if module.is_dir() else [file] * file.is_file():
         body = ast.parse(path.read_text(encoding="utf-8")).body
         for statement, below in pairwise(body):
             if _assigned(statement) == name and isinstance(below, ast.Expr):
