@@ -10,9 +10,8 @@ from omnitrack_sim.base.rotations import quaternion_from_matrix
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.pipes.network import load_network
 from omnitrack_sim.pipes.planning import shortest_route
-from omnitrack_sim.record.events import Remark
+from omnitrack_sim.record.events import Outcome, Remark
 from omnitrack_sim.record.metrics import summarise
-from omnitrack_sim.record.outcome import Outcome
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result

@@ -12,7 +12,7 @@ import pytest
 from policy_samples import driver
 
 from omnitrack_sim.base.errors import InputError
-from omnitrack_sim.base.pool import LocalPool
+from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.cli import main
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval
 from omnitrack_sim.trials import dispatch

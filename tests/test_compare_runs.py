@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError, OmnitrackError, OutputError
 from omnitrack_sim.cli import app
-from omnitrack_sim.record.outcome import Outcome
-from omnitrack_sim.results.notebook import figure_row
+from omnitrack_sim.record.events import Outcome
+from omnitrack_sim.results.comparison import figure_row
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.plots.compare import EACH, WHOLE
 

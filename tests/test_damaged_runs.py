@@ -19,11 +19,10 @@ from samples import sample_result, sample_trajectory
 from omnitrack_sim import Result, load_scenario, override
 from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.record.channels import Channel
-from omnitrack_sim.record.events import NotAligned
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import NotAligned, Outcome
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
-from omnitrack_sim.results.loading import load_result
 from omnitrack_sim.results.provenance import provenance_of
+from omnitrack_sim.results.result import load_result
 from omnitrack_sim.sim.builder import scene_of
 
 READ = ("result.json", "scenario.json", "trajectory.parquet", "replay.npz")

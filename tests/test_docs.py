@@ -13,7 +13,7 @@ from pydantic_core import PydanticUndefined
 
 import omnitrack_sim
 from omnitrack_sim.autonomy.goals import Mission
-from omnitrack_sim.base.shipped import (
+from omnitrack_sim.base.naming import (
     shipped_networks,
     shipped_scenarios,
     shipped_studies,
@@ -27,7 +27,7 @@ from omnitrack_sim.pipes.fittings import shipped_fittings
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.record import channels, metrics
-from omnitrack_sim.record.estimates import ESTIMATE_METRICS, ESTIMATES
+from omnitrack_sim.record.metrics import ESTIMATE_METRICS, ESTIMATES
 from omnitrack_sim.robots.omnitrack.control.catalogue import (
     CONTROLLERS,
     controller_of,

@@ -17,11 +17,11 @@ from omnitrack_sim.base.errors import (
     StudyError,
     SweepError,
 )
-from omnitrack_sim.base.files import MOST_BYTES
+from omnitrack_sim.base.reading import MOST_BYTES
 from omnitrack_sim.base.text import printable
 from omnitrack_sim.cli.common import settings_of
 from omnitrack_sim.pipes.network import load_network
-from omnitrack_sim.results.loading import load_result
+from omnitrack_sim.results.result import load_result
 from omnitrack_sim.scenario import load_scenario
 from omnitrack_sim.trials.study import load_study
 from omnitrack_sim.trials.sweep import load_sweep

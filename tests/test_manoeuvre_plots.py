@@ -14,7 +14,7 @@ from omnitrack_sim.paper.plots.curves import along_figure, angular_velocity_figu
 from omnitrack_sim.paper.plots.elbows import elbow_figure
 from omnitrack_sim.paper.plots.phases import PHASE_COLOURS, inner_module
 from omnitrack_sim.paper.plots.rates import rates_figure
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import validate

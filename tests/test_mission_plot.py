@@ -8,8 +8,7 @@ from matplotlib.collections import LineCollection
 from PIL import Image
 from samples import sample_result, sample_trajectory, two_legs_result
 
-from omnitrack_sim.record.events import FellOff
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import FellOff, Outcome
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.plots import plot_mission

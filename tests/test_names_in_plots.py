@@ -18,7 +18,7 @@ from omnitrack_sim.paper.plots.elbows import elbow_figure
 from omnitrack_sim.paper.plots.rates import rates_figure
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.results.loading import load_result
+from omnitrack_sim.results.result import load_result
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.film.overlay import Overlay
 from omnitrack_sim.show.plots import plot_mission, plot_network, plot_summary

@@ -10,8 +10,8 @@ import pytest
 from network_samples import branched, elbow, joint, narrowed, reducer, straight, tee
 
 from omnitrack_sim.base.errors import NetworkError
+from omnitrack_sim.base.naming import shipped_networks
 from omnitrack_sim.base.rotations import Pose, frame_along
-from omnitrack_sim.base.shipped import shipped_networks
 from omnitrack_sim.pipes import Elbow, Step, Straight, Tee, route
 from omnitrack_sim.pipes.network import load_network, validate
 from omnitrack_sim.pipes.planning import shortest_route

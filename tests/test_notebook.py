@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 from samples import sample_result, sample_trajectory, two_legs_result
 
-from omnitrack_sim.record.events import Remark
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import Outcome, Remark
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.results.sketch import sketch
+from omnitrack_sim.results.html import sketch
 from omnitrack_sim.scenario import validate
 
 DOCS = Path(__file__).parents[1] / "docs" / "tutorials"

@@ -15,7 +15,7 @@ from runs import same_result
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault
-from omnitrack_sim.base.pool import LocalPool
+from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.trials.sweep import resolve
 
 MODULE = '''

@@ -14,7 +14,7 @@ from samples import two_legs_result
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.writing import whole_folder
-from omnitrack_sim.record.estimates import ESTIMATES
+from omnitrack_sim.record.metrics import ESTIMATES
 from omnitrack_sim.record.trajectory import RECORDED
 from omnitrack_sim.results.pictures import PICTURES_FILE, Album, Coding
 from omnitrack_sim.show.film.inset import Inset

@@ -19,7 +19,7 @@ from samples import sample_result, sample_trajectory, two_legs_result
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.show.plots import MODULE_COLOURS, plot_channel, plot_summary
 from omnitrack_sim.show.plots.panels import PANELS, panel_of

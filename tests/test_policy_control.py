@@ -12,7 +12,7 @@ from policy_samples import driver, random_policy
 from runs import same_result, there_and_back
 
 import omnitrack_sim as ot
-from omnitrack_sim.base.pool import LocalPool
+from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.robots.omnitrack.policy import RESIDUAL
 
 TEE = """

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.base.errors import ScenarioError
-from omnitrack_sim.base.shipped import shipped_scenarios
+from omnitrack_sim.base.naming import shipped_scenarios
 from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
 from omnitrack_sim.sim.builder import batch_key
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.base.pool import LocalPool
-from omnitrack_sim.base.shipped import shipped_policies
+from omnitrack_sim.base.naming import shipped_policies
+from omnitrack_sim.base.workers import LocalPool
 
 ACTING = {"tee_turn": "direct", "tee_turn_residual": "residual"}
 

@@ -30,8 +30,7 @@ from sweep_samples import (
 
 from omnitrack_sim import load_sweep, run_sweep
 from omnitrack_sim.base import workers
-from omnitrack_sim.base.pool import LocalPool
-from omnitrack_sim.base.workers import DaskPool, WorkersLost
+from omnitrack_sim.base.workers import DaskPool, LocalPool, WorkersLost
 from omnitrack_sim.trials import dispatch
 
 
@@ -123,7 +122,7 @@ def test_a_worker_that_is_killed_once_costs_nothing(calm, tmp_path, monkeypatch)
 def test_workers_that_never_work_are_told(monkeypatch):
     """Workers that die at once, and a given executor that breaks, end with an error that says
     so."""
-    monkeypatch.setattr("omnitrack_sim.base.pool.begin_worker", no_worker)
+    monkeypatch.setattr("omnitrack_sim.base.workers.begin_worker", no_worker)
     with pytest.raises(WorkersLost, match="before they run anything"):
         run_sweep(small_sweep(), executor=lambda: LocalPool(1))
     with LocalPool(1) as pool, pytest.raises(WorkersLost, match="callable"):

@@ -22,7 +22,7 @@ from omnitrack_sim.pipes import Elbow, Route, Step, Straight, route
 from omnitrack_sim.record.metrics import summarise
 from omnitrack_sim.record.timeline import Visit, passage_indices, timeline
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.results.loading import load_result
+from omnitrack_sim.results.result import load_result
 from omnitrack_sim.robots.omnitrack.drive import DRIVES
 
 WAY = np.arange(0.1, 1.2, 0.002)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from entries import Built, Entry
 
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack import MODULES
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.shares import Shares, timed

@@ -1,18 +1,30 @@
-"""From the plain data of a file to a model, checked as a whole; faults are told with their place
-in the file."""
+"""Files that a user writes: found by path or name, read as TOML or JSON into plain data, and
+checked as a whole by a model; every fault is told with its place in the file."""
 
 from __future__ import annotations
 
 import datetime
 import json
+import re
+import tomllib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.text import shown
+from omnitrack_sim.base.naming import (
+    entries_beside,
+    shipped_networks,
+    shipped_scenarios,
+    shipped_studies,
+    shipped_sweeps,
+    without_ending,
+)
+from omnitrack_sim.base.text import nearest, shown
 
 NAME_PATTERN = r"^[^./\\\x00-\x1f\x7f-\x9f][^/\\\x00-\x1f\x7f-\x9f]*$"
 """A scenario's name is also that of a folder: not empty, not hidden, no separators."""
@@ -23,6 +35,252 @@ KIND_FAULT = "kind"
 MOST_LEVELS = 32
 """How deep tables and lists may stand in each other."""
 _Model = TypeVar("_Model", bound=BaseModel)
+MOST_BYTES = {"TOML": 1_000_000, "JSON": 2_000_000}
+"""Largest file that is read, by language: two seconds of reading and checking at worst. The
+scenario.json of a run through 5,000 fittings is as large."""
+_TOO_DEEP = f"is nested too deeply: at most {MOST_LEVELS} levels of tables and lists"
+# Python's TOML reader takes time with the square of the number of keys between dots.
+_DEEP_KEY = re.compile(
+    rf"(?<![^\s,=\[\]{{}}#])(?:[^\s.,=\[\]{{}}#]+\s*\.\s*){{{MOST_LEVELS}}}"  # a.b.c. and so on
+)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of file.
+
+    Attributes:
+        noun: what messages call it.
+        command: takes such a file, and the names of the shipped ones.
+        keys: those that no other kind has at its top.
+        shipped: the files that come with the package, by name.
+    """
+
+    noun: str
+    command: str
+    keys: frozenset[str]
+    shipped: Callable[[], Mapping[str, Path]]
+
+
+SCENARIO = Kind("scenario", "run", frozenset({"pipes", "network", "mission"}), shipped_scenarios)
+SWEEP = Kind("sweep", "sweep", frozenset({"base", "axes"}), shipped_sweeps)
+NETWORK = Kind("network", "network", frozenset({"fittings", "joints"}), shipped_networks)
+STUDY = Kind("study", "optimise", frozenset({"variables", "objectives", "trials"}), shipped_studies)
+KINDS = (SCENARIO, SWEEP, STUDY, NETWORK)
+_RECORDS = {
+    frozenset({"outcome", "metrics"}): "is the result of a run; what was run stands beside it in "
+    "scenario.json",
+    frozenset({"sha256", "sweep"}): "is the record of a sweep; give the file that the sweep was "
+    "run from",
+    frozenset({"sha256", "study"}): "is the record of a study; give the file that the study was "
+    "run from",
+}
+"""Files of saved runs, sweeps and studies that are easily taken for another one, by some of their
+keys."""
+
+
+def read_file(
+    source: str | Path, kind: Kind, error: type[InputError]
+) -> tuple[Path, dict[str, Any]]:
+    """Path and contents of a file that is given by its path or by the name of a shipped one.
+
+    Files whose name ends in ``.json`` are JSON, all others TOML. If the file has no ``name``, its
+    own name without the ending is used.
+
+    Raises:
+        InputError: of class ``error``: there is no such file, it cannot be read, or it is of
+            another kind.
+    """
+    path = _found(source, kind, error)
+    data = table_of(path, kind.noun, error)
+    _refuse_other_kinds(str(path), data, kind, error)
+    return path, {"name": path.stem} | data
+
+
+def table_of(path: Path, noun: str, error: type[InputError]) -> dict[str, Any]:
+    """The contents of a file: JSON if its name ends in ``.json``, else TOML.
+
+    Args:
+        path: a regular file.
+        noun: what messages call it.
+        error: exception class to raise for faults.
+
+    Raises:
+        InputError: of class ``error``: it cannot be read, is too large, or holds no table.
+    """
+    language = "JSON" if path.suffix.lower() == ".json" else "TOML"
+    most = MOST_BYTES[language]
+    try:
+        with path.open("rb") as file:
+            content = file.read(most + 1)
+        if len(content) > most:
+            raise ValueError(f"is too large: at most {most} bytes of {language} are read")
+        text = content.decode("utf-8-sig")
+        data = _read(text, language)
+        if not isinstance(data, dict):
+            raise ValueError(f"holds no table; a {noun} is a table of keys and values")
+        return data
+    except OSError as reason:
+        raise error(Fault(str(path), f"cannot be read: {reason.strerror}")) from reason
+    except UnicodeDecodeError as reason:
+        problem = f"is no text in UTF-8; a {noun} is a file of TOML or JSON"
+        raise error(Fault(str(path), f"{problem}{_scenario_beside(path)}")) from reason
+    except ValueError as reason:
+        raise error(Fault(str(path), str(reason))) from reason
+
+
+def _read(text: str, language: str) -> Any:
+    """``parsed``; what is in the other language is told as that."""
+    try:
+        return parsed(text, language)
+    except ValueError:
+        if language == "TOML" and text.lstrip().startswith("{"):
+            raise ValueError("is JSON, it seems; the name of such a file ends in .json") from None
+        raise
+
+
+def parsed(text: str, language: str) -> Any:
+    """What a text says, as plain data of at most ``MOST_LEVELS`` levels.
+
+    Args:
+        text: of a file, or a part of one.
+        language: ``"TOML"`` or ``"JSON"``.
+
+    Raises:
+        ValueError: it is not in that language, or nested too deeply; the message says which.
+    """
+    try:
+        if language == "JSON":
+            data = json.loads(text, object_pairs_hook=_without_doubles)
+        elif _DEEP_KEY.search(text):
+            raise ValueError(_TOO_DEEP)
+        else:
+            data = tomllib.loads(text)
+    except RecursionError:
+        raise ValueError(_TOO_DEEP) from None
+    except (tomllib.TOMLDecodeError, json.JSONDecodeError) as reason:
+        raise ValueError(f"is not valid {language}: {reason}") from reason
+    except ValueError as reason:
+        if not str(reason).startswith("Exceeds the limit"):  # Python's, on digits of an integer
+            raise
+        raise ValueError("has an integer of thousands of digits; at most 64 bits") from reason
+    if _is_deep(data):
+        raise ValueError(_TOO_DEEP)
+    return data
+
+
+def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object's table; a key that stands there twice is an error, as it is in TOML."""
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        seen: set[str] = set()
+        twice = next(key for key, _ in pairs if key in seen or seen.add(key))
+        raise ValueError(f"is not valid JSON: the key {twice!r} stands twice in one object")
+    return table
+
+
+def _is_deep(data: Any) -> bool:
+    """Whether tables and lists stand deeper in each other than ``MOST_LEVELS``."""
+    layer = [data]
+    for _ in range(MOST_LEVELS + 1):
+        layer = [
+            inside
+            for item in layer
+            if isinstance(item, dict | list)
+            for inside in (item.values() if isinstance(item, dict) else item)
+        ]
+    return bool(layer)
+
+
+def is_file(path: Path) -> bool:
+    """Whether a path leads to a regular file. A path that cannot be looked at leads nowhere."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # too long, no permission, a null character
+        return False
+
+
+def beside(folder: Path, source: str) -> str | Path:
+    """A path or name that stands in a file of ``folder``: the file there, or else the same text."""
+    path = folder / source
+    return path if is_file(path) else source
+
+
+def _found(source: str | Path, kind: Kind, error: type[InputError]) -> Path:
+    """The file that is meant: by its path, or by the name of a shipped one."""
+    path, name, shipped = Path(source), str(source), kind.shipped()
+    try:
+        if path.is_file():
+            return path
+        if name in shipped:
+            return shipped[name]
+        there, is_folder = path.exists(), path.is_dir()
+    except (OSError, ValueError) as reason:
+        problem = f"cannot be read: {getattr(reason, 'strerror', None) or reason}"
+        raise error(Fault(name, problem)) from reason
+    if is_folder:
+        problem = f"is a folder, not a {kind.noun} file"
+        if kind is SCENARIO:
+            problem += _scenario_beside(path / "scenario.json")
+        raise error(Fault(name or "''", problem))
+    if there:
+        raise error(Fault(name, "is no regular file"))
+    raise error(_unknown(name, kind))
+
+
+def _scenario_beside(path: Path) -> str:
+    """Where the scenario of a run is, of a path in the run's folder; empty for other paths."""
+    found = path.with_name("scenario.json")
+    return f"; the scenario of this run is {found}" if is_file(found) else ""
+
+
+def _unknown(name: str, kind: Kind) -> Fault:
+    """The fault of a name that is neither a file nor shipped."""
+    shipped = tuple(kind.shipped())
+    others = {other: known for known in KINDS if known is not kind for other in known.shipped()}
+    if name in others:
+        return Fault(name, _is_another(others[name], kind, name))
+    problem = f"no such file, nor a shipped {kind.noun} of that name"
+    path = Path(name)
+    files = entries_beside(path, lambda entry: _may_be(entry, kind))
+    bare = without_ending(path.name)
+    file = nearest(bare, list(files)) if bare != name else None  # of a path, no shipped name
+    meant = nearest(name, [*shipped, *others, *files])
+    if file is None and meant not in (*shipped, *others):
+        file = meant
+    if file is not None:
+        return Fault(name, f"{problem}; did you mean {str(files[file])!r}?", shipped)
+    if meant in others and meant not in shipped:
+        of = others[meant]
+        problem += f"; did you mean the {of.noun} {meant!r} (`omnitrack {of.command}`)?"
+        return Fault(name, problem, shipped)
+    return Fault(name, problem, shipped, given=name)
+
+
+def _may_be(entry: Path, kind: Kind) -> bool:
+    """Whether a file may be of a kind, by its ending; the folder of a run stands for its
+    scenario."""
+    if kind is SCENARIO and is_file(entry / "scenario.json"):
+        return True
+    return entry.suffix.lower() in (".toml", ".json") and is_file(entry)
+
+
+def _is_another(found: Kind, wanted: Kind, name: str) -> str:
+    return f"is a {found.noun}, not a {wanted.noun}; `omnitrack {found.command} {name}` takes it"
+
+
+def _refuse_other_kinds(
+    name: str, data: Mapping[str, Any], kind: Kind, error: type[InputError]
+) -> None:
+    """Raise an error where a file has keys of another kind and none of its own."""
+    if kind.keys & data.keys():
+        return
+    for other in KINDS:
+        if other.keys & data.keys():
+            raise error(Fault(name, _is_another(other, kind, name)))
+    for keys, problem in _RECORDS.items():
+        if keys <= data.keys():
+            raise error(Fault(name, problem))
 
 
 def checked(
@@ -90,7 +348,7 @@ def _oddity(value: Any, depth: int) -> str | None:
     if isinstance(value, datetime.date | datetime.time):
         return f"is the date or time {value}; a text stands in quotes"
     if isinstance(value, Mapping | list | tuple) and depth > MOST_LEVELS:
-        return f"is nested too deeply: at most {MOST_LEVELS} levels of tables and lists"
+        return _TOO_DEEP
     return None
 
 

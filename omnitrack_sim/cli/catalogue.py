@@ -19,7 +19,7 @@ def scenarios(
 ) -> None:
     """List the scenarios, sweeps, studies and networks of the package; `omnitrack run`, `sweep`,
     `optimise` and `network NAME` find them."""
-    from omnitrack_sim.base.shipped import (
+    from omnitrack_sim.base.naming import (
         shipped_networks,
         shipped_scenarios,
         shipped_studies,

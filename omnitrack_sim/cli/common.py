@@ -127,7 +127,7 @@ def settings_of(text: str) -> dict[str, Any]:
 
 def _settings_in(file: Path, where: str) -> dict[str, Any]:
     """The values in a file by path, such as a study's ``best.toml``: ``"a.b" = 1``, or tables."""
-    from omnitrack_sim.base.files import is_file, table_of
+    from omnitrack_sim.base.reading import is_file, table_of
 
     if not is_file(file):
         raise InputError(Fault(where, "cannot be read: there is no such file"))
@@ -148,7 +148,7 @@ def _leaves(table: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any]]:
 
 def assignment(text: str) -> tuple[str, Any]:
     """Path and value of PATH=VALUE. The value is read as in TOML, a bare word as a string."""
-    from omnitrack_sim.base.files import parsed
+    from omnitrack_sim.base.reading import parsed
 
     path, equals, value = (part.strip() for part in text.partition("="))
     if not equals or not path:

@@ -95,7 +95,7 @@ def _save(found: Comparison, target: Path | None) -> list[Path]:
 
 
 def _print(found: Comparison) -> None:
-    from omnitrack_sim.results.notebook import figure_row, value_row
+    from omnitrack_sim.results.comparison import figure_row, value_row
 
     for side, run in (("A", found.a), ("B", found.b)):
         colour = "green" if run.success else "yellow"

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnitrack_sim.base.shipped import (
+from omnitrack_sim.base.naming import (
     shipped_networks,
     shipped_policies,
     shipped_scenarios,

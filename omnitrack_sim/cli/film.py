@@ -111,7 +111,7 @@ def _film(
     processes: int | None,
 ) -> None:
     from omnitrack_sim.base.writing import check_file
-    from omnitrack_sim.results.loading import load_result
+    from omnitrack_sim.results.result import load_result
     from omnitrack_sim.show.film.encoding import film_format
     from omnitrack_sim.show.film.limits import check_request
 

@@ -87,7 +87,7 @@ def _check_outputs(to_file: Path | None, plot: Path | None, export: Path | None)
 
 
 def _network(source: str | None, seed: int | None, fittings: int | None) -> Network:
-    from omnitrack_sim.base.shipped import shipped_networks
+    from omnitrack_sim.base.naming import shipped_networks
     from omnitrack_sim.pipes.network import load_network
     from omnitrack_sim.pipes.random import random_network
 

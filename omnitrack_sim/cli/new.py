@@ -56,7 +56,7 @@ def _target(name: str) -> Path:
 
 def _text(target: Path, source: str) -> str:
     """The text of the new file, which is read as the scenario that it begins from."""
-    from omnitrack_sim.base.files import SCENARIO, read_file
+    from omnitrack_sim.base.reading import SCENARIO, read_file
     from omnitrack_sim.cli.complete import comment
     from omnitrack_sim.scenario import load_scenario
     from omnitrack_sim.scenario.template import template
@@ -69,7 +69,7 @@ def _text(target: Path, source: str) -> str:
 
 def _moved(data: dict[str, Any], path: Path, target: Path) -> dict[str, Any]:
     """The data of a file for one that may stand elsewhere: the path of a network leads there."""
-    from omnitrack_sim.base.files import beside
+    from omnitrack_sim.base.reading import beside
 
     network = data.get("network")
     if not isinstance(network, str):

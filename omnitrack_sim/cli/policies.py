@@ -27,7 +27,7 @@ def policies(
 ) -> None:
     """List the policies of the package, or tell what one is; `control.parameters.policy` names
     them."""
-    from omnitrack_sim.base.shipped import shipped_policies
+    from omnitrack_sim.base.naming import shipped_policies
     from omnitrack_sim.robots.omnitrack.policy import load_policy
 
     if policy is not None:

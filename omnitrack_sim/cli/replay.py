@@ -32,7 +32,7 @@ def replay(
     ] = None,
 ) -> None:
     """Write a page that plays a saved run in any browser, without a network."""
-    from omnitrack_sim.results.loading import load_result
+    from omnitrack_sim.results.result import load_result
     from omnitrack_sim.show.replay import write_replay
     from omnitrack_sim.show.replay.alike import other_pipes
 

@@ -46,8 +46,7 @@ _Status = TypeVar("_Status", bound=Status)
 
 def make_workers(workers: int | None, dask: str | None) -> Callable[[], Executor] | None:
     """A function that makes the workers; None for trials in this process."""
-    from omnitrack_sim.base.pool import LocalPool
-    from omnitrack_sim.base.workers import DaskPool
+    from omnitrack_sim.base.workers import DaskPool, LocalPool
 
     if dask is not None:
         if workers is not None:

@@ -74,7 +74,7 @@ def view(
 
 def _is_folder(source: str) -> bool:
     """Whether a folder is meant, and no shipped scenario of the same name."""
-    from omnitrack_sim.base.shipped import shipped_scenarios
+    from omnitrack_sim.base.naming import shipped_scenarios
 
     try:
         return Path(source).is_dir() and source not in shipped_scenarios()
@@ -83,7 +83,7 @@ def _is_folder(source: str) -> bool:
 
 
 def _replay(folder: str, speed: float) -> None:
-    from omnitrack_sim.results.loading import load_result
+    from omnitrack_sim.results.result import load_result
     from omnitrack_sim.show.viewer.show import Replayer
     from omnitrack_sim.show.viewer.window import Window, require_screen
 

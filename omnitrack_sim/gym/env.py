@@ -10,7 +10,7 @@ import numpy as np
 from omnitrack_sim.gym.fleet import Fleet, Seen, actions_of, one_of, reset_options_of
 from omnitrack_sim.gym.options import options_of
 from omnitrack_sim.gym.screen import Screen
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack.policy import ACTIONS
 from omnitrack_sim.scenario import Scenario
 

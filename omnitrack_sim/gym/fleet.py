@@ -16,7 +16,7 @@ from omnitrack_sim.gym.lane import Lane
 from omnitrack_sim.gym.options import Options
 from omnitrack_sim.gym.terms import TERMS
 from omnitrack_sim.gym.trials import Trials
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack.policy import ACTIONS, bounds, entry_slices
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.senses.cameras import camera_of

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.gym.terms import Tally
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack.policy import Acting, Decisions, Feature
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.simulation import Simulation

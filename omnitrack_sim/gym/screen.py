@@ -12,7 +12,7 @@ from omnitrack_sim.base.rotations import Array, quaternion_from_matrix
 from omnitrack_sim.gym.lane import Lane
 from omnitrack_sim.gym.options import Options
 from omnitrack_sim.pipes import Route
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack.drive import drive_of

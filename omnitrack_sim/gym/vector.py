@@ -18,7 +18,7 @@ from omnitrack_sim.gym.env import FPS
 from omnitrack_sim.gym.fleet import Done, Fleet, Seen, actions_of, one_of, reset_options_of
 from omnitrack_sim.gym.options import options_of
 from omnitrack_sim.gym.screen import Screen
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack.policy import ACTIONS
 from omnitrack_sim.scenario import Scenario
 

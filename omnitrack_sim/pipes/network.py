@@ -13,11 +13,9 @@ from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
 
 from omnitrack_sim.base.bounds import FARTHEST, MOST_PARTS, too_long
 from omnitrack_sim.base.errors import Fault, GeometryError, NetworkError
-from omnitrack_sim.base.files import NETWORK, read_file
-from omnitrack_sim.base.paths import keys_at
-from omnitrack_sim.base.reading import NAME_PATTERN, checked, fault_of
+from omnitrack_sim.base.reading import NAME_PATTERN, NETWORK, checked, fault_of, read_file
 from omnitrack_sim.base.rotations import Pose, frame_along
-from omnitrack_sim.base.table import Angle, Direction, Table
+from omnitrack_sim.base.table import Angle, Direction, Table, keys_at
 from omnitrack_sim.base.text import as_toml, toml_key
 from omnitrack_sim.pipes import Assembly, Fitting
 from omnitrack_sim.pipes.entries import FittingEntry, by_kind, table_of

@@ -9,15 +9,19 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from omnitrack_sim.base.text import clipped, printable
 from omnitrack_sim.record.metrics import METRICS
-from omnitrack_sim.results.loading import as_result
-from omnitrack_sim.results.notebook import comparison_html
-from omnitrack_sim.results.result import Result
+from omnitrack_sim.results.html import LONGEST, safe, table_html
+from omnitrack_sim.results.result import Result, as_result
 from omnitrack_sim.scenario.tables import unit_of
 
 NOISE = 1e-9
 """Part of the larger of two numbers by which they may differ and count as the same: what the order
 of a sum, or one version of a library, makes of a run is far below it."""
+_DIGITS, _MOST_DIGITS = 4, 12
+"""Of a number as people read it, and at most where two numbers hardly differ."""
+_ROUGH = 0.05
+"""Part of a difference by which that of two rounded numbers may be off."""
 _UNITS = {metric.name: metric.unit for metric in METRICS}
 
 
@@ -177,3 +181,45 @@ def _unit(name: str) -> str:
 
 def _told(one: Difference) -> dict[str, Any]:
     return {"name": one.name, "unit": one.unit, "a": one.a, "b": one.b}
+
+
+def comparison_html(comparison: Comparison) -> str:
+    """The outcomes, the values in which the scenarios differ, and the metrics that do."""
+    head = "".join(
+        f"<p><b>{side}</b> {safe(run.scenario.name)}: {safe(run.outcome.value)} after "
+        f"{run.duration_s:.2f} s</p>"
+        for side, run in (("A", comparison.a), ("B", comparison.b))
+    )
+    values = table_html(("value", "unit", "A", "B"), map(value_row, comparison.values))
+    changed = [one for one in comparison.figures if one.differs]
+    heads = ("figure", "unit", "A", "B", "B - A")
+    return f"<div>{head}{values}{table_html(heads, map(figure_row, changed))}</div>"
+
+
+def value_row(one: Difference) -> tuple[str, ...]:
+    """Path, unit, A and B of a value of the scenarios as text."""
+    return one.name, one.unit, told(one.a), told(one.b)
+
+
+def figure_row(one: Difference) -> tuple[str, ...]:
+    """Name, unit, A, B and B - A of a figure as text. A and B have as many digits as show how they
+    differ, and B - A is the difference of what is shown."""
+    a, b, exact = one.a, one.b, one.difference
+    if exact is None or not math.isfinite(exact):
+        return one.name, one.unit, told(a), told(b), told(exact)
+    digits = _DIGITS
+    while True:
+        texts = [f"{n:.{digits}g}" if isinstance(n, float) else str(n) for n in (a, b)]
+        shown = float(texts[1]) - float(texts[0])
+        if digits == _MOST_DIGITS or abs(shown - exact) <= _ROUGH * abs(exact):
+            break
+        digits += 1
+    return one.name, one.unit, *texts, told(shown)
+
+
+def told(value: Any) -> str:
+    """A value as people read it: four digits, and a dash for what is not there."""
+    if value is None:
+        return "-"
+    text = f"{value:.{_DIGITS}g}" if isinstance(value, float) else str(value)
+    return clipped(printable(text), LONGEST)

@@ -12,7 +12,7 @@ from omnitrack_sim.base.table import Angle, Direction, Part, Positive, Table, Un
 from omnitrack_sim.pipes import ARCS, Arcs, Fitting, Step
 from omnitrack_sim.pipes.entries import FittingEntry
 from omnitrack_sim.pipes.fittings import known_fittings
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack import Robot
 
 _ROBOT_UNITS = {

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes.route_map import Location, RouteMap
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack import GRAVITY, Robot
 from omnitrack_sim.scenario.tables import MonitorTable
 

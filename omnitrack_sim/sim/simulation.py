@@ -16,10 +16,8 @@ from omnitrack_sim.base.rotations import Array, heading
 from omnitrack_sim.base.text import shown
 from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.channels import CHANNELS, Channel
-from omnitrack_sim.record.estimates import ESTIMATES
-from omnitrack_sim.record.events import Event, Note
-from omnitrack_sim.record.metrics import Metric
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import Event, Note, Outcome
+from omnitrack_sim.record.metrics import ESTIMATES, Metric
 from omnitrack_sim.results.pictures import Album, coding_of
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack.control import (

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.naming import shipped_policies
 from omnitrack_sim.base.reading import NAME_PATTERN
-from omnitrack_sim.base.shipped import shipped_policies
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.robots.omnitrack import GRAVITY
 from omnitrack_sim.robots.omnitrack.control.catalogue import CONTROLLERS, controller_of

@@ -20,7 +20,7 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import counted, strict_json
 from omnitrack_sim.base.workers import WorkersLost
 from omnitrack_sim.base.writing import check_folder, told, write_file, write_files
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval, wilson_interval
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.robots.omnitrack import MODULES

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.errors import Fault, StudyError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import counted
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack import MODULES
 from omnitrack_sim.trials.batches import ERROR, INVALID
 from omnitrack_sim.trials.search import Measured

@@ -14,8 +14,7 @@ from pydantic import BaseModel, Field
 
 from omnitrack_sim.base.bounds import MOST_BASES, MOST_CANDIDATES, MOST_STUDY_TRIALS, MOST_TRIALS
 from omnitrack_sim.base.errors import Fault, OmnitrackError, ScenarioError, StudyError, SweepError
-from omnitrack_sim.base.files import STUDY, beside, read_file
-from omnitrack_sim.base.reading import NAME_PATTERN, checked, fault_of
+from omnitrack_sim.base.reading import NAME_PATTERN, STUDY, beside, checked, fault_of, read_file
 from omnitrack_sim.record.metrics import METRICS, Metric
 from omnitrack_sim.scenario import Scenario, load_scenario, override
 from omnitrack_sim.trials.batches import FORMAT, count, matches, value_at

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError, StudyError
-from omnitrack_sim.base.pool import LocalPool
 from omnitrack_sim.base.text import counted
+from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.trials.batches import (
     INVALID,
     Batch,

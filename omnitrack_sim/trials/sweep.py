@@ -21,12 +21,11 @@ from omnitrack_sim.base.bounds import (
     MOST_WORDS,
 )
 from omnitrack_sim.base.errors import Fault, ScenarioError, SweepError
-from omnitrack_sim.base.files import SWEEP, beside, read_file
-from omnitrack_sim.base.reading import NAME_PATTERN, checked, fault_of
+from omnitrack_sim.base.reading import NAME_PATTERN, SWEEP, beside, checked, fault_of, read_file
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import counted
 from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
-from omnitrack_sim.scenario.work import samples_of
+from omnitrack_sim.scenario.model import samples_of
 from omnitrack_sim.trials.axes import (
     AXES,
     BASE,

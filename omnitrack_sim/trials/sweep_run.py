@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError, SweepError
 from omnitrack_sim.base.text import counted
-from omnitrack_sim.record.outcome import Outcome
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.trials.batches import ERROR, INVALID, Batch
 from omnitrack_sim.trials.dispatch import MakeExecutor, Pool, Progress, all_found, run_missing

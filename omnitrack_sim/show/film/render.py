@@ -53,7 +53,7 @@ def render_video(
         RenderError: no offscreen OpenGL on this machine; the message says what to install.
         OutputError: the film cannot be written.
     """
-    from omnitrack_sim.results.loading import as_result
+    from omnitrack_sim.results.result import as_result
 
     path = Path(path)
     check_request(camera, width, height, fps, film_format(path), processes)
@@ -108,7 +108,7 @@ def render_frames(
 
     ``overlay``: with the panel of time, phase and speeds.
     """
-    from omnitrack_sim.results.loading import as_result
+    from omnitrack_sim.results.result import as_result
 
     check_times("times", times)
     check_request(camera, width, height)

@@ -57,7 +57,7 @@ def render_strip(
         RenderError: no offscreen OpenGL on this machine; the message says what to install.
         OutputError: the picture cannot be written.
     """
-    from omnitrack_sim.results.loading import as_result
+    from omnitrack_sim.results.result import as_result
 
     path = Path(path)
     format = format_of(path, None, "picture", FORMATS)

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.base.errors import RenderError
-from omnitrack_sim.base.pool import LocalPool
+from omnitrack_sim.base.workers import LocalPool
 
 if TYPE_CHECKING:
     from omnitrack_sim.results.result import Result

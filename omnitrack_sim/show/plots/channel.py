@@ -52,7 +52,7 @@ def plot_channel(
         InputError: no such channel, module or format; ``path`` is given with ``ax``.
         OutputError: the file cannot be written, or the folder is no run.
     """
-    from omnitrack_sim.results.loading import as_result
+    from omnitrack_sim.results.result import as_result
     from omnitrack_sim.show.plots.picture import chart
 
     run = as_result(result)

@@ -11,8 +11,7 @@ import numpy as np
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.text import clipped
-from omnitrack_sim.results.comparison import Comparison, compare
-from omnitrack_sim.results.notebook import told
+from omnitrack_sim.results.comparison import Comparison, compare, told
 from omnitrack_sim.show.plots.grid import Grid
 from omnitrack_sim.show.plots.panels import PANELS, limits_of
 from omnitrack_sim.show.plots.style import PAGE, PAPER, styled

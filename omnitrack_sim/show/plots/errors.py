@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import wrap_angle
-from omnitrack_sim.record.estimates import KNOWN
+from omnitrack_sim.record.metrics import KNOWN
 from omnitrack_sim.show.plots.panels import Panel
 from omnitrack_sim.show.plots.style import INK
 

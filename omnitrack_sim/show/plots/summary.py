@@ -61,7 +61,7 @@ def plot_summary(
         InputError: no such format.
         OutputError: the file cannot be written, or the folder is no run.
     """
-    from omnitrack_sim.results.loading import as_result
+    from omnitrack_sim.results.result import as_result
     from omnitrack_sim.show.plots.picture import page
 
     run = as_result(result)

@@ -6,8 +6,7 @@ from typing import Any
 
 from omnitrack_sim.base.text import finite
 from omnitrack_sim.record.metrics import METRICS
-from omnitrack_sim.results.comparison import compare
-from omnitrack_sim.results.notebook import value_row
+from omnitrack_sim.results.comparison import compare, value_row
 from omnitrack_sim.results.result import Result
 
 HEADLINE = {

@@ -53,7 +53,7 @@ def show_replay(result: _Source, compare: _Source | None = None) -> ReplayPage:
         RenderError: a run has no pose that can be shown.
         OutputError: a folder is no run.
     """
-    from omnitrack_sim.results.loading import as_result
+    from omnitrack_sim.results.result import as_result
     from omnitrack_sim.show.replay.page import page_of
 
     runs = [as_result(result)]

@@ -21,11 +21,9 @@ from pydantic import Field, model_validator
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.bounds import LARGEST_WEIGHT, MOST_LAYERS, MOST_POLICY_BYTES, MOST_WIDTH
 from omnitrack_sim.base.errors import Fault, InputError, PolicyError
-from omnitrack_sim.base.files import is_file, parsed
-from omnitrack_sim.base.naming import ByName
-from omnitrack_sim.base.reading import checked, fault_of
+from omnitrack_sim.base.naming import ByName, shipped_policies
+from omnitrack_sim.base.reading import checked, fault_of, is_file, parsed
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.shipped import shipped_policies
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import counted, strict_json
 from omnitrack_sim.base.writing import npz_of, write_file

@@ -1,15 +1,21 @@
-"""A small picture of a run, as SVG: what a notebook shows beside the figures.
+"""HTML and SVG that notebooks show of a run: tables with every name escaped, and a small picture.
 
-It is written by hand, for a result that is shown must not wait for matplotlib to load.
+The picture is written by hand, for a result that is shown must not wait for matplotlib to load.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from html import escape
+
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.base.text import clipped, printable
 from omnitrack_sim.record.trajectory import Trajectory, spans
 
+LONGEST = 200
+"""Characters of a name, value or event."""
 _COLOURS = ("#f28c0d", "#1a73cc", "#0d9e6b")
 """Of the modules, as on the model."""
 _INK, _GREY, _SHADES = "#22262b", "#7a7f87", ("#ffffff", "#e3e7ed", "#f2ede3")
@@ -85,3 +91,18 @@ def _thinned(x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
 
 def _text(x: float, y: float, text: str, anchor: str = "start") -> str:
     return f'<text x="{x:g}" y="{y:g}" fill="{_GREY}" text-anchor="{anchor}">{text}</text>'
+
+
+def table_html(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of texts."""
+    body = "".join(f"<tr>{_cells('td', row)}</tr>" for row in rows)
+    return f"<table><thead><tr>{_cells('th', heads)}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _cells(tag: str, texts: Sequence[str]) -> str:
+    return "".join(f"<{tag} style='text-align:left'>{safe(text)}</{tag}>" for text in texts)
+
+
+def safe(text: str) -> str:
+    """Return a text cut to ``LONGEST`` characters, escaped for HTML."""
+    return escape(clipped(printable(text), LONGEST))
