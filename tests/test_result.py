@@ -11,12 +11,14 @@ import pyarrow.parquet as pq
 import pytest
 from samples import sample_result, sample_trajectory
 
+import omnitrack_sim as ot
 from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.trajectory import RECORDED
 from omnitrack_sim.results import files
 from omnitrack_sim.results.result import load_result
 from omnitrack_sim.scenario import override
+from omnitrack_sim.sim.builder import scene_of
 
 FILES = {"scenario.json", "result.json", "timeline.csv", "trajectory.parquet", "replay.npz"}
 READ = FILES - {"timeline.csv"}
@@ -174,3 +176,15 @@ def test_result_json_is_strict(tmp_path):
     summary = json.loads((folder / "result.json").read_text(), parse_constant=refuse)
     assert summary["outcome"] == "diverged"
     assert summary["metrics"]["tilt_max_deg"] is None
+
+
+@pytest.mark.parametrize("drive", ["three_motors", "differential"])
+def test_columns_of_joint_positions_are_those_of_the_model(drive):
+    """``result.joints`` names the joints of the scenario's model and where their positions are."""
+    scenario = ot.load_scenario("straight", {"robot.drive": drive, "run.time_limit": 0.05})
+    result, model = ot.run(scenario), scene_of(scenario).compile()
+    joints = {model.joint(i).name: model.joint(i) for i in range(model.njnt)}
+    assert result.qpos.shape == (len(result.trajectory.time), model.nq)
+    assert {name: columns.start for name, columns in result.joints.items()} == {
+        name: joint.qposadr[0] for name, joint in joints.items()
+    }

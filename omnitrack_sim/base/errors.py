@@ -42,11 +42,27 @@ class Fault:
 
 
 class OmnitrackError(Exception):
-    """Base of all errors that the user can mend. The command line exits with status 2."""
+    """Base of all errors that the user can mend. The command line exits with status 2.
+
+    Example:
+        >>> try:
+        ...     ot.load_scenario("tee_trun")
+        ... except ot.OmnitrackError as error:
+        ...     print(error)
+        tee_trun: no such file, nor a shipped scenario of that name; did you mean 'tee_turn'? ...
+    """
 
 
 class InputError(OmnitrackError):
-    """Bad input. ``faults`` lists every fault found; the message tells the first ``MOST_TOLD``."""
+    """Bad input. ``faults`` lists every fault found; the message tells the first ``MOST_TOLD``.
+
+    Example:
+        >>> try:
+        ...     ot.load_scenario("tee_turn", {"world.friction": -1, "seed": "x"})
+        ... except ot.InputError as error:
+        ...     print([fault.where for fault in error.faults])
+        ['world.friction', 'seed']
+    """
 
     def __init__(self, faults: Fault | Iterable[Fault]):
         self.faults: Sequence[Fault] = (faults,) if isinstance(faults, Fault) else tuple(faults)
@@ -59,32 +75,93 @@ class InputError(OmnitrackError):
 
 
 class ScenarioError(InputError):
-    """A scenario file or an override of it cannot be used."""
+    """A scenario file or an override of it cannot be used.
+
+    Example:
+        >>> try:
+        ...     ot.load_scenario("straight", {"control.cruise_sped": 0.1})
+        ... except ot.ScenarioError as error:
+        ...     print(error)
+        control.cruise_sped: there is no 'cruise_sped' here; did you mean 'cruise_speed'? ...
+    """
 
 
 class SweepError(InputError):
-    """A sweep file cannot be used."""
+    """A sweep file cannot be used.
+
+    Example:
+        >>> try:
+        ...     ot.load_sweep("nothing")
+        ... except ot.SweepError as error:
+        ...     print(error)
+        nothing: no such file, nor a shipped sweep of that name ...
+    """
 
 
 class StudyError(InputError):
-    """A study file cannot be used."""
+    """A study file cannot be used.
+
+    Example:
+        >>> try:
+        ...     ot.load_study("nothing")
+        ... except ot.StudyError as error:
+        ...     print(error)
+        nothing: no such file, nor a shipped study of that name ...
+    """
 
 
 class PolicyError(InputError):
-    """A policy file cannot be used."""
+    """A policy file cannot be used.
+
+    Example:
+        >>> try:
+        ...     ot.load_policy("nothing")
+        ... except ot.PolicyError as error:
+        ...     print(error)
+        nothing: ...
+    """
 
 
 class NetworkError(InputError):
-    """A network file, or a route asked for in it, cannot be used."""
+    """A network file, or a route asked for in it, cannot be used.
+
+    Example:
+        >>> try:
+        ...     ot.load_network("nothing")
+        ... except ot.NetworkError as error:
+        ...     print(error)
+        nothing: no such file, nor a shipped network of that name ...
+    """
 
 
 class GeometryError(InputError):
-    """Pipes that cannot exist or do not fit together."""
+    """Pipes that cannot exist or do not fit together.
+
+    Example:
+        >>> try:
+        ...     ot.Elbow(mean_radius=0.05)
+        ... except ot.GeometryError as error:
+        ...     print(error)
+        elbow.mean_radius: is 0.05 m; must be at least the pipe radius of 0.08 m
+    """
 
 
 class OutputError(OmnitrackError):
-    """A result could not be written (existing folder that is no run, full disk, no permission)."""
+    """A result could not be written (existing folder that is no run, full disk, no permission).
+
+    Example:
+        >>> try:
+        ...     ot.load_result("no_run")
+        ... except ot.OutputError as error:
+        ...     print(error)
+        no_run: no such folder
+    """
 
 
 class RenderError(OmnitrackError):
-    """No OpenGL context could be made for offscreen rendering."""
+    """No OpenGL context could be made for offscreen rendering.
+
+    Example:
+        >>> issubclass(ot.RenderError, ot.OmnitrackError)
+        True
+    """

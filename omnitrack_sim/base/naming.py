@@ -123,6 +123,10 @@ def shipped_scenarios() -> ByName[Path]:
     """Scenarios that come with the package, by name.
 
     The name is the file's path below ``scenarios/`` without its ending.
+
+    Example:
+        >>> ot.shipped_scenarios()["tee_turn"].name
+        'tee_turn.toml'
     """
     folder = _scenario_folder()
     groups = ("*.toml", "paper/*.toml", "missions/*.toml")
@@ -131,24 +135,44 @@ def shipped_scenarios() -> ByName[Path]:
 
 
 def shipped_sweeps() -> ByName[Path]:
-    """Sweep files that come with the package, by name."""
+    """Sweep files that come with the package, by name.
+
+    Example:
+        >>> ot.shipped_sweeps()["tee_orientation"].name
+        'tee_orientation.toml'
+    """
     files = sorted((_scenario_folder() / "sweeps").glob("*.toml"))
     return ByName((path.stem, path) for path in files)
 
 
 def shipped_studies() -> ByName[Path]:
-    """Study files that come with the package, by name."""
+    """Study files that come with the package, by name.
+
+    Example:
+        >>> ot.shipped_studies()["robot_design"].name
+        'robot_design.toml'
+    """
     files = sorted((_scenario_folder() / "studies").glob("*.toml"))
     return ByName((path.stem, path) for path in files)
 
 
 def shipped_networks() -> ByName[Path]:
-    """Network files that come with the package, by name."""
+    """Network files that come with the package, by name.
+
+    Example:
+        >>> ot.shipped_networks()["fig14"].name
+        'fig14.toml'
+    """
     files = sorted((_scenario_folder() / "networks").glob("*.toml"))
     return ByName((path.stem, path) for path in files)
 
 
 def shipped_policies() -> ByName[Path]:
-    """Policy files that come with the package, by name."""
+    """Policy files that come with the package, by name.
+
+    Example:
+        >>> ot.shipped_policies()["tee_turn"].name
+        'tee_turn.npz'
+    """
     files = sorted((_scenario_folder() / "policies").glob("*.npz"))
     return ByName((path.stem, path) for path in files)

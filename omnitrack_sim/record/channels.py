@@ -51,6 +51,11 @@ class Channel:
             matrix, "behind" multiplies a quaternion by the half turn, "same" leaves all as it is.
         recorded: it stands in the trajectory and its file.
         whole: values are whole numbers.
+
+    Example:
+        >>> slide = ot.Channel("slide_rate", (3,), "m/s", "speed of the arms along their shafts")
+        >>> slide.columns
+        ('slide_rate_1', 'slide_rate_2', 'slide_rate_3')
     """
 
     name: str

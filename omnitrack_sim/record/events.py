@@ -11,7 +11,12 @@ from typing import Any, ClassVar
 
 
 class Outcome(StrEnum):
-    """The end of one trial. A failed traversal is a result, not an error."""
+    """The end of one trial. A failed traversal is a result, not an error.
+
+    Example:
+        >>> ot.Outcome("timed_out").advice
+        'Time ran out while the robot still moved: raise run.time_limit.'
+    """
 
     REACHED_GOAL = "reached_goal"
     MOTION_SINGULARITY = "motion_singularity"
@@ -83,6 +88,17 @@ class Event:
     Attributes:
         robot: index of the robot in its batch; not written to files and not compared.
         time: s of simulated time.
+
+    Example:
+        >>> from dataclasses import dataclass
+        >>> @dataclass(frozen=True)
+        ... class Knocked(ot.Event):
+        ...     force: float
+        ...     @property
+        ...     def text(self):
+        ...         return f"knocked by {self.force:.0f} N"
+        >>> print(Knocked(robot=0, time=1.5, force=20.0))
+        1.50 s, knocked by 20 N
     """
 
     robot: int = field(compare=False)
@@ -108,7 +124,12 @@ class Event:
 
 @dataclass(frozen=True)
 class Remark(Event):
-    """Anything that has no kind of its own, such as what a user's controller wants to tell."""
+    """Anything that has no kind of its own, such as what a user's controller wants to tell.
+
+    Example:
+        >>> print(ot.Remark(robot=0, time=2.0, words="the lamp is off"))
+        2.00 s, the lamp is off
+    """
 
     words: str
 

@@ -113,6 +113,14 @@ class Metric:
         compute: from a ``Run`` to a number, or a list of one number a module.
         per_module: it is a list.
         in_tables: it is a column of the tables of sweeps.
+
+    Example:
+        >>> def fastest(run):
+        ...     return float(abs(run.trajectory["belt_speed"]).max())
+        >>> metric = ot.Metric("belt_speed_max_m_s", "m/s", "fastest belt", fastest)
+        >>> scenario = ot.load_scenario("straight", {"run.time_limit": 0.1})
+        >>> "belt_speed_max_m_s" in ot.run(scenario, metrics=[metric]).metrics
+        True
     """
 
     name: str

@@ -51,6 +51,11 @@ class Visit:
             energy that ``metrics.summarise`` gives.
         rolls: how often the robot began to roll its modules for this fitting.
         retries: how often it backed off to try this fitting again.
+
+    Example:
+        >>> result = ot.run(ot.load_scenario("straight", {"run.time_limit": 0.1}))
+        >>> [(visit.name, visit.kind, visit.gear) for visit in result.timeline()]
+        [('straight_0', 'straight', 1)]
     """
 
     leg: int

@@ -17,9 +17,11 @@ if TYPE_CHECKING:
 
 RECORDED = recorded(CHANNELS.values())
 """The channels of every trajectory, by name, in the order of the file."""
-JOINT_POSITIONS = 7 + 5 * MODULE_COUNT
-"""Number of joint positions of a robot with a motor for each belt: the chassis' pose, and of each
-module slide, pitch, roll and the travel of its two belts. Shafts of a drive come after them."""
+JOINTS_OF_A_MODULE = ("slide", "pitch", "roll", "belt_upper", "belt_lower")
+"""Names of a module's joints in the model, before an underscore and the module's number."""
+JOINT_POSITIONS = 7 + len(JOINTS_OF_A_MODULE) * MODULE_COUNT
+"""Number of joint positions of a robot with a motor for each belt: the chassis' pose, and those of
+the modules. Shafts of a drive come after them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +35,13 @@ class Trajectory(Mapping[str, NDArray]):
         qpos: (T, ``JOINT_POSITIONS`` and ``Drive.shafts`` more), MuJoCo's joint positions, for the
             replay.
         schema: what the channels hold: ``RECORDED``, and those of a user's own sensors.
+
+    Example:
+        >>> trajectory = ot.run(ot.load_scenario("straight", {"run.time_limit": 0.1})).trajectory
+        >>> trajectory["normal_force"].shape  # six samples, three modules
+        (6, 3)
+        >>> trajectory.schema["normal_force"].unit
+        'N'
     """
 
     time: NDArray[np.float64]

@@ -62,6 +62,12 @@ class Comparison:
 
     Attributes:
         a, b: the runs.
+
+    Example:
+        >>> base = ot.load_scenario("straight", {"run.time_limit": 0.1})
+        >>> runs = ot.run_batch([base, ot.override(base, {"world.friction": 0.5})], no_load=False)
+        >>> ot.compare(*runs).headline
+        'the scenarios differ in 1 value'
     """
 
     a: Result
@@ -128,6 +134,12 @@ def compare(a: Result | str | os.PathLike[str], b: Result | str | os.PathLike[st
     Raises:
         OutputError: a folder is no run.
         TypeError: one is neither a result nor a folder.
+
+    Example:
+        >>> base = ot.load_scenario("straight", {"run.time_limit": 0.1})
+        >>> runs = ot.run_batch([base, ot.override(base, {"world.friction": 0.5})], no_load=False)
+        >>> [(one.name, one.a, one.b) for one in ot.compare(*runs).values]
+        [('world.friction', 0.9, 0.5)]
     """
     return Comparison(as_result(a), as_result(b))
 

@@ -31,7 +31,7 @@ from omnitrack_sim.pipes.planning import Leg, route_of
 from omnitrack_sim.record.events import Event, Outcome, event_of
 from omnitrack_sim.record.metrics import METRICS, Metrics
 from omnitrack_sim.record.timeline import Visit, timeline
-from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.record.trajectory import JOINT_POSITIONS, JOINTS_OF_A_MODULE, Trajectory
 from omnitrack_sim.results.files import (
     MAP_FILE,
     RESULT_FILE,
@@ -67,6 +67,13 @@ class Result:
         map: what a robot that explores has made of its network; its legs lead through that. None
             for other robots.
         album: ``pictures``; None where none were recorded.
+
+    Example:
+        >>> result = ot.run(ot.load_scenario("straight", {"run.time_limit": 0.1}))
+        >>> result.outcome.value, round(result.duration_s, 3)
+        ('timed_out', 0.1)
+        >>> result.qpos[:, result.joints["slide_1"]].shape
+        (6, 1)
     """
 
     scenario: Scenario
@@ -103,6 +110,25 @@ class Result:
         nothing."""
         expected = self.scenario.run.expected_outcome
         return None if expected is None else self.outcome is expected
+
+    @property
+    def qpos(self) -> Array:
+        """Joint positions of all samples, (T, nq) m and rad, as MuJoCo's ``data.qpos`` has them.
+
+        A sample can be set in an ``MjData`` of the scenario's own model and looked at or rendered.
+        The first seven numbers are the chassis' position and unit quaternion (w, x, y, z), world
+        frame; ``joints`` names the columns.
+        """
+        return self.trajectory.qpos
+
+    @property
+    def joints(self) -> dict[str, slice]:
+        """Columns of ``qpos`` by the name of the joint in the model: ``robot``, and of each module
+        ``slide_1``, ``pitch_1``, ``roll_1``, ``belt_upper_1`` and ``belt_lower_1``; then shafts."""
+        modules = [f"{name}_{i + 1}" for i in range(MODULES) for name in JOINTS_OF_A_MODULE]
+        shafts = [f"shaft_{i + 1}" for i in range(self.qpos.shape[1] - JOINT_POSITIONS)]
+        columns = {name: slice(7 + i, 8 + i) for i, name in enumerate([*modules, *shafts])}
+        return {"robot": slice(0, 7)} | columns
 
     @property
     def pictures(self) -> Pictures:
@@ -249,6 +275,12 @@ def load_result(directory: str | Path) -> Result:
     Raises:
         OutputError: it is no run, or a file of it is missing or damaged; the message names the
             file.
+
+    Example:
+        >>> result = ot.run(ot.load_scenario("straight", {"run.time_limit": 0.1}))
+        >>> folder = result.save("run")
+        >>> ot.load_result(folder).duration_s == result.duration_s
+        True
     """
     folder = Path(directory)
     with reading(folder / RESULT_FILE) as path:

@@ -66,7 +66,15 @@ the time that it has."""
 
 class Scenario(Table):
     """One run: pipes or a mission through a network, robot, start, world, control. Keys: see
-    docs/reference/scenarios.md."""
+    docs/reference/scenarios.md.
+
+    Example:
+        >>> scenario = ot.load_scenario("tee_turn")
+        >>> scenario
+        Scenario('tee_turn': 3 pipes, controller 'jacobian')
+        >>> scenario.world.friction, scenario.run.expected_outcome.value
+        (0.9, 'reached_goal')
+    """
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)] = "scenario"
     """Of the run, and of the folder that its results go to."""

@@ -153,6 +153,10 @@ def load_scenario(source: str | Path, changes: Mapping[str, Any] | None = None) 
         ScenarioError: no such file, bad TOML or JSON, or any fault in it or in the changes; every
             fault is listed with its path in the file.
         TypeError: the changes are no mapping.
+
+    Example:
+        >>> ot.load_scenario("tee_turn", {"pipes.0.length": 0.5}).pipes[0].length
+        0.5
     """
     path, data = read_file(source, SCENARIO, ScenarioError)
     return validate(data, path.parent, changes)
@@ -347,6 +351,11 @@ def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     Raises:
         ScenarioError: unknown paths (with the choices at that place) or values that do not fit.
         TypeError: an argument is of another type.
+
+    Example:
+        >>> longer = ot.override(ot.load_scenario("straight"), {"pipes.*.length": 2.0})
+        >>> [pipe.length for pipe in longer.pipes]
+        [2.0]
     """
     check_is(Scenario, "scenario", scenario)
     return validate(scenario.model_dump(mode="json"), changes=changes)
