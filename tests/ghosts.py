@@ -10,6 +10,7 @@ import numpy as np
 from omnitrack_sim.autonomy.ahead import Ahead, Look
 from omnitrack_sim.autonomy.exploration import Exploration
 from omnitrack_sim.autonomy.goals import Mission
+from omnitrack_sim.autonomy.sight import TrueSight
 from omnitrack_sim.base.rotations import TURNED, rotation_about
 from omnitrack_sim.pipes import ARCS
 from omnitrack_sim.pipes.network import Network
@@ -51,7 +52,8 @@ class Ghost:
         )
         exploration = Exploration(network, mission, self.robot, 0.1, ARCS)
         self.hidden = [network.port(port) for port in hidden]
-        self.sight, self.erring, self.lag = exploration.sight(), erring, lag
+        self.sight = TrueSight(network.pipes, exploration.plates, self.robot, ARCS)
+        self.erring, self.lag = erring, lag
         self.explorer = exploration.explorer(0, 2)
         self.ends = {goal: network.end("goals", goal) for goal in goals}
         self.events: list[Event] = []
@@ -71,12 +73,12 @@ class Ghost:
                 ahead, behind = self._look(position, frame), None
                 if explorer.looks_back(told):
                     behind = self._look(position, frame * TURNED)
-                decision = explorer.see(Look(time, told, ahead, behind, frame, frame))
+                decision = explorer.on_look(Look(time, told, ahead, behind, frame, frame))
                 wrong += decision.shift
             elif told >= explorer.leg.end:
-                decision = explorer.arrived(time, told, self._here(position, frame))
+                decision = explorer.on_arrival(time, told, self._here(position, frame))
             elif self._blocked(position, frame):
-                decision = explorer.hangs(time, told, self._here(position, frame))
+                decision = explorer.on_blockage(time, told, self._here(position, frame))
             if decision is None:
                 distance, self.travel = distance + STEP, self.travel + STEP
                 continue

@@ -11,6 +11,7 @@ from omnitrack_sim.autonomy.camera_sight import CameraSight
 from omnitrack_sim.base.rotations import rotation_about
 from omnitrack_sim.record.events import EndInspected, ExplorationComplete
 from omnitrack_sim.scenario import Scenario, validate
+from omnitrack_sim.sim.onboard import Onboard
 
 
 def bend(**sensing) -> Scenario:
@@ -63,11 +64,9 @@ def test_its_place_is_known_on_its_own_map(explored):
 def test_a_camera_sees_what_is_there():
     """The same as true sight, with its errors; and no farther than it can be trusted."""
     scenario = ot.load_scenario("missions/explore_onboard")
-    exploration = scenario.exploration
-    assert exploration is not None
-    onboard, true = ot.Simulation([scenario]).onboard, exploration.sight()
-    assert onboard is not None
-    sight = CameraSight(onboard.eyes, scenario.sensing, lambda robot: 0.16)
+    senses, true = ot.Simulation([scenario]).senses, scenario.sight
+    assert isinstance(senses, Onboard)
+    sight = CameraSight(senses.eyes, scenario.sensing, lambda robot: 0.16)
     line = scenario.route.centreline
     turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array(0.7))
     for along in (0.1, 0.2, 0.28):

@@ -14,6 +14,7 @@ from runs import same_result
 import omnitrack_sim as ot
 from omnitrack_sim.autonomy.goals import Mission
 from omnitrack_sim.autonomy.mission import Planner
+from omnitrack_sim.autonomy.pilots import Decision, Planned
 from omnitrack_sim.autonomy.whereabouts import Whereabouts
 from omnitrack_sim.base.rotations import Array, unit
 from omnitrack_sim.pipes.network import load_network, validate
@@ -21,7 +22,6 @@ from omnitrack_sim.record.events import FellOff, GaveUp
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController
 from omnitrack_sim.scenario import validate as validate_scenario
-from omnitrack_sim.sim.legs import Legs
 
 LENGTH = Robot().length
 TEE = 1
@@ -180,9 +180,9 @@ def test_a_robot_that_lies_across_first_drives_over_the_opening(
 
 def test_a_turn_that_a_robot_has_fallen_off_is_taken_from_the_other_side() -> None:
     """It drives past the branch and comes back to it; where it cannot, it tries the turn again."""
-    legs = Legs([past_the_tee()])
-    legs.plan_anew(0, 1.0, MIDDLE + 0.1 * UP, unit([0.9, 0.0, 0.45]))
-    righted, out, on = legs.driven(0)[1:] + tuple(legs._to_come[0])
+    pilot = past_the_tee().pilot(0)
+    righted = pilot.on_fall(1.0, MIDDLE + 0.1 * UP, unit([0.9, 0.0, 0.45])).leg
+    out, on = (pilot.on_arrival(1.0, pilot.leg.end, "").leg for _ in range(2))
     assert [leg.gear for leg in (righted, out, on)] == [-1, 1, -1]
     assert (TEE, "run_end", "branch") in on.way
     assert [part for part, _, _ in out.way][:2] == [0, TEE]
@@ -320,9 +320,9 @@ def test_a_robot_that_falls_too_often_gives_up(allowed: int) -> None:
 def test_a_robot_without_a_way_from_where_it_lies_gives_up() -> None:
     """One that has found the branch closed before it falls."""
     run = ot.Simulation([past_the_tee()], controller=Careless)
-    planner = run.scenarios[0].planner
-    assert planner is not None
-    run.legs._closed[0].append(planner.network.port("t.branch"))
+    pilot = run.legs.pilots[0]
+    assert isinstance(pilot, Planned)
+    pilot._closed.append(pilot._planner.network.port("t.branch"))
     run.advance()
     (result,) = run.results()
     assert result.outcome is ot.Outcome.LEFT_PIPE
@@ -342,8 +342,7 @@ def test_a_robot_in_plain_pipes_has_nowhere_to_fall() -> None:
     (result,) = ot.run_batch([scenario], controller=Careless, no_load=False)
     assert result.outcome is ot.Outcome.LEFT_PIPE
     assert falls(result) == []
-    legs = Legs([scenario])
-    assert legs.plan_anew(0, 1.0, MIDDLE, UP)[:2] == (None, ())
+    assert scenario.pilot(0).on_fall(1.0, MIDDLE, UP) == Decision(None)
 
 
 def test_a_robot_that_lies_across_a_tee_rights_itself() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -12,13 +11,13 @@ from omnitrack_sim import (
     Outcome,
     Simulation,
 )
+from omnitrack_sim.autonomy.pilots import Pilot
 from omnitrack_sim.base.rotations import Array, heading
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.robots.omnitrack.control.gear import SWAPPED, carried_out, seen
 from omnitrack_sim.robots.omnitrack.control.interface import Command
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.builder import scene_of
-from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.plant import Plant, Start
 
 
@@ -82,16 +81,15 @@ def tail_first_plant(scenario: Scenario, start: Start, threads: int) -> Plant:
     )
 
 
-class TailFirstLegs(Legs):
-    """Legs that are driven tail first from the start."""
-
-    def __init__(self, scenarios: Sequence[Scenario]) -> None:
-        super().__init__(scenarios)
-        self.gear = -self.gear
+def tail_first_pilot(scenario: Scenario, robot: int) -> Pilot:
+    """Drives the whole route tail first."""
+    pilot = scenario.pilot(robot)
+    pilot.leg = dataclasses.replace(pilot.leg, gear=-1)
+    return pilot
 
 
 @pytest.mark.parametrize(("theta5_deg", "until"), [(0.0, 99.0), (50.0, 4.5)])
-def test_tail_first_is_nose_first_seen_from_behind(theta5_deg, until, monkeypatch):
+def test_tail_first_is_nose_first_seen_from_behind(theta5_deg, until):
     """Through an elbow: the same way, with belts and rolls of modules 2 and 3 exchanged.
 
     From 50 degrees the modules are rolled first. In the elbow, where the robot is then not
@@ -102,8 +100,8 @@ def test_tail_first_is_nose_first_seen_from_behind(theta5_deg, until, monkeypatc
     start = {"distance": 0.12, "theta5_deg": theta5_deg}
     scenario = validate({"pipes": pipes, "start": start})
     there = Simulation([scenario])
-    monkeypatch.setattr("omnitrack_sim.sim.simulation.Legs", TailFirstLegs)
-    runs = [there, Simulation([scenario], make_plant=tail_first_plant)]
+    back = Simulation([scenario], pilot=tail_first_pilot, make_plant=tail_first_plant)
+    runs = [there, back]
     for run in runs:
         run.advance()
     nose, tail = (run.results()[0] for run in runs)

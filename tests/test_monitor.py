@@ -48,7 +48,8 @@ def look(
     watching.average(readings, np.full((n, 3), SPEED), saturated, np.ones(n, bool))
     goal = np.full(n, LENGTH - 0.1)
     arrived = np.asarray(distance) >= goal
-    return watching.look(readings, location(distance, aside), arrived, resting, diverged)
+    here, everyone = location(distance, aside), np.ones(n, bool)
+    return watching.look(readings, here, arrived, resting, diverged, everyone)
 
 
 def looks(watching: Monitor, seconds: float, distance: list[float], **more: Any) -> list[Verdict]:

@@ -78,9 +78,9 @@ def test_nothing_of_the_truth_reaches_the_controller():
             for name, value in simulation._readings.items()
             if np.asarray(value).dtype.kind == "f"
         }
-        command = simulation._guarded(simulation.controller.step(simulation.observation))
+        command = simulation.controller.step(simulation.observation)
         simulation._readings, simulation._place = truth
-        wanted = clean._guarded(clean.controller.step(clean.observation))
+        wanted = clean.controller.step(clean.observation)
         assert command.belt_speed.tobytes() == wanted.belt_speed.tobytes()
         assert command.roll.tobytes() == wanted.roll.tobytes()
         simulation.step(command)
@@ -127,7 +127,7 @@ def test_a_robot_that_is_elsewhere_finds_itself():
     of its map, compares the poses around, and goes on from where it really is."""
     scenario = onboard("elbow", sensing__start__theta5_known=True, start__distance=0.15)
     simulation = ot.Simulation([scenario])
-    pose = simulation.onboard.localiser.filter
+    pose = simulation.senses.localiser.filter
     pose.position = pose.position + 0.2 * pose.rotation[:, :, 2]
     pose.covariance = pose.covariance * 1e-2
     while simulation.active.any():

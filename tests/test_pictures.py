@@ -56,11 +56,11 @@ def test_a_run_is_the_same_with_and_without_its_pictures(camera, stride):
 def test_a_whole_picture_has_the_pixels_that_the_robot_compares(camera):
     """To the bit, and others beside them."""
     whole, part = (ot.Simulation([filmed(camera, record__pictures=p)]) for p in (True, False))
-    pixels = whole.onboard.localiser.pixels
-    assert whole.onboard.whole[0].shape == (1, 48 * 48)
-    found = whole.onboard.whole[0][:, pixels]
-    assert found.tobytes() == part.onboard.picture.tobytes()
-    assert part.onboard.whole is None
+    pixels = whole.senses.localiser.pixels
+    assert whole.senses.whole[0].shape == (1, 48 * 48)
+    found = whole.senses.whole[0][:, pixels]
+    assert found.tobytes() == part.senses.picture.tobytes()
+    assert part.senses.whole is None
 
 
 def test_pictures_are_of_the_pipe_ahead_and_behind(run):

@@ -12,6 +12,7 @@ import pytest
 from omnitrack_sim import load_network, shortest_route
 from omnitrack_sim.autonomy.goals import Mission
 from omnitrack_sim.autonomy.mission import Planner
+from omnitrack_sim.autonomy.pilots import Planned
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Pose, rotation_about
 from omnitrack_sim.pipes import Assembly, Elbow, Part, Step, Straight, route
@@ -21,7 +22,6 @@ from omnitrack_sim.pipes.planning import Leg
 from omnitrack_sim.record.events import GaveUp, TakenForClosed
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.scenario import validate as validate_scenario
-from omnitrack_sim.sim.legs import Legs
 
 LENGTH = Robot().length
 
@@ -111,37 +111,36 @@ def test_a_robot_stands_where_it_has_room_to_roll(room: float, stands: str) -> N
     assert onward.begin == pytest.approx(before - Robot().standing_room - LENGTH / 2)
 
 
-def driven(goals: list[str]) -> Legs:
-    """The legs of a mission up the tower, before the first one is driven."""
+def up_the_tower(goals: list[str]) -> Planned:
+    """The pilot of a mission up the tower, before its first leg."""
     mission = {"start": "foot", "goals": goals}
-    return Legs([validate_scenario({"network": "tower", "mission": mission})])
+    pilot = validate_scenario({"network": "tower", "mission": mission}).pilot(0)
+    assert isinstance(pilot, Planned)
+    return pilot
 
 
-def hang_before(legs: Legs, port: str) -> list[Any]:
+def hang_before(pilot: Planned, port: str) -> list[Any]:
     """The events of a robot that hangs, on the leg at hand, with its nose before a port."""
-    leg = legs.driven(0)[-1]
-    planner = legs._planners[0]
-    assert planner is not None
-    part, leave = planner.network.port(port)
-    at = next(i for i, step in enumerate(leg.way) if (step[0], step[2]) == (part, leave))
-    nose = planner.route(leg).fittings[at].s_leave
-    return list(legs.send_on(0, 10.0, nose - LENGTH / 2, False, np.zeros(3)).events)
+    part, leave = pilot._planner.network.port(port)
+    at = next(i for i, s in enumerate(pilot.leg.way) if (s[0], s[2]) == (part, leave))
+    nose = pilot.route().fittings[at].s_leave
+    return list(pilot.on_blockage(10.0, nose - LENGTH / 2, "").events)
 
 
-def arrive(legs: Legs) -> list[Any]:
-    """The events of a robot that comes to the end of the leg at hand."""
-    return list(legs.send_on(0, 10.0, float(legs.end[0]), True, np.zeros(3)).events)
+def arrive(pilot: Planned) -> None:
+    """It comes to the end of the leg at hand."""
+    pilot.on_arrival(10.0, pilot.leg.end, "")
 
 
 def test_all_ports_that_were_found_closed_are_remembered() -> None:
     """The second closed port leaves no way to the top of the tower: the robot does not go back to
     the first one."""
-    legs = driven(["head"])
-    (closed, _) = hang_before(legs, "riser_2.end")
+    pilot = up_the_tower(["head"])
+    (closed, _) = hang_before(pilot, "riser_2.end")
     assert isinstance(closed, TakenForClosed)
-    arrive(legs)
-    assert legs.gear.tolist() == [1]
-    *told, last = hang_before(legs, "shaft.end")
+    arrive(pilot)
+    assert pilot.leg.gear == 1
+    *told, last = hang_before(pilot, "shaft.end")
     assert [event.port for event in told] == ["shaft.end"]
     assert isinstance(last, GaveUp)
     assert last.cause == "no other way"
@@ -150,20 +149,18 @@ def test_all_ports_that_were_found_closed_are_remembered() -> None:
 def test_a_robot_that_finds_its_way_closed_sets_out_for_the_same_goal() -> None:
     """On its way to the second goal the legs round what is closed lead there, and not to the first
     one again."""
-    legs = driven(["drain", "head"])
-    arrive(legs)
-    arrive(legs)
-    assert legs.driven(0)[-1].goal == 1
-    leg = legs.driven(0)[-1]
-    planner = legs._planners[0]
-    assert planner is not None
-    blocked = "riser_2.end" if "riser_2" in names(planner, leg) else "shaft.end"
-    hang_before(legs, blocked)
-    arrive(legs)
-    again = legs.driven(0)[-1]
+    pilot = up_the_tower(["drain", "head"])
+    arrive(pilot)
+    arrive(pilot)
+    assert pilot.leg.goal == 1
+    planner = pilot._planner
+    blocked = "riser_2.end" if "riser_2" in names(planner, pilot.leg) else "shaft.end"
+    hang_before(pilot, blocked)
+    arrive(pilot)
+    again = pilot.leg
     assert (again.goal, again.gear) == (1, 1)
     assert planner.network.fittings[again.way[-1][0]].name == "riser_3"
-    assert legs.missed(0) == ()
+    assert tuple(pilot.missed) == ()
 
 
 def test_a_place_is_looked_for_near_the_last_one() -> None:

@@ -180,7 +180,7 @@ def test_robots_that_begin_at_different_times_are_commanded_as_alone():
     for moment in range(60):
         if moment in (5, 12):
             begun = np.array([moment % 3])
-            sim.restart(begun, [scenarios[moment % 3]])
+            sim.reset(begun, [scenarios[moment % 3]])
             decisions.reset(begun, sim.setup)
         command = decisions.command(sim.observation)
         told.append(command.belt_speed.copy())

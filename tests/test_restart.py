@@ -7,6 +7,7 @@ import pytest
 from runs import there_and_back
 
 import omnitrack_sim as ot
+from omnitrack_sim.sim.onboard import Onboard
 
 
 def tee(**changes: object) -> ot.Scenario:
@@ -42,10 +43,10 @@ def seen(simulation: ot.Simulation, robot: int) -> bytes:
     arrays += [observation.motor_torque[robot], observation.time[robot], location.distance[robot]]
     arrays += [simulation.monitor._mean[robot], simulation.monitor._waiting[robot]]
     arrays += [observation.angular_velocity[robot], observation.location.distance[robot]]
-    if simulation.onboard is not None:
-        localiser = simulation.onboard.localiser
-        arrays += [localiser.filter.covariance[robot], localiser.misfit[robot]]
-        arrays += [simulation.onboard.picture[robot]]
+    senses = simulation.senses
+    if isinstance(senses, Onboard):
+        arrays += [senses.localiser.filter.covariance[robot], senses.localiser.misfit[robot]]
+        arrays += [senses.picture[robot]]
     return b"".join(np.asarray(array).tobytes() for array in arrays)
 
 
@@ -73,7 +74,7 @@ def test_a_robot_begins_anew_to_the_bytes_of_its_own_simulation(make, steps, spe
     base = make()
     simulation = ot.Simulation([changed(base, k) for k in range(3)], recording=False)
     drive(simulation, steps, 1, -speeds)
-    simulation.restart([1], [changed(base, 5)])
+    simulation.reset([1], [changed(base, 5)])
     alone = ot.Simulation([changed(base, 5)], recording=False)
     assert drive(simulation, 60, 1, speeds) == drive(alone, 60, 0, speeds)
 
@@ -85,7 +86,7 @@ def test_the_others_go_on_as_if_nothing_had_happened(make, speeds) -> None:
     calm, disturbed = (ot.Simulation(scenarios, recording=False) for _ in range(2))
     expected = drive(calm, 30, 0, speeds)
     told = drive(disturbed, 9, 0, speeds)
-    disturbed.restart([1, 2], [changed(make(), 7), changed(make(), 8)])
+    disturbed.reset([1, 2], [changed(make(), 7), changed(make(), 8)])
     assert told + drive(disturbed, 21, 0, speeds[9:])[1:] == expected
 
 
@@ -97,11 +98,11 @@ def test_a_robot_whose_run_is_over_runs_again(speeds) -> None:
     drive(simulation, 5, 0, speeds)
     ended = [ending.outcome for ending in simulation.endings if ending is not None]
     assert ended == [ot.Outcome.TIMED_OUT, ot.Outcome.DIVERGED]
-    simulation.restart([0, 1], [tee(), tee()])
+    simulation.reset([0, 1], [tee(), tee()])
     assert simulation.endings == [None, None]
     for robot in (0, 1):
         new = [changed(tee(), 1), changed(tee(), 2)]
-        simulation.restart([0, 1], new)
+        simulation.reset([0, 1], new)
         alone = ot.Simulation([new[robot]], recording=False)
         assert drive(simulation, 20, robot, speeds) == drive(alone, 20, 0, speeds)
 
@@ -110,7 +111,7 @@ def test_speed_and_time_limit_are_those_of_the_new_run(speeds) -> None:
     """The settings that a controller would be given, and when the run is over."""
     simulation = ot.Simulation([tee(), tee()], recording=False)
     fast = tee(**{"control.cruise_speed": 0.12, "run.time_limit": 0.03})
-    simulation.restart([1], [fast])
+    simulation.reset([1], [fast])
     assert simulation.setup.settings.cruise_speed.tolist() == [0.1, 0.12]
     drive(simulation, 4, 1, speeds)
     assert simulation.active.tolist() == [True, False]
@@ -120,7 +121,7 @@ def test_speed_and_time_limit_are_those_of_the_new_run(speeds) -> None:
 def test_what_is_recorded_does_not_begin_anew() -> None:
     """A record is of one run."""
     with pytest.raises(RuntimeError, match="not recorded"):
-        ot.Simulation([tee()]).restart([0], [tee()])
+        ot.Simulation([tee()]).reset([0], [tee()])
 
 
 def test_without_a_record_there_are_no_results(speeds) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.ahead import Ahead
 from omnitrack_sim.autonomy.recognition import Recogniser, Sighting
@@ -45,6 +46,10 @@ class CameraSight:
     def __init__(self, eyes: Eyes, table: SensingTable, bore: Callable[[int], float]) -> None:
         self._eyes, self._table, self._bore = eyes, table, bore
         self._looks = np.zeros(len(eyes.keys), int)
+
+    def reset(self, rows: NDArray[np.intp]) -> None:
+        """Count the looks of robots ``rows`` (k,) anew."""
+        self._looks[rows] = 0
 
     def look(self, robot: int, position: Array, frame: Array) -> Ahead | None:
         """See ``Sight``."""

@@ -75,7 +75,7 @@ class Candidates:
 
     Args:
         table: of the filter. mount: the cameras. walls: of the maps. which: (n,) map of each robot.
-        gravity: (n, 3) m/s², world frame, as the maps say. held: see below.
+        gravity: (n, 3) m/s², world frame, as the maps say; the localiser's own array.
 
     Attributes:
         held: (n, 3) m/s², what the accelerometers have measured last, robot frame.
@@ -91,10 +91,9 @@ class Candidates:
         walls: Walls,
         which: NDArray[np.intp],
         gravity: Array,
-        held: Array,
     ) -> None:
         self._table, self._mount, self._camera, self._walls = table, mount, mount.camera, walls
-        self._which, self._gravity, self.held = which, gravity, held
+        self._which, self._gravity, self.held = which, gravity, np.zeros_like(gravity)
         self.share = table.pixel_share if self._camera.lamp is None else table.lamp_share
         side, stride = self._camera.optics.pixels, table.stride
         pixels = np.arange(side**2).reshape(side, side)

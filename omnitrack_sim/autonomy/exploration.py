@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from omnitrack_sim.autonomy.belief import Belief
 from omnitrack_sim.autonomy.explorer import CREEP, Explorer
 from omnitrack_sim.autonomy.goals import Mission, ports_of
-from omnitrack_sim.autonomy.sight import TrueSight
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.rotations import Array, Pose, length
 from omnitrack_sim.pipes import Arcs, Part
@@ -46,10 +45,6 @@ class Exploration:
             problem = f"is in a {fitting.kind}; a robot begins to explore in a straight pipe"
             raise NetworkError(Fault("start", problem))
         self.way: Way = tuple((part, port, leave) for leave in fitting.port_names if leave != port)
-
-    def sight(self) -> TrueSight:
-        """Sight without error."""
-        return TrueSight(self.network.pipes, self.plates, self.robot, self.arcs)
 
     def in_sight(self) -> tuple[list[Part], list[End]]:
         """Parts that can be seen from any place that the robot can get to, and those of their

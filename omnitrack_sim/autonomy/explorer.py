@@ -12,9 +12,8 @@ it has not seen the end of. When nothing is left it goes back to where it began.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,11 +21,11 @@ from omnitrack_sim.autonomy.ahead import Ahead, Look, side_of
 from omnitrack_sim.autonomy.belief import NO_STRAIGHT, Belief
 from omnitrack_sim.autonomy.looking_back import LookingBack
 from omnitrack_sim.autonomy.looking_closer import LOOK_AGAIN, LookingCloser
+from omnitrack_sim.autonomy.pilots import Decision
 from omnitrack_sim.autonomy.ways import NOSE_ROOM, ROUNDING, Ways
-from omnitrack_sim.autonomy.whereabouts import Whereabouts
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, angle_between
-from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting
+from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Route
 from omnitrack_sim.pipes.layout import End
 from omnitrack_sim.pipes.planning import Closed, Leg, Step, Way
 from omnitrack_sim.record.events import (
@@ -63,25 +62,9 @@ TOUCH = 0.05
 _Onward = Callable[[Ways, int, Closed], list[Leg] | None]
 
 
-class Decision(NamedTuple):
-    """What a robot does from now on.
-
-    Attributes:
-        leg: the leg to be driven; None: the run is over.
-        goes_on: it is the leg at hand, made longer, and not another one.
-        events: what there is to tell.
-        shift: m, how much farther along its leg it is than it took itself to be.
-    """
-
-    leg: Leg | None
-    goes_on: bool
-    events: Sequence[Event]
-    shift: float = 0.0
-
-
 @dataclass
 class Explorer:
-    """One robot that explores.
+    """Pilot of one robot that explores; see ``Pilot``.
 
     Attributes:
         robot: the robot. number: its index in the batch, for events. arcs: of the centreline in
@@ -125,10 +108,19 @@ class Explorer:
         """Goals that have not been found."""
         return tuple(self.goals)
 
+    def route(self) -> Route:
+        """See ``Pilot``."""
+        return self.ways.route(self.leg)
+
+    @property
+    def route_key(self) -> Hashable:
+        """See ``Pilot``: nobody else has its map."""
+        return object()
+
     # What happens to it
 
-    def see(self, look: Look) -> Decision:
-        """It has looked ahead, and back where it ``looks_back``."""
+    def on_look(self, look: Look) -> Decision:
+        """See ``Pilot``: it has looked ahead, and back where it ``looks_back``."""
         placed, way = look.distance, self.leg.way
         if self.looks_back(look.distance):
             placed = self._back.placed(way, self.ways.along_of(way), look.distance, look.behind)
@@ -168,13 +160,8 @@ class Explorer:
             self._look_closer(ahead, way, distance)
         return Decision(self.leg, True, ())
 
-    def arrived(self, time: float, distance: float, here: str) -> Decision:
-        """It has come to the end of its leg.
-
-        Args:
-            time: s. distance: m, arc length of its centre. here: name of the goal of the mission
-                that is there; "" where there is none.
-        """
+    def on_arrival(self, time: float, distance: float, goal: str) -> Decision:
+        """See ``Pilot``."""
         if self._to_come:
             return self._onto(time, self._to_come)
         end = _end_of(self.leg.way)
@@ -184,17 +171,17 @@ class Explorer:
             self._go_on(self._reached(CREEP))
             self.look_at = distance
             return Decision(self.leg, True, ())
-        return self._inspected(time, distance, end, here)
+        return self._inspected(time, distance, end, goal)
 
-    def hangs(self, time: float, distance: float, here: str) -> Decision:
-        """It makes no headway; arguments as in ``arrived``."""
+    def on_blockage(self, time: float, distance: float, goal: str) -> Decision:
+        """See ``Pilot``."""
         leg = self.leg
         if leg.goal < 0:
             return self._given_up(time, [], f"no headway as it {leg.note}")
         end, port = _end_of(leg.way), self.ways.obstacle(leg, distance)
         ahead = self.ways.along_of(leg.way).length - distance - self.robot.length / 2
         if port == end and end in self.belief.ends and ahead < TOUCH:
-            return self._inspected(time, distance, end, here)
+            return self._inspected(time, distance, end, goal)
         told = [TakenForClosed(self.number, time, self.belief.name(port), distance)]
         self._closed.append(port)
         if port in self.belief.unexplored:
@@ -204,8 +191,11 @@ class Explorer:
             self.belief.done(port)
         return self._next(time, told, self._from_leg(distance))
 
-    def fell(self, time: float, where: Whereabouts) -> Decision:
-        """It is off its way, and lies somewhere else in its map."""
+    def on_fall(self, time: float, position: Array, axis: Array) -> Decision:
+        """See ``Pilot``: it may lie somewhere else in its map."""
+        where = self.ways.find(position, axis)
+        if where is None:
+            return Decision(None)
         part, port = where.part, (where.part, where.ahead)
         name = self.belief.network.fittings[part].name
         told = [FellOff(self.number, time, name, self.belief.name(port))]
@@ -346,9 +336,9 @@ class Explorer:
         stand = self.ways.stand(self.ways.along_of(way), len(way) - 1, passed)
         return way if distance <= stand + ROUNDING or not passed.asks_orientation else None
 
-    def _inspected(self, time: float, distance: float, end: End, here: str) -> Decision:
+    def _inspected(self, time: float, distance: float, end: End, goal: str) -> Decision:
         """It stands at an end that it has seen."""
-        belief, found = self.belief, here if here in self.goals else ""
+        belief, found = self.belief, goal if goal in self.goals else ""
         belief.done(end, found)
         told: list[Event] = [
             EndInspected(self.number, time, belief.name(end), belief.ends[end]),

@@ -17,9 +17,16 @@ from omnitrack_sim.autonomy.evidence import (
     of_arms,
     of_gravity,
 )
-from omnitrack_sim.autonomy.graft import graft
 from omnitrack_sim.autonomy.pose_filter import PLACE, POSE, TURN, PoseFilter, beginning, outer
-from omnitrack_sim.base.rotations import Array, Pose, orthonormal, turned_by, wrap_angle
+from omnitrack_sim.base.rotations import (
+    Array,
+    Pose,
+    orthonormal,
+    set_rows,
+    turned_by,
+    with_rows,
+    wrap_angle,
+)
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, belt_sign
 from omnitrack_sim.senses.eyes import Mount
@@ -63,13 +70,10 @@ class Localiser:
     Args:
         table: ``[sensing]``. robot: shared by all. mount: its cameras.
         walls: of the maps. which: (n,) map of each robot.
-        gravity: (n, 3) m/s², world frame, as the maps say.
-        position: (n, 3) m. rotation: (n, 3, 3). Where the robots take themselves to be.
-        direction: (n, 3), of the pipe that each begins in.
         period: s between two control steps.
 
     Attributes:
-        filter: the estimate.
+        filter: the estimate; set by ``reset``, as all that is kept for a robot.
         misfit: (n,) median error of the last picture's pixels, in their standard deviations.
         unknown: (n,) bool, robots that do not know how they are turned about their axis.
         shot: the last picture that has arrived.
@@ -83,23 +87,16 @@ class Localiser:
         mount: Mount,
         walls: Walls,
         which: NDArray[np.intp],
-        gravity: Array,
-        position: Array,
-        rotation: Array,
-        direction: Array,
         period: float,
     ) -> None:
         self._table, self._robot, self._walls, self._which = table, robot, walls, which
-        self._gravity, self._period, self._rate = gravity, period, mount.camera.optics.rate
-        n = len(position)
-        begin = beginning(table, direction)
-        radius = robot.nominal_pipe_radius
-        self.filter = PoseFilter(position, rotation, begin, table.filter, table.imu, radius)
-        held = -np.einsum("nji,nj->ni", rotation, gravity)
-        self._candidates = Candidates(table.filter, mount, walls, which, gravity, held)
+        self._period, self._rate = period, mount.camera.optics.rate
+        n = len(which)
+        self._gravity = np.zeros((n, 3))
+        self.filter = PoseFilter(n, table.filter, table.imu, robot.nominal_pipe_radius)
+        self._candidates = Candidates(table.filter, mount, walls, which, self._gravity)
         self.pixels = self._candidates.pixels
-        self.misfit = np.zeros(n)
-        self.unknown = np.full(n, not table.start.theta5_known)
+        self.misfit, self.unknown = np.zeros(n), np.zeros(n, bool)
         self._force = np.zeros((n, 3))
         self._felt, self._clock = np.zeros(n, int), 0
         # Pictures of each end, tail and nose, to come until poses are compared again.
@@ -110,6 +107,27 @@ class Localiser:
         self._slide = np.zeros((n, 3))
         self._arriving: deque[tuple[int, Shot]] = deque()
         self.shot: Shot | None = None
+
+    def reset(
+        self, rows: NDArray[np.intp], gravity: Array, position: Array, rotation: Array
+    ) -> None:
+        """Begin anew for robots ``rows`` (k,) that stand along their pipes.
+
+        Args:
+            rows: numbers of the robots.
+            gravity: (k, 3) m/s², world frame, as the maps say.
+            position: (k, 3) m, where they take themselves to be.
+            rotation: (k, 3, 3), the same.
+        """
+        self.filter.reset(rows, position, rotation, beginning(self._table, rotation[:, :, 2]))
+        self._gravity[rows] = gravity
+        held = -np.einsum("nji,nj->ni", rotation, gravity)
+        set_rows(self._candidates, rows, held=held)
+        set_rows(self, rows, unknown=not self._table.start.theta5_known, misfit=0.0, _puzzled=0.0)
+        set_rows(self, rows, _force=0.0, _felt=0, _slide=0.0, _rest=0, _against=0.0)
+        if self.shot is not None:
+            self.shot = _without(self.shot, rows)
+        self._arriving = deque((due, _without(shot, rows)) for due, shot in self._arriving)
 
     def feel(self, felt: Felt) -> None:
         """Take in what the robots feel, at every control step."""
@@ -182,29 +200,6 @@ class Localiser:
         """What a robot takes for its pose cannot be: it is to look for itself."""
         self._puzzled[robot] = 2 * self._table.filter.misfit_time
 
-    def restart(self, robots: NDArray[np.intp], fresh: Localiser) -> None:
-        """Have ``robots`` (k,) begin anew as those of ``fresh``, which has k."""
-        n = len(self.unknown)
-        graft(self.filter, fresh.filter, robots, n)
-        graft(self._candidates, fresh._candidates, robots, n)
-        graft(self, fresh, robots, n)
-        gone = np.isin(np.arange(n), robots)
-        if self.shot is not None:
-            self.shot = self.shot._replace(taken=self.shot.taken & ~gone)
-        waiting = [(due, shot._replace(taken=shot.taken & ~gone)) for due, shot in self._arriving]
-        for after, first in fresh._arriving:
-            due = self._clock + after
-            if not waiting or waiting[-1][0] != due:
-                waiting.append((due, self._no_shot()))
-            waiting[-1] = due, _with_rows(waiting[-1][1], robots, first)
-        self._arriving = deque(waiting)
-
-    def _no_shot(self) -> Shot:
-        """A picture that no robot has taken."""
-        n, pose = len(self.unknown), self.filter
-        picture = np.full((n, len(self.pixels)), np.nan)
-        return Shot(picture, pose.position, pose.rotation, np.ones(n, np.int_), np.zeros(n, bool))
-
     # Pictures
 
     def shoot(
@@ -212,8 +207,14 @@ class Localiser:
     ) -> None:
         """Pictures (n, k) are taken now by the robots ``taken`` (n,) and arrive ``latency`` control
         steps later."""
+        due = self._clock + latency
         shot = Shot(picture, self.filter.position, self.filter.rotation, facing, taken)
-        self._arriving.append((self._clock + latency, shot))
+        if self._arriving and self._arriving[-1][0] == due:
+            # Robots that have just been reset take theirs beside those that others took just now.
+            _, before = self._arriving.pop()
+            both = zip(before, shot, strict=True)
+            shot = Shot(*(with_rows(old, taken, new[taken]) for old, new in both))
+        self._arriving.append((due, shot))
 
     def see(self, active: NDArray[np.bool_]) -> bool:
         """Have ``active`` robots (n,) take in the pictures that arrive now, where there are any."""
@@ -432,10 +433,6 @@ class Localiser:
         self._puzzled = np.where(found, 0.0, self._puzzled)
 
 
-def _with_rows(shot: Shot, robots: NDArray[np.intp], rows: Shot) -> Shot:
-    """A picture with that of ``robots`` (k,) from ``rows``, of k."""
-    changed = {}
-    for name, new in rows._asdict().items():
-        changed[name] = getattr(shot, name).copy()
-        changed[name][robots] = new
-    return shot._replace(**changed)
+def _without(shot: Shot, rows: NDArray[np.intp]) -> Shot:
+    """A picture that robots ``rows`` (k,) have not taken."""
+    return shot._replace(taken=with_rows(shot.taken, rows, False))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import Array, cross, orthonormal, skew, turned_by
+from omnitrack_sim.base.rotations import Array, cross, orthonormal, set_rows, skew, turned_by
 from omnitrack_sim.senses.table import FilterTable, ImuTable, SensingTable
 
 PLACE, TURN, BIAS, SLIP = slice(0, 3), slice(3, 6), slice(6, 9), 9
@@ -22,28 +22,35 @@ class PoseFilter:
     """Poses of n robots with covariances.
 
     Args:
-        position: (n, 3) m. rotation: (n, 3, 3). covariance: (n, 10, 10).
-        table: of the filter. imu: of the gyro. radius: m, of the pipe that the robot is made for.
+        n: number of robots.
+        table: of the filter.
+        imu: of the gyro.
+        radius: m, of the pipe that the robot is made for.
 
     Attributes:
-        position, rotation, bias, slip, covariance: the estimate, replaced at each change.
+        position, rotation, bias, slip, covariance: the estimate, replaced at each change; set by
+            ``reset``.
     """
 
-    def __init__(
-        self,
-        position: Array,
-        rotation: Array,
-        covariance: Array,
-        table: FilterTable,
-        imu: ImuTable,
-        radius: float,
-    ) -> None:
-        self.position, self.rotation, self.covariance = position, rotation, covariance
-        n = len(position)
-        self.bias, self.slip = np.zeros((n, 3)), np.zeros(n)
+    def __init__(self, n: int, table: FilterTable, imu: ImuTable, radius: float) -> None:
         self._table, self._imu, self._radius = table, imu, radius
-        self._transition = np.tile(np.eye(SIZE), (n, 1, 1))
-        self._noise = np.zeros((n, SIZE, SIZE))
+        self.position, self.rotation = np.zeros((n, 3)), np.zeros((n, 3, 3))
+        self.bias, self.slip = np.zeros((n, 3)), np.zeros(n)
+        self.covariance, self._transition, self._noise = np.zeros((3, n, SIZE, SIZE))
+
+    def reset(
+        self, rows: NDArray[np.intp], position: Array, rotation: Array, covariance: Array
+    ) -> None:
+        """Begin anew for robots ``rows`` (k,).
+
+        Args:
+            rows: numbers of the robots.
+            position: (k, 3) m.
+            rotation: (k, 3, 3).
+            covariance: (k, 10, 10).
+        """
+        set_rows(self, rows, position=position, rotation=rotation, covariance=covariance)
+        set_rows(self, rows, bias=0.0, slip=0.0, _transition=np.eye(SIZE), _noise=0.0)
 
     def advance(self, travel: Array, turned: Array, skid: Array, period: float) -> None:
         """One control step on.

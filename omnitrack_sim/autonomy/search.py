@@ -3,13 +3,12 @@ up in the end. It never drives on blindly."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Array, set_rows
 from omnitrack_sim.record.events import Event, FoundItself, LostItself
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.control.interface import Command
@@ -17,41 +16,49 @@ from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.senses.table import SearchTable
 
 
-class Searching(NamedTuple):
-    """The command with which robots that search stand, step back or roll; who searches (n,), and
-    who gives up (n,)."""
+class Guarded(NamedTuple):
+    """A command that robots may carry out.
+
+    Attributes:
+        command: less what they may not do.
+        given_up: (n,) bool, robots that have searched for their pose in vain.
+    """
 
     command: Command
-    searching: NDArray[np.bool_]
     given_up: NDArray[np.bool_]
-    events: Sequence[Event]
 
 
 class Search:
     """Which of n robots search for their place, and what they do.
 
     Args:
-        table: ``[sensing.search]``. robot: shared by all. speed: (n,) m/s, of stepping back.
+        table: ``[sensing.search]``.
+        robot: shared by all.
+        n: number of robots.
     """
 
-    def __init__(self, table: SearchTable, robot: Robot, speed: Array) -> None:
-        self._table, self._speed = table, speed / 2
-        self._back = table.step * robot.nominal_bore / self._speed  # (n,) s
-        turn = np.radians(table.roll_deg)
-        self._rolling = turn / robot.roll_rate
-        self._turn = turn
-        self._round = 2 * table.look + self._back + self._rolling
-        self._since = np.full(len(speed), np.nan)
-        self._roll = np.zeros((len(speed), 3))
+    def __init__(self, table: SearchTable, robot: Robot, n: int) -> None:
+        self._table, self._step = table, table.step * robot.nominal_bore
+        self._turn = np.radians(table.roll_deg)
+        self._rolling = self._turn / robot.roll_rate
+        self._speed, self._back, self._round, self._since = np.zeros((4, n))  # m/s, then s
+        self._roll = np.zeros((n, 3))
 
-    def step(
-        self, command: Command, lost: NDArray[np.bool_], time: Array, roll: Array
-    ) -> Searching:
-        """What robots do now.
+    def reset(self, rows: NDArray[np.intp], speed: Array) -> None:
+        """Begin anew for robots ``rows`` (k,) that cruise at ``speed`` (k,) m/s and step back at
+        half of that."""
+        back = self._step / (speed / 2)
+        whole = 2 * self._table.look + back + self._rolling
+        set_rows(self, rows, _speed=speed / 2, _back=back, _round=whole, _since=np.nan, _roll=0.0)
+
+    def step(self, command: Command, lost: NDArray[np.bool_], time: Array, roll: Array) -> Guarded:
+        """Return what robots do now; those that search tell nothing of what they were asked.
 
         Args:
-            command: of the controller. lost: (n,) robots that do not know where they are.
-            time: (n,) s. roll: (n, 3) rad, of the modules.
+            command: of the controller.
+            lost: (n,) robots that do not know where they are.
+            time: (n,) s.
+            roll: (n, 3) rad, of the modules.
         """
         began = lost & np.isnan(self._since)
         ended = ~lost & ~np.isnan(self._since)
@@ -61,16 +68,14 @@ class Search:
             if np.count_nonzero(flags)
             for robot in np.flatnonzero(flags).tolist()
         ]
+        kept = [event for event in command.events if not lost[event.robot]]
+        command = command._replace(events=[*kept, *events])
         self._since = np.where(began, time, np.where(lost, self._since, np.nan))
         self._roll = np.where(began[:, None], roll, self._roll)
-        nobody = np.zeros(len(lost), bool)
         if not np.count_nonzero(lost):
-            return Searching(command, lost, nobody, events)
-        asked = self._searching(command, lost, time, roll)
-        return Searching(asked, lost, self._given_up(time), events)
-
-    def _given_up(self, time: Array) -> NDArray[np.bool_]:
-        return time - self._since > self._table.tries * self._round
+            return Guarded(command, lost)
+        given_up = time - self._since > self._table.tries * self._round
+        return Guarded(self._searching(command, lost, time, roll), given_up)
 
     def _searching(
         self, command: Command, lost: NDArray[np.bool_], time: Array, roll: Array

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omnitrack_sim.autonomy.ahead import Ahead, side_of
+from omnitrack_sim.autonomy.belief import alike
 from omnitrack_sim.autonomy.whereabouts import ALONG
 from omnitrack_sim.base.rotations import Array, length
 from omnitrack_sim.pipes import Arcs, Assembly, Part
@@ -22,6 +23,10 @@ RANGE = 6.0
 AT_PORT = 0.02
 """How far before the port by which a robot leaves a fitting its nose has to be, m, for it to see
 what is beyond."""
+
+
+SAME_PLACE = 0.1
+"""Distance, m, within which what is seen and what is there count as the same thing."""
 
 
 class _Port(NamedTuple):
@@ -112,3 +117,16 @@ def _turn(part: Part, enter: str, frame: Array) -> float:
     ahead, x = -port[:, 2], port[:, 0]
     side = side_of(frame, ahead)
     return math.atan2(float(x @ np.cross(ahead, side)), float(x @ side))
+
+
+def is_right(seen: Ahead, there: Ahead) -> bool:
+    """Whether what is seen is of the kind of what is there: a fitting, an end, or, as far as is
+    seen, nothing. Which of a fitting's ports is nearer counts where the ports differ."""
+    if seen.fitting is None and not seen.end:
+        return there.distance > seen.distance - SAME_PLACE
+    if abs(seen.distance - there.distance) > SAME_PLACE or seen.end != there.end:
+        return False
+    if seen.fitting is None or there.fitting is None:
+        return seen.fitting is there.fitting
+    same = seen.fitting.kind == there.fitting.kind
+    return same and alike(there.fitting, seen.enter, there.enter)

@@ -182,6 +182,21 @@ def heading(rotation: Array, gear: NDArray[np.int_]) -> Array:
     return np.where(back[..., None, None], rotation * TURNED, rotation)
 
 
+def with_rows(values: NDArray, rows: NDArray, new: ArrayLike) -> NDArray:
+    """Return a copy of ``values`` (n, ...) with ``new`` (k, ...) in ``rows`` (k,): those who keep
+    the array keep it as it was."""
+    changed = values.copy()
+    changed[rows] = new
+    return changed
+
+
+def set_rows(owner: object, rows: NDArray, **values: ArrayLike) -> None:
+    """Set ``rows`` (k,) of arrays (n, ...) of an object to values (k, ...), by the arrays' names.
+    Each becomes a new array: who keeps one keeps what was."""
+    for name, value in values.items():
+        setattr(owner, name, with_rows(getattr(owner, name), rows, value))
+
+
 def wrap_angle(angle: ArrayLike, period: float = 2 * np.pi) -> Array:
     """Angles (...,) rad wrapped into [-period/2, period/2)."""
     return (np.asarray(angle, float) + period / 2) % period - period / 2

@@ -12,6 +12,7 @@ from omnitrack_sim.gym.terms import Tally
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack.policy import Acting, Decisions, Feature
 from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.sim.onboard import Onboard
 from omnitrack_sim.sim.simulation import Simulation
 
 NOTHING_BACK = 1.0
@@ -52,7 +53,7 @@ class Lane:
         if not alike:
             self._make(scenarios)
             return
-        self.simulation.restart(robots, scenarios)
+        self.simulation.reset(robots, scenarios)
         self.decisions.reset(robots, self.simulation.setup)
         self.travel[robots] = 0.0
 
@@ -87,9 +88,9 @@ class Lane:
 
     def pictures(self) -> NDArray[np.float32]:
         """The last depth picture of each (n, rows, columns), over how far the camera sees."""
-        onboard = self.simulation.onboard
-        assert onboard is not None
-        far = onboard.camera.optics.far
-        near = np.nan_to_num(onboard.picture / far, nan=NOTHING_BACK)
+        senses = self.simulation.senses
+        assert isinstance(senses, Onboard)
+        far = senses.camera.optics.far
+        near = np.nan_to_num(senses.picture / far, nan=NOTHING_BACK)
         side = round(np.sqrt(near.shape[1]))
         return np.clip(near, 0.0, 1.0).reshape(-1, side, side).astype(np.float32)

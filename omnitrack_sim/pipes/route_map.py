@@ -86,17 +86,17 @@ class RouteMap:
             it does not bend.
     """
 
-    def __init__(self, routes: Sequence[Route]):
-        self.routes = list(routes)
+    def __init__(self, routes: Sequence[Route] = ()):
+        self.routes: list[Route] = []
         self.version = 0
-        self._learn()
+        self.add(routes)
 
-    def add(self, route: Route) -> int:
-        """A further route; returns its number. Passages of the earlier ones keep theirs."""
-        self.routes.append(route)
-        self.version += 1
-        self._learn()
-        return len(self.routes) - 1
+    def add(self, routes: Sequence[Route]) -> None:
+        """Add further routes. Passages of the earlier ones keep their numbers."""
+        if routes:
+            self.routes += routes
+            self.version += 1
+            self._learn()
 
     def _learn(self) -> None:
         """What is looked up of all routes."""

@@ -14,6 +14,8 @@ from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
 from omnitrack_sim.autonomy.exploration import Exploration
 from omnitrack_sim.autonomy.goals import Mission
 from omnitrack_sim.autonomy.mission import Planner
+from omnitrack_sim.autonomy.pilots import FixedRoute, Pilot, Planned
+from omnitrack_sim.autonomy.sight import TrueSight
 from omnitrack_sim.autonomy.ways import NOSE_ROOM
 from omnitrack_sim.base.arguments import check_controller
 from omnitrack_sim.base.bounds import MOST_PARTS, MOST_PIECES, MOST_SAMPLES, MOST_STEPS, too_long
@@ -26,7 +28,7 @@ from omnitrack_sim.base.errors import (
 )
 from omnitrack_sim.base.naming import name_of, named, shipped_networks
 from omnitrack_sim.base.reading import NAME_PATTERN
-from omnitrack_sim.base.rotations import Pose, frame_along
+from omnitrack_sim.base.rotations import Array, Pose, frame_along
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes import Route, route, route_through
 from omnitrack_sim.pipes.entries import by_kind
@@ -154,6 +156,57 @@ class Scenario(Table):
             return planner.route(planner.first)
         pose = Pose(frame_along(self.start.axis, math.radians(self.start.turn_deg)), np.zeros(3))
         return route([p.step(i) for i, p in enumerate(self.pipes)], pose, self.control.arcs)
+
+    def pilot(self, robot: int) -> Pilot:
+        """Return a pilot for the run, of robot number ``robot`` of its batch."""
+        if self.exploration is not None:
+            return self.exploration.explorer(robot, self.monitor.falls)
+        if self.planner is not None:
+            return Planned(self.planner, robot, self.monitor.falls)
+        return FixedRoute(self.route, self.start.distance, self.goal_distance)
+
+    # What is true of a run, by which it is judged
+
+    @cached_property
+    def sight(self) -> TrueSight:
+        """Sight of the true pipes without error."""
+        return TrueSight(self.route.network, self.plates, self.robot, self.control.arcs)
+
+    def goal_at(self, nose: Array) -> str:
+        """Return the goal of an exploration that a robot has its nose (3,) m at, world frame; ""
+        at none."""
+        return "" if self.exploration is None else self.exploration.goal_at(nose)
+
+    def holds(self, position: Array, axis: Array) -> bool:
+        """Return whether a robot may go on from a pose off its route: it is in a pipe of its
+        network. Plain pipes are no network.
+
+        Args:
+            position: (3,) m, of its centre, world frame.
+            axis: (3,) unit vector to its nose, world frame.
+        """
+        if self.exploration is not None:
+            return self.exploration.holds(position)
+        return self.planner is not None and self.planner.find(position, axis) is not None
+
+    def is_done_at(self, position: Array, axis: Array, error: float) -> bool:
+        """Return whether a robot that takes itself to be at its last goal is there.
+
+        Args:
+            position: (3,) m, of its centre, world frame.
+            axis: (3,) unit vector to its nose, world frame.
+            error: m, of the arc length that it takes itself to be at.
+        """
+        if self.exploration is None:
+            return abs(error) <= self.robot.nominal_pipe_radius
+        # Goals that were searched for have been counted where the robot truly was.
+        return self.exploration.mission.task == "find" or self.exploration.is_home(position, axis)
+
+    def map_metrics(self, map: Network | None) -> dict[str, float]:
+        """Return how a map that a robot has made differs from what it could reach."""
+        if map is None or self.exploration is None:
+            return {}
+        return self.exploration.difference(map).figures()
 
     @property
     def controller_class(self) -> type[Controller]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import Array, heading
+from omnitrack_sim.base.rotations import Array, heading, set_rows
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.senses.draws import Keys
 from omnitrack_sim.senses.optics import Camera, Walls, rays_of
@@ -37,11 +37,19 @@ class Eyes:
 
     Args:
         mount: of each. walls: whose first map is the true pipes.
-        keys: (n,) of the robots' random numbers.
+        n: number of robots.
+
+    Attributes:
+        keys: (n,) of the robots' random numbers, set by ``reset``.
     """
 
-    def __init__(self, mount: Mount, walls: Walls, keys: Keys) -> None:
-        self.mount, self.keys, self._walls = mount, keys, walls
+    def __init__(self, mount: Mount, walls: Walls, n: int) -> None:
+        self.mount, self._walls = mount, walls
+        self.keys: Keys = np.zeros(n, np.uint64)
+
+    def reset(self, rows: NDArray[np.intp], keys: Keys) -> None:
+        """Begin anew for robots ``rows`` (k,), whose random numbers have ``keys`` (k,)."""
+        set_rows(self, rows, keys=keys)
 
     def take(
         self,

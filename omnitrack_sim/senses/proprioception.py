@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import Array, rotation_vector
+from omnitrack_sim.base.rotations import Array, rotation_vector, set_rows
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.senses.draws import Keys, normal
 from omnitrack_sim.senses.sensor import State
@@ -43,46 +43,73 @@ class Proprioception:
     """Reads the sensors of n robots at every control step.
 
     Args:
-        table: ``[sensing]``. robot: shared by all. keys: (n,) of the robots' random numbers.
-        gravity: (n, 3) m/s², world frame. torque_limit: (n,) N m, of the motors.
-        period: s between two control steps. lug_pitch: m, after which a belt's joint begins anew.
-        state: at the start.
+        table: ``[sensing]``.
+        robot: shared by all.
+        period: s between two control steps.
+        lug_pitch: m, after which a belt's joint begins anew.
+        n: number of robots.
     """
 
     def __init__(
         self,
         table: SensingTable,
         robot: Robot,
+        period: float,
+        lug_pitch: float,
+        n: int,
+    ) -> None:
+        self._table, self._period = table, period
+        self._radius, self._pitch = robot.lug_radius, lug_pitch
+        self._keys, self._number = np.zeros(n, np.uint64), np.zeros(n, int)
+        self._torque, self._gravity = np.zeros((n, 1)), np.zeros((n, 3))
+        self._wear, self._arm_bias, self._torque_bias = np.zeros((3, n, 3))
+        self._bias, self._scale, self._force_bias = np.zeros((3, n, 3))
+        self._belt_at, self._way, self._counted, self._velocity = np.zeros((4, n, 3))
+        self._rotation = np.zeros((n, 3, 3))
+
+    def reset(
+        self,
+        rows: NDArray[np.intp],
         keys: Keys,
         gravity: Array,
         torque_limit: Array,
-        period: float,
-        lug_pitch: float,
         state: State,
     ) -> None:
-        self._table, self._keys, self._gravity, self._period = table, keys, gravity, period
-        self._radius, self._pitch = robot.lug_radius, lug_pitch
-        self._torque = torque_limit[:, None]
-        self._belts: NDArray[np.intp] = state.at.belts[:, 0]
-        once = (len(keys), -1)
-        self._wear = 1 + table.encoders.radius_error * self._draw("wear", 0)
-        self._arm_bias = table.arms.bias * self._draw("arm bias", 0)
-        self._torque_bias = table.current.bias * self._draw("torque bias", 0)
-        imu = table.imu
-        self._bias = np.radians(imu.gyro_bias_deg) * self._draw("gyro bias", 0).reshape(once)
-        self._scale = 1 + imu.gyro_scale * self._draw("gyro scale", 0)
-        self._force_bias = imu.force_bias * self._draw("force bias", 0)
-        self._belt_at = state.qpos.take(self._belts, axis=1)
-        self._way, self._counted = np.zeros_like(self._belt_at), np.zeros_like(self._belt_at)
-        self._rotation, self._velocity = state["rotation"], state.qvel[:, :3].copy()
-        self._number = np.zeros(len(keys), int)
+        """Begin anew for robots ``rows`` (k,).
 
-    def _draw(self, name: str, number: int) -> Array:
-        return normal(self._keys, name, number, 3)
+        Args:
+            rows: numbers of the robots.
+            keys: (k,) of their random numbers.
+            gravity: (k, 3) m/s², world frame.
+            torque_limit: (k,) N m, of the motors.
+            state: of all n robots at the start.
+        """
+        table, imu = self._table, self._table.imu
+        set_rows(
+            self,
+            rows,
+            _keys=keys,
+            _gravity=gravity,
+            _torque=torque_limit[:, None],
+            # What is wrong with a robot's own sensors, for the whole run.
+            _wear=1 + table.encoders.radius_error * normal(keys, "wear", 0, 3),
+            _arm_bias=table.arms.bias * normal(keys, "arm bias", 0, 3),
+            _torque_bias=table.current.bias * normal(keys, "torque bias", 0, 3),
+            _bias=np.radians(imu.gyro_bias_deg) * normal(keys, "gyro bias", 0, 3),
+            _scale=1 + imu.gyro_scale * normal(keys, "gyro scale", 0, 3),
+            _force_bias=imu.force_bias * normal(keys, "force bias", 0, 3),
+            # What the readings of the next moment are counted from.
+            _number=0,
+            _belt_at=state.qpos[rows[:, None], state.at.belts[:, 0]],
+            _way=0.0,
+            _counted=0.0,
+            _rotation=state["rotation"][rows],
+            _velocity=state.qvel[rows, :3],
+        )
 
     def read(self, state: State) -> Felt:
         """The readings of this moment, once a control step."""
-        self._number += 1
+        self._number = self._number + 1
         table, number, period = self._table, self._number, self._period
         travel = self._travel(state)
         torque = state["motor_torque"] / self._torque + self._torque_bias
@@ -105,7 +132,7 @@ class Proprioception:
 
     def _travel(self, state: State) -> Array:
         """Counts of the belts' encoders since the step before, as m."""
-        at = state.qpos.take(self._belts, axis=1)
+        at = state.qpos.take(state.at.belts[:, 0], axis=1)
         moved = at - self._belt_at
         self._belt_at = at
         # Chains are endless: the joint is moved back by whole pitches.

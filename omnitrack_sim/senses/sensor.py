@@ -71,10 +71,22 @@ class State(dict[str, Array]):
     first asked for, and once however often; a state stays what it was when the physics has moved
     on.
 
+    Args:
+        arrays: by the names of the attributes ``time`` to ``xmat``.
+        at, robot, sensors: see below.
+        before: the state at the moment before, or start values.
+
     Attributes:
-        time: (n,) s. qpos: (n, nq). qvel: (n, nv). sensordata: (n, ns). actuator_force: (n, nu).
-        xpos: (n, 3 nbody) m, world frame. xmat: (n, 9 nbody), row by row.
-        at: addresses of the robot's parts. robot: its parameters.
+        time: (n,) s.
+        qpos: (n, nq).
+        qvel: (n, nv).
+        sensordata: (n, ns).
+        actuator_force: (n, nu).
+        xpos: (n, 3 nbody) m, world frame.
+        xmat: (n, 9 nbody), row by row.
+        at: addresses of the robot's parts.
+        robot: its parameters.
+        sensors: by the names of their channels.
         shared: what sensors keep for each other within one moment.
     """
 
@@ -91,33 +103,25 @@ class State(dict[str, Array]):
         arrays: Mapping[str, Array],
         at: Addresses,
         robot: Robot,
-        read: Mapping[str, Callable[[State], Array]],
+        sensors: Mapping[str, Sensor],
         before: State | Mapping[str, Array],
     ) -> None:
-        """``arrays`` by the names of the attributes, ``read``: functions of the sensors by name,
-        ``before``: the state at the moment before, or start values."""
         super().__init__()
         self.__dict__.update(arrays)
-        self.at, self.robot, self._read, self._before = at, robot, read, before
+        self.at, self.robot, self.sensors, self._before = at, robot, sensors, before
         self.shared: dict[str, Any] = {}
         self._unread = before._unread + 1 if isinstance(before, State) else 0
         if self._unread > MOST_UNREAD:
             self.last("contact_position")
 
     def __missing__(self, name: str) -> Array:
-        if name not in self._read:
-            raise KeyError(f"no sensor reads {name!r} (choose from: {', '.join(self._read)})")
-        value = self[name] = self._read[name](self)
+        if name not in self.sensors:
+            raise KeyError(f"no sensor reads {name!r} (choose from: {', '.join(self.sensors)})")
+        value = self[name] = self.sensors[name].read(self)
         if name == "contact_position":
             # The one shipped sensor that looks back has done so: earlier moments may be forgotten.
             self._before, self._unread = dict(self._before), 0
         return value
-
-    def rows(self, robots: NDArray[np.intp]) -> State:
-        """The state of ``robots`` (k,) alone."""
-        arrays = {name: getattr(self, name)[robots] for name in State.__annotations__}
-        before = {name: values[robots] for name, values in dict(self._before).items()}
-        return State(arrays, self.at, self.robot, self._read, before)
 
     def last(self, name: str, start: Array | None = None) -> Array:
         """The value, at the moment before, of ``contact_position`` or of a user's own sensor.

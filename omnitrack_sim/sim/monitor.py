@@ -53,40 +53,25 @@ class Monitor:
         self._sample_period = sample_period
         self._progress, self._slide_back = limits.progress * bore, limits.slide_back * bore
         self._bore, self._scale = bore, robot.time_scale
-        patience = limits.patience * bore / cruise_speed
-        self._patience = np.maximum(limits.patience_time * robot.time_scale, patience)  # (n,) s
         self._memory = limits.memory * robot.time_scale
         self._lost_contact = limits.lost_contact * robot.mass * GRAVITY
         self._exit = robot.length / 2
-        self._time_limit = np.array(time_limit, float) - 1e-9
-        self._farthest = np.array(start, float)
-        self._waiting = np.zeros(n)  # s since the last progress
+        # s of patience, s since the last progress, s, m
+        self._patience, self._waiting, self._time_limit, self._farthest = np.zeros((4, n))
         self._steps = np.zeros(n, int)
-        self._mean = np.zeros((n, 6, 3))
-        self._sample = np.zeros((n, 6, 3))
+        self._mean, self._sample = np.zeros((2, n, 6, 3))
         self._version = -1
+        self.reset(np.arange(n), start, cruise_speed, time_limit)
 
-    def restart(
-        self, robots: NDArray[np.intp], start: Array, cruise_speed: Array, time_limit: Array
+    def reset(
+        self, rows: NDArray[np.intp], start: Array, cruise_speed: Array, time_limit: Array
     ) -> None:
-        """Watch ``robots`` (k,) from the start of a new run; arguments (k,) as of the monitor."""
-        bore, scale = self._bore, self._scale
-        patience = self.limits.patience * bore / cruise_speed
-        self._patience[robots] = np.maximum(self.limits.patience_time * scale, patience)
-        self._time_limit[robots] = time_limit - 1e-9
-        self._farthest[robots] = start
-        self._waiting[robots], self._steps[robots], self._mean[robots] = 0.0, 0, 0.0
-
-    def first_look(self, robots: NDArray[np.intp], distance: Array) -> None:
-        """Look for the first time at ``robots`` (k,) that have been put to a new start.
-
-        Args:
-            robots: their numbers. distance: (n,) m, of all.
-        """
-        farthest, waiting = self._farthest.copy(), self._waiting.copy()
-        self._headway(distance, np.zeros(len(distance), bool))
-        farthest[robots], waiting[robots] = self._farthest[robots], self._waiting[robots]
-        self._farthest, self._waiting = farthest, waiting
+        """Watch robots ``rows`` (k,) from the start of a new run; arguments (k,) as of the
+        monitor."""
+        patience = self.limits.patience * self._bore / cruise_speed
+        self._patience[rows] = np.maximum(self.limits.patience_time * self._scale, patience)
+        self._time_limit[rows], self._farthest[rows] = time_limit - 1e-9, start
+        self._waiting[rows], self._steps[rows], self._mean[rows] = 0.0, 0, 0.0
 
     def sent_on(self, robot: int, seconds: float) -> None:
         """Count headway anew for a robot that drives another leg, and give it more time."""
@@ -104,17 +89,24 @@ class Monitor:
         arrived: NDArray[np.bool_],
         resting: NDArray[np.bool_],
         diverged: NDArray[np.bool_],
+        robots: NDArray[np.bool_],
     ) -> list[Verdict]:
-        """Look at one control step; verdicts in the order in which they count.
+        """Judge one control step; verdicts in the order in which they count.
 
         Args:
-            readings: of the sensors. location: of the robots.
+            readings: of the sensors.
+            location: of the robots.
             arrived: (n,) robots that are at the end of the leg at hand, or take themselves to be.
             resting: (n,) robots that stand still or drive backward on purpose.
             diverged: (n,) robots whose physics has gone wrong.
+            robots: (n,) those that are judged; nothing changes for the others.
         """
         distance = location.distance
-        self._headway(distance, resting)
+        # Headway counts anew from where a robot rests or has backed off to.
+        headway = (distance > self._farthest + self._progress) | resting
+        self._farthest = np.where(headway & robots, distance, self._farthest)
+        waiting = (self._waiting + self.period) * ~headway
+        self._waiting = np.where(robots, waiting, self._waiting)
         hanging = (self._waiting > self._patience) | (distance < self._farthest - self._slide_back)
         found = (
             (diverged, Outcome.DIVERGED),
@@ -127,17 +119,11 @@ class Monitor:
             Verdict(robot, outcome)
             for flags, outcome in found
             if np.count_nonzero(flags)
-            for robot in np.flatnonzero(flags).tolist()
+            for robot in np.flatnonzero(flags & robots).tolist()
         ]
 
-    def _headway(self, distance: Array, resting: NDArray[np.bool_]) -> None:
-        """Count headway, anew from where a robot rests or has backed off to."""
-        counts = (distance > self._farthest + self._progress) | resting
-        self._farthest = np.where(counts, distance, self._farthest)
-        self._waiting = (self._waiting + self.period) * ~counts
-
     def outside(self, location: Location) -> NDArray[np.bool_]:
-        """Which robots (n,) have left their way."""
+        """Which robots (n,) have left their route."""
         routes = self.routes
         if self._version != routes.version:
             self._version = routes.version

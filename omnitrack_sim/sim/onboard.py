@@ -1,5 +1,4 @@
-"""Robots that know only what their own sensors say: sensors, estimate, and what a controller is
-told."""
+"""Senses of robots that drive by onboard sensors: what they measure, and their estimates."""
 
 from __future__ import annotations
 
@@ -10,24 +9,39 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.autonomy.graft import graft
+from omnitrack_sim.autonomy.ahead import Ahead, Look
+from omnitrack_sim.autonomy.camera_sight import CameraSight
 from omnitrack_sim.autonomy.localiser import Localiser
-from omnitrack_sim.autonomy.search import Search, Searching
-from omnitrack_sim.base.rotations import Array, heading, quaternion_from_matrix, turned_by
+from omnitrack_sim.autonomy.search import Guarded, Search
+from omnitrack_sim.autonomy.sight import is_right
+from omnitrack_sim.base.rotations import (
+    Array,
+    Pose,
+    heading,
+    quaternion_from_matrix,
+    set_rows,
+    turned_by,
+    with_rows,
+)
+from omnitrack_sim.pipes import Part
 from omnitrack_sim.pipes.route_map import Location
+from omnitrack_sim.record.channels import CHANNELS, Channel
+from omnitrack_sim.record.metrics import ESTIMATES
+from omnitrack_sim.results.pictures import Album, Pictures, coding_of
 from omnitrack_sim.robots.omnitrack.body import lug_pitch
+from omnitrack_sim.robots.omnitrack.control.gear import seen
 from omnitrack_sim.robots.omnitrack.control.interface import Command
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.senses.cameras import camera_of
-from omnitrack_sim.senses.draws import keys, normal, uniform
+from omnitrack_sim.senses.draws import Keys, keys, normal, uniform
 from omnitrack_sim.senses.eyes import Eyes, Mount
 from omnitrack_sim.senses.proprioception import Felt, Proprioception
 from omnitrack_sim.senses.sensor import State
 from omnitrack_sim.senses.table import BeginTable, SensingTable
 from omnitrack_sim.sim.builder import each
 from omnitrack_sim.sim.legs import Legs
-from omnitrack_sim.sim.own_maps import OwnMaps
+from omnitrack_sim.sim.sensing import both_ways, frame_ahead
 from omnitrack_sim.walls.rays import RayWalls
 
 AROUND, SPACING, TURNS = 1.0, 0.02, 24
@@ -37,165 +51,127 @@ CHECK_EVERY = 1.0
 """Time between two checks of a robot's turn about its axis before a fitting, s."""
 INSIDE = 0.03
 """A robot whose nose is farther inside a fitting than this, m, goes on with it."""
+MOVES = 1e-6
+"""A part of a map that moves by less than this, m, has not moved: lengths are rounded to it."""
 
 
 class Onboard:
-    """Sensors and estimates of n robots.
+    """Senses of n robots that drive by their own sensors; see ``Senses``.
 
     Args:
         scenarios: of the robots; they share ``[sensing]``.
-        state: of the physics as they begin. torque_limit: (n,) N m.
-        legs: of theirs. period: s between two control steps.
+        legs: of theirs.
+        state: of the physics as they begin.
 
     Attributes:
-        readings: what controllers see, (n, ...) by the names of the channels, robot frame.
-        camera: at their ends. eyes: these cameras in the pipes as they are.
+        camera: at their ends.
+        eyes: these cameras in the pipes as they are.
         localiser: where the robots take themselves to be.
         turned: (n, 3, 3) the robots' rotations by the gyro alone, without regard to any map: they
             drift, slowly.
         picture: (n, k) the last one that each has taken, of the pixels that robots compare with
             their map.
-        whole: (n, pixels²) the picture that was taken at this moment, of all pixels, NaN of robots
-            that took none, with the ends (n,) that it was taken from; None where none was, or
-            nobody records them.
     """
 
-    def __init__(
-        self,
-        scenarios: Sequence[Scenario],
-        state: State,
-        torque_limit: Array,
-        legs: Legs,
-        period: float,
-    ) -> None:
+    def __init__(self, scenarios: Sequence[Scenario], legs: Legs, state: State) -> None:
         first, n = scenarios[0], len(scenarios)
-        table = _table(first)
-        self._robot, self._period, self._routes = first.robot, period, legs.routes
-        self._search = Search(table.search, first.robot, each(scenarios, "cruise_speed"))
-        self._sure = np.radians(table.filter.sure_deg)
+        table, period = _table(first), first.physics.control_period
+        self._robot, self._period, self._legs, self._table = first.robot, period, legs, table
+        self._search = Search(table.search, first.robot, n)
         mount = Mount(camera_of(table), first.robot)
         self.camera, optics = mount.camera, mount.camera.optics
         self._every = round(1 / (optics.rate * period))
         self._latency = round(optics.latency / period)
-        self._both_ends, self._records = table.both_ends, first.record.pictures
-        self.eyes = Eyes(mount, _true_walls(first), keys([_drawn_from(s) for s in scenarios]))
-        gravity = each(scenarios, "gravity").astype(float)
-        self._senses = Proprioception(
-            table,
-            first.robot,
-            self.eyes.keys,
-            gravity,
-            torque_limit,
-            period,
-            lug_pitch(first.robot),
-            state,
-        )
+        self._records = first.record.pictures
+        self._album = Album(coding_of(self.camera), n) if self._records else None
+        self.eyes = Eyes(mount, _true_walls(first), n)
+        self._proprioception = Proprioception(table, first.robot, period, lug_pitch(first.robot), n)
         self._maps = OwnMaps(scenarios, legs)
-        position, rotation, tangent = self._begin(scenarios, table, legs.route)
-        self.localiser = Localiser(
-            table,
-            first.robot,
-            mount,
-            self._maps.walls,
-            self._maps.which,
-            gravity,
-            position,
-            rotation,
-            tangent,
-            period,
-        )
-        self._found: list[int] = []
-        self._lost, self._checked = np.zeros(n, bool), np.full(n, -np.inf)
-        self._tick, self._pictures = np.zeros(n, int), np.zeros(n, int)
-        self._due = np.ones(n, bool)
-        self.turned: Array = self.localiser.filter.rotation
-        self.picture = np.full((n, len(self.localiser.pixels)), np.nan)
-        self.whole: tuple[Array, NDArray[np.int_]] | None = None
-        self._shoot(state, np.ones(n, np.int_), np.arange(n))
-        self.readings = self._told(self._first_felt(state))
+        walls, which = self._maps.walls, self._maps.which
+        self.localiser = Localiser(table, first.robot, mount, walls, which, period)
+        self._sight = CameraSight(self.eyes, table, self._bore_ahead)
+        self._true_sights = [scenario.sight for scenario in scenarios]
+        self._comparable, self._right = np.zeros((2, n))  # looks that can be judged, and the right
+        self._relocated: list[int] = []
+        self._lost, self._checked = np.zeros(n, bool), np.zeros(n)
+        self._tick, self._pictures = np.zeros((2, n), int)
+        self._due = np.zeros(n, bool)
+        self.turned: Array = np.zeros((n, 3, 3))
+        self.picture = np.zeros((n, len(self.localiser.pixels)))
+        self.readings: Mapping[str, Array] = {}
+        self.recorded: Sequence[Channel] = ESTIMATES
+        self.reset(np.arange(n), scenarios, state)
+        self.channels: Sequence[Channel] = [CHANNELS[name] for name in self.readings]
 
-    def _begin(
-        self,
-        scenarios: Sequence[Scenario],
-        table: SensingTable,
-        route: NDArray[np.intp],
-    ) -> tuple[Array, Array, Array]:
-        """Where the robots take themselves to be, and the direction of the pipe there."""
-        start = table.start
+    def reset(self, rows: NDArray[np.intp], scenarios: Sequence[Scenario], state: State) -> None:
+        """See ``Senses``."""
+        key = keys([_drawn_from(scenario) for scenario in scenarios])
+        gravity = each(scenarios, "gravity").astype(float)
+        torque = np.array([scenario.robot.motor.torque_limit for scenario in scenarios])
+        position, rotation = self._first_pose(rows, scenarios, key)
+        self.eyes.reset(rows, key)
+        self._proprioception.reset(rows, key, gravity, torque, state)
+        self._search.reset(rows, each(scenarios, "cruise_speed"))
+        self._maps.reset(rows)
+        self.localiser.reset(rows, gravity, position, rotation)
+        self._sight.reset(rows)
+        for row, scenario in zip(rows.tolist(), scenarios, strict=True):
+            self._true_sights[row] = scenario.sight
+        set_rows(self, rows, _lost=False, _checked=-np.inf, _comparable=0.0, _right=0.0)
+        set_rows(self, rows, _tick=0, _pictures=0, _due=True, turned=rotation, picture=np.nan)
+        self._relocated = [robot for robot in self._relocated if robot not in rows]
+        self._state, n = state, len(self._tick)
+        first = with_rows(np.zeros(n, bool), rows, True)
+        self._shoot(np.ones(n, np.int_), first, first)
+        begun = self._observed(_at_rest(state))
+        self.readings = {
+            name: with_rows(self.readings.get(name, values), rows, values[rows])
+            for name, values in begun.items()
+        }
+
+    def _first_pose(
+        self, rows: NDArray[np.intp], scenarios: Sequence[Scenario], key: Keys
+    ) -> tuple[Array, Array]:
+        """Positions (k, 3) m and rotations (k, 3, 3) at which robots take themselves to begin."""
+        start = self._table.start
         distance = each(scenarios, "distance").astype(float)
-        distance = distance + start.distance_std * normal(self.eyes.keys, "start", 0, 1)[:, 0]
+        distance = distance + start.distance_std * normal(key, "start", 0, 1)[:, 0]
         theta5 = np.radians(each(scenarios, "theta5_deg").astype(float))
         if not start.theta5_known:
-            theta5 = theta5 + 2 * np.pi * uniform(self.eyes.keys, "theta5", 0, 1)[:, 0]
-        position, rotation = self._routes.start_poses(route, distance, theta5)
-        return position, rotation, rotation[:, :, 2]
+            theta5 = theta5 + 2 * np.pi * uniform(key, "theta5", 0, 1)[:, 0]
+        return self._legs.routes.start_poses(self._legs.route[rows], distance, theta5)
 
     @property
-    def takes_pictures(self) -> bool:
-        """Whether any camera takes a picture at this control step."""
+    def can_look(self) -> bool:
+        """See ``Senses``: any camera takes a picture at this control step."""
         return bool(np.count_nonzero(self._due))
 
-    def learn(self, robots: Collection[int], location: Location) -> None:
-        """Robots that took themselves to be at ``location`` may have changed their maps."""
-        for robot in robots:
-            self._maps.learn(robot, location, self.localiser)
+    @property
+    def distance_std(self) -> Array:
+        """See ``Senses``."""
+        return self.localiser.filter.std_along(self.location.tangent)
 
-    def shift(self, robot: int, location: Location, more: float) -> None:
-        """Move the estimate of a robot at ``location`` by ``more`` m along its route."""
-        self._maps.shift(robot, location, more, self.localiser)
-
-    def restart(
-        self,
-        robots: NDArray[np.intp],
-        scenarios: Sequence[Scenario],
-        state: State,
-        torque_limit: Array,
-    ) -> None:
-        """Have ``robots`` (k,), which do not explore, begin anew with ``scenarios`` (k).
-
-        Args:
-            robots: their numbers. scenarios: of theirs.
-            state: of the physics of all as it is now. torque_limit: (k,) N m.
-        """
-        begun = state.rows(robots)
-        fresh = Onboard(scenarios, begun, torque_limit, Legs(scenarios), self._period)
-        n = len(self._tick)
-        graft(self, fresh, robots, n)
-        graft(self.eyes, fresh.eyes, robots, n)
-        graft(self._senses, fresh._senses, robots, n)
-        graft(self._search, fresh._search, robots, n)
-        self.localiser.restart(robots, fresh.localiser)
-        told = {name: values.copy() for name, values in self.readings.items()}
-        for name, values in told.items():
-            values[robots] = fresh.readings[name]
-        self.readings = told
-        self._found = [robot for robot in self._found if robot not in robots]
-
-    def look(
-        self, state: State, gear: NDArray[np.int_], location: Location, active: NDArray[np.bool_]
-    ) -> None:
-        """Read the sensors at this moment and bring the estimate up to it; ``location`` is the
-        estimate of a moment ago. Robots that are not ``active`` (n,) any more take
-        no pictures."""
+    def read(self, state: State, active: NDArray[np.bool_]) -> None:
+        """See ``Senses``: read the sensors at this moment and bring the estimate up to it. Robots
+        that are not ``active`` (n,) any more take no pictures."""
+        gear, self._state = self._legs.gear, state
         self._tick = self._tick + 1
         self._due = self._tick % self._every == 0
-        self.whole = None
-        felt = self._senses.read(state)
+        felt = self._proprioception.read(state)
         self.localiser.feel(felt)
         bias = self.localiser.filter.bias
         self.turned = self.turned @ turned_by(felt.turned - bias * self._period)
-        if self.takes_pictures:
-            behind = (self._pictures % 2 == 1) & self._both_ends
-            facing = np.where(behind, -gear, gear)
-            self._shoot(state, facing, np.flatnonzero(active & self._due))
+        if self.can_look:
+            behind = (self._pictures % 2 == 1) & self._table.both_ends
+            self._shoot(np.where(behind, -gear, gear), self._due, active)
         if self.localiser.see(active):
             shot = self.localiser.shot
             assert shot is not None
             seeing = active & shot.taken
             if np.count_nonzero(self.localiser.puzzled & seeing):
-                self._look_along_the_way(location, gear, seeing)
-            self._check_turns(location, gear, seeing)
-        self.readings = self._told(felt)
+                self._look_along_the_way(self.location, gear, seeing)
+            self._check_turns(self.location, gear, seeing)
+        self.readings = self._observed(felt)
 
     def _check_turns(
         self, location: Location, gear: NDArray[np.int_], active: NDArray[np.bool_]
@@ -214,14 +190,14 @@ class Onboard:
 
     def _before(self, location: Location) -> NDArray[np.bool_]:
         """Robots (n,) that are about to enter a fitting."""
-        room = self._routes.nose_room(location, self._robot.length)
+        room = self._legs.routes.nose_room(location, self._robot.length)
         return (room <= self._robot.standing_room) & (room > -INSIDE)
 
     def _look_along_the_way(
         self, location: Location, gear: NDArray[np.int_], active: NDArray[np.bool_]
     ) -> None:
         """Have robots whose pictures are not those of the map compare all poses around."""
-        localiser, routes = self.localiser, self._routes
+        localiser, routes = self.localiser, self._legs.routes
         robots = np.flatnonzero(localiser.puzzled & active)
         shot = localiser.shot
         assert shot is not None
@@ -237,58 +213,142 @@ class Onboard:
             frames.append(frame.reshape(len(robots), -1, 3, 3))
         frame = heading(np.concatenate(frames, axis=1), gear[robots][:, None])
         found = localiser.seek(robots, shot, np.concatenate(places, axis=1), frame)
-        self._found = robots[found].tolist()
+        self._relocated = robots[found].tolist()
 
-    def near(self, near: Array, route: NDArray[np.intp]) -> Array:
-        """``near`` (n,) m, and for robots that have found themselves just now the arc length of
-        that place of their way (n,) that they are nearest to."""
-        if not self._found:
-            return near
-        near = near.copy()
-        for robot in self._found:
-            along = np.arange(0.0, float(self._routes.lengths[route[robot]]), SPACING)
-            points = self._routes.poses(np.full(len(along), route[robot]), along, 0 * along)[0]
+    def locate(self, truth: Location) -> None:
+        """See ``Senses``: the location on the route of the estimate, with its standard
+        deviations."""
+        legs, pose = self._legs, self.localiser.filter
+        # As controllers receive the pose at this step, also where a new map has just moved it.
+        frames = heading(self.readings["rotation"], legs.gear)
+        location = legs.routes.locate(self.readings["position"], frames, legs.route, self._near())
+        axis = location.frame[:, :, 2]
+        about = pose.std_about(axis)
+        across = np.sqrt(
+            (
+                pose.std_about(location.frame[:, :, 0]) ** 2
+                + pose.std_about(location.frame[:, :, 1]) ** 2
+            )
+            / 2
+        )
+        theta5_std = np.where(self.localiser.unknown, np.pi, about)
+        sure = theta5_std <= np.radians(self._table.filter.sure_deg)
+        self.location = replace(
+            location,
+            distance_std=pose.std_along(location.tangent),
+            theta5_std=theta5_std,
+            sure=sure & ~self.localiser.puzzled,
+            tilt_std=across,
+        )
+
+    def _near(self) -> Array:
+        """Arc lengths (n,) m from which locations are searched for: those of a moment ago; for
+        robots that have just been relocalised, that of the route's point nearest to them."""
+        near, routes = self._legs.near, self._legs.routes
+        if self._relocated:
+            near = near.copy()
+        for robot in self._relocated:
+            route = self._legs.route[robot]
+            along = np.arange(0.0, float(routes.lengths[route]), SPACING)
+            points = routes.poses(np.full(len(along), route), along, 0 * along)[0]
             aside = ((points - self.localiser.filter.position[robot]) ** 2).sum(axis=-1)
             near[robot] = along[aside.argmin()]
-        self._found = []
+        self._relocated = []
         return near
 
-    def lost(self, location: Location) -> NDArray[np.bool_]:
+    def guard(self, command: Command) -> Guarded:
+        """See ``Senses``."""
+        roll = seen(self.readings, self._legs.gear, self.channels)["roll"]
+        return self._search.step(command, self.lost(), self.readings["time"], roll)
+
+    def lost(self) -> NDArray[np.bool_]:
         """Robots (n,) that do not know where they are: their pictures are not those of the map, or
         they stand before a fitting and do not know well enough how they are turned."""
-        before = self._before(location)
-        assert location.sure is not None
-        unsure = ~location.sure
+        before = self._before(self.location)
+        assert self.location.sure is not None
+        unsure = ~self.location.sure
         # Stepping back from the fitting does not make it know more.
         self._lost = self.localiser.puzzled | (unsure & (before | self._lost))
         return self._lost
 
-    def guarded(self, command: Command, location: Location, roll: Array) -> Searching:
-        """A command, less what robots that do not know where they are may not do; who gives up;
-        and what there is to tell. ``roll`` (n, 3) rad, as controllers see it."""
-        return self._search.step(command, self.lost(location), self.readings["time"], roll)
+    def look(self, robot: int, back: bool) -> Look:
+        """See ``Senses``: by a picture of each end."""
+        gear = int(self._legs.gear[robot])
+        ahead, behind = both_ways(self._judged, robot, self._state, gear, back)
+        return Look(
+            float(self.readings["time"][robot]),
+            float(self.location.distance[robot]),
+            ahead,
+            behind,
+            frame_ahead(self.readings["rotation"][robot], gear),
+            frame_ahead(self.turned[robot], gear),
+        )
 
-    def _shoot(self, state: State, facing: NDArray[np.int_], robots: NDArray[np.intp]) -> None:
-        """Have robots (m,) take a picture of the pipes as they are; ``facing`` (n,): 1 from the
-        nose, -1 from the tail."""
-        compared = self.localiser.pixels
+    def _judged(self, robot: int, position: Array, frame: Array) -> Ahead | None:
+        """Return what a robot sees; the metric of looks compares it with the truth."""
+        ahead = self._sight.look(robot, position, frame)
+        truth = self._true_sights[robot].look(robot, position, frame)
+        if ahead is not None and truth is not None:
+            self._comparable[robot] += 1
+            self._right[robot] += is_right(ahead, truth)
+        return ahead
+
+    def metrics(self, robot: int) -> Mapping[str, float]:
+        """See ``Senses``: how often a robot that explores is right about what it sees; not a number
+        where it has not looked."""
+        if self._legs.pilots[robot].belief is None:
+            return {}
+        count = self._comparable[robot]
+        return {"fitting_recognition_rate": float(self._right[robot] / count) if count else np.nan}
+
+    def update_maps(self, robots: Collection[int]) -> None:
+        """See ``Senses``."""
+        for robot in robots:
+            self._maps.update(robot, self.location, self.localiser)
+
+    def shift(self, robot: int, more: float) -> None:
+        """See ``Senses``."""
+        self._maps.shift(robot, self.location, more, self.localiser)
+
+    def doubt(self, robot: int) -> bool:
+        """See ``Senses``: it looks for itself."""
+        self.localiser.doubt(robot)
+        return True
+
+    def pictures(self) -> Sequence[Pictures | None]:
+        """See ``Senses``."""
+        return [None] * len(self._tick) if self._album is None else self._album.pictures()
+
+    def _bore_ahead(self, robot: int) -> float:
+        """Bore, m, at the end of the route that a robot takes itself to be on."""
+        routes = self._legs.routes.routes
+        route = routes[self._legs.route[robot]]
+        last = route.fittings[-1]
+        return 2 * route.network.parts[last.index].fitting.port_radius(last.leave)
+
+    def _shoot(
+        self, facing: NDArray[np.int_], due: NDArray[np.bool_], active: NDArray[np.bool_]
+    ) -> None:
+        """Have robots that are ``due`` (n,) and ``active`` (n,) take a picture of the pipes as they
+        are; ``facing`` (n,): 1 from the nose, -1 from the tail."""
+        state, compared = self._state, self.localiser.pixels
         pixels = np.arange(len(self.eyes.mount.rays)) if self._records else compared
         metered = np.searchsorted(pixels, compared)
+        robots = np.flatnonzero(due & active)
         numbers = self._pictures[robots]
         number = int(numbers[0]) if np.ptp(self._pictures) == 0 else numbers
         position, rotation = state["position"][robots], state["rotation"][robots]
         taken = self.eyes.take(robots, position, rotation, facing[robots], number, pixels, metered)
-        self.picture = self.picture.copy()
-        self.picture[robots] = taken[:, metered]
-        if self._records:
+        self.picture = with_rows(self.picture, robots, taken[:, metered])
+        if self._album is not None:
             whole = np.full((len(facing), len(pixels)), np.nan)
             whole[robots] = taken
-            self.whole = (whole, facing)
-        self.localiser.shoot(self.picture, facing, self._latency, self._due)
-        self._pictures = self._pictures + self._due
+            self._album.add(state["time"], facing, whole, active)
+        self.localiser.shoot(self.picture, facing, self._latency, due)
+        self._pictures = self._pictures + due
 
-    def _told(self, felt: Felt) -> Mapping[str, Array]:
-        """What controllers see."""
+    def _observed(self, felt: Felt) -> Mapping[str, Array]:
+        """Return what controllers receive."""
         pose = self.localiser.filter
         return {
             "time": felt.time,
@@ -303,44 +363,9 @@ class Onboard:
             "roll": felt.roll,
         }
 
-    def _first_felt(self, state: State) -> Felt:
-        """What the robots feel before they have moved."""
-        nothing = np.zeros((len(self.eyes.keys), 3))
-        return Felt(
-            time=state["time"],
-            travel=nothing,
-            belt_speed=nothing,
-            roll=state["roll"],
-            slide=state["slide"],
-            motor_torque=nothing,
-            turned=nothing,
-            angular_velocity=nothing,
-            force=nothing,
-        )
-
-    def location(self, location: Location) -> Location:
-        """A place on the route, found from the estimate, with its standard deviations."""
-        pose = self.localiser.filter
-        axis = location.frame[:, :, 2]
-        about = pose.std_about(axis)
-        across = np.sqrt(
-            (
-                pose.std_about(location.frame[:, :, 0]) ** 2
-                + pose.std_about(location.frame[:, :, 1]) ** 2
-            )
-            / 2
-        )
-        theta5_std = np.where(self.localiser.unknown, np.pi, about)
-        return replace(
-            location,
-            distance_std=pose.std_along(location.tangent),
-            theta5_std=theta5_std,
-            sure=(theta5_std <= self._sure) & ~self.localiser.puzzled,
-            tilt_std=across,
-        )
-
-    def estimates(self, location: Location) -> Mapping[str, Array]:
-        """Values of the channels ``ESTIMATES``, at a place that ``location`` has returned."""
+    def estimates(self) -> Mapping[str, NDArray]:
+        """See ``Senses``."""
+        location = self.location
         assert location.distance_std is not None
         assert location.theta5_std is not None
         assert location.tilt_std is not None
@@ -354,6 +379,22 @@ class Onboard:
             "tilt_std": location.tilt_std,
             "misfit": self.localiser.misfit,
         }
+
+
+def _at_rest(state: State) -> Felt:
+    """Return what robots feel that have not moved yet."""
+    nothing = np.zeros_like(state["roll"])
+    return Felt(
+        time=state["time"],
+        travel=nothing,
+        belt_speed=nothing,
+        roll=state["roll"],
+        slide=state["slide"],
+        motor_torque=nothing,
+        turned=nothing,
+        angular_velocity=nothing,
+        force=nothing,
+    )
 
 
 def _table(scenario: Scenario) -> SensingTable:
@@ -379,3 +420,93 @@ def _drawn_from(scenario: Scenario) -> str:
     recorded."""
     text = scenario.model_dump_json(exclude={"record": {"pictures"}})
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+class OwnMaps:
+    """The maps by which n robots know their place, and how estimates move along where they change.
+
+    Args:
+        scenarios: of the robots.
+        legs: of theirs.
+
+    Attributes:
+        walls: of the maps.
+        which: (n,) map of each robot; where they make none all share the true one, less its plates.
+    """
+
+    def __init__(self, scenarios: Sequence[Scenario], legs: Legs) -> None:
+        self._legs, parts = legs, scenarios[0].route.network.parts
+        beliefs = [pilot.belief for pilot in legs.pilots]
+        self._networks = [None if belief is None else belief.network for belief in beliefs]
+        if any(self._networks):
+            maps = [(parts, (), ()) if b is None else b.compared() for b in beliefs]
+            self.which: NDArray[np.intp] = np.arange(len(maps))
+            self.walls = RayWalls(*zip(*maps, strict=True), dirty=False)
+        else:
+            self.which = np.zeros(len(beliefs), np.intp)
+            self.walls = RayWalls([parts], dirty=False)
+
+    def reset(self, rows: NDArray[np.intp]) -> None:
+        """Take the maps with which new pilots of robots ``rows`` (k,) begin."""
+        for robot in rows.tolist():
+            self._renew(robot)
+
+    def _renew(self, robot: int) -> bool:
+        """Compare pictures with a robot's map as it is now; whether it has changed."""
+        belief = self._legs.pilots[robot].belief
+        if belief is None or belief.network is self._networks[robot]:
+            return False
+        self._networks[robot] = belief.network
+        self.walls.replace(robot, *belief.compared())
+        return True
+
+    def update(self, robot: int, location: Location, localiser: Localiser) -> None:
+        """Take note that a robot at ``location`` may have changed its map. Where the part moves
+        that it is in, its estimate moves along: it knows its pose by what is around it."""
+        before = self._networks[robot]
+        if not self._renew(robot):
+            return
+        after = self._networks[robot]
+        assert before is not None
+        assert after is not None
+        old, new = before.pipes.parts, after.pipes.parts
+        if _bent(old, new):
+            self._turn_with(robot, location, localiser)
+            return
+        here = localiser.filter.position[robot]
+        for part, moved in zip(old, new, strict=False):
+            if part.holds(here[None], 0.0):
+                port = part.fitting.port_names[0]
+                was, is_now = part.port(port), moved.port(port)
+                if np.linalg.norm(is_now.position - was.position) > MOVES:
+                    localiser.move(robot, was, is_now)
+                return
+
+    def shift(self, robot: int, location: Location, more: float, localiser: Localiser) -> None:
+        """Move the estimate of a robot at ``location`` by ``more`` m along its route."""
+        before, after = self._on_the_route(robot, location, int(location.route[robot]), more)
+        localiser.move(robot, before, after)
+
+    def _turn_with(self, robot: int, location: Location, localiser: Localiser) -> None:
+        """A fitting behind a robot bends otherwise than was known: it is as far along its way as
+        it was, and less sure of its place. How it is turned it knows as before: the gyro has told
+        both that and the bend."""
+        before, after = self._on_the_route(robot, location, int(self._legs.route[robot]), 0.0)
+        localiser.move(robot, before, Pose(before.rotation, after.position))
+        localiser.loosen(robot)
+
+    def _on_the_route(
+        self, robot: int, location: Location, route: int, more: float
+    ) -> tuple[Pose, Pose]:
+        """The poses of the centreline at a robot's ``location``, and ``more`` m farther on
+        ``route``."""
+        both = np.array([location.route[robot], route])
+        along = location.distance[robot] + np.array([0.0, more])
+        points, frames = self._legs.routes.poses(both, along, np.zeros(2))
+        return Pose(frames[0], points[0]), Pose(frames[1], points[1])
+
+
+def _bent(old: Sequence[Part], new: Sequence[Part]) -> bool:
+    """Whether a fitting other than a plain straight has another form than it had."""
+    both = zip(old, new, strict=False)
+    return any(a.fitting != b.fitting and not a.fitting.is_plain for a, b in both)

@@ -11,7 +11,7 @@ import numpy as np
 from mujoco import batch
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Array, set_rows, with_rows
 from omnitrack_sim.record.channels import CHANNELS, TRACKS
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.body import (
@@ -93,37 +93,29 @@ class Plant:
         self._pitch_of_lugs = lug_pitch(robot)
         self._at = _addresses(model)
         self._bind()
-        everyone = np.arange(self.n)
-        self._set_start(everyone, start)
-        self._sensors = {sensor.channel.name: sensor.read for sensor in sensors}
+        self._sensors = {sensor.channel.name: sensor for sensor in sensors}
         self._own = [name for name in self._sensors if name not in CHANNELS]
-        self._last: State | dict[str, Array] = {
-            "contact_position": np.repeat(start.position[:, None], 3, axis=1)
-        }
+        self._last: State | dict[str, Array] = {"contact_position": np.zeros((self.n, 3, 3))}
         self.diverged = np.zeros(self.n, bool)
-        self._leave_out_far_tracks()
-        self._seat_arms(everyone)
         self._warnings = self._count_warnings()
+        self.reset(np.arange(self.n), start)
 
-    def restart(self, robots: NDArray[np.intp], start: Start) -> None:
-        """Put ``robots`` (k,) to new starts (k rows), as if the plant had just been made; the
-        others stay as they are."""
+    def reset(self, rows: NDArray[np.intp], start: Start) -> None:
+        """Put robots ``rows`` (k,) to new starts (k rows); the others stay as they are."""
         model = self.model
-        self._batch.reset(robots, stage=mujoco.mjtStage.mjSTAGE_NONE)
-        self._force_range[robots] = model.actuator_forcerange
+        self._batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        self._force_range[rows] = model.actuator_forcerange
         if self._gears:
-            self._gear_loss[robots] = model.tendon_frictionloss
+            self._gear_loss[rows] = model.tendon_frictionloss
         if self.robot.brake_force > 0:
-            self._belt_loss[robots] = model.dof_frictionloss
-        self._set_start(robots, start)
-        places = self._last["contact_position"].copy()
-        places[robots] = start.position[:, None]
+            self._belt_loss[rows] = model.dof_frictionloss
+        self._set_start(rows, start)
+        places = with_rows(self._last["contact_position"], rows, start.position[:, None])
         self._last = {"contact_position": places}
-        self.diverged = self.diverged.copy()
-        self.diverged[robots] = False
+        set_rows(self, rows, diverged=False)
         self._leave_out_far_tracks()
-        self._seat_arms(robots)
-        self._warnings[robots] = self._count_warnings()[robots]
+        self._seat_arms(rows)
+        self._warnings[rows] = self._count_warnings()[rows]
 
     def _bind(self) -> None:
         b, model, at = self._batch, self.model, self._at

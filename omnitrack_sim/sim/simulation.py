@@ -2,55 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.autonomy.ahead import Look, Sight
-from omnitrack_sim.autonomy.judged_sight import JudgedSight
+from omnitrack_sim.autonomy.pilots import Decision, Pilot
 from omnitrack_sim.base.arguments import check_all, check_is
-from omnitrack_sim.base.rotations import Array, heading
+from omnitrack_sim.base.rotations import Array, heading, set_rows, with_rows
 from omnitrack_sim.base.text import shown
 from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.channels import CHANNELS, Channel
 from omnitrack_sim.record.events import Event, Note, Outcome
-from omnitrack_sim.record.metrics import ESTIMATES, Metric
-from omnitrack_sim.results.pictures import Album, coding_of
+from omnitrack_sim.record.metrics import METRICS, Metric, Metrics, summarise
+from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.results.pictures import Pictures
+from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack.control import (
-    Command,
-    Controller,
-    ControlSetup,
-    Observation,
-    Settings,
-)
+from omnitrack_sim.robots.omnitrack.control import Command, Controller, ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.control.gear import carried_out, seen
 from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.model import METRIC_NAMES, refuse_taken
-from omnitrack_sim.senses import SENSORS, Sensor, State
-from omnitrack_sim.sim.builder import (
-    scene_of,
-    settings_of,
-    start_of,
-)
-from omnitrack_sim.sim.gathering import gathered
-from omnitrack_sim.sim.legs import Legs, Onward
+from omnitrack_sim.senses import SENSORS, Sensor
+from omnitrack_sim.sim.builder import scene_of, settings_of, start_of
+from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.monitor import Monitor, Verdict
 from omnitrack_sim.sim.plant import Plant, Start
 from omnitrack_sim.sim.recorder import Recorder
-
-if TYPE_CHECKING:
-    from omnitrack_sim.sim.onboard import Onboard
+from omnitrack_sim.sim.sensing import MakeSenses, Senses, Truth
 
 Progress = Callable[[float, str], None]
 """Called with the part done, 0 to 1, and a word about the run."""
 MakePlant = Callable[[Scenario, Start, int], Plant]
 """Makes a plant from the first scenario of a batch, the start values of all, and the number of
 threads."""
+MakePilot = Callable[[Scenario, int], Pilot]
+"""Makes the pilot of a robot from its scenario and its index in the batch."""
 REPORT_EVERY = 50
 """Control steps between two reports of progress."""
 
@@ -77,12 +67,14 @@ class Simulation:
     Args:
         scenarios: at least one; they share pipes, robot and clock, see ``builder.batch_key``.
         controller: a class in the place of the scenarios' own; see ``ot.Controller``.
+        pilot: makes each robot's pilot in the place of the scenarios' own; see ``Pilot``.
+        senses: makes the robots' senses in the place of the scenarios' own; see ``Senses``.
         sensors: further ones; their channels are observed and recorded as the shipped ones are.
         threads: native threads for the physics; 0 uses all cores. The results do not depend on it.
         make_plant: puts another plant in the place of the scenarios' own: other walls, another
             engine.
         recording: without it nothing is kept, however long it runs; there are no results then, and
-            robots can begin anew, see ``restart``.
+            robots can begin anew, see ``reset``.
 
     Raises:
         TypeError: an argument is of another type.
@@ -97,10 +89,11 @@ class Simulation:
         observation: what the robots measure now.
         setup: what the controller was made from, with the settings of the runs at hand.
         endings: how each robot's run ended; None while it runs.
-        end_time: (n,) s. events: what there is to tell of each robot.
-        legs: what they drive. plant, motors, monitor, recorder: the parts of the loop.
-        sights: what tells each robot that explores what is ahead; None for those that do not.
-        album: the pictures that robots have taken; None where they are not recorded.
+        end_time: (n,) s.
+        events: what there is to tell of each robot.
+        legs: what they drive, with their pilots.
+        senses: what controllers and pilots receive.
+        plant, motors, monitor, recorder: the other parts of the loop.
     """
 
     def __init__(
@@ -108,6 +101,8 @@ class Simulation:
         scenarios: Sequence[Scenario],
         *,
         controller: type[Controller] | None = None,
+        pilot: MakePilot = Scenario.pilot,
+        senses: MakeSenses | None = None,
         sensors: Sequence[Sensor] = (),
         threads: int = 1,
         make_plant: MakePlant | None = None,
@@ -121,111 +116,143 @@ class Simulation:
         self.period, self._recording = first.physics.control_period, recording
         self._substeps = max(1, round(self.period / first.physics.timestep))
         self._record_every = max(1, round(first.record.period / self.period))
-        self.legs = Legs(self.scenarios)
+        self._make_pilot = pilot
+        self.legs = Legs([pilot(scenario, i) for i, scenario in enumerate(self.scenarios)])
         start = start_of(self.scenarios, self.legs.routes, self.legs.route)
         settings, notes = settings_of(self.scenarios, self.legs.routes, self.legs.route)
         sensors = (*first.own_sensors, *check_all(Sensor, "sensors", sensors))
         refuse_taken("sensors", [sensor.channel.name for sensor in sensors], CHANNELS)
         every = (*SENSORS, *sensors)
-        self.channels: tuple[Channel, ...] = (
-            *CHANNELS.values(),
-            *(sensor.channel for sensor in sensors),
-            *(ESTIMATES if first.sensing.kind == "onboard" else ()),
-        )
         self.plant = (
             Plant(scene_of(first).compile(), first.robot, start, threads, every)
             if make_plant is None
             else make_plant(first, start, threads)
         )
-        limits = [s.robot.motor.torque_limit for s in self.scenarios]
         drive, motor = drive_of(first.robot.drive), first.robot.motor
+        limits = _torque_limits(self.scenarios)
         self.motors = SpeedLoop(drive, motor, limits, first.robot.lug_radius, self.n)
-        self.active = np.ones(self.n, bool)
-        self._begin(settings, start, sensors)
+        self._readings = self.plant.read()
+        self._check_shapes(sensors)
+        make_senses = _senses_of(first) if senses is None else senses
+        self.senses: Senses = make_senses(self.scenarios, self.legs, self._readings)
+        self.active, self.end_time = np.ones(self.n, bool), np.zeros(self.n)
         self.endings: list[Ending | None] = [None] * self.n
-        self.events: list[list[Event]] = [self._noted(i, note) for i, note in enumerate(notes)]
-        self.end_time: Array = np.full(self.n, np.nan)
-        self._tick = 0
-        self._begun = np.zeros(self.n, int)  # ticks at which the runs at hand began
-        self._settle()
-
-    def __repr__(self) -> str:
-        names = ", ".join(dict.fromkeys(scenario.name for scenario in self.scenarios))
-        running = f"{np.count_nonzero(self.active)} of {self.n} robots run"
-        return f"Simulation({running}, at {self.time.max():.6g} s: {shown(names)})"
-
-    def _begin(self, settings: Settings, start: Start, sensors: Sequence[Sensor]) -> None:
-        """Make the parts that need the first place: controller, monitor, recorder."""
-        first, robot = self.scenarios[0], self.scenarios[0].robot
-        readings = self.plant.read()
-        for channel in (sensor.channel for sensor in sensors):
-            value, shape = readings[channel.name], (self.n, *channel.shape)
-            if np.shape(value) != shape:
-                raise ValueError(f"sensor {channel.name!r} reads {np.shape(value)}, not {shape}")
-        self._near = self.legs.near
-        self.onboard = self._senses(readings)
-        self._readings = readings
-        self._find()
-        self.sights = self._made_sights()
+        self.events: list[list[Event]] = [[] for _ in notes]
+        self._near, self._tick, self._begun = np.zeros(self.n), 0, np.zeros(self.n, int)
+        self._belt_command, self._roll_command = np.zeros((2, self.n, 3))
+        self._phase, self._brake = np.zeros(self.n, int), None
+        self._resting, self._over, self._given_up = np.zeros((3, self.n), bool)
+        self._begin(np.arange(self.n), start, notes)
         self.setup = ControlSetup(
             routes=self.legs.routes,
-            robot=robot,
+            robot=first.robot,
             settings=settings,
             parameters=[s.control_parameters for s in self.scenarios],
-            location=self._believed,
+            location=self.senses.location,
             roll=start.roll,
             period=self.period,
             gravity=start.gravity,
         )
         self.controller: Controller = first.controller_class(self.setup)
         self.phases: tuple[str, ...] = getattr(self.controller, "phases", ("drive",))
-        limits = np.array([s.time_limit_s for s in self.scenarios])
         self.monitor = Monitor(
             self.legs.routes,
-            robot,
+            first.robot,
             first.monitor,
             np.array([s.start.distance for s in self.scenarios]),
             settings.cruise_speed,
-            limits,
+            np.array([s.time_limit_s for s in self.scenarios]),
             self.period,
             self.period * self._record_every,
         )
-        schema = {c.name: c for c in self.channels if c.recorded}
+        own = [sensor.channel for sensor in sensors]
+        self.channels: tuple[Channel, ...] = (*CHANNELS.values(), *own, *self.senses.recorded)
+        schema = {channel.name: channel for channel in self.channels if channel.recorded}
         self.recorder = Recorder(self.phases, schema)
-        self.album: Album | None = None
-        if self.onboard is not None and first.record.pictures:
-            self.album = Album(coding_of(self.onboard.camera), self.n)
-            self._keep_picture()
         self._measured = ["time", *(c.name for c in schema.values() if c.source == "plant")]
-        self._belt_command, self._roll_command = np.zeros((self.n, 3)), start.roll.copy()
-        self._phase, self._nobody = np.zeros(self.n, int), np.zeros(self.n, bool)
-        self._resting, self._over, self._brake = self._nobody, self._nobody, None
-        self._gave_up = self._nobody
+        self._settle(self.active)
 
-    def _noted(self, robot: int, note: str | None) -> list[Event]:
-        """The remarks with which a robot's run begins."""
-        return [] if note is None else [Note(robot, 0.0, note)]
+    def __repr__(self) -> str:
+        names = ", ".join(dict.fromkeys(scenario.name for scenario in self.scenarios))
+        running = f"{np.count_nonzero(self.active)} of {self.n} robots run"
+        return f"Simulation({running}, at {self.time.max():.6g} s: {shown(names)})"
+
+    def reset(self, rows: Sequence[int] | NDArray, scenarios: Sequence[Scenario]) -> None:
+        """Have robots begin new runs, each to the bytes of a simulation of its own; the others are
+        left as they are. The controller is not told: who calls this gives the commands.
+
+        Args:
+            rows: numbers of the robots, k, ascending.
+            scenarios: what each runs now, k of the same ``builder.batch_key``, which is not
+                checked here.
+
+        Raises:
+            RuntimeError: the simulation records: a record is of one run.
+        """
+        if self._recording:
+            raise RuntimeError("reset is for simulations that are not recorded")
+        rows = np.asarray(rows, np.intp)
+        pilots = []
+        for row, scenario in zip(rows.tolist(), scenarios, strict=True):
+            self.scenarios[row] = scenario
+            pilots.append(self._make_pilot(scenario, row))
+        self.legs.reset(rows, pilots)
+        routes, route = self.legs.routes, self.legs.route[rows]
+        start = start_of(scenarios, routes, route)
+        settings, notes = settings_of(scenarios, routes, route)
+        self.plant.reset(rows, start)
+        self.motors.reset(rows, _torque_limits(scenarios))
+        distance = np.array([s.start.distance for s in scenarios])
+        limits = np.array([s.time_limit_s for s in scenarios])
+        self.monitor.reset(rows, distance, settings.cruise_speed, limits)
+        self._readings = self.plant.read()
+        self.senses.reset(rows, scenarios, self._readings)
+        self._begin(rows, start, notes)
+        self.setup = replace(
+            self.setup,
+            settings=self.setup.settings.with_rows(rows, settings),
+            parameters=[s.control_parameters for s in self.scenarios],
+            location=self.senses.location,
+            roll=with_rows(self.setup.roll, rows, start.roll),
+            gravity=with_rows(self.setup.gravity, rows, start.gravity),
+        )
+        self._settle(with_rows(np.zeros(self.n, bool), rows, True))
+
+    def _begin(self, rows: NDArray[np.intp], start: Start, notes: Sequence[str | None]) -> None:
+        """Begin the runs of robots ``rows`` (k,) with a remark ``notes`` (k,) on each, and find
+        them."""
+        set_rows(self, rows, active=True, end_time=np.nan, _begun=self._tick)
+        set_rows(self, rows, _belt_command=0.0, _roll_command=start.roll, _phase=0)
+        set_rows(self, rows, _resting=False, _over=False, _given_up=False)
+        for row, note in zip(rows.tolist(), notes, strict=True):
+            self.endings[row] = None
+            self.events[row] = [] if note is None else [Note(row, 0.0, note)]
+        self._near = with_rows(self._near, rows, self.legs.near[rows])
+        self._locate()
+
+    def _check_shapes(self, sensors: Sequence[Sensor]) -> None:
+        """Refuse sensors that read arrays of another shape than they declare."""
+        for channel in (sensor.channel for sensor in sensors):
+            value, shape = self._readings[channel.name], (self.n, *channel.shape)
+            if np.shape(value) != shape:
+                raise ValueError(f"sensor {channel.name!r} reads {np.shape(value)}, not {shape}")
 
     @property
     def observation(self) -> Observation:
         """What the robots measure now, as their controllers see it."""
-        gear = self.legs.gear
-        told, channels = self._readings, self.channels
-        if self.onboard is not None:
-            told = self.onboard.readings
-            channels = tuple(channel for channel in channels if channel.name in told)
-        readings = seen(told, gear, channels)
-        return Observation(readings, self._believed, self.legs.number, gear)
+        gear, senses = self.legs.gear, self.senses
+        readings = seen(senses.readings, gear, senses.channels)
+        return Observation(readings, senses.location, self.legs.number, gear)
 
     @property
     def readings(self) -> Mapping[str, Array]:
-        """What the robots measure now, each in its own frame whatever its gear, by the names of the
-        channels."""
+        """What is true of the robots now, each in its own frame whatever its gear, by the names of
+        the channels."""
         return self._readings
 
     @property
     def location(self) -> Location:
-        """Where the robots are along their routes."""
+        """Where the robots truly are along their routes."""
         return self._location
 
     @property
@@ -255,7 +282,7 @@ class Simulation:
         check_is(Command, where, command)
         if command.brake is not None and not self.plant.robot.brake_force and np.any(command.brake):
             raise ValueError("command.brake is given to a robot whose robot.brake_force is 0")
-        command = self._guarded(command.checked(self.n))
+        command, self._given_up = self.senses.guard(command.checked(self.n))
         self._take(carried_out(command, self.legs.gear))
         readings = self._readings
         motors = self.motors.advance(
@@ -264,90 +291,9 @@ class Simulation:
         self.plant.step(self.active, motors, self._roll_command, self._substeps, self._brake)
         self._tick += 1
         self._readings = self.plant.read()
-        if self.onboard is not None:
-            self.onboard.look(self._readings, self.legs.gear, self._believed, self.active)
-            self._keep_picture()
-        self._find()
-        self._settle()
-
-    def _guarded(self, command: Command) -> Command:
-        """A command, less what robots that do not know where they are may not do."""
-        if self.onboard is None:
-            return command
-        guarded = self.onboard.guarded(command, self._believed, self.observation.roll)
-        self._gave_up = guarded.given_up
-        told = [event for event in command.events if not guarded.searching[event.robot]]
-        return guarded.command._replace(events=[*told, *guarded.events])
-
-    def restart(self, robots: Sequence[int] | NDArray, scenarios: Sequence[Scenario]) -> None:
-        """Have robots begin new runs, each to the bytes of a simulation of its own; the others are
-        left as they are. The controller is not told: who calls this gives the commands.
-
-        Args:
-            robots: their numbers, k, ascending.
-            scenarios: what each runs now, k of the same ``builder.batch_key``, which is not
-                checked here.
-
-        Raises:
-            RuntimeError: the simulation records, or its robots explore.
-        """
-        if self._recording or self.scenarios[0].exploration is not None:
-            raise RuntimeError("restart is for robots that do not explore, and are not recorded")
-        which = np.asarray(robots, np.intp)
-        for robot, scenario in zip(which.tolist(), scenarios, strict=True):
-            self.scenarios[robot], self.endings[robot] = scenario, None
-        self.legs.restart(which, scenarios)
-        routes, route = self.legs.routes, self.legs.route[which]
-        start = start_of(scenarios, routes, route)
-        settings, notes = settings_of(scenarios, routes, route)
-        for robot, note in zip(which.tolist(), notes, strict=True):
-            self.events[robot] = self._noted(robot, note)
-        self._restart_parts(which, scenarios, start, settings)
-        self._readings = readings = self.plant.read()
-        if self.onboard is not None:
-            limits = self.motors.torque_limit[which, 0]
-            self.onboard.restart(which, scenarios, readings, limits)
-        self._find()
-        gravity, parameters = self.setup.gravity.copy(), list(self.setup.parameters)
-        gravity[which] = start.gravity
-        for robot, scenario in zip(which.tolist(), scenarios, strict=True):
-            parameters[robot] = scenario.control_parameters
-        self.setup = replace(
-            self.setup,
-            settings=self.setup.settings.with_rows(which, settings),
-            parameters=parameters,
-            location=self._believed,
-            roll=self._roll_command.copy(),
-            gravity=gravity,
-        )
-        begun = np.zeros(self.n, bool)
-        begun[which] = True
-        self._average(begun)
-        self.monitor.first_look(which, self._believed.distance)
-
-    def _restart_parts(
-        self,
-        robots: NDArray[np.intp],
-        scenarios: Sequence[Scenario],
-        start: Start,
-        settings: Settings,
-    ) -> None:
-        """Put all that is kept for ``robots`` (k,) back to the start of ``scenarios`` (k)."""
-        self.plant.restart(robots, start)
-        limits = np.array([s.robot.motor.torque_limit for s in scenarios])
-        self.motors.restart(robots, limits)
-        distance = np.array([s.start.distance for s in scenarios])
-        time_limit = np.array([s.time_limit_s for s in scenarios])
-        self.monitor.restart(robots, distance, settings.cruise_speed, time_limit)
-        self.active, self._near = self.active.copy(), self._near.copy()
-        self._belt_command, self._roll_command = (
-            self._belt_command.copy(),
-            self._roll_command.copy(),
-        )
-        self._belt_command[robots], self._roll_command[robots] = 0.0, start.roll
-        self._near[robots] = self.legs.near[robots]
-        self.active[robots], self.end_time[robots] = True, np.nan
-        self._begun[robots], self._phase[robots] = self._tick, 0
+        self.senses.read(self._readings, self.active)
+        self._locate()
+        self._settle(self.active)
 
     def advance(self, progress: Progress | None = None) -> None:
         """Run all robots to their ends under their controller."""
@@ -369,206 +315,140 @@ class Simulation:
         # Copies: whoever made the command may write into its arrays again.
         self._belt_command, self._roll_command = speed.copy(), roll.copy()
         self._phase = phase.copy()
-        self._resting = self._nobody if resting is None else resting
-        self._over = self._nobody if over is None else over
+        self._resting = np.zeros(self.n, bool) if resting is None else resting
+        self._over = np.zeros(self.n, bool) if over is None else over
         self._brake = None if brake is None else np.minimum(np.maximum(brake, 0.0), 1.0)
         for event in command.events:
             if self.active[event.robot]:
                 self.events[event.robot].append(event)
 
-    def _senses(self, state: State) -> Onboard | None:
-        """The robots' own sensors; None where they are told the truth."""
-        first = self.scenarios[0]
-        if first.sensing.kind != "onboard":
-            return None
-        from omnitrack_sim.sim.onboard import Onboard
-
-        limits = self.motors.torque_limit[:, 0]
-        return Onboard(self.scenarios, state, limits, self.legs, self.period)
-
-    def _made_sights(self) -> Sequence[Sight | None]:
-        """What tells each robot that explores what is ahead; None for those that do not."""
-        explorations = [scenario.exploration for scenario in self.scenarios]
-        true = [None if e is None else e.sight() for e in explorations]
-        if self.onboard is None or explorations[0] is None:
-            return true
-        from omnitrack_sim.autonomy.camera_sight import CameraSight
-
-        first, bore = self.scenarios[0].sensing, self.legs.bore_ahead
-        return [JudgedSight(CameraSight(self.onboard.eyes, first, bore), true)] * self.n
-
-    def _keep_picture(self) -> None:
-        """Keep the picture of this moment, where one was taken and pictures are recorded."""
-        assert self.onboard is not None
-        if self.album is not None and self.onboard.whole is not None:
-            picture, end = self.onboard.whole
-            self.album.add(self._readings["time"], end, picture, self.active)
-
-    def _find(self) -> None:
+    def _locate(self) -> None:
         """Find the robots on their routes, and where they take themselves to be."""
-        legs, readings = self.legs, self._readings
-        self._location = self._locate(readings, self._near)
+        legs, truth = self.legs, self._readings
+        frames = heading(truth["rotation"], legs.gear)
+        self._location = legs.routes.locate(truth["position"], frames, legs.route, self._near)
         self._near = self._location.distance
-        self._believed = self._location
-        if self.onboard is not None:
-            self._believed = self.onboard.location(
-                self._locate(self.onboard.readings, self.onboard.near(legs.near, legs.route))
-            )
-        legs.seen_at(self._believed.distance)
+        self.senses.locate(self._location)
+        legs.near = self.senses.location.distance
 
-    def _locate(self, readings: Mapping[str, Array], near: Array) -> Location:
-        legs = self.legs
-        frames = heading(readings["rotation"], legs.gear)
-        return legs.routes.locate(readings["position"], frames, legs.route, near)
-
-    def _settle(self) -> None:
-        """Judge where the robots are now, send on who is due, record."""
-        self._average(np.ones(self.n, bool))
-        self._look_ahead()
-        verdicts = self.monitor.look(
-            self._readings,
-            self._believed,
-            self._believed.distance >= self.legs.end,
-            self._resting,
-            self.plant.diverged,
-        )
-        if np.count_nonzero(self._gave_up):
-            lost = np.flatnonzero(self._gave_up).tolist()
-            verdicts = [*(Verdict(robot, Outcome.LOST) for robot in lost), *verdicts]
-        if np.count_nonzero(self._over):
-            ended = np.flatnonzero(self._over).tolist()
-            verdicts += [Verdict(robot, Outcome.ENDED) for robot in ended]
-        if verdicts:
-            self._dispatch(verdicts)
-        if self.onboard is not None:
-            self._end_those_outside()
-        if self._recording and (self._tick % self._record_every == 0 or not self.active.any()):
-            self._record()
-
-    def _average(self, robots: NDArray[np.bool_]) -> None:
-        """Let the monitor have a sample of those of ``robots`` (n,) whose turn it is."""
+    def _settle(self, robots: NDArray[np.bool_]) -> None:
+        """Judge where ``robots`` (n,) are now, send on who is due, record."""
         due = robots & ((self._tick - self._begun) % self._record_every == 0)
         if np.count_nonzero(due):
             self.monitor.average(self._readings, self._belt_command, self.motors.saturated, due)
+        self._look_ahead(robots)
+        verdicts = self._verdicts(robots)
+        if verdicts:
+            self._dispatch(verdicts)
+        self._end_those_outside(robots)
+        if self._recording and (self._tick % self._record_every == 0 or not self.active.any()):
+            self._record()
 
-    def _end_those_outside(self) -> None:
-        """End the runs of robots that are in no pipe of their network, whatever they believe."""
-        outside = self.monitor.outside(self._location) & self.active
+    def _verdicts(self, robots: NDArray[np.bool_]) -> list[Verdict]:
+        """What the monitor finds of ``robots`` (n,), who has given up, and whom the controller has
+        stopped, in the order in which they count."""
+        location = self.senses.location
+        arrived = location.distance >= self.legs.end
+        resting, diverged = self._resting, self.plant.diverged
+        verdicts = self.monitor.look(self._readings, location, arrived, resting, diverged, robots)
+        if np.count_nonzero(self._given_up):
+            lost = np.flatnonzero(self._given_up & robots).tolist()
+            verdicts = [*(Verdict(robot, Outcome.LOST) for robot in lost), *verdicts]
+        if np.count_nonzero(self._over):
+            ended = np.flatnonzero(self._over & robots).tolist()
+            verdicts += [Verdict(robot, Outcome.ENDED) for robot in ended]
+        return verdicts
+
+    def _end_those_outside(self, robots: NDArray[np.bool_]) -> None:
+        """End the runs of robots that truly are in no pipe, whatever they take themselves to be
+        in."""
+        outside = self.monitor.outside(self._location) & robots & self.active
         for robot in np.flatnonzero(outside).tolist() if np.count_nonzero(outside) else ():
-            if not self.legs.in_a_pipe(
-                robot,
-                self._readings["position"][robot],
-                self._readings["rotation"][robot, :, 2],
-            ):
-                self._end(robot, Outcome.LEFT_PIPE, float(self.time[robot]))
+            if not self.scenarios[robot].holds(*self._pose(robot)):
+                self._end(robot, Outcome.LEFT_PIPE)
+
+    def _pose(self, robot: int) -> tuple[Array, Array]:
+        """The true position (3,) m of a robot and the direction (3,) of its nose, world frame."""
+        return self._readings["position"][robot], self._readings["rotation"][robot, :, 2]
 
     def _dispatch(self, verdicts: Sequence[Verdict]) -> None:
-        """Send robots that have arrived, hang, or have fallen off their way onto their next legs;
+        """Send robots that have arrived, hang, or have fallen off their route onto their next legs;
         end the runs of others."""
-        location, sent = self._location, set[int]()
+        sent: list[int] = []
         for robot, outcome in verdicts:
             if robot in sent or not self.active[robot]:
                 continue
-            onward = self._onward(robot, outcome)
-            self.events[robot] += onward.events
-            if onward.leg is not None:
-                sent.add(robot)
-                self._give_time(robot, onward)
+            decision = self._decision(robot, outcome)
+            if decision.leg is not None:
+                sent.append(robot)
+                self._follow(robot, decision)
                 continue
-            if outcome is Outcome.LEFT_PIPE and self.onboard is not None:
-                self.onboard.localiser.doubt(robot)
-                continue
-            time = float(self.time[robot])
-            self._end(robot, outcome or self.monitor.cause(robot, location), time)
-        self._find_again(sent)
+            self.events[robot] += decision.events
+            if outcome is not Outcome.LEFT_PIPE or not self.senses.doubt(robot):
+                self._end(robot, outcome or self.monitor.cause(robot, self._location))
+        self._locate_again(sent)
 
-    def _look_ahead(self) -> None:
-        """Let robots that explore, and have come to where they want to look ahead, do so."""
-        looking = (self._believed.distance >= self.legs.look_at) & self.active
-        if not np.count_nonzero(looking):
-            return
-        if self.onboard is not None and not self.onboard.takes_pictures:
-            return
-        told = self._readings if self.onboard is None else self.onboard.readings
-        gear = self.legs.gear
-        true, frames = (heading(r["rotation"], gear) for r in (self._readings, told))
-        back = heading(self._readings["rotation"], -gear)
-        turned = true if self.onboard is None else heading(self.onboard.turned, gear)
-        for robot in np.flatnonzero(looking).tolist():
-            sight = self.sights[robot]
-            assert sight is not None
-            position, behind = self._readings["position"][robot], None
-            ahead = sight.look(robot, position, true[robot])
-            time, distance = float(self.time[robot]), float(self._believed.distance[robot])
-            if self.legs.looks_back(robot, distance):
-                behind = sight.look(robot, position, back[robot])
-            look = Look(time, distance, ahead, behind, frames[robot], turned[robot])
-            onward = self.legs.see(robot, look)
-            if onward.shift and self.onboard is not None:
-                self.onboard.shift(robot, self._believed, onward.shift)
-            self.events[robot] += onward.events
-            self._give_time(robot, onward)
-        self._find_again(np.flatnonzero(looking).tolist())
+    def _decision(self, robot: int, outcome: Outcome | None) -> Decision:
+        """What a robot's pilot decides on a verdict."""
+        pilot, senses, time = self.legs.pilots[robot], self.senses, float(self.time[robot])
+        if outcome is Outcome.LEFT_PIPE:
+            position, rotation = (senses.readings[k][robot] for k in ("position", "rotation"))
+            return pilot.on_fall(time, position, rotation[:, 2])
+        if outcome not in (None, Outcome.REACHED_GOAL):
+            return Decision(None)
+        scenario, (position, axis) = self.scenarios[robot], self._pose(robot)
+        goal = scenario.goal_at(position + scenario.robot.length / 2 * self.legs.gear[robot] * axis)
+        distance = float(senses.location.distance[robot])
+        if outcome is Outcome.REACHED_GOAL:
+            return pilot.on_arrival(time, distance, goal)
+        # Belts that slip before an obstacle push an estimate into it.
+        return pilot.on_blockage(time, distance - 2 * float(senses.distance_std[robot]), goal)
 
-    def _give_time(self, robot: int, onward: Onward) -> None:
-        """Let the monitor know what a robot does from now on."""
+    def _look_ahead(self, robots: NDArray[np.bool_]) -> None:
+        """Have those of ``robots`` (n,) look ahead that have come to where they want to."""
+        looking = (self.senses.location.distance >= self.legs.look_at) & robots
+        if not np.count_nonzero(looking) or not self.senses.can_look:
+            return
+        rows = np.flatnonzero(looking).tolist()
+        for robot in rows:
+            pilot, distance = self.legs.pilots[robot], self.senses.location.distance[robot]
+            look = self.senses.look(robot, pilot.looks_back(float(distance)))
+            self._follow(robot, pilot.on_look(look))
+        self._locate_again(rows)
+
+    def _follow(self, robot: int, decision: Decision) -> None:
+        """Have a robot do what its pilot has decided, and give it time for that."""
+        length = self.legs.follow(robot, decision)
+        if decision.shift:
+            self.senses.shift(robot, decision.shift)
+        self.events[robot] += decision.events
         scenario = self.scenarios[robot]
-        if onward.goes_on:
-            more = scenario.time_for(max(onward.more, 0.0)) - scenario.time_for(0.0)
-            self.monitor.goes_on(robot, more)
+        if decision.goes_on:
+            self.monitor.goes_on(robot, scenario.time_for(length) - scenario.time_for(0.0))
         else:
-            length = float(self.legs.routes.lengths[self.legs.route[robot]])
             self.monitor.sent_on(robot, scenario.time_for(length))
 
-    def _find_again(self, robots: Collection[int]) -> None:
+    def _locate_again(self, robots: Sequence[int]) -> None:
         """Find robots on their routes that are on another one now."""
         if robots:
-            if self.onboard is not None:
-                self.onboard.learn(robots, self._believed)
-            again = np.isin(np.arange(self.n), list(robots))
-            self._near = np.where(again, self.legs.near, self._near)
-            self._find()
+            self.senses.update_maps(robots)
+            self._near = with_rows(self._near, np.array(robots), self.legs.near[robots])
+            self._locate()
 
-    def _onward(self, robot: int, outcome: Outcome | None) -> Onward:
-        """Put a robot onto the leg that a verdict asks for, where there is one."""
-        time, readings = float(self.time[robot]), self._readings
-        if outcome is Outcome.LEFT_PIPE:
-            told = readings if self.onboard is None else self.onboard.readings
-            axis = told["rotation"][robot, :, 2]
-            return self.legs.plan_anew(robot, time, told["position"][robot], axis)
-        if outcome in (None, Outcome.REACHED_GOAL):
-            distance = float(self._believed.distance[robot])
-            if outcome is None and self._believed.distance_std is not None:
-                # Belts that slip before an obstacle push the estimate into it.
-                distance -= 2 * float(self._believed.distance_std[robot])
-            half = self.scenarios[robot].robot.length / 2 * self.legs.gear[robot]
-            nose = readings["position"][robot] + half * readings["rotation"][robot, :, 2]
-            return self.legs.send_on(robot, time, distance, outcome is not None, nose)
-        return Onward(None, ())
-
-    def _end(self, robot: int, outcome: Outcome, time: float) -> None:
-        reason = self.monitor.reason(robot, self._location, float(self.legs.end[robot]), time)
-        missed = self.legs.missed(robot)
-        if outcome is Outcome.REACHED_GOAL and self._elsewhere(robot):
-            outcome, reason = Outcome.LOST, f"took itself to be at the goal; {reason}"
-        if outcome is Outcome.REACHED_GOAL and missed:
-            outcome, reason = Outcome.STUCK, f"no way to {', '.join(missed)} is left; {reason}"
+    def _end(self, robot: int, outcome: Outcome) -> None:
+        """End a robot's run."""
+        time, location = float(self.time[robot]), self._location
+        reason = self.monitor.reason(robot, location, float(self.legs.end[robot]), time)
+        missed = self.legs.pilots[robot].missed
+        error = float(self.senses.location.distance[robot] - location.distance[robot])
+        if outcome is Outcome.REACHED_GOAL:
+            if not self.scenarios[robot].is_done_at(*self._pose(robot), error):
+                outcome, reason = Outcome.LOST, f"took itself to be at the goal; {reason}"
+            elif missed:
+                reason = f"no way to {', '.join(missed)} is left; {reason}"
+                outcome = Outcome.STUCK
         self.endings[robot] = Ending(outcome, reason)
-        self.active = self.active.copy()
-        self.active[robot], self.end_time[robot] = False, time
-
-    def _elsewhere(self, robot: int) -> bool:
-        """Whether a robot that takes itself to be at the end of its leg is not there."""
-        exploration = self.scenarios[robot].exploration
-        if exploration is not None:
-            if exploration.mission.task == "find":
-                return False  # that it has found its goals is known from where it truly was
-            axis = self._readings["rotation"][robot, :, 2]
-            return not exploration.is_home(self._readings["position"][robot], axis)
-        missing = float(self.legs.end[robot] - self._location.distance[robot])
-        return abs(missing) > self.scenarios[robot].robot.nominal_pipe_radius and (
-            self.onboard is not None
-        )
+        set_rows(self, np.array([robot]), active=False, end_time=time)
 
     def _record(self) -> None:
         location, legs = self._location, self.legs
@@ -587,7 +467,7 @@ class Simulation:
                 "phase": self._phase,
                 "belt_speed_command": self._belt_command,
                 "roll_command": self._roll_command,
-                **({} if self.onboard is None else self.onboard.estimates(self._believed)),
+                **self.senses.estimates(),
             },
         )
 
@@ -621,4 +501,66 @@ class Simulation:
         metrics = check_all(Metric, "metrics", metrics)
         taken = {*METRIC_NAMES, *(metric.name for metric in self.scenarios[0].own_metrics)}
         refuse_taken("metrics", [metric.name for metric in metrics], taken)
-        return gathered(self, no_load_slip, metrics)
+        slips = [math.nan] * self.n if no_load_slip is None else no_load_slip
+        pictures = self.senses.pictures()
+        return [
+            self._result(i, trajectory, slips[i], metrics, pictures[i])
+            for i, trajectory in enumerate(self.recorder.trajectories(self.end_time))
+        ]
+
+    def _result(
+        self,
+        robot: int,
+        trajectory: Trajectory,
+        slip: float,
+        metrics: Sequence[Metric],
+        pictures: Pictures | None,
+    ) -> Result:
+        """The result of a robot that slips by ``slip`` m/s without load."""
+        scenario, ending = self.scenarios[robot], self.endings[robot]
+        assert ending is not None
+        return Result(
+            scenario=scenario,
+            outcome=ending.outcome,
+            reason=ending.reason,
+            duration_s=float(self.end_time[robot]),
+            metrics=self._metrics(robot, trajectory, slip, metrics),
+            trajectory=trajectory,
+            provenance=provenance_of(scenario),
+            events=self.events[robot],
+            legs=self.legs.begun(robot),
+            map=self.legs.map(robot),
+            album=pictures,
+        )
+
+    def _metrics(
+        self, robot: int, trajectory: Trajectory, slip: float, metrics: Sequence[Metric]
+    ) -> Metrics:
+        """All metrics of a robot that slips by ``slip`` m/s without load."""
+        scenario, motors = self.scenarios[robot], self.motors
+        values = summarise(
+            trajectory,
+            no_load_slip=slip,
+            lug_radius=scenario.robot.lug_radius,
+            torque_limit=float(motors.torque_limit[robot, 0]),
+            drive=motors.drive,
+            efficiency=scenario.robot.motor.efficiency,
+            metrics=(*METRICS, *scenario.own_metrics, *metrics),
+        )
+        map_metrics = scenario.map_metrics(self.legs.map(robot))
+        return values | map_metrics | dict(self.senses.metrics(robot))
+
+
+def _torque_limits(scenarios: Sequence[Scenario]) -> Array:
+    """Torque limits (n,) N m of the crawler motors."""
+    return np.array([scenario.robot.motor.torque_limit for scenario in scenarios])
+
+
+def _senses_of(scenario: Scenario) -> MakeSenses:
+    """The senses that ``sensing.kind`` names."""
+    if scenario.sensing.kind == "truth":
+        return Truth
+    # Loaded where it is asked for: the rays of its cameras are compiled, which takes seconds.
+    from omnitrack_sim.sim.onboard import Onboard
+
+    return Onboard

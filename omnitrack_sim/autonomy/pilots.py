@@ -1,0 +1,234 @@
+"""Pilots: decide where one robot goes next, on what its senses tell.
+
+A pilot moves nothing. It names the leg that its robot drives and answers what happens on it: the
+robot has come to the leg's end, makes no headway, lies off its route, has looked ahead. Three are
+shipped: ``FixedRoute`` through plain pipes, ``Planned`` for a mission whose map is known, and
+``Explorer`` (``autonomy/explorer.py``) for one whose map is not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable, Sequence
+from typing import NamedTuple, Protocol
+
+from omnitrack_sim.autonomy.ahead import Look
+from omnitrack_sim.autonomy.belief import Belief
+from omnitrack_sim.autonomy.mission import Planner
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.pipes import Route
+from omnitrack_sim.pipes.layout import End
+from omnitrack_sim.pipes.planning import Leg, Step
+from omnitrack_sim.record.events import (
+    Event,
+    FellOff,
+    GaveUp,
+    GoalReached,
+    LegBegan,
+    TakenForClosed,
+)
+
+
+class Decision(NamedTuple):
+    """What a robot does from now on.
+
+    Attributes:
+        leg: the leg to drive; None: there is none.
+        goes_on: ``leg`` is the leg at hand, made longer, and not another one.
+        events: what there is to tell.
+        shift: m, how much farther along its leg the robot is than it took itself to be.
+    """
+
+    leg: Leg | None
+    goes_on: bool = False
+    events: Sequence[Event] = ()
+    shift: float = 0.0
+
+
+class Pilot(Protocol):
+    """Decides where one robot goes next.
+
+    A class of a user's own that inherits from this one needs ``leg`` and ``route``; by what it
+    leaves out it gives up where it could decide, and never looks ahead. Times are in s, distances
+    are arc lengths of the robot's centre along its leg in m, as its senses tell them.
+
+    Attributes:
+        leg: the leg at hand.
+    """
+
+    leg: Leg
+
+    def route(self) -> Route:
+        """Return the route of the leg at hand: its passages and centreline."""
+        ...
+
+    @property
+    def route_key(self) -> Hashable:
+        """Equal for robots of one batch whose legs have the same route, which is then built once;
+        by default no other robot's."""
+        return object()
+
+    @property
+    def missed(self) -> Sequence[str]:
+        """Goals of the mission that the legs so far do not lead to."""
+        return ()
+
+    def on_arrival(self, time: float, distance: float, goal: str) -> Decision:
+        """Decide at the end of the leg.
+
+        Args:
+            time: s.
+            distance: m.
+            goal: name of the goal of an exploration that is at the robot's nose; "" at none.
+        """
+        return Decision(None)
+
+    def on_blockage(self, time: float, distance: float, goal: str) -> Decision:
+        """Decide where the robot makes no headway; arguments as in ``on_arrival``."""
+        return Decision(None)
+
+    def on_fall(self, time: float, position: Array, axis: Array) -> Decision:
+        """Decide for a robot that lies off its route.
+
+        Args:
+            time: s.
+            position: (3,) m, of its centre, world frame.
+            axis: (3,) unit vector to its nose, world frame.
+        """
+        return Decision(None)
+
+    # For robots that look ahead
+
+    @property
+    def looks_at(self) -> float:
+        """Distance, m, where the robot looks ahead next; infinite where it does not."""
+        return math.inf
+
+    def looks_back(self, distance: float) -> bool:
+        """Return whether a look at ``distance`` m goes back as well as ahead."""
+        return False
+
+    def on_look(self, look: Look) -> Decision:
+        """Decide after a look ahead."""
+        return Decision(self.leg, goes_on=True)
+
+    @property
+    def belief(self) -> Belief | None:
+        """Map that the robot makes; None where it is given one."""
+        return None
+
+
+class FixedRoute(Pilot):
+    """Drives one route to its goal.
+
+    Args:
+        route: through plain pipes.
+        begin: m, arc length of the robot's centre at the start.
+        end: m, the same at the goal.
+    """
+
+    def __init__(self, route: Route, begin: float, end: float) -> None:
+        # A leg of no parts: nothing has been planned, so the result tells of no leg.
+        self.leg = Leg((), 1, begin, end, 0, "")
+        self._route = route
+
+    def route(self) -> Route:
+        """See ``Pilot``."""
+        return self._route
+
+    @property
+    def route_key(self) -> Hashable:
+        """See ``Pilot``: robots of one batch share their pipes."""
+        return self.leg.way
+
+
+class Planned(Pilot):
+    """Drives a mission through a network whose map is known, and replans where the way is blocked
+    or the robot has fallen off it.
+
+    Args:
+        planner: of the mission.
+        robot: index in its batch, for events.
+        falls: how often the robot may fall off its route.
+    """
+
+    def __init__(self, planner: Planner, robot: int, falls: int) -> None:
+        self.leg = planner.first
+        self._planner, self._robot, self._falls = planner, robot, falls
+        self._goal = self.leg.goal  # that the robot is on its way to
+        self._to_come: list[Leg] = []
+        self._closed: list[End] = []
+        self._turns: list[Step] = []  # that it has fallen off
+
+    def route(self) -> Route:
+        """See ``Pilot``."""
+        return self._planner.route(self.leg)
+
+    @property
+    def route_key(self) -> Hashable:
+        """See ``Pilot``: robots of one batch share their network."""
+        return self.leg.way
+
+    @property
+    def missed(self) -> Sequence[str]:
+        """See ``Pilot``."""
+        return self._planner.mission.goals[self._goal + 1 :]
+
+    def on_arrival(self, time: float, distance: float, goal: str) -> Decision:
+        """See ``Pilot``."""
+        planner, leg = self._planner, self.leg
+        if self._to_come:
+            return self._begin(time, [], self._to_come)
+        goals, following = planner.mission.goals, leg.goal + 1
+        if following == len(goals):
+            return Decision(None)
+        events = [GoalReached(self._robot, time, goals[leg.goal])]
+        legs = self._plan(lambda closed: planner.onward(leg, distance, following, closed))
+        return self._begin(time, events, legs)
+
+    def on_blockage(self, time: float, distance: float, goal: str) -> Decision:
+        """See ``Pilot``."""
+        planner, leg = self._planner, self.leg
+        if leg.goal < 0:
+            return self._give_up(time, [], f"no headway as it {leg.note}")
+        port = planner.obstacle(leg, distance)
+        self._closed.append(port)
+        name = planner.network.port_name(port)
+        legs = self._plan(lambda closed: planner.onward(leg, distance, leg.goal, closed))
+        return self._begin(time, [TakenForClosed(self._robot, time, name, distance)], legs)
+
+    def on_fall(self, time: float, position: Array, axis: Array) -> Decision:
+        """See ``Pilot``."""
+        planner = self._planner
+        where = planner.find(position, axis)
+        if where is None:
+            return Decision(None)
+        part = planner.network.fittings[where.part].name
+        port = planner.network.port_name((where.part, where.ahead))
+        events = [FellOff(self._robot, time, part, port)]
+        if self._falls == 0:
+            return self._give_up(time, events, "has fallen too often")
+        self._falls -= 1
+        goal = next(leg.goal for leg in (self.leg, *self._to_come) if leg.goal >= 0)
+        self._turns += planner.turn_in(self.leg, where.part)
+        legs = self._plan(lambda closed: planner.anew(where, goal, closed))
+        return self._begin(time, events, legs)
+
+    def _plan(
+        self, plan: Callable[[Sequence[End | Step]], list[Leg] | None]
+    ) -> Sequence[Leg] | None:
+        """Legs of ``plan`` around what is closed. A turn that the robot has fallen off it takes
+        from the other side, and tries again only where there is no other way."""
+        legs = plan([*self._closed, *self._turns])
+        return plan(self._closed) if legs is None and self._turns else legs
+
+    def _begin(self, time: float, events: Sequence[Event], legs: Sequence[Leg] | None) -> Decision:
+        """Begin the first of ``legs`` and keep the others for later; give up without any."""
+        if not legs:
+            return self._give_up(time, events, "no other way")
+        self.leg, *self._to_come = legs
+        self._goal = self.leg.goal if self.leg.goal >= 0 else self._goal
+        return Decision(self.leg, events=[*events, LegBegan(self._robot, time, self.leg.note)])
+
+    def _give_up(self, time: float, events: Sequence[Event], cause: str) -> Decision:
+        return Decision(None, events=[*events, GaveUp(self._robot, time, cause)])

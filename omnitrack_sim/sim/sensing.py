@@ -1,0 +1,189 @@
+"""What controllers and pilots receive of n robots: ``Senses``, and the ground truth as such."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.autonomy.ahead import Ahead, Look
+from omnitrack_sim.autonomy.search import Guarded
+from omnitrack_sim.base.rotations import Array, heading
+from omnitrack_sim.pipes.route_map import Location
+from omnitrack_sim.record.channels import Channel
+from omnitrack_sim.results.pictures import Pictures
+from omnitrack_sim.robots.omnitrack.control.interface import Command
+from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.senses import State
+from omnitrack_sim.sim.legs import Legs
+
+
+class Senses(Protocol):
+    """What controllers and pilots receive of n robots; the plant, the monitor and all metrics know
+    the truth.
+
+    A class of a user's own takes the three arguments of ``MakeSenses``. It may inherit from
+    ``Truth`` and change what ``readings`` and ``location`` hold, such as by adding noise.
+
+    Attributes:
+        readings: (n, ...) by the names of the channels, each in its robot's own frame.
+        channels: of the readings.
+        recorded: further channels, whose values ``estimates`` returns.
+        location: of the robots along their routes, found by ``locate``.
+        distance_std: (n,) m, standard deviation of the distances of ``location``.
+        can_look: robots that look ahead can do so at this control step.
+    """
+
+    readings: Mapping[str, Array]
+    channels: Sequence[Channel]
+    recorded: Sequence[Channel]
+    location: Location
+
+    @property
+    def distance_std(self) -> Array: ...
+
+    @property
+    def can_look(self) -> bool: ...
+
+    def reset(self, rows: NDArray[np.intp], scenarios: Sequence[Scenario], state: State) -> None:
+        """Begin anew for robots ``rows`` (k,) with ``scenarios`` (k).
+
+        Args:
+            rows: numbers of the robots, ascending.
+            scenarios: that they run now.
+            state: of the physics of all n robots.
+        """
+        ...
+
+    def read(self, state: State, active: NDArray[np.bool_]) -> None:
+        """Read the sensors, once a control step.
+
+        Args:
+            state: of the physics.
+            active: (n,) robots whose run is not over.
+        """
+        ...
+
+    def locate(self, truth: Location) -> None:
+        """Set ``location``, whose true value is ``truth``, from the readings."""
+        ...
+
+    def guard(self, command: Command) -> Guarded:
+        """Return a command less what robots that do not know their pose may not do."""
+        ...
+
+    def look(self, robot: int, back: bool) -> Look:
+        """Have a robot look ahead and, with ``back``, the other way too."""
+        ...
+
+    def update_maps(self, robots: Collection[int]) -> None:
+        """Take note that robots may have changed the maps that they make."""
+        ...
+
+    def shift(self, robot: int, more: float) -> None:
+        """Move a robot's estimate ``more`` m farther along its route."""
+        ...
+
+    def doubt(self, robot: int) -> bool:
+        """Discard the estimate of a robot whose pose lies in no pipe; False where the pose is no
+        estimate, and the run is over."""
+        ...
+
+    def estimates(self) -> Mapping[str, NDArray]:
+        """Return the values (n, ...) of the channels ``recorded``."""
+        ...
+
+    def metrics(self, robot: int) -> Mapping[str, float]:
+        """Return metrics of a robot's senses."""
+        ...
+
+    def pictures(self) -> Sequence[Pictures | None]:
+        """Return the pictures that each of the n robots has taken, where they are recorded."""
+        ...
+
+
+MakeSenses = Callable[[Sequence[Scenario], Legs, State], Senses]
+"""Makes the senses of n robots from their scenarios, legs, and the physics as they begin."""
+
+
+class Truth:
+    """Senses without error: controllers receive the ground truth. See ``Senses``."""
+
+    def __init__(self, scenarios: Sequence[Scenario], legs: Legs, state: State) -> None:
+        self._scenarios, self._legs = list(scenarios), legs
+        self.channels: Sequence[Channel] = [sensor.channel for sensor in state.sensors.values()]
+        self.recorded: Sequence[Channel] = ()
+        self.can_look = True
+        self._nobody, self.distance_std = np.zeros(len(scenarios), bool), np.zeros(len(scenarios))
+        self.reset(np.arange(len(scenarios)), scenarios, state)
+
+    def reset(self, rows: NDArray[np.intp], scenarios: Sequence[Scenario], state: State) -> None:
+        """See ``Senses``."""
+        for row, scenario in zip(rows.tolist(), scenarios, strict=True):
+            self._scenarios[row] = scenario
+        self.readings: Mapping[str, Array] = state
+
+    def read(self, state: State, active: NDArray[np.bool_]) -> None:
+        """See ``Senses``."""
+        self.readings = state
+
+    def locate(self, truth: Location) -> None:
+        """See ``Senses``."""
+        self.location = truth
+
+    def guard(self, command: Command) -> Guarded:
+        """See ``Senses``: nobody has to search."""
+        return Guarded(command, self._nobody)
+
+    def look(self, robot: int, back: bool) -> Look:
+        """See ``Senses``."""
+        gear = int(self._legs.gear[robot])
+        sight = self._scenarios[robot].sight
+        ahead, behind = both_ways(sight.look, robot, self.readings, gear, back)
+        frame = frame_ahead(self.readings["rotation"][robot], gear)
+        time, distance = self.readings["time"][robot], self.location.distance[robot]
+        return Look(float(time), float(distance), ahead, behind, frame, frame)
+
+    def update_maps(self, robots: Collection[int]) -> None:
+        """See ``Senses``: poses do not hang on any map."""
+
+    def shift(self, robot: int, more: float) -> None:
+        """See ``Senses``: there is nothing to correct."""
+
+    def doubt(self, robot: int) -> bool:
+        """See ``Senses``."""
+        return False
+
+    def estimates(self) -> Mapping[str, NDArray]:
+        """See ``Senses``."""
+        return {}
+
+    def metrics(self, robot: int) -> Mapping[str, float]:
+        """See ``Senses``."""
+        return {}
+
+    def pictures(self) -> Sequence[Pictures | None]:
+        """See ``Senses``."""
+        return [None] * len(self._scenarios)
+
+
+def both_ways(
+    see: Callable[[int, Array, Array], Ahead | None],
+    robot: int,
+    truth: Mapping[str, Array],
+    gear: int,
+    back: bool,
+) -> tuple[Ahead | None, Ahead | None]:
+    """Return what a robot sees ahead and, with ``back``, behind, from where it truly is; ``see`` as
+    ``Sight.look``."""
+    position, rotation = truth["position"][robot], truth["rotation"][robot]
+    ahead = see(robot, position, frame_ahead(rotation, gear))
+    behind = see(robot, position, frame_ahead(rotation, -gear)) if back else None
+    return ahead, behind
+
+
+def frame_ahead(rotation: Array, gear: int) -> Array:
+    """Return the frame (3, 3) that looks ahead of a robot in a gear; see ``heading``."""
+    return heading(rotation[None], np.array([gear]))[0]
