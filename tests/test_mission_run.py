@@ -97,7 +97,7 @@ def test_a_goal_that_is_cut_off_on_the_way_is_no_success(monkeypatch):
     told so."""
     scenario = mission_of("fig14", "top", "far", "low")
     run = Simulation([scenario])
-    assert run.legs.missed(0) == ("low",)
+    assert tuple(run.legs.pilots[0].missed) == ("low",)
     onward = Planner.onward
     closed = [scenario.network.port("drop.end")]  # type: ignore[union-attr]
     monkeypatch.setattr(

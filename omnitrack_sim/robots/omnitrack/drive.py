@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import ByName, named
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Array, set_rows
 from omnitrack_sim.robots.omnitrack import MODULES
 from omnitrack_sim.robots.omnitrack.motors import Motor
 
@@ -140,19 +140,16 @@ class SpeedLoop:
         self, drive: Drive, motor: Motor, torque_limit: ArrayLike, lug_radius: float, n: int
     ):
         self.drive, self.motor, self.lug_radius = drive, motor, lug_radius
-        self.torque_limit = np.broadcast_to(np.asarray(torque_limit, float), (n,))[:, None]
+        self.torque_limit = np.zeros((n, 1))
         self.saturated: NDArray[np.bool_] = np.zeros((n, 3), bool)
         self._correction = np.zeros((n, drive.motors))  # m/s, integral part
         self._driven = np.abs(drive.matrix) > 0  # (m, 3) belts of each motor
+        self.reset(np.arange(n), np.broadcast_to(np.asarray(torque_limit, float), (n,)))
 
-    def restart(self, robots: NDArray[np.intp], torque_limit: Array) -> None:
-        """Have the motors of ``robots`` (k,) begin anew, with limits ``torque_limit`` (k,) N m."""
-        limits = self.torque_limit.copy()
-        limits[robots, 0] = torque_limit
-        saturated = self.saturated.copy()
-        saturated[robots] = False
-        self.torque_limit, self.saturated = limits, saturated
-        self._correction[robots] = 0.0
+    def reset(self, rows: NDArray[np.intp], torque_limit: Array) -> None:
+        """Begin anew for robots ``rows`` (k,), with limits ``torque_limit`` (k,) N m."""
+        limit = torque_limit[:, None]
+        set_rows(self, rows, torque_limit=limit, saturated=False, _correction=0.0)
 
     def advance(
         self, command: Array, belt_speed: Array, torque: Array, dt: float
