@@ -78,7 +78,8 @@ from .trials.study_run import StudyResult as StudyResult
 from .trials.study_run import run_study as run_study
 from .trials.sweep import Sweep as Sweep
 from .trials.sweep import load_sweep as load_sweep
-from .trials.sweep_figure import plot_sweep as plot_sweep
+from .trials.sweep_run import SweepResult as SweepResult
+from .trials.sweep_run import plot_sweep as plot_sweep
 from .trials.sweep_run import run_sweep as run_sweep
 
 __version__: str

@@ -19,7 +19,7 @@ from omnitrack_sim import run_sweep
 def calm(tmp_path_factory) -> Path:
     """The small sweep, run in one process without interruption."""
     place = tmp_path_factory.mktemp("sweeps") / "calm"
-    run_sweep(small_sweep(), place)
+    run_sweep(small_sweep(), out=place)
     return place
 
 

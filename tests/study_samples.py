@@ -11,7 +11,7 @@ import numpy as np
 
 from omnitrack_sim.trials.search import Candidate, Measured
 from omnitrack_sim.trials.study import Study, resolve
-from omnitrack_sim.trials.study_tables import Objective, Plan, Variable
+from omnitrack_sim.trials.study_tables import Objective, SearchPlan, Variable
 
 TEXT = """
 generations = 2
@@ -75,7 +75,7 @@ OPTIMUM = (0.3, 0.62, 0.8)
 """Where the quadratic has its least value, as places between the bounds."""
 
 
-def quadratic_plan(**changes: Any) -> Plan:
+def quadratic_plan(**changes: Any) -> SearchPlan:
     """Three variables of different scales, and the value of a quadratic."""
     variables = (
         Variable(path="a", low=-1, high=3, start=-0.8),
@@ -83,16 +83,16 @@ def quadratic_plan(**changes: Any) -> Plan:
         Variable(path="c", low=0, high=10, start=9),
     )
     fields = {"variables": variables, "objectives": (Objective(metric="f", goal="minimise"),)}
-    return Plan(**(fields | changes))
+    return SearchPlan(**(fields | changes))
 
 
-def places(plan: Plan, candidate: Candidate) -> np.ndarray:
+def places(plan: SearchPlan, candidate: Candidate) -> np.ndarray:
     """Where the values of a candidate stand between the bounds (n,)."""
     pairs = zip(plan.variables, candidate.values, strict=True)
     return np.array([variable.place_of(value) for variable, value in pairs])
 
 
-def noisy_quadratic(plan: Plan, noise: float, seed: int):
+def noisy_quadratic(plan: SearchPlan, noise: float, seed: int):
     """An evaluator of the quadratic; the standard deviation of its noise is that of one trial in
     64, whose mean is the value."""
     draws = np.random.default_rng(seed)

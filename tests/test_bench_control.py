@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from functools import partial
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -12,12 +11,19 @@ import pytest
 from policy_samples import driver
 
 from omnitrack_sim.base.errors import InputError
-from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.cli import main
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval
 from omnitrack_sim.trials import dispatch
-from omnitrack_sim.trials.bench import DRY, TASKS, Task, _drawn, entry_of, shipped_entries
-from omnitrack_sim.trials.bench_run import FILES, MEASURES, Bench, Trials, page, rows_of, run_bench
+from omnitrack_sim.trials.bench import (
+    DRY,
+    TASKS,
+    Bench,
+    Task,
+    _drawn,
+    entry_of,
+    shipped_entries,
+)
+from omnitrack_sim.trials.bench_run import FILES, MEASURES, EntryTrials, page, rows_of, run_bench
 
 
 def _short(trials: int, changes: dict):
@@ -73,21 +79,19 @@ def test_it_goes_on_and_takes_further_entries(tmp_path, monkeypatch):
     """Only what is not there is run; two workers give the same rows."""
     driver().save(tmp_path / "driver.npz")
     first = [entry_of("feedback"), entry_of(f"mine={tmp_path / 'driver.npz'}")]
-    rows = run_bench(Bench([SHORT], first), tmp_path / "out")
+    rows = run_bench(Bench([SHORT], first), out=tmp_path / "out").rows
     assert [row["entry"] for row in rows] == ["feedback", "mine"]
     assert rows[0]["others"] == "4 timed_out"
     with monkeypatch.context() as patch:
         patch.setattr(dispatch, "run_trials", lambda batch: pytest.fail("ran again"))
-        assert run_bench(Bench([SHORT], first), tmp_path / "out") == rows
+        assert run_bench(Bench([SHORT], first), out=tmp_path / "out").rows == rows
     told = []
-    more = Bench(
-        [SHORT], [*first, entry_of("omnitrack_sim.robots.omnitrack.control:EqualController")]
-    )
-    again = run_bench(more, tmp_path / "out", progress=told.append)
+    more = Bench([SHORT], [*first, entry_of("omnitrack_sim.paper.open_loop:EqualController")])
+    again = run_bench(more, out=tmp_path / "out", progress=told.append).rows
     assert again[:2] == rows
-    assert again[2]["entry"] == "omnitrack_sim.robots.omnitrack.control.EqualController"
+    assert again[2]["entry"] == "omnitrack_sim.paper.open_loop.EqualController"
     assert [(status.found, status.done) for status in (told[0], told[-1])] == [(8, 8), (8, 12)]
-    assert run_bench(more, tmp_path / "two", executor=partial(LocalPool, 2)) == again
+    assert run_bench(more, out=tmp_path / "two", workers=2).rows == again
     for name in FILES:
         assert (tmp_path / "out" / name).stat().st_size > 0, name
     table = pq.read_table(tmp_path / "out" / "trials.parquet")
@@ -98,11 +102,13 @@ def test_it_goes_on_and_takes_further_entries(tmp_path, monkeypatch):
     assert json.loads((tmp_path / "out" / "bench.json").read_text())["rows"][0]["trials"] == 4
 
 
-def _trials(passed: list[bool], seconds: list[float], outcomes: list[str] | None = None) -> Trials:
+def _trials(
+    passed: list[bool], seconds: list[float], outcomes: list[str] | None = None
+) -> EntryTrials:
     ends = outcomes or ["reached_goal" if one else "stuck" for one in passed]
     ran = np.array([end not in ("invalid", "error") for end in ends])
     figures = {measure.name: np.full(len(passed), 1.0) for measure in MEASURES}
-    return Trials(ran, np.array(passed), ends, figures | {"duration_s": np.array(seconds)})
+    return EntryTrials(ran, np.array(passed), ends, figures | {"duration_s": np.array(seconds)})
 
 
 def test_rates_and_paired_differences():

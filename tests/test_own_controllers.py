@@ -15,7 +15,6 @@ from runs import same_result
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault
-from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.trials.sweep import resolve
 
 MODULE = '''
@@ -276,10 +275,10 @@ def test_a_sweep_over_controllers_and_their_parameters(drivers: ModuleType) -> N
     tuned = {"control.kind": "drivers:Tuned"}
     by_part = resolve({"name": "p", "base": "straight", "set": BRIEF | tuned, "axes": [parts]})
     for sweep in (by_kind, by_part):
-        alone = ot.run_sweep(sweep)
+        alone = ot.run_sweep(sweep).table
         assert alone["outcome"].to_pylist() == ["timed_out"] * 2, alone["reason"].to_pylist()
-        assert ot.run_sweep(sweep, executor=lambda: LocalPool(2)).equals(alone)
-    speeds = ot.run_sweep(by_part)["mean_speed_m_s"].to_pylist()
+        assert ot.run_sweep(sweep, workers=2).table.equals(alone)
+    speeds = ot.run_sweep(by_part).table["mean_speed_m_s"].to_pylist()
     assert speeds == pytest.approx([0.025, 0.05], rel=0.15)
     misspelt = kinds | {"values": ["drivers:Nil"]}
     with pytest.raises(ot.SweepError) as caught:

@@ -96,9 +96,9 @@ def test_a_sweep_with_two_workers_gives_the_same_table(tmp_path):
         f"values = {policies}\n"
     )
     sweep = ot.load_sweep(tmp_path / "sweep.toml")
-    alone = ot.run_sweep(sweep)
+    alone = ot.run_sweep(sweep).table
     with LocalPool(2) as pool:
-        together = ot.run_sweep(sweep, executor=pool)
+        together = ot.run_sweep(sweep, executor=pool).table
     assert alone.equals(together)
     assert set(alone["outcome"].to_pylist()) <= {"timed_out", "no_motion_line"}
     assert len(set(alone["distance_m"].to_pylist())) == 4

@@ -9,7 +9,7 @@ from samples import sample_result
 from typer.testing import CliRunner
 
 from omnitrack_sim.cli import app
-from omnitrack_sim.cli.film import FRAMES_A_PROCESS, processes_for
+from omnitrack_sim.cli.runs import FRAMES_A_PROCESS, processes_for
 
 
 @pytest.fixture

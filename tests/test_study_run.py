@@ -15,10 +15,9 @@ from typer.testing import CliRunner
 from omnitrack_sim import OutputError, StudyError, load_scenario, load_study, override, run_study
 from omnitrack_sim.cli import app
 from omnitrack_sim.cli.common import with_changes
-from omnitrack_sim.cli.optimise import _print_result
+from omnitrack_sim.cli.trials import _print_study
 from omnitrack_sim.show.plots.style import PictureWarning
 from omnitrack_sim.trials import dispatch, study_run
-from omnitrack_sim.trials import study_history as picture
 from omnitrack_sim.trials.search import Measured, explore
 
 FILES = {
@@ -48,7 +47,7 @@ def bytes_of(place: Path) -> dict[str, bytes]:
 def calm(tmp_path_factory) -> Path:
     """The small study, run in one process without interruption."""
     place = tmp_path_factory.mktemp("studies") / "calm"
-    run_study(small_study(), place)
+    run_study(small_study(), out=place)
     return place
 
 
@@ -71,7 +70,7 @@ def test_the_folder_holds_its_files(calm):
 def test_two_workers_give_the_same_bytes(calm, tmp_path):
     """All files of two worker processes are those of one process."""
     told = []
-    run_study(small_study(), tmp_path / "two", workers=2, progress=told.append)
+    run_study(small_study(), out=tmp_path / "two", workers=2, progress=told.append)
     assert bytes_of(calm) == bytes_of(tmp_path / "two")
     assert [status.stage for status in told if status.done == status.total][-1].startswith("check")
     search = [status for status in told if status.total == 38]
@@ -92,9 +91,9 @@ def test_kills_at_any_moment_change_nothing(tmp_path):
         wait_until_gone(under)  # before its pipes are read, which workers would hold open
         process.communicate()
     kept = {path: path.stat().st_mtime_ns for path in parts(place)}
-    run_study(load_study(file), place)
+    run_study(load_study(file), out=place)
     assert 4 <= len(kept) < len(parts(place))
-    run_study(load_study(file), tmp_path / "calm")
+    run_study(load_study(file), out=tmp_path / "calm")
     assert bytes_of(place) == bytes_of(tmp_path / "calm")
     assert all(path.stat().st_mtime_ns == when for path, when in kept.items())
 
@@ -103,8 +102,8 @@ def test_a_finished_study_runs_nothing_again(calm, monkeypatch):
     """The same call on a finished folder reads its trials and writes nothing."""
     before = {path: path.stat().st_mtime_ns for path in calm.rglob("*.*")}
     monkeypatch.setattr(dispatch, "run_trials", None)
-    result = run_study(small_study(), calm, workers=2)
-    assert result.history.num_rows == 19
+    result = run_study(small_study(), out=calm, workers=2)
+    assert result.table.num_rows == 19
     assert {path: path.stat().st_mtime_ns for path in calm.rglob("*.*")} == before
 
 
@@ -112,7 +111,7 @@ def test_without_a_folder_nothing_is_written(calm, tmp_path, monkeypatch):
     """The result is the same, and no file appears."""
     monkeypatch.chdir(tmp_path)
     result = run_study(small_study())
-    assert result.history.equals(pq.read_table(calm / "history.parquet"))
+    assert result.table.equals(pq.read_table(calm / "history.parquet"))
     assert result.summary == json.loads((calm / "summary.json").read_text())
     assert list(tmp_path.iterdir()) == []
 
@@ -121,15 +120,15 @@ def test_more_generations_and_another_check_go_on(calm, tmp_path, monkeypatch):
     """With a third generation the first two are those that were there; the check may change without
     any trial of the search being run again."""
     place = tmp_path / "longer"
-    run_study(small_study(final={"candidates": 0}), place)
+    run_study(small_study(final={"candidates": 0}), out=place)
     assert not (place / "final.csv").exists()
     before = {path.stem.partition("-")[2] for path in parts(place)}
     ran, usual = [], dispatch.run_trials
     monkeypatch.setattr(dispatch, "run_trials", lambda batch: ran.append(batch) or usual(batch))
-    longer = run_study(small_study(generations=3), place)
+    longer = run_study(small_study(generations=3), out=place)
     first = pq.read_table(calm / "history.parquet").slice(0, 17)
-    assert longer.history.slice(0, 17).equals(first)
-    assert longer.history.num_rows == 27
+    assert longer.table.slice(0, 17).equals(first)
+    assert longer.table.num_rows == 27
     assert longer.final is not None
     assert ran
     assert not [batch for batch in ran if batch.hash in before]
@@ -144,7 +143,7 @@ def test_another_study_is_refused_and_the_difference_named(calm):
     variables = [data["variables"][0] | {"high": 0.3}, data["variables"][1]]
     trials = [data["trials"][0] | {"seed": 9}]
     with pytest.raises(OutputError, match="holds a different study") as caught:
-        run_study(small_study(variables=variables, trials=trials), calm)
+        run_study(small_study(variables=variables, trials=trials), out=calm)
     assert "variables.0.high is 0.2 there and 0.3 here" in str(caught.value)
     assert "trials.0.seed is 0 there and 9 here" in str(caught.value)
     assert bytes_of(calm) == before
@@ -162,7 +161,7 @@ def test_a_folder_with_other_files_is_refused(tmp_path):
         (tmp_path / "other", "best.toml: is a folder"),
     ):
         with pytest.raises(OutputError, match=told):
-            run_study(small_study(), place)
+            run_study(small_study(), out=place)
     assert {path.name for path in tmp_path.rglob("*")} == {
         "mine",
         "thesis.txt",
@@ -179,7 +178,7 @@ def test_a_damaged_part_is_run_again(calm, tmp_path):
     cut.write_bytes(cut.read_bytes()[:-100])
     odd.write_bytes(bytes(byte ^ 1 for byte in odd.read_bytes()))
     lost.unlink()
-    run_study(small_study(), place)
+    run_study(small_study(), out=place)
     assert bytes_of(place) == bytes_of(calm)
 
 
@@ -187,12 +186,13 @@ def test_a_figure_that_fails_costs_only_itself(calm, tmp_path, monkeypatch):
     """All other files are there, the figure of an earlier run is not; the same command tries
     again."""
     place = Path(shutil.copytree(calm, tmp_path / "study"))
+    (place / "summary.json").write_text("{}")
     with monkeypatch.context() as patch:
         patch.setattr(study_run, "draw_front", lambda *_: 1 / 0)
         with pytest.warns(PictureWarning, match=r"no front\.png: division by zero"):
-            run_study(small_study(), place)
+            run_study(small_study(), out=place)
     assert {path.name for path in place.iterdir()} == FILES - {"front.png"}
-    run_study(small_study(), place)
+    run_study(small_study(), out=place)
     assert bytes_of(place) == bytes_of(calm)
 
 
@@ -201,7 +201,7 @@ def test_a_damaged_description_is_named(tmp_path, text):
     """It cannot be known whose trials these are."""
     (tmp_path / "study.json").write_text(text)
     with pytest.raises(OutputError, match=r"study\.json: is no description of a study"):
-        run_study(small_study(), tmp_path)
+        run_study(small_study(), out=tmp_path)
 
 
 @pytest.mark.parametrize("failed", [None, "worst"])
@@ -212,7 +212,7 @@ def test_a_study_in_which_no_trial_passes_is_an_error(tmp_path, failed):
     objectives = [distance, {key: torque[key] for key in ("metric", "goal", "module")}]
     objectives[1] |= {} if failed is None else {"failed": failed}
     with pytest.raises(StudyError) as caught:
-        run_study(small_study(objectives=objectives), tmp_path)
+        run_study(small_study(objectives=objectives), out=tmp_path)
     (fault,) = caught.value.faults
     assert fault.where == "objectives.1"
     assert "torque_rms_nm: no trial of the first generation passed" in fault.problem
@@ -230,7 +230,7 @@ def test_a_front_without_candidates_is_written_whole(tmp_path):
     trials = study_data()["trials"][0]
     trials = trials | {"axes": [*trials["axes"], bore], "samples": 1}
     study = small_study(trials=[trials])
-    result = run_study(study, tmp_path / "out")
+    result = run_study(study, out=tmp_path / "out")
     assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
     assert result.front.num_rows == 0
     assert result.summary["on_front"] == 0
@@ -244,11 +244,11 @@ def test_a_front_without_candidates_is_written_whole(tmp_path):
 
 def test_a_best_one_that_is_not_on_the_front_says_so(calm, capsys):
     """The check may choose a candidate that others beat in the search."""
-    result = run_study(small_study(), calm)
+    result = run_study(small_study(), out=calm)
     number = result.summary["best"]["number"]
     kept = [i for i, one in enumerate(result.front["number"].to_pylist()) if one != number]
-    for front, told in ((result.front.take(kept), True), (result.history, False)):
-        _print_result(replace(result, front=front), calm)
+    for front, told in ((result.front.take(kept), True), (result.table, False)):
+        _print_study(replace(result, front=front), calm)
         assert ("not this one, which is the best in the check" in capsys.readouterr().out) is told
 
 
@@ -259,11 +259,11 @@ def test_the_figure_leaves_out_what_has_no_weight(monkeypatch):
     study = small_study(objectives=[limited, distance, torque])
     history = explore(study, lambda asked: [Measured((1.0, 2.0, 3.0)) for _ in asked])
     drawn = []
-    usual = picture.study_figure
+    usual = study_run.study_figure
     monkeypatch.setattr(
-        picture, "study_figure", lambda *given: drawn.append(given) or usual(*given)
+        study_run, "study_figure", lambda *given: drawn.append(given) or usual(*given)
     )
-    picture.draw_front(study, history, history[:2], history[1][0])
+    study_run.draw_front(study, history, history[:2], history[1][0])
     ((scales, tried),) = drawn
     assert [scale.name for scale in scales] == ["distance_m", "torque_rms_nm"]
     assert (tried.values == [2.0, 3.0]).all()
@@ -309,7 +309,7 @@ def test_values_that_do_not_fit_and_trials_that_break_are_the_worst(monkeypatch)
     distance = study_data()["objectives"][0]
     fields = {"variables": [bore, reach], "objectives": [distance], "final": {"samples": 1}}
     result = run_study(small_study(**fields, generations=1, directions=1))
-    rows = result.history.to_pylist()
+    rows = result.table.to_pylist()
     invalid = [row["distance_m"] for row in rows if row["invalid"]]
     assert set(invalid) == {float("-inf")}
     assert (rows[1]["lost"], rows[1]["distance_m"]) == (1, float("-inf"))

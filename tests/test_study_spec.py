@@ -8,7 +8,7 @@ import pytest
 from study_samples import small_study, study_data
 
 from omnitrack_sim import StudyError, load_study, override, shipped_studies
-from omnitrack_sim.trials import study as checks
+from omnitrack_sim.trials import study as study_room
 from omnitrack_sim.trials.objectives import Measure
 from omnitrack_sim.trials.search import Candidate
 from omnitrack_sim.trials.study import Study, resolve
@@ -182,7 +182,7 @@ def test_single_faults(changes, where, told):
 
 def test_too_many_bases_are_refused(monkeypatch):
     """The bounds of every variable are tried in each of them."""
-    monkeypatch.setattr(checks, "MOST_BASES", 1)
+    monkeypatch.setattr(study_room, "MOST_BASES", 1)
     told = _faults(trials=[TRIALS | {"base": ["straight", "tee_turn"], "batch": 1}])
     assert told == {"trials": "trials: have 2 base scenarios; at most 1"}
 

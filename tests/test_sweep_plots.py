@@ -2,6 +2,7 @@
 
 import io
 import re
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -15,8 +16,9 @@ from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import save_figure
 from omnitrack_sim.show.plots.success import SINGULAR_COLOUR
 from omnitrack_sim.show.plots.sweep import THETA5, Spread, sweep_figure
+from omnitrack_sim.trials.dispatch import Status
 from omnitrack_sim.trials.sweep import load_sweep, resolve
-from omnitrack_sim.trials.sweep_figure import CLASSES, draw_map, spreads, turn_case
+from omnitrack_sim.trials.sweep_run import CLASSES, SweepResult, draw_map, spreads, turn_case
 
 RNG = np.random.default_rng(0)
 N = 400
@@ -121,30 +123,31 @@ AXES = [
 ]
 
 
-def sweep_and_table(axes):
-    """A sweep and a table as it would leave: trials with a preload above 15 N pass."""
+def sweep_result(axes):
+    """A sweep with a table as it would leave: trials with a preload above 15 N pass."""
     sweep = resolve({"name": "s", "base": "straight", "axes": axes})
     preload = sweep.trials().get("robot.preload", [20.0] * sweep.size)
     passed = [value > 15.0 for value in preload]
     ends = ["reached_goal" if good else "slipping" for good in passed]
-    return sweep, pa.table({"outcome": ends, "success": passed})
+    table = pa.table({"outcome": ends, "success": passed})
+    return SweepResult(sweep, table, Status(sweep.size), None, None)
 
 
 def test_one_chart_of_a_sweep_goes_into_an_axis(tmp_path):
     """Rates over one axis, a map over two, and without a choice all axes, if one chart can show
     them; on paper the figure of the folder."""
-    sweep, table = sweep_and_table(AXES)
+    result = sweep_result(AXES)
     figure = Figure()
     left, right = figure.subplots(1, 2)
-    assert ot.plot_sweep(sweep, table, over="robot.preload", ax=left) is figure
+    assert ot.plot_sweep(result, over="robot.preload", ax=left) is figure
     assert left.lines[0].get_ydata().tolist() == [0, 100, 100]
     assert (left.get_xlabel(), left.get_ylabel()) == ("robot.preload [N]", "success rate [%]")
-    ot.plot_sweep(sweep, table, over=["world.friction", "robot.preload"], ax=right)
+    ot.plot_sweep(result, over=["world.friction", "robot.preload"], ax=right)
     rates = np.ma.asarray(right.collections[0].get_array())
     assert rates.tolist() == [[0, 0], [100, 100], [100, 100]]
-    ot.plot_sweep(*sweep_and_table(AXES[:1]), ax=Figure().subplots())
-    ot.plot_sweep(sweep, table, tmp_path / "a.png")
-    assert (tmp_path / "a.png").read_bytes() == draw_map(sweep, table)
+    ot.plot_sweep(sweep_result(AXES[:1]), ax=Figure().subplots())
+    ot.plot_sweep(result, tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes() == draw_map(result.sweep, result.table)
 
 
 @pytest.mark.parametrize(
@@ -160,17 +163,17 @@ def test_one_chart_of_a_sweep_goes_into_an_axis(tmp_path):
 def test_a_chart_of_a_sweep_that_there_is_not_is_refused(given, told):
     """With what there is."""
     with pytest.raises(InputError, match=told):
-        ot.plot_sweep(*sweep_and_table(AXES), **given)
+        ot.plot_sweep(sweep_result(AXES), **given)
 
 
-def test_a_table_of_other_trials_is_refused():
-    """Its rows are not those of the sweep."""
-    sweep, table = sweep_and_table(AXES)
-    for other in (table.slice(1), None):
-        with pytest.raises(InputError, match="table: is not the table of 's', which has 12 trials"):
-            ot.plot_sweep(sweep, other)
-    with pytest.raises(TypeError, match="sweep: is 's'"):
-        ot.plot_sweep("s", table)
+def test_a_result_without_all_trials_is_refused():
+    """Other shares of the sweep are missing."""
+    result = sweep_result(AXES)
+    share = replace(result, table=result.table.slice(1))
+    with pytest.raises(InputError, match="result: has 11 of 12 trials of 's'"):
+        ot.plot_sweep(share)
+    with pytest.raises(TypeError, match="result: is 's'"):
+        ot.plot_sweep("s")
 
 
 def test_main_effects_are_sorted_by_their_spread():

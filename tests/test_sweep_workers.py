@@ -93,7 +93,9 @@ def wait_until_gone(pids: list[int]) -> None:
 def test_two_workers_give_the_same_bytes(calm, tmp_path):
     """All files of two worker processes are those of one process."""
     told = []
-    run_sweep(small_sweep(), tmp_path / "two", executor=lambda: LocalPool(2), progress=told.append)
+    run_sweep(
+        small_sweep(), out=tmp_path / "two", executor=lambda: LocalPool(2), progress=told.append
+    )
     assert same(calm, tmp_path / "two")
     assert [status.done for status in told] == sorted(status.done for status in told)
     assert (told[0].done, told[-1].done, told[-1].total) == (0, 10, 10)
@@ -103,7 +105,7 @@ def test_a_trial_that_kills_its_worker_makes_one_row(table, monkeypatch):
     """Its batch is split after three deaths; it alone becomes a row, the others are as usual."""
     monkeypatch.setattr(dispatch, "run_trials", deadly_batch)
     told = []
-    rows = run_sweep(small_sweep(), executor=lambda: LocalPool(2), progress=told.append).to_pylist()
+    rows = run_sweep(small_sweep(), workers=2, progress=told.append).table.to_pylist()
     assert (rows[DEADLY]["outcome"], rows[DEADLY]["reason"]) == ("error", "the worker died")
     expected = table.to_pylist()
     assert rows[:DEADLY] + rows[DEADLY + 1 :] == expected[:DEADLY] + expected[DEADLY + 1 :]
@@ -114,7 +116,7 @@ def test_a_worker_that_is_killed_once_costs_nothing(calm, tmp_path, monkeypatch)
     """After one death the batch is run again, and the files are the usual ones."""
     monkeypatch.setattr(dispatch, "run_trials", once_deadly_batch)
     monkeypatch.setenv("ONCE_DEADLY", str(tmp_path / "mark"))
-    run_sweep(small_sweep(), tmp_path / "sweep", executor=lambda: LocalPool(2))
+    run_sweep(small_sweep(), out=tmp_path / "sweep", workers=2)
     assert (tmp_path / "mark").exists()
     assert same(calm, tmp_path / "sweep")
 
@@ -133,7 +135,7 @@ def test_kill_of_the_parent_and_ctrl_c(tmp_path):
     """Killed and interrupted on the way, workers die with their parent, and the same command ends
     with equal files."""
     file, killed = write_sweep(tmp_path, samples=12, kinds=GATED), tmp_path / "killed"
-    run_sweep(load_sweep(file), tmp_path / "calm")
+    run_sweep(load_sweep(file), out=tmp_path / "calm")
     command = ("sweep", file, "--out", killed, "--workers", 2)
     for moment in (1, 3):
         process = started(*command, GATE_FOLDER=killed, GATE_PARTS=moment)
@@ -165,7 +167,7 @@ def test_a_dask_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, monke
     """A scheduler and two workers, one killed on the way: the files are those of one process."""
     file = write_sweep(tmp_path, samples=12, time_limit=0.3)
     sweep = load_sweep(file)
-    run_sweep(sweep, tmp_path / "calm")
+    run_sweep(sweep, out=tmp_path / "calm")
     address = tmp_path / "scheduler.json"
     common = ["--scheduler-file", str(address), "--no-dashboard", "--host", "127.0.0.1"]
     one = ["--nthreads", "1", "--no-nanny", "--death-timeout", str(PATIENCE)]
@@ -182,7 +184,9 @@ def test_a_dask_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, monke
             if status.done:
                 cluster[1].kill()
 
-        run_sweep(sweep, tmp_path / "dask", executor=lambda: DaskPool(contact), progress=kill_one)
+        run_sweep(
+            sweep, out=tmp_path / "dask", executor=lambda: DaskPool(contact), progress=kill_one
+        )
     finally:
         for process in cluster:
             process.kill()

@@ -15,19 +15,19 @@ from typer.testing import CliRunner
 
 from omnitrack_sim import load_sweep, plot_sweep
 from omnitrack_sim.base.errors import InputError
-from omnitrack_sim.cli import app, lines, optimise, trials
+from omnitrack_sim.cli import app, common, trials
 from omnitrack_sim.cli.common import Screen, progress
 from omnitrack_sim.cli.trials import trials_bar
+from omnitrack_sim.trials.dispatch import Status
+from omnitrack_sim.trials.sweep_run import SweepResult
 
 
 def _status(done, found=0, lost=0, total=10):
-    return SimpleNamespace(total=total, found=found, done=done, lost=lost)
+    return Status(total, found, done, lost=lost)
 
 
 def _bar():
-    return trials_bar(
-        "sweep [x]", lambda s, pace: (pace, f"{s.done} passed"), lambda s: f"{s.done} done"
-    )
+    return trials_bar("sweep [x]", lambda s, pace: (pace, f"{s.done} passed"))
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def terminal(monkeypatch):
 def clock(monkeypatch):
     """The time that lines are told at; the test turns it."""
     now = SimpleNamespace(s=100.0)
-    monkeypatch.setattr(lines.time, "monotonic", lambda: now.s)
+    monkeypatch.setattr(common.time, "monotonic", lambda: now.s)
     return now
 
 
@@ -97,10 +97,11 @@ def test_one_trial_is_told_in_the_singular(clock, capfd, tmp_path):
     assert listed.stdout.startswith("1 trial in 1 batch of 1 model\n")
     sweep = load_sweep(file)
     assert repr(sweep) == "Sweep('one': 1 trial of straight; world.friction)"
-    with pytest.raises(InputError, match=r"is not the table of 'one', which has 1 trial$"):
-        plot_sweep(sweep, pa.table({}), tmp_path / "one.png")
-    assert optimise._work(1, 1) == "1 candidate of 1 trial, 1 trial in all"
-    assert optimise._work(2, 3) == "2 candidates of 3 trials, 6 trials in all"
+    result = SweepResult(sweep, pa.table({}), Status(1), None, None)
+    with pytest.raises(InputError, match=r"has 0 of 1 trial of 'one'$"):
+        plot_sweep(result, tmp_path / "one.png")
+    assert trials._work(1, 1) == "1 candidate of 1 trial, 1 trial in all"
+    assert trials._work(2, 3) == "2 candidates of 3 trials, 6 trials in all"
 
 
 def test_without_a_terminal_work_that_takes_a_while_tells_lines(clock, capfd):
@@ -135,7 +136,9 @@ def _interrupted(told):
 
 
 @pytest.mark.parametrize(
-    ("told", "said"), [([], "nothing is done"), ([1, 3], "3 done")], ids=["at once", "on the way"]
+    ("told", "said"),
+    [([], "nothing is done"), ([1, 3], "3 of 10 trials done")],
+    ids=["at once", "on the way"],
 )
 def test_an_interruption_says_how_far_it_came(told, said, capfd):
     """Exit status 130, and the last status is the one that counts."""

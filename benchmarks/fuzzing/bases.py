@@ -95,7 +95,7 @@ def sweeps() -> dict[str, Contents]:
     from omnitrack_sim import run_sweep
 
     with tempfile.TemporaryDirectory() as place:
-        run_sweep(sweep(), Path(place) / "sweep")
+        run_sweep(sweep(), out=Path(place) / "sweep")
         finished = contents(Path(place) / "sweep")
     parts = sorted(name for name in finished if name.startswith("parts/"))
     half = {name: finished[name] for name in ("sweep.json", parts[0])}

@@ -107,12 +107,15 @@ def _try_sweep(desk: Desk) -> None:
     """Go on with a damaged sweep: a clean error, or the table that it would have had."""
     from omnitrack_sim import OmnitrackError, run_sweep
 
-    table, _ = desk.attempt(
-        "run_sweep", DRAWING, lambda: run_sweep(bases.sweep(), desk.folder / "it"), OmnitrackError
+    result, _ = desk.attempt(
+        "run_sweep",
+        DRAWING,
+        lambda: run_sweep(bases.sweep(), out=desk.folder / "it"),
+        OmnitrackError,
     )
     desk.only("resuming a sweep", "it")
-    if table is not None and table.num_rows != bases.sweep().size:
-        desk.add("rows lost", "run_sweep", f"{table.num_rows} rows")
-    left = [p.name for p in (desk.folder / "it").rglob(".*")] if table is not None else []
+    if result is not None and result.table.num_rows != bases.sweep().size:
+        desk.add("rows lost", "run_sweep", f"{result.table.num_rows} rows")
+    left = [p.name for p in (desk.folder / "it").rglob(".*")] if result is not None else []
     if left:
         desk.add("left behind", "run_sweep", ", ".join(left))

@@ -21,6 +21,7 @@ _MAKERS = {
     "Sweep": "load_sweep",
     "Study": "load_study",
     "Result": "load_result",
+    "SweepResult": "run_sweep",
 }
 """Functions of the package that make a thing from a file, a folder or a name, by its class."""
 

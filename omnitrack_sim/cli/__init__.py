@@ -12,42 +12,10 @@ import typer
 import omnitrack_sim
 from omnitrack_sim.base.errors import Fault, InputError, OmnitrackError
 from omnitrack_sim.base.text import clipped
-from omnitrack_sim.cli import (
-    bench,
-    catalogue,
-    compare,
-    film,
-    network,
-    new,
-    optimise,
-    policies,
-    replay,
-    reproduce,
-    runs,
-    singularity,
-    sweep,
-    view,
-)
+from omnitrack_sim.cli import network, package, paper, runs, trials, view
 from omnitrack_sim.cli.common import app, err, plain
 
-__all__ = [
-    "app",
-    "bench",
-    "catalogue",
-    "compare",
-    "film",
-    "main",
-    "network",
-    "new",
-    "optimise",
-    "policies",
-    "replay",
-    "reproduce",
-    "runs",
-    "singularity",
-    "sweep",
-    "view",
-]
+__all__ = ["app", "main", "network", "package", "paper", "runs", "trials", "view"]
 _LONGEST = 4000
 """Characters of a line of a message; a list of faults bounds its lines itself."""
 

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.cli import complete
-from omnitrack_sim.cli.common import app, out, plain, print_json
+from omnitrack_sim.cli.common import app, out, plain, print_json, table_of
 
 if TYPE_CHECKING:
     from omnitrack_sim.pipes import Route
@@ -191,7 +190,7 @@ def _passages(route: Route) -> list[dict[str, Any]]:
 
 def _print_network(found: Network) -> None:
     named = {port: name for name, port in found.ports.items()}
-    table = Table("part", "kind", "sizes", "port", "joined to", box=None, padding=(0, 2))
+    table = table_of("part", "kind", "sizes", "port", "joined to")
     for i, part in enumerate(found.fittings):
         for row, port in enumerate(found.pipes.parts[i].fitting.port_names):
             end = f"{part.name}.{port}"
@@ -233,7 +232,7 @@ def _sizes(part: NetworkFitting) -> str:
 
 
 def _print_route(route: Route) -> None:
-    table = Table("passes", "manoeuvre", "from, m", "length, m", box=None, padding=(0, 2))
+    table = table_of("passes", "manoeuvre", "from, m", "length, m")
     for row in _passages(route):
         table.add_row(
             plain(row["name"]), row["manoeuvre"], f"{row['from_m']:.3f}", f"{row['length_m']:.3f}"

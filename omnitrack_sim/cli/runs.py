@@ -1,14 +1,17 @@
-"""run: one scenario."""
+"""run, render, replay, compare: one scenario, and what is made of saved runs."""
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
+from omnitrack_sim.base.errors import Fault, InputError, ScenarioError
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
     ScenarioArgument,
@@ -19,13 +22,16 @@ from omnitrack_sim.cli.common import (
     plain,
     print_json,
     progress,
+    table_of,
 )
-from omnitrack_sim.cli.film import check_camera, filmed
-from omnitrack_sim.cli.replay import PAGE
 
 if TYPE_CHECKING:
     from omnitrack_sim.pipes.compare import MapDifference
     from omnitrack_sim.results.result import Result
+if TYPE_CHECKING:
+    from omnitrack_sim.results.result import Result
+if TYPE_CHECKING:
+    from omnitrack_sim.results.comparison import Comparison
 
 
 @app.command()
@@ -223,3 +229,294 @@ def _module_table(result: Result) -> Table:
         assert isinstance(values, list)
         table.add_row(label, unit, *(f"{v:.{digits}f}" for v in values))
     return table
+
+
+GIF: dict[str, Any] = {"width": 640, "height": 360, "fps": 10}
+"""What ``render`` makes of a GIF, which has no such compression as a film."""
+FRAMES_A_PROCESS = 150
+"""Frames for which another process pays, which takes 2 s to begin."""
+
+
+def check_camera(camera: str) -> None:
+    """Refuse a camera that there is not."""
+    from omnitrack_sim.show.film.limits import CAMERAS
+
+    if camera not in CAMERAS:
+        raise ScenarioError(Fault("--camera", f"is {camera!r}", CAMERAS, given=camera))
+
+
+def processes_for(duration: float, fps: int) -> int:
+    """How many processes paint a film of this length, s, fastest on this machine."""
+    spare = len(os.sched_getaffinity(0)) // 2  # each painter keeps the one that encodes busy, too
+    return max(1, min(spare, int(duration * fps) // FRAMES_A_PROCESS))
+
+
+@app.command()
+def render(
+    run_dir: Annotated[
+        Path, typer.Argument(metavar="RUN_DIR", help="A folder that `omnitrack run` wrote.")
+    ],
+    camera: Annotated[
+        str, typer.Option(help="side, follow or onboard.", autocompletion=complete.cameras)
+    ] = "side",
+    file: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help=(
+                "A .mp4, .webm or smaller .gif, RUN_DIR/CAMERA.mp4 when not given; of a strip a "
+                ".png, .jpg or .pdf, RUN_DIR/strip.png when not given."
+            ),
+        ),
+    ] = None,
+    size: Annotated[
+        str | None,
+        typer.Option(metavar="WxH", help="Pixels; 1280x720, or 640x360 of a GIF, when not given."),
+    ] = None,
+    fps: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Frames a second; 25, or 10 of a GIF, when not given."),
+    ] = None,
+    processes: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Processes that paint; when not given as many as the machine is for."
+        ),
+    ] = None,
+    strip: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="N stills, (a), (b), (c), in one picture, and no film."),
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="S,S,..",
+            help="Times of the stills, s; evenly over the manoeuvres if not given.",
+        ),
+    ] = None,
+) -> None:
+    """Render a saved run from any camera: as a film, or as stills side by side."""
+    check_camera(camera)
+    asked = {} if size is None else _size(size)
+    if strip is None and at is None:
+        _film(run_dir, camera, file, asked, fps, processes)
+        return
+    idle = {"--fps": fps, "--processes": processes}
+    faults = [Fault(name, "is for films, not strips") for name, v in idle.items() if v is not None]
+    if faults:
+        raise InputError(faults)
+    times = None if at is None else _times(at)
+    if strip is not None and times is not None and strip != len(times):
+        raise InputError(Fault("--strip", f"is {strip}, but --at has {len(times)} times"))
+    from omnitrack_sim.show.film.strip import FRAMES, render_strip
+
+    target = file or run_dir / "strip.png"
+    count = FRAMES if strip is None else strip
+    render_strip(run_dir, target, count, times=times, camera=camera, **asked)
+    out.print(f"saved {plain(str(target))}", soft_wrap=True)
+
+
+def _film(
+    run_dir: Path,
+    camera: str,
+    file: Path | None,
+    size: dict[str, int],
+    fps: int | None,
+    processes: int | None,
+) -> None:
+    from omnitrack_sim.base.writing import check_file
+    from omnitrack_sim.results.result import load_result
+    from omnitrack_sim.show.film.encoding import film_format
+    from omnitrack_sim.show.film.limits import check_request
+
+    target = file or run_dir / f"{camera}.mp4"
+    format = film_format(target)
+    wanted = {"width": 1280, "height": 720, "fps": 25} if format != "gif" else dict(GIF)
+    wanted |= size | ({} if fps is None else {"fps": fps})
+    check_request(camera, **wanted, format=format, processes=1 if processes is None else processes)
+    if file is not None:
+        check_file(file)
+    filmed(load_result(run_dir), target, camera, False, processes, **wanted)
+    out.print(f"saved {plain(str(target))}", soft_wrap=True)
+
+
+def filmed(
+    result: Result,
+    target: Path,
+    camera: str,
+    quiet: bool,
+    processes: int | None = None,
+    fps: int = 25,
+    **size: Any,
+) -> None:
+    """Film a run, with a progress bar unless ``quiet``, by as many processes as pay if not told."""
+    from omnitrack_sim.show.film.render import render_video
+
+    if processes is None:
+        processes = processes_for(result.duration_s, fps)
+    with progress("video", quiet) as report:
+        render_video(
+            result, target, camera=camera, fps=fps, progress=report, processes=processes, **size
+        )
+
+
+def _size(text: str) -> dict[str, int]:
+    """Width and height of WxH."""
+    found = re.fullmatch(r"([0-9]{1,6})x([0-9]{1,6})", text)
+    if found is None:
+        raise InputError(Fault("--size", f"is {text!r}; it is WIDTHxHEIGHT, such as 1280x720"))
+    return {"width": int(found[1]), "height": int(found[2])}
+
+
+def _times(text: str) -> list[float]:
+    """The times of --at."""
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        raise InputError(Fault("--at", f"is {text!r}; it is times in s, such as 2.0,3.5")) from None
+
+
+PAGE = "replay.html"
+"""Name of the page in the folder of its run."""
+
+
+@app.command()
+def replay(
+    run_dir: Annotated[
+        Path, typer.Argument(metavar="RUN_DIR", help="A folder that `omnitrack run` wrote.")
+    ],
+    compare: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RUN_DIR2",
+            help="A second run through the same pipes, shown as a translucent robot.",
+        ),
+    ] = None,
+    file: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help=f"A .html; RUN_DIR/{PAGE} when not given."),
+    ] = None,
+) -> None:
+    """Write a page that plays a saved run in any browser, without a network."""
+    from omnitrack_sim.results.result import load_result
+    from omnitrack_sim.show.replay import write_replay
+    from omnitrack_sim.show.replay.alike import other_pipes
+
+    result = load_result(run_dir)  # before the place of the page, which may be in its folder
+    other = None if compare is None else load_result(compare)
+    if other is not None and (problem := other_pipes(result, other)):
+        hint = "compares figures and scenarios of any two runs"
+        told = f"{problem}; `omnitrack compare {run_dir} {compare}` {hint}"
+        raise InputError(Fault(f"--compare {compare}", told))
+    target = write_replay(result, file or run_dir / PAGE, compare=other)
+    out.print(f"saved {plain(str(target))}", soft_wrap=True)
+
+
+TABLE_FILE, FIGURE_FILE = "comparison.json", "comparison.png"
+"""What ``--out`` leaves in a folder."""
+RunArgument = Annotated[
+    Path, typer.Argument(metavar="RUN_DIR", help="A folder that `omnitrack run` wrote.")
+]
+
+
+@app.command()
+def compare(
+    a: RunArgument,
+    b: RunArgument,
+    target: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FOLDER_OR_FILE",
+            help="A figure (.png, .pdf or .svg), or a folder for figure and table.",
+        ),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print everything as JSON instead of tables.")
+    ] = False,
+) -> None:
+    """Compare two saved runs: scenarios, outcomes, metrics, and curves in one figure."""
+    from omnitrack_sim.results.comparison import compare as compare_runs
+
+    _check_target(target)
+    found = compare_runs(a, b)
+    if as_json:
+        print_json(found.summary())
+    else:
+        _print_comparison(found)
+    for path in _save_comparison(found, target):
+        if not as_json:
+            out.print(f"saved {plain(str(path))}", soft_wrap=True)
+
+
+def _is_figure(target: Path) -> bool:
+    from omnitrack_sim.show.plots.style import FORMATS
+
+    return target.suffix[1:].lower() in FORMATS and not target.is_dir()
+
+
+def _check_target(target: Path | None) -> None:
+    """Refuse places that cannot be written, before anything is read."""
+    from omnitrack_sim.base.writing import check_file, check_folder
+    from omnitrack_sim.show.plots.style import FORMATS
+
+    if target is not None and _is_figure(target):
+        check_file(target)
+    elif target is not None:
+        if target.suffix and not target.is_dir():
+            problem = f"no figure ends in {target.suffix}, and a new folder has no ending"
+            endings = tuple(f".{format}" for format in FORMATS)
+            raise InputError(Fault(f"--out {target}", problem, endings))
+        check_folder(target)
+
+
+def _save_comparison(found: Comparison, target: Path | None) -> list[Path]:
+    """Write what ``--out`` asks for; returns the files written."""
+    import io
+
+    from omnitrack_sim.base.text import strict_json
+    from omnitrack_sim.base.writing import write_files
+    from omnitrack_sim.show.plots.compare import plot_compare
+    from omnitrack_sim.show.plots.style import save_figure
+
+    if target is None:
+        return []
+    figure = plot_compare(found.a, found.b)
+    if _is_figure(target):
+        save_figure(figure, target)
+        return [target]
+    picture = io.BytesIO()
+    save_figure(figure, picture, "png")
+    table = strict_json(found.summary()) + "\n"
+    files = {target / TABLE_FILE: table.encode(), target / FIGURE_FILE: picture.getvalue()}
+    return write_files(files)
+
+
+def _print_comparison(found: Comparison) -> None:
+    from omnitrack_sim.results.comparison import figure_row, value_row
+
+    for side, run in (("A", found.a), ("B", found.b)):
+        colour = "green" if run.success else "yellow"
+        ended = f"[bold {colour}]{run.outcome.value}[/] after {run.duration_s:.2f} s"
+        out.print(f"{side}  {plain(run.scenario.name)}: {ended}", soft_wrap=True)
+        out.print(f"   {plain(run.reason)}", soft_wrap=True)
+    if found.values:
+        _print_rows(("scenario value", "unit", "A", "B"), map(value_row, found.values))
+    else:
+        out.print("the scenarios are the same", soft_wrap=True)
+    changed = [one for one in found.figures if one.differs]
+    if changed:
+        _print_rows(("figure", "unit", "A", "B", "B - A"), map(figure_row, changed))
+    else:
+        out.print("all figures are the same", soft_wrap=True)
+
+
+def _print_rows(heads: tuple[str, ...], rows) -> None:
+    table = table_of()
+    for head in heads:
+        numbers = head in ("A", "B", "B - A")
+        table.add_column(head, justify="right" if numbers else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*map(plain, row))
+    out.print(table)

@@ -1,24 +1,50 @@
-"""What the commands that run many trials share: their workers, progress, interruption."""
+"""sweep, optimise, bench-control: many trials; their workers, progress and interruption."""
 
 from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated, Protocol, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.text import counted
-from omnitrack_sim.cli.common import err, plain
-from omnitrack_sim.cli.lines import WAIT, Lines, clock
+from omnitrack_sim.base.errors import Fault, InputError, OutputError
+from omnitrack_sim.base.text import clipped, counted
+from omnitrack_sim.cli import complete
+from omnitrack_sim.cli.common import (
+    WAIT,
+    Lines,
+    SetOption,
+    app,
+    clock,
+    err,
+    out,
+    plain,
+    print_json,
+    table_of,
+    with_changes,
+)
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from omnitrack_sim.trials.bench import Task
+    from omnitrack_sim.trials.bench_run import BenchResult
+    from omnitrack_sim.trials.dispatch import Status
+    from omnitrack_sim.trials.study import Study
+    from omnitrack_sim.trials.study_run import StudyResult
+    from omnitrack_sim.trials.sweep import Sweep
+    from omnitrack_sim.trials.sweep_run import SweepResult
+
+LISTED = 10
+"""How many trials of a sweep --list shows."""
+_LONGEST = 1000
+"""Characters of the values of a trial that it shows."""
 WorkersOption = Annotated[
     int | None,
     typer.Option(min=1, help="Processes on this machine; as many as cores when not given."),
@@ -26,73 +52,235 @@ WorkersOption = Annotated[
 DaskOption = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786.")
 ]
+ListOption = Annotated[
+    bool, typer.Option("--list", help="Show what would be run, and how much; run nothing.")
+]
+SummaryOption = Annotated[
+    bool, typer.Option("--json", help="Print summary.json instead of the table.")
+]
 
 
-class Status(Protocol):
-    """How many trials there are, were found done, are done now, and how often workers were lost."""
+@app.command()
+def sweep(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SWEEP",
+            help="A sweep file, or the name of a shipped one.",
+            autocompletion=complete.sweeps,
+        ),
+    ],
+    assignments: SetOption = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="DIR", help="Where parts and table go; out/NAME when not given."
+        ),
+    ] = None,
+    workers: WorkersOption = None,
+    dask: DaskOption = None,
+    shard: Annotated[
+        str | None, typer.Option(metavar="I/N", help="Only the I-th of N shares, I from 1.")
+    ] = None,
+    go_on: Annotated[
+        bool, typer.Option("--continue", help="DIR must hold this sweep already.")
+    ] = False,
+    only_list: ListOption = False,
+    as_json: SummaryOption = False,
+) -> None:
+    """Run a sweep; the same command goes on after an interruption."""
+    from omnitrack_sim.trials.sweep import load_sweep
+    from omnitrack_sim.trials.sweep_run import SWEEP_FOLDER, run_sweep
 
-    @property
-    def total(self) -> int: ...
-    @property
-    def found(self) -> int: ...
-    @property
-    def done(self) -> int: ...
-    @property
-    def lost(self) -> int: ...
+    loaded = with_changes(lambda changes: load_sweep(source, changes), assignments)
+    if only_list:
+        _print_trials(loaded)
+        return
+    share = _share(shard)
+    target = folder or Path("out") / loaded.name
+    if go_on and not (target / SWEEP_FOLDER.record).is_file():
+        raise OutputError(
+            f"{target}: holds no sweep to go on with; leave out --continue to begin one"
+        )
+    options = worker_options(workers, dask)
+    with trials_bar(f"sweep {loaded.name}", _passed) as report:
+        result = run_sweep(loaded, out=target, shard=share, progress=report, **options)
+    if as_json:
+        print_json(result.summary)
+    else:
+        _print_sweep(result, target)
 
 
-_Status = TypeVar("_Status", bound=Status)
+@app.command()
+def optimise(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="STUDY",
+            help="A study file, or the name of a shipped one.",
+            autocompletion=complete.studies,
+        ),
+    ],
+    assignments: SetOption = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Where all files go; out/NAME when not given."),
+    ] = None,
+    workers: WorkersOption = None,
+    dask: DaskOption = None,
+    only_list: ListOption = False,
+    as_json: SummaryOption = False,
+) -> None:
+    """Search for the best values of a scenario; the same command goes on after an interruption."""
+    from omnitrack_sim.trials.study import load_study
+    from omnitrack_sim.trials.study_run import run_study
+
+    study = with_changes(lambda changes: load_study(source, changes), assignments)
+    if only_list:
+        _print_plan(study)
+        return
+    target = folder or Path("out") / study.name
+    options = worker_options(workers, dask)
+    with trials_bar(f"optimise {study.name}", _stage) as report:
+        result = run_study(study, out=target, progress=report, **options)
+    if as_json:
+        print_json(result.summary)
+    else:
+        _print_study(result, target)
 
 
-def make_workers(workers: int | None, dask: str | None) -> Callable[[], Executor] | None:
-    """A function that makes the workers; None for trials in this process."""
-    from omnitrack_sim.base.workers import DaskPool, LocalPool
+@app.command("bench-control")
+def bench_control(
+    policies: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[POLICY]...",
+            help="Policies to enter beside the shipped entries or those of --entry: files, or "
+            "NAME=FILE.",
+            autocompletion=complete.policies,
+        ),
+    ] = None,
+    entries: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--entry",
+            metavar="ENTRY",
+            help="This entry instead of all shipped ones: one of these, a kind of controller, "
+            "module:Class or a policy file; NAME= before it renames it. Repeat for several.",
+        ),
+    ] = None,
+    tasks: Annotated[
+        list[str] | None,
+        typer.Option("--task", metavar="TASK", help="Only this task. Repeat for several."),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A few trials of each, to see that all runs.")
+    ] = False,
+    trials: Annotated[
+        int | None,
+        typer.Option(
+            "--trials",
+            metavar="N",
+            min=1,
+            help="So many trials of each task, for narrower intervals; drawn anew.",
+        ),
+    ] = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Where all goes; out/bench_control by default."),
+    ] = None,
+    workers: WorkersOption = None,
+    dask: DaskOption = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the rows as JSON instead of tables.")
+    ] = False,
+) -> None:
+    """Put controllers and policies through the same held-out trials; the same command goes on after
+    an interruption."""
+    from omnitrack_sim.trials.bench import Bench, entry_of, shipped_entries
+    from omnitrack_sim.trials.bench_run import run_bench
 
-    if dask is not None:
-        if workers is not None:
-            raise InputError(Fault("--workers, --dask", "give one of the two"))
-        logging.disable(logging.ERROR)  # distributed logs each lost connection with its traceback
-        return lambda: DaskPool(dask)
-    count = workers or len(os.sched_getaffinity(0))
-    return None if count == 1 else lambda: LocalPool(count)
+    names = [*(entries or shipped_entries()), *(policies or [])]
+    bench = Bench(_tasks(tasks), [entry_of(name) for name in names], quick, trials)
+    kind = "_quick" if quick else "" if trials is None else f"_{trials}"
+    target = folder or Path("out") / f"bench_control{kind}"
+    options = worker_options(workers, dask)
+    with trials_bar("bench-control", _passed) as report:
+        result = run_bench(bench, out=target, progress=report, **options)
+    if as_json:
+        print_json(result.rows)
+    else:
+        _print_bench(result, target)
+
+
+class WorkerOptions(TypedDict):
+    """Arguments of ``run_sweep`` and its like that say who runs the trials."""
+
+    workers: int
+    executor: Callable[[], Executor] | None
+
+
+def worker_options(workers: int | None, dask: str | None) -> WorkerOptions:
+    """Return the workers that the options ask for: processes of this machine, or a Dask cluster.
+
+    Raises:
+        InputError: both are asked for.
+    """
+    if dask is None:
+        return {"workers": workers or len(os.sched_getaffinity(0)), "executor": None}
+    if workers is not None:
+        raise InputError(Fault("--workers, --dask", "give one of the two"))
+    from omnitrack_sim.base.workers import DaskPool
+
+    logging.disable(logging.ERROR)  # distributed logs each lost connection with its traceback
+    return {"workers": 1, "executor": lambda: DaskPool(dask)}
+
+
+def _passed(status: Status, pace: str) -> tuple[str, ...]:
+    return pace, f"{status.successes} passed"
+
+
+def _stage(status: Status, pace: str) -> tuple[str, ...]:
+    return status.stage, pace
 
 
 @contextmanager
 def trials_bar(
-    title: str,
-    words: Callable[[_Status, str], tuple[str, ...]],
-    reached: Callable[[_Status], str],
-) -> Iterator[Callable[[_Status], None]]:
-    """How far trials are, on standard error: a bar, or a line now and then where that is no
-    terminal; yields the function that is told the status.
+    title: str, words: Callable[[Status, str], tuple[str, ...]]
+) -> Iterator[Callable[[Status], None]]:
+    """Show the progress of trials on standard error: a bar, or a line now and then where that is no
+    terminal; yields the function that is called with the status.
 
     Args:
         title: stands before it.
         words: what stands behind it, from the status and the pace, which is empty at first.
-        reached: how far the trials are, for the message of an interruption.
 
     Raises:
         typer.Exit: with status 130, when Ctrl-C has been pressed.
     """
-    seen: list[_Status] = []
+    last: list[Status] = []
     try:
         with (_bar if err.is_terminal else _lines)(title, words) as show:
 
-            def tell(status: _Status) -> None:
-                seen[:] = [status]
+            def report(status: Status) -> None:
+                last[:] = [status]
                 show(status)
 
-            yield tell
+            yield report
     except KeyboardInterrupt:
-        done = reached(seen[0]) if seen else "nothing is done"
+        done = "nothing is done"
+        if last and last[0].stage:
+            done = f"{last[0].stage}, {counted(last[0].done, 'trial')} done"
+        elif last:
+            done = f"{last[0].done} of {counted(last[0].total, 'trial')} done"
         err.print(f"interrupted: {done}; the same command goes on from there", soft_wrap=True)
         raise typer.Exit(130) from None
 
 
 @contextmanager
 def _bar(
-    title: str, words: Callable[[_Status, str], tuple[str, ...]]
-) -> Iterator[Callable[[_Status], None]]:
+    title: str, words: Callable[[Status, str], tuple[str, ...]]
+) -> Iterator[Callable[[Status], None]]:
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -102,8 +290,8 @@ def _bar(
     with Progress(*columns, console=err, transient=True) as bar:
         task = bar.add_task(plain(title), total=None, text="")
 
-        def show(status: _Status) -> None:
-            text = _told(status, words, bar.tasks[0].elapsed or 0.0)
+        def show(status: Status) -> None:
+            text = _behind(status, words, bar.tasks[0].elapsed or 0.0)
             bar.update(task, completed=status.done, total=status.total, text=text)
 
         yield show
@@ -111,48 +299,41 @@ def _bar(
 
 @contextmanager
 def _lines(
-    title: str, words: Callable[[_Status, str], tuple[str, ...]]
-) -> Iterator[Callable[[_Status], None]]:
+    title: str, words: Callable[[Status, str], tuple[str, ...]]
+) -> Iterator[Callable[[Status], None]]:
     """First how many trials there are, then the pace when the first of them are done, if the others
     take a while, and in the end how many are done."""
     lines = Lines(title, err)
-    last: _Status | None = None
-    pace_is_told = False
+    seen: list[Status] = []
+    pace_is_known = False
 
-    def show(status: _Status) -> None:
-        nonlocal pace_is_told
-        text = _line(status, _told(status, words, lines.elapsed))
-        ran = status.done - status.found
-        if ran and not pace_is_told:
-            pace_is_told = True
+    def show(status: Status) -> None:
+        nonlocal pace_is_known
+        is_first = not seen
+        seen[:] = [status]
+        if is_first:
+            many = "all" if status.found == status.total else str(status.found)
+            found = f", {many} of them done before" if status.found else ""
+            lines.say(f"{counted(status.total, 'trial')}{found}")
+            return
+        text = _line(status, _behind(status, words, lines.elapsed))
+        if not pace_is_known and status.done > status.found:
+            pace_is_known = True
             if _seconds_left(status, lines.elapsed) > WAIT:
                 lines.say(text)
         lines.tell(status.done / max(status.total, 1), text)
 
-    def first(status: _Status) -> None:
-        nonlocal tell
-        many = "all" if status.found == status.total else str(status.found)
-        found = f", {many} of them done before" if status.found else ""
-        lines.say(f"{counted(status.total, 'trial')}{found}")
-        tell = show
-
-    def keep(status: _Status) -> None:
-        nonlocal last
-        last = status
-        tell(status)
-
-    tell = first
-    yield keep
-    if last is not None:
-        lines.say(_line(last, _told(last, words, 0.0)))
+    yield show
+    if seen:
+        lines.say(_line(seen[0], _behind(seen[0], words, 0.0)))
 
 
-def _line(status: Status, told: str) -> str:
-    """How many trials are done, and what else there is to tell."""
-    return ", ".join(filter(None, (f"{status.done} of {counted(status.total, 'trial')}", told)))
+def _line(status: Status, text: str) -> str:
+    """How many trials are done, and what else there is to say."""
+    return ", ".join(filter(None, (f"{status.done} of {counted(status.total, 'trial')}", text)))
 
 
-def _told(status: _Status, words: Callable[[_Status, str], tuple[str, ...]], elapsed: float) -> str:
+def _behind(status: Status, words: Callable[[Status, str], tuple[str, ...]], elapsed: float) -> str:
     """What stands behind a bar or in a line; without a pace after 0 s."""
     lost = f"workers lost {counted(status.lost, 'time')}" if status.lost else ""
     return ", ".join(filter(None, (*words(status, _pace(status, elapsed)), lost)))
@@ -170,3 +351,172 @@ def _pace(status: Status, elapsed: float) -> str:
 def _seconds_left(status: Status, elapsed: float) -> float:
     """The time that the others take at the pace of those that ran."""
     return max(status.total - status.done, 0) * elapsed / (status.done - status.found)
+
+
+def _share(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    numbers = re.fullmatch(r"(\d+)/(\d+)", text)
+    if not numbers or not 1 <= int(numbers[1]) <= int(numbers[2]):
+        raise InputError(
+            Fault("--shard", f"is {text!r}; write I/N with I from 1 to N, such as 1/4")
+        )
+    return int(numbers[1]), int(numbers[2])
+
+
+def _tasks(names: Sequence[str] | None) -> list[Task]:
+    from omnitrack_sim.trials.bench import TASKS
+
+    for name in names or ():
+        if name not in TASKS:
+            raise InputError(Fault("--task", f"is {name!r}", tuple(TASKS), given=name))
+    return [task for name, task in TASKS.items() if not names or name in names]
+
+
+def _print_trials(loaded: Sweep) -> None:
+    values = loaded.trials()
+    batches = loaded.batches()
+    models = {batch.model for batch in batches}
+    size, parts = counted(loaded.size, "trial"), counted(len(batches), "batch", "batches")
+    out.print(f"{size} in {parts} of {counted(len(models), 'model')}")
+    table = table_of("trial", "values")
+    for i in range(min(LISTED, loaded.size)):
+        text = ", ".join(f"{name} = {_shown(column[i])}" for name, column in values.items())
+        table.add_row(str(i), plain(clipped(text, _LONGEST)))
+    out.print(table)
+    if loaded.size > LISTED:
+        out.print(f"and {loaded.size - LISTED} more")
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return "[" + ", ".join(map(_shown, value)) + "]" if isinstance(value, list) else str(value)
+
+
+def _print_sweep(result: SweepResult, target: Path) -> None:
+    """Print the summary of a finished sweep, or how far a share of it is."""
+    summary, place = result.summary, plain(str(target))
+    if summary is None:
+        out.print(
+            f"of this share {counted(result.table.num_rows, 'trial')} done; the table follows when "
+            f"all {result.sweep.size} are in {place}",
+            soft_wrap=True,
+        )
+        return
+    table = table_of("group", "passed", "of", "rate", "95 % interval")
+    table.add_row("all", *_rate(summary), style="bold")
+    for name, rows in summary["groups"].items():
+        for row in rows:
+            table.add_row(plain(f"{name} = {row['value']}"), *_rate(row))
+    out.print(table)
+    ends = ", ".join(f"{count} {name}" for name, count in summary["outcomes"].items())
+    out.print(f"  {ends}", soft_wrap=True)
+    if summary["invalid"] or summary["error"]:
+        out.print(
+            f"  not in the rates: {summary['invalid']} invalid, {summary['error']} error",
+            soft_wrap=True,
+        )
+    out.print(f"  saved in {place}", soft_wrap=True)
+
+
+def _rate(row: dict[str, Any]) -> list[str]:
+    rate = row["success_rate"]
+    low, high = row["success_rate_95"]
+    return [
+        str(row["successes"]),
+        str(row["counted"]),
+        "-" if rate is None else f"{100 * rate:.2f} %",
+        f"{100 * low:.2f} to {100 * high:.2f} %",
+    ]
+
+
+def _print_plan(study: Study) -> None:
+    """What is varied, what is asked for, and how much work that is."""
+    varied = table_of("variable", "from", "to", "scale", "start")
+    for one in study.variables:
+        varied.add_row(
+            plain(one.name), f"{one.low:g}", f"{one.high:g}", one.scale, f"{one.start:g}"
+        )
+    asked = table_of("objective", "goal", "of", "trials", "limit")
+    for name, one in zip(study.columns, study.objectives, strict=True):
+        of = "" if one.metric == "success_rate" else one.aggregate or "mean"
+        limit = "" if one.limit is None else f"{one.limit:g}"
+        asked.add_row(plain(name), one.goal, of, plain(one.trials or "all"), limit)
+    out.print(varied)
+    out.print(asked)
+    searches, candidates = study.search_count, study.candidate_count
+    out.print(
+        f"search: the start, {searches} x {counted(study.generations, 'generation')} x "
+        f"{counted(study.asked_each, 'candidate')}, and {counted(searches, 'centre')}: "
+        f"{_work(candidates, study.size)}",
+        soft_wrap=True,
+    )
+    most = study.final.candidates
+    if not most:
+        out.print("check: none")
+        return
+    checked = min(1 + searches * (most + 1), candidates)
+    size = sum(sweep.size for sweep in study.unseen)
+    out.print(
+        f"check: the start, {counted(searches, 'centre')}, and the best {most} of each "
+        f"of {counted(searches, 'direction')}: at most "
+        f"{_work(checked, size)}",
+        soft_wrap=True,
+    )
+
+
+def _work(candidates: int, trials: int) -> str:
+    """How many trials so many candidates are, each in so many."""
+    total = counted(candidates * trials, "trial")
+    return f"{counted(candidates, 'candidate')} of {counted(trials, 'trial')}, {total} in all"
+
+
+def _print_study(result: StudyResult, target: Path) -> None:
+    """The start and the best beside each other."""
+    from omnitrack_sim.trials.study_run import BEST_FILE
+
+    summary, study = result.summary, result.study
+    table = table_of("", "start", "best")
+    for name in study.columns:
+        for key, of in (("search", name), ("check", f"{name}, other trials")):
+            pair = [summary[which][key] for which in ("start", "best")]
+            if pair[0] is not None:
+                table.add_row(plain(of), *(_figure(one[name]) for one in pair))
+    for key, of in (("search", "passed"), ("check", "passed, other trials")):
+        pair = [summary[which][key] for which in ("start", "best")]
+        if pair[0] is not None:
+            table.add_row(of, *(f"{one['passed']} of {one['trials']}" for one in pair))
+    for path in result.best:
+        pair = [summary[which]["values"][path] for which in ("start", "best")]
+        table.add_row(plain(path), *map(_figure, pair), style="dim")
+    out.print(table)
+    number = summary["best"]["number"]
+    text = f"{summary['on_front']} on the front of the search"
+    if not result.front.num_rows:
+        text = "none has a value in every objective, so none is better than the start"
+    elif number not in result.front["number"].to_pylist():
+        text += ", not this one, which is the best in the check"
+    out.print(f"  candidate {number} of {summary['candidates']}; {text}", soft_wrap=True)
+    place, file = plain(str(target)), plain(str(target / BEST_FILE))
+    out.print(f"  saved in {place}; its values: --set @{file}", soft_wrap=True)
+
+
+def _figure(value: Any) -> str:
+    return "-" if value is None else f"{value:.6g}"
+
+
+def _print_bench(result: BenchResult, target: Path) -> None:
+    from omnitrack_sim.trials.bench_run import MEASURES, figures_of
+
+    units = ["" if measure.unit == "1" else f"\n{measure.unit}" for measure in MEASURES]
+    heads = [m.words.replace(" ", "\n") + unit for m, unit in zip(MEASURES, units, strict=True)]
+    for task in result.bench.tasks:
+        table = table_of("entry", "passed", "95 %\ninterval", *heads, gap=1)
+        table.title, table.title_justify = f"{task.name}: {task.words}", "left"
+        for column in table.columns[1:]:
+            column.justify, column.no_wrap = "right", True
+        for row in (row for row in result.rows if row["task"] == task.name):
+            table.add_row(plain(row["entry"]), *figures_of(row))
+        out.print(table)
+    out.print(f"  saved in {plain(str(target))}", soft_wrap=True)

@@ -1,4 +1,4 @@
-"""Points of the unit cube, and the distributions made of them."""
+"""The axes of a sweep: what is varied, over which values; and how random values are drawn."""
 
 from __future__ import annotations
 
@@ -12,16 +12,22 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import finite
 
+BASE = "base"
+"""Name of the axis that a list of base scenarios makes."""
+Path = Annotated[str, Field(min_length=1)]
+Paths = Path | Annotated[tuple[Path, ...], Field(min_length=1)]
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Spread = Annotated[float, Field(ge=1 / LARGEST, le=LARGEST)]
 Sampling = Literal["random", "latin_hypercube", "sobol"]
 Draws = Literal["common", "independent"]
-"""Whether all combinations of the crossed axes share their draws, or each has its own.
+"""All combinations of the crossed axes share their draws, or each has its own.
 
 ``common`` compares the combinations best, ``independent`` covers the random axes best.
 """
 
 
 def unit_points(count: int, dimensions: int, sampling: Sampling, seed: int) -> Array:
-    """Points (count, dimensions) of the open unit cube; the same arguments give the same points."""
+    """Return points (count, dimensions) of the open unit cube, the same for the same arguments."""
     if dimensions == 0:
         return np.empty((count, 0))
     if sampling == "random":
@@ -34,55 +40,14 @@ def unit_points(count: int, dimensions: int, sampling: Sampling, seed: int) -> A
         else:
             exponent = max(0, (count - 1).bit_length())
             points = qmc.Sobol(dimensions, scramble=True, rng=seed).random_base2(exponent)[:count]
-    least = 2.0**-53
+    least = 2.0**-53  # half of the finest step below 1: 0 and 1 have no normal value
     return np.clip(points, least, 1 - least)
 
 
-def uniform(u: Array, low: float, high: float) -> Array:
-    """Values (n,) between ``low`` and ``high``, made of ``u`` (n,) in the unit interval."""
-    return np.clip(low + (high - low) * u, low, high)
+class PathTable(Table):
+    """A table of a file that varies a value of the scenarios, at one path or at several."""
 
-
-def normal(u: Array, mean: float, std: float, low: float | None, high: float | None) -> Array:
-    """Normal values (n,) made of uniform ``u`` (n,), truncated to ``low`` and ``high`` if given."""
-    from scipy.special import ndtr, ndtri
-
-    a = -np.inf if low is None else (low - mean) / std
-    b = np.inf if high is None else (high - mean) / std
-    # Numbers are finer near 0 than near 1, so an interval above the mean is mirrored.
-    mirrored = a > 0
-    if mirrored:
-        a, b, u = -b, -a, 1 - u
-    z = np.clip(ndtri(ndtr(a) + (ndtr(b) - ndtr(a)) * u), a, b)
-    return mean + std * (-z if mirrored else z)
-
-
-def direction(u: Array, v: Array, magnitude: float) -> Array:
-    """Vectors (n, 3) of one length, uniform on the sphere.
-
-    Each is made of a point of ``u`` (n,) and one of ``v`` (n,), both in the unit interval.
-    """
-    z, angle = 2 * u - 1, 2 * np.pi * v
-    across = np.sqrt(1 - z**2)
-    return magnitude * np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=-1)
-
-
-BASE = "base"
-"""Name of the axis that a list of base scenarios makes."""
-Path = Annotated[str, Field(min_length=1)]
-Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Spread = Annotated[float, Field(ge=1 / LARGEST, le=LARGEST)]
-
-
-class AxisTable(Table):
-    """What all axes have in common."""
-
-    dimensions: ClassVar[int] = 0
-    """How many coordinates of a sampling point the axis takes.
-
-    With 0 its values are crossed with those of the other axes.
-    """
-    path: Path | Annotated[tuple[Path, ...], Field(min_length=1)]
+    path: Paths
 
     @property
     def paths(self) -> tuple[str, ...]:
@@ -91,12 +56,22 @@ class AxisTable(Table):
 
     @property
     def name(self) -> str:
-        """The first path, by which the axis is known."""
+        """The first path, by which the axis or variable is known."""
         return self.paths[0]
+
+
+class AxisTable(PathTable):
+    """What all axes have in common."""
+
+    dimensions: ClassVar[int] = 0
+    """How many coordinates of a sampling point the axis takes.
+
+    With 0 its values are crossed with those of the other axes.
+    """
 
     @property
     def crossed(self) -> bool:
-        """Whether the values are crossed with those of other axes, not drawn."""
+        """True if the values are crossed with those of other axes, not drawn."""
         return self.dimensions == 0
 
 
@@ -114,7 +89,7 @@ class GridAxis(AxisTable):
         return self.count
 
     def values_of(self) -> list[Any]:
-        """The values in order."""
+        """Return the values in order."""
         return np.linspace(self.start, self.stop, self.count).tolist()
 
 
@@ -148,8 +123,16 @@ class ListAxis(AxisTable):
         return len(self.values)
 
     def values_of(self) -> list[Any]:
-        """The values in order."""
+        """Return the values in order."""
         return list(self.values)
+
+
+def above_low(high: float | None, info: ValidationInfo) -> float | None:
+    """Check that an upper end is over the lower one: a pydantic validator."""
+    low = info.data.get("low")
+    if high is not None and low is not None and high <= low:
+        raise ValueError(f"must be over low, {low:g}")
+    return high
 
 
 class UniformAxis(AxisTable):
@@ -159,15 +142,12 @@ class UniformAxis(AxisTable):
     kind: Literal["uniform"]
     low: Number
     high: Number
-
-    @field_validator("high")
-    @classmethod
-    def _is_above(cls, high: float, info: ValidationInfo) -> float:
-        return _above(high, info)
+    _is_above = field_validator("high")(above_low)
 
     def draw(self, points: Array) -> list[Any]:
-        """Values made of points (n, 1) of the unit interval."""
-        return uniform(points[:, 0], self.low, self.high).tolist()
+        """Return values made of points (n, 1) of the unit interval."""
+        values = self.low + (self.high - self.low) * points[:, 0]
+        return np.clip(values, self.low, self.high).tolist()
 
 
 class NormalAxis(AxisTable):
@@ -179,15 +159,21 @@ class NormalAxis(AxisTable):
     std: Spread
     low: Number | None = None
     high: Number | None = None
-
-    @field_validator("high")
-    @classmethod
-    def _is_above(cls, high: float | None, info: ValidationInfo) -> float | None:
-        return high if high is None else _above(high, info)
+    _is_above = field_validator("high")(above_low)
 
     def draw(self, points: Array) -> list[Any]:
-        """Values made of points (n, 1) of the unit interval."""
-        return normal(points[:, 0], self.mean, self.std, self.low, self.high).tolist()
+        """Return values made of points (n, 1) of the unit interval."""
+        from scipy.special import ndtr, ndtri
+
+        u = points[:, 0]
+        a = -np.inf if self.low is None else (self.low - self.mean) / self.std
+        b = np.inf if self.high is None else (self.high - self.mean) / self.std
+        # Numbers are finer near 0 than near 1, so an interval above the mean is mirrored.
+        mirrored = a > 0
+        if mirrored:
+            a, b, u = -b, -a, 1 - u
+        z = np.clip(ndtri(ndtr(a) + (ndtr(b) - ndtr(a)) * u), a, b)
+        return (self.mean + self.std * (-z if mirrored else z)).tolist()
 
 
 class DirectionAxis(AxisTable):
@@ -198,15 +184,12 @@ class DirectionAxis(AxisTable):
     magnitude: Spread = 9.81
 
     def draw(self, points: Array) -> list[Any]:
-        """Vectors, lists of three numbers, made of points (n, 2) of the unit square."""
-        return direction(points[:, 0], points[:, 1], self.magnitude).tolist()
-
-
-def _above(high: float, info: ValidationInfo) -> float:
-    low = info.data.get("low")
-    if low is not None and high <= low:
-        raise ValueError(f"must be over low, {low:g}")
-    return high
+        """Return vectors, lists of three numbers, made of points (n, 2) of the unit square."""
+        # Slices of a sphere that are as high have the same area: z is uniform.
+        z, angle = 2 * points[:, 0] - 1, 2 * np.pi * points[:, 1]
+        across = np.sqrt(1 - z**2)
+        vectors = np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=-1)
+        return (self.magnitude * vectors).tolist()
 
 
 Axis = Annotated[

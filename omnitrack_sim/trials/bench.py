@@ -1,10 +1,14 @@
-"""The entries of the benchmark: what drives the robot through the trials."""
+"""Benchmarks of controllers: the entries that drive, and the tasks, each with held-out trials.
+
+The seeds of the tasks are for nothing else: neither the controllers nor the shipped studies have
+used them, and whoever trains a policy keeps away from them.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,6 +18,7 @@ import numpy as np
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import shipped_policies
 from omnitrack_sim.base.reading import NAME_PATTERN
+from omnitrack_sim.base.text import counted
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.robots.omnitrack import GRAVITY
 from omnitrack_sim.robots.omnitrack.control.catalogue import CONTROLLERS, controller_of
@@ -31,7 +36,8 @@ class Entry:
     """One way to drive.
 
     Attributes:
-        name: of its rows and of the folder of its trials. words: what it is.
+        name: of its rows and of the folder of its trials.
+        words: what it is.
         changes: of the scenarios of all tasks, by dotted path, in this order.
     """
 
@@ -70,8 +76,8 @@ _SHIPPED = (
 
 def shipped_entries() -> dict[str, Entry]:
     """The shipped ways to drive, and the shipped policies, by name; the default one first."""
-    found = {entry.name: entry for entry in _SHIPPED}
-    return found | {name: _of_policy(name, name) for name in shipped_policies()}
+    entries = {entry.name: entry for entry in _SHIPPED}
+    return entries | {name: _of_policy(name, name) for name in shipped_policies()}
 
 
 def entry_of(source: str) -> Entry:
@@ -81,15 +87,15 @@ def entry_of(source: str) -> Entry:
     Raises:
         InputError: there is no such thing, or it cannot be used.
     """
-    name, given, what = source.rpartition("=")
+    name, renamed, what = source.rpartition("=")
     shipped = shipped_entries()
     if what in shipped:
-        found = shipped[what]
+        entry = shipped[what]
     elif what.endswith(".npz"):
-        found = _of_policy(Path(what).stem, what)
+        entry = _of_policy(Path(what).stem, what)
     else:
-        found = _of_controller(what, tuple(shipped))
-    return Entry(_fit(name, source), found.words, found.changes) if given else found
+        entry = _of_controller(what, tuple(shipped))
+    return replace(entry, name=_fit(name, source)) if renamed else entry
 
 
 def _of_policy(name: str, source: str) -> Entry:
@@ -130,8 +136,10 @@ class Task:
     """One job.
 
     Attributes:
-        name: of its rows. words: what the robot does.
-        trials: of the whole benchmark. quick: with ``--quick``.
+        name: of its rows.
+        words: what the robot does.
+        trials: of the whole benchmark.
+        quick: number of trials with ``--quick``.
         sweep: makes the trials of an entry, from their number and the entry's changes.
     """
 
@@ -229,3 +237,55 @@ TASKS: Mapping[str, Task] = {
     )
 }
 """All tasks by name."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A plan of trials: each entry is put through the sweep of each task.
+
+    Attributes:
+        tasks: of the benchmark.
+        entries: of the benchmark.
+        quick: only a few trials of each, to see that everything runs.
+        trials: of each task, other ones than without it; none: as many as each task has.
+
+    Raises:
+        InputError: there is no task or no entry, two entries have one name, or the number of trials
+            is given twice.
+    """
+
+    tasks: Sequence[Task]
+    entries: Sequence[Entry]
+    quick: bool = False
+    trials: int | None = None
+
+    def __post_init__(self) -> None:
+        names = [entry.name for entry in self.entries]
+        for name in names:
+            if names.count(name) > 1:
+                problem = f"{name!r} is the name of two; write NAME= before one of them"
+                raise InputError(Fault("entries", problem))
+        if not self.tasks or not self.entries:
+            raise InputError(Fault("tasks, entries", "one of each at least"))
+        if self.quick and self.trials is not None:
+            raise InputError(Fault("--trials", "is the number of trials; leave out --quick"))
+
+    @property
+    def extent(self) -> str:
+        """How many trials there are, in words."""
+        if self.quick:
+            return "a few trials of each"
+        return "all trials" if self.trials is None else f"{counted(self.trials, 'trial')} of each"
+
+    def sweeps(self) -> dict[tuple[str, str], Sweep]:
+        """Return the sweep of each task and entry.
+
+        Raises:
+            InputError: an entry cannot drive a task.
+        """
+        sweeps = {}
+        for task in self.tasks:
+            for entry in self.entries:
+                count = task.quick if self.quick else self.trials or task.trials
+                sweeps[task.name, entry.name] = task.sweep(count, entry.changes)
+        return sweeps

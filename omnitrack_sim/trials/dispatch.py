@@ -1,4 +1,4 @@
-"""Hands out batches, keeps what comes back, and survives workers that die."""
+"""The engine of trials: hands out batches, keeps what comes back, survives workers that die."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from concurrent.futures import (
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
-from omnitrack_sim.base.workers import WorkersLost, killed_its_worker
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.workers import LocalPool, WorkersLost, killed_its_worker
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.trials.batches import ERROR, Batch, Row, failed_row, run_trials
 
@@ -31,14 +32,15 @@ A trial that loses its worker as often on its own counts as the cause.
 
 @dataclass(frozen=True)
 class Status:
-    """How far a sweep is.
+    """Progress of the trials of a sweep, a study or a benchmark.
 
     Attributes:
-        total: number of trials.
+        total: number of trials; of a study those of its search, and then those of its check.
         found: trials that were done before this run.
         done: trials that are done now.
         successes: how many of these succeeded.
         lost: how often workers were lost.
+        stage: of a study, such as "generation 2 of 20"; else empty.
     """
 
     total: int
@@ -46,6 +48,7 @@ class Status:
     done: int = 0
     successes: int = 0
     lost: int = 0
+    stage: str = ""
 
 
 Progress = Callable[[Status], None]
@@ -53,99 +56,117 @@ MakeExecutor = Callable[[], Executor]
 
 
 class Store(Protocol):
-    """Where the rows of batches are kept."""
+    """Keeper of the rows of batches."""
 
     def read(self, batch: Batch) -> pa.Table | None:
-        """The rows of a batch; None where they are not there."""
+        """Return the rows of a batch; None where they are not there."""
         ...
 
-    def write(self, batch: Batch, table: pa.Table) -> None:
-        """Keep the rows of a batch."""
-        ...
-
-
-class TableMaker(Protocol):
-    """What makes a table of the rows of a batch."""
-
-    def table(self, batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
-        """The rows of a batch, with its hash and what made it in the metadata."""
+    def write(self, batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
+        """Keep the rows of a batch and return them as a table."""
         ...
 
 
-def run_missing(
-    mine: Sequence[Batch],
-    store: Store,
-    layout: TableMaker,
-    pool: Pool,
-    progress: Progress | None,
-) -> None:
-    """Run the batches that the store does not have.
+Job = tuple[Store, Batch]
+"""A batch that is to be there in the end, and the store of its rows."""
+
+
+class Engine:
+    """Runs batches that stores lack, by the same workers for all, and reports the progress.
+
+    Used in a ``with`` block, at the end of which its workers end.
+
+    Attributes:
+        status: of the trials since ``begin``.
 
     Args:
-        mine: the batches that are to be there in the end.
-        store: keeps their rows.
-        layout: makes tables of them.
-        pool: runs them.
-        progress: see ``run_sweep``.
+        workers: processes that run batches; with 1 this process does.
+        executor: runs the batches instead, or a callable that makes one, and is called again when
+            workers die. An executor given as such is left open.
+        progress: called with the ``Status`` at the beginning and after each batch.
+
+    Raises:
+        InputError: no such number of workers, or both workers and executor are given.
     """
-    status = Status(sum(len(batch.trials) for batch in mine))
-    missing = []
-    for batch in mine:
-        table = store.read(batch)
-        if table is None:
-            missing.append(batch)
-        else:
-            n = len(batch.trials)
-            successes = status.successes + _successes(table)
-            status = replace(
-                status, found=status.found + n, done=status.done + n, successes=successes
+
+    def __init__(
+        self,
+        workers: int = 1,
+        executor: Executor | MakeExecutor | None = None,
+        progress: Progress | None = None,
+    ):
+        if workers < 1:
+            raise InputError(Fault("workers", f"is {workers}; must be 1 or more"))
+        if workers > 1 and executor is not None:
+            raise InputError(Fault("workers, executor", "give one of the two"))
+        self._pool = Pool((lambda: LocalPool(workers)) if workers > 1 else executor)
+        self._progress = progress or (lambda status: None)
+        self.status = Status(0)
+
+    def __enter__(self) -> Engine:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._pool.close(wait=kind is None)
+
+    def begin(self, total: int, stage: str = "") -> None:
+        """Begin to count anew, up to ``total`` trials."""
+        self.status = Status(total, stage=stage)
+
+    def enter(self, stage: str) -> None:
+        """Go on to another stage of the same trials."""
+        self.status = replace(self.status, stage=stage)
+
+    def run(self, jobs: Sequence[Job]) -> list[pa.Table]:
+        """Run the batches that their stores lack, and return the tables of all, in order.
+
+        Raises:
+            OutputError: a store cannot keep a batch; those that are finished stay.
+            WorkersLost: the given executor has broken; the same call goes on from there.
+        """
+        tables = {id(batch): store.read(batch) for store, batch in jobs}
+        missing = [(store, batch) for store, batch in jobs if tables[id(batch)] is None]
+        for table in tables.values():
+            self._count(table, found=True)
+        self._progress(self.status)
+
+        def keep(job: Job, rows: Sequence[Row], made_by: Mapping[str, Any], lost: int) -> None:
+            store, batch = job
+            tables[id(batch)] = table = store.write(batch, rows, made_by)
+            self.status = replace(self.status, lost=before + lost)
+            self._count(table, found=False)
+            self._progress(self.status)
+
+        before = self.status.lost
+        if self._pool.is_here:
+            for job in missing:
+                keep(job, *run_trials(job[1]), lost=0)
+        elif missing:
+            _Dispatch(missing, self._pool, keep).run()
+        return [table for table in tables.values() if table is not None]
+
+    def _count(self, table: pa.Table | None, found: bool) -> None:
+        if table is not None:
+            status, count = self.status, table.num_rows
+            self.status = replace(
+                status,
+                found=status.found + (count if found else 0),
+                done=status.done + count,
+                successes=status.successes + sum(table["success"].to_pylist()),
             )
-
-    def keep(batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any], lost: int) -> None:
-        nonlocal status
-        table = layout.table(batch, rows, made_by)
-        store.write(batch, table)
-        done, successes = status.done + len(rows), status.successes + _successes(table)
-        status = replace(status, done=done, successes=successes, lost=lost)
-        if progress is not None:
-            progress(status)
-
-    if progress is not None:
-        progress(status)
-    if pool.is_here:
-        for batch in missing:
-            keep(batch, *run_trials(batch), lost=0)
-    elif missing:
-        _Dispatch(missing, pool, keep).run()
-
-
-def all_found(table: pa.Table) -> Status:
-    """Of a sweep whose trials were all done before."""
-    count = table.num_rows
-    return Status(count, found=count, done=count, successes=_successes(table))
-
-
-def _successes(table: pa.Table) -> int:
-    return sum(table["success"].to_pylist())
 
 
 class Pool:
-    """An executor that was given, or executors that a callable makes, one after the other, the
-    first one when it is needed; or this process, where there is neither."""
+    """A given executor, or executors that a callable makes, the first when it is needed and the
+    next when its workers are lost; or this process, where there is neither."""
 
     def __init__(self, executor: Executor | MakeExecutor | None):
         self._now = executor if isinstance(executor, Executor) else None
         self._make = None if isinstance(executor, Executor) else executor
 
-    def __enter__(self) -> Pool:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self._end(wait=kind is None)
-
     @property
     def is_here(self) -> bool:
-        """Whether batches run in this process."""
+        """True if batches run in this process."""
         return self._now is None and self._make is None
 
     def _executor(self) -> Executor:
@@ -154,17 +175,19 @@ class Pool:
             self._now = self._make()
         return self._now
 
-    def _end(self, wait: bool) -> None:
+    def close(self, wait: bool) -> None:
+        """End the executor that was made here; without ``wait`` its tasks are given up."""
         if self._make is not None and self._now is not None:
             self._now.shutdown(wait=wait, cancel_futures=not wait)
             self._now = None
 
     def submit(self, batch: Batch) -> Future:
+        """Hand out a batch."""
         return self._executor().submit(run_trials, batch)
 
     @property
     def room(self) -> int | None:
-        """How many batches run at a time; None where the executor does not tell.
+        """How many batches run at a time; None where the executor does not say.
 
         No more are handed out, so that only batches that ran are suspected when the executor
         breaks.
@@ -172,14 +195,18 @@ class Pool:
         return getattr(self._executor(), "_max_workers", None)
 
     def renew(self) -> None:
-        """Replace an executor that has lost its workers."""
+        """Replace an executor that has lost its workers.
+
+        Raises:
+            WorkersLost: the executor was given, or new workers die at once.
+        """
         if self._make is None:
             raise WorkersLost(
                 "the workers of the given executor are gone; the finished batches are kept. Give a "
                 "callable that makes an executor, which is then made anew"
             )
         for _ in range(DEATHS):
-            self._end(wait=False)
+            self.close(wait=False)
             try:
                 self._executor().submit(environment).result()
                 return
@@ -192,7 +219,7 @@ class Pool:
 class _Whole:
     """A batch whose trials may come back one by one."""
 
-    batch: Batch
+    job: Job
     rows: dict[int, Row] = field(default_factory=dict)
     made_by: Mapping[str, Any] = field(default_factory=dict)
 
@@ -205,12 +232,6 @@ class _Task:
     whole: _Whole
     deaths: int = 0
 
-    def singles(self) -> list[_Task]:
-        """A task for each trial."""
-        return [
-            _Task(replace(self.batch, trials=(trial,)), self.whole) for trial in self.batch.trials
-        ]
-
 
 class _Dispatch:
     """Hands out batches and takes rows back.
@@ -222,12 +243,12 @@ class _Dispatch:
 
     def __init__(
         self,
-        batches: Iterable[Batch],
+        jobs: Iterable[Job],
         pool: Pool,
-        keep: Callable[[Batch, Sequence[Row], Mapping[str, Any], int], None],
+        keep: Callable[[Job, Sequence[Row], Mapping[str, Any], int], None],
     ):
         self.pool, self.keep = pool, keep
-        self.waiting = deque(_Task(batch, _Whole(batch)) for batch in batches)
+        self.waiting = deque(_Task(job[1], _Whole(job)) for job in jobs)
         self.suspects: deque[_Task] = deque()
         self.flying: dict[Future, _Task] = {}
         self.lost = 0
@@ -245,7 +266,7 @@ class _Dispatch:
                 self.pool.renew()
 
     def _hand_out(self) -> bool:
-        """Fill the pool; returns whether it turned out to be broken."""
+        """Fill the pool; returns True if it turned out to be broken."""
         if not self.waiting and not self.flying:
             self.waiting.append(self.suspects.popleft())
         room = self.pool.room
@@ -259,7 +280,7 @@ class _Dispatch:
         return False
 
     def _take_back(self) -> bool:
-        """Wait for some task to end; returns whether the pool is broken."""
+        """Wait for some task to end; returns True if the pool is broken."""
         finished, _ = wait(self.flying, return_when=FIRST_COMPLETED)
         broken = False
         for future in finished:
@@ -272,6 +293,7 @@ class _Dispatch:
             except Exception as error:
                 if not killed_its_worker(error):
                     raise
+                # Dask has tried the task on several workers before it gives up.
                 self.lost += 1
                 self._bury(task, DEATHS)
             else:
@@ -281,19 +303,20 @@ class _Dispatch:
     def _bury(self, task: _Task, deaths: int) -> None:
         """Note that a task has lost its worker ``deaths`` times, and decide what becomes of it."""
         task.deaths += deaths
-        alone = task.batch is not task.whole.batch
+        alone = task.batch is not task.whole.job[1]
         if task.deaths < DEATHS:
             (self.suspects if alone else self.waiting).appendleft(task)
         elif alone:
             row = failed_row(task.batch.trials[0].index, ERROR, "the worker died")
             self._add(task, [row], {})
         else:
-            self.suspects.extend(task.singles())
+            trials = task.batch.trials
+            self.suspects += [_Task(replace(task.batch, trials=(t,)), task.whole) for t in trials]
 
     def _add(self, task: _Task, rows: Sequence[Row], made_by: Mapping[str, Any]) -> None:
-        whole = task.whole
+        whole, trials = task.whole, task.whole.job[1].trials
         whole.rows |= {row["trial"]: row for row in rows}
         whole.made_by = made_by or whole.made_by
-        if len(whole.rows) == len(whole.batch.trials):
-            ordered = [whole.rows[trial.index] for trial in whole.batch.trials]
-            self.keep(whole.batch, ordered, whole.made_by, self.lost)
+        if len(whole.rows) == len(trials):
+            ordered = [whole.rows[trial.index] for trial in trials]
+            self.keep(whole.job, ordered, whole.made_by, self.lost)

@@ -17,7 +17,7 @@ from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack import MODULES
 from omnitrack_sim.trials.batches import ERROR, INVALID
 from omnitrack_sim.trials.search import Measured
-from omnitrack_sim.trials.study_tables import SUCCESS_RATE, Objective, Plan
+from omnitrack_sim.trials.study_tables import SUCCESS_RATE, Objective, SearchPlan
 from omnitrack_sim.trials.sweep import Sweep
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class Measure:
         sweeps: that the trials of a candidate are of, in their order.
     """
 
-    def __init__(self, plan: Plan, sweeps: Sequence[Sweep]):
+    def __init__(self, plan: SearchPlan, sweeps: Sequence[Sweep]):
         self.plan = plan
         self._part_of: dict[str | None, NDArray[np.bool_]] = {}
         owner = np.repeat([sweep.name for sweep in sweeps], [sweep.size for sweep in sweeps])

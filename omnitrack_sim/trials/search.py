@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.trials.study_tables import Plan
+from omnitrack_sim.trials.study_tables import SearchPlan
 
 if TYPE_CHECKING:
     from cmaes import CMA
@@ -39,7 +39,7 @@ class Searches:
     The same plan and the same values give the same candidates.
     """
 
-    def __init__(self, plan: Plan):
+    def __init__(self, plan: SearchPlan):
         self.weighings = weighings_of(plan)  # (K, m)
         start = np.array([v.place_of(v.start) for v in plan.variables if v.start is not None])
         self._searches = [
@@ -86,7 +86,7 @@ class Searches:
         ]
 
 
-def _search(start: Array, plan: Plan, number: int) -> CMA:
+def _search(start: Array, plan: SearchPlan, number: int) -> CMA:
     try:
         from cmaes import CMA
     except ImportError:
@@ -97,7 +97,7 @@ def _search(start: Array, plan: Plan, number: int) -> CMA:
     return CMA(start, plan.step, bounds, seed=int(seed), population_size=plan.asked_each)
 
 
-def weighings_of(plan: Plan) -> Array:
+def weighings_of(plan: SearchPlan) -> Array:
     """How each search weighs the objectives (K, m): spread evenly, times their weights."""
     weights = [plan.objectives[i].weight for i in plan.weighed]
     return spread_weighings(len(weights), plan.search_count) * weights
@@ -169,7 +169,7 @@ def front_of(losses: Array, violations: Array) -> NDArray[np.intp]:
     return counted[np.array(best, bool)]
 
 
-def violations_of(plan: Plan, values: Array) -> Array:
+def violations_of(plan: SearchPlan, values: Array) -> Array:
     """By how much each candidate (C,) breaks the limits: parts of the limits, added up.
 
     Args:
@@ -184,7 +184,7 @@ def violations_of(plan: Plan, values: Array) -> Array:
     return total
 
 
-def losses_of(plan: Plan, values: Array) -> Array:
+def losses_of(plan: SearchPlan, values: Array) -> Array:
     """The weighed ones of the values (C, objectives), turned so that smaller is better (C, m)."""
     weighed = list(plan.weighed)
     return values[:, weighed] * [plan.objectives[i].sign for i in weighed]
@@ -235,7 +235,7 @@ History = list[tuple[Candidate, Measured]]
 Told = Callable[[History], None]
 
 
-def explore(plan: Plan, evaluate: Evaluate, told: Told | None = None) -> History:
+def explore(plan: SearchPlan, evaluate: Evaluate, told: Told | None = None) -> History:
     """Search for the best values of all variables.
 
     First comes the start. The last generation holds the centre of each search: the mean that it has
@@ -270,7 +270,7 @@ def explore(plan: Plan, evaluate: Evaluate, told: Told | None = None) -> History
 
 
 def _try(
-    plan: Plan,
+    plan: SearchPlan,
     evaluate: Evaluate,
     history: History,
     generation: int,
@@ -294,7 +294,7 @@ def values_of(history: Sequence[tuple[Candidate, Measured]]) -> Array:
     return np.array([measured.values for _, measured in history], float)
 
 
-def front(plan: Plan, history: Sequence[tuple[Candidate, Measured]]) -> list[int]:
+def front(plan: SearchPlan, history: Sequence[tuple[Candidate, Measured]]) -> list[int]:
     """Places in the history of the candidates on the front, in the order of the first weighed
     objective, the best one first."""
     values = values_of(history)
@@ -303,7 +303,7 @@ def front(plan: Plan, history: Sequence[tuple[Candidate, Measured]]) -> list[int
     return found[np.lexsort((found, losses[found, 0]))].tolist()
 
 
-def to_be_checked(plan: Plan, history: History, most: int) -> list[Candidate]:
+def to_be_checked(plan: SearchPlan, history: History, most: int) -> list[Candidate]:
     """The start, and for each direction the centre of the search and its ``most`` best ones.
 
     They are in the order of their numbers.
@@ -314,14 +314,14 @@ def to_be_checked(plan: Plan, history: History, most: int) -> list[Candidate]:
     return [history[place][0] for place in sorted(chosen)]
 
 
-def best_of(plan: Plan, history: Sequence[tuple[Candidate, Measured]]) -> int:
+def best_of(plan: SearchPlan, history: Sequence[tuple[Candidate, Measured]]) -> int:
     """Place of the candidate that is the best one when all directions weigh alike."""
     weights = [plan.objectives[i].weight for i in plan.weighed]
     return _orders(plan, history, spread_weighings(len(weights), 1) * weights)[0][0]
 
 
 def _orders(
-    plan: Plan, history: Sequence[tuple[Candidate, Measured]], weighings: Array
+    plan: SearchPlan, history: Sequence[tuple[Candidate, Measured]], weighings: Array
 ) -> list[list[int]]:
     """For each weighing the places of all candidates, the best one first; those that keep all
     limits before the others."""

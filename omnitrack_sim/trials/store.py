@@ -1,15 +1,22 @@
-"""The table of a sweep: its columns with units, and rows as Arrow."""
+"""Stores of trials: the columns of their tables, and the folder that a sweep or study leaves.
+
+A part file holds the rows of one batch, and is all that a run is resumed from. Several processes
+may work in one folder.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import json
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnitrack_sim.base.errors import OutputError
+from omnitrack_sim.base.errors import Fault, InputError, OutputError
+from omnitrack_sim.base.text import counted
 from omnitrack_sim.base.writing import check_folder, is_workshop, told, write_file
 from omnitrack_sim.record.metrics import METRICS, Metric
 from omnitrack_sim.results.provenance import environment
@@ -18,16 +25,13 @@ from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.tables import unit_of
 from omnitrack_sim.show.plots.style import attempt
 from omnitrack_sim.trials.axes import BASE
-from omnitrack_sim.trials.batches import Batch, Row
-from omnitrack_sim.trials.sweep import FOR_THE_RECORD, Sweep
+from omnitrack_sim.trials.batches import INVALID, Batch, Row
 
 if TYPE_CHECKING:
     import pyarrow as pa
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 
 XYZ = "xyz"
+PARTS = "parts"
 PARQUET: dict[str, Any] = {
     "compression": "zstd",
     "compression_level": 3,
@@ -37,32 +41,42 @@ PARQUET: dict[str, Any] = {
     "write_page_checksum": True,
 }
 """Settings of the files. They are fixed, so that the same rows give the same bytes."""
+_MOST_DIFFERENCES, _MOST_REASONS = 5, 3
+"""How many differences of two records, and reasons of invalid trials, a message names."""
 
 
-class Layout:
-    """The columns of a sweep's table, and the axis values in them.
+class TrialColumns:
+    """The columns of a table of trials: number, values that are varied, results.
 
     Attributes:
-        schema: of the table, with the ``sha256`` of the sweep in its metadata and the units in
-            those of the fields.
-        total: number of rows.
+        schema: of the table, with the units in the metadata of the fields.
+
+    Args:
+        bases: base scenarios, whose own metrics have columns, too.
+        values: of each axis, one for each trial; none: they have no columns.
+        metadata: of the table of all trials.
     """
 
-    def __init__(self, sweep: Sweep):
+    def __init__(
+        self,
+        bases: Iterable[Scenario],
+        values: Mapping[str, Sequence[Any]] | None = None,
+        metadata: Mapping[str, str] | None = None,
+    ):
         import pyarrow as pa
 
-        self.total = sweep.size
         self._values: dict[str, Sequence[Any]] = {}
-        fields = [pa.field("trial", pa.int64(), metadata={"unit": "1"})]
-        for name, values in sweep.trials().items():
-            for column, items in _columns_of(name, values).items():
-                self._values[column] = items
-                fields.append(_field(column, _type(items), None if name == BASE else unit_of(name)))
-        fields += result_fields(sweep.bases.values())
-        self.schema = pa.schema(fields, metadata={"sweep_sha256": sweep.hash})
+        fields = [column("trial", pa.int64(), "1")]
+        kinds = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
+        for name, items in (values or {}).items():
+            for own, plain in _columns_of(name, items).items():
+                self._values[own] = plain
+                unit = None if name == BASE else unit_of(name)
+                fields.append(column(own, kinds[type(plain[0])], unit))
+        self.schema = pa.schema([*fields, *_result_columns(bases)], metadata=metadata)
 
     def table(self, batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
-        """The rows of a batch, with its hash and what made it in the metadata."""
+        """Return the rows of a batch, with its hash and what made it in the metadata."""
         import pyarrow as pa
 
         columns = []
@@ -78,7 +92,7 @@ class Layout:
         return pa.Table.from_arrays(columns, schema=self.schema.with_metadata(metadata))
 
     def merged(self, tables: Sequence[pa.Table]) -> pa.Table:
-        """The rows of all batches in the order of the trials, in one piece."""
+        """Return the rows of batches in the order of the trials, in one piece."""
         import pyarrow as pa
 
         plain = [table.replace_schema_metadata(self.schema.metadata) for table in tables]
@@ -87,76 +101,43 @@ class Layout:
         return pa.concat_tables(plain).sort_by("trial").combine_chunks()
 
 
-def result_fields(bases: Iterable[Scenario]) -> list[pa.Field]:
-    """The columns that tell how trials of these scenarios ended."""
+def _result_columns(bases: Iterable[Scenario]) -> list[pa.Field]:
+    """The columns that say how trials of these scenarios ended."""
     import pyarrow as pa
 
     own = {metric.name: metric for base in bases for metric in base.own_metrics}
     return [
-        _field("model", pa.string()),
-        _field("scenario_sha256", pa.string()),
-        _field("outcome", pa.string()),
-        _field("success", pa.bool_()),
-        _field("duration_s", pa.float64(), "s"),
-        _field("reason", pa.string()),
+        column("model", pa.string()),
+        column("scenario_sha256", pa.string()),
+        column("outcome", pa.string()),
+        column("success", pa.bool_()),
+        column("duration_s", pa.float64(), "s"),
+        column("reason", pa.string()),
         *(
-            _field(column, pa.float64(), metric.unit)
+            column(name, pa.float64(), metric.unit)
             for metric in (*METRICS, *own.values())
             if metric.in_tables
-            for column in metric_columns(metric)
+            for name in metric_columns(metric)
         ),
-        _field("attempts", pa.int64(), "1"),
-        _field("falls", pa.int64(), "1"),
-        _field("collider", pa.string()),
-        _field("events", pa.string()),
+        column("attempts", pa.int64(), "1"),
+        column("falls", pa.int64(), "1"),
+        column("collider", pa.string()),
+        column("events", pa.string()),
     ]
 
 
 def metric_columns(metric: Metric) -> list[str]:
-    """The columns of a metric: one, or one for each module."""
+    """Return the names of the columns of a metric: one, or one for each module."""
     if not metric.per_module:
         return [metric.name]
     return [f"{metric.name}_{i}" for i in range(1, MODULES + 1)]
 
 
-def to_parquet(table: pa.Table) -> bytes:
-    """A table as the bytes of a file."""
-    import pyarrow.parquet as pq
-
-    buffer = io.BytesIO()
-    pq.write_table(table, buffer, **PARQUET)
-    return buffer.getvalue()
-
-
-def from_parquet(data: bytes) -> pa.Table:
-    """The table of a file's bytes.
-
-    Raises:
-        OSError, pyarrow.ArrowException: they are damaged.
-    """
+def column(name: str, kind: pa.DataType, unit: str | None = None) -> pa.Field:
+    """Return a column of a table, with its unit in the metadata if it has one."""
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
-    return pq.read_table(pa.BufferReader(data), page_checksum_verification=True)
-
-
-def made_by(table: pa.Table) -> str:
-    """What made the rows of a batch, as JSON.
-
-    Raises:
-        KeyError, ValueError: its file is damaged.
-    """
-    text = table.schema.metadata[b"made_by"].decode()
-    return json.dumps(json.loads(text), sort_keys=True)
-
-
-def to_csv(table: pa.Table) -> bytes:
-    """A table as the bytes of a CSV file."""
-    from pyarrow import csv
-
-    buffer = io.BytesIO()
-    csv.write_csv(table, buffer)
-    return buffer.getvalue()
+    return pa.field(name, kind, metadata=None if unit is None else {"unit": unit})
 
 
 def _columns_of(name: str, values: Sequence[Any]) -> dict[str, Sequence[Any]]:
@@ -164,7 +145,7 @@ def _columns_of(name: str, values: Sequence[Any]) -> dict[str, Sequence[Any]]:
 
     Vectors become x, y and z; what is neither number, text nor truth value becomes JSON.
     """
-    if _are_vectors(values):
+    if all(_is_vector(value) for value in values):
         return {
             f"{name}_{letter}": [float(value[i]) for value in values]
             for i, letter in enumerate(XYZ)
@@ -175,217 +156,268 @@ def _columns_of(name: str, values: Sequence[Any]) -> dict[str, Sequence[Any]]:
     return {name: [value if isinstance(value, str) else json.dumps(value) for value in values]}
 
 
-def _are_vectors(values: Sequence[Any]) -> bool:
-    def is_vector(value: Any) -> bool:
-        return (
-            isinstance(value, list)
-            and len(value) == len(XYZ)
-            and all(type(item) in (int, float) for item in value)
-        )
-
-    return all(is_vector(value) for value in values)
+def _is_vector(value: Any) -> bool:
+    is_triple = isinstance(value, list) and len(value) == len(XYZ)
+    return is_triple and all(type(item) in (int, float) for item in value)
 
 
-def _type(values: Sequence[Any]) -> pa.DataType:
-    import pyarrow as pa
+def to_parquet(table: pa.Table) -> bytes:
+    """Return a table as the bytes of a Parquet file."""
+    import pyarrow.parquet as pq
 
-    return {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}[
-        type(values[0])
-    ]
-
-
-def _field(name: str, kind: pa.DataType, unit: str | None = None) -> pa.Field:
-    import pyarrow as pa
-
-    return pa.field(name, kind, metadata=None if unit is None else {"unit": unit})
+    buffer = io.BytesIO()
+    pq.write_table(table, buffer, **PARQUET)
+    return buffer.getvalue()
 
 
-SWEEP_FILE, TABLE_FILE, CSV_FILE, SUMMARY_FILE, MAP_FILE = (
-    "sweep.json",
-    "trials.parquet",
-    "trials.csv",
-    "summary.json",
-    "success_map.png",
-)
-PARTS = "parts"
-_OURS = {SWEEP_FILE, TABLE_FILE, CSV_FILE, SUMMARY_FILE, MAP_FILE, PARTS}
-_MOST_TOLD = 5
-"""How many differences of two sweeps a message names."""
+def to_csv(table: pa.Table) -> bytes:
+    """Return a table as the bytes of a CSV file."""
+    from pyarrow import csv
+
+    buffer = io.BytesIO()
+    csv.write_csv(table, buffer)
+    return buffer.getvalue()
+
+
+def to_json(data: Any) -> bytes:
+    """Return plain data as the bytes of a JSON file."""
+    return (json.dumps(data, indent=2) + "\n").encode()
+
+
+def made_by(table: pa.Table) -> str:
+    """Return what made the rows of a batch (versions, commit), as JSON.
+
+    Raises:
+        KeyError, ValueError: its file is damaged.
+    """
+    text = table.schema.metadata[b"made_by"].decode()
+    return json.dumps(json.loads(text), sort_keys=True)
+
+
+def refuse_all_invalid(table: pa.Table, where: str, which: str, error: type[InputError]) -> None:
+    """Refuse trials none of which could run, and give the first reasons.
+
+    Args:
+        table: of the trials.
+        where: place of the fault in the file.
+        which: word before their number in the message, with its blank.
+        error: exception class to raise.
+
+    Raises:
+        InputError: of class ``error``.
+    """
+    if set(table["outcome"].to_pylist()) == {INVALID}:
+        reasons = list(dict.fromkeys(table["reason"].to_pylist()))
+        fault = Fault(where, f"none of {which}{counted(table.num_rows, 'trial')} is valid")
+        raise error([fault, *(Fault("", reason) for reason in reasons[:_MOST_REASONS])])
+
+
+class Memory:
+    """Tables of batches, kept as long as the process lives.
+
+    Attributes:
+        columns: of the tables.
+    """
+
+    def __init__(self, columns: TrialColumns):
+        self.columns = columns
+        self._tables: dict[str, pa.Table] = {}
+
+    def read(self, batch: Batch) -> pa.Table | None:
+        """Return the rows of a batch; None where it is not done."""
+        return self._tables.get(batch.hash)
+
+    def write(self, batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
+        """Keep the rows of a batch and return them as a table."""
+        return self._tables.setdefault(batch.hash, self.columns.table(batch, rows, made_by))
+
+
+@dataclass(frozen=True)
+class FolderKind:
+    """Folders of one kind, of sweeps or of studies.
+
+    Attributes:
+        noun: "sweep" or "study"; its record is the file of that name in JSON.
+        files: that it may hold beside the record; the figure is the last one.
+        folders: that it holds.
+        digits: of the numbers in the names of part files.
+        free: keys of the resolved sweep or study that its trials do not depend on.
+        packages: whose versions the record names as well.
+    """
+
+    noun: str
+    files: tuple[str, ...]
+    folders: tuple[str, ...]
+    digits: int
+    free: tuple[str, ...]
+    packages: tuple[str, ...] = ()
+
+    @property
+    def record(self) -> str:
+        """Name of the file that says what was run."""
+        return f"{self.noun}.json"
 
 
 class Folder:
-    """The folder of one sweep.
+    """The folder of one sweep or study.
 
     Attributes:
-        renamed: whether name, groups or labels of the sweep have changed since it was begun.
+        path: of the folder.
+        columns: of the tables of batches.
+
+    Args:
+        path: of the folder; it is made where it is missing.
+        kind: what is kept there.
+        sha256: of everything that the trials depend on.
+        data: the resolved sweep or study as plain data.
+        columns: see above.
 
     Raises:
-        OutputError: it holds another sweep or other files, or cannot be written.
+        OutputError: it holds another sweep or study, or other files, or cannot be written.
     """
 
-    def __init__(self, directory: str | Path, sweep: Sweep, layout: Layout):
-        self.path, self.layout = Path(directory), layout
-        check_folder(self.path)
+    def __init__(
+        self,
+        path: str | Path,
+        kind: FolderKind,
+        sha256: str,
+        data: Mapping[str, Any],
+        columns: TrialColumns,
+    ):
+        self.path, self._kind, self.columns = Path(path), kind, columns
+        ours = {"sha256": sha256, kind.noun: data}
+        check_folder(self.path, files=(kind.record, *kind.files))
         with told(self.path):
-            self._open(sweep)
+            there = self._record() if self.path.is_dir() else None
+            if there is not None and there["sha256"] != sha256:
+                raise OutputError(
+                    f"{self.path}: holds a different {kind.noun}: "
+                    f"{_all_differences(there[kind.noun], data, kind.free)}; choose another folder "
+                    "with --out, or remove this one to begin anew"
+                )
+            for name in kind.folders:
+                (self.path / name).mkdir(parents=True, exist_ok=True)
+                check_folder(self.path / name)
+            versions = {name: version(name) for name in kind.packages}
+            self._new_record = to_json(ours | environment() | versions)
+            self._renamed = there is not None and there[kind.noun] != data
+            if there is None:
+                write_file(self.path / kind.record, self._new_record)
 
-    def _open(self, sweep: Sweep) -> None:
-        ours = {"sha256": sweep.hash, "sweep": sweep.model_dump(mode="json")}
-        there = self._there() if self.path.is_dir() else None
-        if there is not None and there["sha256"] != ours["sha256"]:
-            raise OutputError(
-                f"{self.path}: holds a different sweep: "
-                f"{told_differences(there['sweep'], ours['sweep'], FOR_THE_RECORD)}; choose "
-                "another folder with --out, or remove this one to begin anew"
-            )
-        (self.path / PARTS).mkdir(parents=True, exist_ok=True)
-        check_folder(self.path / PARTS)
-        self._description = (json.dumps(ours | environment(), indent=2) + "\n").encode()
-        self.renamed = there is not None and there["sweep"] != ours["sweep"]
-        if there is None:
-            write_file(self.path / SWEEP_FILE, self._description)
-
-    def _there(self) -> dict[str, Any] | None:
-        """What ``sweep.json`` says; None in a folder that holds nothing yet, or part files only."""
-        strange = [
-            p.name for p in self.path.iterdir() if p.name not in _OURS and not is_workshop(p.name)
-        ]
-        file = self.path / SWEEP_FILE
+    def _record(self) -> dict[str, Any] | None:
+        """The contents of the record; None in a folder that holds nothing yet, or parts only."""
+        kind, file = self._kind, self.path / self._kind.record
         if not file.is_file():
+            names = [path.name for path in self.path.iterdir()]
+            strange = [n for n in names if n not in kind.folders and not is_workshop(n)]
             if strange:
                 raise OutputError(
-                    f"{self.path}: holds {strange[0]!r} but no {SWEEP_FILE}, so it is no sweep; "
-                    "choose another folder"
+                    f"{self.path}: holds {strange[0]!r} but no {kind.record}, so it is no "
+                    f"{kind.noun}; choose another folder"
                 )
             return None
         try:
             data = json.loads(file.read_text(encoding="utf-8"))
-            return {"sha256": data["sha256"], "sweep": data["sweep"]}
+            return {"sha256": data["sha256"], kind.noun: dict(data[kind.noun])}
         except (ValueError, KeyError, TypeError, RecursionError, MemoryError) as error:
             raise OutputError(
-                f"{file}: is no description of a sweep ({error}); choose another folder"
+                f"{file}: is no description of a {kind.noun} ({error}); choose another folder"
             ) from error
 
     def read(self, batch: Batch) -> pa.Table | None:
-        """The rows of a batch; None where its file is missing or damaged."""
-        return read_part(self._file(batch), batch, self.layout.schema)
+        """Return the rows of a batch; None where its file is missing, damaged, or of others."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
 
-    def write(self, batch: Batch, table: pa.Table) -> None:
-        """Keep the rows of a batch."""
-        with kept(self.path):
-            write_file(self._file(batch), to_parquet(table))
-
-    def finished(self) -> pa.Table | None:
-        """The whole table, if the sweep is finished and all its files are there."""
-        if not all((self.path / name).is_file() for name in (CSV_FILE, SUMMARY_FILE, MAP_FILE)):
-            return None
         try:
-            table = from_parquet((self.path / TABLE_FILE).read_bytes())
-        except Exception:  # as in ``read``; the table is made again from the batches
+            data = pa.BufferReader(self._part(batch).read_bytes())
+            table = pq.read_table(data, page_checksum_verification=True)
+            made_by(table)
+        except Exception:  # decoders raise anything on damaged bytes; the batch is run again
             return None
-        ours = (
-            table.schema.equals(self.layout.schema, check_metadata=True)
-            and table.num_rows == self.layout.total
-        )
-        return table if ours else None
+        whole = (table.schema.metadata or {}).get(b"part") == batch.hash.encode()
+        schema = self.columns.schema.remove_metadata()
+        whole = whole and table.schema.remove_metadata().equals(schema)
+        numbers = [trial.index for trial in batch.trials]
+        return table if whole and table["trial"].to_pylist() == numbers else None
 
-    def summary(self) -> Any:
-        """What ``summary.json`` says; None where it is missing or damaged."""
+    def write(self, batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
+        """Keep the rows of a batch and return them as a table."""
+        table = self.columns.table(batch, rows, made_by)
+        with self._keeping():
+            write_file(self._part(batch), to_parquet(table))
+        return table
+
+    def put(self, name: str, data: bytes | None) -> None:
+        """Write a file, whole or not at all, or remove it; nothing where it is as asked for."""
+        with self._keeping():
+            if data is None:
+                (self.path / name).unlink(missing_ok=True)
+            elif not self._holds(name, data):
+                write_file(self.path / name, data)
+
+    def finish(self, files: Mapping[str, bytes | None], draw: Callable[[], bytes]) -> None:
+        """Write the files of the whole, in order, and then the figure.
+
+        Nothing is written where all are there already. A figure that cannot be drawn is a warning,
+        and the same call tries again.
+
+        Args:
+            files: contents by name; None: no such file may remain.
+            draw: makes the figure.
+        """
+        figure = self._kind.files[-1]
+        as_asked = all(self._holds(name, data) for name, data in files.items())
+        if as_asked and not self._renamed and (self.path / figure).is_file():
+            return
+        # The figure goes first: as long as it is missing, the same command does all of this again.
+        self.put(figure, None)
+        for name, data in files.items():
+            self.put(name, data)
+        if self._renamed:
+            self.put(self._kind.record, self._new_record)
+        picture = attempt(figure, draw)
+        if picture is not None:
+            self.put(figure, picture)
+
+    def _holds(self, name: str, data: bytes | None) -> bool:
+        file = self.path / name
+        return file.read_bytes() == data if file.is_file() else data is None
+
+    def _part(self, batch: Batch) -> Path:
+        number = f"{batch.number:0{self._kind.digits}d}"
+        return self.path / PARTS / f"{number}-{batch.hash}.parquet"
+
+    @contextlib.contextmanager
+    def _keeping(self) -> Iterator[None]:
+        """Say what to do when something cannot be written."""
         try:
-            return json.loads((self.path / SUMMARY_FILE).read_bytes())
-        except (OSError, ValueError, RecursionError, MemoryError):
-            return None
-
-    def finish(
-        self, table: pa.Table, summary: Mapping[str, Any], draw: Callable[[], bytes]
-    ) -> None:
-        """Write the files of a finished sweep, the table before the figure: one that cannot be
-        drawn is told as a warning, and the same command tries again."""
-        with kept(self.path):
-            write_file(self.path / CSV_FILE, to_csv(table))
-            write_file(self.path / SUMMARY_FILE, (json.dumps(summary, indent=2) + "\n").encode())
-            if self.renamed:
-                write_file(self.path / SWEEP_FILE, self._description)
-            (self.path / MAP_FILE).unlink(missing_ok=True)
-            write_file(self.path / TABLE_FILE, to_parquet(table))
-            figure = attempt(MAP_FILE, draw)
-            if figure is not None:
-                write_file(self.path / MAP_FILE, figure)
-
-    def _file(self, batch: Batch) -> Path:
-        return self.path / PARTS / f"{batch.number:06d}-{batch.hash}.parquet"
+            with told(self.path):
+                yield
+        except OutputError as error:
+            raise OutputError(
+                f"{error}; the finished batches are kept, and the same command goes on from there"
+            ) from error
 
 
-class Memory:
-    """The batches of a sweep that is not written to a folder."""
-
-    def __init__(self) -> None:
-        self._tables: dict[int, pa.Table] = {}
-
-    def read(self, batch: Batch) -> pa.Table | None:
-        """The rows of a batch; None where it is not done."""
-        return self._tables.get(batch.number)
-
-    def write(self, batch: Batch, table: pa.Table) -> None:
-        """Keep the rows of a batch."""
-        self._tables[batch.number] = table
-
-
-def holds_sweep(directory: str | Path) -> bool:
-    """Whether a sweep was begun in a folder."""
-    return (Path(directory) / SWEEP_FILE).is_file()
-
-
-def read_part(file: Path, batch: Batch, schema: pa.Schema) -> pa.Table | None:
-    """The rows of a batch from its part file; None where this is missing, damaged, or of other
-    trials.
-
-    Args:
-        file: of the batch.
-        batch: whose rows they shall be.
-        schema: of tables of batches; its own metadata do not count.
-    """
-    try:
-        table = from_parquet(file.read_bytes())
-        made_by(table)
-    except Exception:  # decoders raise anything on damaged bytes; the batch is run again
-        return None
-    whole = (table.schema.metadata or {}).get(b"part") == batch.hash.encode()
-    whole = whole and table.schema.remove_metadata().equals(schema.remove_metadata())
-    numbers = [trial.index for trial in batch.trials]
-    return table if whole and table["trial"].to_pylist() == numbers else None
-
-
-@contextlib.contextmanager
-def kept(path: Path) -> Iterator[None]:
-    """Say what to do when something cannot be written into the folder of a sweep or study."""
-    try:
-        with told(path):
-            yield
-    except OutputError as error:
-        raise OutputError(
-            f"{error}; the finished batches are kept, and the same command goes on from there"
-        ) from error
-
-
-def told_differences(there: Any, ours: Any, free: Collection[str]) -> str:
+def _all_differences(there: Any, ours: Any, free: Sequence[str]) -> str:
     """Where two tables of plain data differ, as text; their own keys of ``free`` may differ."""
     first, second = ({k: v for k, v in table.items() if k not in free} for table in (there, ours))
-    found = list(_differences(first, second, ""))
-    more = f" and {len(found) - _MOST_TOLD} more" if len(found) > _MOST_TOLD else ""
-    return (", ".join(found[:_MOST_TOLD]) or "it was made by another version of the program") + more
+    lines = list(_differences(first, second, ""))
+    rest = len(lines) - _MOST_DIFFERENCES
+    text = ", ".join(lines[:_MOST_DIFFERENCES]) or "it was made by another version of the program"
+    return f"{text} and {rest} more" if rest > 0 else text
 
 
 def _differences(there: Any, ours: Any, path: str) -> Iterator[str]:
     if isinstance(there, dict) and isinstance(ours, dict):
         for key in [*there, *(key for key in ours if key not in there)]:
-            yield from _differences(
-                there.get(key, _Nothing), ours.get(key, _Nothing), f"{path}.{key}".lstrip(".")
-            )
+            pair = there.get(key, _Nothing), ours.get(key, _Nothing)
+            yield from _differences(*pair, f"{path}.{key}".lstrip("."))
     elif isinstance(there, list) and isinstance(ours, list):
         for i in range(max(len(there), len(ours))):
-            pair = [items[i] if i < len(items) else _Nothing for items in (there, ours)]
-            yield from _differences(pair[0], pair[1], f"{path}.{i}")
+            one, other = (items[i] if i < len(items) else _Nothing for items in (there, ours))
+            yield from _differences(one, other, f"{path}.{i}")
     elif there != ours:
         yield f"{path} is {_shown(there)} there and {_shown(ours)} here"
 

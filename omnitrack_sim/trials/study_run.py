@@ -1,109 +1,120 @@
-"""Runs a study: search, check, and the files of both."""
+"""Runs studies: the search, the check of its best candidates, and the files of both.
+
+The trials are all that is kept of a search. With their values it takes the same way again, so it
+goes on from wherever it was killed.
+"""
 
 from __future__ import annotations
 
+import io
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from omnitrack_sim.base.arguments import check_is
-from omnitrack_sim.base.errors import Fault, InputError, StudyError
-from omnitrack_sim.base.text import counted
-from omnitrack_sim.base.workers import LocalPool
-from omnitrack_sim.trials.batches import (
-    INVALID,
-    Batch,
-    Trial,
-    batched,
-    fitted,
-    matches,
-    places_of,
-    trial_of,
-    value_at,
-)
-from omnitrack_sim.trials.dispatch import MakeExecutor, Pool, Progress, Status, Store, run_missing
+from omnitrack_sim.base.errors import StudyError
+from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.scenario.tables import unit_of
+from omnitrack_sim.show.plots.study import Scale, Tried, study_figure
+from omnitrack_sim.show.plots.style import save_figure
+from omnitrack_sim.trials.batches import Batch, Trial, batched, fitted, matches, value_at
+from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
 from omnitrack_sim.trials.objectives import Measure
 from omnitrack_sim.trials.search import (
     Candidate,
     History,
     Measured,
+    Searches,
     best_of,
     explore,
+    front,
     to_be_checked,
+    values_of,
+    violations_of,
 )
-from omnitrack_sim.trials.store import made_by, to_csv, to_parquet
-from omnitrack_sim.trials.study import Study
-from omnitrack_sim.trials.study_history import draw_front, final_table, front_table, history_table
-from omnitrack_sim.trials.study_store import (
-    BEST_FILE,
-    FINAL_FILE,
-    FRONT_FILE,
-    HISTORY_CSV,
-    HISTORY_FILE,
-    SUMMARY_FILE,
+from omnitrack_sim.trials.store import (
+    PARTS,
     Folder,
-    Layout,
+    FolderKind,
     Memory,
+    TrialColumns,
+    column,
+    made_by,
+    refuse_all_invalid,
+    to_csv,
+    to_json,
+    to_parquet,
 )
+from omnitrack_sim.trials.study import FOR_THE_RECORD, OF_TRIALS, Study, metrics_of
+from omnitrack_sim.trials.study_tables import SUCCESS_RATE, Objective
 from omnitrack_sim.trials.sweep import Sweep
 
 if TYPE_CHECKING:
     import pyarrow as pa
-if TYPE_CHECKING:
-    import pyarrow as pa
 
-
-@dataclass(frozen=True)
-class StudyStatus:
-    """How far a study is.
-
-    Attributes:
-        stage: what is going on, in a few words.
-        total: number of trials of the search, or of the check.
-        found: those of them that were done before this run.
-        done: those that are done now.
-        lost: how often workers were lost.
-    """
-
-    stage: str
-    total: int
-    found: int = 0
-    done: int = 0
-    lost: int = 0
+HISTORY_FILE, HISTORY_CSV, FRONT_FILE = "history.parquet", "history.csv", "front.csv"
+FINAL_FILE, BEST_FILE, SUMMARY_FILE = "final.csv", "best.toml", "summary.json"
+VALUES = "values"
+STUDY_FOLDER = FolderKind(
+    noun="study",
+    files=(
+        HISTORY_FILE,
+        HISTORY_CSV,
+        FRONT_FILE,
+        FINAL_FILE,
+        BEST_FILE,
+        SUMMARY_FILE,
+        "front.png",
+    ),
+    folders=(PARTS, VALUES),
+    digits=9,
+    free=FOR_THE_RECORD,
+    packages=("cmaes",),
+)
 
 
 @dataclass(frozen=True, eq=False)
 class StudyResult:
-    """What a study has found.
+    """What a study leaves.
 
     Attributes:
         study: that was run.
-        history: one row a candidate.
-        front: the candidates that no other one beats.
+        table: one row a candidate.
+        status: how many trials of the last stage there are, were found done, and are done now.
+        folder: of the files; None if nothing was written.
+        summary: as in ``summary.json``.
+        front: rows of the candidates that no other one beats.
         final: the best ones on trials that the search has not seen; None without a check.
         best: values of the best one, by path.
-        summary: as in ``summary.json``.
+
+    Example:
+        >>> result = ot.run_study(ot.load_study("controller_gains"))  # doctest: +SKIP
+        >>> ot.override(ot.load_scenario("tee_turn"), result.best)  # doctest: +SKIP
     """
 
     study: Study
-    history: pa.Table
+    table: pa.Table
+    status: Status
+    folder: Path | None
+    summary: dict[str, Any]
     front: pa.Table
     final: pa.Table | None
     best: dict[str, float | int]
-    summary: dict[str, Any]
 
 
 def run_study(
     study: Study,
-    out: str | Path | None = None,
     *,
+    out: str | Path | None = None,
     workers: int = 1,
     executor: Executor | MakeExecutor | None = None,
-    progress: Callable[[StudyStatus], None] | None = None,
+    progress: Progress | None = None,
 ) -> StudyResult:
     """Run what is not done yet of a study.
 
@@ -115,56 +126,142 @@ def run_study(
             written.
         workers: processes that run trials; with 1 this one does.
         executor: runs them instead, as in ``run_sweep``.
-        progress: called with the ``StudyStatus`` after each batch of trials.
+        progress: called with the ``Status`` at the beginning of each generation and after each
+            batch of trials.
 
     Raises:
         StudyError: the first candidates have only invalid trials, or no value of an objective.
-        InputError: no such number of workers.
-        OutputError: the folder holds something else, or cannot be written; finished trials stay.
+        InputError: no such number of workers, or the package cmaes is missing.
+        OutputError: the folder holds something else, or cannot be written; finished batches stay.
         WorkersLost: the given executor has broken; the same call goes on from there.
+
+    Example:
+        >>> study = ot.load_study("controller_gains")
+        >>> ot.run_study(study, out="out/gains", workers=8).best  # doctest: +SKIP
     """
     check_is(Study, "study", study)
-    if workers < 1:
-        raise InputError(Fault("workers", f"is {workers}; must be 1 or more"))
-    if executor is None and workers > 1:
-        executor = lambda: LocalPool(workers)  # noqa: E731
-    folder = None if out is None else Folder(out, study)
-    with Pool(executor) as pool:
-        return _Run(study, folder, pool, progress or (lambda status: None)).all()
+    Searches(study)  # refuses before anything is written where cmaes is missing
+    with Engine(workers, executor, progress) as engine:
+        return _StudyRun(study, out, engine).result()
 
 
-class _Run:
-    """One run of a study."""
+class CandidateTrials:
+    """The trials of candidates: an ``Evaluate``.
+
+    Every candidate is put through the same trials: one with the same number has the same draws.
+
+    Attributes:
+        makers: versions and commits that the batches were made by, as JSON.
+
+    Args:
+        study: with variables and objectives.
+        sweeps: whose trials they are.
+        store: of the batches.
+        engine: runs those that the store lacks.
+    """
 
     def __init__(
-        self,
-        study: Study,
-        folder: Folder | None,
-        pool: Pool,
-        progress: Callable[[StudyStatus], None],
+        self, study: Study, sweeps: Sequence[Sweep], store: Folder | Memory, engine: Engine
     ):
-        self.study, self.folder, self.progress = study, folder, progress
-        self.status = StudyStatus("generation 1", study.candidate_count * study.size)
-        self.before = self.status
-        store = folder or Memory()
-        self.search = Trials(study, study.trials, store, pool, self._show)
-        self.check = Trials(study, study.unseen, store, pool, self._show)
+        self._study, self._sweeps, self._store, self._engine = study, sweeps, store, engine
+        self._measure = Measure(study, sweeps)
+        self.makers: set[str] = set()
 
-    def all(self) -> StudyResult:
+    def __call__(self, candidates: Sequence[Candidate]) -> list[Measured]:
+        """Return what the candidates have shown.
+
+        Raises:
+            StudyError: no trial of the first generation could run, or gave an objective.
+        """
+        batches = batches_of(self._study, self._sweeps, candidates)
+        tables = self._engine.run([(self._store, batch) for batch in batches])
+        self.makers |= {made_by(table) for table in tables}
+        table = self._store.columns.merged(tables)
+        if candidates[0].number == 0 and self._sweeps is self._study.trials:
+            refuse_all_invalid(table, "variables", "the first ", StudyError)
+            self._measure.refuse_unmeasured(table)
+        return self._measure(table, len(candidates))
+
+
+def batches_of(
+    study: Study, sweeps: Sequence[Sweep], candidates: Sequence[Candidate]
+) -> list[Batch]:
+    """Return the trials of candidates in batches that share a model.
+
+    The trials of a candidate are numbered in the order of the sweeps, after those of the candidates
+    with smaller numbers.
+    """
+    batches: list[Batch] = []
+    size, first = sum(sweep.size for sweep in sweeps), 0
+    for sweep in sweeps:
+        trials = []
+        for candidate in candidates:
+            values = {name: _values(study, candidate, base) for name, base in sweep.plain.items()}
+            for one in map(sweep.trial, range(sweep.size)):
+                number = candidate.number * size + first + one.index
+                trials.append(Trial(number, one.base, one.changes | values[one.base]))
+        batches += batched(sweep.plain, trials, sweep.batch)
+        first += sweep.size
+    # In the folder batches of all generations stand together, so each has its first trial's number.
+    return [replace(batch, number=batch.trials[0].index) for batch in batches]
+
+
+def _values(study: Study, candidate: Candidate, base: dict[str, Any]) -> dict[str, Any]:
+    """The values of a candidate by every single place of a plain scenario that takes them."""
+    return {
+        place: fitted(value, value_at(base, place))
+        for path, value in study.settings(candidate.values).items()
+        for place in matches(base, path)
+    }
+
+
+class _StudyRun:
+    """One run of a study."""
+
+    def __init__(self, study: Study, out: str | Path | None, engine: Engine):
+        self.study, self.engine = study, engine
+        columns = TrialColumns(base for sweep in study.trials for base in sweep.bases.values())
+        data = study.model_dump(mode="json")
+        self.folder = None if out is None else Folder(out, STUDY_FOLDER, study.hash, data, columns)
+        store = self.folder or Memory(columns)
+        self.search = CandidateTrials(study, study.trials, store, engine)
+        self.check = CandidateTrials(study, study.unseen, store, engine)
+        self.ran = 0
+
+    def result(self) -> StudyResult:
         """Search, check, write."""
-        history = explore(self.study, self.search, self._after_generation)
+        study, engine = self.study, self.engine
+        engine.begin(study.candidate_count * study.size, "generation 1")
+        history = explore(study, self.search, self._after_generation)
         checked = self._checked(history)
-        final = None if checked is None else final_table(self.study, checked)
+        final = None if checked is None else final_table(study, checked)
         rows = history if checked is None else checked
-        best = rows[best_of(self.study, rows)][0]
-        front = front_table(self.study, history)
-        summary = self._summary(history, checked, best, front.num_rows)
-        table = history_table(self.study, history)
-        settings = self.study.settings(best.values)
-        result = StudyResult(self.study, table, front, final, settings, summary)
+        best = rows[best_of(study, rows)][0]
+        result = StudyResult(
+            study=study,
+            table=history_table(study, history),
+            status=engine.status,
+            folder=None if self.folder is None else self.folder.path,
+            summary=self._summary(history, checked, best),
+            front=front_table(study, history),
+            final=final,
+            best=study.settings(best.values),
+        )
         if self.folder is not None:
-            _write(self.folder, result, history, checked, best)
+            files = _files(result, self.folder.path, checked or [(best, Measured(()))], best)
+            self.folder.finish(files, lambda: draw_front(study, history, checked, best))
         return result
+
+    def _after_generation(self, history: History) -> None:
+        """Keep the history so far, unless all of the generation was there before."""
+        status = self.engine.status
+        before, self.ran = self.ran, status.done - status.found
+        number, last = history[-1][0].generation, self.study.generations
+        stage = f"generation {number + 1} of {last}" if number < last else "centres of the searches"
+        self.engine.enter(stage)
+        if self.folder is not None and self.ran > before:
+            for name, data in _history_files(history_table(self.study, history)).items():
+                self.folder.put(name, data)
 
     def _checked(self, history: History) -> History | None:
         """The best candidates on trials that the search has not seen."""
@@ -173,190 +270,166 @@ class _Run:
             return None
         chosen = to_be_checked(self.study, history, most)
         size = sum(sweep.size for sweep in self.study.unseen)
-        self.status = StudyStatus("check of the best", len(chosen) * size)
-        self.before = self.status
+        self.engine.begin(len(chosen) * size, "check of the best")
         return list(zip(chosen, self.check(chosen), strict=True))
 
-    def _show(self, status: Status) -> None:
-        """Tell how far all is, from how far this generation is."""
-        before = self.before
-        self.status = replace(
-            before,
-            found=before.found + status.found,
-            done=before.done + status.done,
-            lost=before.lost + status.lost,
-        )
-        self.progress(self.status)
-
-    def _after_generation(self, history: History) -> None:
-        """Keep the history so far, unless all of the generation was there before."""
-        ran = self.status.done - self.before.done > self.status.found - self.before.found
-        number, of = history[-1][0].generation, self.study.generations
-        stage = f"generation {number + 1} of {of}" if number < of else "centres of the searches"
-        self.before = self.status = replace(self.status, stage=stage)
-        if self.folder is not None and ran:
-            _write_history(self.folder, history_table(self.study, history))
-
     def _summary(
-        self, history: History, checked: History | None, best: Candidate, on_front: int
+        self, history: History, checked: History | None, best: Candidate
     ) -> dict[str, Any]:
         """The contents of ``summary.json``."""
-        shown = {one.number: own for one, own in history}
-        again = {one.number: own for one, own in checked or ()}
-        told = {}
+        study, makers = self.study, sorted(self.search.makers | self.check.makers)
+        in_check = {one.number: own for one, own in checked or ()}
+        compared = {}
         for name, number in (("start", 0), ("best", best.number)):
-            told[name] = {
+            candidate, measured = history[number]
+            compared[name] = {
                 "number": number,
-                "values": self.study.settings(history[number][0].values),
-                "search": _told(self.study, shown[number]),
-                "check": _told(self.study, again[number]) if checked else None,
+                "values": study.settings(candidate.values),
+                "search": _figures(study, measured),
+                "check": _figures(study, in_check[number]) if checked else None,
             }
         return {
-            "name": self.study.name,
-            "study_sha256": self.study.hash,
+            "name": study.name,
+            "study_sha256": study.hash,
             "candidates": len(history),
-            "trials_each": self.study.size,
-            "on_front": on_front,
-            **told,
-            "provenance": {
-                "seed": self.study.seed,
-                "made_by": [
-                    json.loads(text) for text in sorted(self.search.makers | self.check.makers)
-                ],
-            },
+            "trials_each": study.size,
+            "on_front": len(front(study, history)),
+            **compared,
+            "provenance": {"seed": study.seed, "made_by": [json.loads(text) for text in makers]},
         }
 
 
-def _told(study: Study, measured: Measured) -> dict[str, float | None]:
+def _figures(study: Study, measured: Measured) -> dict[str, float | None]:
     """Objectives by name, None where there is no finite value; and how many trials passed."""
-    named = zip(study.columns, measured.values, strict=True)
-    told = {name: value if math.isfinite(value) else None for name, value in named}
-    return told | {"passed": measured.passed, "trials": measured.trials}
+    pairs = zip(study.columns, measured.values, strict=True)
+    figures = {name: value if math.isfinite(value) else None for name, value in pairs}
+    return figures | {"passed": measured.passed, "trials": measured.trials}
 
 
-def _write(
-    folder: Folder, result: StudyResult, history: History, checked: History | None, best: Candidate
-) -> None:
-    """Write all files of a study that is finished; the figure last, for it holds nothing new."""
+def _files(
+    result: StudyResult, folder: Path, kept: History, best: Candidate
+) -> dict[str, bytes | None]:
+    """The files of a study that is finished, but for its figure.
+
+    Args:
+        result: of the study.
+        folder: of the files.
+        kept: candidates whose values are kept each in a file.
+        best: one of them.
+    """
     study = result.study
-    _write_history(folder, result.history)
-    folder.write_file(FRONT_FILE, to_csv(result.front))
-    if result.final is None:
-        folder.remove(FINAL_FILE)
-    else:
-        folder.write_file(FINAL_FILE, to_csv(result.final))
-    folder.write_values(
-        {f"{one.number}.toml": _settings(study, one) for one, _ in checked or [(best, None)]}
-    )
-    folder.write_file(BEST_FILE, _settings(study, best))
-    folder.write_file(SUMMARY_FILE, json.dumps(result.summary, indent=2) + "\n")
-    folder.write_figure(lambda: draw_front(study, history, checked, best))
+    values = {f"{VALUES}/{one.number}.toml": _settings(study, one) for one, _ in kept}
+    stale = [path.name for path in (folder / VALUES).glob("*.toml")]
+    return {
+        **_history_files(result.table),
+        FRONT_FILE: to_csv(result.front),
+        FINAL_FILE: None if result.final is None else to_csv(result.final),
+        **{f"{VALUES}/{name}": None for name in stale},
+        **values,
+        BEST_FILE: _settings(study, best),
+        SUMMARY_FILE: to_json(result.summary),
+    }
 
 
-def _write_history(folder: Folder, table: pa.Table) -> None:
-    folder.write_file(HISTORY_CSV, to_csv(table))
-    folder.write_file(HISTORY_FILE, to_parquet(table))
+def _history_files(table: pa.Table) -> dict[str, bytes | None]:
+    return {HISTORY_CSV: to_csv(table), HISTORY_FILE: to_parquet(table)}
 
 
-def _settings(study: Study, candidate: Candidate) -> str:
+def _settings(study: Study, candidate: Candidate) -> bytes:
     """The values of a candidate as ``--set @FILE`` takes them."""
     lines = [f"# Candidate {candidate.number} of the study {study.name}. For --set @FILE."]
     settings = study.settings(candidate.values)
     lines += [f"{json.dumps(path)} = {value!r}" for path, value in settings.items()]
-    return "\n".join(lines) + "\n"
+    return ("\n".join(lines) + "\n").encode()
 
 
-_TOLD_REASONS = 3
+def history_table(study: Study, rows: History) -> pa.Table:
+    """Return one row a candidate: its number, generation and search, values, objectives, limits."""
+    return _table(study, _history_columns(study, rows))
 
 
-class Trials:
-    """Evaluates candidates of a study: an ``Evaluate``.
+def front_table(study: Study, rows: History) -> pa.Table:
+    """Return the rows of the candidates on the front, the best of the first objective first."""
+    import pyarrow as pa
 
-    Every candidate is put through the same trials: one with the same number has the same draws.
+    # Of an empty list pyarrow does not know that it holds places.
+    return history_table(study, rows).take(pa.array(front(study, rows), pa.int64()))
 
-    Args:
-        study: with variables and objectives.
-        sweeps: whose trials they are.
-        store: keeps what has been run, and has what was run before.
-        pool: runs the rest.
-        progress: called with the status of each generation.
+
+def final_table(study: Study, rows: History) -> pa.Table:
+    """Return the candidates that were checked with what they have shown there.
+
+    Success rates have their Wilson intervals beside them, in columns that end in ``_low`` and
+    ``_high``.
     """
+    import pyarrow as pa
 
-    def __init__(
-        self,
-        study: Study,
-        sweeps: Sequence[Sweep],
-        store: Store,
-        pool: Pool,
-        progress: Progress | None,
-    ):
-        self.study, self.sweeps, self.store, self.pool = study, sweeps, store, pool
-        self.progress = progress
-        self.layout = Layout(sweeps)
-        self.measure = Measure(study, sweeps)
-        self.makers: set[str] = set()
-
-    def __call__(self, candidates: Sequence[Candidate]) -> list[Measured]:
-        """What the candidates have shown.
-
-        Raises:
-            StudyError: no trial of the first generation could run, or gave an objective.
-        """
-        import pyarrow as pa
-
-        batches = batches_of(self.study, self.sweeps, candidates)
-        run_missing(batches, self.store, self.layout, self.pool, self.progress)
-        tables = [table for batch in batches if (table := self.store.read(batch)) is not None]
-        self.makers |= {made_by(table) for table in tables}
-        plain = [table.replace_schema_metadata(None) for table in tables]
-        table = pa.concat_tables(plain).sort_by("trial")
-        if candidates[0].number == 0 and self.sweeps is self.study.trials:
-            _refuse_all_invalid(table)
-            self.measure.refuse_unmeasured(table)
-        return self.measure(table, len(candidates))
+    columns = _history_columns(study, rows)
+    for i, (name, objective) in enumerate(zip(study.columns, study.objectives, strict=True)):
+        if objective.metric == SUCCESS_RATE:
+            count = sum(s.size for s in study.unseen if objective.trials in (None, s.name))
+            ends = [wilson_interval(round(own.values[i] * count), count) for _, own in rows]
+            for k, end in enumerate(("low", "high")):
+                columns.append((column(f"{name}_{end}", pa.float64()), [one[k] for one in ends]))
+    on_front, best = set(front(study, rows)), best_of(study, rows)
+    places = range(len(rows))
+    columns.append((column("on_front", pa.bool_()), [place in on_front for place in places]))
+    columns.append((column("best", pa.bool_()), [place == best for place in places]))
+    return _table(study, columns)
 
 
-def _refuse_all_invalid(table: pa.Table) -> None:
-    if set(table["outcome"].to_pylist()) == {INVALID}:
-        reasons = list(dict.fromkeys(table["reason"].to_pylist()))
-        first = counted(table.num_rows, "trial")
-        raise StudyError(
-            [
-                Fault("variables", f"none of the first {first} is valid"),
-                *(Fault("", reason) for reason in reasons[:_TOLD_REASONS]),
-            ]
-        )
+def _table(study: Study, columns: Sequence[tuple[pa.Field, list[Any]]]) -> pa.Table:
+    import pyarrow as pa
+
+    schema = pa.schema([field for field, _ in columns], metadata={"study_sha256": study.hash})
+    arrays = [pa.array(values, field.type) for field, values in columns]
+    return pa.Table.from_arrays(arrays, schema=schema)
 
 
-def batches_of(
-    study: Study, sweeps: Sequence[Sweep], candidates: Sequence[Candidate]
-) -> list[Batch]:
-    """The trials of candidates in batches that share a model.
+def _history_columns(study: Study, rows: History) -> list[tuple[pa.Field, list[Any]]]:
+    """The columns of all tables of candidates, with their values."""
+    import pyarrow as pa
 
-    The trials of a candidate are numbered in the order of the sweeps, after those of the candidates
-    with smaller numbers.
-    """
-    batches: list[Batch] = []
-    size, first = sum(sweep.size for sweep in sweeps), 0
-    for sweep in sweeps:
-        plain = {name: base.model_dump(mode="json") for name, base in sweep.bases.items()}
-        places, columns = places_of(plain, sweep.axes), sweep.trials()
-        members = []
-        for candidate in candidates:
-            values = {name: _values(study, candidate, data) for name, data in plain.items()}
-            for index in range(sweep.size):
-                one = trial_of(places, columns, index)
-                number = candidate.number * size + first + index
-                members.append(Trial(number, one.base, one.changes | values[one.base]))
-        batches += batched(plain, members, sweep.batch, len(batches))
-        first += sweep.size
-    return batches
+    whole, real = pa.int64(), pa.float64()
+    candidates, measured = [row[0] for row in rows], [row[1] for row in rows]
+    columns = [
+        (column(key, whole), [getattr(one, key) for one in candidates])
+        for key in ("number", "generation", "search")
+    ]
+    for i, variable in enumerate(study.variables):
+        field = column(variable.name, whole if variable.whole else real, unit_of(variable.name))
+        columns.append((field, [one.values[i] for one in candidates]))
+    for i, (name, objective) in enumerate(zip(study.columns, study.objectives, strict=True)):
+        field = column(name, real, _unit_of_objective(study, objective))
+        columns.append((field, [one.values[i] for one in measured]))
+    kept = violations_of(study, values_of(rows)) == 0
+    columns.append((column("feasible", pa.bool_()), kept.tolist()))
+    columns += [
+        (column(key, whole), [getattr(one, key) for one in measured])
+        for key in ("trials", "passed", "invalid", "lost")
+    ]
+    return columns
 
 
-def _values(study: Study, candidate: Candidate, data: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of a candidate by every single place of a plain scenario that takes them."""
-    return {
-        place: fitted(value, value_at(data, place))
-        for path, value in study.settings(candidate.values).items()
-        for place in matches(data, path)
-    }
+def _unit_of_objective(study: Study, objective: Objective) -> str:
+    bases = [base for sweep in study.trials for base in sweep.bases.values()]
+    metric = metrics_of(bases).get(objective.metric)
+    return OF_TRIALS.get(objective.metric, "1") if metric is None else metric.unit
+
+
+def draw_front(study: Study, history: History, checked: History | None, best: Candidate) -> bytes:
+    """Draw ``front.png``, of the objectives with a weight; of the others the limits alone count."""
+    weighed = list(study.weighed)
+    scales = [
+        Scale(name, _unit_of_objective(study, objective), objective.goal, objective.limit)
+        for name, objective in ((study.columns[i], study.objectives[i]) for i in weighed)
+    ]
+    values = values_of(history)
+    again = values_of(checked)[:, weighed] if checked else np.empty((0, len(scales)))
+    places = [one.number for one, _ in checked or ()]
+    feasible = violations_of(study, values) == 0
+    on_front = front(study, history)
+    tried = Tried(values[:, weighed], feasible, on_front, best.number, again, places)
+    buffer = io.BytesIO()
+    save_figure(study_figure(scales, tried), buffer, "png")
+    return buffer.getvalue()

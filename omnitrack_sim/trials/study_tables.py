@@ -10,45 +10,38 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from omnitrack_sim.base.bounds import LARGEST, MOST_TRIALS
 from omnitrack_sim.base.table import Table
-from omnitrack_sim.trials.axes import Number
+from omnitrack_sim.trials.axes import Number, PathTable, above_low
 
 SUCCESS_RATE = "success_rate"
 """The objective that is no metric of a run: the part of the trials that reached the goal."""
 MOST_VARIABLES, MOST_OBJECTIVES = 100, 10
 DIGITS = 9
 """Significant digits of the values that are tried, so that they read the same in every file."""
-Path = Annotated[str, Field(min_length=1)]
 Name = Annotated[str, Field(min_length=1)]
 Module = Literal[1, 2, 3, "mean", "max", "min", "sum"]
 """Which module of a metric that has one value for each, or how the three become one number."""
 
 
-class Variable(Table):
+class Variable(PathTable):
     """A value of the scenarios that is varied between two bounds.
 
     Attributes:
         path: dotted path of the value, or several that all take it.
-        low, high: the bounds, both included.
-        scale: whether steps are alike by difference or by ratio.
+        low: lower bound, included.
+        high: upper bound, included.
+        scale: steps are alike by difference ("linear") or by ratio ("log").
         start: where the search begins; none: the value of the first base scenario if it lies
             within the bounds, else the middle.
-        whole: whether only whole numbers are tried; none: as the value of the base scenario is one.
+        whole: only whole numbers are tried; none: if the value of the base scenario is one.
     """
 
-    path: Path | Annotated[tuple[Path, ...], Field(min_length=1)]
     low: Number
     high: Number
     scale: Literal["linear", "log"] = "linear"
     start: float | None = None
     whole: bool | None = None
 
-    @field_validator("high")
-    @classmethod
-    def _is_above(cls, high: float, info: ValidationInfo) -> float:
-        low = info.data.get("low")
-        if low is not None and high <= low:
-            raise ValueError(f"must be over low, {low:g}")
-        return high
+    _is_above = field_validator("high")(above_low)
 
     @field_validator("scale")
     @classmethod
@@ -66,18 +59,8 @@ class Variable(Table):
             raise ValueError(f"must be from low to high, {low:g} to {high:g}")
         return start
 
-    @property
-    def paths(self) -> tuple[str, ...]:
-        """All paths that take the value."""
-        return (self.path,) if isinstance(self.path, str) else self.path
-
-    @property
-    def name(self) -> str:
-        """The first path, by which the variable is known."""
-        return self.paths[0]
-
     def value_at(self, place: float) -> float | int:
-        """The value at a place between the bounds, 0 at ``low`` and 1 at ``high``."""
+        """Return the value at a place between the bounds, 0 at ``low`` and 1 at ``high``."""
         if self.scale == "log":
             value = self.low * (self.high / self.low) ** place
         else:
@@ -86,7 +69,7 @@ class Variable(Table):
         return round(value) if self.whole else value
 
     def place_of(self, value: float) -> float:
-        """The place of a value between the bounds, from 0 to 1."""
+        """Return the place of a value between the bounds, from 0 to 1."""
         if self.scale == "log":
             return math.log(value / self.low) / math.log(self.high / self.low)
         return (value - self.low) / (self.high - self.low)
@@ -153,7 +136,7 @@ class Final(Table):
     seed: Annotated[int, Field(ge=0, lt=2**62)] = 1_000_003
 
 
-class Plan(Table):
+class SearchPlan(Table):
     """What is searched, and how long; all that a search knows of a study.
 
     Attributes:

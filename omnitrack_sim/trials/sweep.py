@@ -1,14 +1,17 @@
-"""What is wrong with the axes of a sweep, given its base scenarios."""
+"""Sweeps: plans of trials, from axes over base scenarios; read from files and checked as a whole
+before anything runs."""
 
 from __future__ import annotations
 
-import hashlib
+import itertools
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cached_property
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import BaseModel, Field
 
 from omnitrack_sim.base.bounds import (
@@ -36,199 +39,28 @@ from omnitrack_sim.trials.axes import (
     GridAxis,
     ListAxis,
     Sampling,
+    unit_points,
 )
 from omnitrack_sim.trials.batches import (
     FORMAT,
     Batch,
-    Columns,
-    batches_of,
+    Trial,
+    batched,
     changed,
-    count,
-    crossed_values,
-    expand,
+    fitted,
     matches,
-    places_of,
-    trial_of,
+    sha256_of,
     value_at,
 )
-
-
-def axis_faults(
-    number: int, axes: Sequence[AxisTable], bases: Mapping[str, Scenario]
-) -> Iterator[Fault]:
-    """What is wrong with axis ``number``, given the base scenarios."""
-    where, axis = f"axes.{number}", axes[number]
-    others = [other for other in axes if other is not axis and isinstance(other, ListAxis)]
-    for i, path in enumerate(axis.paths):
-        at = f"{where}.path" if isinstance(axis.path, str) else f"{where}.path.{i}"
-        for name, scenario in bases.items():
-            data = scenario.model_dump(mode="json")
-            found = matches(data, path)
-            if not found:
-                yield missing(at, path, data, name if len(bases) > 1 else None)
-                break
-            value = value_at(data, found[0])
-            inner = (
-                value if isinstance(value, dict) else value[0] if isinstance(value, list) else None
-            )
-            if isinstance(inner, dict) and not _names_tables(axis, value):
-                keys = value if isinstance(value, dict) else [*map(str, range(len(value))), "*"]
-                yield Fault(at, f"{path!r} is a table; name one value in it", tuple(keys))
-                break
-            problem = _misfit(axis, value)
-            if problem:
-                yield Fault(at, f"{path!r} {problem}")
-                break
-            if isinstance(axis, ListAxis):
-                yield from _misspelt(where, axis, scenario, found, others)
-
-
-def _names_tables(axis: AxisTable, present: Any) -> bool:
-    """Whether the axis sets a table by a name for it, such as the robot's motor."""
-    return (
-        isinstance(axis, ListAxis)
-        and isinstance(present, dict)
-        and all(isinstance(value, str) for value in axis.values)
-    )
-
-
-def missing(at: str, path: str, data: Mapping[str, Any], base: str | None) -> Fault:
-    """The fault of a path that leads nowhere: where it leaves the scenario, and what there is."""
-    keys = path.split(".")
-    depth = next(i for i in range(len(keys)) if not matches(data, ".".join(keys[: i + 1])))
-    before = matches(data, ".".join(keys[:depth])) if depth else [""]
-    inside = value_at(data, before[0])
-    choices = tuple(inside) if isinstance(inside, dict) else ()
-    choices = (*map(str, range(len(inside))), "*") if isinstance(inside, list) else choices
-    of = f" in base {base!r}" if base else ""
-    problem = f"is {path!r}; there is no {keys[depth]!r}{of}"
-    return Fault(at, problem, choices, given=keys[depth])
-
-
-def _misfit(axis: AxisTable, present: Any) -> str | None:
-    """Why an axis of numbers or vectors cannot set a value like ``present``; None if it can."""
-    vector = isinstance(present, list)
-    if isinstance(axis, DirectionAxis):
-        return None if vector else "takes no vector"
-    if isinstance(axis, ListAxis):
-        return None
-    if isinstance(present, bool | str):
-        return f"is {json.dumps(present)}, not a number; use a list axis"
-    if vector:
-        return "is a vector; use a list or direction axis, or one of its numbers"
-    whole = isinstance(axis, GridAxis) and all(value.is_integer() for value in axis.values_of())
-    return "takes whole numbers only" if isinstance(present, int) and not whole else None
-
-
-def _misspelt(
-    where: str, axis: ListAxis, scenario: Scenario, places: list[str], others: Sequence[ListAxis]
-) -> Iterator[Fault]:
-    """Words and truth values that the scenario never takes, with any value of the ``others``.
-
-    Numbers out of range, and values that do not go together, make invalid trials instead.
-    """
-    present = value_at(scenario.model_dump(mode="json"), places[0])
-    words = [
-        (i, value)
-        for i, value in enumerate(axis.values)
-        if isinstance(value, bool | str) or isinstance(present, bool | str)
-    ]
-    if len(words) > MOST_WORDS:
-        problem = f"has {len(words)} texts and truth values; at most {MOST_WORDS}"
-        yield Fault(f"{where}.values", problem)
-        return
-    told = 0
-    for i, value in words:
-        if told >= MOST_TOLD:
-            return
-        try:
-            override(scenario, dict.fromkeys(places, value))
-        except ScenarioError as error:
-            found = [fault for fault in error.faults if fault.where in places]
-            if found and not _goes_with_another(scenario, dict.fromkeys(places, value), others):
-                told += 1
-                yield from (fault.at(f"{where}.values.{i}") for fault in found)
-
-
-def _goes_with_another(
-    scenario: Scenario, changes: Mapping[str, Any], others: Sequence[ListAxis]
-) -> bool:
-    """Whether changes are valid together with some value of one of the axes ``others``."""
-    data = scenario.model_dump(mode="json")
-    for other in others:
-        places = [place for path in other.paths for place in matches(data, path)]
-        for value in other.values[:MOST_WORDS]:
-            try:
-                override(scenario, dict(changes) | dict.fromkeys(places, value))
-            except ScenarioError:
-                continue
-            return True
-    return False
-
-
-def clashes(
-    file: SweepFile, bases: Mapping[str, Scenario], changes: Mapping[str, Any]
-) -> Iterator[Fault]:
-    """Values that are set twice, and groups that are no crossed axes."""
-    data = next(iter(bases.values())).model_dump(mode="json")
-    taken: dict[str, str] = {}
-    for i, axis in enumerate(file.axes):
-        for path in axis.paths:
-            for place in matches(data, path):
-                if place in taken and taken[place] != f"axes.{i}":
-                    yield Fault(f"axes.{i}.path", f"{place!r} is set by {taken[place]} too")
-                taken.setdefault(place, f"axes.{i}")
-    for origin, given in (("set.", file.set), ("--set ", changes)):
-        for path in given:
-            clash = next((taken[place] for place in matches(data, path) if place in taken), None)
-            if clash:
-                yield Fault(origin + path, f"is set by {clash} too")
-    if not file.axes and len(bases) < 2:
-        yield Fault("axes", "is missing: a sweep has at least one axis, or several bases")
-    groups = (
-        *([BASE] if len(bases) > 1 else []),
-        *(axis.name for axis in file.axes if axis.crossed),
-    )
-    for i, name in enumerate(file.group_by or ()):
-        if name not in groups:
-            problem = f"{name!r} is no grid or list axis of this sweep"
-            yield Fault(f"group_by.{i}", problem, groups, given=name)
-
-
-def too_much(file: SweepFile, bases: Mapping[str, Scenario]) -> Iterator[Fault]:
-    """More trials than a sweep may have, or more samples than a batch may keep in memory."""
-    size = count(len(bases), file.axes, file.samples)
-    if size > MOST_TRIALS:
-        yield Fault("axes", f"make {size} trials; at most {MOST_TRIALS}")
-    elif size * len(file.axes) > MOST_VALUES:
-        problem = f"set {size * len(file.axes)} values, {len(file.axes)} in {size} trials each"
-        yield Fault("axes", f"{problem}; at most {MOST_VALUES}")
-    yield from too_many_samples(min(file.batch, size), bases.values())
-
-
-def too_many_samples(together: int, bases: Iterable[Scenario]) -> Iterator[Fault]:
-    """The fault of a batch of so many trials that has more samples than may be kept in memory."""
-    for scenario in bases:
-        samples = samples_of(scenario)
-        if samples * together > MOST_SAMPLES:
-            problem = (
-                f"takes {together} trials together, each of {samples} samples up to the time limit "
-                f"of {scenario.name!r}: {samples * together} in memory; at most {MOST_SAMPLES}, "
-                f"{MOST_SAMPLES // samples} trials"
-            )
-            yield Fault("batch", problem)
-            return
-
 
 MOST_LISTED, MOST_GRID = 12, 24
 """Up to how many values a list or grid axis makes groups in the summary if the file names none."""
 FOR_THE_RECORD = ("name", "group_by", "set")
 """Keys of a resolved sweep that its table does not depend on."""
-_SAMPLINGS = ("latin_hypercube", "sobol")
 
 
-class _Plan(Table):
-    """What a sweep file and a resolved sweep share."""
+class _SweepTable(Table):
+    """The keys that a sweep file and a resolved sweep share."""
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)]
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
@@ -240,19 +72,26 @@ class _Plan(Table):
     axes: Annotated[tuple[Axis, ...], Field(max_length=MOST_AXES)] = ()
 
 
-class SweepFile(_Plan):
+class SweepFile(_SweepTable):
     """A sweep file as it is written. docs/how-to/sweeps.md explains the keys."""
 
     base: str | Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_WORDS)]
     set: dict[str, Any] = Field(default_factory=dict)
 
 
-class Sweep(_Plan):
-    """A resolved sweep.
+class Sweep(_SweepTable):
+    """A plan of trials: base scenarios, and axes over which their values are varied.
 
     Attributes:
         bases: base scenarios in full, with all changes, by name; several make the axis ``base``.
         set: the changes, for the record.
+
+    Example:
+        >>> sweep = ot.load_sweep("tee_orientation")
+        >>> sweep.size
+        120
+        >>> sweep.scenario(60).start.theta5_deg == sweep.trials()["start.theta5_deg"][60]
+        True
     """
 
     bases: dict[str, Scenario]
@@ -265,15 +104,26 @@ class Sweep(_Plan):
 
     __str__ = __repr__
 
+    @property
+    def size(self) -> int:
+        """Number of trials."""
+        return trial_count(len(self.bases), self.axes, self.samples)
+
     def trials(self) -> dict[str, list[Any]]:
-        """The values of each axis, one for each trial, by the first path of the axis.
+        """Return the values of each axis, one for each trial, by the first path of the axis.
 
         ``base`` comes first where there are several.
         """
-        return {name: list(values) for name, values in self._columns.items()}
+        return {name: list(values) for name, values in self._values.items()}
+
+    def trial(self, index: int) -> Trial:
+        """Return one trial, with its values by single paths."""
+        base = self._values[BASE][index] if BASE in self._values else next(iter(self.bases))
+        values = {place: self._values[name][index] for name, place in self._places[base]}
+        return Trial(index, base, values)
 
     def scenario(self, index: int) -> Scenario:
-        """The scenario of one trial.
+        """Return the scenario of one trial.
 
         Raises:
             ScenarioError: its values do not fit.
@@ -281,29 +131,34 @@ class Sweep(_Plan):
         """
         if not 0 <= index < self.size:
             raise IndexError(f"trial {index} of {self.size}")
-        one = trial_of(places_of(self._plain, self.axes), self._columns, index)
-        return validate(changed(self._plain[one.base], one.changes))
+        trial = self.trial(index)
+        return validate(changed(self.plain[trial.base], trial.changes))
 
     def batches(self) -> list[Batch]:
-        """The trials in batches that run together."""
-        return batches_of(self._plain, self.axes, self._columns, self.batch)
-
-    @property
-    def size(self) -> int:
-        """Number of trials."""
-        return count(len(self.bases), self.axes, self.samples)
+        """Return the trials in batches that run together."""
+        return batched(self.plain, map(self.trial, range(self.size)), self.batch)
 
     @property
     def hash(self) -> str:
         """SHA-256 of everything that the table depends on: all but name, groups and labels."""
         left_out = dict.fromkeys(FOR_THE_RECORD, True) | {"axes": {"__all__": {"labels"}}}
-        told = self.model_dump(mode="json", exclude=left_out)
-        return hashlib.sha256(json.dumps([FORMAT, told], sort_keys=True).encode()).hexdigest()
+        return sha256_of([FORMAT, self.model_dump(mode="json", exclude=left_out)])
 
-    @property
+    @cached_property
+    def plain(self) -> dict[str, dict[str, Any]]:
+        """The base scenarios as plain data, by name."""
+        return {name: scenario.model_dump(mode="json") for name, scenario in self.bases.items()}
+
+    @cached_property
     def crossed(self) -> dict[str, list[Any]]:
         """The values of ``base``, where there are several, and of each crossed axis, by name."""
-        return crossed_values(self._plain, self.axes)
+        first = next(iter(self.plain.values()))
+        values: dict[str, list[Any]] = {BASE: list(self.bases)} if len(self.bases) > 1 else {}
+        for axis in self.axes:
+            if axis.crossed:
+                present = value_at(first, matches(first, axis.name)[0])
+                values[axis.name] = [fitted(value, present) for value in axis.values_of()]
+        return values
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -318,7 +173,8 @@ class Sweep(_Plan):
         )
 
     def label(self, name: str, value: Any) -> str:
-        """A value of a crossed axis as text: its label, the text itself, nine digits, or JSON."""
+        """Return a value of a crossed axis as text: its label, the text itself, nine digits, or
+        JSON."""
         for axis in self.axes:
             if axis.name == name and isinstance(axis, ListAxis) and axis.labels is not None:
                 return axis.labels[axis.values.index(value)]
@@ -327,12 +183,48 @@ class Sweep(_Plan):
         return value if isinstance(value, str) else json.dumps(value)
 
     @cached_property
-    def _plain(self) -> dict[str, dict[str, Any]]:
-        return {name: scenario.model_dump(mode="json") for name, scenario in self.bases.items()}
+    def _places(self) -> dict[str, list[tuple[str, str]]]:
+        """For each base (axis name, path) of every single value that the axes set there."""
+        return {
+            base: [
+                (axis.name, place)
+                for axis in self.axes
+                for path in axis.paths
+                for place in matches(data, path)
+            ]
+            for base, data in self.plain.items()
+        }
 
     @cached_property
-    def _columns(self) -> Columns:
-        return expand(self._plain, self.axes, self.samples, self.sampling, self.draws, self.seed)
+    def _values(self) -> dict[str, list[Any]]:
+        """The values of each axis, one for each trial.
+
+        Crossed axes are combined with the first one slowest, and each combination has ``samples``
+        draws of the random axes.
+        """
+        random = [axis for axis in self.axes if not axis.crossed]
+        combinations = list(itertools.product(*self.crossed.values()))
+        each = self.samples if random else 1
+        sets = len(combinations) if self.draws == "independent" else 1
+        dimensions = [axis.dimensions for axis in random]
+        points = unit_points(each * sets, sum(dimensions), self.sampling, self.seed)
+        shares = np.split(points, np.cumsum(dimensions)[:-1], axis=1) if random else []
+        drawn = {axis.name: axis.draw(own) for axis, own in zip(random, shares, strict=True)}
+        names = [*([BASE] if len(self.bases) > 1 else []), *(axis.name for axis in self.axes)]
+        values: dict[str, list[Any]] = {name: [] for name in names}
+        for number, combination in enumerate(combinations):
+            for name, value in zip(self.crossed, combination, strict=True):
+                values[name] += [value] * each
+            first = number % sets * each
+            for name, items in drawn.items():
+                values[name] += items[first : first + each]
+        return values
+
+
+def trial_count(bases: int, axes: Sequence[AxisTable], samples: int) -> int:
+    """Return the number of trials of so many bases, axes and samples."""
+    combinations = bases * math.prod(axis.size for axis in axes if axis.crossed)
+    return combinations * (samples if any(not axis.crossed for axis in axes) else 1)
 
 
 def load_sweep(source: str | Path, changes: Mapping[str, Any] | None = None) -> Sweep:
@@ -346,6 +238,10 @@ def load_sweep(source: str | Path, changes: Mapping[str, Any] | None = None) -> 
     Raises:
         SweepError: no such file, bad TOML or JSON, or any fault in it; every fault is listed with
             its path in the file.
+
+    Example:
+        >>> ot.load_sweep("tee_lugs", {"robot.preload": 20.0}).bases["tee_turn"].robot.preload
+        20.0
     """
     path, data = read_file(source, SWEEP, SweepError)
     return resolve(data, path.parent, changes)
@@ -354,7 +250,7 @@ def load_sweep(source: str | Path, changes: Mapping[str, Any] | None = None) -> 
 def resolve(
     data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str, Any] | None = None
 ) -> Sweep:
-    """A sweep from plain data as read from TOML or JSON.
+    """Make a sweep from plain data as read from TOML or JSON.
 
     Args:
         data: of the file.
@@ -367,14 +263,13 @@ def resolve(
     file = checked(SweepFile, data, "", _fault, SweepError)
     bases, faults = _bases(file, folder, changes or {})
     if bases:
-        faults += [
-            fault for i in range(len(file.axes)) for fault in axis_faults(i, file.axes, bases)
-        ]
-        faults += clashes(file, bases, changes or {})
-        faults += too_much(file, bases)
+        for number in range(len(file.axes)):
+            faults += _axis_faults(number, file.axes, bases)
+        faults += _clashes(file, bases, changes or {})
+        faults += _excess(file, bases)
     if faults:
         raise SweepError(faults)
-    fields = {name: getattr(file, name) for name in _Plan.model_fields}
+    fields = {name: getattr(file, name) for name in _SweepTable.model_fields}
     return Sweep(**fields, bases=bases, set=file.set | dict(changes or {}))
 
 
@@ -384,11 +279,11 @@ def _fault(item: Mapping[str, Any]) -> Fault:
     A key that takes two kinds of value has an error for each; they become the same fault.
     """
     places, context = item["loc"], item.get("ctx", {})
-    if item["type"] == "union_tag_invalid" and context["tag"] in _SAMPLINGS:
+    if item["type"] == "union_tag_invalid" and context["tag"] in ("latin_hypercube", "sobol"):
         where = ".".join(map(str, (*places, "kind")))
         tag = context["tag"]
-        said = f'is {tag!r}, which is no kind of axis: write sampling = "{tag}" at the top'
-        return Fault(where, f"{said} and a distribution here", tuple(sorted(AXES)))
+        problem = f'is {tag!r}, which is no kind of axis: write sampling = "{tag}" at the top'
+        return Fault(where, f"{problem} and a distribution here", tuple(sorted(AXES)))
     if set(places) & {"path", "base"}:
         where = places[: 1 + max(places.index(key) for key in ("path", "base") if key in places)]
         plain = ".".join(
@@ -414,11 +309,10 @@ def _bases(
     bases: dict[str, Scenario] = {}
     faults: list[Fault] = []
     many = not isinstance(file.base, str)
-    given = {**file.set, **changes}
     for i, source in enumerate([file.base] if isinstance(file.base, str) else file.base):
         where = f"base.{i}" if many else "base"
-        scenario, found = _base(beside(folder, source), given)
-        faults += [_in_sweep(fault, where, file.set, changes) for fault in found]
+        scenario, own = _base(beside(folder, source), {**file.set, **changes})
+        faults += [_in_sweep(fault, where, file.set, changes) for fault in own]
         if scenario is None:
             continue
         if scenario.name in bases:
@@ -450,7 +344,7 @@ def _base(
 def _in_sweep(
     fault: Fault, base: str, of_file: Mapping[str, Any], of_call: Mapping[str, Any]
 ) -> Fault:
-    """A fault of a base scenario, told with where its value comes from: a change or the base."""
+    """A fault of a base scenario at the place that its value comes from: a change or the base."""
     for origin, changes in (("--set ", of_call), ("set.", of_file)):
         if any(_covers(path, fault.where) for path in changes):
             return fault.at(origin + fault.where)
@@ -458,8 +352,194 @@ def _in_sweep(
 
 
 def _covers(path: str, place: str) -> bool:
-    """Whether a path, in which ``*`` may stand, leads to a place or to a table that it is in."""
+    """True if a path, in which ``*`` may stand, leads to a place or to a table that it is in."""
     keys, places = path.split("."), place.split(".")
     return len(keys) <= len(places) and all(
         key in ("*", at) for key, at in zip(keys, places, strict=False)
     )
+
+
+def _axis_faults(
+    number: int, axes: Sequence[AxisTable], bases: Mapping[str, Scenario]
+) -> Iterator[Fault]:
+    """What is wrong with an axis in the light of the base scenarios."""
+    axis = axes[number]
+    others = [other for other in axes if other is not axis and isinstance(other, ListAxis)]
+    # A table that has names, such as the robot's motor, may be set by a list of these.
+    named = isinstance(axis, ListAxis) and all(isinstance(value, str) for value in axis.values)
+    for at, path in places_in_file(f"axes.{number}", axis.path):
+        fault = path_fault(at, path, [*bases.values()], partial(_misfit, axis), named)
+        if fault is not None:
+            yield fault
+        elif isinstance(axis, ListAxis):
+            for scenario in bases.values():
+                yield from _misspelt(f"axes.{number}", axis, scenario, path, others)
+
+
+def places_in_file(table: str, path: str | Sequence[str]) -> list[tuple[str, str]]:
+    """Return each path of an axis or variable with its own place in the file."""
+    if isinstance(path, str):
+        return [(f"{table}.path", path)]
+    return [(f"{table}.path.{i}", one) for i, one in enumerate(path)]
+
+
+def path_fault(
+    at: str,
+    path: str,
+    bases: Sequence[Scenario],
+    misfit: Callable[[Any], str | None],
+    named: bool = False,
+) -> Fault | None:
+    """Return the fault of a path that leads nowhere, to a table, or to a value that does not fit.
+
+    Args:
+        at: place of the path in the file.
+        path: dotted, into the base scenarios.
+        bases: the first one in which the path has a fault counts.
+        misfit: problem of a value that the path leads to; None if it has none.
+        named: a table may be set, by a name for it.
+    """
+    for scenario in bases:
+        data = scenario.model_dump(mode="json")
+        places = matches(data, path)
+        if not places:
+            return _missing(at, path, data, scenario.name if len(bases) > 1 else None)
+        present = value_at(data, places[0])
+        if isinstance(present, dict) and not named:
+            return Fault(at, f"{path!r} is a table; name one value in it", tuple(present))
+        if isinstance(present, list) and present and isinstance(present[0], dict):
+            keys = (*map(str, range(len(present))), "*")
+            return Fault(at, f"{path!r} is a table; name one value in it", keys)
+        problem = misfit(present)
+        if problem:
+            return Fault(at, f"{path!r} {problem}")
+    return None
+
+
+def _missing(at: str, path: str, data: Mapping[str, Any], base: str | None) -> Fault:
+    """The fault of a path that leads nowhere: where it leaves the scenario, and what there is."""
+    keys = path.split(".")
+    depth = next(i for i in range(len(keys)) if not matches(data, ".".join(keys[: i + 1])))
+    before = matches(data, ".".join(keys[:depth])) if depth else [""]
+    inside = value_at(data, before[0])
+    choices = tuple(inside) if isinstance(inside, dict) else ()
+    choices = (*map(str, range(len(inside))), "*") if isinstance(inside, list) else choices
+    of = f" in base {base!r}" if base else ""
+    problem = f"is {path!r}; there is no {keys[depth]!r}{of}"
+    return Fault(at, problem, choices, given=keys[depth])
+
+
+def _misfit(axis: AxisTable, present: Any) -> str | None:
+    """Why an axis of numbers or vectors cannot set a value like ``present``; None if it can."""
+    vector = isinstance(present, list)
+    if isinstance(axis, DirectionAxis):
+        return None if vector else "takes no vector"
+    if isinstance(axis, ListAxis):
+        return None
+    if isinstance(present, bool | str):
+        return f"is {json.dumps(present)}, not a number; use a list axis"
+    if vector:
+        return "is a vector; use a list or direction axis, or one of its numbers"
+    whole = isinstance(axis, GridAxis) and all(value.is_integer() for value in axis.values_of())
+    return "takes whole numbers only" if isinstance(present, int) and not whole else None
+
+
+def _misspelt(
+    where: str, axis: ListAxis, scenario: Scenario, path: str, others: Sequence[ListAxis]
+) -> Iterator[Fault]:
+    """Words and truth values that the scenario never takes, with any value of the ``others``.
+
+    Numbers out of range, and values that do not go together, make invalid trials instead.
+    """
+    data = scenario.model_dump(mode="json")
+    places = matches(data, path)
+    present = value_at(data, places[0])
+    words = [
+        (i, value)
+        for i, value in enumerate(axis.values)
+        if isinstance(value, bool | str) or isinstance(present, bool | str)
+    ]
+    if len(words) > MOST_WORDS:
+        problem = f"has {len(words)} texts and truth values; at most {MOST_WORDS}"
+        yield Fault(f"{where}.values", problem)
+        return
+    refused = 0
+    for i, value in words:
+        if refused >= MOST_TOLD:
+            return
+        changes = dict.fromkeys(places, value)
+        try:
+            override(scenario, changes)
+        except ScenarioError as error:
+            faults = [fault for fault in error.faults if fault.where in places]
+            if faults and not _goes_with_another(scenario, changes, others):
+                refused += 1
+                yield from (fault.at(f"{where}.values.{i}") for fault in faults)
+
+
+def _goes_with_another(
+    scenario: Scenario, changes: Mapping[str, Any], others: Sequence[ListAxis]
+) -> bool:
+    """True if changes are valid together with some value of one of the axes ``others``."""
+    data = scenario.model_dump(mode="json")
+    for other in others:
+        places = [place for path in other.paths for place in matches(data, path)]
+        for value in other.values[:MOST_WORDS]:
+            try:
+                override(scenario, dict(changes) | dict.fromkeys(places, value))
+            except ScenarioError:
+                continue
+            return True
+    return False
+
+
+def _clashes(
+    file: SweepFile, bases: Mapping[str, Scenario], changes: Mapping[str, Any]
+) -> Iterator[Fault]:
+    """Values that are set twice, and groups that are no crossed axes."""
+    data = next(iter(bases.values())).model_dump(mode="json")
+    owners: dict[str, str] = {}
+    for i, axis in enumerate(file.axes):
+        for place in (place for path in axis.paths for place in matches(data, path)):
+            if owners.setdefault(place, f"axes.{i}") != f"axes.{i}":
+                yield Fault(f"axes.{i}.path", f"{place!r} is set by {owners[place]} too")
+    for origin, paths in (("set.", file.set), ("--set ", changes)):
+        for path in paths:
+            others = [owners[place] for place in matches(data, path) if place in owners]
+            if others:
+                yield Fault(origin + path, f"is set by {others[0]} too")
+    if not file.axes and len(bases) < 2:
+        yield Fault("axes", "is missing: a sweep has at least one axis, or several bases")
+    groups = (
+        *([BASE] if len(bases) > 1 else []),
+        *(axis.name for axis in file.axes if axis.crossed),
+    )
+    for i, name in enumerate(file.group_by or ()):
+        if name not in groups:
+            problem = f"{name!r} is no grid or list axis of this sweep"
+            yield Fault(f"group_by.{i}", problem, groups, given=name)
+
+
+def _excess(file: SweepFile, bases: Mapping[str, Scenario]) -> Iterator[Fault]:
+    """More trials than a sweep may have, or more samples than a batch may keep in memory."""
+    size = trial_count(len(bases), file.axes, file.samples)
+    if size > MOST_TRIALS:
+        yield Fault("axes", f"make {size} trials; at most {MOST_TRIALS}")
+    elif size * len(file.axes) > MOST_VALUES:
+        problem = f"set {size * len(file.axes)} values, {len(file.axes)} in {size} trials each"
+        yield Fault("axes", f"{problem}; at most {MOST_VALUES}")
+    yield from excess_samples(min(file.batch, size), bases.values())
+
+
+def excess_samples(together: int, bases: Iterable[Scenario]) -> Iterator[Fault]:
+    """Yield the fault of a batch of so many trials that has more samples than fit into memory."""
+    for scenario in bases:
+        samples = samples_of(scenario)
+        if samples * together > MOST_SAMPLES:
+            problem = (
+                f"takes {together} trials together, each of {samples} samples up to the time limit "
+                f"of {scenario.name!r}: {samples * together} in memory; at most {MOST_SAMPLES}, "
+                f"{MOST_SAMPLES // samples} trials"
+            )
+            yield Fault("batch", problem)
+            return

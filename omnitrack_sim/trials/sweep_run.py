@@ -1,144 +1,188 @@
-"""Runs a sweep: the batches that are missing, and then the files of the whole."""
+"""Runs sweeps: the trials that are missing, and then table, summary and figure of the whole."""
 
 from __future__ import annotations
 
+import io
 import json
 from collections import Counter
 from collections.abc import Collection, Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError, SweepError
+from omnitrack_sim.base.rotations import Array, direction_of
 from omnitrack_sim.base.text import counted
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.trials.batches import ERROR, INVALID, Batch
-from omnitrack_sim.trials.dispatch import MakeExecutor, Pool, Progress, all_found, run_missing
-from omnitrack_sim.trials.store import Folder, Layout, Memory, made_by
-from omnitrack_sim.trials.sweep import Sweep
-from omnitrack_sim.trials.sweep_figure import draw_map
+from omnitrack_sim.robots.omnitrack.singularity import TurnCase
+from omnitrack_sim.scenario.tables import unit_of
+from omnitrack_sim.show.plots.style import PAPER, save_figure
+from omnitrack_sim.show.plots.sweep import CHART, Spread, draw_chart, sweep_figure
+from omnitrack_sim.trials.axes import DirectionAxis
+from omnitrack_sim.trials.batches import ERROR, INVALID
+from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
+from omnitrack_sim.trials.store import (
+    PARTS,
+    Folder,
+    FolderKind,
+    Memory,
+    TrialColumns,
+    made_by,
+    refuse_all_invalid,
+    to_csv,
+    to_json,
+    to_parquet,
+)
+from omnitrack_sim.trials.sweep import FOR_THE_RECORD, Sweep
 
 if TYPE_CHECKING:
     import pyarrow as pa
-if TYPE_CHECKING:
-    import pyarrow as pa
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+TABLE_FILE, CSV_FILE, SUMMARY_FILE = "trials.parquet", "trials.csv", "summary.json"
+SWEEP_FOLDER = FolderKind(
+    noun="sweep",
+    files=(TABLE_FILE, CSV_FILE, SUMMARY_FILE, "success_map.png"),
+    folders=(PARTS,),
+    digits=6,
+    free=FOR_THE_RECORD,
+)
 
 
-_TOLD_REASONS = 3
+ALONG = 1 / 3
+"""Components of a unit vector along the run axis, from - to + this, that count as across.
+
+Each of the three classes has a third of the sphere.
+"""
+CLASSES = ("against the run axis", "across", "along")
+
+
+@dataclass(frozen=True, eq=False)
+class SweepResult:
+    """What a sweep leaves.
+
+    Attributes:
+        sweep: that was run.
+        table: one row for each trial, in order: of the whole sweep, or of what was run here if
+            other shares of it are missing.
+        status: how many trials there are, were found done, and are done now.
+        folder: of the files; None if nothing was written.
+        summary: as in ``summary.json``: counts and success rates; None if shares are missing.
+
+    Example:
+        >>> result = ot.run_sweep(ot.load_sweep("elbow_orientation", {"run.time_limit": 0.01}))
+        >>> result.table.num_rows, result.status.done, result.summary["outcomes"], result.folder
+        (120, 120, {'timed_out': 120}, None)
+    """
+
+    sweep: Sweep
+    table: pa.Table
+    status: Status
+    folder: Path | None
+    summary: dict[str, Any] | None
 
 
 def run_sweep(
     sweep: Sweep,
-    directory: str | Path | None = None,
     *,
+    out: str | Path | None = None,
+    workers: int = 1,
     executor: Executor | MakeExecutor | None = None,
-    shard: tuple[int, int] | None = None,
     progress: Progress | None = None,
-) -> pa.Table:
-    """Run the trials that are not done yet.
+    shard: tuple[int, int] | None = None,
+) -> SweepResult:
+    """Run the trials of a sweep that are not done yet.
+
+    The table depends on the sweep alone: not on the number of workers, and not on interruptions.
 
     Args:
         sweep: what to run.
-        directory: where part files and table are written, and part files of earlier runs are found;
-            without one nothing is written.
-        executor: runs the batches; without one this process does. A callable makes one, and is
-            asked again when workers die. An executor given as such is left open.
+        out: folder of the files; trials of earlier runs are found there. Without one nothing is
+            written.
+        workers: processes that run trials; with 1 this one does.
+        executor: runs them instead, or a callable that makes one, and is called again when workers
+            die. An executor given as such is left open.
+        progress: called with the ``Status`` at the beginning and after each batch of trials.
         shard: (i, n), i from 1: run only every n-th batch. The shard that finishes last writes the
             files of the whole.
-        progress: called with the ``Status`` at the beginning and after each batch.
-
-    Returns:
-        One row for each trial, in order: the whole sweep if all batches are done, else the trials
-            of this shard.
 
     Raises:
         SweepError: all trials are invalid.
-        InputError: no such shard.
+        InputError: no such shard or number of workers.
         OutputError: the folder holds something else, or cannot be written; finished batches stay.
         WorkersLost: the given executor has broken; the same call goes on from there.
+
+    Example:
+        >>> sweep = ot.load_sweep("elbow_orientation", {"run.time_limit": 0.01})
+        >>> reports = []
+        >>> result = ot.run_sweep(sweep, shard=(1, 4), progress=reports.append)
+        >>> [status.done for status in reports], result.table.num_rows
+        ([0, 32], 32)
     """
     check_is(Sweep, "sweep", sweep)
-    layout, batches = Layout(sweep), sweep.batches()
-    mine = batches if shard is None else batches[_checked(shard)[0] - 1 :: shard[1]]
-    store: Folder | Memory = Memory() if directory is None else Folder(directory, sweep, layout)
+    if shard is not None and not 1 <= shard[0] <= shard[1]:
+        problem = f"is {shard[0]}/{shard[1]}; it must be from 1/{shard[1]} to {shard[1]}/{shard[1]}"
+        raise InputError(Fault("shard", problem))
+    batches = sweep.batches()
+    mine = batches if shard is None else batches[shard[0] - 1 :: shard[1]]
+    with Engine(workers, executor, progress) as engine:
+        store = sweep_store(sweep, out)
+        engine.begin(sum(len(batch.trials) for batch in mine))
+        tables = engine.run([(store, batch) for batch in mine])
+    folder = store.path if isinstance(store, Folder) else None
+    # With shares, others may have run the rest by now, or are still at it.
+    known = tables if shard is None else [store.read(batch) for batch in batches]
+    whole = [table for table in known if table is not None]
+    if len(whole) < len(batches):
+        return SweepResult(sweep, store.columns.merged(tables), engine.status, folder, None)
+    table = store.columns.merged(whole)
+    refuse_all_invalid(table, "axes", "", SweepError)
+    summary = finish_sweep(sweep, store, table, {made_by(part) for part in whole})
+    return SweepResult(sweep, table, engine.status, folder, summary)
+
+
+def sweep_store(sweep: Sweep, out: str | Path | None) -> Folder | Memory:
+    """Return the store of a sweep's trials: a folder, or memory where there is none.
+
+    Raises:
+        OutputError: the folder holds something else, or cannot be written.
+    """
+    columns = TrialColumns(sweep.bases.values(), sweep.trials(), {"sweep_sha256": sweep.hash})
+    if out is None:
+        return Memory(columns)
+    return Folder(out, SWEEP_FOLDER, sweep.hash, sweep.model_dump(mode="json"), columns)
+
+
+def finish_sweep(
+    sweep: Sweep, store: Folder | Memory, table: pa.Table, makers: Collection[str]
+) -> dict[str, Any]:
+    """Return the summary of a sweep; where its store is a folder, write the files of the whole.
+
+    Args:
+        sweep: that ran.
+        store: of its batches.
+        table: of all trials.
+        makers: versions and commits that the batches were made by, as JSON.
+    """
+    summary = summarise_sweep(sweep, table, makers)
     if isinstance(store, Folder):
-        table = _finished(sweep, store)
-        if table is not None:
-            if progress is not None:
-                progress(all_found(table))
-            return table
-    with Pool(executor) as pool:
-        run_missing(mine, store, layout, pool, progress)
-    return _finish(sweep, batches, mine, store, layout)
-
-
-def _finished(sweep: Sweep, folder: Folder) -> pa.Table | None:
-    """The table of a sweep that is finished, with a summary that tells it as it is now; None where
-    it has to be made from the batches."""
-    table, there = folder.finished(), folder.summary()
-    try:
-        makers = {json.dumps(maker, sort_keys=True) for maker in there["provenance"]["made_by"]}
-    except (KeyError, TypeError):
-        return None
-    if table is not None:
-        summary = summarise_sweep(sweep, table, makers)
-        if folder.renamed or json.loads(json.dumps(summary)) != there:
-            folder.finish(table, summary, lambda: draw_map(sweep, table))
-    return table
-
-
-def _checked(shard: tuple[int, int]) -> tuple[int, int]:
-    if not 1 <= shard[0] <= shard[1]:
-        raise InputError(
-            Fault(
-                "shard",
-                f"is {shard[0]}/{shard[1]}; it must be from 1/{shard[1]} to {shard[1]}/{shard[1]}",
-            )
-        )
-    return shard
-
-
-def _finish(
-    sweep: Sweep,
-    batches: Sequence[Batch],
-    mine: Sequence[Batch],
-    store: Folder | Memory,
-    layout: Layout,
-) -> pa.Table:
-    """Merge the batches; if all are done, write the files of the whole sweep."""
-    tables = [store.read(batch) for batch in batches]
-    present = [table for table in tables if table is not None]
-    if len(present) < len(batches):
-        numbers = {batch.number for batch in mine}
-        own = [
-            table
-            for batch, table in zip(batches, tables, strict=True)
-            if table is not None and batch.number in numbers
-        ]
-        return layout.merged(own)
-    table = layout.merged(present)
-    _refuse_all_invalid(table)
-    if isinstance(store, Folder):
-        summary = summarise_sweep(sweep, table, {made_by(found) for found in present})
-        store.finish(table, summary, lambda: draw_map(sweep, table))
-    return table
-
-
-def _refuse_all_invalid(table: pa.Table) -> None:
-    if set(table["outcome"].to_pylist()) == {INVALID}:
-        reasons = list(dict.fromkeys(table["reason"].to_pylist()))
-        raise SweepError(
-            [
-                Fault("axes", f"none of {counted(table.num_rows, 'trial')} is valid"),
-                *(Fault("", r) for r in reasons[:_TOLD_REASONS]),
-            ]
-        )
+        files = {
+            CSV_FILE: to_csv(table),
+            SUMMARY_FILE: to_json(summary),
+            TABLE_FILE: to_parquet(table),
+        }
+        store.finish(files, lambda: draw_map(sweep, table))
+    return summary
 
 
 def summarise_sweep(sweep: Sweep, table: pa.Table, makers: Collection[str]) -> dict[str, Any]:
-    """The contents of ``summary.json``.
+    """Return the contents of ``summary.json``.
 
     Rates are over the trials that ran to an outcome: ``invalid`` and ``error`` are counted, but not
     in the rates.
@@ -149,15 +193,15 @@ def summarise_sweep(sweep: Sweep, table: pa.Table, makers: Collection[str]) -> d
         makers: versions and commits that the batches were made by, as JSON.
     """
     outcomes = table["outcome"].to_pylist()
-    columns = sweep.trials()
+    values = sweep.trials()
     groups = {}
     for name in sweep.groups:
         members: dict[str, list[str]] = {
             sweep.label(name, value): [] for value in sweep.crossed[name]
         }
-        for value, outcome in zip(columns[name], outcomes, strict=True):
+        for value, outcome in zip(values[name], outcomes, strict=True):
             members[sweep.label(name, value)].append(outcome)
-        groups[name] = [{"value": label, **_rate(found)} for label, found in members.items()]
+        groups[name] = [{"value": label, **_rate(own)} for label, own in members.items()]
     return {
         "name": sweep.name,
         "sweep_sha256": sweep.hash,
@@ -179,15 +223,128 @@ def _rate(outcomes: Collection[str]) -> dict[str, Any]:
     The rate is None if no trial counts.
     """
     counts = Counter(outcomes)
-    counted = len(outcomes) - counts[INVALID] - counts[ERROR]
+    valid = len(outcomes) - counts[INVALID] - counts[ERROR]
     passed = counts[Outcome.REACHED_GOAL]
-    low, high = wilson_interval(passed, counted)
+    low, high = wilson_interval(passed, valid)
     return {
         "trials": len(outcomes),
         "invalid": counts[INVALID],
         "error": counts[ERROR],
-        "counted": counted,
+        "counted": valid,
         "successes": passed,
-        "success_rate": passed / counted if counted else None,
+        "success_rate": passed / valid if valid else None,
         "success_rate_95": [low, high],
     }
+
+
+def plot_sweep(
+    result: SweepResult,
+    path: str | Path | None = None,
+    *,
+    over: str | Sequence[str] | None = None,
+    ax: Axes | None = None,
+    format: str | None = None,
+) -> Figure:
+    """Plot success over what a sweep has varied.
+
+    Args:
+        result: of ``run_sweep``, all trials.
+        path: file to write; none: the figure is returned and nothing is written.
+        over: one axis of the sweep for the rates over it with Wilson 95 % intervals, or two that
+            are numbers for a map; none: as in a sweep's folder (docs/how-to/sweeps.md).
+        ax: where to draw one chart; none: in a figure of its own.
+        format: ``png``, ``pdf`` or ``svg``; none: from the ending of ``path``.
+
+    Returns:
+        The figure, or that of ``ax``.
+
+    Raises:
+        InputError: trials are missing; no such axis or format; ``ax`` is given, and the sweep has
+            more axes than one chart can show; ``path`` is given with ``ax``.
+        OutputError: the file cannot be written.
+
+    Example:
+        >>> result = ot.run_sweep(ot.load_sweep("elbow_orientation", {"run.time_limit": 0.01}))
+        >>> figure = ot.plot_sweep(result)
+    """
+    from omnitrack_sim.show.plots.picture import chart, page
+
+    sweep = check_is(SweepResult, "result", result).sweep
+    if result.table.num_rows != sweep.size:
+        problem = f"has {result.table.num_rows} of {counted(sweep.size, 'trial')} of {sweep.name!r}"
+        raise InputError(Fault("result", problem))
+    passed = _passed(result.table)
+    if over is None and ax is None:
+        return page(lambda: sweep_figure(spreads(sweep), passed, turn_case(sweep)), path, format)
+    chosen = _chosen(spreads(sweep), over)
+    return chart(lambda axis: draw_chart(axis, chosen, passed), CHART, path, ax, format, PAPER)
+
+
+def _chosen(axes: list[Spread], over: str | Sequence[str] | None) -> list[Spread]:
+    """The axes of one chart, by their names; all where none are named."""
+    by_name = {spread.name: spread for spread in axes}
+    names = list(by_name) if over is None else [over] if isinstance(over, str) else [*over]
+    for name in names:
+        if name not in by_name:
+            raise InputError(Fault("over", f"is {name!r}", tuple(by_name), str(name)))
+    chosen = [by_name[name] for name in names]
+    if len(chosen) not in (1, 2) or (len(chosen) == 2 and any(one.order for one in chosen)):
+        problem = "name one axis, or two of numbers, for one chart"
+        raise InputError(Fault("over", problem, tuple(by_name)))
+    return chosen
+
+
+def draw_map(sweep: Sweep, table: pa.Table) -> bytes:
+    """Draw ``success_map.png``."""
+    buffer = io.BytesIO()
+    save_figure(sweep_figure(spreads(sweep), _passed(table), turn_case(sweep)), buffer, "png")
+    return buffer.getvalue()
+
+
+def _passed(table: pa.Table) -> Array:
+    """Of each trial 1 passed, 0 failed, not a number where it has no outcome of the robot."""
+    ends = zip(table["outcome"].to_pylist(), table["success"].to_pylist(), strict=True)
+    return np.array(
+        [np.nan if outcome in (INVALID, ERROR) else float(success) for outcome, success in ends]
+    )
+
+
+def spreads(sweep: Sweep) -> list[Spread]:
+    """Return the axes with their values, as numbers or words, one for each trial."""
+    axes = []
+    axis_of = {axis.name: axis for axis in sweep.axes}
+    for name, values in sweep.trials().items():
+        axis = axis_of.get(name)
+        if isinstance(axis, DirectionAxis):
+            axes.append(Spread(name, "", _classes(sweep, values), CLASSES))
+        elif (
+            all(type(value) in (int, float) for value in values)
+            and getattr(axis, "labels", None) is None
+        ):
+            axes.append(Spread(name, unit_of(name) or "1", np.array(values, float)))
+        else:
+            order = tuple(sweep.label(name, value) for value in sweep.crossed[name])
+            axes.append(Spread(name, "", [sweep.label(name, value) for value in values], order))
+    return axes
+
+
+def turn_case(sweep: Sweep) -> TurnCase | None:
+    """Return robot and tee of the first base; None if its route does not turn in a tee."""
+    scenario = next(iter(sweep.bases.values()))
+    for passage in scenario.route.fittings if scenario.pipes else ():
+        if passage.manoeuvre == "tee_turn":
+            return TurnCase(
+                pipe_radius=passage.corner_radius,
+                turn_angle=passage.turn_angle,
+                reach=scenario.robot.reach,
+                contact_length=scenario.robot.contact_length,
+                bend_radius=scenario.control.tee_turn_radius,
+            )
+    return None
+
+
+def _classes(sweep: Sweep, vectors: list[list[float]]) -> list[str]:
+    """The class of each vector by its angle to the run axis of the first base."""
+    axis: Array = direction_of(next(iter(sweep.bases.values())).start.axis)
+    component = direction_of(vectors) @ axis
+    return [CLASSES[k] for k in np.digitize(component, (-ALONG, ALONG))]

@@ -1,8 +1,9 @@
-"""singularity: the motion singularity region."""
+"""singularity, reproduce: the theory of the paper, and its claims."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,10 +11,13 @@ import typer
 from rich.table import Table
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.cli.common import app, out, plain, print_json
+from omnitrack_sim.cli.common import app, err, out, plain, print_json, progress, table_of
 
 if TYPE_CHECKING:
     from omnitrack_sim.robots.omnitrack.singularity import TurnCase
+if TYPE_CHECKING:
+    from omnitrack_sim.paper.claim import Claim
+
 
 MOST_DEGREES = 1e6
 """Largest angle of an orientation or a roll, degrees."""
@@ -213,3 +217,59 @@ def _print_orientation(orientation: dict[str, Any]) -> None:
             f"{'forward' if plan['belt_sign'] > 0 else 'backward'} for a positive speed",
             soft_wrap=True,
         )
+
+
+COLOURS = {"HOLDS": "green", "CONTRADICTION": "yellow", "FAILS": "red", "STUDY": "dim"}
+"""Of the verdicts, by name."""
+
+
+@app.command()
+def reproduce(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer orientations and trials: minutes.")
+    ] = False,
+    folder: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Where the page goes.")
+    ] = Path("out/reproduce"),
+    format: Annotated[str, typer.Option(help="Of the files in figures/: svg, pdf or png.")] = "svg",
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the claims instead of the table.")
+    ] = False,
+) -> None:
+    """Reproduce the paper: claims.json and report.html. Exit status 1 if a verdict has changed."""
+    from omnitrack_sim.paper.command import reproduce as reproduce_paper
+    from omnitrack_sim.show.plots import FORMATS
+
+    if format not in FORMATS:
+        raise InputError(Fault("--format", f"is {format!r}", FORMATS, given=format))
+    with progress("reproduce", False) as report:
+        claims = reproduce_paper(folder, quick=quick, format=format, progress=report)
+    if as_json:
+        print_json([claim.row() for claim in claims])
+    else:
+        _print_claims(claims, folder)
+    for claim in claims:
+        if claim.difference:
+            mark = "[red]changed[/]" if claim.changed else "[yellow]not decided[/]"
+            err.print(f"{mark}: {plain(claim.difference)}", soft_wrap=True)
+    raise typer.Exit(1 if any(claim.changed for claim in claims) else 0)
+
+
+def _print_claims(claims: Sequence[Claim], folder: Path) -> None:
+    """The verdicts and what they follow from, then why some claims do not hold, then counts."""
+    from omnitrack_sim.paper.claim import tally
+
+    table = table_of("verdict", "claim", "measured")
+    table.columns[1].no_wrap = True
+    for claim in claims:
+        table.add_row(_verdict(claim), claim.id, plain(claim.measured))
+    out.print(table)
+    for claim in claims:
+        if claim.reason:
+            out.print(f"{claim.id}: {_verdict(claim)}. {plain(claim.reason)}", soft_wrap=True)
+    counts = ", ".join(f"{verdict}: {count}" for verdict, count in tally(claims).items())
+    out.print(f"{counts}; {plain(str(folder / 'report.html'))}", soft_wrap=True)
+
+
+def _verdict(claim: Claim) -> str:
+    return f"[{COLOURS[claim.verdict.name]}]{claim.told}[/]"

@@ -1,0 +1,242 @@
+"""scenarios, parameters, models, new, policies: what the package comes with, and what a user begins
+with."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from omnitrack_sim.base.errors import Fault, InputError, OutputError, ScenarioError
+from omnitrack_sim.cli import complete
+from omnitrack_sim.cli.common import app, load, out, plain, print_json, table_of
+
+if TYPE_CHECKING:
+    pass
+if TYPE_CHECKING:
+    from omnitrack_sim.robots.omnitrack.policy import Policy
+
+
+@app.command()
+def scenarios(
+    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
+) -> None:
+    """List the scenarios, sweeps, studies and networks of the package; `omnitrack run`, `sweep`,
+    `optimise` and `network NAME` find them."""
+    from omnitrack_sim.base.naming import (
+        shipped_networks,
+        shipped_scenarios,
+        shipped_studies,
+        shipped_sweeps,
+    )
+
+    kinds = {
+        "scenario": shipped_scenarios(),
+        "sweep": shipped_sweeps(),
+        "study": shipped_studies(),
+        "network": shipped_networks(),
+    }
+    told = {
+        kind: {name: complete.comment(path) for name, path in files.items()}
+        for kind, files in kinds.items()
+    }
+    if as_json:
+        rows = dict(told.pop("scenario"))
+        for folder, kind in (("sweeps", "sweep"), ("studies", "study"), ("networks", "network")):
+            rows |= {f"{folder}/{name}": text for name, text in told[kind].items()}
+        print_json(rows)
+        return
+    for title, found in told.items():
+        table = table_of(title, "what it shows")
+        for name, text in found.items():
+            table.add_row(name, plain(text))
+        out.print(table)
+
+
+@app.command()
+def parameters(
+    scenario: Annotated[
+        str | None,
+        typer.Argument(
+            help="Show the robot of this scenario instead of the default one.",
+            autocompletion=complete.scenarios,
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
+) -> None:
+    """The robot's parameters with unit, range, provenance and source."""
+    from omnitrack_sim.robots.omnitrack import Robot
+
+    robot = load(scenario, None).robot if scenario else Robot()
+    rows = robot.parameters()
+    if as_json:
+        print_json([vars(row) for row in rows])
+        return
+    columns = ("parameter", "value", "range", "unit", "provenance", "source")
+    table = table_of(*columns, gap=1)
+    table.columns[0].overflow = "fold"
+    for row in rows:
+        value = f"{row.value:.6g}" if isinstance(row.value, float) else str(row.value)
+        within = "" if row.within is None else "{:.6g} to {:.6g}".format(*row.within)
+        table.add_row(row.name, plain(value), within, row.unit, row.provenance, plain(row.source))
+    out.print(table)
+
+
+@app.command()
+def models(
+    check: Annotated[
+        bool, typer.Option("--check", help="Say which files differ; status 1 if any does.")
+    ] = False,
+    write: Annotated[bool, typer.Option("--write", help="Write the files.")] = False,
+    root: Annotated[Path, typer.Option(help="Folder that holds models/ and assets/.")] = Path(),
+) -> None:
+    """Check or write the published MJCF models and meshes."""
+    from omnitrack_sim.robots.omnitrack.published import check_models, write_models
+
+    if check == write:
+        raise ScenarioError(
+            Fault("omnitrack models", "say one of --check and --write", ("--check", "--write"))
+        )
+    folders = root / "models", root / "assets"
+    if write:
+        out.print(f"wrote {len(write_models(*folders))} files below {root.resolve()}")
+        return
+    different = check_models(*folders)
+    for name in different:
+        out.print(f"differs: {name}")
+    out.print(
+        "models and assets are up to date" if not different else "run `omnitrack models --write`"
+    )
+    raise typer.Exit(1 if different else 0)
+
+
+@app.command()
+def new(
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="Of the scenario; NAME.toml is written.")
+    ],
+    source: Annotated[
+        str,
+        typer.Option(
+            "--from",
+            metavar="SCENARIO",
+            help="Whose values it has: a file or a name.",
+            autocompletion=complete.scenarios,
+        ),
+    ] = "tee_turn",
+) -> None:
+    """Write a scenario file with all keys, their units, defaults and meanings."""
+    from omnitrack_sim.base.writing import check_file, write_file
+
+    target = _target(name)
+    check_file(target)
+    if os.path.lexists(target):
+        raise OutputError(f"{target}: exists already; choose another name or take it away")
+    write_file(target, _text(target, source).encode())
+    out.print(f"wrote {plain(str(target))}; `omnitrack run {plain(str(target))}` runs it")
+
+
+def _target(name: str) -> Path:
+    """The file of a scenario's name, which may stand behind the path of a folder."""
+    from omnitrack_sim.base.reading import NAME_PATTERN
+
+    path = Path(name.removesuffix(".toml"))
+    if not re.fullmatch(NAME_PATTERN, path.name):
+        problem = f"is {name!r}; a scenario's name has no leading dot and no control characters"
+        raise InputError(Fault("NAME", problem))
+    return path.with_name(f"{path.name}.toml")
+
+
+def _text(target: Path, source: str) -> str:
+    """The text of the new file, which is read as the scenario that it begins from."""
+    from omnitrack_sim.base.reading import SCENARIO, read_file
+    from omnitrack_sim.cli.complete import comment
+    from omnitrack_sim.scenario import load_scenario
+    from omnitrack_sim.scenario.template import template
+
+    path, data = read_file(source, SCENARIO, ScenarioError)
+    scenario = load_scenario(source)
+    title = f"{comment(path)} From the scenario {scenario.name}."
+    return template(target.stem, title.strip(), _moved(data, path, target), scenario)
+
+
+def _moved(data: dict[str, Any], path: Path, target: Path) -> dict[str, Any]:
+    """The data of a file for one that may stand elsewhere: the path of a network leads there."""
+    from omnitrack_sim.base.reading import beside
+
+    network = data.get("network")
+    if not isinstance(network, str):
+        return data
+    found = beside(path.parent, network)
+    if isinstance(found, str):
+        return data  # the name of a shipped one
+    return data | {"network": os.path.relpath(found, target.parent)}
+
+
+@app.command()
+def policies(
+    policy: Annotated[
+        str | None,
+        typer.Argument(
+            help="Check this policy, a file or a shipped one, and tell all that it says.",
+            autocompletion=complete.policies,
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
+) -> None:
+    """List the policies of the package, or tell what one is; `control.parameters.policy` names
+    them."""
+    from omnitrack_sim.base.naming import shipped_policies
+    from omnitrack_sim.robots.omnitrack.policy import load_policy
+
+    if policy is not None:
+        _print_policy(load_policy(policy), as_json)
+        return
+    shipped = {name: _contents(load_policy(path)) for name, path in shipped_policies().items()}
+    if as_json:
+        print_json(shipped)
+        return
+    if not shipped:
+        out.print("the package comes with none; docs/how-to/policies.md says what a policy file is")
+        return
+    table = table_of("policy", "acts", "network", "what it is")
+    for name, contents in shipped.items():
+        acts, note = contents["acting"]["name"], contents["record"]["note"]
+        table.add_row(name, plain(acts), _layers(contents), plain(note))
+    out.print(table)
+
+
+def _print_policy(policy: Policy, as_json: bool) -> None:
+    contents = _contents(policy)
+    if as_json:
+        print_json(contents)
+        return
+    acting, record = contents["acting"], contents["record"]
+    base = f", added to {acting['base']}" if acting["base"] else ""
+    rows = {
+        "acts": f"{acting['name']}{base}",
+        "network": f"{_layers(contents)}, {contents['activation']}, output by {contents['output']}",
+        "features": ", ".join(policy.features),
+        "sha256": policy.sha256,
+        **{key: str(value) for key, value in record.items() if value not in (None, "")},
+    }
+    table = table_of()
+    table.show_header = False
+    for key, value in rows.items():
+        table.add_row(key.replace("_", " "), plain(value))
+    out.print(table)
+
+
+def _contents(policy: Policy) -> dict[str, Any]:
+    """The contents of a policy's file, its size and its hash."""
+    return policy.header().model_dump(mode="json") | {
+        "widths": list(policy.network.widths),
+        "sha256": policy.sha256,
+    }
+
+
+def _layers(contents: dict[str, Any]) -> str:
+    return "-".join(map(str, contents["widths"]))
