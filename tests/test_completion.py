@@ -38,7 +38,7 @@ def completed(line, cwd, shell="bash"):
         ("omnitrack network tow", ["tower"]),
         ("omnitrack parameters vert", ["vertical_climb"]),
         ("omnitrack render out --camera ", list(CAMERAS)),
-        ("omnitrack run tee_turn --set contact.", ["world.friction="]),
+        ("omnitrack run tee_turn --set world.f", ["world.friction="]),
         ("omnitrack run x --set control.parameters.sway.s", [
             "control.parameters.sway.slip=", "control.parameters.sway.slip_range="]),
         ("omnitrack sweep x --set robot.motor.gear", ["robot.motor.gear_ratio="]),
