@@ -71,7 +71,7 @@ def loop_of(scenario: Scenario) -> SteeringLoop:
         rate_gain=damping.tee_turn,
         rate_filter=damping.rate_filter * robot.time_scale,
         period=scenario.physics.control_period,
-        heading_gain=tracking.gain / robot.nominal_bore * speed,
+        heading_gain=tracking.gain / robot.length_scale * speed,
     )
 
 

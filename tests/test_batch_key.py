@@ -112,8 +112,8 @@ def tee(**changes: Any) -> ot.Scenario:
     """Before a tee the modules are rolled a little; in it no way is far enough to count as headway,
     so that the robot backs off."""
     base = {
-        "control.parameters.recovery.patience": 0.5,
-        "control.parameters.recovery.progress": 1.0,
+        "control.parameters.recovery.patience": 0.08,
+        "control.parameters.recovery.progress": 0.16,
         "run.time_limit": 2.2,
         "start.theta5_deg": 15.0,
         "start.distance": 0.30,

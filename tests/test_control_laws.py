@@ -189,7 +189,7 @@ def test_a_robot_is_turned_by_its_heading_error_up_to_a_limit() -> None:
         wanted = tracking.wanted_rotation(
             observation.location, observation.rotation, one, 0 * one, straight
         )
-        size = min(table.gain * error, table.rotation_limit) / BORE
+        size = min(table.gain * error, table.rotation_limit)
         assert wanted[0] == pytest.approx([-size, 0.0, 0.0], abs=1e-9)
     assert table.gain * 0.3 < table.rotation_limit < table.gain * 0.6
 
@@ -294,7 +294,7 @@ def test_a_robot_that_has_gone_past_a_branch_backs_off(name: str, backs: bool) -
 @pytest.mark.parametrize("retries", [0, 1, 3])
 def test_a_robot_backs_off_as_often_as_it_may(retries: int) -> None:
     """In a turn in which it hangs for good, whatever it tries."""
-    recovery = {"retries": retries, "patience": 0.1, "back_off": 0.2}
+    recovery = {"retries": retries, "patience": 0.016, "back_off": 0.032}
     changes = {f"control.parameters.recovery.{key}": value for key, value in recovery.items()}
     bench = Bench(scenario_of("elbow", **changes | {"control.retry": True}))
     commands = [bench.step(bench.inside()) for _ in range(400)]
@@ -311,7 +311,7 @@ def test_a_robot_that_hangs_straight_over_an_opening_rolls_there(
     """Where it is badly oriented, as one is that has fallen there; it does not drive meanwhile. As
     long as it does not hang, it drives on as it is."""
     changes = {"control.retry": retry, "control.align": True}
-    changes |= {"control.parameters.recovery.patience": 0.1}
+    changes |= {"control.parameters.recovery.patience": 0.016}
     bench = Bench(scenario_of("tee_straight", **changes))
     at = bench.inside()
     first = [bench.step(at, theta5_deg) for _ in range(10)]

@@ -99,13 +99,13 @@ def test_verdicts_come_in_the_order_in_which_they_count() -> None:
 
 @pytest.mark.parametrize(
     ("limits", "seconds"),
-    [({}, 3.0), ({"patience_time": 1.0}, 3.0), ({"patience_time": 1.0, "patience": 1.0}, 1.6)],
+    [({}, 3.0), ({"patience_time": 1.0}, 3.0), ({"patience_time": 1.0, "patience": 0.16}, 1.6)],
 )
 def test_a_robot_that_stands_hangs_after_both_patiences(
     limits: dict[str, float], seconds: float
 ) -> None:
-    """Without headway for the longer of the two it makes no headway, and not before: 3 s, and 1.875
-    D at 0.1 m/s, which is 3 s as well."""
+    """Without headway for the longer of the two it makes no headway, and not before: 3 s, and 0.3
+    m at 0.1 m/s, which is 3 s as well."""
     watching = monitor(1, **limits)
     assert look(watching, [0.11]) == []  # headway for the last time
     waited = next(i for i in range(1, 1000) if look(watching, [0.11]))

@@ -81,7 +81,7 @@ def test_it_runs_to_the_same_bytes(tmp_path, monkeypatch):
     [
         {"robot.motor": "pololu_1000_hpcb"},
         {"robot.motor.speed_bandwidth": 20.0, "robot.scale": 1.01},
-        {"control.kind": "paper", "control.parameters.elbow_delay": 0.454},
+        {"control.kind": "paper", "control.parameters.elbow_delay": 0.0726},
     ],
 )
 def test_it_begins_from_the_scenario_of_a_saved_run(tmp_path, monkeypatch, changes):

@@ -103,7 +103,7 @@ def test_an_elbow_can_begin_later():
     _, result = _turn_speeds(
         "elbow_short",
         0.0,
-        **{"control.parameters.elbow_delay": 0.05 / BORE, "run.time_limit": 3.0},
+        **{"control.parameters.elbow_delay": 0.05, "run.time_limit": 3.0},
     )
     trajectory = result.trajectory
     begin = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("elbow"))[0]
@@ -114,7 +114,7 @@ def test_an_elbow_can_begin_later():
 def test_a_tee_turn_begins_at_its_trigger():
     """Half a radius past the opening's edge, as published, or where the scenario says."""
     base = {"control.align": False, "control.kind": "paper", "run.time_limit": 4.5}
-    later = {"control.parameters.tee_trigger": 0.06 / BORE}
+    later = {"control.parameters.tee_trigger": 0.06}
     for changes, expected in (({}, 0.04), (later, 0.06)):
         (result,) = run_batch([override(load_scenario("tee_turn"), base | changes)])
         trajectory = result.trajectory

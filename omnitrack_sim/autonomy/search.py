@@ -38,7 +38,7 @@ class Search:
     """
 
     def __init__(self, table: SearchTable, robot: Robot, n: int) -> None:
-        self._table, self._step = table, table.step * robot.nominal_bore
+        self._table, self._step = table, float(robot.own_length(table.step))
         self._turn = np.radians(table.roll_deg)
         self._rolling = self._turn / robot.roll_rate
         self._speed, self._back, self._round, self._since = np.zeros((4, n))  # m/s, then s

@@ -25,13 +25,13 @@ _PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT, N
 
 
 class PaperTable(Table):
-    """``[control.parameters]`` of the controllers ``paper`` and ``equal``. D is the bore that the
-    robot is made for."""
+    """``[control.parameters]`` of the controllers ``paper`` and ``equal``. Lengths are for
+    D = 160 mm and grow with the robot's bore."""
 
-    elbow_delay: Annotated[float, Field(ge=0, le=10), Unit("D")] = 0.0
-    """How far the head is past the bend's start when an elbow begins; 0.454 begins it with the
+    elbow_delay: Annotated[float, Field(ge=0, le=10), Unit("m")] = 0.0
+    """How far the head is past the bend's start when an elbow begins; 0.0726 begins it with the
     centre at the bend."""
-    tee_trigger: Annotated[float, Field(ge=-10, le=10), Unit("D")] = 0.25
+    tee_trigger: Annotated[float, Field(ge=-10, le=10), Unit("m")] = 0.04
     """How far the head is past the near edge of a tee's opening when a turn begins; half a pipe
     radius is published."""
     complete_deg: Annotated[float, Field(ge=0, le=90)] = 2.0
@@ -64,9 +64,10 @@ class PaperController:
         self.aligner.reset(rows, setup)
         self._legs.reset(rows, setup)
         self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
-        bore = setup.robot.nominal_bore
-        self._elbow_delay = setup.each("elbow_delay") * bore  # (n,) m
-        self._tee_trigger = setup.each("tee_trigger") * bore
+        own = setup.robot.own_length
+        self._elbow_delay, self._tee_trigger = (
+            own(setup.each(key)) for key in ("elbow_delay", "tee_trigger")
+        )  # (n,) m
         self._complete = np.radians(setup.each("complete_deg"))
         self.turning[rows] = self.turned[rows] = -1
         self.turn_speeds[rows] = 0.0

@@ -87,7 +87,7 @@ def _elbows(theta5_deg: np.ndarray) -> dict[str, list[Scenario]]:
         for radius, name in (("240", "elbow"), ("90", "elbow_short"))
         for kind, changes in ELBOW_DRIVES.items()
     }
-    half = Robot().length / 2 / Robot().nominal_bore  # from the head to the centre, in D
+    half = Robot().length / 2  # from the head to the centre, m
     late = _UNAIDED | {"control.kind": "paper", "control.parameters.elbow_delay": half}
     lists["elbow_240_paper_late"] = _orientations(load_scenario("elbow"), theta5_deg, late)
     return lists

@@ -160,17 +160,17 @@ class ControlTable(Table):
 
 
 class MonitorTable(Table):
-    """When a run is over. D is the bore that the robot is made for."""
+    """Criteria that end a run. Lengths are for D = 160 mm and grow with the robot's bore."""
 
-    progress: Annotated[Part, Unit("D")] = 0.0125
+    progress: Annotated[Part, Unit("m")] = 0.002
     """Advance beyond the farthest point so far that counts as headway."""
     patience_time: Annotated[Part, Unit("s")] = 3.0
     """A robot hangs when it has made no headway for longer than this, for D = 160 mm, and for
     longer than `patience` as well. In plain pipes the run is then over; in a mission another way is
     tried first."""
-    patience: Annotated[Part, Unit("D")] = 1.875
+    patience: Annotated[Part, Unit("m")] = 0.3
     """Way that cruising would have taken it in the meantime."""
-    slide_back: Annotated[Part, Unit("D")] = 0.625
+    slide_back: Annotated[Part, Unit("m")] = 0.1
     """A robot hangs, too, when it has fallen so far behind the farthest point."""
     memory: Annotated[Part, Unit("s")] = 0.5
     """Time constant of the averages that the name of a failure is read from, for D = 160 mm."""

@@ -119,14 +119,14 @@ class FilterTable(Table):
 
 
 class SearchTable(Table):
-    """``[sensing.search]``: what a robot does that does not know where it is. D is the bore that
-    the robot is made for."""
+    """``[sensing.search]``: recovery of a robot that does not know where it is. Lengths
+    are for D = 160 mm and grow with the robot's bore."""
 
     tries: Annotated[int, Field(ge=1, le=1000), Unit("1")] = 4
     """Rounds of standing, stepping back and rolling after which it gives up (`lost`)."""
     look: Annotated[Part, Unit("s")] = 1.5
     """Time that it stands and looks, before and after each step."""
-    step: Annotated[Part, Unit("D")] = 0.4
+    step: Annotated[Part, Unit("m")] = 0.064
     """Way by which it steps back in the second half of its rounds."""
     roll_deg: Annotated[float, Field(ge=0, le=360)] = 40.0
     """By which it rolls its modules in each round, to see its pipe from another side."""

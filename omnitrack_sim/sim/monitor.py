@@ -48,11 +48,14 @@ class Monitor:
         period: float,
         sample_period: float,
     ):
-        n, bore = len(start), robot.nominal_bore
+        n = len(start)
         self.routes, self.limits, self.period = routes, limits, period
         self._sample_period = sample_period
-        self._progress, self._slide_back = limits.progress * bore, limits.slide_back * bore
-        self._bore, self._scale = bore, robot.time_scale
+        self._progress, self._slide_back, self._patience_length = (
+            float(robot.own_length(length))
+            for length in (limits.progress, limits.slide_back, limits.patience)
+        )
+        self._scale = robot.time_scale
         self._memory = limits.memory * robot.time_scale
         self._lost_contact = limits.lost_contact * robot.mass * GRAVITY
         self._exit = robot.length / 2
@@ -68,7 +71,7 @@ class Monitor:
     ) -> None:
         """Watch robots ``rows`` (k,) from the start of a new run; arguments (k,) as of the
         monitor."""
-        patience = self.limits.patience * self._bore / cruise_speed
+        patience = self._patience_length / cruise_speed
         self._patience[rows] = np.maximum(self.limits.patience_time * self._scale, patience)
         self._time_limit[rows], self._farthest[rows] = time_limit - 1e-9, start
         self._waiting[rows], self._steps[rows], self._mean[rows] = 0.0, 0, 0.0

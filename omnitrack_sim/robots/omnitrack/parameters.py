@@ -7,6 +7,8 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Any, Self
 
+import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import (
     Field,
     ModelWrapValidatorHandler,
@@ -15,6 +17,7 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor, NamedMotor
 from omnitrack_sim.robots.omnitrack.quantity import (
     ROUNDING,
@@ -359,6 +362,11 @@ class Robot(Figures):
     def nominal_bore(self) -> float:
         """Inner diameter of the pipe that the robot is made for, m."""
         return 2 * self.nominal_pipe_radius
+
+    def own_length(self, length: ArrayLike) -> Array:
+        """Return lengths that are given for the paper's pipe, m, in proportion to this robot."""
+        # In this order a length such as 30 mm and its part of the bore give the same bits.
+        return np.asarray(length, float) / REFERENCE_BORE * self.nominal_bore
 
     @property
     def length_scale(self) -> float:

@@ -36,6 +36,7 @@ from omnitrack_sim.robots.omnitrack.control.interface import (
 from omnitrack_sim.robots.omnitrack.control.jacobian import DampingTable
 from omnitrack_sim.robots.omnitrack.control.tracking import TrackingTable, wall_speeds
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
+from omnitrack_sim.robots.omnitrack.parameters import REFERENCE_BORE
 
 BY_HAND = "by_hand"
 """Phase of a robot that obeys its driver."""
@@ -67,9 +68,9 @@ class DrivenTable(Table):
     driver: Annotated[str, Field(min_length=1, max_length=80)] = "its orders"
     """Who drives, in events and provenance: "keyboard" of a robot that was driven by keys."""
     # How the nose is turned towards a heading, as of "jacobian" in a tee turn.
-    gain: Annotated[NotNegative, Unit("rad/D")] = TrackingTable().gain
-    """Rotation towards the heading for each D of travel while the nose is off it by 1 rad."""
-    rotation_limit: Annotated[Part, Unit("rad/D")] = TrackingTable().rotation_limit
+    gain: Annotated[NotNegative, Unit("rad/m")] = TrackingTable().gain
+    """Rotation towards the heading for each metre of travel while the nose is off it by 1 rad."""
+    rotation_limit: Annotated[Part, Unit("rad/m")] = TrackingTable().rotation_limit
     """Cap on that rotation."""
     damping: Annotated[NotNegative, Unit("1")] = DampingTable().tee_turn
     """Rotation asked in addition, for each rad/s that the nose turns too slowly or too fast."""
@@ -156,7 +157,8 @@ class DrivenController:
         self._steered = np.zeros(n, bool)  # robots that have a heading
         self.by_hand, self._over = np.ones(n, bool), np.zeros(n, bool)
         bore = setup.robot.nominal_bore
-        self._gain, self._limit = setup.each("gain") / bore, setup.each("rotation_limit") / bore
+        self._gain = setup.each("gain") * REFERENCE_BORE / bore
+        self._limit = setup.each("rotation_limit") * REFERENCE_BORE / bore
         self._damping = setup.each("damping")
         self._band = AlignmentTable().no_motion_band
         self._belt_sign = belt_sign(self.roll)

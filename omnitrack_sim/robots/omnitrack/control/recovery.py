@@ -18,22 +18,22 @@ from omnitrack_sim.robots.omnitrack.control.interface import ControlSetup, Obser
 
 
 class RecoveryTable(Table):
-    """When a turn has failed and is tried again. D is the bore that the robot is made for."""
+    """Failure of a turn, and retries. Lengths are for D = 160 mm and grow with the robot's bore."""
 
     retries: Annotated[int, Field(ge=0, le=1000), Unit("1")] = 2
     """How often a robot tries one fitting again before it is left to hang."""
-    progress: Annotated[Part, Unit("D")] = 0.0125
+    progress: Annotated[Part, Unit("m")] = 0.002
     """Advance beyond the farthest point so far that counts as headway."""
-    patience: Annotated[Part, Unit("D")] = 0.9375
+    patience: Annotated[Part, Unit("m")] = 0.15
     """Way that cruising would have taken the robot without headway, after which the turn has
     failed; half of `monitor.patience`."""
-    merge_patience: Annotated[Part, Unit("D")] = 1.6875
+    merge_patience: Annotated[Part, Unit("m")] = 0.27
     """The same out of a branch, where most robots that hang for a while get through."""
-    fallen: Annotated[Part, Unit("D")] = 0.25
+    fallen: Annotated[Part, Unit("m")] = 0.04
     """Fall behind the farthest point after which the turn has failed."""
     beside: Annotated[Part, Unit("pipe radii")] = 0.6
     """Offset from the centreline beyond which a robot has gone past the branch."""
-    back_off: Annotated[Part, Unit("D")] = 3.75
+    back_off: Annotated[Part, Unit("m")] = 0.6
     """Way that cruising would have taken it after which backing off is given up."""
 
 
@@ -67,12 +67,12 @@ class Recovery:
         self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
         self.period = setup.period
         each = {name: setup.each(f"{self._path}.{name}") for name in RecoveryTable.model_fields}
-        bore, speed = setup.robot.nominal_bore, setup.settings.cruise_speed
+        own, speed = setup.robot.own_length, setup.settings.cruise_speed
         self._most_retries, self._beside = each["retries"], each["beside"]
-        self._progress, self._fallen = each["progress"] * bore, each["fallen"] * bore  # (n,) m
-        self._patience = each["patience"] * bore / speed  # (n,) s
-        self._merge_patience = each["merge_patience"] * bore / speed
-        self._back_off = each["back_off"] * bore / speed
+        self._progress, self._fallen = own(each["progress"]), own(each["fallen"])  # (n,) m
+        self._patience = own(each["patience"]) / speed  # (n,) s
+        self._merge_patience = own(each["merge_patience"]) / speed
+        self._back_off = own(each["back_off"]) / speed
         self.begin_leg(rows)
 
     def begin_leg(self, rows: int | NDArray[np.intp]) -> None:

@@ -21,25 +21,27 @@ from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
 from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.robots.omnitrack.control.interface import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, module_speeds
+from omnitrack_sim.robots.omnitrack.parameters import REFERENCE_BORE
 
 LEADS = 7
 """Points of the stretch that the heading is compared with."""
 
 
 class TrackingTable(Table):
-    """How the centreline is followed. D is the bore that the robot is made for."""
+    """Tracking of the centreline. Lengths are for D = 160 mm and grow with the robot's bore."""
 
     # Part of the cruise speed in a turn from a tee's run into its branch. On a slippery wall the
     # weight carries the robot past the branch while it turns: the sooner it is round, the better.
     turn_speed: Annotated[Part, Unit("1")] = 1.3
     """Speed in a turn from a tee's run into its branch, as a part of the cruise speed."""
-    gain: Annotated[NotNegative, Unit("rad/D")] = 6.4
-    """Rotation for each D of travel while the heading is wrong by 1 rad."""
-    lookahead: Annotated[NotNegative, Unit("D")] = 0.1875
+    gain: Annotated[NotNegative, Unit("rad/m")] = 40.0
+    """Rotation for each metre of travel while the heading is wrong by 1 rad."""
+    lookahead: Annotated[NotNegative, Unit("m")] = 0.03
     """How far ahead of the robot's centre the centreline's direction is taken."""
-    rotation_limit: Annotated[Part, Unit("rad/D")] = 2.4
-    """Cap on the rotation for each D of travel; while a robot leans, 1 + tan(lean) times that."""
-    heading_lead: Annotated[NotNegative, Unit("D")] = 0.5625
+    rotation_limit: Annotated[Part, Unit("rad/m")] = 15.0
+    """Cap on the rotation for each metre of travel; while a robot leans, 1 + tan(lean) times
+    that."""
+    heading_lead: Annotated[NotNegative, Unit("m")] = 0.09
     """Length of the stretch of centreline beyond the lookahead point that the heading may point
     into without being turned back. In the open middle of a tee the robot turns faster than the arc;
     turning it back would push it out of the branch again."""
@@ -63,14 +65,16 @@ class Tracking:
 
     def __init__(self, setup: ControlSetup, path: str) -> None:
         self.routes = setup.routes
-        bore = setup.robot.nominal_bore
+        robot = setup.robot
         each = {name: setup.each(f"{path}.{name}") for name in TrackingTable.model_fields}
-        self.gain = each["gain"] / bore  # (n,) 1/m
-        self.limit = each["rotation_limit"] / bore  # (n,) rad/m
-        self.centring = each["centring"] / setup.robot.length_scale
+        self.gain = each["gain"] * REFERENCE_BORE / robot.nominal_bore  # (n,) rad/m
+        self.limit = each["rotation_limit"] * REFERENCE_BORE / robot.nominal_bore
+        self.centring = each["centring"] / robot.length_scale
         self.steepest = each["steepest_return"]
-        lead = each["heading_lead"] * bore
-        lookahead = each["lookahead"] * bore
+        lead, lookahead = (
+            robot.own_length(each["heading_lead"]),
+            robot.own_length(each["lookahead"]),
+        )
         stretches = np.array([np.linspace(0.0, reach, LEADS) for reach in lead])
         self.leads = lookahead[:, None] + stretches  # (n, LEADS) m
         self._rows = np.arange(setup.n)
