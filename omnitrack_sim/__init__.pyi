@@ -20,10 +20,12 @@ from .paper.plots.singularity import plot_singularity as plot_singularity
 from .pipes.assembly import Assembly as Assembly
 from .pipes.compare import MapDifference as MapDifference
 from .pipes.compare import compare_maps as compare_maps
+from .pipes.fittings.base import Fitting as Fitting
 from .pipes.fittings.elbow import Elbow as Elbow
 from .pipes.fittings.reducer import Reducer as Reducer
 from .pipes.fittings.straight import Straight as Straight
 from .pipes.fittings.tee import Tee as Tee
+from .pipes.fittings.wye import Wye as Wye
 from .pipes.network import Network as Network
 from .pipes.network import load_network as load_network
 from .pipes.planning import shortest_route as shortest_route

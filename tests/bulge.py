@@ -8,15 +8,31 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.table import Size, Unit
-from omnitrack_sim.pipes.compiled import EDGE, FACE, Wall, clip, compiled, put
-from omnitrack_sim.pipes.fittings import BORE, Axial, FittingTable, Z, check, positive
-from omnitrack_sim.pipes.kit import Kit, Solid
-from omnitrack_sim.pipes.pieces import Pieces, Ring, stave_count
+from omnitrack_sim.pipes import (
+    BORE,
+    EDGE,
+    FACE,
+    Array,
+    Axial,
+    FittingTable,
+    Kit,
+    Pieces,
+    Ring,
+    Size,
+    Solid,
+    Unit,
+    Wall,
+    Z,
+    check,
+    clip,
+    compiled,
+    positive,
+    put,
+    stave_count,
+)
 
 
-@compiled("surface")
+@compiled
 def surface(sizes, x, y, z, out):
     """The arc about (centre, length / 2) in the half plane of radius and z, or its ends."""
     radius, length, arc, centre = sizes[0], sizes[1], sizes[2], sizes[3]
@@ -33,7 +49,7 @@ def surface(sizes, x, y, z, out):
     return d
 
 
-@compiled("span")
+@compiled
 def span(sizes, ends, px, py, pz, ax, ay, az, out):
     """Between the port planes."""
     clip(out, -pz, -az, ends[0])
@@ -75,14 +91,6 @@ class Bulge(Axial):
 
     def flare(self, port: str) -> float:
         return self.length / 2 / math.sqrt(self.arc**2 - self.length**2 / 4)
-
-    def signed_distance(self, points: Array) -> tuple[Array, Array]:
-        points = np.asarray(points, float)
-        found = np.empty((*points.shape[:-1], 5))
-        for index in np.ndindex(points.shape[:-1]):
-            out = [0.0] * 4
-            found[index] = (surface(self.sizes, *points[index].tolist(), out), *out)
-        return found[..., 0], found[..., 1:4]
 
     def profile(self, count: int) -> tuple[Array, Array]:
         """Radius and z (count + 1,) m along the arc."""

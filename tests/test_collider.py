@@ -11,19 +11,14 @@ import pytest
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Pose, frame_along, quaternion_from_matrix, unit
 from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, Tee, route
-from omnitrack_sim.pipes.fittings import reducer, shipped_fittings
+from omnitrack_sim.pipes.fittings import reducer
+from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
+from omnitrack_sim.pipes.native import NUMBER, NUMBERS, WORD, _digest, c_function, pointers
 from omnitrack_sim.sim.builder import scene_of, start_qpos
-from omnitrack_sim.walls.collider import (
-    RECORD_SIZE,
-    bounding_box,
-    install,
-    line,
-    line_record,
-    wall_record,
-)
-from omnitrack_sim.walls.collider.compile import _digest
-from omnitrack_sim.walls.collider.record import ENDS
-from omnitrack_sim.walls.primitives import add_exact_walls
+from omnitrack_sim.walls import track
+from omnitrack_sim.walls.collider import collide, install
+from omnitrack_sim.walls.geoms import add_exact_walls
+from omnitrack_sim.walls.track import ENDS, RECORD_SIZE, bounding_box, line_record, wall_record
 
 FITTINGS = {
     "straight": Straight(0.4),
@@ -38,12 +33,20 @@ FITTINGS = {
     "tee_sharper": Tee(fillet_radius=0.002),
 }
 RADIUS, HALF, PITCH = 0.0266, 0.042, 0.006
+LINE_CONTACTS = WORD(NUMBERS, NUMBERS, WORD, NUMBERS, NUMBERS, WORD, WORD, *[NUMBER] * 5)
+
+
+def line_contacts(record, position, matrix, margin=0.0):
+    """Contacts (k, 10) of geom 1, a line, with geom 0, whose record is given."""
+    con = np.zeros((track.MOST_CONTACTS, track.CONTACT_SIZE))
+    room, record, *frames = pointers(con, record, position, matrix)
+    call = c_function(track.line_contacts, LINE_CONTACTS).ctypes
+    return con[: call(room, record, 0, *frames, 1, 0, RADIUS, HALF, PITCH, margin, 1.0)]
 
 
 def contacts(fitting, centre, direction, margin=0.0, ends=(True, True, True)):
     """Distances (k,), positions and normals (k, 3) of a track's contacts, and places (k,) along its
     line, m."""
-    con = np.zeros(line.CONTACT_SIZE * line.MOST_CONTACTS)
     box, _ = bounding_box(fitting)
     z = direction / np.linalg.norm(direction)
     x = np.cross(z, [0.6, -0.8, 0.1])
@@ -51,10 +54,7 @@ def contacts(fitting, centre, direction, margin=0.0, ends=(True, True, True)):
     matrix = np.stack([np.eye(3), np.stack([x, np.cross(z, x), z], axis=-1)])
     record = wall_record(fitting, ends[: len(fitting.ports)])
     position = np.stack([box, centre]).ravel()
-    n = line.line_contacts(
-        con, record, 0, position, matrix.ravel(), 1, 0, RADIUS, HALF, PITCH, margin, 1.0
-    )
-    found = con[: n * line.CONTACT_SIZE].reshape(n, line.CONTACT_SIZE)
+    found = line_contacts(record, position, matrix.ravel(), margin)
     lug = found[:, 1:4] + found[:, 4:7] * (RADIUS + found[:, :1] / 2)
     return found[:, 0], found[:, 1:4], found[:, 4:7], (lug - centre) @ z
 
@@ -77,9 +77,9 @@ def touching_lines(fitting, count, seed=0):
 
 
 @pytest.mark.parametrize("name", FITTINGS)
-def test_plain_and_compiled_contacts_are_the_same(name):
-    """MuJoCo finds with the compiled functions, bit for bit, the contacts that their plain Python
-    gives."""
+def test_mujoco_has_the_contacts_of_the_line(name):
+    """MuJoCo's contacts are, bit for bit, those of the line in the frames of its geoms: what the
+    collider reads from MuJoCo's structures and writes to its contacts is in its place."""
     fitting = FITTINGS[name]
     box, half = bounding_box(fitting)
     spec = mujoco.MjSpec()
@@ -100,22 +100,11 @@ def test_plain_and_compiled_contacts_are_the_same(name):
         data.qpos[:3] = centre
         data.qpos[3:] = quaternion_from_matrix(frame_along(direction, 0.0))
         mujoco.mj_forward(model, data)
-        con = np.zeros(line.CONTACT_SIZE * line.MOST_CONTACTS)
-        count = line.line_contacts(
-            con,
-            model.geom_user.ravel(),
-            0,
-            data.geom_xpos.ravel(),
-            data.geom_xmat.ravel(),
-            1,
-            0,
-            *(RADIUS, HALF, PITCH, 0.0, 1.0),
-        )
-        found = con[: count * line.CONTACT_SIZE].reshape(count, line.CONTACT_SIZE)
-        assert data.ncon == count
+        found = line_contacts(model.geom_user, data.geom_xpos, data.geom_xmat)
+        assert data.ncon == len(found)
         np.testing.assert_array_equal(data.contact.dist, found[:, 0])
         np.testing.assert_array_equal(data.contact.pos, found[:, 1:4])
-        seen += count
+        seen += len(found)
     assert seen > 100
 
 
@@ -134,9 +123,9 @@ def test_contacts_lie_on_the_wall_and_none_is_missed(name):
         wall = position - normal * distance[:, None] / 2
         np.testing.assert_allclose(fitting.signed_distance(wall)[0], 0.0, atol=1e-8)
         # A minimum next to the line's end counts as that end.
-        next_to_end = 0 < HALF - abs(places[np.argmin(d)]) < line.LEAST_APART
+        next_to_end = 0 < HALF - abs(places[np.argmin(d)]) < track.LEAST_APART
         assert distance.min() <= d.min() - RADIUS + (
-            line.LEAST_APART**2 / RADIUS if next_to_end else 1e-6
+            track.LEAST_APART**2 / RADIUS if next_to_end else 1e-6
         )
         for end in (0, -1):
             if d[end] < RADIUS:
@@ -283,7 +272,7 @@ def test_a_track_over_the_kinks_of_a_reducer(bore):
             d = depths(offset)
             from_end = HALF - abs(s[np.argmin(d)])
             # A minimum next to the line's end counts as that end.
-            if abs(d.min() - RADIUS + 1e-4) > 1e-6 or 0 < from_end < line.LEAST_APART:
+            if abs(d.min() - RADIUS + 1e-4) > 1e-6 or 0 < from_end < track.LEAST_APART:
                 continue
             distance, _ = joined_contacts(way, middle + offset * out, direction)
             assert distance.min() == pytest.approx(-1e-4, abs=5e-6)
@@ -357,15 +346,13 @@ def test_records_have_their_size():
 def test_a_later_process_loads_the_collider_from_disk():
     """Once compiled, every function is loaded: nothing is compiled in a fresh process."""
     program = """
-from omnitrack_sim.walls.collider import bring, install
-from omnitrack_sim.walls.collider.install import _kept
-from omnitrack_sim.walls.collider.record import wall_number
-from omnitrack_sim.pipes.fittings import shipped_fittings
+from omnitrack_sim.walls.collider import _COLLIDE, collide, install
+from omnitrack_sim.pipes.native import SIGNATURES, c_function
+from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
 install()
-for fitting in shipped_fittings().values():
-    wall_number(fitting.wall)
-    bring(fitting)
-print([entry.cache_hits for entry in _kept[1:]])
+walls = [fitting.wall for fitting in shipped_fittings().values()]
+every = [(getattr(wall, name), kind) for wall in walls for name, kind in SIGNATURES.items()]
+print([c_function(*each).cache_hits for each in [(collide, _COLLIDE), *every]])
 """
     for _ in range(2):
         run = [sys.executable, "-c", program]
@@ -376,8 +363,9 @@ print([entry.cache_hits for entry in _kept[1:]])
 def test_code_on_disk_is_known_by_all_that_it_depends_on(monkeypatch):
     """Another value of a constant, of the function itself or of one that it calls, is other
     code."""
-    before = _digest(line.collide), _digest(Reducer.wall.span), _digest(Straight.wall.span)
-    monkeypatch.setattr(line, "SPACING", 0.004)
+    functions = collide, Reducer.wall.span.py_func, Straight.wall.span.py_func
+    before = [_digest(function) for function in functions]
+    monkeypatch.setattr(track, "SPACING", 0.004)
     monkeypatch.setattr(reducer, "POSITION", 1e-6)
-    after = _digest(line.collide), _digest(Reducer.wall.span), _digest(Straight.wall.span)
+    after = [_digest(function) for function in functions]
     assert [a == b for a, b in zip(before, after, strict=True)] == [False, False, True]

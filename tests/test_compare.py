@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.walls.primitives import add_walls
+from omnitrack_sim.walls.geoms import add_walls
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks" / "compare"))
 

@@ -22,8 +22,7 @@ from omnitrack_sim.base.naming import (
 from omnitrack_sim.base.table import meanings_of, symbol_of
 from omnitrack_sim.cli import app
 from omnitrack_sim.paper.open_loop import PaperTable
-from omnitrack_sim.pipes.entries import table_of
-from omnitrack_sim.pipes.fittings import shipped_fittings
+from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.record import channels, metrics

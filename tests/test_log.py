@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from omnitrack_sim.walls.spec import new_spec
+from omnitrack_sim.walls.geoms import new_spec
 
 DIVERGING = """
 import omnitrack_sim as ot

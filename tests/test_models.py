@@ -16,7 +16,7 @@ from omnitrack_sim.robots.omnitrack import published as export
 from omnitrack_sim.robots.omnitrack.body import add_robot
 from omnitrack_sim.robots.omnitrack.looks import add_cameras, add_pipe_looks, add_robot_looks
 from omnitrack_sim.robots.omnitrack.published import check_models, write_models
-from omnitrack_sim.walls.spec import new_spec
+from omnitrack_sim.walls.geoms import new_spec
 
 ROOT = Path(__file__).parents[1]
 

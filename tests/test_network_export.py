@@ -14,8 +14,8 @@ from test_cli import omnitrack
 
 from omnitrack_sim.pipes.network import load_network, validate
 from omnitrack_sim.pipes.random import random_network
-from omnitrack_sim.robots.omnitrack.network_export import COLUMNS, export_network
 from omnitrack_sim.show.plots.network import _quads
+from omnitrack_sim.walls.export import COLUMNS, export_network
 from omnitrack_sim.walls.meshes import network_mesh
 
 

@@ -175,7 +175,7 @@ def test_an_export_is_there_whole_or_not_at_all(tmp_path, monkeypatch):
 def test_an_export_of_names_that_are_too_long_is_refused(tmp_path, monkeypatch):
     """Before the walls are made."""
     net = network.load_network("narrow").model_copy(update={"name": "n" * 250})
-    from omnitrack_sim.robots.omnitrack import network_export
+    from omnitrack_sim.walls import export as network_export
 
     monkeypatch.setattr(network_export, "network_stl", None)
     with pytest.raises(OutputError, match="name too long"):

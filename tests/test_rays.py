@@ -71,7 +71,10 @@ def test_what_is_clear_for_certain_is_bore_up_to_the_wall(fitting):
     ways = generator.normal(size=(400, 3))
     ways /= np.linalg.norm(ways, axis=-1, keepdims=True)
     clear = np.array(
-        [fitting.wall.clear(fitting.sizes, *p, *a) for p, a in zip(points, ways, strict=True)]
+        [
+            fitting.wall.clear(np.array(fitting.sizes), *p, *a)
+            for p, a in zip(points, ways, strict=True)
+        ]
     )
     start = fitting.signed_distance(points)[0]
     assert (clear[start < -1e-9] == 0.0).all()

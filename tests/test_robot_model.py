@@ -12,7 +12,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.body import add_robot, lug_pitch
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.walls.spec import new_spec
+from omnitrack_sim.walls.geoms import new_spec
 
 ROBOT = Robot()
 

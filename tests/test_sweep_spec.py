@@ -18,7 +18,7 @@ from omnitrack_sim import (
     shipped_sweeps,
 )
 from omnitrack_sim.base.table import units_of
-from omnitrack_sim.pipes.fittings import shipped_fittings
+from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.tables import UNITS, unit_of
 from omnitrack_sim.sim.builder import batch_key

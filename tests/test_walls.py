@@ -10,9 +10,8 @@ import pytest
 
 from omnitrack_sim.base.rotations import Pose, unit
 from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, Tee, route
-from omnitrack_sim.pipes.pieces import stave_count
-from omnitrack_sim.walls.primitives import add_walls
-from omnitrack_sim.walls.spec import new_spec
+from omnitrack_sim.pipes.shapes import stave_count
+from omnitrack_sim.walls.geoms import add_walls, new_spec
 
 FITTINGS = {
     "straight": Straight(0.4),

@@ -22,9 +22,8 @@ from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.builder import scene_of
 from omnitrack_sim.sim.plant import Plant
 from omnitrack_sim.sim.simulation import MakePlant
-from omnitrack_sim.walls.collider import line_record
-from omnitrack_sim.walls.primitives import add_exact_walls, add_walls
-from omnitrack_sim.walls.spec import new_spec
+from omnitrack_sim.walls.geoms import add_exact_walls, add_walls, new_spec
+from omnitrack_sim.walls.track import line_record
 
 OWN = ("primitives", "exact")
 TITLES = {

@@ -17,10 +17,10 @@ from decompose import convex_pieces
 from manifold3d import Manifold, Mesh
 
 from omnitrack_sim.pipes import Assembly, Fitting
-from omnitrack_sim.pipes.pieces import sagitta
+from omnitrack_sim.pipes.shapes import sagitta
 from omnitrack_sim.robots.omnitrack.body import LUG_CONAFFINITY, LUG_CONTYPE
+from omnitrack_sim.walls.geoms import GROUP
 from omnitrack_sim.walls.meshes import fitting_mesh, manifold_to_trimesh
-from omnitrack_sim.walls.primitives import GROUP
 
 NEAR = 1e-3
 """A mesh vertex this close to the exact inner surface lies on the bore, m.
@@ -30,7 +30,7 @@ The outside is a wall thickness away.
 SLIVER = 1e-6
 """Triangles of less height than this, m, are left out: contacts with them are not numbers."""
 WALL_MASKS = {"contype": LUG_CONAFFINITY, "conaffinity": LUG_CONTYPE, "group": GROUP}
-"""Walls touch lugs and nothing else, as in ``omnitrack_sim.walls.primitives``."""
+"""Walls touch lugs and nothing else, as in ``omnitrack_sim.walls.geoms``."""
 
 
 @dataclass(frozen=True)

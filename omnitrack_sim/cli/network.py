@@ -138,7 +138,7 @@ def _save(
         plot_network(found, plot, route)
     written = [path for path in (to_file, plot) if path is not None]
     if export is not None:
-        from omnitrack_sim.robots.omnitrack.network_export import export_network
+        from omnitrack_sim.walls.export import export_network
 
         written += export_network(found.name, found.pipes, export)
     return written

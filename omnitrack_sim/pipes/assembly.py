@@ -14,7 +14,7 @@ from omnitrack_sim.base.bounds import MOST_TOLD
 from omnitrack_sim.base.errors import Fault, GeometryError
 from omnitrack_sim.base.rotations import Array, Pose, rotation_about
 from omnitrack_sim.pipes.centreline import Centreline, Segment
-from omnitrack_sim.pipes.fittings import ARCS, Arcs, AxisCurve, Fitting
+from omnitrack_sim.pipes.fittings.base import ARCS, Arcs, AxisCurve, Fitting
 from omnitrack_sim.pipes.near import touching
 
 SAMPLE_SPACING = 0.02

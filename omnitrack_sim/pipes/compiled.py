@@ -1,68 +1,41 @@
-"""Functions that the exact collider compiles: how a fitting marks them, and what they share.
+"""Compiled functions by which a fitting states its wall, and what such functions share.
 
-They are plain Python on numbers. The collider compiles copies of them; without it they run as they
-stand. A compiled function may use ``math``, numbers that its module defines in capitals, and other
-functions marked by ``compiled``.
+They are Python on numbers, marked by ``compiled``, and may use ``math``, numbers that their module
+defines in capitals, and other marked functions.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, MutableSequence, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar, overload
+
+import numpy as np
+from numba import njit, types
+
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.pipes.native import (
+    NUMBERS,
+    WORD,
+    at,
+    c_function,
+    call_surface,
+    pointers,
+)
 
 FACE, EDGE = 0.0, 1.0
 """Nearest part of a wall: a face such as a cylinder, cone or torus; or a rounded rim, the edge of a
 cone."""
 LOW, HIGH, LOW_ENDS, HIGH_ENDS = 0, 1, 2, 3
-"""Places of a span in ``out``: the part of a line [low, high], m, and whether contact ends there
+"""Indices of a span in ``out``: the part of a line [low, high], m, and whether contact ends there
 (over 0)."""
-_Function = TypeVar("_Function", bound=Callable[..., Any])
-Surface = Callable[[Sequence[float], float, float, float, MutableSequence[float]], float]
-Span = Callable[..., float]
-Clear = Callable[[Sequence[float], float, float, float, float, float, float], float]
-
-MARKED: list[Callable[..., Any]] = []
-"""Every function that compiled code may call, as plain Python."""
-ENTRIES: dict[Callable[..., Any], str] = {}
-"""Those that are called through a pointer, with the name of their C signature."""
-STANDS_FOR: dict[Callable[..., Any], str] = {}
-"""Functions whose body compiled code replaces by the intrinsic of that name."""
+# A division by zero gives an infinite number, as in NumPy: checks for it would cost time in the
+# innermost loops, and a raised error has no way out of a C function.
+compiled = njit(error_model="numpy")
+"""Decorator of the functions of a ``Wall`` and of their helpers."""
 
 
-@overload
-def compiled(what: _Function) -> _Function: ...
-@overload
-def compiled(
-    what: Literal["surface", "span", "clear", "collide", "trace", "nearest"],
-) -> Callable[[_Function], _Function]: ...
-def compiled(what: Any) -> Any:
-    """``@compiled`` marks a helper; ``@compiled("surface")``, ``@compiled("span")`` and
-    ``@compiled("clear")`` mark what a fitting hands to the collider and to rays, see ``Wall``."""
-    if callable(what):
-        MARKED.append(what)
-        return what
-
-    def mark(function: _Function) -> _Function:
-        MARKED.append(function)
-        ENTRIES[function] = what
-        return function
-
-    return mark
-
-
-def stands_for(name: str) -> Callable[[_Function], _Function]:
-    """Marks the plain Python body of the intrinsic ``name`` of the collider."""
-
-    def mark(function: _Function) -> _Function:
-        STANDS_FOR[function] = name
-        return function
-
-    return mark
-
-
-@compiled("clear")
+@compiled
 def unknown(sizes, px, py, pz, ax, ay, az):
     """See ``Wall``: for any fitting; rays then find its wall by its ``surface`` alone."""
     return 0.0
@@ -70,7 +43,8 @@ def unknown(sizes, px, py, pz, ax, ay, az):
 
 @dataclass(frozen=True)
 class Wall:
-    """The functions by which the exact collider and rays know a kind of fitting.
+    """The compiled functions that state the wall of a kind of fitting, once for contact, for rays
+    and for ``Fitting.signed_distance``.
 
     Attributes:
         surface: ``surface(sizes, x, y, z, out)`` returns the distance, m, of a point of the fitting
@@ -87,9 +61,9 @@ class Wall:
             which are followed the faster the farther it leads.
     """
 
-    surface: Surface
-    span: Span
-    clear: Clear = unknown
+    surface: Callable[..., float]
+    span: Callable[..., float]
+    clear: Callable[..., float] = unknown
 
 
 @compiled
@@ -147,3 +121,33 @@ def out_of_two(low, high, other_low, other_high):
             return 0.0
         low, high, other_low, other_high = other_low, other_high, low, high
     return max(high, other_high) if other_low <= high else high
+
+
+def distances(surface: int, sizes: Sequence[float], points: Array) -> tuple[Array, Array]:
+    """Evaluate a compiled ``surface`` at many points.
+
+    Args:
+        surface: its address.
+        sizes: of the fitting.
+        points: (..., 3) m, fitting frame.
+
+    Returns:
+        Distances (...,) m from the wall, positive in the bore, and unit gradients (..., 3).
+    """
+    points = np.ascontiguousarray(points, float)
+    rows = np.empty((*points.shape[:-1], 5))
+    evaluate = c_function(_at_points, _AT_POINTS).ctypes
+    evaluate(surface, *pointers(np.array(sizes), points), points.size // 3, *pointers(rows))
+    return rows[..., 0], rows[..., 1:4]
+
+
+def _at_points(surface, sizes, points, count, rows):
+    """Write the distance of each of the points (count, 3), and what ``surface`` writes to its
+    ``out``, to ``rows`` (count, 5)."""
+    for i in range(count):
+        x, y, z = points[3 * i], points[3 * i + 1], points[3 * i + 2]
+        rows[5 * i] = call_surface(surface, sizes, x, y, z, at(rows, 5 * i + 1))
+    return 0
+
+
+_AT_POINTS = types.int32(WORD, NUMBERS, NUMBERS, WORD, NUMBERS)

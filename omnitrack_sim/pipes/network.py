@@ -18,7 +18,7 @@ from omnitrack_sim.base.rotations import Pose, frame_along
 from omnitrack_sim.base.table import Angle, Direction, Table, keys_at
 from omnitrack_sim.base.text import as_toml, toml_key
 from omnitrack_sim.pipes import Assembly, Fitting
-from omnitrack_sim.pipes.entries import FittingEntry, by_kind, table_of
+from omnitrack_sim.pipes.fittings.kinds import FittingEntry, by_kind, table_of
 from omnitrack_sim.pipes.layout import End, Joined, lay_out, lay_out_unchecked
 
 PartName = Annotated[str, Field(pattern=r"^[^\s./\\\x00-\x1f]+$")]

@@ -13,7 +13,7 @@ from omnitrack_sim.base.errors import Fault, GeometryError
 from omnitrack_sim.base.rotations import Array, Pose, rotation_about
 from omnitrack_sim.pipes.assembly import Assembly, Part, attached
 from omnitrack_sim.pipes.centreline import Centreline, Segment
-from omnitrack_sim.pipes.fittings import ARCS, Arcs, Fitting, Manoeuvre
+from omnitrack_sim.pipes.fittings.base import ARCS, Arcs, Fitting, Manoeuvre
 
 
 @dataclass(frozen=True)

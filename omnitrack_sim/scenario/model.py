@@ -31,7 +31,7 @@ from omnitrack_sim.base.reading import NAME_PATTERN
 from omnitrack_sim.base.rotations import Array, Pose, frame_along
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes import Route, route, route_through
-from omnitrack_sim.pipes.entries import by_kind
+from omnitrack_sim.pipes.fittings.kinds import by_kind
 from omnitrack_sim.pipes.layout import End
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.record.channels import CHANNELS

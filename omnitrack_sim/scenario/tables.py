@@ -10,8 +10,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from omnitrack_sim.base.bounds import SHORTEST_STEP
 from omnitrack_sim.base.table import Angle, Direction, Part, Positive, Table, Unit, units_of
 from omnitrack_sim.pipes import ARCS, Arcs, Fitting, Step
-from omnitrack_sim.pipes.entries import FittingEntry
-from omnitrack_sim.pipes.fittings import known_fittings
+from omnitrack_sim.pipes.fittings.kinds import FittingEntry, known_fittings
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack import Robot
 

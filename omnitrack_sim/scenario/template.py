@@ -13,8 +13,7 @@ from pydantic_core import PydanticUndefined, to_jsonable_python
 from omnitrack_sim.autonomy.goals import Mission
 from omnitrack_sim.base.table import meanings_of, symbol_of
 from omnitrack_sim.base.text import as_toml
-from omnitrack_sim.pipes.entries import table_of
-from omnitrack_sim.pipes.fittings import shipped_fittings
+from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.robots.omnitrack import MOTORS, Motor, Robot
 from omnitrack_sim.robots.omnitrack.control.catalogue import parameters_model
 from omnitrack_sim.robots.omnitrack.quantity import Quantity, quantity_of

@@ -118,7 +118,7 @@ def cut_normal(fitting: Fitting, towards: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class ManifoldKit:
-    """``pipes.kit.Kit`` with the solids of manifold3d."""
+    """``pipes.shapes.Kit`` with the solids of manifold3d."""
 
     sections: int
     overcut: float = OVERCUT

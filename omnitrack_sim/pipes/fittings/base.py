@@ -19,13 +19,14 @@ from itertools import permutations
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
+from numba.core.errors import NumbaError
 
 from omnitrack_sim.base.errors import Fault, GeometryError
 from omnitrack_sim.base.rotations import Array, Pose, cross
 from omnitrack_sim.base.table import Size, Table, Unit
-from omnitrack_sim.pipes.compiled import Wall
-from omnitrack_sim.pipes.kit import Kit, Solid
-from omnitrack_sim.pipes.pieces import Pieces, stave_count
+from omnitrack_sim.pipes.compiled import Wall, distances
+from omnitrack_sim.pipes.native import SIGNATURES, c_function
+from omnitrack_sim.pipes.shapes import Kit, Pieces, Solid, stave_count
 
 BORE = 0.16
 """Bore of a pipe where a file does not say otherwise, m."""
@@ -239,7 +240,19 @@ class Fitting(ABC):
 
     # The inner surface
 
-    @abstractmethod
+    @classmethod
+    def wall_address(cls, name: Literal["surface", "span", "clear"]) -> int:
+        """Address of a function of ``wall`` as compiled C code.
+
+        Raises:
+            GeometryError: it does not compile.
+        """
+        try:
+            return c_function(getattr(cls.wall, name), SIGNATURES[name]).address
+        except NumbaError as error:
+            problem = f"{name} of its wall does not compile: {error}"
+            raise GeometryError(Fault(cls.file_kind(), problem)) from error
+
     def signed_distance(self, points: Array) -> tuple[Array, Array]:
         """Distance (...,) m from ``points`` (..., 3) m to the inner surface; its unit gradient
         (..., 3).
@@ -247,6 +260,7 @@ class Fitting(ABC):
         Fitting frame, positive in the bore.
         Exact inside the bore and in the wall near it; the fitting is taken as open at its ports.
         """
+        return distances(self.wall_address("surface"), self.sizes, points)
 
     @abstractmethod
     def extent(self, points: Array) -> Array:
@@ -333,9 +347,29 @@ def port_pose(z: Array, x: Array, position: Array) -> Pose:
     return Pose(np.stack([x, cross(z, x), z], axis=-1), position)
 
 
-def bore_distance(from_axis: Array, radius: float) -> tuple[Array, Array]:
-    """Distance (...,) m to a round wall and gradient (..., 3), for vectors ``from_axis`` (..., 3) m
-    from the bore's axis."""
-    away = np.linalg.norm(from_axis, axis=-1)
-    safe = np.where(away > 0, away, 1.0)[..., None]
-    return radius - away, -from_axis / safe
+@dataclass(frozen=True)
+class Axial(Fitting):
+    """A fitting whose only axis is a line of ``length`` m along +z from the origin."""
+
+    length: float
+
+    @property
+    def ports(self) -> Mapping[str, Pose]:
+        """``start`` at the origin, ``end`` at z = length; x along the fitting's x axis."""
+        return {"start": port_pose(-Z, X, np.zeros(3)), "end": port_pose(Z, X, self.length * Z)}
+
+    def axis_curve(self, enter: str, leave: str, arcs: Arcs) -> AxisCurve:
+        """See ``Fitting``: the line."""
+        sign = 1.0 if enter == "start" else -1.0
+        return AxisCurve(self.ports[enter].position, sign * Z, X, ((self.length, 0.0),))
+
+    def extent(self, points: Array) -> Array:
+        """See ``Fitting``."""
+        z = np.asarray(points, float)[..., 2]
+        return np.minimum(z, self.length - z)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """See ``Fitting``."""
+        r = self.largest_radius
+        return np.array([-r, -r, 0.0]), np.array([r, r, self.length])

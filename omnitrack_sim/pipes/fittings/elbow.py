@@ -22,25 +22,23 @@ from omnitrack_sim.pipes.fittings.base import (
     FittingTable,
     X,
     Z,
-    bore_distance,
     check,
     port_pose,
     positive,
 )
-from omnitrack_sim.pipes.kit import Kit, Solid
-from omnitrack_sim.pipes.pieces import THICKNESS, Pieces, Ring, sagitta, stave_count
+from omnitrack_sim.pipes.shapes import THICKNESS, Kit, Pieces, Ring, Solid, sagitta, stave_count
 
 SIDE_SLIP = 4e-4
 """How far, m, a piece of an elbow's side may leave its row."""
 
 
-@compiled("surface")
+@compiled
 def surface(sizes, x, y, z, out):
     """See ``compiled.Wall``. Sizes: radius, mean radius, m, sine and cosine of the angle."""
     radius, mean_radius = sizes[0], sizes[1]
     px = x - mean_radius
     from_axis = math.sqrt(px * px + z * z)
-    ox, oz = px / from_axis, z / from_axis
+    ox, oz = (px / from_axis, z / from_axis) if from_axis > 0.0 else (-1.0, 0.0)
     across = from_axis - mean_radius
     away = math.sqrt(across * across + y * y)
     if away < 1e-12:
@@ -50,7 +48,7 @@ def surface(sizes, x, y, z, out):
     return radius - away
 
 
-@compiled("span")
+@compiled
 def span(sizes, ends, px, py, pz, ax, ay, az, out):
     """See ``compiled.Wall``: between the port planes."""
     a, b, c = sizes[1], sizes[2], sizes[3]
@@ -125,22 +123,10 @@ class Elbow(Fitting):
         """See ``Fitting``: at both ports."""
         return True
 
-    def _torus(self, points: Array) -> tuple[Array, Array]:
-        """Vector (..., 3) from the axis circle to each point, and the angle (...,) along the
-        bend."""
-        p = np.asarray(points, float) - self.mean_radius * X
-        flat = p * [1, 0, 1]
-        distance = np.linalg.norm(flat, axis=-1, keepdims=True)
-        outward = np.where(distance > 0, flat / np.where(distance > 0, distance, 1.0), -X)
-        return p - self.mean_radius * outward, np.arctan2(p[..., 2], -p[..., 0])
-
-    def signed_distance(self, points: Array) -> tuple[Array, Array]:
-        """See ``Fitting``: R minus the distance from the axis circle."""
-        return bore_distance(self._torus(points)[0], self.radius)
-
     def extent(self, points: Array) -> Array:
         """See ``Fitting``; measured along the axis circle."""
-        _, angle = self._torus(points)
+        p = np.asarray(points, float)
+        angle = np.arctan2(p[..., 2], self.mean_radius - p[..., 0])
         # Angles behind the start belong to whichever port plane is nearer.
         behind = (angle < 0) & (angle < self.angle / 2 - math.pi)
         angle = np.where(behind, angle + 2 * math.pi, angle)

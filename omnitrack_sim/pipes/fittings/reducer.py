@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from omnitrack_sim.base.rotations import Array, unit
+from omnitrack_sim.base.rotations import unit
 from omnitrack_sim.base.table import Size, Unit
 from omnitrack_sim.pipes.compiled import (
     EDGE,
@@ -23,10 +23,8 @@ from omnitrack_sim.pipes.compiled import (
     crossing,
     put,
 )
-from omnitrack_sim.pipes.fittings.axial import Axial
-from omnitrack_sim.pipes.fittings.base import BORE, Bore, FittingTable, X, Z, check, positive
-from omnitrack_sim.pipes.kit import Kit, Solid
-from omnitrack_sim.pipes.pieces import THICKNESS, Pieces, Ring, stave_count
+from omnitrack_sim.pipes.fittings.base import BORE, Axial, Bore, FittingTable, Z, check, positive
+from omnitrack_sim.pipes.shapes import THICKNESS, Kit, Pieces, Ring, Solid, stave_count
 
 STEEPEST_CONE = math.radians(20)
 """Largest half cone angle of a reducer, rad."""
@@ -34,7 +32,7 @@ POSITION = 1e-7
 """Accuracy, m, with which the end of a span is found."""
 
 
-@compiled("surface")
+@compiled
 def surface(sizes, x, y, z, out):
     """See ``compiled.Wall``. Sizes: radius at the start, length, radius at the end, m."""
     radius, length, end_radius = sizes[0], sizes[1], sizes[2]
@@ -106,7 +104,7 @@ def _wide_end(sizes, px, py, pz, ax, ay, az, out, ends):
         out[HIGH], out[HIGH_ENDS] = a, ends
 
 
-@compiled("span")
+@compiled
 def span(sizes, ends, px, py, pz, ax, ay, az, out):
     """See ``compiled.Wall``: what the cone is nearest to."""
     if sizes[2] < sizes[0]:
@@ -118,7 +116,7 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
     return 1.0
 
 
-@compiled("clear")
+@compiled
 def clear(sizes, px, py, pz, ax, ay, az):
     """See ``compiled.Wall``: up to the cone, whose radius grows by ``more`` along the line."""
     slope = (sizes[2] - sizes[0]) / sizes[1]
@@ -184,27 +182,6 @@ class Reducer(Axial):
     def flare(self, port: str) -> float:
         """See ``Fitting``."""
         return self.slope if port == "start" else -self.slope
-
-    def signed_distance(self, points: Array) -> tuple[Array, Array]:
-        """See ``Fitting``: to the cone between the port planes, so to its edge where that is nearer
-        than the rest."""
-        points = np.asarray(points, float)
-        x, y, z = np.moveaxis(points, -1, 0)
-        from_axis, slope = np.hypot(x, y), self.slope
-        cosine = 1 / math.hypot(1.0, slope)
-        outward = np.where((from_axis > 0)[..., None], points * [1, 1, 0], X)
-        outward = outward / np.where(from_axis > 0, from_axis, 1.0)[..., None]
-        # In the half plane through the axis and the point the wall is a straight line.
-        distance = cosine * (self.radius + slope * z - from_axis)
-        foot = z - slope * cosine * distance
-        edge = np.clip(foot, 0.0, self.length)
-        across, along = from_axis - self.radius - slope * edge, z - edge
-        away = np.copysign(np.hypot(across, along), distance)
-        safe = np.where(away == 0, 1.0, away)[..., None]
-        on_cone = (foot == edge)[..., None]
-        from_edge = (across[..., None] * outward + along[..., None] * Z) / safe
-        gradient = np.where(on_cone, cosine * (slope * Z - outward), from_edge)
-        return np.where(foot == edge, distance, away), gradient
 
     @property
     def sizes(self) -> tuple[float, ...]:

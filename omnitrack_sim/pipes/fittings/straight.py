@@ -8,16 +8,13 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Size, Unit
 from omnitrack_sim.pipes.compiled import FACE, Wall, clip, compiled, in_bore, put
-from omnitrack_sim.pipes.fittings.axial import Axial
-from omnitrack_sim.pipes.fittings.base import BORE, FittingTable, Z, bore_distance, check, positive
-from omnitrack_sim.pipes.kit import Kit, Solid
-from omnitrack_sim.pipes.pieces import Pieces, Ring, stave_count
+from omnitrack_sim.pipes.fittings.base import BORE, Axial, FittingTable, Z, check, positive
+from omnitrack_sim.pipes.shapes import Kit, Pieces, Ring, Solid, stave_count
 
 
-@compiled("surface")
+@compiled
 def surface(sizes, x, y, z, out):
     """See ``compiled.Wall``. Sizes: radius, length, m."""
     away = math.sqrt(x * x + y * y)
@@ -28,7 +25,7 @@ def surface(sizes, x, y, z, out):
     return sizes[0] - away
 
 
-@compiled("span")
+@compiled
 def span(sizes, ends, px, py, pz, ax, ay, az, out):
     """See ``compiled.Wall``: between the port planes; the wall carries a line by its two ends."""
     clip(out, -pz, -az, ends[0])
@@ -36,7 +33,7 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
     return 0.0
 
 
-@compiled("clear")
+@compiled
 def clear(sizes, px, py, pz, ax, ay, az):
     """See ``compiled.Wall``: up to the cylinder."""
     low, high = in_bore(px, py, ax, ay, sizes[0])
@@ -60,12 +57,6 @@ class Straight(Axial):
 
     def __post_init__(self) -> None:
         check(self.kind, length=positive(self.length), inner_diameter=positive(self.inner_diameter))
-
-    def signed_distance(self, points: Array) -> tuple[Array, Array]:
-        """See ``Fitting``: R minus the distance from the axis."""
-        across = np.array(points, float)
-        across[..., 2] = 0.0
-        return bore_distance(across, self.radius)
 
     @property
     def sizes(self) -> tuple[float, ...]:

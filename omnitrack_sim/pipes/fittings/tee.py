@@ -37,9 +37,7 @@ from omnitrack_sim.pipes.fittings.base import (
     port_pose,
     positive,
 )
-from omnitrack_sim.pipes.kit import Kit, Solid
-from omnitrack_sim.pipes.pieces import Pieces, Ring, sagitta, stave_count
-from omnitrack_sim.pipes.saddle import tee_signed_distance
+from omnitrack_sim.pipes.shapes import Kit, Pieces, Ring, Solid, sagitta, stave_count
 
 RIM_SEGMENTS = 32
 """Capsules along each half of the rim."""
@@ -52,10 +50,15 @@ FILLET_POINTS = 7
 """Points on the fillet's arc in meshes, ends included."""
 
 
-@compiled("surface")
+@compiled
 def surface(sizes, x, y, z, out):
-    """See ``compiled.Wall``; ``saddle`` explains the surface. Sizes: radius, half run, branch
-    length, fillet radius, m.
+    """See ``compiled.Wall``. Sizes: radius, half run, branch length, fillet radius, m.
+
+    The bore is the union of a run along z and a branch along +x, both of radius R. The wall is its
+    complement, opened by a ball of radius f: shrunk by f to E = {points rho = R + f or more from
+    the run's axis and, for x > 0, the branch's}, then grown by f. The distance to the wall is
+    therefore the distance to E less f. E has two faces, the cylinders of radius rho, and an edge
+    where they meet: the half ellipses x = |z|, with semi-axes sqrt(2) rho and rho.
 
     A cylinder's foot, where it is on the wall, is never farther than the edge, which lies on both
     cylinders.
@@ -130,7 +133,7 @@ def _onto_edge(x, y, z, rho):
     return rho * cos, side_y * rho * sin, side_z * rho * cos
 
 
-@compiled("span")
+@compiled
 def span(sizes, ends, px, py, pz, ax, ay, az, out):
     """See ``compiled.Wall``: between the port planes."""
     clip(out, -pz - sizes[1], -az, ends[0])
@@ -139,7 +142,7 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
     return 1.0
 
 
-@compiled("clear")
+@compiled
 def clear(sizes, px, py, pz, ax, ay, az):
     """See ``compiled.Wall``: up to where the line leaves both cylinders; the rounded rim leaves
     more."""
@@ -253,10 +256,6 @@ class Tee(Fitting):
             opening=opening,
             turn_angle=math.pi / 2,
         )
-
-    def signed_distance(self, points: Array) -> tuple[Array, Array]:
-        """See ``Fitting``; the rounded rim included."""
-        return tee_signed_distance(np.asarray(points, float), self.radius, self.fillet_radius)
 
     def extent(self, points: Array) -> Array:
         """See ``Fitting``."""

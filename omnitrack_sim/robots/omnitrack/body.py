@@ -22,7 +22,7 @@ from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, MODULES, Robot
 from omnitrack_sim.robots.omnitrack.drive import Drive, drive_of
 from omnitrack_sim.robots.omnitrack.quantity import similar
-from omnitrack_sim.walls.collider import line_record
+from omnitrack_sim.walls.track import line_record
 
 COLLISION_GROUP = 3
 LUG_CONTYPE, LUG_CONAFFINITY = 1, 2

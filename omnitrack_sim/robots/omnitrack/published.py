@@ -28,9 +28,8 @@ from omnitrack_sim.robots.omnitrack import MODULES, Robot
 from omnitrack_sim.robots.omnitrack.body import spring_free_length
 from omnitrack_sim.robots.omnitrack.looks import add_cameras, add_pipe_looks, add_robot_looks
 from omnitrack_sim.robots.omnitrack.turning import add_turning_robot
-from omnitrack_sim.walls.meshes import fitting_mesh, network_mesh
-from omnitrack_sim.walls.primitives import add_walls
-from omnitrack_sim.walls.spec import new_spec
+from omnitrack_sim.walls.geoms import add_walls, new_spec
+from omnitrack_sim.walls.meshes import fitting_mesh
 
 FITTINGS: Mapping[str, Fitting] = {
     "straight": Straight(0.5),
@@ -98,23 +97,6 @@ def _different(models_dir: Path, assets_dir: Path) -> list[str]:
         for p in folder.glob(f"*.{e}")
     }
     return sorted([*wrong, *(p.name for p in strays - set(files))])
-
-
-def network_xml(network: Assembly, name: str) -> str:
-    """MJCF of a network's collision walls, world frame; six digits, nothing else in it."""
-    spec = new_spec(name)
-    add_walls(spec, network)
-    spec.compile()
-    return spec.to_xml()
-
-
-def network_stl(network: Assembly) -> bytes:
-    """The walls of a whole network as one solid, binary STL, m, world frame.
-
-    Single precision folds slivers at the rims of tees, so the file, unlike ``network_mesh``, is not
-    quite watertight.
-    """
-    return trimesh.exchange.stl.export_stl(network_mesh(network))
 
 
 def _files(models_dir: Path, assets_dir: Path) -> dict[Path, bytes]:

@@ -9,8 +9,7 @@ import mujoco
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.body import add_robot
-from omnitrack_sim.walls.primitives import add_exact_walls, add_plates, add_walls
-from omnitrack_sim.walls.spec import TIMESTEP, new_spec
+from omnitrack_sim.walls.geoms import TIMESTEP, add_exact_walls, add_plates, add_walls, new_spec
 
 
 def let_walls_sleep(spec: mujoco.MjSpec) -> None:

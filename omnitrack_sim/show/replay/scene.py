@@ -30,9 +30,8 @@ from omnitrack_sim.show.film.surfaces import geom_colour
 from omnitrack_sim.show.film.viewpoint import DISTANCE, view_directions
 from omnitrack_sim.show.replay.packing import Pack, rounded
 from omnitrack_sim.show.replay.solids import Solid, in_body, mesh_solid, together
+from omnitrack_sim.walls.geoms import add_plates, new_spec
 from omnitrack_sim.walls.meshes import THICKNESS, cut_normal
-from omnitrack_sim.walls.primitives import add_plates
-from omnitrack_sim.walls.spec import new_spec
 
 POSITION_STEP = 1e-5
 """What positions of bodies are rounded to, m."""

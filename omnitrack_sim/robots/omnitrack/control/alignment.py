@@ -20,7 +20,7 @@ from pydantic import Field
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array, wrap_angle
 from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
-from omnitrack_sim.pipes.fittings import Manoeuvre
+from omnitrack_sim.pipes.fittings.base import Manoeuvre
 from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.record.events import Event, NotAligned, Rolled
 from omnitrack_sim.robots.omnitrack import MODULES

@@ -1,10 +1,10 @@
-"""Contacts of a whole track with one fitting: plain Python, compiled by ``install``.
+"""Contacts of a whole track with one fitting, and the records by which both are known.
 
 A track is a line of spheres. Along the line the distance to a concave wall (a straight's, a tee's
 cylinders) has its minima at the ends of what lies beside that wall; along a convex one (an elbow's
 inner side, a tee's rim) within. So contacts are wanted at the ends of the line, at the minima along
-it, and where a straight wall that carries the line
-ends: at a port before an elbow, at an open end, at the rim, at the ends of a reducer's cone.
+it, and where a straight wall that carries the line ends: at a port before an elbow, at an open end,
+at the rim, at the ends of a reducer's cone.
 
 A minimum is a patch, not a point: lugs straddle a rim and push against its flanks, which carries
 force along the track beyond friction. So there are contacts half a lug pitch to either side of it
@@ -15,30 +15,30 @@ too. Without them a robot on a slippery wall fails more often than one with 15 o
 from __future__ import annotations
 
 import math
+import secrets
 
+import numpy as np
+
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.pipes import Fitting
 from omnitrack_sim.pipes.compiled import EDGE, HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
-from omnitrack_sim.walls.collider.record import (
-    BOX,
-    ENDS,
-    KIND,
-    MARK,
-    PITCH,
-    RECORD_SIZE,
-    SCALE,
-    SIZES,
-)
-from omnitrack_sim.walls.collider.through import (
-    as_doubles,
-    at,
-    call_original,
-    call_span,
-    call_surface,
-    doubles_of,
-    number_at,
-    scratch,
-    word,
-)
+from omnitrack_sim.pipes.fittings.base import MOST_PORTS, MOST_SIZES
+from omnitrack_sim.pipes.native import at, call_span, call_surface, scratch
 
+MARK = float(secrets.randbits(52))
+"""First number of the records of this process. Records hold addresses of compiled code: in another
+process, which reads them from a saved model, they must count for nothing."""
+SURFACE, SPAN, BOX = 1, 2, 3
+ENDS = BOX + 3
+SIZES = ENDS + MOST_PORTS
+RECORD_SIZE = SIZES + MOST_SIZES
+"""Indices in the record of a wall, and its size: mark, addresses of the compiled ``surface`` and
+``span``, centre of the bounding box (3), whether contact ends at each port, the fitting's
+``sizes``."""
+PITCH, SCALE = 1, 2
+"""Indices in the record of a track: distance of its lugs, m, and the robot's scale."""
+ROOM = 0.002
+"""Of the bounding box around the bore, m: deeper than any lug presses."""
 CONTACT_SIZE = 10
 """Numbers of a contact (MuJoCo's mjPreContact): distance, position (3), normal (3), first tangent
 (3)."""
@@ -53,18 +53,46 @@ LEAST_APART = 0.003
 """A minimum nearer than this to an end of the line is that end, m."""
 POSITION = 1e-7
 """Accuracy with which a minimum is found, m."""
-SIZE, USER, USER_SIZE, POSITIONS, MATRICES, COUNT = 1, 2, 3, 4, 5, 6
-"""Words of the block of ``native``: where MuJoCo's structures keep sizes, user data and its length,
-positions and orientations of geoms; and the number of kinds."""
+
+
+def wall_record(fitting: Fitting, ends: tuple[bool, ...]) -> Array:
+    """Return the record (RECORD_SIZE,) of one fitting, for this process only.
+
+    Args:
+        fitting: of any kind.
+        ends: for each port, whether a contact line stops being supported there (open end, or the
+            wall bends or steps).
+    """
+    record = np.zeros(RECORD_SIZE)
+    record[0] = MARK
+    record[SURFACE], record[SPAN] = fitting.wall_address("surface"), fitting.wall_address("span")
+    record[BOX:ENDS] = bounding_box(fitting)[0]
+    record[ENDS : ENDS + len(ends)] = ends
+    record[SIZES : SIZES + len(fitting.sizes)] = fitting.sizes
+    return record
+
+
+def line_record(lug_pitch: float, scale: float) -> Array:
+    """Return the record (RECORD_SIZE,) of a track: mark, distance of its lugs, m, and the robot's
+    scale."""
+    record = np.zeros(RECORD_SIZE)
+    record[0], record[PITCH], record[SCALE] = MARK, lug_pitch, scale
+    return record
+
+
+def bounding_box(fitting: Fitting) -> tuple[Array, Array]:
+    """Centre (3,) and half sizes (3,) m of a box around the bore, fitting frame."""
+    low, high = fitting.bounds
+    return (low + high) / 2, (high - low) / 2 + ROOM
 
 
 @compiled
-def _add(con, n, kind, sizes, ray, s, radius, margin, out):
+def _add(con, n, surface, sizes, ray, s, radius, margin, out):
     """Add the contact at s if the wall is that near; returns the number of contacts. Still in the
     fitting's frame."""
     px, py, pz, ax, ay, az = ray
     x, y, z = px + s * ax, py + s * ay, pz + s * az
-    d = call_surface(kind, sizes, x, y, z, out)
+    d = call_surface(surface, sizes, x, y, z, out)
     # A line whose axis lies within the wall belongs to another pipe.
     if d <= 0.0 or d - radius >= margin or n >= MOST_CONTACTS:
         return n
@@ -78,22 +106,22 @@ def _add(con, n, kind, sizes, ray, s, radius, margin, out):
 
 
 @compiled
-def _slope(kind, sizes, ray, s, out):
+def _slope(surface, sizes, ray, s, out):
     """Distance, its derivative along the line, and the face, at s."""
     px, py, pz, ax, ay, az = ray
-    d = call_surface(kind, sizes, px + s * ax, py + s * ay, pz + s * az, out)
+    d = call_surface(surface, sizes, px + s * ax, py + s * ay, pz + s * az, out)
     return d, out[0] * ax + out[1] * ay + out[2] * az, out[3]
 
 
 @compiled
-def _minimum(kind, sizes, ray, a, slope_a, b, slope_b, out):
+def _minimum(surface, sizes, ray, a, slope_a, b, slope_b, out):
     """Where the slope turns from negative at ``a`` to positive at ``b``: regula falsi
     (Illinois)."""
     side = 0
     s = b
     for _ in range(60):
         s = (a * slope_b - b * slope_a) / (slope_b - slope_a)
-        _, slope, _ = _slope(kind, sizes, ray, s, out)
+        _, slope, _ = _slope(surface, sizes, ray, s, out)
         if slope < 0.0:
             a, slope_a = s, slope
             if side == -1:
@@ -110,11 +138,11 @@ def _minimum(kind, sizes, ray, a, slope_a, b, slope_b, out):
 
 
 @compiled
-def _rim_begins(kind, sizes, ray, a, face_a, b, out):
+def _rim_begins(surface, sizes, ray, a, face_a, b, out):
     """Where the nearest part of the wall changes between ``a`` and ``b``, by bisection."""
     while b - a > POSITION:
         s = 0.5 * (a + b)
-        _, _, face = _slope(kind, sizes, ray, s, out)
+        _, _, face = _slope(surface, sizes, ray, s, out)
         if face == face_a:
             a = s
         else:
@@ -123,7 +151,7 @@ def _rim_begins(kind, sizes, ray, a, face_a, b, out):
 
 
 @compiled
-def _add_within(con, n, kind, sizes, ray, bounds, radius, pitch, margin, scale, out):
+def _add_within(con, n, surface, sizes, ray, bounds, radius, pitch, margin, scale, out):
     """Add the contacts between the ends: minima with their flanks, and where a rim begins at a
     straight wall. ``bounds``: the span, and whether contact ends at its ends."""
     low, high, low_ends, high_ends = bounds
@@ -132,24 +160,24 @@ def _add_within(con, n, kind, sizes, ray, bounds, radius, pitch, margin, scale, 
     first = low + (LEAST_APART * scale if low_ends else 0.0)
     last = high - (LEAST_APART * scale if high_ends else 0.0)
     a = low
-    d_a, slope_a, face_a = _slope(kind, sizes, ray, a, out)
+    d_a, slope_a, face_a = _slope(surface, sizes, ray, a, out)
     for i in range(pieces):
         b = low + (high - low) * (i + 1) / pieces
-        d_b, slope_b, face_b = _slope(kind, sizes, ray, b, out)
+        d_b, slope_b, face_b = _slope(surface, sizes, ray, b, out)
         # The distance changes by no more than one metre a metre.
         if 0.5 * (d_a + d_b - (b - a)) < reach:
             s = low - 1.0
             if slope_a < 0.0 <= slope_b:
-                s = _minimum(kind, sizes, ray, a, slope_a, b, slope_b, out)
+                s = _minimum(surface, sizes, ray, a, slope_a, b, slope_b, out)
             elif face_a != face_b:
                 onto_rim = slope_b if face_b == EDGE else -slope_a
                 if onto_rim > -PLATEAU:
-                    s = _rim_begins(kind, sizes, ray, a, face_a, b, out)
+                    s = _rim_begins(surface, sizes, ray, a, face_a, b, out)
             if first <= s <= last:
-                n = _add(con, n, kind, sizes, ray, s, radius, margin, out)
+                n = _add(con, n, surface, sizes, ray, s, radius, margin, out)
                 for flank in (s - pitch / 2, s + pitch / 2):
                     if low <= flank <= high:
-                        n = _add(con, n, kind, sizes, ray, flank, radius, margin, out)
+                        n = _add(con, n, surface, sizes, ray, flank, radius, margin, out)
         a, d_a, slope_a, face_a = b, d_b, slope_b, face_b
     return n
 
@@ -192,22 +220,23 @@ def line_contacts(
         margin: distance up to which contacts count, m.
         scale: size of the robot that the line belongs to, 1 for 160 mm pipes.
     """
-    kind, sizes, out = int(wall[w + KIND]), at(wall, w + SIZES), scratch()
+    surface, sizes, out = int(wall[w + SURFACE]), at(wall, w + SIZES), scratch()
     ray = _in_fitting(wall, w, position, matrix, g_line, g_wall)
     px, py, pz, ax, ay, az = ray
     out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -half, half, 1.0, 1.0
-    within = call_span(kind, sizes, at(wall, w + ENDS), px, py, pz, ax, ay, az, out)
+    span = int(wall[w + SPAN])
+    within = call_span(span, sizes, at(wall, w + ENDS), px, py, pz, ax, ay, az, out)
     low, high, low_ends, high_ends = out[LOW], out[HIGH], out[LOW_ENDS] > 0, out[HIGH_ENDS] > 0
     if high < low:
         return 0
     n = 0
     if low_ends:
-        n = _add(con, n, kind, sizes, ray, low, radius, margin, out)
+        n = _add(con, n, surface, sizes, ray, low, radius, margin, out)
     if high_ends:
-        n = _add(con, n, kind, sizes, ray, high, radius, margin, out)
+        n = _add(con, n, surface, sizes, ray, high, radius, margin, out)
     if within > 0.0 and high > low:
         bounds = low, high, low_ends, high_ends
-        n = _add_within(con, n, kind, sizes, ray, bounds, radius, pitch, margin, scale, out)
+        n = _add_within(con, n, surface, sizes, ray, bounds, radius, pitch, margin, scale, out)
     for i in range(n):
         _into_world(con, i * CONTACT_SIZE, wall, w, position, matrix, g_line, g_wall)
     return n
@@ -247,25 +276,3 @@ def _to_world(con, k, matrix, m):
         _turned(matrix, m, con, k, 2),
     )
     con[k], con[k + 1], con[k + 2] = x, y, z
-
-
-@compiled("collide")
-def collide(model, data, contacts, wall, line, margin):
-    """MuJoCo's collision function (mjfCollision) of height field and capsule. Compiled only."""
-    if number_at(model, word(USER_SIZE)) != RECORD_SIZE:
-        return call_original(model, data, contacts, wall, line, margin)
-    records = doubles_of(model, word(USER))
-    track, w = RECORD_SIZE * line, RECORD_SIZE * wall
-    if records[w] != MARK or records[track] != MARK:
-        return call_original(model, data, contacts, wall, line, margin)
-    # A record of another process may have a number that means nothing here.
-    if not 0.0 <= records[w + KIND] < word(COUNT):
-        return 0
-    sizes = doubles_of(model, word(SIZE))
-    radius, half = sizes[3 * line], sizes[3 * line + 1]
-    pitch, scale = records[track + PITCH], records[track + SCALE]
-    position, matrix = doubles_of(data, word(POSITIONS)), doubles_of(data, word(MATRICES))
-    con = as_doubles(contacts)
-    return line_contacts(
-        con, records, w, position, matrix, line, wall, radius, half, pitch, margin, scale
-    )

@@ -1,8 +1,27 @@
-"""Distance to the wall of a wye at one point, and a line's part between its ports, for the exact
-collider.
+"""The exact inner surface of a wye (a tee at any angle, with an equal or a smaller branch) with a
+rounded rim.
 
-See ``exact`` for the surface. ``sizes``: half run, branch length, run radius, branch radius,
-fillet radius (m), sine and cosine of the angle.
+Frame: run of radius R along z, branch of radius r <= R along u = (sin a, 0, cos a) from the origin.
+With e = (cos a, 0, -sin a) a point has the coordinates t = p.u along and w = p.e, y across the
+branch.
+
+The wall is the complement of both bores, opened by a ball of radius f: shrunk by f to E = {A = R +
+f or more from the run's axis and, where t > 0, B = r + f or more from the branch's}, then grown by
+f. So the distance to the wall is the distance to E less f. The half space t > 0 may stand for any
+other that cuts the branch within the run, such as x > 0: what the run leaves of the branch's
+cylinder has t > 0 on the one side and t < 0 on the other, for B <= A and every a.
+
+E has two faces, the cylinders, and an edge where they meet: y = B sin q, w = B cos q, x = sqrt(A^2
+- y^2), z = (x cos a - w) / sin a, with the angle q around the branch from 0 at the heel (obtuse) to
+pi at the crotch (acute). For A = B it is two half ellipses in the planes that halve the angles
+between the axes. Seen along y it is a hyperbola: (x + w) (x - w) = A^2 - B^2.
+
+Which part of E is nearest: a point of the bore within the run is nearest to its foot on the run's
+cylinder if that foot is on E, for all of E is as far from the run's axis. Else its foot on the
+branch's cylinder if that is on E; else the edge.
+
+The functions are those of ``compiled.Wall``; their ``sizes``: half run, branch length, run radius,
+branch radius, fillet radius (m), sine and cosine of the angle.
 """
 
 from __future__ import annotations
@@ -21,12 +40,13 @@ from omnitrack_sim.pipes.compiled import (
     out_of_two,
 )
 
-_EQUAL = 1e-9  # m, bores that differ by less are equal
+EQUAL = 1e-9
+"""Bores whose radii differ by less, m, are equal."""
 _CLOSE = 1e-7  # rad; Newton's method squares the error once more after a step as small as this
 _ROOTS = 4  # square roots: the edge is sampled at 2 ** _ROOTS + 1 places
 
 
-@compiled("surface")
+@compiled
 def surface(sizes, x, y, z, out):
     """Distance m at a point of the wye's frame, positive in the bore; gradient to out[0:3], face to
     out[3]."""
@@ -67,7 +87,7 @@ def surface(sizes, x, y, z, out):
 def _from_edge(big, small, sin, cos, x, y, z, out):
     """Distance m to the edge; gradient and face to ``out``."""
     v = abs(y)
-    if big - small < _EQUAL:
+    if big - small < EQUAL:
         half_cos = math.sqrt(0.5 * (1.0 + cos))
         half_sin = 0.5 * sin / half_cos
         # Along the two half ellipses; one of the two is positive where x is.
@@ -219,7 +239,7 @@ def _minimum(square, small, sin, cos, px, py, pz, low_k, low_l, k, l, high_k, hi
     return k, l, (x - px) ** 2 + (y - py) ** 2 + ((x * cos - w) / sin - pz) ** 2
 
 
-@compiled("span")
+@compiled
 def span(sizes, ends, px, py, pz, ax, ay, az, out):
     """See ``compiled.Wall``. A port plane counts for its own leg only: the legs of an oblique wye
     cross the planes of one another."""
@@ -264,7 +284,7 @@ def in_branch(sizes, x, y, z):
     return x * sin + z * cos > 0.0 and from_branch < from_run
 
 
-@compiled("clear")
+@compiled
 def clear(sizes, px, py, pz, ax, ay, az):
     """See ``compiled.Wall``: up to where the line leaves both cylinders; the rounded rim leaves
     more."""

@@ -9,10 +9,12 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+import trimesh
 
 from omnitrack_sim.base.writing import check_folder, write_files
 from omnitrack_sim.pipes import Assembly
-from omnitrack_sim.robots.omnitrack.published import network_stl, network_xml
+from omnitrack_sim.walls.geoms import add_walls, new_spec
+from omnitrack_sim.walls.meshes import network_mesh
 
 SPACING = 0.01
 """Greatest distance of neighbouring points of the centreline table, m."""
@@ -66,3 +68,20 @@ def centreline_table(pipes: Assembly) -> str:
             for row in np.column_stack([s, point, tangent, curvature]):
                 table.writerow([part.name, enter, leave, *(f"{value + 0.0:.9g}" for value in row)])
     return text.getvalue()
+
+
+def network_xml(network: Assembly, name: str) -> str:
+    """MJCF of a network's collision walls, world frame; six digits, nothing else in it."""
+    spec = new_spec(name)
+    add_walls(spec, network)
+    spec.compile()
+    return spec.to_xml()
+
+
+def network_stl(network: Assembly) -> bytes:
+    """The walls of a whole network as one solid, binary STL, m, world frame.
+
+    Single precision folds slivers at the rims of tees, so the file, unlike ``network_mesh``, is not
+    quite watertight.
+    """
+    return trimesh.exchange.stl.export_stl(network_mesh(network))

@@ -1,25 +1,5 @@
-"""The exact inner surface of a wye (a tee at any angle, with an equal or a smaller branch) with a
-rounded rim.
-
-Frame: run of radius R along z, branch of radius r <= R along u = (sin a, 0, cos a) from the origin.
-With e = (cos a, 0, -sin a) a point has the coordinates t = p.u along and w = p.e, y across the
-branch.
-
-The wall is the complement of both bores, opened by a ball of radius f: shrunk by f to E = {A = R +
-f or more from the run's axis and, where t > 0, B = r + f or more from the branch's}, then grown by
-f. So the distance to the wall is the distance to E less f. The half space t > 0 may stand for any
-other that cuts the branch within the run, such as x > 0: what the run leaves of the branch's
-cylinder has t > 0 on the one side and t < 0 on the other, for B <= A and every a.
-
-E has two faces, the cylinders, and an edge where they meet: y = B sin q, w = B cos q, x = sqrt(A^2
-- y^2), z = (x cos a - w) / sin a, with the angle q around the branch from 0 at the heel (obtuse) to
-pi at the crotch (acute). For A = B it is two half ellipses in the planes that halve the angles
-between the axes. Seen along y it is a hyperbola: (x + w) (x - w) = A^2 - B^2.
-
-Which part of E is nearest: a point of the bore within the run is nearest to its foot on the run's
-cylinder if that foot is on E, for all of E is as far from the run's axis. Else its foot on the
-branch's cylinder if that is on E; else the edge.
-"""
+"""The walls of the shipped fittings once more, as NumPy formulas written independently of the
+compiled ones that the package states, which are tested against them."""
 
 from __future__ import annotations
 
@@ -28,12 +8,128 @@ import math
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.pipes import Elbow, Fitting, Reducer, Straight, Tee
+from omnitrack_sim.pipes.fittings.wye import Wye
 
 EQUAL = 1e-9
 """Bores whose radii differ by less, m, are equal."""
 _BISECTIONS = 52
 _SAMPLES = 64
 _CHUNK = 20000
+
+
+def signed_distance(fitting: Fitting, points: Array) -> tuple[Array, Array]:
+    """Distance (...,) m of points (..., 3) m from the wall of a shipped kind, and its gradient."""
+    if isinstance(fitting, Straight):
+        return _bore(points * [1, 1, 0], fitting.radius)
+    if isinstance(fitting, Elbow):
+        return _bore(_from_axis_circle(points, fitting.mean_radius), fitting.radius)
+    if isinstance(fitting, Reducer):
+        return _reducer(fitting, points)
+    if isinstance(fitting, Tee):
+        return tee_signed_distance(points, fitting.radius, fitting.fillet_radius)
+    assert isinstance(fitting, Wye)
+    sizes = fitting.radius, fitting.branch_radius, fitting.fillet_radius, fitting.angle
+    return wye_signed_distance(points, *sizes)
+
+
+def _bore(from_axis: Array, radius: float) -> tuple[Array, Array]:
+    """Distance and gradient of a round wall, for vectors (..., 3) m from the bore's axis."""
+    away = np.linalg.norm(from_axis, axis=-1)
+    return radius - away, -from_axis / np.where(away > 0, away, 1.0)[..., None]
+
+
+def _from_axis_circle(points: Array, mean_radius: float) -> Array:
+    """Vectors (..., 3) m from the circle that is a bend's axis."""
+    p = points - [mean_radius, 0, 0]
+    flat = p * [1, 0, 1]
+    return p - mean_radius * flat / np.linalg.norm(flat, axis=-1, keepdims=True)
+
+
+def _reducer(cone: Reducer, points: Array) -> tuple[Array, Array]:
+    """The cone between the port planes, so its edge where that is nearer than the rest."""
+    x, y, z = np.moveaxis(points, -1, 0)
+    from_axis, slope = np.hypot(x, y), cone.slope
+    cosine = 1 / math.hypot(1.0, slope)
+    outward = np.where((from_axis > 0)[..., None], points * [1, 1, 0], [1, 0, 0])
+    outward = outward / np.where(from_axis > 0, from_axis, 1.0)[..., None]
+    # In the half plane through the axis and the point the wall is a straight line.
+    distance = cosine * (cone.radius + slope * z - from_axis)
+    foot = z - slope * cosine * distance
+    edge = np.clip(foot, 0.0, cone.length)
+    across, along = from_axis - cone.radius - slope * edge, z - edge
+    away = np.copysign(np.hypot(across, along), distance)
+    safe = np.where(away == 0, 1.0, away)[..., None]
+    on_cone = (foot == edge)[..., None]
+    from_edge = (across[..., None] * outward + along[..., None] * np.array([0, 0, 1])) / safe
+    gradient = np.where(on_cone, cosine * (slope * np.array([0, 0, 1]) - outward), from_edge)
+    return np.where(foot == edge, distance, away), gradient
+
+
+def tee_signed_distance(points: Array, radius: float, fillet: float) -> tuple[Array, Array]:
+    """Distance (...,) m of ``points`` (..., 3) m to the wall, positive in the bore, and its unit
+    gradient (..., 3).
+
+    Args:
+        points: tee frame, run along z, branch along +x.
+        radius: R, m.
+        fillet: f, m.
+    """
+    rho = radius + fillet
+    x, y, z = np.moveaxis(points, -1, 0)
+    from_run, from_branch = np.hypot(x, y), np.hypot(y, z)
+    beside = x < 0  # here the wall is the run's alone
+    in_e = (from_run >= rho) & (beside | (from_branch >= rho))
+
+    run_point = _onto_cylinder(points, [1, 1, 0], from_run, rho)
+    branch_point = _onto_cylinder(points, [0, 1, 1], from_branch, rho)
+    run_valid = (from_run <= rho) & (beside | (np.abs(z) >= run_point[..., 0]))
+    branch_valid = (from_branch <= rho) & ~beside & (x >= np.abs(branch_point[..., 2]))
+    edge_point = _onto_edge(points, rho)
+
+    candidates = np.stack([run_point, branch_point, edge_point], axis=-2)  # (..., 3, 3)
+    distance = np.linalg.norm(candidates - points[..., None, :], axis=-1)
+    # Inside E the nearest boundary is the nearer cylinder.
+    deep = np.stack([np.full(x.shape, True), ~beside, np.full(x.shape, False)], axis=-1)
+    open_side = np.stack([run_valid, branch_valid, ~beside], axis=-1)
+    allowed = np.where(in_e[..., None], deep, open_side)
+    best = np.argmin(np.where(allowed, distance, np.inf), axis=-1)[..., None]
+    nearest = np.take_along_axis(candidates, best[..., None], axis=-2)[..., 0, :]
+    away = np.take_along_axis(distance, best, axis=-1)[..., 0]
+    sign = np.where(in_e, -1.0, 1.0)
+    gradient = sign[..., None] * (points - nearest) / np.where(away > 0, away, 1.0)[..., None]
+    return sign * away - fillet, gradient
+
+
+def _onto_cylinder(points: Array, mask: list[int], distance: Array, rho: float) -> Array:
+    """Radial projection of points (..., 3) onto the cylinder of radius rho; ``mask`` keeps what is
+    across."""
+    across = points * mask
+    scale = rho / np.where(distance > 0, distance, 1.0)
+    on_axis = np.array([0.0, rho, 0.0])
+    return points - across + np.where((distance > 0)[..., None], across * scale[..., None], on_axis)
+
+
+def _onto_edge(points: Array, rho: float) -> Array:
+    """Nearest points (..., 3) of the edge (rho cos t, rho sin t, +-rho cos t), |t| <= 90 degrees.
+
+    In the ellipse's plane, along its axes, the point is (u, v); the foot is the one root in the
+    quadrant of g(t) = a u sin t - b v cos t - (a^2 - b^2) sin t cos t, found by bisection.
+    """
+    x, y, z = np.moveaxis(points, -1, 0)
+    u, v = np.maximum(x + np.abs(z), 0.0) / np.sqrt(2), np.abs(y)
+    a, b = np.sqrt(2) * rho, rho
+    low, high = np.zeros(x.shape), np.full(x.shape, np.pi / 2)
+    for _ in range(_BISECTIONS):
+        t = (low + high) / 2
+        sin, cos = np.sin(t), np.cos(t)
+        below = a * u * sin - b * v * cos - (a * a - b * b) * sin * cos < 0
+        low, high = np.where(below, t, low), np.where(below, high, t)
+    t = (low + high) / 2
+    side = np.where(z < 0, -1.0, 1.0)
+    return rho * np.stack(
+        [np.cos(t), np.where(y < 0, -1.0, 1.0) * np.sin(t), side * np.cos(t)], axis=-1
+    )
 
 
 def wye_signed_distance(
@@ -86,14 +182,6 @@ def wye_signed_distance(
             (away > 0)[:, None], apart / np.where(away > 0, away, 1.0)[:, None], to_run[edge]
         )
     return distance - fillet, gradient
-
-
-def edge_curve(q: Array, big: float, small: float, angle: float) -> Array:
-    """Points (..., 3) m of the edge at angles ``q`` (...,) rad; ``big`` and ``small`` are A and B,
-    m."""
-    y, w = small * np.sin(q), small * np.cos(q)
-    x = np.sqrt(big * big - small * small + w * w)
-    return np.stack([x, y, (x * math.cos(angle) - w) / math.sin(angle)], axis=-1)
 
 
 def nearest_on_edge(points: Array, big: float, small: float, angle: float) -> Array:
@@ -191,3 +279,11 @@ def _on_space_curve(points: Array, big: float, small: float, angle: float) -> tu
             low, high = np.where(below, q, low), np.where(below, high, q)
         feet.append(edge_curve((low + high) / 2, big, small, angle))
     return feet[0], feet[1]
+
+
+def edge_curve(q: Array, big: float, small: float, angle: float) -> Array:
+    """Points (..., 3) m of the edge at angles ``q`` (...,) rad; ``big`` and ``small`` are A and B,
+    m."""
+    y, w = small * np.sin(q), small * np.cos(q)
+    x = np.sqrt(big * big - small * small + w * w)
+    return np.stack([x, y, (x * math.cos(angle) - w) / math.sin(angle)], axis=-1)

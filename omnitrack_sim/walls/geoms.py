@@ -1,4 +1,5 @@
-"""Collision walls as geoms: the pieces that the fittings give, or one exact wall a fitting."""
+"""Pipes as geoms of a MuJoCo model with the project's numerics: pieces that the fittings give, or
+one exact wall a fitting; and plates that close ports."""
 
 from __future__ import annotations
 
@@ -10,9 +11,52 @@ import numpy as np
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.pipes.assembly import JOINED
-from omnitrack_sim.pipes.pieces import Pieces
-from omnitrack_sim.walls.collider import bring
-from omnitrack_sim.walls.collider.record import RECORD_SIZE, bounding_box, wall_record
+from omnitrack_sim.pipes.shapes import Pieces
+from omnitrack_sim.walls.collider import install
+from omnitrack_sim.walls.track import RECORD_SIZE, bounding_box, wall_record
+
+TIMESTEP = 0.002
+"""Default physics step, s."""
+IMPEDANCE_RATIO = 10.0
+"""Stiffness of friction against that of normal contact: creep of 6e-6 m/s for a climbing robot
+instead of 6e-5 at 1."""
+
+
+MUJOCOS_LOG = "MUJOCO_LOG.TXT"
+"""File in the working folder to which MuJoCo adds every warning unless it is told not to."""
+
+
+def leave_no_log() -> None:
+    """Keep MuJoCo, in this process and all of its threads, from leaving its log in the working
+    folder.
+
+    Warnings are counted and go to standard error as before. A log under another name, which
+    somebody has asked for, stays.
+    """
+    config = mujoco.MjLogConfig.get()
+    if config.logto_file and config.logfile == MUJOCOS_LOG:
+        config.logto_file = False
+        config.set()
+
+
+def new_spec(name: str) -> mujoco.MjSpec:
+    """Radians, elliptic cones, implicitfast, dense (MuJoCo 4.0.0's sparse Hessian is wrong from 60
+    dofs on).
+
+    Every model of the package begins here, so here MuJoCo is told to leave no log.
+    """
+    leave_no_log()
+    spec = mujoco.MjSpec()
+    spec.modelname = name
+    spec.compiler.degree = False
+    option = spec.option
+    option.timestep = TIMESTEP
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    option.impratio = IMPEDANCE_RATIO
+    return spec
+
 
 GROUP = 3
 
@@ -63,6 +107,7 @@ def add_exact_walls(spec: mujoco.MjSpec, network: Assembly) -> int:
     Each is a height field, of which only the box around the bore and the user data count, which say
     what it is.
     """
+    install()
     spec.nuser_geom = RECORD_SIZE
     taken = {end: other for a, b in network.joints for end, other in ((a, b), (b, a))}
     for index, part in enumerate(network.parts):
@@ -89,7 +134,6 @@ def add_exact_walls(spec: mujoco.MjSpec, network: Assembly) -> int:
             quat=pose.quaternion,
             userdata=wall_record(part.fitting, tuple(ends)),
         )
-        bring(type(part.fitting))
     return len(network.parts)
 
 

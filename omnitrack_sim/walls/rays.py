@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Callable, Collection, Sequence
-from functools import cache
-from typing import Any
+from collections.abc import Collection, Sequence
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Part
-from omnitrack_sim.walls.collider import bring, install
-from omnitrack_sim.walls.collider.record import wall_number
-from omnitrack_sim.walls.rays import layout
-from omnitrack_sim.walls.rays.nearest import nearest
-from omnitrack_sim.walls.rays.trace import trace
+from omnitrack_sim.pipes.native import NUMBER, NUMBERS, WORD, c_function, pointers
+from omnitrack_sim.walls import tracing
+from omnitrack_sim.walls.tracing import nearest, trace
 
 Port = tuple[int, str]
 """A part's index in its map, and the name of a port of it."""
-_WORK = 2 * layout.NEAR * layout.MOST_NEAR + layout.PORTS_ROOM
+_TRACE = types.int32(
+    *(NUMBERS, NUMBERS, NUMBERS, WORD, NUMBERS, WORD, NUMBERS, NUMBER, NUMBERS, NUMBERS)
+)
+_NEAREST = types.int32(NUMBERS, NUMBERS, NUMBERS, WORD, WORD, NUMBERS, NUMBERS)
+"""C types of the compiled functions, in the order of their arguments."""
+_WORK = 2 * tracing.NEAR * tracing.MOST_NEAR + tracing.PORTS_ROOM
 
 
 class RayWalls:
@@ -29,7 +30,8 @@ class RayWalls:
     A map may be the true network or what a robot takes for it; robots may share one.
 
     Args:
-        maps: parts of each map. closed: (part index, port) that a plate closes, of each map.
+        maps: parts of each map.
+        closed: (part index, port) that a plate closes, of each map.
         unknown: (part index, port), of each map, that nothing is known of what is beyond.
         dirty: whether the walls have a grain.
 
@@ -45,7 +47,6 @@ class RayWalls:
         *,
         dirty: bool = True,
     ) -> None:
-        install()
         self._dirty = dirty
         plates = [()] * len(maps) if closed is None else closed
         dark = [()] * len(maps) if unknown is None else unknown
@@ -78,45 +79,56 @@ class RayWalls:
         far: float,
         lamp: Array | None = None,
     ) -> Array:
-        """What the rays of n cameras meet (n, k, 8), in the order of ``layout``: range, m (infinite
-        for nothing, NaN beyond a port that nothing is known of); unit normal into the bore (3),
-        world frame; number of the part in its map, -1 for nothing; how squarely the lamp shines
-        there, cosine, 0 in the dark; distance from the nearest joint or end, m; grain, -1 to 1, 0
-        of walls without one.
+        """Return what the rays of n cameras meet.
 
         Args:
             which: (n,) map of each camera.
-            position: (n, 3) m, world frame. rotation: (n, 3, 3) camera frame in the world.
+            position: (n, 3) m, world frame.
+            rotation: (n, 3, 3) camera frame in the world.
             rays: (k, 3) unit vectors, camera frame.
             far: m, beyond which nothing is seen.
-            lamp: (3,) m, camera frame; none: nobody asks what it shines on.
+            lamp: (3,) m, camera frame; None: what it shines on is not asked for.
+
+        Returns:
+            (n, k, HIT_SIZE), in the order of ``tracing``: range, m (infinite for nothing, NaN
+            beyond a port that nothing is known of); unit normal into the bore (3), world frame;
+            number of the part in its map, -1 for nothing; how squarely the lamp shines there,
+            cosine, 0 in the dark; distance from the nearest joint or end, m; grain, -1 to 1, 0 of
+            walls without one.
         """
         n, k = len(position), len(rays)
         poses = np.concatenate([position, rotation.reshape(n, 9)], axis=1)
         light = np.zeros(5) if lamp is None else np.array([*lamp, 1.0, self._dirty])
-        hits = np.empty((n, k, layout.HIT_SIZE))
-        _entry(trace)(
-            *_pointers(self._parts, self._spans[which], poses),
+        hits = np.empty((n, k, tracing.HIT_SIZE))
+        c_function(trace, _TRACE).ctypes(
+            *pointers(self._parts, self._spans[which], poses),
             n,
-            *_pointers(np.ascontiguousarray(rays, float)),
+            *pointers(np.ascontiguousarray(rays, float)),
             k,
-            *_pointers(light),
+            *pointers(light),
             far,
-            *_pointers(np.zeros(self._work), hits),
+            *pointers(np.zeros(self._work), hits),
         )
         return hits
 
     def nearest(self, which: NDArray[np.intp], points: Array) -> tuple[Array, Array, Array]:
-        """Distances (n, k) m of points (n, k, 3) m from the walls, positive in the bore; unit
-        gradients (n, k, 3); and the parts (n, k) that they lie in, -1 for none, where the distance
-        means nothing. World frame; ``which`` (n,): map of each row."""
+        """Return the distances of points from the walls.
+
+        Args:
+            which: (n,) map of each row.
+            points: (n, k, 3) m, world frame.
+
+        Returns:
+            Distances (n, k) m, positive in the bore; unit gradients (n, k, 3); and the parts (n, k)
+            that the points lie in, -1 for none, where the distance means nothing.
+        """
         n, k = points.shape[:2]
         found = np.empty((n, k, 5))
-        _entry(nearest)(
-            *_pointers(self._parts, self._spans[which], np.ascontiguousarray(points)),
+        c_function(nearest, _NEAREST).ctypes(
+            *pointers(self._parts, self._spans[which], np.ascontiguousarray(points)),
             n,
             k,
-            *_pointers(np.zeros(16), found),
+            *pointers(np.zeros(16), found),
         )
         return found[..., 0], found[..., 1:4], found[..., 4]
 
@@ -127,50 +139,31 @@ def _records(parts: Sequence[Part], closed: Collection[Port], unknown: Collectio
         part_record(part, *([port for i, port in ends if i == index] for ends in (closed, unknown)))
         for index, part in enumerate(parts)
     ]
-    for fitting in dict.fromkeys(type(part.fitting) for part in parts):
-        bring(fitting)  # after their records, which number the kinds
-    return np.array(records).reshape(-1, layout.PART_SIZE)
+    return np.array(records).reshape(-1, tracing.PART_SIZE)
 
 
 def part_record(part: Part, closed: Collection[str] = (), unknown: Collection[str] = ()) -> Array:
     """The record (PART_SIZE,) of a placed part, for this process only; ``closed``: ports that a
     plate closes; ``unknown``: ports that nothing is known of what is beyond."""
     fitting, pose = part.fitting, part.pose
-    record = np.zeros(layout.PART_SIZE)
+    record = np.zeros(tracing.PART_SIZE)
     low, high = fitting.bounds
-    record[layout.KIND] = wall_number(fitting.wall)
-    record[layout.CENTRE : layout.CENTRE + 3] = pose.apply((low + high) / 2)
+    record[tracing.SURFACE] = fitting.wall_address("surface")
+    record[tracing.SPAN] = fitting.wall_address("span")
+    record[tracing.CLEAR] = fitting.wall_address("clear")
+    record[tracing.CENTRE : tracing.CENTRE + 3] = pose.apply((low + high) / 2)
     # Points that are measured a little outside the wall still belong to it.
-    record[layout.REACH] = float(np.linalg.norm(high - low)) / 2 + fitting.largest_radius / 2
-    record[layout.POSITION : layout.POSITION + 3] = pose.position
-    record[layout.ROTATION : layout.ROTATION + 9] = pose.rotation.ravel()
-    record[layout.PORTS] = len(fitting.port_names)
+    record[tracing.REACH] = float(np.linalg.norm(high - low)) / 2 + fitting.largest_radius / 2
+    record[tracing.POSITION : tracing.POSITION + 3] = pose.position
+    record[tracing.ROTATION : tracing.ROTATION + 9] = pose.rotation.ravel()
+    record[tracing.PORTS] = len(fitting.port_names)
     for i, name in enumerate(fitting.ports):
-        port, place = part.port(name), layout.PLANES + layout.PORT_SIZE * i
+        port, place = part.port(name), tracing.PLANES + tracing.PORT_SIZE * i
         record[place : place + 3] = port.position
         record[place + 3 : place + 6] = port.rotation[:, 2]
-        dark = layout.UNSEEN if fitting.is_plain else layout.UNKNOWN
+        dark = tracing.UNSEEN if fitting.is_plain else tracing.UNKNOWN
         record[place + 6] = (
-            layout.PLATE if name in closed else dark if name in unknown else layout.OPEN
+            tracing.PLATE if name in closed else dark if name in unknown else tracing.OPEN
         )
-    record[layout.SIZES : layout.SIZES + len(fitting.sizes)] = fitting.sizes
+    record[tracing.SIZES : tracing.SIZES + len(fitting.sizes)] = fitting.sizes
     return record
-
-
-@cache
-def _entry(function: Callable[..., Any]) -> Any:
-    """A compiled function, which holds no interpreter lock."""
-    from omnitrack_sim.walls.collider.compile import compile_entry
-
-    install()
-    kept = compile_entry(function)
-    _kept.append(kept)
-    return kept.ctypes
-
-
-_kept: list[Any] = []
-"""Compiled functions, for good: their addresses are called."""
-
-
-def _pointers(*arrays: Array) -> list[Any]:
-    return [array.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for array in arrays]

@@ -1,0 +1,555 @@
+"""A wye: a run with an oblique branch of equal or smaller bore; at 90 degrees the (reducing) tee.
+
+Frame: run along z, centred at the origin; the branch leaves the origin along (sin a, 0, cos a).
+Port frames have z out of the fitting and x towards the branch, or along the run.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from omnitrack_sim.base.rotations import Array, Pose, unit
+from omnitrack_sim.base.table import Size, Unit
+from omnitrack_sim.pipes.compiled import Wall
+from omnitrack_sim.pipes.fittings.base import (
+    BORE,
+    Arcs,
+    Axis,
+    AxisCurve,
+    Bore,
+    Description,
+    Fitting,
+    FittingTable,
+    X,
+    Y,
+    Z,
+    check,
+    port_pose,
+    positive,
+)
+from omnitrack_sim.pipes.fittings.wye_surface import EQUAL, clear, span, surface
+from omnitrack_sim.pipes.shapes import THICKNESS, Kit, Pieces, Ring, Solid, sagitta, stave_count
+
+ANGLES = (math.radians(45), math.radians(90))
+"""Least and largest angle between branch and run, rad."""
+LEAST_BRANCH = 0.4
+"""Least diameter of the branch, in diameters of the run."""
+CROTCH_PATCH = 0.007
+"""Half width of the flat pieces where the two halves of the rim meet, m."""
+
+RIM_STEP = 0.008
+"""Longest capsule along the rim, m."""
+RIM_SAGITTA = 1.5e-4
+"""By how much a capsule's chord may leave the rim, m."""
+STRIP_ROWS = 2
+"""Rows of boxes along the rim, which fill what the square-ended staves leave open: a stave's
+width."""
+_DENSE, _CUT_SAMPLES = 4001, 17
+"""Points along the rim between which its curvature is measured, and across the cut end of a
+stave."""
+ARC_STEP = math.radians(15)
+"""Largest angle between neighbouring points on the fillet's arc, rad."""
+CLEARANCE = 0.5
+"""Least distance of an axis curve from the rim inside its turn, in radii of the branch."""
+
+
+@dataclass(frozen=True)
+class Wye(Fitting):
+    """A run of ``run_length`` m with a branch that leans by ``angle`` rad from +z and ends
+    ``branch_length`` m from the point where the axes meet.
+
+    The rim's ``fillet_radius`` m is that of a ball that rolls inside the wall: the solid wall is
+    opened by it.
+    """
+
+    run_length: float = 0.44
+    branch_length: float = 0.22
+    angle: float = math.pi / 4
+    fillet_radius: float = 0.005
+    inner_diameter: float = BORE
+    branch_diameter: float = BORE
+    kind: ClassVar[str] = "wye"
+    port_names: ClassVar[tuple[str, ...]] = ("run_start", "run_end", "branch")
+    default_way: ClassVar[tuple[str, str]] = ("run_start", "branch")
+    wall: ClassVar[Wall] = Wall(surface, span, clear)
+
+    class Table(FittingTable):
+        """Keys in files."""
+
+        run_length: Annotated[Size, Unit("m", "run")] = 0.44
+        """Along the run, at least as long as the rim asks for."""
+        branch_length: Annotated[Size, Unit("m", "branch")] = 0.22
+        """From the run's axis."""
+        angle_deg: Annotated[float, Field(ge=45, le=90), Unit("deg", "")] = 45.0
+        """Between the branch and the run towards `run_end`; 45 to 90."""
+        fillet_radius: Annotated[Size, Unit("m")] = 0.005
+        """Of the rounded rim."""
+        branch_diameter: Bore = BORE
+        """Of the branch, 0.4 to 1 of `inner_diameter`, which is the run's."""
+
+    def __post_init__(self) -> None:
+        run, branch, fillet = self.inner_diameter, self.branch_diameter, self.fillet_radius
+        apart = run - branch
+        check(
+            self.kind,
+            inner_diameter=positive(run),
+            angle=(
+                ANGLES[0] - 1e-9 <= self.angle <= ANGLES[1] + 1e-9,
+                f"is {math.degrees(self.angle):.6g} degrees; must be between 45 and 90",
+            ),
+            branch_diameter=(
+                LEAST_BRANCH * run <= branch * (1 + 1e-9) and apart >= -2 * EQUAL,
+                f"is {branch} m; must be between {LEAST_BRANCH * run:.6g} m and the run's {run} m",
+            ),
+            fillet_radius=(
+                0 < fillet <= branch / 4,
+                f"is {fillet} m; must be over 0 and at most a quarter of the branch's diameter",
+            ),
+            run_length=positive(self.run_length),
+            branch_length=positive(self.branch_length),
+        )
+        half, far = self.least_lengths
+        check(
+            self.kind,
+            run_length=(
+                self.run_length / 2 >= half - 1e-12,
+                f"is {self.run_length} m; the rim asks for at least "
+                f"{math.ceil(2e5 * half) / 1e5:.5f} m",
+            ),
+            branch_length=(
+                self.branch_length >= far - 1e-12,
+                f"is {self.branch_length} m; the rim asks for at least "
+                f"{math.ceil(1e5 * far) / 1e5:.5f} m",
+            ),
+        )
+
+    @property
+    def least_lengths(self) -> tuple[float, float]:
+        """Least half run and branch length, m: how far the rim's fillet reaches along them at the
+        crotch."""
+        big, small = self.radius + self.fillet_radius, self.branch_radius + self.fillet_radius
+        sin, cos = math.sin(self.angle), math.cos(self.angle)
+        return (big * cos + small) / sin, (big + small * cos) / sin
+
+    @property
+    def branch_radius(self) -> float:
+        """Bore radius of the branch, m."""
+        return self.branch_diameter / 2
+
+    @property
+    def branch_axis(self) -> Array:
+        """Unit vector (3,) along the branch, outward."""
+        return np.array([math.sin(self.angle), 0.0, math.cos(self.angle)])
+
+    @property
+    def sizes(self) -> tuple[float, ...]:
+        """See ``wye_surface``: lengths and radii, m, sine and cosine of the angle."""
+        lengths = (self.run_length / 2, self.branch_length)
+        radii = (self.radius, self.branch_radius, self.fillet_radius)
+        return (*lengths, *radii, math.sin(self.angle), math.cos(self.angle))
+
+    def bore_key(self, port: str) -> str:
+        """See ``Fitting``."""
+        return "branch_diameter" if port == "branch" else "inner_diameter"
+
+    def port_radius(self, port: str) -> float:
+        """See ``Fitting``."""
+        return self.branch_radius if port == "branch" else self.radius
+
+    @property
+    def ports(self) -> Mapping[str, Pose]:
+        """``run_start`` at z < 0, ``run_end`` at z > 0, ``branch``; x towards the branch, or along
+        the run."""
+        half, out = self.run_length / 2, self.branch_axis
+        along = np.array([-out[2], 0.0, out[0]])
+        return {
+            "run_start": port_pose(-Z, X, -half * Z),
+            "run_end": port_pose(Z, X, half * Z),
+            "branch": port_pose(out, along, self.branch_length * out),
+        }
+
+    def extent(self, points: Array) -> Array:
+        """See ``Fitting``; each leg by its own ports, for the legs of an oblique wye cross the
+        other's port planes.
+
+        A point belongs to the branch where it is nearer to that bore's wall than to the run's, or
+        less deep in the run.
+        """
+        p = np.asarray(points, float)
+        x, y, z = np.moveaxis(p, -1, 0)
+        out = self.branch_axis
+        t, w = x * out[0] + z * out[2], x * out[2] - z * out[0]
+        in_branch = (t > 0) & (np.hypot(y, w) - self.branch_radius < np.hypot(x, y) - self.radius)
+        return np.where(in_branch, self.branch_length - t, self.run_length / 2 - np.abs(z))
+
+    def turn_angle(self, enter: str, leave: str) -> float:
+        """By how much the way from port ``enter`` to port ``leave`` turns, rad: 0, the angle, or
+        180 degrees less it."""
+        if "branch" not in (enter, leave):
+            return 0.0
+        return self.angle if "run_start" in (enter, leave) else math.pi - self.angle
+
+    def axis_curve(self, enter: str, leave: str, arcs: Arcs) -> AxisCurve:
+        """See ``Fitting``: a line over the run, or line, arc, line between run and branch.
+
+        The arc is as wide as the two legs and the rim inside the turn leave room for.
+        """
+        start = self.ports[enter]
+        tangent, half = -start.rotation[:, 2], self.run_length / 2
+        turn = self.turn_angle(enter, leave)
+        if turn == 0:
+            return AxisCurve(start.position, tangent, X, ((self.run_length, 0.0),))
+        wanted, first, last = (
+            (arcs.turn, half, self.branch_length)
+            if leave == "branch"
+            else (arcs.merge, self.branch_length, half)
+        )
+        # An arc of radius q takes q tan(turn / 2) of either axis.
+        slope = math.tan(turn / 2)
+        onward = self.ports[leave].rotation[:, 2]
+        normal = unit(onward - tangent * (onward @ tangent))
+        radius = self._clear_of_rim(
+            min(wanted, half / slope, self.branch_length / slope), tangent, normal, turn
+        )
+        cut = radius * slope
+        lines = ((first - cut, 0.0), (radius * turn, 1 / radius), (last - cut, 0.0))
+        return AxisCurve(
+            start.position,
+            tangent,
+            normal,
+            tuple(segment for segment in lines if segment[0] > 1e-12),
+        )
+
+    def _clear_of_rim(self, radius: float, tangent: Array, normal: Array, turn: float) -> float:
+        """``radius`` m of an arc by ``turn`` rad, or the largest that stays ``CLEARANCE`` off the
+        wall inside it."""
+        around = np.linspace(0, turn, 97)[:, None]
+        # Per metre of radius, from where the axes meet.
+        arc = normal * (1 - np.cos(around)) + tangent * (np.sin(around) - math.tan(turn / 2))
+
+        def is_clear(radius: float) -> bool:
+            return bool(
+                self.signed_distance(radius * arc)[0].min() >= CLEARANCE * self.branch_radius
+            )
+
+        if is_clear(radius):
+            return radius
+        low, high = 0.0, radius
+        for _ in range(24):
+            low, high = (middle, high) if is_clear(middle := (low + high) / 2) else (low, middle)
+        return low
+
+    def opening(self, enter: str) -> tuple[float, float]:
+        """First and last arc length, m from port ``enter`` along its axis, beside the mouth between
+        run and branch.
+
+        Along the run the mouth (the sharp edge of the bores) is 2 r / sin a long, about R cot a
+        from where the axes meet, towards the side the branch leans to. Out of the branch it begins
+        where the crotch is and ends at the far wall of the run.
+        """
+        run, branch, sin, cos = (
+            self.radius,
+            self.branch_radius,
+            math.sin(self.angle),
+            math.cos(self.angle),
+        )
+        if enter == "branch":
+            return self.branch_length - (run + branch * cos) / sin, self.branch_length + run / sin
+        middle = self.run_length / 2 + (run if enter == "run_start" else -run) * cos / sin
+        return middle - branch / sin, middle + branch / sin
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """See ``Fitting``."""
+        run, half = self.radius, self.run_length / 2
+        far, end = self.branch_length * self.branch_axis, self.branch_radius * self.branch_axis
+        high = np.array([max(run, far[0] + end[2]), run, max(half, far[2] + end[0])])
+        return np.array([-run, -run, -half]), high
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """See ``Fitting``: the run, and the branch from the run's axis."""
+        run = AxisCurve(self.ports["run_start"].position, Z, X, ((self.run_length, 0.0),))
+        branch = AxisCurve(np.zeros(3), self.branch_axis, Y, ((self.branch_length, 0.0),))
+        return (
+            Axis(run, self.radius, self.radius),
+            Axis(branch, self.branch_radius, self.branch_radius),
+        )
+
+    def describe(self, enter: str, leave: str) -> Description:
+        """See ``Fitting``."""
+        first, last = self.opening(enter)
+        opening = ((first + last) / 2, (last - first) / 2)
+        if "branch" not in (enter, leave):
+            return Description("over the run", "tee_straight", opening=opening)
+        into = leave == "branch"
+        return Description(
+            "run to branch" if into else "branch to run",
+            "tee_turn",
+            into_branch=into,
+            out_of_branch=not into,
+            opening=opening,
+            turn_angle=self.turn_angle(enter, leave),
+        )
+
+    def add_walls(self, pieces: Pieces, tolerance: float, staves: int | None) -> None:
+        """See ``Fitting``: staves cut back along the rim, strips along it, capsules as the rim."""
+        run_ring = Ring.of(self.radius, staves or stave_count(self.radius, tolerance))
+        branch_ring = Ring.of(
+            self.branch_radius, staves or stave_count(self.branch_radius, tolerance)
+        )
+        # A piece by the rim is no thicker than the wall is there: a ball of the fillet's radius
+        # fits.
+        depth = min(THICKNESS, 2 * self.fillet_radius)
+        self._add_run(pieces, run_ring, depth)
+        self._add_branch(pieces, branch_ring, depth)
+        equal = self.radius - self.branch_radius < EQUAL
+        if equal:
+            # Where the halves of the rim meet the wall is flat: run and branch share their tangent
+            # plane.
+            for side in (1.0, -1.0):
+                y = np.array([0, side, 0])
+                point, z = (self.radius + 5e-5) * y, np.array([0, 0, 1.0])
+                pieces.facet(point, y, z, CROTCH_PATCH, CROTCH_PATCH, THICKNESS)
+        for q in self._rim_angles():
+            self._add_rim(pieces, q, run_ring, branch_ring, depth)
+
+    def piece_count(self, tolerance: float, staves: int | None) -> int:
+        """See ``Fitting``."""
+        around = staves or stave_count(self.radius, tolerance)
+        _, small = self._edge_radii()
+        # The rim is about the ellipse in which a plane cuts the branch, bent round the run.
+        rim = 2 * math.pi * small * 1.3 / math.sin(self.angle)
+        capsules = math.ceil(rim / min(RIM_STEP, math.sqrt(8 * RIM_SAGITTA * small)))
+        return 3 * around + (1 + 2 * STRIP_ROWS) * capsules + 2
+
+    def _rim_angles(self) -> list[Array]:
+        """Angles around the branch, rad, of the ends of the capsules: one closed line, or two where
+        the bores are equal."""
+        big, small = self._edge_radii()
+        equal = self.radius - self.branch_radius < EQUAL
+        parts = (
+            [(-np.pi / 2, np.pi / 2), (np.pi / 2, 3 * np.pi / 2)] if equal else [(0.0, 2 * np.pi)]
+        )
+        lines = []
+        for first, last in parts:
+            q = np.linspace(first, last, _DENSE)
+            chords = np.diff(edge_curve(q, big, small, self.angle), axis=0)
+            lengths = np.linalg.norm(chords, axis=1)
+            turns = np.linalg.norm(np.diff(unit(chords), axis=0), axis=1)
+            curvature = np.pad(turns / lengths[1:], (0, 1), mode="edge")
+            step = np.minimum(RIM_STEP, np.sqrt(8 * RIM_SAGITTA / np.maximum(curvature, 1e-9)))
+            count = np.concatenate([[0.0], np.cumsum(lengths / step)])
+            # An even number of steps puts corners at heel and crotch.
+            lines.append(
+                np.interp(np.linspace(0, count[-1], 2 * math.ceil(count[-1] / 2) + 1), count, q)
+            )
+        return lines
+
+    def _edge_radii(self) -> tuple[float, float]:
+        return self.radius + self.fillet_radius, self.branch_radius + self.fillet_radius
+
+    def _add_run(self, pieces: Pieces, ring: Ring, depth: float) -> None:
+        """Staves of the run; those that the mouth interrupts in two parts, square at their ends."""
+        big, small = self._edge_radii()
+        sin, cos, half = math.sin(self.angle), math.cos(self.angle), self.run_length / 2
+        half_angle, limit = np.pi / len(ring.azimuths), math.asin(min(1.0, small / big))
+        z = np.array([0, 0, 1.0])
+        for u in ring.azimuths:
+            out = np.array([math.cos(u), math.sin(u), 0.0])
+            middle = math.remainder(u, 2 * math.pi)
+            first, last = max(middle - half_angle, -limit), min(middle + half_angle, limit)
+            if last - first <= 1e-9:
+                pieces.facet(ring.face * out, out, z, ring.half_width, half, THICKNESS)
+                continue
+            around = np.linspace(first, last, _CUT_SAMPLES)
+            root = np.sqrt(np.maximum(small**2 - (big * np.sin(around)) ** 2, 0.0))
+            low, high = ((big * np.cos(around) * cos + side * root) / sin for side in (-1.0, 1.0))
+            for a, b in ((-half, low.min()), (high.max(), half)):
+                if b - a > 1e-5:
+                    pieces.facet(
+                        ring.face * out + z * (a + b) / 2,
+                        out,
+                        z,
+                        ring.half_width,
+                        (b - a) / 2,
+                        depth,
+                    )
+
+    def _add_branch(self, pieces: Pieces, ring: Ring, depth: float) -> None:
+        """Staves of the branch, from the rim to the port."""
+        big, small = self._edge_radii()
+        sin, cos, along = math.sin(self.angle), math.cos(self.angle), self.branch_axis
+        across = np.array([cos, 0.0, -sin])
+        half_angle = np.pi / len(ring.azimuths)
+        for u in ring.azimuths:
+            out = math.cos(u) * across + math.sin(u) * np.array([0, 1.0, 0])
+            around = np.linspace(u - half_angle, u + half_angle, _CUT_SAMPLES)
+            x = np.sqrt(np.maximum(big**2 - (small * np.sin(around)) ** 2, 0.0))
+            a, b = ((x - small * np.cos(around) * cos) / sin).max(), self.branch_length
+            if b - a > 1e-5:
+                pieces.facet(
+                    ring.face * out + along * (a + b) / 2,
+                    out,
+                    along,
+                    ring.half_width,
+                    (b - a) / 2,
+                    depth,
+                )
+
+    def _add_rim(
+        self, pieces: Pieces, q: Array, run_ring: Ring, branch_ring: Ring, depth: float
+    ) -> None:
+        """Capsules along the angles ``q`` of the edge, and the strips on either side of them."""
+        edge = edge_curve(q, *self._edge_radii(), self.angle)
+        for a, b in itertools.pairwise(edge):
+            pieces.capsule(a, b, self.fillet_radius)
+        axes = (
+            (np.array([0, 0, 1.0]), self.radius, run_ring),
+            (self.branch_axis, self.branch_radius, branch_ring),
+        )
+        outward = [unit(edge - np.outer(edge @ axis, axis)) for axis, _, _ in axes]
+        for (axis, radius, ring), mine, other in zip(axes, outward, reversed(outward), strict=True):
+            strip = 1.1 * 2 * radius * math.tan(np.pi / len(ring.azimuths)) / STRIP_ROWS
+            self._add_strips(
+                pieces, edge - self.fillet_radius * mine, axis, radius, other, strip, depth
+            )
+
+    def _add_strips(
+        self,
+        pieces: Pieces,
+        line: Array,
+        axis: Array,
+        radius: float,
+        away: Array,
+        strip: float,
+        depth: float,
+    ) -> None:
+        """Boxes tangent to the cylinder about ``axis``, along ``line`` (k, 3), where the fillet
+        begins, on its wall side.
+
+        ``away`` (k, 3) is roughly the direction to that side; ``strip`` m is the width of a row,
+        ``depth`` m its thickness.
+        """
+        chords, middles = np.diff(line, axis=0), (line[:-1] + line[1:]) / 2
+        out = unit(middles - np.outer(middles @ axis, axis))
+        tangents = unit(chords - out * (chords * out).sum(axis=1)[:, None])
+        beyond = np.cross(out, tangents)
+        beyond *= np.sign((beyond * (away[:-1] + away[1:])).sum(axis=1))[:, None]
+        # At the corners the rows are mitred: their directions, so long that neighbouring strips
+        # meet.
+        closed = np.allclose(line[0], line[-1])
+        before = np.vstack([beyond[-1:] if closed else beyond[:1], beyond])
+        after = np.vstack([beyond, beyond[:1] if closed else beyond[-1:]])
+        mitre = (before + after) / (1 + (before * after).sum(axis=1))[:, None]
+        for i, (middle, tangent, side) in enumerate(zip(middles, tangents, beyond, strict=True)):
+            for row in range(STRIP_ROWS):
+                longest = max(
+                    abs((chords[i] + d * strip * (mitre[i + 1] - mitre[i])) @ tangent)
+                    for d in (row, row + 1)
+                )
+                half_length = 0.55 * longest
+                point = middle + side * strip * (row + 0.5)
+                normal = unit(point - axis * (point @ axis))
+                around = np.cross(axis, normal)
+                reach = strip / 2 * abs(side @ around) + half_length * abs(tangent @ around)
+                face = axis * (point @ axis) + normal * (
+                    radius - sagitta(radius, reach / radius) / 2
+                )
+                if self.extent(face) < 0:
+                    continue
+                along = unit(tangent - normal * (tangent @ normal))
+                pieces.facet(face, normal, along, strip / 2, half_length, depth)
+
+    def fill(self, kit: Kit, more: float) -> Solid:
+        """See ``Fitting``: the rim is rounded within and without, so that the wall is as thick at
+        the crotch as elsewhere."""
+        return self._solid(kit, more, 0.0)
+
+    def bore(self, kit: Kit) -> Solid:
+        """See ``Fitting``."""
+        return self._solid(kit, 0.0, kit.overcut)
+
+    def _solid(self, kit: Kit, more: float, longer: float) -> Solid:
+        """The bores, their rim rounded, and ``more`` m around them, between the ports.
+
+        The branch is ``longer`` m: the ends of turned solids differ by rounding, which may leave a
+        film between them.
+        """
+        radius, branch_radius = self.radius + more, self.branch_radius + more
+        solid = kit.cylinder(self.run_length, radius, centred=True)
+        along = self.branch_axis
+        turned = Pose(np.stack([np.cross(Y, along), Y, along], axis=-1))
+        solid += kit.moved(kit.cylinder(self.branch_length + longer, branch_radius), turned)
+        fillet = self.fillet_radius - more
+        if fillet > 2 * kit.overcut:
+            for q in self._solid_rim_angles(kit.sections):
+                solid += self._fillet(kit, q, radius, branch_radius, fillet)
+        return solid
+
+    def _solid_rim_angles(self, sections: int) -> list[Array]:
+        """Angles around the branch, rad, of the cross-sections: a closed line, or two that end
+        short of where they meet."""
+        step = 2 * np.pi / sections
+        if self.radius - self.branch_radius < EQUAL:
+            # Half way between the corners of the cylinders: threads may stay where corners
+            # coincide.
+            around = (np.arange(sections // 2) + 0.5) * step
+            return [np.asarray(around + turn, float) for turn in (-np.pi / 2, np.pi / 2)]
+        # Where the edge bends sharply, even steps along the hyperbola as well; see
+        # ``wye_surface``.
+        big, small = self.radius + self.fillet_radius, self.branch_radius + self.fillet_radius
+        gap = math.sqrt(big**2 - small**2)
+        along = gap / small * np.sinh(np.linspace(-3, 3, 25))
+        bend = np.arccos(along[np.abs(along) < 1])
+        q = np.sort(np.concatenate([np.arange(sections) * step, bend, 2 * np.pi - bend]))
+        return [np.asarray(q[np.diff(q, append=q[0] + 2 * np.pi) > 0.1 * step], float)]
+
+    def _fillet(
+        self, kit: Kit, q: Array, radius: float, branch_radius: float, fillet: float
+    ) -> Solid:
+        """What a ball of radius ``fillet`` m rounds off the rim of two bores, at the angles ``q``
+        around the branch.
+
+        The ball's centre runs on the edge where the cylinders, wider by the fillet, meet. Each
+        cross-section is bounded by the ball's arc between its two points of tangency and closed
+        within the bores.
+        """
+        centre = edge_curve(q, radius + fillet, branch_radius + fillet, self.angle)
+        corner = edge_curve(q, radius - kit.overcut, branch_radius - kit.overcut, self.angle)
+        axis = self.branch_axis
+        to_run = unit(centre * [1, 1, 0])
+        to_branch = unit(centre - np.outer(centre @ axis, axis))
+        between = np.arccos(np.clip((to_run * to_branch).sum(axis=1), -1.0, 1.0))
+        count = max(6, math.ceil(between.max() / ARC_STEP))
+        weight = np.linspace(0.0, 1.0, count + 1)[:, None, None]
+        turn = np.maximum(between, 1e-9)[:, None]
+        arc = (np.sin((1 - weight) * turn) * to_run + np.sin(weight * turn) * to_branch) / np.sin(
+            turn
+        )
+        arc = centre - fillet * arc  # (count + 1, m, 3)
+        rings = np.concatenate(
+            [
+                arc,
+                (arc[-1] - kit.overcut * to_branch)[None],
+                corner[None],
+                (arc[0] - kit.overcut * to_run)[None],
+            ]
+        ).transpose(1, 0, 2)
+        hub = None if self.radius - self.branch_radius >= EQUAL else rings.shape[1] - 2
+        return kit.loft(rings, hub)
+
+
+def edge_curve(q: Array, big: float, small: float, angle: float) -> Array:
+    """Points (..., 3) m of the edge at angles ``q`` (...,) rad; ``big`` and ``small`` are A and B,
+    m."""
+    y, w = small * np.sin(q), small * np.cos(q)
+    x = np.sqrt(big * big - small * small + w * w)
+    return np.stack([x, y, (x * math.cos(angle) - w) / math.sin(angle)], axis=-1)
