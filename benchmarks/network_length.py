@@ -17,6 +17,8 @@ from __future__ import annotations
 import argparse
 from itertools import permutations
 
+from shares import timed
+
 from omnitrack_sim import (
     Scenario,
     Simulation,
@@ -25,9 +27,8 @@ from omnitrack_sim import (
     random_network,
     shortest_route,
 )
+from omnitrack_sim.robots.omnitrack import scene
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.sim import builder
-from omnitrack_sim.sim.shares import timed
 
 PIECES = (500, 5_000, 20_000)
 SEGMENT = 0.5
@@ -42,9 +43,9 @@ Lugs then touch run and rim while the turn begins.
 MEASUREMENTS = 3
 TRIALS, STEPS = 8, 60
 VARIANTS = {
-    "primitives": ("primitives", builder.SLEEP_FROM),
+    "primitives": ("primitives", scene.SLEEP_FROM),
     "primitives, nothing passed over": ("primitives", 10**9),
-    "exact": ("exact", builder.SLEEP_FROM),
+    "exact": ("exact", scene.SLEEP_FROM),
 }
 
 
@@ -52,7 +53,7 @@ def long_scenario(pieces: int, collider: str) -> Scenario:
     """The tee turn, with so many straights behind it that they make ``pieces`` pieces of wall."""
     data = load_scenario("tee_turn").model_dump(mode="json")
     pieces_of_walls = override(load_scenario("tee_turn"), {"physics.collider": "primitives"})
-    have = len(builder.scene_of(pieces_of_walls).geoms)
+    have = len(pieces_of_walls.to_spec().geoms)
     data["pipes"] += [
         {"kind": "straight", "length": SEGMENT}
         for _ in range(max(0, round((pieces - have) / STAVES)))
@@ -110,7 +111,7 @@ def main() -> None:
         fittings = 0
         for _ in range(MEASUREMENTS):
             for name, (collider, sleep_from) in VARIANTS.items():
-                builder.SLEEP_FROM = sleep_from
+                scene.SLEEP_FROM = sleep_from
                 scenario = long_scenario(pieces, collider)
                 fittings = len(scenario.pipes)
                 found = cost(scenario)
@@ -118,7 +119,7 @@ def main() -> None:
                 least[name] = (min(old[0], found[0]), min(old[1], found[1]))
         for name, (physics, control) in least.items():
             print(f"| {pieces:,} | {fittings} | {name} | {physics:.1f} | {control:.1f} |")
-    builder.SLEEP_FROM = VARIANTS["primitives"][1]
+    scene.SLEEP_FROM = VARIANTS["primitives"][1]
     print(
         f"\n| walls | part | one tee, us | random network of {NETWORK_FITTINGS} fittings, us | "
         "ratio |"

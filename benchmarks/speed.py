@@ -16,11 +16,11 @@ import time
 
 import mujoco
 import numpy as np
+from shares import Shares, timed
 from tee_turns import random_tee_turns
 
 from omnitrack_sim import Outcome, Simulation, load_scenario, override
-from omnitrack_sim.sim.builder import scene_of, start_qpos
-from omnitrack_sim.sim.shares import Shares, timed
+from omnitrack_sim.sim.builder import start_qpos
 
 
 def timed_batch(trials: int, threads: int, collider: str) -> tuple[Simulation, float, Shares]:
@@ -36,7 +36,7 @@ def timed_batch(trials: int, threads: int, collider: str) -> tuple[Simulation, f
 def physics_shares(collider: str, steps: int = 2000) -> dict[str, float]:
     """Shares of collision, constraint assembly and solver in a step of a robot in the tee's run."""
     scenario = override(load_scenario("tee_turn"), {"physics.collider": collider})
-    model = scene_of(scenario).compile()
+    model = scenario.to_spec().compile()
     data = mujoco.MjData(model)
     data.qpos[:] = start_qpos(scenario, model)
     mujoco.mj_step(model, data, 200)
@@ -59,7 +59,7 @@ def check_walls(rays: int = 4000) -> float:
     """Largest distance, m, of ray hits from the exact surface, on the straights of the tee turn."""
     scenario = override(load_scenario("tee_turn"), {"physics.collider": "primitives"})
     network = scenario.route.network
-    model = scene_of(scenario).compile()
+    model = scenario.to_spec().compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     rng = np.random.default_rng(0)

@@ -1,6 +1,8 @@
 """Public names of omnitrack_sim and where each is defined; ``__init__.py`` loads them from here."""
 
 from .autonomy.ahead import Ahead as Ahead
+from .autonomy.pilots import Decision as Decision
+from .autonomy.pilots import Pilot as Pilot
 from .base.errors import GeometryError as GeometryError
 from .base.errors import InputError as InputError
 from .base.errors import NetworkError as NetworkError
@@ -73,6 +75,8 @@ from .show.replay.write import show_replay as show_replay
 from .show.replay.write import write_replay as write_replay
 from .sim.run import run as run
 from .sim.run import run_batch as run_batch
+from .sim.sensing import Senses as Senses
+from .sim.sensing import Truth as Truth
 from .sim.simulation import Simulation as Simulation
 from .trials.study import Study as Study
 from .trials.study import load_study as load_study

@@ -14,7 +14,7 @@ from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, 
 from omnitrack_sim.pipes.fittings import reducer
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
 from omnitrack_sim.pipes.native import NUMBER, NUMBERS, WORD, _digest, c_function, pointers
-from omnitrack_sim.sim.builder import scene_of, start_qpos
+from omnitrack_sim.sim.builder import start_qpos
 from omnitrack_sim.walls import track
 from omnitrack_sim.walls.collider import collide, install
 from omnitrack_sim.walls.geoms import add_exact_walls
@@ -327,7 +327,7 @@ def test_walls_stay_exact_under_a_turned_route():
     changes = {"start.axis": [0.3, -0.5, 0.8], "start.turn_deg": 33.0}
     scenario = ot.override(ot.load_scenario("elbow_short"), changes)
     network = scenario.route.network
-    model = scene_of(scenario).compile()
+    model = scenario.to_spec().compile()
     data = mujoco.MjData(model)
     data.qpos[:] = start_qpos(scenario, model)
     data.ctrl[:] = 0

@@ -23,7 +23,6 @@ from omnitrack_sim.record.events import NotAligned, Outcome
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import load_result
-from omnitrack_sim.sim.builder import scene_of
 
 READ = ("result.json", "scenario.json", "trajectory.parquet", "replay.npz")
 
@@ -108,7 +107,7 @@ def test_damage_is_refused_or_harmless(run, name, whole):
 
 def test_the_joint_positions_are_those_of_the_model():
     """What is read as wide as the replay of a run is as wide as a model's."""
-    model = scene_of(load_scenario("straight")).compile()
+    model = load_scenario("straight").to_spec().compile()
     assert sample_trajectory().qpos.shape[1] == model.nq
 
 

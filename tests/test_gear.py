@@ -17,7 +17,6 @@ from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.robots.omnitrack.control.gear import SWAPPED, carried_out, seen
 from omnitrack_sim.robots.omnitrack.control.interface import Command
 from omnitrack_sim.scenario import Scenario, validate
-from omnitrack_sim.sim.builder import scene_of
 from omnitrack_sim.sim.plant import Plant, Start
 
 
@@ -74,7 +73,7 @@ def tail_first_plant(scenario: Scenario, start: Start, threads: int) -> Plant:
     w, x, y, z = start.quaternion.T
     turned = np.stack([-x, w, z, -y], axis=-1)  # the product with a half turn about x
     return Plant(
-        scene_of(scenario).compile(),
+        scenario.to_spec().compile(),
         scenario.robot,
         dataclasses.replace(start, quaternion=turned),
         threads,

@@ -16,7 +16,6 @@ from omnitrack_sim.robots.omnitrack.control.alignment import (
     preferred_theta5,
 )
 from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
-from omnitrack_sim.sim.builder import scene_of
 from omnitrack_sim.sim.plant import Plant, Start
 
 
@@ -92,7 +91,7 @@ def plant_beside(scenario: Scenario, start: Start, threads: int) -> Plant:
         position=start.position + BESIDE * towards,
         slide=start.slide - BESIDE * np.cos(MODULE_ANGLES),
     )
-    return Plant(scene_of(scenario).compile(), scenario.robot, moved, threads)
+    return Plant(scenario.to_spec().compile(), scenario.robot, moved, threads)
 
 
 def test_a_robot_beside_the_centreline_drives_back_to_it():

@@ -7,7 +7,6 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.errors import ScenarioError
 from omnitrack_sim.robots.omnitrack.quantity import quantity_of
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.sim.builder import scene_of
 
 PIPES = [{"kind": "straight", "length": 0.8}]
 OWN = {
@@ -108,7 +107,7 @@ def test_another_motor_brings_its_own_inertia_and_servo():
     """Belt and roll armature are J ratio² over the lever squared, half a belt a run; the servo's
     gain is the belt's inertia over its time constant."""
     scenario = _scenario(motor=OWN | {"speed_bandwidth": 20.0})
-    model, robot = scene_of(scenario).compile(), scenario.robot
+    model, robot = scenario.to_spec().compile(), scenario.robot
     inertia = 4e-9 * 250.0**2
     for i in (1, 2, 3):
         upper, roll = model.joint(f"belt_upper_{i}"), model.joint(f"roll_{i}")
@@ -122,8 +121,8 @@ def test_another_motor_brings_its_own_inertia_and_servo():
 
 def test_the_rotary_motor_may_be_another():
     """With ``roll_motor`` the modules roll with its inertia, and the belts keep the crawler's."""
-    model = scene_of(_scenario(roll_motor=OWN)).compile()
-    reference = scene_of(_scenario()).compile()
+    model = _scenario(roll_motor=OWN).to_spec().compile()
+    reference = _scenario().to_spec().compile()
     for i in (1, 2, 3):
         roll, belt = (model.joint(f"{name}_{i}").dofadr[0] for name in ("roll", "belt_upper"))
         assert model.dof_armature[roll] == pytest.approx(4e-9 * 250.0**2)

@@ -6,7 +6,6 @@ import pytest
 from omnitrack_sim import Outcome, Result, Scenario, load_scenario, override, run, run_batch
 from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable
 from omnitrack_sim.robots.omnitrack.kinematics import turn_from_roll
-from omnitrack_sim.sim.builder import scene_of
 
 G = 9.81
 
@@ -50,7 +49,7 @@ def test_tractions_carry_the_weight(climb):
     the robot's."""
     robot = climb.scenario.robot
     assert _settled(climb, "traction").sum() == pytest.approx(robot.mass * G, rel=0.01)
-    assert scene_of(climb.scenario).compile().body_mass.sum() == pytest.approx(robot.mass, rel=0.01)
+    assert climb.scenario.to_spec().compile().body_mass.sum() == pytest.approx(robot.mass, rel=0.01)
 
 
 def test_normal_force_is_the_spring_force(climb):

@@ -14,7 +14,6 @@ from pages import TOLERANCE, needs_browser, opened, picture
 from omnitrack_sim import Result, load_scenario, override, run, write_replay
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
 from omnitrack_sim.show.film.poses import smooth_belts
-from omnitrack_sim.sim.builder import scene_of
 
 pytestmark = needs_browser
 
@@ -59,7 +58,7 @@ def poses(page, times: list[float]) -> dict[str, np.ndarray]:
 def kinematics(result: Result, rows: np.ndarray) -> tuple[mujoco.MjModel, np.ndarray]:
     """The model of a run's film, and by it position and quaternion of all its bodies at samples
     (len(rows), nbody, 7)."""
-    model = scene_of(result.scenario, looks=True).compile()
+    model = result.scenario.to_spec(looks=True).compile()
     qpos = smooth_belts(model, result.trajectory, look_pitch(result.scenario.robot))
     data, found = mujoco.MjData(model), []
     for row in rows:

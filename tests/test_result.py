@@ -18,7 +18,6 @@ from omnitrack_sim.record.trajectory import RECORDED
 from omnitrack_sim.results import files
 from omnitrack_sim.results.result import load_result
 from omnitrack_sim.scenario import override
-from omnitrack_sim.sim.builder import scene_of
 
 FILES = {"scenario.json", "result.json", "timeline.csv", "trajectory.parquet", "replay.npz"}
 READ = FILES - {"timeline.csv"}
@@ -182,7 +181,7 @@ def test_result_json_is_strict(tmp_path):
 def test_columns_of_joint_positions_are_those_of_the_model(drive):
     """``result.joints`` names the joints of the scenario's model and where their positions are."""
     scenario = ot.load_scenario("straight", {"robot.drive": drive, "run.time_limit": 0.05})
-    result, model = ot.run(scenario), scene_of(scenario).compile()
+    result, model = ot.run(scenario), scenario.to_spec().compile()
     joints = {model.joint(i).name: model.joint(i) for i in range(model.njnt)}
     assert result.qpos.shape == (len(result.trajectory.time), model.nq)
     assert {name: columns.start for name, columns in result.joints.items()} == {

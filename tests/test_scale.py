@@ -8,7 +8,6 @@ import pytest
 import omnitrack_sim as ot
 from omnitrack_sim.robots.omnitrack.quantity import froude_exponent, quantity_of, similar
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.sim.builder import scene_of
 
 SCALES = (0.625, 1.875)
 """For pipes of 100 and 300 mm."""
@@ -60,9 +59,9 @@ def test_every_parameter_follows_the_law():
 
 def test_masses_forces_and_inertias_of_the_model_follow_the_law():
     """In the compiled model masses grow by s³, inertias by s⁵ and spring stiffnesses by s²."""
-    one = scene_of(_run_of(1.0)).compile()
+    one = _run_of(1.0).to_spec().compile()
     for s in SCALES:
-        other = scene_of(_run_of(s)).compile()
+        other = _run_of(s).to_spec().compile()
         assert other.body_mass == pytest.approx(one.body_mass * s**3)
         assert other.body_inertia == pytest.approx(one.body_inertia * s**5)
         assert other.tendon_stiffness == pytest.approx(one.tendon_stiffness * s**2)

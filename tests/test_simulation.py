@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +12,10 @@ from runs import rolling_tee, same_record, same_result, there_and_back
 
 import omnitrack_sim as ot
 from omnitrack_sim.record.events import GoalReached, Rolled
-from omnitrack_sim.sim.shares import Shares, timed
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+from shares import Shares, timed
 
 
 def straight(**changes: object) -> ot.Scenario:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from omnitrack_sim import Outcome, load_scenario, override, run, run_batch
-from omnitrack_sim.sim.builder import scene_of, start_qpos
+from omnitrack_sim.sim.builder import start_qpos
 
 PRELOADS = (5.0, 25.0, 100.0, 1000.0)
 
@@ -47,7 +47,7 @@ def test_a_hard_pressed_robot_stays_in_its_pipe():
 def test_normal_force_adds_up_the_contacts():
     """The touch sensors read the sum of the normal forces of a track's contacts, in a robot that is
     pressed and slides sideways on a sticky wall."""
-    model = scene_of(override(load_scenario("tee_turn"), {"world.friction": 5.0})).compile()
+    model = override(load_scenario("tee_turn"), {"world.friction": 5.0}).to_spec().compile()
     data = mujoco.MjData(model)
     data.qpos[:] = start_qpos(load_scenario("tee_turn"), model)
     data.joint("robot").qpos[:2] += 0.002  # into the wall, off the axis

@@ -19,7 +19,6 @@ from omnitrack_sim.show.viewer.figures import covers_robot, region_of
 from omnitrack_sim.show.viewer.keys import DRIVE, help_lines
 from omnitrack_sim.show.viewer.pace import FRAME, LATE_FRAME, MOST_OVERDUE, Pace
 from omnitrack_sim.show.viewer.stages import LiveStage, ReplayStage
-from omnitrack_sim.sim.builder import scene_of
 
 SAVED = ("result.json", "scenario.json", "timeline.csv", "trajectory.parquet", "replay.npz")
 
@@ -125,7 +124,7 @@ def test_pause_and_other_speeds_leap_over_nothing():
 
 
 def looks(scenario: ot.Scenario):
-    spec = scene_of(scenario, looks=True)
+    spec = scenario.to_spec(looks=True)
     add_pipe_insides(spec, scenario.route.network)
     return spec.compile()
 

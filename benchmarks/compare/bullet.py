@@ -23,16 +23,21 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
+import sys
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from bullet_plant import BulletPlant, contacts_per_lug, make_bullet_plant
 from bullet_walls import SETTINGS, BulletSettings, bullet_wall_error
 
 from omnitrack_sim import Scenario, load_scenario, override
-from omnitrack_sim.sim.shares import timed
 from omnitrack_sim.sim.simulation import Simulation
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from shares import timed
 
 JOBS = ("straight", "elbow_short", "tee_turn")
 

@@ -19,7 +19,6 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.robots.omnitrack.body import LUG_CONAFFINITY, LUG_CONTYPE, add_robot, lug_pitch
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.sim.builder import scene_of
 from omnitrack_sim.sim.plant import Plant
 from omnitrack_sim.sim.simulation import MakePlant
 from omnitrack_sim.walls.geoms import add_exact_walls, add_walls, new_spec
@@ -94,7 +93,7 @@ class Entry:
             return _bullet_built(self, scenario)
         start = time.process_time()
         if self.peer in OWN:
-            spec, outside = scene_of(scenario), 0.0
+            spec, outside = scenario.to_spec(), 0.0
         else:
             spec = new_spec("omnitrack_peer")
             spec.option.timestep = scenario.physics.timestep

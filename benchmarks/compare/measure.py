@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from entries import Built, Entry
@@ -12,8 +14,11 @@ from entries import Built, Entry
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack import MODULES
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.sim.shares import Shares, timed
 from omnitrack_sim.sim.simulation import Simulation
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from shares import Shares, timed
 
 PARTS = {"straight": 0, "elbow_short": 1, "tee_turn": 1}
 """Index of the fitting, in the pipes of each job, whose wall is probed."""

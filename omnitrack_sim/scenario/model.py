@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Collection, Iterable, Iterator
 from functools import cached_property
-from typing import Annotated, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
 import numpy as np
 from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
@@ -54,6 +54,9 @@ from omnitrack_sim.scenario.tables import (
 from omnitrack_sim.senses import Sensor
 from omnitrack_sim.senses.cameras import camera_of
 from omnitrack_sim.senses.table import SensingTable
+
+if TYPE_CHECKING:
+    from mujoco import MjSpec
 
 _Thing = TypeVar("_Thing")
 METRIC_NAMES = {metric.name for metric in (*METRICS, *ESTIMATE_METRICS)}
@@ -156,6 +159,32 @@ class Scenario(Table):
             return planner.route(planner.first)
         pose = Pose(frame_along(self.start.axis, math.radians(self.start.turn_deg)), np.zeros(3))
         return route([p.step(i) for i, p in enumerate(self.pipes)], pose, self.control.arcs)
+
+    def to_spec(self, *, looks: bool = False) -> MjSpec:
+        """Return the pipes and the robot as one MuJoCo model, ready to compile.
+
+        Args:
+            looks: with what pictures need besides: visual geoms, cameras and lights.
+
+        Example:
+            >>> model = ot.load_scenario("tee_turn").to_spec().compile()
+            >>> model.body("chassis").name
+            'chassis'
+        """
+        # MuJoCo is loaded where a model is asked for: reading a scenario does not need it.
+        from omnitrack_sim.robots.omnitrack.scene import build_scene
+
+        physics = self.physics
+        return build_scene(
+            self.route.network,
+            self.robot,
+            plates=self.plates,
+            timestep=physics.timestep,
+            wall_tolerance=physics.wall_tolerance,
+            staves=physics.staves,
+            exact=physics.collider == "exact" and not looks,
+            looks=looks,
+        )
 
     def pilot(self, robot: int) -> Pilot:
         """Return a pilot for the run, of robot number ``robot`` of its batch."""

@@ -17,14 +17,9 @@ from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.robots.omnitrack import MODULES
 from omnitrack_sim.robots.omnitrack.body import spring_free_length
 from omnitrack_sim.robots.omnitrack.control import Settings
-from omnitrack_sim.robots.omnitrack.drive import drive_of
-from omnitrack_sim.robots.omnitrack.scene import build_scene, let_walls_sleep
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.plant import Start
 
-SLEEP_FROM = 1000
-"""Number of geoms from which it pays to have MuJoCo pass over the walls, which needs an MjData for
-each robot."""
 EACH: Mapping[str, str] = {
     "distance": "start.distance",
     "theta5_deg": "start.theta5_deg",
@@ -93,25 +88,6 @@ def each(scenarios: Sequence[Scenario], name: str) -> NDArray:
     path = EACH[name].split(".")
     values = [functools.reduce(getattr, path, scenario) for scenario in scenarios]
     return np.array([np.nan if value is None else value for value in values])
-
-
-def scene_of(scenario: Scenario, *, looks: bool = False) -> mujoco.MjSpec:
-    """The scenario's pipes and robot as one MjSpec; ``looks`` adds what pictures need."""
-    physics = scenario.physics
-    spec = build_scene(
-        scenario.route.network,
-        scenario.robot,
-        plates=scenario.plates,
-        timestep=physics.timestep,
-        wall_tolerance=physics.wall_tolerance,
-        staves=physics.staves,
-        exact=physics.collider == "exact" and not looks,
-        looks=looks,
-    )
-    # MuJoCo does not let a model sleep in which tendons are tied, as those of shared motors are.
-    if len(spec.geoms) >= SLEEP_FROM and drive_of(scenario.robot.drive).direct:
-        let_walls_sleep(spec)
-    return spec
 
 
 def start_of(scenarios: Sequence[Scenario], routes: RouteMap, route: NDArray[np.intp]) -> Start:

@@ -190,6 +190,10 @@ class Plant:
             self._last[name]
         return self._last
 
+    def data(self, robot: int) -> mujoco.MjData:
+        """Return a copy of MuJoCo's data of one robot as it is now."""
+        return self._batch.get_data(robot)
+
     def step(
         self,
         active: NDArray[np.bool_],

@@ -17,7 +17,8 @@ from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.scenario.driven import autopilot_of
 from omnitrack_sim.senses import Sensor
 from omnitrack_sim.sim.builder import batch_key
-from omnitrack_sim.sim.simulation import Progress, Simulation
+from omnitrack_sim.sim.sensing import MakeSenses
+from omnitrack_sim.sim.simulation import MakePilot, Progress, Simulation
 
 BASELINE_TIME, BASELINE_SETTLED = 1.2, 0.8
 """Length of the run that measures the no-load slip, and from when on it counts, s."""
@@ -27,29 +28,44 @@ def run(
     scenario: Scenario,
     *,
     controller: type[Controller] | None = None,
+    pilot: MakePilot = Scenario.pilot,
+    senses: MakeSenses | None = None,
     sensors: Sequence[Sensor] = (),
     metrics: Sequence[Metric] = (),
-    threads: int = 1,
+    threads: int = 0,
     progress: Progress | None = None,
+    no_load: bool = True,
 ) -> Result:
     """Run one scenario to its end. A robot that fails is a result, not an error.
 
     Args:
         scenario: what to run.
-        controller, sensors, metrics: of a user's own, see docs/how-to/extending.md.
-        threads: native threads for the physics; 0 uses all cores.
+        controller, pilot, senses, sensors: see ``Simulation``.
+        metrics: further ones, see docs/how-to/extending.md.
+        threads: native threads for the physics; 0 uses all cores. The results do not depend on it.
         progress: see ``Progress``.
+        no_load: also measure the slip without load, by a short run for each robot, friction and
+            speed; without it ``no_load_slip_m_s`` is not a number.
 
     Raises:
         TypeError: an argument is of another type.
+
+    Example:
+        >>> scenario = ot.override(ot.load_scenario("straight"), {"run.time_limit": 0.2})
+        >>> result = ot.run(scenario, no_load=False)
+        >>> result.outcome.value, round(result.duration_s, 2)
+        ('timed_out', 0.2)
     """
     return run_batch(
         [check_is(Scenario, "scenario", scenario)],
         controller=controller,
+        pilot=pilot,
+        senses=senses,
         sensors=sensors,
         metrics=metrics,
         threads=threads,
         progress=progress,
+        no_load=no_load,
     )[0]
 
 
@@ -57,6 +73,8 @@ def run_batch(
     scenarios: Sequence[Scenario],
     *,
     controller: type[Controller] | None = None,
+    pilot: MakePilot = Scenario.pilot,
+    senses: MakeSenses | None = None,
     sensors: Sequence[Sensor] = (),
     metrics: Sequence[Metric] = (),
     threads: int = 0,
@@ -67,14 +85,16 @@ def run_batch(
 
     Args:
         scenarios: any number, none too.
-        controller, sensors, metrics: of a user's own, see docs/how-to/extending.md.
-        threads: native threads for the physics; 0 uses all cores. The results do not depend on it.
-        progress: see ``Progress``.
-        no_load: also measure the slip without load, by a short run for each robot, friction and
-            speed; without it ``no_load_slip_m_s`` is not a number.
+        controller, pilot, senses, sensors, metrics, threads, progress, no_load: see ``run``.
 
     Raises:
         TypeError: an argument is of another type.
+
+    Example:
+        >>> base = ot.override(ot.load_scenario("straight"), {"run.time_limit": 0.1})
+        >>> wet = ot.override(base, {"world.friction": 0.5})
+        >>> [result.success for result in ot.run_batch([base, wet], no_load=False)]
+        [False, False]
     """
     scenarios = check_all(Scenario, "scenarios", scenarios)
     sensors, metrics = check_all(Sensor, "sensors", sensors), check_all(Metric, "metrics", metrics)
@@ -91,7 +111,7 @@ def run_batch(
             else (lambda part, text, d=done, s=share: progress(d + s * part, text))
         )
         batch = [scenarios[i] for i in indices]
-        simulation = Simulation(batch, sensors=sensors, threads=threads)
+        simulation = Simulation(batch, pilot=pilot, senses=senses, sensors=sensors, threads=threads)
         simulation.advance(report)
         baseline = None if slips is None else [slips[i] for i in indices]
         results.update(zip(indices, simulation.results(baseline, metrics), strict=True))

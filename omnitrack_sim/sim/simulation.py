@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,11 +28,10 @@ from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.model import METRIC_NAMES, refuse_taken
 from omnitrack_sim.senses import SENSORS, Sensor
-from omnitrack_sim.sim.builder import scene_of, settings_of, start_of
+from omnitrack_sim.sim.builder import settings_of, start_of
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.monitor import Monitor, Verdict
 from omnitrack_sim.sim.plant import Plant, Start
-from omnitrack_sim.sim.recorder import Recorder
 from omnitrack_sim.sim.sensing import MakeSenses, Senses, Truth
 
 Progress = Callable[[float, str], None]
@@ -41,6 +41,9 @@ MakePlant = Callable[[Scenario, Start, int], Plant]
 threads."""
 MakePilot = Callable[[Scenario, int], Pilot]
 """Makes the pilot of a robot from its scenario and its index in the batch."""
+BLOCK = 1024
+"""Samples that are put together into one array as soon as there are so many of them: an array of
+its own for each sample takes seven times the memory."""
 REPORT_EVERY = 50
 """Control steps between two reports of progress."""
 
@@ -56,13 +59,14 @@ class Ending:
 class Simulation:
     """n robots of one model in closed loop.
 
-    ::
-
-        sim = ot.Simulation([scenario] * 64)
-        while sim.active.any():
-            command = ...  # made from sim.observation
-            sim.step(command)
-        results = sim.results()
+    Example:
+        >>> sim = ot.Simulation([ot.load_scenario("straight")] * 2)
+        >>> for _ in range(10):
+        ...     sim.step(sim.controller.step(sim.observation))  # or a command of your own
+        >>> sim.time
+        array([0.1, 0.1])
+        >>> sim.data(1).qpos.shape == (sim.model.nq,)
+        True
 
     Args:
         scenarios: at least one; they share pipes, robot and clock, see ``builder.batch_key``.
@@ -124,7 +128,7 @@ class Simulation:
         refuse_taken("sensors", [sensor.channel.name for sensor in sensors], CHANNELS)
         every = (*SENSORS, *sensors)
         self.plant = (
-            Plant(scene_of(first).compile(), first.robot, start, threads, every)
+            Plant(first.to_spec().compile(), first.robot, start, threads, every)
             if make_plant is None
             else make_plant(first, start, threads)
         )
@@ -254,6 +258,16 @@ class Simulation:
     def location(self) -> Location:
         """Where the robots truly are along their routes."""
         return self._location
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """MuJoCo's model of pipes and robot. What differs between the robots, such as friction and
+        gravity, each simulation of the batch has of its own."""
+        return self.plant.model
+
+    def data(self, robot: int) -> mujoco.MjData:
+        """Return a copy of MuJoCo's data of one robot, to look at or to render."""
+        return self.plant.data(robot)
 
     @property
     def phase(self) -> list[str]:
@@ -549,6 +563,63 @@ class Simulation:
         )
         map_metrics = scenario.map_metrics(self.legs.map(robot))
         return values | map_metrics | dict(self.senses.metrics(robot))
+
+
+class Recorder:
+    """Samples of n robots. Every sample is an array (n, ...) a channel; a robot's record ends where
+    its run ended.
+
+    Args:
+        phases: names that the codes of the channel ``phase`` index.
+        schema: the channels to keep, by name.
+
+    Attributes:
+        count: number of samples so far.
+    """
+
+    def __init__(self, phases: tuple[str, ...], schema: Mapping[str, Channel]):
+        self.phases, self.schema = phases, schema
+        self.count = 0
+        self._samples: dict[str, list[NDArray]] = {n: [] for n in ("time", "qpos", *schema)}
+        self._blocks: dict[str, list[NDArray]] = {name: [] for name in self._samples}
+
+    def sample(self, qpos: Array, values: Mapping[str, NDArray]) -> None:
+        """Add one sample.
+
+        Args:
+            qpos: (n, nq), copied.
+            values: ``time`` (n,) and every channel (n, ...), which must not be changed afterwards.
+        """
+        samples = self._samples
+        samples["qpos"].append(np.array(qpos))
+        for name in ("time", *self.schema):
+            samples[name].append(values[name])
+        self.count += 1
+        if len(samples["time"]) == BLOCK:
+            self._put_together()
+
+    def _put_together(self) -> None:
+        """Make one array a channel of the samples since the last time."""
+        for name, values in self._samples.items():
+            if values:
+                self._blocks[name].append(np.array(values))
+                values.clear()
+
+    def trajectories(self, end_time: Array) -> list[Trajectory]:
+        """One trajectory a robot, up to ``end_time`` (n,) s."""
+        self._put_together()
+        stacked = {name: np.concatenate(blocks) for name, blocks in self._blocks.items()}
+        time, qpos = stacked.pop("time"), stacked.pop("qpos")  # (T, n), (T, n, nq)
+        trajectories = []
+        for i, end in enumerate(end_time):
+            # A robot whose run has ended stands still in time: keep the samples up to the first
+            # one at the end.
+            count = int(np.searchsorted(time[:, i], end - 1e-9)) + 1
+            channels = {name: values[:count, i] for name, values in stacked.items()}
+            trajectories.append(
+                Trajectory(time[:count, i], channels, self.phases, qpos[:count, i], self.schema)
+            )
+        return trajectories
 
 
 def _torque_limits(scenarios: Sequence[Scenario]) -> Array:

@@ -26,7 +26,6 @@ from omnitrack_sim.robots.omnitrack.looks import (
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.viewpoint import DISTANCE, in_the_way, over_the_shoulder, upright
 from omnitrack_sim.show.viewer.figures import Lines
-from omnitrack_sim.sim.builder import scene_of
 
 if TYPE_CHECKING:
     from mujoco.viewer import Handle
@@ -89,7 +88,7 @@ class Window:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        spec = scene_of(scenario, looks=True)
+        spec = scenario.to_spec(looks=True)
         network = scenario.route.network
         add_pipe_insides(spec, network)
         spec.visual.global_.fovy = FIELD_OF_VIEW
