@@ -35,7 +35,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import omnitrack_sim as ot
-from omnitrack_sim.paper.plots.elbows import SERIES_COLOURS
+from omnitrack_sim.paper.plots.groups import SERIES_COLOURS
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.show.plots.style import MODULE_COLOURS, save_figure, styled
 

@@ -2,7 +2,7 @@
 
 python benchmarks/steering.py [--quick] [--workers N] [--trials N] [--figure FILE.svg]
 
-For speed loops from 1.7 to 50 rad/s and three rate gains the model of ``paper/steering.py`` tells
+For speed loops from 1.7 to 50 rad/s and three rate gains the model of ``steering_loop.py`` tells
 crossover and phase margin of the rate loop, and a batch of random tee turns (friction 0.5 to 0.8,
 preload 20 to 35 N, any gravity, no retry, the exact collider where it loads) tells how many pass
 and how much the motor torque changes, recorded every 10 ms. The trials are the same for all.
@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
+from steering_loop import SteeringLoop
 from tee_turns import random_tee_turns
 
 from omnitrack_sim import Scenario, load_scenario, override, run_batch
-from omnitrack_sim.paper.steering import SteeringLoop
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.show.plots.style import ALARM, GREY, MODULE_COLOURS, save_figure, styled
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from omnitrack_sim.paper.claim import Claim, Verdict
+from omnitrack_sim.paper.claim import Claim, ClaimVerdict
 
 
-def sample_claim(verdict: Verdict, expected: Verdict | None = None, **changes: Any) -> Claim:
+def sample_claim(
+    verdict: ClaimVerdict, expected: ClaimVerdict | None = None, **changes: Any
+) -> Claim:
     """A claim that is expected to come out as it does where nothing else is said."""
     expected = verdict if expected is None else expected
     fields = {"id": "a_b", "source": "Section V", "paper": "says", "statement": "true if"}
     fields |= {"measured": "1.0 mm", "uncertainty": "one run", "how": "scenario"}
-    why = "" if expected in (Verdict.HOLDS, Verdict.STUDY) else "it slips"
+    why = "" if expected in (ClaimVerdict.HOLDS, ClaimVerdict.STUDY) else "it slips"
     return Claim(**{**fields, "verdict": verdict, "expected": expected, "why": why, **changes})

@@ -12,7 +12,7 @@ from samples import sample_result, sample_trajectory
 
 import omnitrack_sim as ot
 from omnitrack_sim.paper import elbows
-from omnitrack_sim.paper.claim import Verdict
+from omnitrack_sim.paper.claim import ClaimVerdict
 from omnitrack_sim.paper.runs import ELBOW_DRIVES, _elbows
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
@@ -41,9 +41,9 @@ def claim(slip: dict[str, float], **changes: object):
 @pytest.mark.parametrize(
     ("slip", "outcome", "verdict"),
     [
-        (50.0, ot.Outcome.REACHED_GOAL, Verdict.HOLDS),
-        (150.0, ot.Outcome.REACHED_GOAL, Verdict.FAILS),
-        (50.0, ot.Outcome.STUCK, Verdict.FAILS),
+        (50.0, ot.Outcome.REACHED_GOAL, ClaimVerdict.HOLDS),
+        (150.0, ot.Outcome.REACHED_GOAL, ClaimVerdict.FAILS),
+        (50.0, ot.Outcome.STUCK, ClaimVerdict.FAILS),
     ],
     ids=["less slip", "more slip", "stuck"],
 )
@@ -53,7 +53,7 @@ def test_the_differential_has_to_pass_and_to_slip_less_than_equal_speeds(slip, o
     found = claim(others | {"differential": slip}, outcome=outcome)
     assert found.verdict is verdict
     assert f"differential {slip:.0f} and {slip:.0f} mm" in found.measured
-    assert found.changed == (verdict is Verdict.FAILS)
+    assert found.changed == (verdict is ClaimVerdict.FAILS)
 
 
 def test_its_runs_have_one_motor_and_the_orientations_of_the_others():

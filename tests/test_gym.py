@@ -19,8 +19,8 @@ from screens import needs_screen, screen
 
 import omnitrack_sim as ot
 from omnitrack_sim.gym import IDS, TERMS
+from omnitrack_sim.gym.episodes import EpisodeSampler, with_values
 from omnitrack_sim.gym.options import RANGES, options_of
-from omnitrack_sim.gym.trials import Trials, with_values
 
 BRIEF = {"changes": {"run.time_limit": 0.3}}
 
@@ -112,7 +112,7 @@ def test_trials_are_drawn_from_their_ranges():
     value instead of a range stays, and so does what is not drawn at all."""
     options = options_of({"ranges": {"robot.preload": 22.0, "start.theta5_deg": None}})
     rng = np.random.default_rng(1)
-    drawn = [Trials(options).draw(rng) for _ in range(40)]
+    drawn = [EpisodeSampler(options).draw(rng) for _ in range(40)]
     friction = np.array([s.world.friction for s in drawn])
     low, high = RANGES["world.friction"]
     assert friction.min() >= low

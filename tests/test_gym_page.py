@@ -8,7 +8,7 @@ from documents import page
 
 from omnitrack_sim.base.table import meanings_of
 from omnitrack_sim.gym import IDS, TERMS
-from omnitrack_sim.gym.options import RANGES, Options
+from omnitrack_sim.gym.options import RANGES, EnvOptions
 from omnitrack_sim.robots.omnitrack.policy import ACTIONS, FEATURE_SETS, entry_names
 
 PAGE = page("gym")
@@ -44,8 +44,8 @@ def test_the_page_has_every_term_option_and_range():
     assert _rows("Reward") == [
         [f"`{t.name}`", t.unit, f"{t.weight:g}", t.meaning] for t in TERMS.values()
     ]
-    meanings = meanings_of(Options)
-    assert [row[0] for row in _rows("Options")] == [f"`{key}`" for key in Options.model_fields]
+    meanings = meanings_of(EnvOptions)
+    assert [row[0] for row in _rows("Options")] == [f"`{key}`" for key in EnvOptions.model_fields]
     assert [row[2] for row in _rows("Options")] == list(meanings.values())
     assert _rows("Trials") == [
         [f"`{path}`", f"{low:g} to {high:g}"] for path, (low, high) in RANGES.items()

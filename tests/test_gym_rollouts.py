@@ -250,7 +250,7 @@ def test_what_has_diverged_ends_without_a_number_that_is_none(observation):
     """Observation, reward, terms and info are finite, and the outcome says what happened."""
     env = vector(3, observation=observation, **BRIEF)
     env.reset(seed=SEED)
-    env._fleet.lanes[0].simulation.plant._batch.bind("qvel")[1, 0] = 1e15
+    env._episodes.batches[0].simulation.plant._batch.bind("qvel")[1, 0] = 1e15
     seen, reward, terminated, _, info = env.step(drive_ahead(3, 1)[0])
     assert terminated.tolist() == [False, True, False]
     assert info["outcome"][1] == "diverged"

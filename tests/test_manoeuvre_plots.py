@@ -7,14 +7,17 @@ import numpy as np
 import pytest
 from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex, to_rgb, to_rgba
+from omnitrack_sim.record.outcome import Outcome
 from samples import sample_result, sample_trajectory
 
-from omnitrack_sim.paper.plots.contact_map import contact_map_figure
-from omnitrack_sim.paper.plots.curves import along_figure, angular_velocity_figure
-from omnitrack_sim.paper.plots.elbows import elbow_figure
-from omnitrack_sim.paper.plots.phases import PHASE_COLOURS, inner_module
-from omnitrack_sim.paper.plots.rates import rates_figure
-from omnitrack_sim.record.events import Outcome
+from omnitrack_sim.paper.plots.groups import elbow_figure, rates_figure
+from omnitrack_sim.paper.plots.run import (
+    PHASE_COLOURS,
+    along_figure,
+    angular_velocity_figure,
+    contact_map_figure,
+    inner_module,
+)
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import validate

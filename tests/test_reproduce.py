@@ -10,18 +10,19 @@ from samples import sample_result
 
 from omnitrack_sim import Outcome, override
 from omnitrack_sim.base.errors import OutputError
-from omnitrack_sim.paper import command, driving, readings, tees
+from omnitrack_sim.paper import claim as readings
+from omnitrack_sim.paper import driving, tees
 from omnitrack_sim.paper import formulas as theory
-from omnitrack_sim.paper.claim import Verdict
-from omnitrack_sim.paper.command import _at, _by_friction
+from omnitrack_sim.paper import reproduce as command
+from omnitrack_sim.paper.claim import ClaimVerdict
 from omnitrack_sim.paper.plots.singularity import plot_singularity
-from omnitrack_sim.paper.report import Picture, Strip, page
+from omnitrack_sim.paper.reproduce import FrameStrip, ReportFigure, _at, _by_friction, page
 from omnitrack_sim.paper.runs import GRAVITIES, least_preload, random_tee_turns, run_all, scenarios
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import PictureWarning
 
-CLAIM = sample_claim(Verdict.HOLDS, paper='says <b> & "c"')
+CLAIM = sample_claim(ClaimVerdict.HOLDS, paper='says <b> & "c"')
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +77,7 @@ def test_claims_of_driving_hold(runs):
     )
     for measure in (*measures, theory.unequal_arms, tees.compression):
         found = measure(runs)
-        assert found.verdict is Verdict.HOLDS, found
+        assert found.verdict is ClaimVerdict.HOLDS, found
         assert not found.changed, found
         assert found.how
 
@@ -93,7 +94,7 @@ def test_claims_can_fail(runs):
         (theory.unequal_arms, same),
     ):
         found = measure(given)
-        assert found.verdict is Verdict.FAILS
+        assert found.verdict is ClaimVerdict.FAILS
         assert found.changed
 
 
@@ -126,8 +127,8 @@ class _Links(html.parser.HTMLParser):
 
 def test_page_needs_no_network_and_escapes_text():
     """Pictures are inside, links lead within the page, the paper's words are not markup."""
-    picture = Picture("x", "A caption", b"<svg/>", "svg")
-    strip = Strip("A run", [np.zeros((4, 6, 3), np.uint8)] * 2, [0.0, 1.5])
+    picture = ReportFigure("x", "A caption", b"<svg/>", "svg")
+    strip = FrameStrip("A run", [np.zeros((4, 6, 3), np.uint8)] * 2, [0.0, 1.5])
     text = page([CLAIM], [picture], [strip], {"seed": 7}, ["A remark."])
     links = _Links()
     links.feed(text)

@@ -1,10 +1,16 @@
 """The linear model of steering against its limits, and against the simulated swing."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+from steering_loop import SteeringLoop
+
 import omnitrack_sim as ot
-from omnitrack_sim.paper.steering import SteeringLoop
 
 STEERING = {"rate_gain": 5.0, "rate_filter": 0.005, "period": 0.01, "heading_gain": 5.2}
 

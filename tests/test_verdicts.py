@@ -10,10 +10,10 @@ from typer.testing import CliRunner
 
 from omnitrack_sim.cli import app
 from omnitrack_sim.paper import formulas as theory
-from omnitrack_sim.paper.claim import Sample, Verdict, judged, tally
-from omnitrack_sim.paper.report import Picture, page
+from omnitrack_sim.paper.claim import ClaimVerdict, Sample, judged, tally
+from omnitrack_sim.paper.reproduce import ReportFigure, page
 
-HOLDS, CONTRADICTION, FAILS, STUDY = Verdict
+HOLDS, CONTRADICTION, FAILS, STUDY = ClaimVerdict
 
 
 def test_a_contradiction_takes_another_statement_that_comes_out():
@@ -98,7 +98,7 @@ def _printed(claims, monkeypatch, *options):
 @pytest.mark.parametrize("options", [(), ("--json",)], ids=["table", "json"])
 def test_the_exit_status_is_0_as_expected_and_1_where_a_verdict_changed(options, monkeypatch):
     """Whatever the verdicts are; which one changed stands on standard error."""
-    expected = [sample_claim(verdict) for verdict in Verdict]
+    expected = [sample_claim(verdict) for verdict in ClaimVerdict]
     status, _, told = _printed(expected, monkeypatch, *options)
     assert (status, told) == (0, "")
     few = sample_claim(HOLDS, FAILS, id="c_d", sample=Sample.EVERY, quick=True)
@@ -113,7 +113,7 @@ def test_the_exit_status_is_0_as_expected_and_1_where_a_verdict_changed(options,
 
 def test_the_report_shows_verdicts_reasons_and_counts(monkeypatch):
     """Of all four kinds."""
-    claims = [sample_claim(verdict, id=verdict.name.lower()) for verdict in Verdict]
+    claims = [sample_claim(verdict, id=verdict.name.lower()) for verdict in ClaimVerdict]
     long = sample_claim(HOLDS, id="a_claim_with_a_long_name", measured="1.0 mm " * 60)
     _, text, _ = _printed([*claims, long], monkeypatch)
     assert "a_claim_with_a_long_name" in text
@@ -147,7 +147,7 @@ def test_the_page_shows_verdicts_with_reasons_and_figures_with_their_claims():
         sample_claim(HOLDS, FAILS, id="turns"),
         sample_claim(STUDY, id="asks"),
     ]
-    pictures = [Picture(name, name, b"<svg/>", "svg") for name in ("elbow_90", "elbow_240")]
+    pictures = [ReportFigure(name, name, b"<svg/>", "svg") for name in ("elbow_90", "elbow_240")]
     text = page(claims, pictures, [], {}, [])
     chip = '<span class="chip fails">does not come out</span>'
     assert text.count(chip) == 3

@@ -82,7 +82,7 @@ def _below(path: Any, folder: str) -> bool:
 def _remember(folder: Path) -> None:
     """Have ``reproduce`` take its runs from a folder, which the first start writes."""
     from omnitrack_sim import load_result
-    from omnitrack_sim.paper import command
+    from omnitrack_sim.paper import reproduce as command
 
     simulate = command.run_all
 

@@ -237,7 +237,7 @@ def reproduce(
     ] = False,
 ) -> None:
     """Reproduce the paper: claims.json and report.html. Exit status 1 if a verdict has changed."""
-    from omnitrack_sim.paper.command import reproduce as reproduce_paper
+    from omnitrack_sim.paper.reproduce import reproduce as reproduce_paper
     from omnitrack_sim.show.plots import FORMATS
 
     if format not in FORMATS:

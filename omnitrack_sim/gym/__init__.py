@@ -1,19 +1,18 @@
 """Environments of Gymnasium for learned controllers (extra ``gym``).
 
 ``import omnitrack_sim.gym`` registers them; ``gymnasium.make("omnitrack_sim/TeeTurn-v0")`` makes
-one robot's, ``gymnasium.make_vec`` many robots' on one batch. docs/how-to/gym.md describes
-observations, actions, rewards and all options.
+that of one robot, ``gymnasium.make_vec`` that of many on one batch. docs/how-to/gym.md lists
+observations, actions, reward and options.
 """
 
 try:
     from gymnasium.envs.registration import register, registry
 except ImportError as error:
-    told = "omnitrack_sim.gym needs Gymnasium: pip install 'omnitrack_sim[gym]'"
-    raise ImportError(f"{told} ({error})") from error
+    text = "omnitrack_sim.gym needs Gymnasium: pip install 'omnitrack_sim[gym]'"
+    raise ImportError(f"{text} ({error})") from error
 
-from omnitrack_sim.gym.env import RobotEnv
-from omnitrack_sim.gym.terms import TERMS
-from omnitrack_sim.gym.vector import RobotVectorEnv
+from omnitrack_sim.gym.env import RobotEnv, RobotVectorEnv
+from omnitrack_sim.gym.reward import TERMS
 
 __all__ = ["IDS", "TERMS", "RobotEnv", "RobotVectorEnv"]
 
@@ -32,6 +31,6 @@ for _id, _scenario in _SCENARIOS.items():
         register(
             _id,
             entry_point="omnitrack_sim.gym.env:RobotEnv",
-            vector_entry_point="omnitrack_sim.gym.vector:RobotVectorEnv",
+            vector_entry_point="omnitrack_sim.gym.env:RobotVectorEnv",
             kwargs={"scenario": _scenario},
         )

@@ -1,28 +1,44 @@
-"""The environment of one robot."""
+"""The environments: one robot, and many robots on one batch of the engine."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
 
-from omnitrack_sim.gym.fleet import Fleet, Seen, actions_of, one_of, reset_options_of
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.gym.episodes import (
+    Episodes,
+    Observed,
+    Transition,
+    actions_of,
+    one_of,
+    reset_options_of,
+)
 from omnitrack_sim.gym.options import options_of
-from omnitrack_sim.gym.screen import Screen
+from omnitrack_sim.gym.screen import EpisodeScreen
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack.policy import ACTIONS
 from omnitrack_sim.scenario import Scenario
 
 FPS = 20
 """Decisions a second."""
+MOST = 65536
+"""Most robots of one environment."""
 
 
 class RobotEnv(gymnasium.Env):
     """One robot in pipes: see docs/how-to/gym.md.
 
     Args:
-        given: the options, see ``options.Options``.
+        given: the options, see ``EnvOptions``.
 
     Attributes:
         entries: where each feature stands in the vector of entries: slices by name.
@@ -38,23 +54,23 @@ class RobotEnv(gymnasium.Env):
 
     def __init__(self, **given: Any) -> None:
         options = options_of(given)
-        self._fleet = Fleet(options, 1)
-        self.action_space = self._fleet.action_space
-        self.observation_space = self._fleet.observation_space
-        self.entries = self._fleet.entries
+        self._episodes = Episodes(options, 1)
+        self.action_space = self._episodes.action_space
+        self.observation_space = self._episodes.observation_space
+        self.entries = self._episodes.entries
         self.render_mode = options.render_mode
-        self._screen = None if options.render_mode is None else Screen(options)
+        self._screen = None if options.render_mode is None else EpisodeScreen(options)
         self._over = True
 
     @property
     def scenario(self) -> Scenario:
-        """What the episode at hand runs: ``ot.run`` of it, under a controller that decides the
+        """Scenario of the current episode: ``ot.run`` of it, under a controller that decides the
         same, gives the same bytes."""
-        return self._fleet.scenario(0)
+        return self._episodes.scenario(0)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Seen, dict[str, Any]]:
+    ) -> tuple[Observed, dict[str, Any]]:
         """Begin an episode. ``options`` is of Gymnasium's signature; there are none.
 
         Raises:
@@ -62,13 +78,15 @@ class RobotEnv(gymnasium.Env):
         """
         reset_options_of(options, ())
         super().reset(seed=seed)
-        self._fleet.begin(np.zeros(1, np.intp), [self.np_random])
+        self._episodes.reset(np.zeros(1, np.intp), [self.np_random])
         self._over = False
         self._show()
-        told = {name: float(values[0]) for name, values in self._fleet.told().items()}
-        return one_of(self._fleet.observe(), 0), told
+        return one_of(self._episodes.observe(), 0), self._info()
 
-    def step(self, action: Any) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+    def _info(self) -> dict[str, Any]:
+        return {name: float(values[0]) for name, values in self._episodes.info().items()}
+
+    def step(self, action: Any) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
         """Carry out an action (4,) for one decision, 0.05 s.
 
         Raises:
@@ -76,24 +94,22 @@ class RobotEnv(gymnasium.Env):
         """
         if self._over:
             raise gymnasium.error.ResetNeeded("the episode is over; call reset")
-        done = self._fleet.advance(actions_of(action, (len(ACTIONS),))[None])
-        terminated, truncated = bool(done.terminated[0]), bool(done.truncated[0])
+        transition = self._episodes.advance(actions_of(action, (len(ACTIONS),))[None])
+        terminated, truncated = bool(transition.terminated[0]), bool(transition.truncated[0])
         self._over = terminated or truncated
-        info: dict[str, Any] = {
-            name: float(values[0]) for name, values in self._fleet.told().items()
-        }
-        info["terms"] = {name: float(values[0]) for name, values in done.terms.items()}
-        (outcome,) = self._fleet.outcomes()
+        info = self._info()
+        info["terms"] = {name: float(values[0]) for name, values in transition.terms.items()}
+        (outcome,) = self._episodes.outcomes()
         if outcome is not None:
             info["outcome"] = outcome.value
             info["is_success"] = outcome is Outcome.REACHED_GOAL
         self._show()
-        seen = one_of(self._fleet.observe(), 0)
-        return seen, float(done.reward[0]), terminated, truncated, info
+        observed = one_of(self._episodes.observe(), 0)
+        return observed, float(transition.reward[0]), terminated, truncated, info
 
     def _show(self) -> None:
         if self.render_mode == "human" and self._screen is not None:
-            self._screen.show(*self._fleet.place_of(0))
+            self._screen.show(*self._episodes.batch_of(0))
 
     def render(self) -> Any:
         """A picture (height, width, 3) in the mode ``rgb_array``."""
@@ -102,9 +118,195 @@ class RobotEnv(gymnasium.Env):
             return None
         if self.render_mode == "human":
             return self._show()
-        return self._screen.picture(*self._fleet.place_of(0))
+        return self._screen.picture(*self._episodes.batch_of(0))
 
     def close(self) -> None:
         """Close window and pictures."""
         if self._screen is not None:
             self._screen.close()
+
+
+class RobotVectorEnv(VectorEnv):
+    """Many robots in pipes, each in an episode of its own: see docs/how-to/gym.md.
+
+    Robot i with the seed s + i sees, bit for bit, what the single environment with that seed sees.
+
+    Args:
+        num_envs: number of robots.
+        autoreset_mode: when an episode that is over is followed by the next, see Gymnasium.
+        given: the options, see ``EnvOptions``.
+
+    Attributes:
+        entries: where each feature stands in a robot's vector of entries: slices by name.
+
+    Raises:
+        InputError: an option cannot be used; the fault names it and the choices.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012  as of VectorEnv
+        "render_modes": ["rgb_array"],
+        "render_fps": FPS,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        **given: Any,
+    ) -> None:
+        self._mode = _mode_of(autoreset_mode)
+        self.metadata = {**type(self).metadata, "autoreset_mode": self._mode}
+        if not isinstance(num_envs, int) or not 1 <= num_envs <= MOST:
+            raise InputError(Fault("num_envs", f"is {num_envs!r}; a number from 1 to {MOST}"))
+        options = options_of(given)
+        if options.render_mode == "human":
+            problem = "is 'human', which is for one robot alone"
+            raise InputError(Fault("render_mode", problem, ("rgb_array",)))
+        self.num_envs, self._episodes = num_envs, Episodes(options, num_envs)
+        self.single_action_space = self._episodes.action_space
+        self.single_observation_space = self._episodes.observation_space
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.entries = self._episodes.entries
+        self.render_mode = options.render_mode
+        self._screen = None if options.render_mode is None else EpisodeScreen(options)
+        self._rngs: list[np.random.Generator] = []
+        self._over = np.ones(num_envs, bool)
+
+    @property
+    def scenarios(self) -> list[Scenario]:
+        """Scenarios of the current episodes."""
+        return [self._episodes.scenario(robot) for robot in range(self.num_envs)]
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observed, dict[str, Any]]:
+        """Begin an episode of every robot, or of those of ``options["reset_mask"]`` (n,) bool.
+
+        ``seed``: robot i gets ``seed + i``; a list has one each.
+        """
+        mask = self._mask(options)
+        self._seed(seed, mask)
+        self._episodes.reset(np.flatnonzero(mask), self._rngs)
+        self._over = self._over & ~mask
+        return self._episodes.observe(), _masked(self._episodes.info(), mask)
+
+    def _mask(self, options: Mapping[str, Any] | None) -> NDArray[np.bool_]:
+        """The robots (n,) that a reset is of."""
+        mask = reset_options_of(options, ("reset_mask",)).get("reset_mask")
+        if mask is None:
+            return np.ones(self.num_envs, bool)
+        whole = isinstance(mask, np.ndarray) and mask.dtype == bool
+        if not whole or mask.shape != (self.num_envs,) or not mask.any():
+            problem = f"must be an array ({self.num_envs},) of bool, with one True at least"
+            raise InputError(Fault("options.reset_mask", problem))
+        return mask.copy()
+
+    def _seed(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_]) -> None:
+        """Seed the robots' random numbers; those without a seed go on with theirs."""
+        n = self.num_envs
+        if isinstance(seed, int | np.integer):
+            super().reset(seed=int(seed))
+            seeds: Sequence[int | None] = [int(seed) + robot for robot in range(n)]
+        else:
+            seeds = [None] * n if seed is None else list(seed)
+        if len(seeds) != n:
+            raise InputError(Fault("seed", f"is a list of {len(seeds)}; {n} robots need as many"))
+        if not self._rngs:
+            self._rngs = [seeding.np_random(given)[0] for given in seeds]
+            return
+        for robot in np.flatnonzero(mask).tolist():
+            if seeds[robot] is not None:
+                self._rngs[robot] = seeding.np_random(seeds[robot])[0]
+
+    def step(self, actions: Any) -> tuple[Observed, Array, NDArray, NDArray, dict[str, Any]]:
+        """Carry out actions (n, 4) for one decision, 0.05 s.
+
+        Raises:
+            ValueError: they have another shape, or hold what is not a number.
+        """
+        episodes, over = self._episodes, self._over
+        if not episodes.batches or (self._mode is AutoresetMode.DISABLED and over.any()):
+            raise gymnasium.error.ResetNeeded("an episode is over; call reset")
+        actions = actions_of(actions, (self.num_envs, len(ACTIONS)))
+        transition = episodes.advance(np.where(over[:, None], 0.0, actions))
+        ended = transition.terminated | transition.truncated
+        if self._mode is AutoresetMode.SAME_STEP and ended.any():
+            info = self._follow(transition, ended)
+        else:
+            info = _ended(episodes.outcomes(), ended) | _terms(transition, ~over)
+            if self._mode is AutoresetMode.NEXT_STEP and over.any():
+                episodes.reset(np.flatnonzero(over), self._rngs)
+        info |= _masked(episodes.info(), np.ones(self.num_envs, bool))
+        self._over = ended & (self._mode is not AutoresetMode.SAME_STEP)
+        return (
+            episodes.observe(),
+            transition.reward,
+            transition.terminated,
+            transition.truncated,
+            info,
+        )
+
+    def _follow(self, transition: Transition, ended: NDArray[np.bool_]) -> dict[str, Any]:
+        """Begin the episodes after those that have ended in this step, and return ``info`` with the
+        last observations of the latter."""
+        episodes, rows, last = self._episodes, np.flatnonzero(ended), self._episodes.observe()
+        observed = np.full(self.num_envs, None, object)
+        for robot in rows.tolist():
+            observed[robot] = one_of(last, robot)
+        final = _ended(episodes.outcomes(), ended) | _terms(transition, ended)
+        final |= _masked(episodes.info(), ended)
+        episodes.reset(rows, self._rngs)
+        info = _masked({"final_obs": observed, "final_info": final}, ended)
+        return info | _terms(transition, ~ended)
+
+    def render(self) -> tuple[NDArray, ...] | None:
+        """A picture (height, width, 3) of each robot in the mode ``rgb_array``."""
+        if self._screen is None:
+            return None
+        rows = [self._episodes.batch_of(robot) for robot in range(self.num_envs)]
+        return tuple(self._screen.picture(*row) for row in rows)
+
+    def close_extras(self, **_: Any) -> None:
+        """Free what pictures are painted with."""
+        if self._screen is not None:
+            self._screen.close()
+
+
+def _mode_of(given: AutoresetMode | str) -> AutoresetMode:
+    try:
+        return AutoresetMode(given)
+    except ValueError:
+        choices = tuple(mode.value for mode in AutoresetMode)
+        raise InputError(
+            Fault("autoreset_mode", f"is {given!r}", choices, given=str(given))
+        ) from None
+
+
+def _terms(transition: Transition, which: NDArray[np.bool_]) -> dict[str, Any]:
+    """Terms of the reward of the robots ``which`` (n,), as ``info`` has them."""
+    return _masked({"terms": _masked(transition.terms, which)}, which) if which.any() else {}
+
+
+def _ended(outcomes: Sequence[Outcome | None], ended: NDArray[np.bool_]) -> dict[str, Any]:
+    """Outcomes of the episodes that have ``ended`` (n,), as ``info`` has them."""
+    if not ended.any():
+        return {}
+    words = np.full(len(ended), None, object)
+    for robot in np.flatnonzero(ended).tolist():
+        outcome = outcomes[robot]
+        words[robot] = None if outcome is None else outcome.value
+    reached = np.array([outcome is Outcome.REACHED_GOAL for outcome in outcomes])
+    return _masked({"outcome": words, "is_success": reached & ended}, ended)
+
+
+def _masked(values: Mapping[str, Any], which: NDArray[np.bool_]) -> dict[str, Any]:
+    """Values (n,) as ``info`` has them: beside each, the mask of the robots that it is of."""
+    info: dict[str, Any] = {}
+    for name, value in values.items():
+        info |= {name: value, f"_{name}": which.copy()}
+    return info

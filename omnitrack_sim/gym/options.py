@@ -1,4 +1,4 @@
-"""What ``gymnasium.make`` may be asked for, checked as scenarios are."""
+"""Options of ``gymnasium.make``, checked as scenarios are."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.reading import checked, fault_of
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import shown
-from omnitrack_sim.gym.terms import TERMS
+from omnitrack_sim.gym.reward import TERMS
 from omnitrack_sim.robots.omnitrack.policy import (
     ACTINGS,
     FEATURE_SETS,
     FEATURES,
-    Acting,
     Feature,
     features_of,
 )
@@ -27,7 +26,7 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "start.theta5_deg": (-180.0, 180.0),
     "control.cruise_speed": (0.08, 0.12),
 }
-"""What each trial draws evenly, and between which values."""
+"""Values that each episode draws evenly, with their ranges, by dotted path."""
 _DRAWN = (
     *RANGES,
     "start.distance",
@@ -35,7 +34,7 @@ _DRAWN = (
     "robot.motor.torque_limit",
     "robot.roll_torque",
 )
-"""What a trial may draw: what robots of one batch need not share."""
+"""Values that an episode may draw: those that robots of one batch need not share."""
 Range = tuple[float, float]
 _SEVERAL = {
     "ranges": (2, "a range (least, largest), one number, or None for the scenario's own"),
@@ -44,7 +43,7 @@ _SEVERAL = {
 """Values of several types: at which level they stand, and what they may be."""
 
 
-class Options(Table):
+class EnvOptions(Table):
     """Options of an environment."""
 
     scenario: str = "tee_turn"
@@ -85,13 +84,8 @@ class Options(Table):
 
     @property
     def features(self) -> tuple[Feature, ...]:
-        """What is observed, in the order of the entries."""
+        """Observed features, in the order of the entries."""
         return features_of(self.observation, "observation")
-
-    @property
-    def acting_as(self) -> Acting:
-        """How actions become commands."""
-        return ACTINGS[self.acting]
 
     @property
     def senses(self) -> str:
@@ -115,13 +109,13 @@ class Options(Table):
         return {term.name: self.reward.get(term.name, term.weight) for term in TERMS.values()}
 
 
-def options_of(given: Mapping[str, Any]) -> Options:
+def options_of(given: Mapping[str, Any]) -> EnvOptions:
     """Options from the keyword arguments of an environment.
 
     Raises:
         InputError: lists every fault with its place and the choices.
     """
-    keys = tuple(Options.model_fields)
+    keys = tuple(EnvOptions.model_fields)
 
     def fault(item: Any) -> Fault:
         level, right = _SEVERAL.get(item["loc"][0], (0, ""))
@@ -129,7 +123,7 @@ def options_of(given: Mapping[str, Any]) -> Options:
             return _of_another_type(given, item["loc"][:level], right)
         return fault_of(item, "", (), lambda places: () if places else keys)
 
-    options: Options = checked(Options, given, "", fault, InputError)
+    options: EnvOptions = checked(EnvOptions, given, "", fault, InputError)
     faults = [*_unknown("ranges", options.ranges, _DRAWN)]
     faults += _unknown("reward", options.reward, tuple(TERMS))
     for path, value in options.ranges.items():
@@ -159,7 +153,7 @@ def _of_another_type(given: Mapping[str, Any], place: Sequence[str], right: str)
     return Fault(".".join(place), f"is {shown(value)}; it must be {right}")
 
 
-def _unseen(options: Options) -> Sequence[Fault]:
+def _unseen(options: EnvOptions) -> Sequence[Fault]:
     """Features that there are not, or not for these robots."""
     try:
         asked = {feature.name for feature in options.features}

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array, quaternion_from_matrix
-from omnitrack_sim.gym.lane import Lane
-from omnitrack_sim.gym.options import Options
+from omnitrack_sim.gym.episodes import EpisodeBatch
+from omnitrack_sim.gym.options import EnvOptions
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
@@ -28,21 +28,21 @@ SPACING = 0.01
 """Distance of the places along the route that cameras are set up for, m."""
 
 
-class Screen:
+class EpisodeScreen:
     """Shows robots as they are now. What is needed to paint the pipes of a lane is made once.
 
     Args:
         options: of the environment.
     """
 
-    def __init__(self, options: Options) -> None:
+    def __init__(self, options: EnvOptions) -> None:
         self._options = options
-        self._stages: dict[Lane, tuple[Route, LiveStage]] = {}
+        self._stages: dict[EpisodeBatch, tuple[Route, EpisodeStage]] = {}
         self._window: Window | None = None
         self._pipes: Route | None = None
         self._due = 0.0
 
-    def picture(self, lane: Lane, robot: int) -> NDArray[np.uint8]:
+    def picture(self, lane: EpisodeBatch, robot: int) -> NDArray[np.uint8]:
         """A robot of a lane (height, width, 3)."""
         scenario = lane.simulation.scenarios[robot]
         pipes, stage = self._stages.get(lane, (None, None))
@@ -50,11 +50,11 @@ class Screen:
             if stage is not None:
                 stage.__exit__()
             size = (self._options.width, self._options.height)
-            stage = LiveStage(_along_the_route(scenario), size, self._options.camera)
+            stage = EpisodeStage(_along_the_route(scenario), size, self._options.camera)
             self._stages[lane] = scenario.route, stage
         return stage.now(lane.simulation.plant.qpos[robot], lane.travel[robot])
 
-    def show(self, lane: Lane, robot: int) -> None:
+    def show(self, lane: EpisodeBatch, robot: int) -> None:
         """Show a robot in the window, not faster than it drives; not any more where the window has
         been closed."""
         from omnitrack_sim.show.viewer.window import Window, require_screen
@@ -92,7 +92,7 @@ class Screen:
         self._close_window()
 
 
-class LiveStage(Stage):
+class EpisodeStage(Stage):
     """A stage on which a robot stands as it is now."""
 
     _live: Array | None = None

@@ -8,6 +8,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Literal
 
+import numpy as np
+
+from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.results.result import Result
+
 FigureName = Literal[
     "fig9_sector",
     "contact_map_geometry",
@@ -26,8 +31,8 @@ FigureName = Literal[
 """Names of the figures of a reproduction."""
 
 
-class Verdict(StrEnum):
-    """What comes of a claim."""
+class ClaimVerdict(StrEnum):
+    """Result of the measurement of a claim."""
 
     HOLDS = "holds"
     CONTRADICTION = "the paper contradicts itself"
@@ -36,7 +41,7 @@ class Verdict(StrEnum):
     """The paper says nothing about it, so there is nothing to judge."""
 
 
-def judged(holds: bool, other_holds: bool = False) -> Verdict:
+def judged(holds: bool, other_holds: bool = False) -> ClaimVerdict:
     """The verdict of a measurement.
 
     Args:
@@ -45,8 +50,8 @@ def judged(holds: bool, other_holds: bool = False) -> Verdict:
             the same thing. The paper contradicts itself where only the other one comes out.
     """
     if holds:
-        return Verdict.HOLDS
-    return Verdict.CONTRADICTION if other_holds else Verdict.FAILS
+        return ClaimVerdict.HOLDS
+    return ClaimVerdict.CONTRADICTION if other_holds else ClaimVerdict.FAILS
 
 
 class Sample(StrEnum):
@@ -56,10 +61,10 @@ class Sample(StrEnum):
     EVERY = "it is about every run: one that fails in the quick form fails in the full form, too"
     AVERAGE = "it is about rates and averages, which fewer runs cannot decide"
 
-    def decides(self, verdict: Verdict) -> bool:
-        """Whether the full form must come to a verdict to which the quick form has come."""
+    def decides(self, verdict: ClaimVerdict) -> bool:
+        """True if the full form must come to the verdict of the quick form."""
         if self is Sample.EVERY:
-            return verdict is not Verdict.HOLDS
+            return verdict is not ClaimVerdict.HOLDS
         return self is Sample.SAME
 
 
@@ -101,8 +106,8 @@ class Claim:
     statement: str
     measured: str
     uncertainty: str
-    verdict: Verdict
-    expected: Verdict
+    verdict: ClaimVerdict
+    expected: ClaimVerdict
     how: str
     why: str = ""
     note: str = ""
@@ -111,19 +116,23 @@ class Claim:
     quick: bool = False
 
     def __post_init__(self) -> None:
-        if self.expected in (Verdict.CONTRADICTION, Verdict.FAILS) and not self.why:
+        if self.expected in (ClaimVerdict.CONTRADICTION, ClaimVerdict.FAILS) and not self.why:
             raise ValueError(f"{self.id} gives no reason why it is expected not to hold")
-        if (self.verdict is Verdict.STUDY) != (self.expected is Verdict.STUDY):
+        if (self.verdict is ClaimVerdict.STUDY) != (self.expected is ClaimVerdict.STUDY):
             raise ValueError(f"{self.id} is a study and is judged")
 
     @property
     def decided(self) -> bool:
-        """Whether there are enough runs for the verdict; there always are in the full form."""
-        return not self.quick or self.verdict is Verdict.STUDY or self.sample.decides(self.verdict)
+        """True if there are enough runs for the verdict; there always are in the full form."""
+        return (
+            not self.quick
+            or self.verdict is ClaimVerdict.STUDY
+            or self.sample.decides(self.verdict)
+        )
 
     @property
     def changed(self) -> bool:
-        """Whether the verdict is decided, and not the expected one."""
+        """True if the verdict is decided, and not the expected one."""
         return self.decided and self.verdict is not self.expected
 
     @property
@@ -133,7 +142,7 @@ class Claim:
 
     @property
     def difference(self) -> str:
-        """What was expected and what came out, as a sentence; empty where they are the same."""
+        """Sentence with the expected verdict and the actual one; empty if they are the same."""
         if self.verdict is self.expected:
             return ""
         text = f"{self.id}: expected {self.expected}, came out {self.verdict}"
@@ -142,7 +151,7 @@ class Claim:
     @property
     def reason(self) -> str:
         """Why the claim does not hold; empty where it does, and of a study."""
-        if self.verdict in (Verdict.HOLDS, Verdict.STUDY):
+        if self.verdict in (ClaimVerdict.HOLDS, ClaimVerdict.STUDY):
             return ""
         known = self.verdict is self.expected
         return self.why if known else f"Not known; expected was: {self.expected}."
@@ -152,7 +161,31 @@ class Claim:
         return {name: getattr(self, name) for name in _COLUMNS}
 
 
-def tally(claims: Sequence[Claim]) -> dict[Verdict, int]:
-    """How many claims have each verdict."""
+def tally(claims: Sequence[Claim]) -> dict[ClaimVerdict, int]:
+    """Count the claims of each verdict."""
     count = Counter(claim.verdict for claim in claims)
-    return {verdict: count[verdict] for verdict in Verdict}
+    return {verdict: count[verdict] for verdict in ClaimVerdict}
+
+
+def rate(results: Sequence[Result]) -> tuple[int, int, str]:
+    """Passed, total, and both as text with the Wilson 95 % interval."""
+    passed, total = sum(r.success for r in results), len(results)
+    low, high = wilson_interval(passed, total)
+    return (
+        passed,
+        total,
+        (
+            f"{passed} of {total} ({100 * passed / total:.1f} %, 95 % interval {100 * low:.1f} to "
+            f"{100 * high:.1f})"
+        ),
+    )
+
+
+def slip_of(result: Result) -> float:
+    """Slip distance, m, summed over the modules."""
+    return float(np.sum(np.asarray(result.metrics["slip_distance_m"])))
+
+
+def largest(result: Result, name: str) -> float:
+    """A metric of a run, or the largest of its modules' values, in the metric's unit."""
+    return float(np.max(result.metrics[name]))  # type: ignore[arg-type]

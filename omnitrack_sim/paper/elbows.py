@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnitrack_sim.paper.claim import Claim, Sample, Verdict, judged
-from omnitrack_sim.paper.readings import largest, rate, slip_of
+from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, judged, largest, rate, slip_of
 from omnitrack_sim.paper.runs import Runs
 
 STRAIGHT = 10.0
@@ -42,7 +41,7 @@ def eq20(runs: Runs) -> Claim:
         measured=text,
         uncertainty=f"{total} orientations, median slip of all modules",
         verdict=judged(straight["paper"] == total and slip["paper"] < slip["equal"]),
-        expected=Verdict.FAILS,
+        expected=ClaimVerdict.FAILS,
         how="elbow, controllers paper, equal and jacobian",
         why="The turn begins with the head at the bend, 73 mm or 17 degrees before the centre, so "
         "the heading runs ahead. Nothing corrects it, and beyond about 12 degrees a robot with a "
@@ -67,7 +66,7 @@ def straight_exit(runs: Runs) -> Claim:
         f"{max(largest(r, 'tilt_exit_deg') for r in written):.0f} degrees",
         uncertainty=f"{len(results)} elbows",
         verdict=judged(worst < 3 and all(r.success for r in results)),
-        expected=Verdict.HOLDS,
+        expected=ClaimVerdict.HOLDS,
         how="elbow and elbow_short, default controller; beside it controller paper",
         figures=("elbow_240", "elbow_90"),
         sample=Sample.EVERY,
@@ -86,7 +85,7 @@ def short_elbow(runs: Runs) -> Claim:
         measured=f"{text}; as written {written}",
         uncertainty="orientations over 120 degrees, gravity along the first pipe",
         verdict=judged(passed == total),
-        expected=Verdict.HOLDS,
+        expected=ClaimVerdict.HOLDS,
         how="elbow_short, default controller; beside it controller paper",
         figures=("elbow_90",),
         sample=Sample.EVERY,
@@ -110,7 +109,7 @@ def preferred(runs: Runs) -> Claim:
         f"against {tilts[1]:.1f} degrees",
         uncertainty="one run each",
         verdict=judged(slips[0] < slips[1] and tilts[0] < tilts[1]),
-        expected=Verdict.HOLDS,
+        expected=ClaimVerdict.HOLDS,
         how="elbow_short with controller paper, theta5 0 and 60 degrees",
         note="Open loop, 10 to 20 degrees beside the preferred orientation is worse than two "
         "modules on the shorter way (figure elbow_90).",
@@ -147,7 +146,7 @@ def differential(runs: Runs) -> Claim:
         measured=f"{text}; slip in the 240 and the 90 mm elbow: {figures}",
         uncertainty=f"{total // 2} orientations in each elbow, median slip of all modules",
         verdict=judged(passed == total and less),
-        expected=Verdict.HOLDS,
+        expected=ClaimVerdict.HOLDS,
         how="elbow and elbow_short with robot.drive = differential; beside it three motors",
         note="Other directions of gravity, slippery walls and tees: docs/studies/differential.md.",
         figures=("elbow_240", "elbow_90"),

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
-from omnitrack_sim.paper.claim import Claim, Sample, Verdict, judged
+from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, judged
 from omnitrack_sim.paper.runs import Runs
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack import Robot
@@ -48,7 +48,7 @@ def mean_speed(runs: Runs) -> Claim:
         f"{across:.0e} m/s",
         uncertainty="fit over the climb after 1 s",
         verdict=judged(abs(climbed / mean - 1) < 0.01 and across < 1e-12),
-        expected=Verdict.HOLDS,
+        expected=ClaimVerdict.HOLDS,
         how="vertical_climb; kinematics.mean_velocity",
     )
 
@@ -79,7 +79,7 @@ def unequal_arms(runs: Runs) -> Claim:
         f"upright; Eq. 8 leaves {1e3 * scrub:.2f} mm/s across the axis",
         uncertainty="mean over one roll of 165 degrees, one run each",
         verdict=judged(spreads["rolling_flat"] > spreads["rolling_upright"] + 2.0),
-        expected=Verdict.HOLDS,
+        expected=ClaimVerdict.HOLDS,
         how="paper/holonomic_alignment with gravity along and across the pipe",
     )
 
@@ -139,7 +139,7 @@ def jacobian(runs: Runs) -> Claim:
         f"{1e3 * centre:.1f}, D/2 {1e3 * wall:.1f} mm",
         uncertainty=f"least squares over {len(results)} elbows",
         verdict=judged(abs(less_slip - centre) < near, abs(less_slip - wall) < near),
-        expected=Verdict.CONTRADICTION,
+        expected=ClaimVerdict.CONTRADICTION,
         how="elbows of 240 and 90 mm, all orientations, default controller",
         why="Eq. 18 takes l, Eq. 20 takes D/2, and what comes out is nearer to D/2: tracks touch "
         "at the wall, and the arms give way a little.",
@@ -164,7 +164,7 @@ def region(runs: Runs) -> list[Claim]:
             _MARGIN,
             "degrees",
             other=rest,
-            expected=Verdict.CONTRADICTION,
+            expected=ClaimVerdict.CONTRADICTION,
             why=f"A sector of {_SECTOR} of 120 degrees leaves {rest:.2f} on either side.",
         ),
         printed("failure_rate", "Section VI", "80.45 % (96.54 / 120)", failure, 80.45, "%"),
@@ -181,7 +181,7 @@ def _printed(
     printed: float,
     unit: str,
     other: float = np.nan,
-    expected: Verdict = Verdict.HOLDS,
+    expected: ClaimVerdict = ClaimVerdict.HOLDS,
     why: str = "",
 ) -> Claim:
     """The claim that a value is what the paper prints. ``other`` is what the paper's other figures

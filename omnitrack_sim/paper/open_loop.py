@@ -74,7 +74,7 @@ class PaperController:
         self._learn()
 
     def _learn(self) -> None:
-        """What each passage of the routes asks for."""
+        """Look up phase, mark and tangents of each passage of the routes."""
         routes, passages = self.routes, self.routes.passages
         self.kind = np.array([_PHASES[m] for m in manoeuvres(routes)])  # (Q,)
         # (Q,) m, an opening's near edge or a bend's start

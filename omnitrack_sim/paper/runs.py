@@ -47,7 +47,7 @@ ELBOW_DRIVES: dict[str, dict[str, Any]] = {
     "equal": {"control.kind": "equal"},
     "differential": {"robot.drive": "differential"},
 }
-"""What drives the robot through the elbows: three motors by three controllers, or one motor."""
+"""Changes of a scenario by drive: three motors by three controllers, or one motor."""
 
 
 def scenarios(quick: bool) -> dict[str, list[Scenario]]:

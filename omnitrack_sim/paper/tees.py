@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnitrack_sim.paper.claim import Claim, Sample, Verdict, judged
-from omnitrack_sim.paper.plots.phases import inner_module
-from omnitrack_sim.paper.readings import largest, rate
+from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, judged, largest, rate
+from omnitrack_sim.paper.plots.run import inner_module
 from omnitrack_sim.paper.runs import GRAVITIES, Runs
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.results.result import Result
@@ -32,7 +31,7 @@ def compression(runs: Runs) -> Claim:
             spacing * np.sin(np.radians(turn)) > 1e-3
             and spacing * np.sin(np.radians(straight)) < 5e-4
         ),
-        expected=Verdict.HOLDS,
+        expected=ClaimVerdict.HOLDS,
         how="paper/tee_turn_misaligned, vertical_climb",
     )
 
@@ -56,7 +55,7 @@ def inner_slip(runs: Runs) -> Claim:
         measured=f"inner over outer: {ratios[0]:.2f} with feedback, {ratios[1]:.2f} as written",
         uncertainty="one run each",
         verdict=judged(min(ratios) > 1),
-        expected=Verdict.HOLDS,
+        expected=ClaimVerdict.HOLDS,
         how="paper/tee_turn_misaligned, paper/tee_turn_as_written",
         figures=("fig13_as_written", "forces_along_the_way"),
     )
@@ -77,7 +76,7 @@ def unaligned(runs: Runs) -> Claim:
         measured=f"feedback {text}; as written {written}",
         uncertainty="even steps over 120 degrees, one run each",
         verdict=judged(passed / total > 0.1955 and passed < total),
-        expected=Verdict.HOLDS,
+        expected=ClaimVerdict.HOLDS,
         how="tee_turn, align = false, controllers jacobian and paper",
         note=f"Interval {100 * low:.0f} to {100 * high:.0f} %. At the reach of 96.1 mm the "
         "definitions say: ellipse 19.55 %, strip 6 %, crotch 0, real geometry 21 %. Springs tilt "
@@ -104,7 +103,7 @@ def towards_worst(runs: Runs) -> Claim:
         f"{'passes' if passed[off == 60].any() else 'fails'}",
         uncertainty=f"{len(results)} orientations",
         verdict=judged(near > far and not passed[off == 60].any()),
-        expected=Verdict.HOLDS,
+        expected=ClaimVerdict.HOLDS,
         how="tee_turn, align = false",
         figures=("success_map",),
         sample=Sample.AVERAGE,
@@ -128,7 +127,7 @@ def falls_into_place(runs: Runs) -> Claim:
         measured=f"{text} of those in the region; {back} of the {passed} end on three modules",
         uncertainty="even steps of orientation",
         verdict=judged(0 < passed < total and back == passed),
-        expected=Verdict.HOLDS,
+        expected=ClaimVerdict.HOLDS,
         how="tee_turn, align = false, theta5 in the singular range",
         figures=("success_map",),
         sample=Sample.AVERAGE,
@@ -152,7 +151,7 @@ def aligned(runs: Runs) -> Claim:
         measured=text,
         uncertainty="Wilson interval",
         verdict=judged(passed == total),
-        expected=Verdict.HOLDS,
+        expected=ClaimVerdict.HOLDS,
         how="tee_turn with alignment; seed 7",
         figures=("success_rates", "success_by_friction"),
         sample=Sample.EVERY,
@@ -174,8 +173,8 @@ def slippery(runs: Runs) -> Claim:
         measured=f"{text}; {down} of {len(failed)} failures drive downward, highest friction of "
         f"a failure {lowest:.2f}",
         uncertainty="Wilson interval",
-        verdict=Verdict.STUDY,
-        expected=Verdict.STUDY,
+        verdict=ClaimVerdict.STUDY,
+        expected=ClaimVerdict.STUDY,
         how="tee_turn with alignment; seed 7",
         note="The inner module is the pivot of the turn: it brakes with up to 43 N at a normal "
         "force of 52 N, which asks for a friction of 0.83 at that moment. Below it, it slips, and "
@@ -187,7 +186,7 @@ def slippery(runs: Runs) -> Claim:
 
 
 def few_lugs(runs: Runs) -> Claim:
-    """What the number of lugs does."""
+    """Tee turns with few lugs a track."""
     texts = [rate(runs[name])[2] for name in ("few_lugs", "few_lugs_slippery")]
     return Claim(
         id="tee_few_lugs",
@@ -196,8 +195,8 @@ def few_lugs(runs: Runs) -> Claim:
         statement="how many of the same trials pass with 5 lugs a track in place of a chain",
         measured=f"{texts[0]}; friction 0.6 to 0.8: {texts[1]}",
         uncertainty="Wilson interval",
-        verdict=Verdict.STUDY,
-        expected=Verdict.STUDY,
+        verdict=ClaimVerdict.STUDY,
+        expected=ClaimVerdict.STUDY,
         how="tee_turn, walls of primitives, robot.lugs_per_track = 5; seed 7",
         note="Few lugs hook on the rim of the tee, which helps on a slippery wall; a fine chain "
         "glides.",
@@ -217,7 +216,7 @@ def climb_then_turn(runs: Runs) -> Claim:
         f"tilt {largest(result, 'tilt_exit_deg'):.2f} degrees",
         uncertainty="one run",
         verdict=judged(result.success and largest(result, "tilt_exit_deg") < 3),
-        expected=Verdict.HOLDS,
+        expected=ClaimVerdict.HOLDS,
         how="paper/orient_climb_turn",
     )
 
@@ -242,7 +241,7 @@ def straight_over(runs: Runs) -> Claim:
         verdict=judged(
             a < 1 and u > 5 * a and all(r.success for r in runs["straight_over_aligned"])
         ),
-        expected=Verdict.HOLDS,
+        expected=ClaimVerdict.HOLDS,
         how="paper/straight_over_tee_aligned and _unaligned, six gravities",
     )
 
@@ -273,7 +272,7 @@ def as_written(runs: Runs) -> Claim:
         f"outer {outer[0]:+.2f} and {outer[1]:+.2f} rad/s (mean, as seen at the wall)",
         uncertainty="one run",
         verdict=judged(result.success and shaft[inner] < 0 < outer.min()),
-        expected=Verdict.FAILS,
+        expected=ClaimVerdict.FAILS,
         how="paper/tee_turn_as_written",
         why="The shafts turn as the paper says. But nothing corrects the heading: the robot comes "
         "out of the turn tilted by more than 12 degrees, does not right itself, and turns over in "

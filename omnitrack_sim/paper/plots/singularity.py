@@ -47,7 +47,7 @@ def plot_singularity(
     *,
     format: str | None = None,
 ) -> Figure:
-    """A figure of a robot at a tee.
+    """Draw the motion singularity region of a robot at a tee.
 
     Args:
         case: the robot and the tee.
@@ -58,6 +58,12 @@ def plot_singularity(
     Raises:
         InputError: no such figure or format.
         OutputError: the file cannot be written.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> figure = ot.plot_singularity(ot.TurnCase(reach=0.1), figure="sector")
+        >>> figure.get_size_inches().tolist()
+        [4.6, 4.4]
     """
     from omnitrack_sim.show.plots.picture import page
 

@@ -181,7 +181,7 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, lin
 
 
 def contact_of_lugs(robot: Robot) -> dict[str, Any]:
-    """What every geom that touches the wall has in common: masks, friction, stiffness in time."""
+    """Fields of every geom that touches the wall: masks, friction, stiffness in time."""
     return {
         "contype": LUG_CONTYPE,
         "conaffinity": LUG_CONAFFINITY,

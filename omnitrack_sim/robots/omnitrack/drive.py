@@ -1,4 +1,4 @@
-"""A drive as a value: how many motors there are, and the gears between them and the belts."""
+"""Drives: the crawler motors, the gears between them and the three belts, and their speed loops."""
 
 from __future__ import annotations
 
@@ -37,6 +37,15 @@ class Drive:
 
     Raises:
         ValueError: ``gears`` is not (m, 3), a motor drives nothing, or two drive the same.
+
+    Example:
+        >>> import numpy as np
+        >>> import omnitrack_sim as ot
+        >>> drive = ot.Drive("front_and_rear", ((1, 0, 0), (0, 0.5, 0.5)))
+        >>> drive.motors, drive.steers
+        (2, False)
+        >>> drive.motor_values(np.array([[0.1, 0.08, 0.12]]))  # m/s
+        array([[0.1, 0.1]])
     """
 
     name: str
@@ -64,17 +73,17 @@ class Drive:
 
     @property
     def steers(self) -> bool:
-        """Whether the belts can be given three speeds of their own."""
+        """True if the belts can be given three independent speeds."""
         return self.motors == MODULES
 
     @cached_property
     def direct(self) -> bool:
-        """Whether motor i drives belt i and nothing else."""
+        """True if motor i drives belt i and nothing else."""
         return np.array_equal(self.matrix, np.eye(MODULES))
 
     @property
     def strength(self) -> Array:
-        """What the motors can give each belt at most (3,), as multiples of the torque limit of one
+        """Largest torque (3,) at each belt, as multiples of the torque limit of one
         ``robot.motor``."""
         return self.size * np.abs(self.matrix).sum(axis=0)
 
@@ -86,8 +95,7 @@ class Drive:
 
     @cached_property
     def relative(self) -> Array:
-        """What the belts can do while all motors stand still (3, 3): a projection of their
-        speeds."""
+        """Projection (3, 3) of the belts' speeds onto those with all motors at rest."""
         free = np.eye(MODULES) - np.linalg.pinv(self.matrix) @ self.matrix
         return np.where(np.abs(free) > _NOTHING, free, 0.0)
 
@@ -119,8 +127,8 @@ def _product(values: Array, matrix: Array) -> Array:
 
 
 class SpeedLoop:
-    """The electrical side of n robots' crawler motors: what the speed servos are asked and how much
-    force they may give.
+    """The electrical side of n robots' crawler motors: set points and force limits of the speed
+    servos.
 
     The belts, with the reflected rotor inertia and the proportional part of the loop, are part of
     the physics. Here are the integral part with its droop, the torque-speed line and the limit.
@@ -185,7 +193,7 @@ class SpeedLoop:
         return wanted + self._correction, lowest * force, highest * force
 
     def _of_modules(self, motors: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Whether a motor of each module (n, 3) is among those of ``motors`` (n, m)."""
+        """Modules (n, 3) that one of the ``motors`` (n, m) drives."""
         return np.any(motors[:, :, None] & self._driven, axis=1)
 
     def _torque_range(self, speed: Array) -> tuple[Array, Array]:
@@ -227,7 +235,13 @@ DRIVES: ByName[Drive] = ByName(
     differential=Drive("differential", ((1 / 3, 1 / 3, 1 / 3),), size=3.0),
 )
 """Shipped drives by the name that a scenario's ``robot.drive`` gives. Others are named by
-``module:Object``."""
+``module:Object``.
+
+Example:
+    >>> import omnitrack_sim as ot
+    >>> ot.DRIVES["differential"].gears
+    ((0.3333333333333333, 0.3333333333333333, 0.3333333333333333),)
+"""
 
 
 def drive_of(name: str) -> Drive:

@@ -1,5 +1,4 @@
-"""What the robot and the pipes look like: visual geoms, cameras and lights. They change neither
-mass nor contact."""
+"""Looks of the robot and the pipes: visual geoms, cameras and lights, without mass or contact."""
 
 from __future__ import annotations
 

@@ -6,96 +6,90 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import BeforeValidator, ValidationError
 from pydantic_core import InitErrorDetails, PydanticKnownError
 
 from omnitrack_sim.base.naming import ByName
-from omnitrack_sim.robots.omnitrack.quantity import SCALES, Figures, Quantity, quantity_of, similar
+from omnitrack_sim.robots.omnitrack.quantity import (
+    SCALES,
+    QuantityModel,
+    quantity,
+    quantity_of,
+    similar,
+)
 
 
-class Motor(Figures):
+class Motor(QuantityModel):
     """A gearmotor with its speed servo. Speeds and torques are those of the output shaft.
 
     SI units, radians. Frozen: change by ``motor.model_copy(update=...)`` or a scenario override.
     Speed, torque and inertia are figures of their own: another ``gear_ratio`` alone changes the
     reflected inertia and nothing else. Ranges are those of motors for robots of every scale.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> motor = ot.MOTORS["pololu_1000_hpcb"]
+        >>> motor.no_load_speed  # rad/s
+        3.62
+        >>> strong = motor.model_copy(update={"torque_limit": 0.4})
+        >>> ot.Robot(motor=strong).motor.torque_limit
+        0.4
     """
 
     OTHER_KEYS: ClassVar = ("like",)
     """Keys of its table in files beside its own: the motor whose figures it takes over."""
 
-    name: Annotated[
-        str, Field(min_length=1), Quantity("", "assumed", "what messages call the motor")
-    ] = "custom"
-    source: Annotated[str, Quantity("", "assumed", "where the motor's figures come from")] = ""
-    gear_ratio: Annotated[
-        float,
-        Quantity(
-            "1", "published", "turns of the rotor in one turn of the output shaft", (0.1, 1e5)
-        ),
-    ]
-    rotor_inertia: Annotated[
-        float,
-        Quantity(
-            "kg m²", "assumed", "about the rotor's own axis, before the gears", (1e-16, 100.0)
-        ),
-    ]
-    no_load_speed: Annotated[
-        float,
-        Quantity("rad/s", "assumed", "where the torque-speed line meets zero torque", (1e-3, 1e5)),
-    ]
-    stall_torque: Annotated[
-        float,
-        Quantity("N m", "assumed", "where the torque-speed line meets zero speed", (1e-7, 1e7)),
-    ]
-    torque_limit: Annotated[
-        float,
-        Quantity(
-            "N m", "assumed", "what the motor or its current limit gives at most", (1e-7, 1e7)
-        ),
-    ]
-    efficiency: Annotated[
-        float,
-        Quantity(
-            "1",
-            "assumed",
-            "part of its power that the gears pass on, from rotor to shaft and from shaft to rotor",
-            (0.05, 1.0),
-        ),
-    ] = 1.0
-    speed_bandwidth: Annotated[
-        float,
-        Quantity(
-            "rad/s",
-            "derived",
-            "of the speed loop's proportional part, without load: its gain over the reflected "
-            "inertia; see docs/explanation/control.md",
-            (0.01, 1e5),
-        ),
-    ] = 18.0
-    speed_integral_time: Annotated[
-        float, Quantity("s", "derived", "integral time of the speed loop", (1e-4, 1e6))
-    ] = 0.1
-    speed_droop: Annotated[
-        float,
-        Quantity(
-            "rad/N m s",
-            "derived",
-            "speed by which a motor gives way for each unit of torque beyond the mean of the "
-            "robot's motors; see docs/explanation/control.md",
-            (0.0, 1e6),
-        ),
-    ] = 1.0
-    scale: Annotated[
-        float | None,
-        Quantity(
-            "",
-            "assumed",
-            "robot.scale that the figures are for, which then scale with the robot; none: a "
-            "product, which has its figures in a robot of any size",
-            SCALES,
-        ),
-    ] = None
+    name: str = quantity("custom", "", "assumed", "what messages call the motor", min_length=1)
+    source: str = quantity("", "", "assumed", "where the motor's figures come from")
+    gear_ratio: float = quantity(
+        ..., "1", "published", "turns of the rotor in one turn of the output shaft", (0.1, 1e5)
+    )
+    rotor_inertia: float = quantity(
+        ..., "kg m²", "assumed", "about the rotor's own axis, before the gears", (1e-16, 100.0)
+    )
+    no_load_speed: float = quantity(
+        ..., "rad/s", "assumed", "where the torque-speed line meets zero torque", (1e-3, 1e5)
+    )
+    stall_torque: float = quantity(
+        ..., "N m", "assumed", "where the torque-speed line meets zero speed", (1e-7, 1e7)
+    )
+    torque_limit: float = quantity(
+        ..., "N m", "assumed", "what the motor or its current limit gives at most", (1e-7, 1e7)
+    )
+    efficiency: float = quantity(
+        1.0,
+        "1",
+        "assumed",
+        "part of its power that the gears pass on, from rotor to shaft and from shaft to rotor",
+        (0.05, 1.0),
+    )
+    speed_bandwidth: float = quantity(
+        18.0,
+        "rad/s",
+        "derived",
+        "of the speed loop's proportional part, without load: its gain over the reflected "
+        "inertia; see docs/explanation/control.md",
+        (0.01, 1e5),
+    )
+    speed_integral_time: float = quantity(
+        0.1, "s", "derived", "integral time of the speed loop", (1e-4, 1e6)
+    )
+    speed_droop: float = quantity(
+        1.0,
+        "rad/N m s",
+        "derived",
+        "speed by which a motor gives way for each unit of torque beyond the mean of the "
+        "robot's motors; see docs/explanation/control.md",
+        (0.0, 1e6),
+    )
+    scale: float | None = quantity(
+        None,
+        "",
+        "assumed",
+        "robot.scale that the figures are for, which then scale with the robot; none: a "
+        "product, which has its figures in a robot of any size",
+        SCALES,
+    )
 
     @property
     def reflected_inertia(self) -> float:
@@ -156,12 +150,18 @@ MOTORS: Mapping[str, Motor] = MappingProxyType(
         )
     )
 )
-"""The motors that come with the package, by name."""
+"""Shipped motors by name.
+
+Example:
+    >>> import omnitrack_sim as ot
+    >>> list(ot.MOTORS)
+    ['simulation', 'pololu_1000_hpcb']
+"""
 
 
 def _motor_of(given: Any) -> Any:
-    """What a file says of a motor, as a motor or its table: a shipped motor's name, or a table that
-    may start from one with ``like``.
+    """Return the motor, or its table, for an entry of a file: a shipped motor's name, or a table
+    that may start from one with ``like``.
 
     Raises:
         ValidationError, PydanticKnownError: no shipped motor has that name.

@@ -1,16 +1,15 @@
-"""The robot's parameters, each with its unit and where it comes from."""
+"""Parameters of the robot, each with its unit and its source."""
 
 from __future__ import annotations
 
 import functools
 import math
 from collections.abc import Iterator
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import (
-    Field,
     ModelWrapValidatorHandler,
     ValidationError,
     model_validator,
@@ -22,10 +21,10 @@ from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor, NamedMotor
 from omnitrack_sim.robots.omnitrack.quantity import (
     ROUNDING,
     SCALES,
-    Figures,
     Parameter,
-    Quantity,
+    QuantityModel,
     parameter_rows,
+    quantity,
     quantity_of,
     similar,
 )
@@ -45,227 +44,206 @@ LONGEST_PRESS = 1.0
 force that hardly changes with the bore asks for long springs, but hardly for longer ones."""
 
 
-class Robot(Figures):
+class Robot(QuantityModel):
     """Omnidirectional Tractable Three Module Robot, lumped as in the paper's simulation.
 
     SI units, radians. Frozen: change by ``robot.model_copy(update=...)`` or a scenario override,
     and the size by ``robot.scaled(factor)``.
 
     ``scale`` asks for the same robot in another size. Reading a robot scales every value by the
-    law of dynamic similarity (``similarity.py``), from the scale that the values are stated for,
+    law of dynamic similarity (``froude_exponent``), from the scale that the values are stated for,
     ``values_at_scale``, to ``scale``. A robot that has been read has the values of its own size
     and says so, ``values_at_scale == scale``, so that reading what it dumped changes nothing.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> robot = ot.Robot(preload=30.0)
+        >>> robot.nominal_bore, robot.mass
+        (0.16, 1.0)
+        >>> robot.scaled(2.0).nominal_bore
+        0.32
+        >>> robot.parameters()[2].name
+        'lug_radius'
     """
 
-    scale: Annotated[
-        float,
-        Quantity("1", "assumed", "size of the robot; 1 is the one for 160 mm pipes", SCALES),
-    ] = 1.0
-    values_at_scale: Annotated[
-        float,
-        Quantity(
-            "1",
-            "assumed",
-            "size that the given values are for; they are scaled from it to `scale`, once",
-            SCALES,
-        ),
-    ] = 1.0
-    lug_radius: Annotated[
-        float,
-        Quantity(
-            "m",
-            "derived",
-            "r = V / theta_dot: 100 mm/s at the motor's no-load 3.62 rad/s",
-            (0.004, 0.08),
-        ),
-    ] = 0.0276
-    reach: Annotated[
-        float,
-        Quantity(
-            "m",
-            "inferred",
-            "axis to lug surface, springs extended; what the 96.54 degree sector needs",
-            (0.03, 0.4),
-        ),
-    ] = 0.0961
-    nominal_pipe_radius: Annotated[
-        float,
-        Quantity(
-            "m",
-            "published",
-            "Section II.A: 160 mm pipe; the slide coordinate is zero here",
-            (0.02, 0.3),
-        ),
-    ] = 0.080
-    slide_travel_inward: Annotated[
-        float,
-        Quantity("m", "assumed", "arm travel from the nominal pipe towards the axis", (1e-4, 0.25)),
-    ] = 0.018
-    contact_length: Annotated[
-        float,
-        Quantity(
-            "m",
-            "assumed",
-            "length of the contact line of a track; see docs/studies/design-study.md",
-            (0.01, 1.0),
-        ),
-    ] = 0.090
-    lugs_per_track: Annotated[
-        int,
-        Quantity(
-            "1",
-            "numerical",
-            "fine limit of the contact line; see docs/studies/design-study.md",
-            (2, 200),
-        ),
-    ] = 15
-    track_offset: Annotated[
-        float,
-        Quantity(
-            "m",
-            "numerical",
-            "lug centres of the two tracks lie this far above and below the module axis",
-            (1e-5, 0.02),
-        ),
-    ] = 0.001
-    spring_stiffness: Annotated[
-        float, Quantity("N/m", "published", "Section VI: 0.5 N/mm, each spring", (1.0, 1e5))
-    ] = 500.0
-    springs_per_module: Annotated[
-        int,
-        Field(multiple_of=2),
-        Quantity("1", "derived", "Section II.A: four shafts a module, a spring on each", (2, 20)),
-    ] = 4
-    preload: Annotated[
-        float,
-        Quantity("N", "assumed", "force of a module's springs in the nominal pipe", (0.0, 2000.0)),
-    ] = 25.0
-    shaft_spacing: Annotated[
-        float,
-        Quantity(
-            "m", "assumed", "front to rear shafts; sets the pitch stiffness of an arm", (0.01, 1.0)
-        ),
-    ] = 0.140
-    pitch_limit: Annotated[
-        float,
-        Quantity("rad", "assumed", "slot clearance on the shafts (Section II.A)", (1e-3, 0.5)),
-    ] = math.radians(4.0)
-    slide_damping: Annotated[
-        float, Quantity("N s/m", "assumed", "sliding friction of an arm on its shafts", (0.0, 1e4))
-    ] = 20.0
-    pitch_damping: Annotated[
-        float,
-        Quantity("N m s/rad", "assumed", "as slide_damping, about the pitch axis", (0.0, 100.0)),
-    ] = 0.05
-    chassis_mass: Annotated[
-        float, Quantity("kg", "assumed", "ABS chassis and steel shafts", (0.01, 50.0))
-    ] = 0.28
-    chassis_length: Annotated[
-        float, Quantity("m", "assumed", "centre chassis along the robot axis", (0.01, 1.0))
-    ] = 0.150
-    chassis_radius: Annotated[
-        float, Quantity("m", "assumed", "of the cylinder with the chassis's inertia", (0.002, 0.2))
-    ] = 0.025
-    arm_mass: Annotated[
-        float, Quantity("kg", "assumed", "one arm pair, without its module", (1e-3, 10.0))
-    ] = 0.04
-    arm_radius: Annotated[
-        float,
-        Quantity("m", "assumed", "of the cylinder with the inertia of an arm pair", (1e-3, 0.1)),
-    ] = 0.01
-    module_mass: Annotated[
-        float, Quantity("kg", "assumed", "one module: two gearmotors, chains, lugs", (0.01, 20.0))
-    ] = 0.20
-    track_mass: Annotated[
-        float,
-        Quantity(
-            "kg",
-            "numerical",
-            "one run of lugs; small, for module_mass counts the chain already",
-            (1e-5, 1.0),
-        ),
-    ] = 1e-3
-    contact_time: Annotated[
-        float,
-        Quantity(
-            "s",
-            "numerical",
-            "time constant of a lug's contact; at 4 ms lugs bounce on a tee's rim, see "
-            "docs/studies/design-study.md",
-            (5e-4, 0.2),
-        ),
-    ] = 0.01
-    contact_depth: Annotated[
-        float,
-        Quantity(
-            "m",
-            "numerical",
-            "depth over which a lug's contact comes to its full stiffness",
-            (1e-6, 0.01),
-        ),
-    ] = 0.0005
-    motor: Annotated[
-        NamedMotor,
-        Quantity("", "assumed", "crawler motor: a shipped motor's name, or a table of its own"),
-    ] = MOTORS["simulation"]
-    drive: Annotated[
-        str,
-        Quantity(
-            "",
-            "published",
-            "Section II.B: a motor a module; or another drive, see docs/studies/differential.md",
-        ),
-    ] = "three_motors"
-    gear_friction: Annotated[
-        float,
-        Quantity(
-            "1",
-            "assumed",
-            "friction between the outputs of one motor, as a part of the force that each passes on",
-            (0.0, 1.0),
-        ),
-    ] = 0.0
-    brake_force: Annotated[
-        float,
-        Quantity(
-            "N", "assumed", "largest force of a brake on a module's belt; 0: no brakes", (0.0, 1e4)
-        ),
-    ] = 0.0
-    roll_motor: Annotated[
-        NamedMotor | None,
-        Quantity(
-            "",
-            "assumed",
-            "rotary motor, of which the reflected inertia counts; none: same as the crawler's",
-        ),
-    ] = None
-    roll_stiffness: Annotated[
-        float,
-        Quantity(
-            "N m/rad",
-            "assumed",
-            "position gain of the rotary motor's servo, damped critically for its own inertia",
-            (0.01, 1e5),
-        ),
-    ] = 20.0
-    roll_rate: Annotated[
-        float,
-        Quantity(
-            "rad/s",
-            "assumed",
-            "largest speed of the rotary motor (same gearmotor: 3.62 no-load)",
-            (0.01, 100.0),
-        ),
-    ] = 1.5
-    roll_torque: Annotated[
-        float,
-        Quantity(
-            "N m",
-            "assumed",
-            "limit on a rotary motor (same gearmotor as the crawler's)",
-            (1e-3, 1e4),
-        ),
-    ] = 1.2
+    scale: float = quantity(
+        1.0, "1", "assumed", "size of the robot; 1 is the one for 160 mm pipes", SCALES
+    )
+    values_at_scale: float = quantity(
+        1.0,
+        "1",
+        "assumed",
+        "size that the given values are for; they are scaled from it to `scale`, once",
+        SCALES,
+    )
+    lug_radius: float = quantity(
+        0.0276,
+        "m",
+        "derived",
+        "r = V / theta_dot: 100 mm/s at the motor's no-load 3.62 rad/s",
+        (0.004, 0.08),
+    )
+    reach: float = quantity(
+        0.0961,
+        "m",
+        "inferred",
+        "axis to lug surface, springs extended; what the 96.54 degree sector needs",
+        (0.03, 0.4),
+    )
+    nominal_pipe_radius: float = quantity(
+        0.080,
+        "m",
+        "published",
+        "Section II.A: 160 mm pipe; the slide coordinate is zero here",
+        (0.02, 0.3),
+    )
+    slide_travel_inward: float = quantity(
+        0.018, "m", "assumed", "arm travel from the nominal pipe towards the axis", (1e-4, 0.25)
+    )
+    contact_length: float = quantity(
+        0.090,
+        "m",
+        "assumed",
+        "length of the contact line of a track; see docs/studies/design-study.md",
+        (0.01, 1.0),
+    )
+    lugs_per_track: int = quantity(
+        15,
+        "1",
+        "numerical",
+        "fine limit of the contact line; see docs/studies/design-study.md",
+        (2, 200),
+    )
+    track_offset: float = quantity(
+        0.001,
+        "m",
+        "numerical",
+        "lug centres of the two tracks lie this far above and below the module axis",
+        (1e-5, 0.02),
+    )
+    spring_stiffness: float = quantity(
+        500.0, "N/m", "published", "Section VI: 0.5 N/mm, each spring", (1.0, 1e5)
+    )
+    springs_per_module: int = quantity(
+        4,
+        "1",
+        "derived",
+        "Section II.A: four shafts a module, a spring on each",
+        (2, 20),
+        multiple_of=2,
+    )
+    preload: float = quantity(
+        25.0, "N", "assumed", "force of a module's springs in the nominal pipe", (0.0, 2000.0)
+    )
+    shaft_spacing: float = quantity(
+        0.140,
+        "m",
+        "assumed",
+        "front to rear shafts; sets the pitch stiffness of an arm",
+        (0.01, 1.0),
+    )
+    pitch_limit: float = quantity(
+        math.radians(4.0),
+        "rad",
+        "assumed",
+        "slot clearance on the shafts (Section II.A)",
+        (1e-3, 0.5),
+    )
+    slide_damping: float = quantity(
+        20.0, "N s/m", "assumed", "sliding friction of an arm on its shafts", (0.0, 1e4)
+    )
+    pitch_damping: float = quantity(
+        0.05, "N m s/rad", "assumed", "as slide_damping, about the pitch axis", (0.0, 100.0)
+    )
+    chassis_mass: float = quantity(
+        0.28, "kg", "assumed", "ABS chassis and steel shafts", (0.01, 50.0)
+    )
+    chassis_length: float = quantity(
+        0.150, "m", "assumed", "centre chassis along the robot axis", (0.01, 1.0)
+    )
+    chassis_radius: float = quantity(
+        0.025, "m", "assumed", "of the cylinder with the chassis's inertia", (0.002, 0.2)
+    )
+    arm_mass: float = quantity(
+        0.04, "kg", "assumed", "one arm pair, without its module", (1e-3, 10.0)
+    )
+    arm_radius: float = quantity(
+        0.01, "m", "assumed", "of the cylinder with the inertia of an arm pair", (1e-3, 0.1)
+    )
+    module_mass: float = quantity(
+        0.20, "kg", "assumed", "one module: two gearmotors, chains, lugs", (0.01, 20.0)
+    )
+    track_mass: float = quantity(
+        1e-3,
+        "kg",
+        "numerical",
+        "one run of lugs; small, for module_mass counts the chain already",
+        (1e-5, 1.0),
+    )
+    contact_time: float = quantity(
+        0.01,
+        "s",
+        "numerical",
+        "time constant of a lug's contact; at 4 ms lugs bounce on a tee's rim, see "
+        "docs/studies/design-study.md",
+        (5e-4, 0.2),
+    )
+    contact_depth: float = quantity(
+        0.0005,
+        "m",
+        "numerical",
+        "depth over which a lug's contact comes to its full stiffness",
+        (1e-6, 0.01),
+    )
+    motor: NamedMotor = quantity(
+        MOTORS["simulation"],
+        "",
+        "assumed",
+        "crawler motor: a shipped motor's name, or a table of its own",
+    )
+    drive: str = quantity(
+        "three_motors",
+        "",
+        "published",
+        "Section II.B: a motor a module; or another drive, see docs/studies/differential.md",
+    )
+    gear_friction: float = quantity(
+        0.0,
+        "1",
+        "assumed",
+        "friction between the outputs of one motor, as a part of the force that each passes on",
+        (0.0, 1.0),
+    )
+    brake_force: float = quantity(
+        0.0, "N", "assumed", "largest force of a brake on a module's belt; 0: no brakes", (0.0, 1e4)
+    )
+    roll_motor: NamedMotor | None = quantity(
+        None,
+        "",
+        "assumed",
+        "rotary motor, of which the reflected inertia counts; none: same as the crawler's",
+    )
+    roll_stiffness: float = quantity(
+        20.0,
+        "N m/rad",
+        "assumed",
+        "position gain of the rotary motor's servo, damped critically for its own inertia",
+        (0.01, 1e5),
+    )
+    roll_rate: float = quantity(
+        1.5,
+        "rad/s",
+        "assumed",
+        "largest speed of the rotary motor (same gearmotor: 3.62 no-load)",
+        (0.01, 100.0),
+    )
+    roll_torque: float = quantity(
+        1.2,
+        "N m",
+        "assumed",
+        "limit on a rotary motor (same gearmotor as the crawler's)",
+        (1e-3, 1e4),
+    )
 
     @model_validator(mode="wrap")
     @classmethod
@@ -376,7 +354,7 @@ class Robot(Figures):
     @property
     def time_scale(self) -> float:
         """Times over those in the paper's pipe, 1: the root of the lengths', at equal gravity
-        (``similarity.py``)."""
+        (``froude_exponent``)."""
         return math.sqrt(self.length_scale)
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 from pydantic.fields import FieldInfo
 
 Provenance = Literal["published", "derived", "inferred", "assumed", "numerical"]
@@ -13,10 +13,14 @@ Provenance = Literal["published", "derived", "inferred", "assumed", "numerical"]
 
 @dataclass(frozen=True)
 class Quantity:
-    """Unit, provenance and source of one parameter; stands in the field's annotation.
+    """Unit, provenance and source of one parameter.
 
-    ``within`` is the range of a number, both ends included, for a robot of scale 1. It scales with
-    the number. None for what is no number.
+    Attributes:
+        unit: empty for values that are no numbers.
+        provenance: kind of the source.
+        source: place in the paper, reason or meaning.
+        within: range of a number, both ends included, for a robot of scale 1, with which it scales;
+            None for values that are no numbers.
     """
 
     unit: str
@@ -48,8 +52,8 @@ ROUNDING = 1e-9
 """Part of a limit by which a number that was scaled may miss it."""
 
 
-class Figures(BaseModel):
-    """A frozen model every field of which has a ``Quantity``, and every number its range.
+class QuantityModel(BaseModel):
+    """Frozen model whose fields are declared by ``quantity``; checks the range of every number.
 
     Numbers are for a robot of the scale that the field ``values_at_scale`` gives, where the model
     has one, and of scale 1 elsewhere.
@@ -73,9 +77,23 @@ class Figures(BaseModel):
         return value
 
 
+def quantity(
+    default: Any,
+    unit: str,
+    provenance: Provenance,
+    source: str,
+    within: tuple[float, float] | None = None,
+    **constraints: Any,
+) -> Any:
+    """Declare a field of a ``QuantityModel``; ``constraints`` are those of ``pydantic.Field``."""
+    about: dict[str, Any] = vars(Quantity(unit, provenance, source, within))
+    return Field(default, json_schema_extra=about, **constraints)
+
+
 def quantity_of(info: FieldInfo) -> Quantity:
-    """The ``Quantity`` in the annotation of a field."""
-    return next(item for item in info.metadata if isinstance(item, Quantity))
+    """Return the ``Quantity`` of a field."""
+    about: Any = info.json_schema_extra
+    return Quantity(**about)
 
 
 def parameter_rows(model: BaseModel, prefix: str = "") -> list[Parameter]:

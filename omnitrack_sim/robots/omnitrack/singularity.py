@@ -70,7 +70,7 @@ def section_ellipse(pipe_radius: ArrayLike, tilt: ArrayLike) -> tuple[Array, Arr
 def mitre_intersection(
     pipe_radius: ArrayLike, reach: ArrayLike, turn_angle: ArrayLike = np.pi / 2
 ) -> tuple[Array, Array]:
-    """Where the circle of radius rho meets the concentric mitre ellipse.
+    """Intersection of the circle of radius rho with the concentric mitre ellipse.
 
     (u, v) >= 0, with u in the plane of the turn. u^2 = (rho^2 - R^2) / sin^2(delta/2). The other
     three points are its mirror images. NaN where the circle lies inside (rho < R) or outside (rho >
@@ -192,7 +192,7 @@ def success_rate(sector: ArrayLike, modules: ArrayLike = 3) -> Array:
 
 
 def is_singular(theta5: ArrayLike, sector: ArrayLike, modules: ArrayLike = 3) -> NDArray[np.bool_]:
-    """Whether a module is inside the sector: |theta5 + 2 pi k / modules - pi| < Phi / 2 for some k.
+    """True where a module is in the sector: |theta5 + 2 pi k / modules - pi| < Phi / 2 for a k.
 
     Equal modules repeat after 2 pi / modules, so one wrapped angle answers for all of them.
     """
@@ -279,6 +279,13 @@ class TurnCase:
 
     Raises:
         InputError: a value is out of range.
+
+    Example:
+        >>> import math
+        >>> import omnitrack_sim as ot
+        >>> case = ot.TurnCase()
+        >>> round(math.degrees(case.sector), 2), round(math.degrees(case.margin), 2)
+        (96.55, 11.73)
     """
 
     pipe_radius: float = _DEFAULT.nominal_pipe_radius

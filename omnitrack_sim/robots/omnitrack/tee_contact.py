@@ -1,4 +1,4 @@
-"""Which modules touch the wall while a robot turns in a tee, in the exact two-cylinder geometry.
+"""Contact of modules with the wall during a turn in a tee, in the exact two-cylinder geometry.
 
 Two bores of radius R, a run along z and a branch that leaves it at the turn angle delta in the
 plane of x and z; the edge where they meet is sharp. The robot is an axis and, around it, modules
@@ -27,7 +27,7 @@ _OFFSETS = np.radians(np.concatenate([np.arange(0, 100, 0.25), np.arange(100, 18
 
 @dataclass(frozen=True)
 class TeePath:
-    """How a robot's axis moves through a tee, T poses.
+    """Path of a robot's axis through a tee, T poses.
 
     Attributes:
         centre: (T, 3) m, robot centre, tee frame.
@@ -260,7 +260,7 @@ class _Bores:
         return np.where(on_in_branch, branch_out, np.where(on_in_run, run_out, first))
 
     def _through_branch(self, start: Array, direction: Array) -> tuple[Array, Array]:
-        """Where rays enter and leave the branch's half of its cylinder."""
+        """Distances at which rays enter and leave the branch's half of its cylinder."""
         enter, leave = _through_cylinder(start, direction, self.across_branch)
         height, slope = start @ self.branch, direction @ self.branch
         safe = np.where(slope == 0, 1.0, slope)
@@ -273,7 +273,7 @@ class _Bores:
     def edge_crossings(
         self, centre: Array, axis: Array, outward: Array
     ) -> list[tuple[Array, Array]]:
-        """Where the plane of axis and module meets the edge.
+        """Intersections of the plane of axis and module with the edge.
 
         Pairs (along the axis, outward); infinite where they do not meet. On the edge the point is
         as far across the run as across the branch: it lies in one of the two planes that bisect
@@ -303,7 +303,7 @@ class _Bores:
 
 
 def _through_cylinder(start: Array, direction: Array, across: Array) -> tuple[Array, Array]:
-    """Where lines start + t direction enter and leave a cylinder of radius 1.
+    """Parameters t at which lines start + t direction enter and leave a cylinder of radius 1.
 
     ``across`` and y are the directions across its axis. A line that misses it gives (inf, -inf),
     one along the axis inside it (-inf, inf).

@@ -1,4 +1,8 @@
-"""How far to roll before a fitting: to a safe theta5, with the modules off the no-motion line.
+"""Roll before a fitting: to a safe theta5, with the modules off the no-motion line.
+
+``plan_roll`` finds the shortest roll into a range of theta5, pure and for arrays of robots.
+``Aligner`` decides for each robot of a batch when to stop, which range to aim for and when the roll
+is done; all controllers share it. ``AlignmentTable`` holds its numbers.
 
 Rolling all modules by phi turns the robot by -phi r / R. With R / r = 2.9 a third of a turn of the
 robot costs nearly a whole turn of the modules, so the three equal orientations have almost the same
@@ -90,7 +94,7 @@ class RollPlan:
 
     @property
     def exists(self) -> NDArray[np.bool_]:
-        """Where there is a roll that helps, or none is needed."""
+        """True where there is a roll that helps, or none is needed."""
         return self.obstacle == Obstacle.CLEAR
 
     def where(self, chosen: NDArray[np.bool_], other: RollPlan) -> RollPlan:
@@ -341,7 +345,7 @@ SIDES = 2
 
 
 def manoeuvres(routes: RouteMap) -> tuple[Manoeuvre | None, ...]:
-    """What each passage of the routes asks for; None after the last one of a route."""
+    """Manoeuvre of each passage of the routes; None after the last one of a route."""
     return tuple(None if p is None else p.manoeuvre for p in routes.passages)
 
 
@@ -357,7 +361,7 @@ def held_belt_sign(roll: Array, band: ArrayLike, before: Array) -> Array:
 
 
 class Standing(NamedTuple):
-    """Which robots (n,) stand still to roll, and what was decided."""
+    """Robots (n,) that stand still to roll, and the events of this step."""
 
     robots: NDArray[np.bool_]
     events: Sequence[Event]
@@ -410,7 +414,7 @@ class Aligner:
         self.aligned[rows] = np.where(self.settings.align, first, np.iinfo(np.intp).max)[rows]
 
     def learn(self) -> None:
-        """What each passage wants of theta5, together with those that follow it closely.
+        """Compute the ranges of theta5 for each passage together with those that follow it closely.
 
         The safe margin is that of a right-angled corner, whatever the angle of the branch. With the
         angle put in, the region has no sector below 67 degrees and no safe orientation above 106,
@@ -440,8 +444,8 @@ class Aligner:
                     self.best[i, j, :, q], self.aim[i, j, :, q] = best, aim
 
     def _to_the_sides(self, q: int, wish: Wish, aim: int, margin: Array) -> tuple[Wish, Wish]:
-        """What of the wish of passage ``q`` lies on either side of the best orientation; all of it,
-        twice, where there is nothing to keep beside."""
+        """Split the wish of passage ``q`` into both sides of the best orientation; return it twice
+        where the best orientation itself is allowed."""
         if not self.routes.into_branch[q]:
             return wish, wish
         aside = np.minimum(self._aside[:, aim] * margin[:, q], wish.margin)
@@ -468,8 +472,7 @@ class Aligner:
         return float(self.routes.start[passage + 1] - self.routes.end[passage])
 
     def _turned_between(self, first: int, later: int) -> float:
-        """How much larger, rad, theta5 is at a ``later`` passage than at the ``first`` without
-        twist."""
+        """Increase of theta5, rad, from the passage ``first`` to ``later`` without twist."""
         routes, angles = self.routes, []
         for q in (first, later):
             found = routes.passages[q]

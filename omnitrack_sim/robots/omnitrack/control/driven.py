@@ -47,7 +47,7 @@ Component = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
 class Order(Table):
-    """What a driver asks for from ``time`` on, until the next order."""
+    """Order of a driver from ``time`` on, until the next order."""
 
     time: Annotated[float, Field(ge=0), Unit("s")]
     """From which on it holds."""
@@ -229,7 +229,7 @@ class DrivenController:
     def _autopilot(self, robot: int, observation: Observation) -> Controller:
         """A new autopilot of one robot, which begins with the robot as it is.
 
-        It is made for all robots, whose places it shares; only the one row counts.
+        It is made for all robots, whose locations it shares; only the one row counts.
         """
         table = self._tables[robot]
         parameters = table.autopilot_model(**table.autopilot_parameters)

@@ -26,7 +26,7 @@ def seen(
     gear: NDArray[np.int_],
     channels: Iterable[Channel] = tuple(CHANNELS.values()),
 ) -> Mapping[str, Array]:
-    """What robots in gear (n,) would measure if they drove nose first.
+    """Mirror the readings of robots in reverse gear, as if they drove nose first.
 
     Args:
         readings: of the sensors, by the names of their channels.
@@ -46,7 +46,7 @@ def seen(
 
 
 def carried_out(command: Command, gear: NDArray[np.int_]) -> Command:
-    """A command to robots that drive nose first, as robots in gear (n,) have to be told it."""
+    """Mirror a command for robots in reverse gear (n,)."""
     back = gear < 0
     if not np.count_nonzero(back):
         return command
@@ -57,7 +57,7 @@ def carried_out(command: Command, gear: NDArray[np.int_]) -> Command:
 
 
 def _mirrored(values: Array, back: NDArray[np.bool_], how: str) -> Array:
-    """Values (n, ...) with those of robots ``back`` (n,) as the turned robot has them."""
+    """Mirror the values (n, ...) of the robots ``back`` (n,)."""
     if how in ("turned", "facing"):
         turned = values * TURNED
     elif how == "behind":

@@ -1,5 +1,4 @@
-"""What a controller is given, what it sees and what it answers. Arrays have a leading axis of n
-robots."""
+"""Interface of controllers: setup, observation and command, with a leading axis of n robots."""
 
 from __future__ import annotations
 
@@ -20,16 +19,24 @@ from omnitrack_sim.robots.omnitrack.drive import Drive, drive_of
 
 
 class Observation:
-    """What n robots measure at one moment.
+    """Measurements of n robots at one moment.
 
     Every observed channel of the schema (docs/reference/channels.md) is an attribute:
-    ``observation.roll`` is an array (n, 3) in rad. Robots that drive tail first
-    see everything as if they drove nose first.
+    ``observation.roll`` is an array (n, 3) in rad. In reverse gear all is mirrored, as if the robot
+    drove nose first.
 
     Attributes:
         location: where the robots are along their routes.
         leg: (n,) number of the leg that each robot drives. It changes when a robot is sent on.
         gear: (n,) 1 nose first, -1 tail first.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> observation = ot.Simulation([ot.load_scenario("straight")]).observation
+        >>> observation.roll.shape
+        (1, 3)
+        >>> observation.location.distance  # m along the route
+        array([0.1])
     """
 
     location: Location
@@ -65,18 +72,24 @@ _COLUMNS = {"belt_speed": (3,), "roll": (3,), "phase": (), "resting": (), "brake
 
 
 class Command(NamedTuple):
-    """What n robots shall do until the next control step. What is left out stays as it is.
+    """Commands to n robots until the next control step. Fields that are None keep their values.
 
     Attributes:
         belt_speed: (n, 3) m/s asked of the crawler motors.
         roll: (n, 3) rad asked of the rotary motors.
         phase: (n,) index into the controller's ``phases``.
-        resting: (n,) bool, robots that stand still or drive backward on purpose and are not to be
-            taken for stuck; none when left out.
-        events: what the controller decided, to be told in the result.
+        resting: (n,) bool, robots that stand still or drive backward on purpose, which the monitor
+            does not count as stuck; none when left out.
+        events: decisions of the controller, kept in the result.
         brake: (n, 3) part of ``robot.brake_force``, 0 to 1, by which the belts are braked; all off
             when left out, and to be 0 where the robot has no brakes.
         over: (n,) bool, robots whose run is over after this control period; none when left out.
+
+    Example:
+        >>> import numpy as np
+        >>> import omnitrack_sim as ot
+        >>> ot.Command(belt_speed=np.full((2, 3), 0.1), roll=np.zeros((2, 3)))
+        Command(2 robots: belt_speed, roll, events)
     """
 
     belt_speed: Array
@@ -115,8 +128,7 @@ class Command(NamedTuple):
 
 @dataclass(frozen=True)
 class Settings:
-    """What all controllers are asked for; each field is (n,). See ``[control]`` in
-    docs/reference/scenarios.md."""
+    """Settings of all controllers; each field is (n,). See docs/reference/scenarios.md."""
 
     cruise_speed: Array  # m/s
     align: NDArray[np.bool_]
@@ -126,7 +138,7 @@ class Settings:
     reach: Array  # m
 
     def with_rows(self, robots: NDArray[np.intp], rows: Settings) -> Settings:
-        """The same with those of ``robots`` (k,) from k ``rows``."""
+        """Copy with the values of ``robots`` (k,) taken from the k ``rows``."""
         changed = {}
         for field in fields(self):
             values = getattr(self, field.name).copy()
@@ -137,19 +149,25 @@ class Settings:
 
 @dataclass(frozen=True)
 class ControlSetup:
-    """All that a controller is given when it is made.
+    """Everything that a controller is constructed from.
 
     Attributes:
-        routes: the routes of all robots. It grows when robots are sent onto new ways: what is
-            looked up in it has to be looked up again when ``routes.version`` has changed.
+        routes: the routes of all robots. It grows when robots are sent onto new routes: look up
+            again what was looked up in it when ``routes.version`` has changed.
         robot: shared by all robots of the batch.
-        settings: what every controller is asked for.
+        settings: speeds, margins and switches, common to all controllers.
         parameters: for each robot, ``[control.parameters]`` as the controller's own model; empty
             tables where it has none.
-        location: where the robots begin.
+        location: locations of the robots at the start.
         roll: (n, 3) rad, roll of the modules at the start.
         period: s between two steps.
         gravity: (n, 3) m/s², world frame, as a robot with an inertial unit knows it.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> setup = ot.Simulation([ot.load_scenario("straight")] * 2).setup
+        >>> setup.n, setup.period, setup.drive.name
+        (2, 0.01, 'three_motors')
     """
 
     routes: RouteMap
@@ -163,8 +181,8 @@ class ControlSetup:
 
     @cached_property
     def drive(self) -> Drive:
-        """The robot's motors and gears. Where ``drive.steers`` is false, speeds that are asked of
-        the belts count only as far as the motors can give them: of a differential, their mean."""
+        """The robot's motors and gears. Where ``drive.steers`` is false, the motors realise belt
+        speeds only in part: a differential their mean."""
         return drive_of(self.robot.drive)
 
     @property
@@ -173,7 +191,7 @@ class ControlSetup:
         return len(self.roll)
 
     def each(self, path: str) -> NDArray:
-        """A parameter of all robots, (n,), by its dotted path, such as ``"recovery.retries"``."""
+        """Return a parameter of all robots (n,) by its dotted path: ``"recovery.retries"``."""
         values = list(self.parameters)
         for name in path.split("."):
             values = [getattr(value, name) for value in values]
@@ -181,18 +199,29 @@ class ControlSetup:
 
 
 class Controller(Protocol):
-    """Turns observations into commands for n robots, each on its way. State is held per robot.
+    """Protocol of controllers: turn observations into commands for n robots.
 
     A class of a user's own needs no more than these two methods and inherits from nothing. It may
     also have
 
-    * ``phases``: names of what it does, which ``Command.phase`` indexes; ``("drive",)`` when it has
-      none;
+    * ``phases``: names of its phases, which ``Command.phase`` indexes; ``("drive",)`` by default;
     * ``Parameters``: a pydantic model of its own ``[control.parameters]``.
+
+    Example:
+        >>> import numpy as np
+        >>> import omnitrack_sim as ot
+        >>> class Constant:
+        ...     def __init__(self, setup):
+        ...         self.speed = np.full((setup.n, 3), 0.1)  # m/s
+        ...     def step(self, observation):
+        ...         return ot.Command(self.speed)
+        >>> scenario = ot.override(ot.load_scenario("straight"), {"run.time_limit": 0.2})
+        >>> ot.run(scenario, controller=Constant).outcome.value
+        'timed_out'
     """
 
     def __init__(self, setup: ControlSetup) -> None: ...
 
     def step(self, observation: Observation) -> Command:
-        """The command for the next control period."""
+        """Return the command for the next control period."""
         ...

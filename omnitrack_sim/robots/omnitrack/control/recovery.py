@@ -38,14 +38,14 @@ class RecoveryTable(Table):
 
 
 class Backing(NamedTuple):
-    """Which robots (n,) drive backward now, and what was decided."""
+    """Robots (n,) that drive backward now, and the events of this step."""
 
     robots: NDArray[np.bool_]
     events: Sequence[Event]
 
 
 class Recovery:
-    """Which of n robots back off.
+    """Decides which of n robots back off.
 
     Args:
         setup: of the controller. path: of the ``RecoveryTable`` in its parameters.
@@ -88,7 +88,7 @@ class Recovery:
     def step(
         self, observation: Observation, standing: NDArray[np.bool_], room: Array, aligner: Aligner
     ) -> Backing:
-        """Find out who backs off.
+        """Decide which robots back off.
 
         Args:
             observation: of this moment.
@@ -141,9 +141,8 @@ class Recovery:
     def _roll_where_they_hang(
         self, passage: NDArray[np.intp], room: Array, aligner: Aligner
     ) -> None:
-        """Have robots that hang straight over an opening roll there, where they are badly turned
-        about their axis: one that comes into the fitting on its way has been aligned before it, one
-        that has fallen into it has not."""
+        """Align robots that hang straight over an opening on the spot: a robot that has fallen into
+        the fitting has not been aligned before it."""
         over = self.routes.is_straight_over.take(passage) & (room < 0)
         if not np.count_nonzero(over):
             return

@@ -151,7 +151,7 @@ def wall_speeds(
 
 
 class SwayTable(Table):
-    """How a robot sways in a turn from a tee's run into its branch.
+    """Parameters of the sway in a turn from a tee's run into its branch.
 
     The slip of the turn is the part of the rotation by the belts that the gyroscope does not see.
     """
@@ -189,7 +189,7 @@ SWAY = SwayProfile()
 
 
 class Lean(NamedTuple):
-    """How n robots shall lean.
+    """Set point of the lean of n robots.
 
     Attributes:
         aside: (n, 3) is added to the direction that they shall turn to, world frame.
@@ -235,7 +235,7 @@ class Sway:
     def step(
         self, observation: Observation, turning: NDArray[np.bool_], full: NDArray[np.bool_]
     ) -> Lean:
-        """How robots shall lean now.
+        """Return the set point of the lean.
 
         Args:
             observation: of this moment. turning: (n,) robots that turn into a branch now.

@@ -80,11 +80,22 @@ class Feature:
     that it lies within -1 and 1. What is not a number becomes 0.
 
     Attributes:
-        name: of the quantity. unit: of what ``read`` returns.
-        low, high: range in that unit, beyond which it is cut off.
+        name: of the quantity.
+        unit: of the values that ``read`` returns.
+        low: least value, below which it is cut off.
+        high: largest value, above which it is cut off.
         meaning: one line for the docs.
         read: (n,) or (n, k) of a ``FeatureInput`` of n robots, each from its own rows alone.
         labels: of the k entries, behind the name; one empty label where there is one entry.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> slide = ot.Feature(
+        ...     "slide_mm", "mm", -20, 20, "arm travel",
+        ...     lambda moment: 1e3 * moment.observation.slide, ("1", "2", "3"),
+        ... )
+        >>> slide.entry_names
+        ('slide_mm_1', 'slide_mm_2', 'slide_mm_3')
     """
 
     name: str
@@ -108,7 +119,7 @@ class Feature:
 
     @property
     def scale(self) -> float:
-        """What an entry of 1 stands for, in ``unit``."""
+        """Value of an entry of 1, in ``unit``."""
         return max(abs(self.low), abs(self.high))
 
     @property
@@ -142,7 +153,7 @@ def bounds(features: Sequence[Feature]) -> tuple[FloatRows, FloatRows]:
 
 
 def entry_slices(features: Sequence[Feature]) -> dict[str, slice]:
-    """Where the entries of each feature stand among the entries of all, by its name."""
+    """Positions of each feature's entries among the entries of all, by its name."""
     ends = np.cumsum([feature.size for feature in features]).tolist()
     return {
         feature.name: slice(end - feature.size, end)
@@ -322,7 +333,7 @@ ONBOARD = (
         lambda m: m.setup.settings.cruise_speed / m.setup.settings.speed_limit,
     ),
 )
-"""What a robot feels, and where it takes itself to be."""
+"""Proprioception and the estimated location."""
 PREVIEW = (
     *ONBOARD,
     Feature(
@@ -390,7 +401,7 @@ PREVIEW = (
         tuple(f"{axis}{i + 1}" for i in range(len(AHEAD)) for axis in _XYZ),
     ),
 )
-"""The same, and what the route map says of the way ahead."""
+"""``ONBOARD`` and the route ahead, from the route map."""
 TRUTH = (
     *PREVIEW,
     Feature(
@@ -448,7 +459,7 @@ TRUTH = (
         _PER_MODULE,
     ),
 )
-"""The same, and what only the truth tells: contacts, forces, slip."""
+"""``PREVIEW`` and what only the truth gives: contacts, forces, slip."""
 
 FEATURE_SETS: Mapping[str, tuple[Feature, ...]] = ByName(
     {"onboard": ONBOARD, "preview": PREVIEW, "truth": TRUTH}
@@ -459,32 +470,36 @@ FEATURES: Mapping[str, Feature] = ByName({feature.name: feature for feature in T
 
 
 def features_of(names: str | Sequence[str], where: str = "features") -> tuple[Feature, ...]:
-    """Features by the names of sets, of single ones, and of a user's own, ``module:Object``: a
-    ``Feature`` or a list of them.
+    """Return features by the names of sets, of single ones, and of a user's own, ``module:Object``:
+    a ``Feature`` or a list of them.
 
     Args:
-        names: one, or several that follow each other. where: they stand, for the fault.
+        names: one, or several that follow each other.
+        where: key that holds the names, for faults.
 
     Raises:
         TypeError: one is no name.
         InputError: there is no such feature, there is none at all, or one comes twice.
     """
-    found: list[Feature] = []
+    features: list[Feature] = []
     for name in [names] if isinstance(names, str | Feature) else names:
         if not isinstance(name, str):
-            told = f"the feature {name.name!r} itself" if isinstance(name, Feature) else shown(name)
-            raise TypeError(
-                f"{where}: has {told}; a name belongs here, such as named_features gives"
+            value = (
+                f"the feature {name.name!r} itself" if isinstance(name, Feature) else shown(name)
             )
-        thing = named(name, where, {**FEATURE_SETS, **FEATURES})
-        several = (thing,) if isinstance(thing, Feature) else thing
+            raise TypeError(
+                f"{where}: has {value}; a name belongs here, such as named_features gives"
+            )
+        value = named(name, where, {**FEATURE_SETS, **FEATURES})
+        several = (value,) if isinstance(value, Feature) else value
         if not (isinstance(several, list | tuple) and all(isinstance(f, Feature) for f in several)):
             problem = f"is {name!r}, which is neither a Feature nor a list of them"
             raise InputError(Fault(where, problem, (*FEATURE_SETS, *FEATURES, "module:Object")))
-        found += several
-    taken = [feature.name for feature in found]
+        features += several
+    if not features:
+        raise InputError(Fault(where, "is empty"))
+    taken = [feature.name for feature in features]
     twice = sorted({name for name in taken if taken.count(name) > 1})
-    if twice or not found:
-        problem = f"has {', '.join(twice)} more than once" if twice else "is empty"
-        raise InputError(Fault(where, problem))
-    return tuple(found)
+    if twice:
+        raise InputError(Fault(where, f"has {', '.join(twice)} more than once"))
+    return tuple(features)

@@ -1,5 +1,5 @@
-"""Policies, and the files that hold them: arrays and one entry of JSON, nothing that could be
-executed."""
+"""Policies: a network in NumPy, and the files that hold it: arrays and one entry of JSON, nothing
+that could be executed."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ HEADER = "policy"
 
 @dataclass(frozen=True)
 class Acting:
-    """How a decision becomes a command.
+    """Conversion of decisions to commands.
 
     Attributes:
-        name: of this way to act.
+        name: of this conversion.
         base: the shipped controller to whose command the decision is added; none: it is the
             command. While the base stands or backs off, the decision counts for nothing.
         speed: part of the speed limit that an action of 1 stands for.
@@ -102,10 +102,13 @@ class Mlp:
     the same bytes alone and among any number of others. Matrix products of BLAS do not.
 
     Attributes:
-        weights: (inputs, outputs) of each layer, the first one first. biases: (outputs,) of each.
-        mean, std: (inputs,) of the entries: they are taken less ``mean`` and over ``std``, ...
-        reach: ... and cut off at this size.
-        activation, output: names, see ``ACTIVATIONS`` and ``OUTPUTS``.
+        weights: (inputs, outputs) of each layer, the first one first.
+        biases: (outputs,) of each layer.
+        mean: (inputs,) subtracted from the entries, ...
+        std: ... (inputs,) by which they are divided then, ...
+        reach: ... and size at which they are cut off.
+        activation: between layers, see ``ACTIVATIONS``.
+        output: behind the last layer, see ``OUTPUTS``.
 
     Raises:
         ValueError: shapes that do not fit, numbers that are none or too large, another name.
@@ -219,7 +222,7 @@ class FeatureEntry(Table):
 
     @classmethod
     def of(cls, name: str, feature: Feature) -> Self:
-        """What a feature is now. ``name``: under which it is found."""
+        """Describe a feature that is known by ``name``."""
         low, high = float(feature.low), float(feature.high)
         return cls(name=name, size=feature.size, unit=feature.unit, low=low, high=high)
 
@@ -246,7 +249,7 @@ class FeatureEntry(Table):
 
 
 class ActingEntry(Table):
-    """How the policy's decisions become commands, see ``Acting``."""
+    """Conversion of the policy's decisions to commands, see ``Acting``."""
 
     name: Word
     base: Literal["jacobian", "paper", "equal"] | None = None
@@ -255,7 +258,7 @@ class ActingEntry(Table):
 
     @classmethod
     def of(cls, acting: Acting) -> Self:
-        """A way to act, as a file says it."""
+        """Describe a way to act."""
         reach = acting.roll_reach if math.isfinite(acting.roll_reach) else None
         return cls.model_validate(vars(acting) | {"roll_reach": reach})
 
@@ -266,7 +269,7 @@ class ActingEntry(Table):
 
 
 class TrainingRecord(Table):
-    """How a policy came about."""
+    """Record of a policy's training."""
 
     command: Annotated[str, Field(max_length=2000)] = ""
     """That trained it."""
@@ -279,7 +282,7 @@ class TrainingRecord(Table):
     package_version: Word = ""
     """Of omnitrack_sim."""
     note: Annotated[str, Field(max_length=2000)] = ""
-    """What else there is to say, such as what it was trained on."""
+    """Anything else, such as the scenarios that it was trained on."""
 
 
 class Header(Table):
@@ -313,15 +316,24 @@ class Policy:
     """A trained controller: entries in, actions out.
 
     Attributes:
-        network: evaluates it. features: names of single features, in the order of the entries.
-        acting: how its decisions become commands.
-        record: how it came about.
+        network: from entries to actions.
+        features: names of single features, in the order of the entries.
+        acting: conversion of its decisions to commands.
+        record: of its training.
         sha256: of its file; empty before it is written.
 
     Raises:
         ValueError: the network takes or gives another number of entries.
         TypeError: ``features`` holds something else than names.
         InputError: a name is not that of a feature.
+
+    Example:
+        >>> import numpy as np
+        >>> import omnitrack_sim as ot
+        >>> policy = ot.load_policy("tee_turn")
+        >>> entries = sum(feature.size for feature in policy.read)
+        >>> policy(np.zeros((5, entries))).shape
+        (5, 4)
     """
 
     network: Mlp
@@ -358,7 +370,7 @@ class Policy:
         return self.network(entries)
 
     def header(self) -> Header:
-        """What its file says beside the arrays."""
+        """Return the JSON entry of its file."""
         known = zip(self.features, self.read, strict=True)
         return Header(
             format=1,
@@ -411,6 +423,12 @@ def load_policy(source: str | Path) -> Policy:
 
     Raises:
         PolicyError: no such file, or it is damaged, too large, or made for something else.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> policy = ot.load_policy("tee_turn_residual")
+        >>> policy.acting.name, policy.network.widths[-1]
+        ('residual', 4)
     """
     path = policy_path(source)
     try:
@@ -507,7 +525,7 @@ def _array(data: bytes) -> NDArray:
 
 
 def _header(arrays: Mapping[str, NDArray]) -> Header:
-    """What the file says of itself."""
+    """Read the JSON entry of a policy file."""
     text = arrays.get(HEADER)
     if text is None or text.dtype != np.uint8 or text.ndim != 1:
         raise ValueError(f"has no entry {HEADER!r}, so it is no policy file")

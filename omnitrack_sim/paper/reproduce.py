@@ -1,26 +1,26 @@
-"""All runs, all claims, one folder."""
+"""Reproduction of the paper: all runs, all claims, and one folder with a page of them."""
 
 from __future__ import annotations
 
+import base64
+import html
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnitrack_sim.base.writing import check_folder, whole_folder, write_file
 from omnitrack_sim.paper import driving, elbows, tees
 from omnitrack_sim.paper import formulas as theory
-from omnitrack_sim.paper.claim import Claim, FigureName
-from omnitrack_sim.paper.plots.contact_map import contact_map_figure
-from omnitrack_sim.paper.plots.curves import along_figure, angular_velocity_figure
-from omnitrack_sim.paper.plots.elbows import elbow_figure
-from omnitrack_sim.paper.plots.rates import rates_figure
+from omnitrack_sim.paper.claim import Claim, ClaimVerdict, FigureName, tally
+from omnitrack_sim.paper.plots.groups import elbow_figure, rates_figure
+from omnitrack_sim.paper.plots.run import along_figure, angular_velocity_figure, contact_map_figure
 from omnitrack_sim.paper.plots.singularity import plot_singularity
-from omnitrack_sim.paper.report import Picture, Strip, page
 from omnitrack_sim.paper.runs import SEED, Runs, run_all, scenarios
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from omnitrack_sim.results.result import Result
+
 
 CLAIMS_FILE, FIGURES = "claims.json", "figures"
 MEASURES: tuple[Callable[[Runs], Claim | list[Claim]], ...] = (
@@ -62,7 +63,7 @@ MEASURES: tuple[Callable[[Runs], Claim | list[Claim]], ...] = (
     tees.straight_over,
     elbows.differential,
 )
-"""What is measured, in the order of the page."""
+"""Functions that measure the claims, in the order of the page."""
 STRIPS = {
     "paper/tee_turn_misaligned": (
         "tee_turn_misaligned",
@@ -125,14 +126,14 @@ def reproduce(
     return claims
 
 
-def _draw(figures: _Figures, folder: Path, format: str) -> tuple[list[Picture], list[str]]:
+def _draw(figures: _Figures, folder: Path, format: str) -> tuple[list[ReportFigure], list[str]]:
     """Write the figures into a folder; those that can be drawn, for the page, and a sentence about
     the others."""
 
-    def draw(name: str, caption: str, make: Callable[[], Figure]) -> Picture:
+    def draw(name: str, caption: str, make: Callable[[], Figure]) -> ReportFigure:
         figure = make()
         save_figure(figure, folder / f"{name}.{format}")
-        return Picture(name, caption, _file(figure), "svg")
+        return ReportFigure(name, caption, _file(figure), "svg")
 
     made = {
         name: attempt(f"figure {name}", partial(draw, name, caption, make))
@@ -254,7 +255,7 @@ def _elbow_figures(runs: Runs) -> _Figures:
 
 
 def _friction_figures(runs: Runs) -> _Figures:
-    """What friction does to tee turns with alignment."""
+    """Tee turns with alignment over friction."""
     slippery = runs["slippery_downward"][0]
     friction = slippery.scenario.world.friction
     return {
@@ -306,7 +307,7 @@ def _file(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def _strips(runs: Runs) -> tuple[list[Strip], list[str]]:
+def _strips(runs: Runs) -> tuple[list[FrameStrip], list[str]]:
     """Frames of a few runs; where they cannot be made, as without OpenGL, a sentence that says
     so."""
     from omnitrack_sim.show.film.render import render_frames
@@ -317,7 +318,9 @@ def _strips(runs: Runs) -> tuple[list[Strip], list[str]]:
         for name, title in STRIPS.values():
             result = runs[name][len(runs[name]) // 2]
             times = strip_times(result, FRAMES)
-            strips.append(Strip(title, render_frames(result, times, width=640, height=360), times))
+            strips.append(
+                FrameStrip(title, render_frames(result, times, width=640, height=360), times)
+            )
     except Exception as error:  # as of ``attempt``
         return [], [f"No frames: {error}"]
     return strips, []
@@ -351,3 +354,175 @@ def _provenance(runs: Runs, quick: bool) -> dict[str, Any]:
         "runs": sum(len(group) for group in runs.values()),
         "simulated_s": round(sum(r.duration_s for group in runs.values() for r in group), 1),
     }
+
+
+@dataclass(frozen=True)
+class ReportFigure:
+    """A figure of the page: ``data`` is an SVG or PNG file."""
+
+    name: str
+    caption: str
+    data: bytes
+    format: str
+
+
+@dataclass(frozen=True)
+class FrameStrip:
+    """Frames of one run in order, (height, width, 3) uint8 each, with their times in s."""
+
+    title: str
+    frames: Sequence[NDArray]
+    times: Sequence[float]
+
+
+_CSS = """
+:root { color-scheme: light dark; --ink: #22262b; --soft: #6a7079; --line: #dde1e6;
+  --page: #ffffff; --card: #f6f7f9;
+  --holds: #1b7a4d; --contradiction: #8a6100; --fails: #b5382f; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e6e8eb; --soft: #9aa1ab; --line: #363b43;
+  --page: #16181c;
+  --card: #1f2228; --holds: #58c48f; --contradiction: #d9ae4a; --fails: #ec8077; } }
+body { margin: 0 auto; max-width: 68rem; padding: 2.5rem 1.5rem 5rem; background: var(--page);
+  color: var(--ink);
+  font: 16px/1.55 system-ui, sans-serif; }
+h1 { font-size: 1.9rem; margin: 0 0 .3rem; } h2 { margin: 3rem 0 .8rem; font-size: 1.3rem; }
+p.lead { color: var(--soft); margin: 0 0 1.5rem; max-width: 48rem; }
+.tally { display: flex; gap: 1rem; flex-wrap: wrap; } .tally div { background: var(--card);
+  padding: .7rem 1.2rem;
+  border-radius: .5rem; } .tally b { font-size: 1.5rem; display: block; line-height: 1.2; }
+table { border-collapse: collapse; width: 100%; font-size: .92rem; } td, th { text-align: left;
+  vertical-align: top;
+  padding: .45rem .7rem .45rem 0; border-bottom: 1px solid var(--line); } th { color: var(--soft);
+  font-weight: 500; }
+.scroll { overflow-x: auto; }
+article { border-top: 1px solid var(--line); padding: 1rem 0; } article h3 { margin: 0 0 .4rem;
+  font-size: 1.02rem; }
+dl { display: grid; grid-template-columns: 7.5rem 1fr; gap: .15rem 1rem; margin: 0;
+  font-size: .94rem; }
+dt { color: var(--soft); } dd { margin: 0; overflow-wrap: anywhere; }
+.chip { font-size: .8rem; font-weight: 600; padding: .1rem .55rem; border-radius: 1rem;
+  border: 1px solid currentColor; white-space: nowrap;
+  margin-right: .6rem; } .holds { color: var(--holds); } .fails { color: var(--fails); }
+.contradiction { color: var(--contradiction); } .study { color: var(--soft); }
+figure { margin: 1.5rem 0; } figure img { max-width: 100%; height: auto; background: #fff;
+  border-radius: .4rem; } figcaption { color: var(--soft); font-size: .9rem; margin-top: .4rem; }
+.strip { display: grid; grid-template-columns: repeat(auto-fill, minmax(15rem, 1fr)); gap: .6rem; }
+.strip figure { margin: 0; } .strip img { width: 100%; } code { font-size: .9em; }
+  a { color: inherit; }
+"""
+
+
+def page(
+    claims: Sequence[Claim],
+    pictures: Sequence[ReportFigure],
+    strips: Sequence[FrameStrip],
+    provenance: Mapping[str, Any],
+    remarks: Sequence[str],
+) -> str:
+    """The whole page as HTML text.
+
+    Args:
+        claims: in the order of the page.
+        pictures: figures.
+        strips: frames of runs; none where nothing could be rendered.
+        provenance: versions, commit, platform, runs.
+        remarks: sentences below the title.
+    """
+    told = [*remarks, *(f"{c.difference}." for c in claims if c.difference)]
+    head = "".join(f'<p class="lead">{_text(r)}</p>' for r in told)
+    counts = "".join(f"<div><b>{n}</b>{verdict}</div>" for verdict, n in tally(claims).items())
+    body = [
+        "<h1>Omnidirectional Tractable Three Module Robot, reproduced</h1>",
+        head,
+        f'<div class="tally">{counts}</div>',
+        "<h2>Verdicts</h2>",
+        _table(claims),
+        "<h2>Figures</h2>",
+        *(_figure(p, [c for c in claims if p.name in c.figures]) for p in pictures),
+        *(["<h2>Frames</h2>", *(_strip(s) for s in strips)] if strips else []),
+        "<h2>Claims</h2>",
+        *(_article(c) for c in claims),
+        "<h2>Provenance</h2>",
+        '<div class="scroll"><table>',
+        *(f"<tr><th>{_text(k)}</th><td>{_text(v)}</td></tr>" for k, v in provenance.items()),
+        "</table></div>",
+    ]
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>Three module robot, reproduced</title><style>{_CSS}</style></head>\n<body>\n"
+        + "\n".join(body)
+        + "\n</body></html>\n"
+    )
+
+
+def _text(value: Any) -> str:
+    return html.escape(str(value))
+
+
+def _chip(claim: Claim) -> str:
+    return f'<span class="chip {claim.verdict.name.lower()}">{claim.told}</span>'
+
+
+def _table(claims: Sequence[Claim]) -> str:
+    rows = "".join(
+        f'<tr><td>{_chip(c)}</td><td><a href="#{_text(c.id)}">{_text(c.paper)}</a><br>'
+        f"<small>{_text(c.source)}</small></td><td>{_text(c.measured)}{_small(c.reason)}</td></tr>"
+        for c in claims
+    )
+    head = "<tr><th></th><th>paper</th><th>measured</th></tr>"
+    return f'<div class="scroll"><table>{head}{rows}</table></div>'
+
+
+def _small(text: str) -> str:
+    return f"<br><small>{_text(text)}</small>" if text else ""
+
+
+def _article(claim: Claim) -> str:
+    asked = "asked" if claim.verdict is ClaimVerdict.STUDY else "true if"
+    rows = (
+        ("source", claim.source),
+        ("paper", claim.paper),
+        (asked, claim.statement),
+        ("measured", claim.measured),
+        ("how sure", claim.uncertainty),
+        ("expected", claim.expected),
+        ("how", claim.how),
+        ("why", claim.reason),
+        ("beside it", claim.note),
+    )
+    entries = "".join(f"<dt>{name}</dt><dd>{_text(value)}</dd>" for name, value in rows if value)
+    name = _text(claim.id)
+    return f'<article id="{name}"><h3>{_chip(claim)}{name}</h3><dl>{entries}</dl></article>'
+
+
+def _figure(picture: ReportFigure, claims: Sequence[Claim]) -> str:
+    """A figure, with the verdicts of the claims that it shows."""
+    kind = "svg+xml" if picture.format == "svg" else picture.format
+    source = f"data:image/{kind};base64,{base64.b64encode(picture.data).decode()}"
+    caption = _text(picture.caption)
+    shown = "".join(f'<br>{_chip(c)}<a href="#{_text(c.id)}">{_text(c.id)}</a>' for c in claims)
+    return (
+        f'<figure><img src="{source}" alt="{caption}">'
+        f"<figcaption>{caption}{shown}</figcaption></figure>"
+    )
+
+
+def _strip(strip: FrameStrip) -> str:
+    from omnitrack_sim.show.film.strip import label
+
+    frames = "".join(
+        f'<figure><img src="data:image/jpeg;base64,{_jpeg(frame)}" '
+        f'alt="{_text(strip.title)} at {time:.1f} s">'
+        f"<figcaption>{label(index)} {time:.1f} s</figcaption></figure>"
+        for index, (frame, time) in enumerate(zip(strip.frames, strip.times, strict=True))
+    )
+    return f'<h3>{_text(strip.title)}</h3><div class="strip">{frames}</div>'
+
+
+def _jpeg(frame: NDArray) -> str:
+    import imageio.v3 as imageio
+
+    data = imageio.imwrite("<bytes>", frame, plugin="pillow", extension=".jpg", quality=82)
+    assert data is not None  # it is for files only
+    return base64.b64encode(data).decode()

@@ -1,4 +1,4 @@
-"""What is rewarded: named terms, each of one decision of n robots, and their weights."""
+"""Reward of one decision: named terms with weights, measured by the truth."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ class Term:
     """A part of the reward.
 
     Attributes:
-        name: of it. unit: of its measure, for one decision.
-        weight: by which the measure is multiplied where no other is asked for.
+        name: for options and ``info``.
+        unit: of its measure, for one decision.
+        weight: default factor of the measure.
         meaning: one line for the docs.
     """
 
@@ -68,7 +69,7 @@ class Tally:
         self._torque = simulation.readings["motor_torque"]
 
     def add(self, simulation: Simulation) -> None:
-        """Take in a control step that has just been done."""
+        """Add the control step that has just been done."""
         measured, readings, location = self.measured, simulation.readings, simulation.location
         # On another leg the way is counted from elsewhere.
         same = self._active & (simulation.legs.number == self._leg)
@@ -84,8 +85,8 @@ class Tally:
     def over(
         self, arrived: NDArray[np.bool_], failed: NDArray[np.bool_], diverged: NDArray[np.bool_]
     ) -> Mapping[str, Array]:
-        """All terms (n,), of a decision that is over; robots whose physics has diverged in it have
-        nothing but their failure."""
+        """Return all terms (n,) at the end of the decision; of robots whose physics has diverged
+        only the failure counts."""
         self.measured["arrival"] += arrived
         self.measured["failure"] += failed
         for name in TERMS:

@@ -1,0 +1,350 @@
+"""Robots in episodes: the scenario that each episode runs, and the simulations that run them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.gym.options import EnvOptions
+from omnitrack_sim.gym.reward import Tally
+from omnitrack_sim.pipes.random import random_network
+from omnitrack_sim.record.events import Outcome
+from omnitrack_sim.robots.omnitrack import GRAVITY
+from omnitrack_sim.robots.omnitrack.policy import (
+    ACTINGS,
+    ACTIONS,
+    DECISION_PERIOD,
+    Decisions,
+    bounds,
+    entry_slices,
+)
+from omnitrack_sim.robots.omnitrack.policy.controller import steps_of
+from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
+from omnitrack_sim.senses.cameras import camera_of
+from omnitrack_sim.sim.onboard import Onboard
+from omnitrack_sim.sim.simulation import Simulation
+
+RANDOM = "random_network"
+"""In the place of a scenario: a random network in each episode."""
+NETWORKS = 2**31
+"""Number of random networks that episodes are drawn from."""
+NO_RETURN = 1.0
+"""Entry of a depth picture where nothing comes back: as far as the camera sees."""
+Observed = Any
+"""Observation of one robot or of n: entries (k,) or (n, k), or a table of entries and picture."""
+
+
+class EpisodeSampler:
+    """Draws the scenario of each episode.
+
+    Args:
+        options: of the environment.
+
+    Raises:
+        InputError: the scenario, or one of the values that may be drawn, cannot be used; the faults
+            name their keys.
+
+    Attributes:
+        alike: whether all episodes share a batch; otherwise each has pipes of its own.
+        example: a scenario with the largest of all values that are drawn.
+    """
+
+    def __init__(self, options: EnvOptions) -> None:
+        self._options, self.alike = options, options.scenario != RANDOM
+        changes: dict[str, Any] = {"sensing.kind": options.senses}
+        if options.picture:
+            changes["sensing.both_ends"] = False
+        self._changes = changes | options.changes
+        if self.alike:
+            self._base = load_scenario(options.scenario, self._changes)
+            if self._base.exploration is not None:
+                problem = "explores: its pipes are to be known"
+                raise InputError(Fault("scenario", problem))
+            _ = self._base.route  # computed once: all episodes share it
+        base, drawn = self._base if self.alike else self._mission(0), options.drawn
+        # Values between both ends of a range are valid where the ends are.
+        override(base, {path: low for path, (low, _) in drawn.items()})
+        self.example = override(base, {path: high for path, (_, high) in drawn.items()})
+        kind = self.example.sensing.kind
+        if kind != options.senses:
+            problem = (
+                f"is {options.senses!r} (left out, it follows from the observation), and the "
+                f"changes make sensing.kind {kind!r}; use the option, and leave out the change"
+            )
+            raise InputError(Fault("sensing", problem))
+        steps_of(DECISION_PERIOD, self.example.physics.control_period)
+        if options.picture and self.example.sensing.camera != "depth":
+            raise InputError(Fault("picture", "is that of the camera 'depth'", ("depth",)))
+
+    def draw(self, rng: np.random.Generator) -> Scenario:
+        """The scenario of the next episode; the same from the same numbers."""
+        options = self._options
+        values: dict[str, Any] = {
+            path: float(rng.uniform(low, high)) for path, (low, high) in options.drawn.items()
+        }
+        if options.gravity == "any":
+            direction = rng.normal(size=3)
+            direction *= GRAVITY / np.linalg.norm(direction)
+            values["world.gravity"] = tuple(direction.tolist())
+        values["seed"] = int(rng.integers(2**63))
+        if self.alike:
+            return with_values(self._base, values)
+        return override(self._mission(int(rng.integers(NETWORKS))), values)
+
+    def _mission(self, seed: int) -> Scenario:
+        """A random mission through the random network of a seed, and what the options change."""
+        network = random_network(seed, self._options.fittings)
+        start, goal = np.random.default_rng([seed, 1]).choice(network.open_ends, 2, replace=False)
+        data = {
+            "name": f"random_{seed}",
+            "network": network.model_dump(mode="json"),
+            "mission": {"start": str(start), "goals": [str(goal)]},
+        }
+        return validate(data, changes=self._changes)
+
+
+def with_values(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
+    """Copy a scenario in plain pipes with values by dotted path, as ``override`` does, without
+    checking them.
+
+    The route stays: nothing of what a batch's robots need not share changes it.
+    """
+    return _changed(scenario, {tuple(path.split(".")): v for path, v in values.items()}, ("route",))
+
+
+def _changed(
+    table: BaseModel, values: Mapping[tuple[str, ...], Any], kept: tuple[str, ...] = ()
+) -> Any:
+    """Copy a table with values by path, without cached properties other than ``kept``."""
+    inner: dict[str, dict[tuple[str, ...], Any]] = {}
+    own = {}
+    for (key, *rest), value in values.items():
+        if rest:
+            inner.setdefault(key, {})[tuple(rest)] = value
+        else:
+            own[key] = value
+    own |= {key: _changed(getattr(table, key), below) for key, below in inner.items()}
+    fields = {key: own.get(key, getattr(table, key)) for key in type(table).model_fields}
+    copy = table.model_construct(_fields_set=set(table.model_fields_set) | set(own), **fields)
+    copy.__dict__.update({key: table.__dict__[key] for key in kept if key in table.__dict__})
+    return copy
+
+
+class EpisodeBatch:
+    """n robots that share a simulation, each in an episode of its own, driven by actions.
+
+    Args:
+        scenarios: of the first episodes, of one batch.
+        options: of the environment.
+
+    Attributes:
+        simulation: that runs the episodes.
+        decisions: from actions to commands.
+        travel: (n, 3) m, travel of each belt since its episode began.
+    """
+
+    def __init__(self, scenarios: Sequence[Scenario], options: EnvOptions) -> None:
+        self._options = options
+        self._simulate(scenarios)
+
+    def _simulate(self, scenarios: Sequence[Scenario]) -> None:
+        options = self._options
+        self.simulation = Simulation(scenarios, threads=options.threads, recording=False)
+        self.decisions = Decisions(self.simulation.setup, options.features, ACTINGS[options.acting])
+        self.travel = np.zeros((self.simulation.n, 3))
+
+    def reset(self, rows: NDArray[np.intp], scenarios: Sequence[Scenario]) -> None:
+        """Begin new episodes of robots ``rows`` (k,), ascending, with ``scenarios`` (k)."""
+        if self._options.scenario == RANDOM:  # other pipes are another model
+            self._simulate(scenarios)
+            return
+        self.simulation.reset(rows, scenarios)
+        self.decisions.reset(rows, self.simulation.setup)
+        self.travel[rows] = 0.0
+
+    def advance(self, actions: Array) -> Mapping[str, Array]:
+        """Carry out actions (n, 4) for one decision and return the terms (n,) of the reward before
+        weights.
+
+        Robots whose episode is over stay as they are.
+        """
+        simulation, decisions = self.simulation, self.decisions
+        running, tally = simulation.active, Tally(simulation)
+        decisions.decide(np.where(running[:, None], actions, 0.0))
+        for _ in range(decisions.hold):
+            simulation.step(decisions.command(simulation.observation))
+            tally.add(simulation)
+            self.travel += simulation.readings["belt_speed"] * simulation.period
+        ended, outcomes = running & ~simulation.active, np.array(self.outcomes(), object)
+        arrived = ended & (outcomes == Outcome.REACHED_GOAL)
+        failed = ended & ~arrived & (outcomes != Outcome.TIMED_OUT)
+        return tally.over(arrived, failed, ended & (outcomes == Outcome.DIVERGED))
+
+    def outcomes(self) -> list[Outcome | None]:
+        """Outcome of each robot's episode; None while it runs."""
+        endings = self.simulation.endings
+        return [None if ending is None else ending.outcome for ending in endings]
+
+    def entries(self) -> NDArray[np.float32]:
+        """Entries (n, k) of the robots' observations."""
+        return self.decisions.observe(self.simulation.observation)
+
+    def pictures(self) -> NDArray[np.float32]:
+        """Last depth picture (n, rows, columns) of each robot, as parts of the camera's range."""
+        senses = self.simulation.senses
+        assert isinstance(senses, Onboard)
+        near = np.nan_to_num(senses.picture / senses.camera.optics.far, nan=NO_RETURN)
+        side = round(np.sqrt(near.shape[1]))
+        return np.clip(near, 0.0, 1.0).reshape(-1, side, side).astype(np.float32)
+
+
+class Transition(NamedTuple):
+    """Outcome of one decision of n robots.
+
+    Attributes:
+        reward: (n,).
+        terms: (n,) each by name, with their weights.
+        terminated: (n,) bool, episodes that ended, other than by the end of their time.
+        truncated: (n,) bool, episodes whose time is over.
+    """
+
+    reward: Array
+    terms: Mapping[str, Array]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+
+
+class Episodes:
+    """n robots in episodes, in as few simulations as their pipes allow.
+
+    Args:
+        options: of the environment.
+        n: number of robots.
+
+    Attributes:
+        sampler: draws the scenario of each episode.
+        action_space: of one robot.
+        observation_space: of one robot.
+        entries: where each feature stands in the vector of entries, by name.
+        batches: the simulations, equally large; empty before the first episode.
+    """
+
+    def __init__(self, options: EnvOptions, n: int) -> None:
+        self._options, self.n = options, n
+        self.sampler = EpisodeSampler(options)
+        ones = np.ones(len(ACTIONS), np.float32)
+        self.action_space = gymnasium.spaces.Box(-ones, ones)
+        self.observation_space: gymnasium.Space = gymnasium.spaces.Box(*bounds(options.features))
+        self.entries = entry_slices(options.features)
+        if options.picture:
+            table = self.sampler.example.sensing
+            stride = table.filter.stride  # robots look at every so many rows and columns
+            side = len(range(stride // 2, camera_of(table).optics.pixels, stride))
+            picture = gymnasium.spaces.Box(0.0, 1.0, (side, side), np.float32)
+            self.observation_space = gymnasium.spaces.Dict(
+                entries=self.observation_space, picture=picture
+            )
+        self.batches: list[EpisodeBatch] = []
+
+    def reset(self, rows: NDArray[np.intp], rngs: list[np.random.Generator]) -> None:
+        """Begin new episodes of robots ``rows`` (k,), ascending; each draws from its own of n
+        ``rngs``."""
+        drawn = [self.sampler.draw(rngs[robot]) for robot in rows.tolist()]
+        if not self.batches:
+            if len(rows) < self.n:
+                raise gymnasium.error.ResetNeeded("the first reset has to be of all robots")
+            groups = [drawn] if self.sampler.alike else [[scenario] for scenario in drawn]
+            self.batches = [EpisodeBatch(group, self._options) for group in groups]
+        elif self.sampler.alike:
+            self.batches[0].reset(rows, drawn)
+        else:
+            for robot, scenario in zip(rows.tolist(), drawn, strict=True):
+                self.batches[robot].reset(np.zeros(1, np.intp), [scenario])
+
+    def advance(self, actions: Array) -> Transition:
+        """Carry out actions (n, 4); robots whose episode is over stay as they are."""
+        before = self._each(lambda batch: batch.simulation.active)
+        parts = np.split(actions, len(self.batches))
+        measured = [b.advance(part) for b, part in zip(self.batches, parts, strict=True)]
+        terms = {
+            name: weight * np.nan_to_num(np.concatenate([terms[name] for terms in measured]))
+            for name, weight in self._options.weights.items()
+        }
+        ended = before & ~self._each(lambda batch: batch.simulation.active)
+        late = np.array(self.outcomes(), object) == Outcome.TIMED_OUT
+        return Transition(sum(terms.values(), np.zeros(self.n)), terms, ended & ~late, ended & late)
+
+    def outcomes(self) -> list[Outcome | None]:
+        """Outcome of each robot's episode; None while it runs."""
+        return [outcome for batch in self.batches for outcome in batch.outcomes()]
+
+    def observe(self) -> Observed:
+        """Observation of all robots, in fresh arrays."""
+        entries = self._each(EpisodeBatch.entries)
+        if not self._options.picture:
+            return entries
+        return {"entries": entries, "picture": self._each(EpisodeBatch.pictures)}
+
+    def info(self) -> dict[str, Array]:
+        """True arc length, m, and time, s, of each robot (n,), for Gymnasium's ``info``."""
+        values = {
+            "distance": self._each(lambda batch: batch.simulation.location.distance),
+            "time": self._each(lambda batch: batch.simulation.time),
+        }
+        return {name: np.nan_to_num(array) for name, array in values.items()}
+
+    def batch_of(self, robot: int) -> tuple[EpisodeBatch, int]:
+        """The batch of a robot, and its row there."""
+        if not self.batches:
+            raise gymnasium.error.ResetNeeded("call reset first")
+        size = self.n // len(self.batches)
+        return self.batches[robot // size], robot % size
+
+    def scenario(self, robot: int) -> Scenario:
+        """The scenario that a robot's episode runs."""
+        batch, row = self.batch_of(robot)
+        return batch.simulation.scenarios[row]
+
+    def _each(self, read: Callable[[EpisodeBatch], NDArray]) -> NDArray:
+        return np.concatenate([read(batch) for batch in self.batches])
+
+
+def actions_of(given: Any, shape: tuple[int, ...]) -> NDArray:
+    """Return actions as an array.
+
+    Raises:
+        ValueError: it has another shape than ``shape``.
+    """
+    actions = np.asarray(given)
+    if actions.shape != shape:
+        raise ValueError(f"action has shape {actions.shape}, expected {shape}")
+    return actions
+
+
+def reset_options_of(given: Mapping[str, Any] | None, known: tuple[str, ...]) -> Mapping[str, Any]:
+    """Return the options of a reset.
+
+    Raises:
+        InputError: one is not among the ``known``.
+    """
+    problem = "unknown key" if known else "unknown key; a reset of one robot has no options"
+    odd = [
+        Fault(f"options.{key}", problem, known, str(key)) for key in given or {} if key not in known
+    ]
+    if odd:
+        raise InputError(odd)
+    return given or {}
+
+
+def one_of(observed: Observed, robot: int) -> Observed:
+    """Copy the observation of one robot from that of all."""
+    if isinstance(observed, dict):
+        return {name: values[robot].copy() for name, values in observed.items()}
+    return observed[robot].copy()
