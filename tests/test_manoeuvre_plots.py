@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex, to_rgb, to_rgba
-from omnitrack_sim.record.outcome import Outcome
 from samples import sample_result, sample_trajectory
 
 from omnitrack_sim.paper.plots.groups import elbow_figure, rates_figure
@@ -18,6 +17,7 @@ from omnitrack_sim.paper.plots.run import (
     contact_map_figure,
     inner_module,
 )
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import validate
