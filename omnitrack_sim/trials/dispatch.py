@@ -127,14 +127,14 @@ class Engine:
         tables = {id(batch): store.read(batch) for store, batch in jobs}
         missing = [(store, batch) for store, batch in jobs if tables[id(batch)] is None]
         for table in tables.values():
-            self._count(table, found=True)
+            self._count(table, is_old=True)
         self._progress(self.status)
 
         def keep(job: Job, rows: Sequence[Row], made_by: Mapping[str, Any], lost: int) -> None:
             store, batch = job
             tables[id(batch)] = table = store.write(batch, rows, made_by)
             self.status = replace(self.status, lost=before + lost)
-            self._count(table, found=False)
+            self._count(table, is_old=False)
             self._progress(self.status)
 
         before = self.status.lost
@@ -145,12 +145,12 @@ class Engine:
             _Dispatch(missing, self._pool, keep).run()
         return [table for table in tables.values() if table is not None]
 
-    def _count(self, table: pa.Table | None, found: bool) -> None:
+    def _count(self, table: pa.Table | None, is_old: bool) -> None:
         if table is not None:
             status, count = self.status, table.num_rows
             self.status = replace(
                 status,
-                found=status.found + (count if found else 0),
+                found=status.found + (count if is_old else 0),
                 done=status.done + count,
                 successes=status.successes + sum(table["success"].to_pylist()),
             )

@@ -47,8 +47,8 @@ class Searches:
         ]
 
     def ask(self) -> list[tuple[int, Array]]:
-        """The searches, from 1, and the points (n,) that they ask for; none of a search that has
-        come to its end."""
+        """Return pairs of a search, from 1, and a point (n,) that it asks for; none of a search that
+        has converged."""
         return [
             (number, search.ask())
             for number, search in enumerate(self._searches, start=1)
@@ -75,8 +75,8 @@ class Searches:
             (own,) = np.nonzero(numbers == number)
             ranked = own[np.lexsort((scores[number - 1, own], kept[own]))]
             # CMA-ES goes by order alone. Ranks are numbers even where a value is infinite.
-            told = [(asked[i][1], float(rank)) for rank, i in enumerate(ranked)]
-            self._searches[number - 1].tell(told)
+            pairs = [(asked[i][1], float(rank)) for rank, i in enumerate(ranked)]
+            self._searches[number - 1].tell(pairs)
 
     def centres(self) -> list[tuple[int, Array]]:
         """The searches, from 1, and the point (n,) about which each asks in the end."""
@@ -98,13 +98,13 @@ def _search(start: Array, plan: SearchPlan, number: int) -> CMA:
 
 
 def weighings_of(plan: SearchPlan) -> Array:
-    """How each search weighs the objectives (K, m): spread evenly, times their weights."""
+    """Return the weighings of the searches (K, m): spread evenly, times the weights."""
     weights = [plan.objectives[i].weight for i in plan.weighed]
     return spread_weighings(len(weights), plan.search_count) * weights
 
 
 def spread_weighings(objectives: int, count: int) -> Array:
-    """``count`` weighings (count, objectives) that add up to 1, far from each other.
+    """Return ``count`` weighings (count, objectives) that add up to 1, far from each other.
 
     A single one weighs all objectives alike. Several begin with those of one objective alone; each
     further one is the point of a lattice that is farthest from all before it. Between two
@@ -126,12 +126,13 @@ def spread_weighings(objectives: int, count: int) -> Array:
 
 
 def scores_of(losses: Array, violations: Array, weighings: Array) -> Array:
-    """How far each candidate is from the best values of all, by each weighing (K, C).
+    """Return the distance of each candidate from the best values of all, by weighing (K, C).
 
     Distances are counted in the width of the front. Infinite where a candidate lacks a value.
 
     Args:
-        losses, violations: see ``Searches.tell``.
+        losses: see ``Searches.tell``.
+        violations: see ``Searches.tell``.
         weighings: (K, m).
     """
     best, width = _frame(losses, violations)
@@ -155,8 +156,8 @@ def _frame(losses: Array, violations: Array) -> tuple[Array, Array]:
 
 
 def front_of(losses: Array, violations: Array) -> NDArray[np.intp]:
-    """Indices of the candidates on the front: no other one is better in one objective and not worse
-    in all.
+    """Return the indices of the candidates on the front, which no other one dominates: none is
+    better in one objective and not worse in all.
 
     Candidates count that have all values and keep all limits; if there is none, those that break
     the limits least.
@@ -170,7 +171,7 @@ def front_of(losses: Array, violations: Array) -> NDArray[np.intp]:
 
 
 def violations_of(plan: SearchPlan, values: Array) -> Array:
-    """By how much each candidate (C,) breaks the limits: parts of the limits, added up.
+    """Return the excess of each candidate (C,) over the limits: parts of the limits, added up.
 
     Args:
         plan: with the limits.
@@ -185,7 +186,7 @@ def violations_of(plan: SearchPlan, values: Array) -> Array:
 
 
 def losses_of(plan: SearchPlan, values: Array) -> Array:
-    """The weighed ones of the values (C, objectives), turned so that smaller is better (C, m)."""
+    """Return the weighed ones of the values (C, objectives), smaller ones better (C, m)."""
     weighed = list(plan.weighed)
     return values[:, weighed] * [plan.objectives[i].sign for i in weighed]
 
@@ -217,7 +218,8 @@ class Measured:
 
     Attributes:
         values: of the objectives, in their order; infinite where there is none.
-        trials, passed: how many were run, and how many reached the goal.
+        trials: how many were run.
+        passed: how many of them reached the goal.
         invalid: trials whose values did not fit.
         lost: trials that diverged, or that the program broke on.
     """
@@ -232,10 +234,12 @@ class Measured:
 Evaluate = Callable[[Sequence[Candidate]], Sequence[Measured]]
 """Runs candidates of one generation and returns what they have shown, in their order."""
 History = list[tuple[Candidate, Measured]]
-Told = Callable[[History], None]
+"""Candidates with what they have shown, in the order of their numbers."""
 
 
-def explore(plan: SearchPlan, evaluate: Evaluate, told: Told | None = None) -> History:
+def explore(
+    plan: SearchPlan, evaluate: Evaluate, report: Callable[[History], None] = lambda history: None
+) -> History:
     """Search for the best values of all variables.
 
     First comes the start. The last generation holds the centre of each search: the mean that it has
@@ -244,28 +248,23 @@ def explore(plan: SearchPlan, evaluate: Evaluate, told: Told | None = None) -> H
     Args:
         plan: what is searched; every variable has a start.
         evaluate: called once for each generation. With the same answers the search is the same.
-        told: called after each generation with the history so far.
-
-    Returns:
-        All candidates in the order of their numbers.
+        report: called after each generation with the history so far.
     """
     searches = Searches(plan)
     history: History = []
     starts = tuple(variable.start for variable in plan.variables if variable.start is not None)
     for generation in range(1, plan.generations + 1):
         asked = searches.ask()
-        if not asked:
+        if not asked:  # every search has converged
             break
         first = [Candidate(0, generation, START, starts)] if not history else []
         _try(plan, evaluate, history, generation, first, asked)
         values = values_of(history)
         last = slice(len(history) - len(asked), None)
         searches.tell(asked, losses_of(plan, values), violations_of(plan, values), last)
-        if told is not None:
-            told(history)
+        report(history)
     _try(plan, evaluate, history, plan.generations + 1, [], searches.centres())
-    if told is not None:
-        told(history)
+    report(history)
     return history
 
 
@@ -290,24 +289,23 @@ def _try(
 
 
 def values_of(history: Sequence[tuple[Candidate, Measured]]) -> Array:
-    """The objectives of the candidates (C, objectives)."""
+    """Return the objectives of the candidates (C, objectives)."""
     return np.array([measured.values for _, measured in history], float)
 
 
 def front(plan: SearchPlan, history: Sequence[tuple[Candidate, Measured]]) -> list[int]:
-    """Places in the history of the candidates on the front, in the order of the first weighed
-    objective, the best one first."""
+    """Return the places in the history of the candidates on the front, the best one of the first
+    weighed objective first."""
     values = values_of(history)
     losses = losses_of(plan, values)
-    found = front_of(losses, violations_of(plan, values))
-    return found[np.lexsort((found, losses[found, 0]))].tolist()
+    places = front_of(losses, violations_of(plan, values))
+    # Of equal losses the earlier candidate comes first, so that the order is always the same.
+    return places[np.lexsort((places, losses[places, 0]))].tolist()
 
 
 def to_be_checked(plan: SearchPlan, history: History, most: int) -> list[Candidate]:
-    """The start, and for each direction the centre of the search and its ``most`` best ones.
-
-    They are in the order of their numbers.
-    """
+    """Return the start, and for each direction the centre of the search and its ``most`` best ones,
+    in the order of their numbers."""
     order = _orders(plan, history, weighings_of(plan))
     chosen = {0, *(place for own in order for place in own[:most])}
     chosen |= {place for place, (one, _) in enumerate(history) if one.generation > plan.generations}
@@ -315,7 +313,7 @@ def to_be_checked(plan: SearchPlan, history: History, most: int) -> list[Candida
 
 
 def best_of(plan: SearchPlan, history: Sequence[tuple[Candidate, Measured]]) -> int:
-    """Place of the candidate that is the best one when all directions weigh alike."""
+    """Return the place of the candidate that is the best one when all objectives weigh alike."""
     weights = [plan.objectives[i].weight for i in plan.weighed]
     return _orders(plan, history, spread_weighings(len(weights), 1) * weights)[0][0]
 

@@ -437,9 +437,9 @@ def _metric_faults(where: str, objective: Objective, sweeps: Sequence[Sweep]) ->
     """A metric that there is not, or that no trial gives; a module that is missing or too much."""
     bases = [base for sweep in sweeps for base in sweep.bases.values()]
     known = metrics_of(bases)
-    given = [name for name, metric in known.items() if metric.in_tables]
+    measured = [name for name, metric in known.items() if metric.in_tables]
     if objective.metric not in known and objective.metric not in OF_TRIALS and bases:
-        choices = (SUCCESS_RATE, *OF_TRIALS, *given)
+        choices = (SUCCESS_RATE, *OF_TRIALS, *measured)
         problem = f"is {objective.metric!r}"
         yield Fault(f"{where}.metric", problem, choices, given=objective.metric)
         return
@@ -447,7 +447,7 @@ def _metric_faults(where: str, objective: Objective, sweeps: Sequence[Sweep]) ->
     if metric is None and objective.metric not in OF_TRIALS:
         return  # it may be one of a base scenario that could not be read
     if metric is not None and not metric.in_tables:
-        choices = (SUCCESS_RATE, *OF_TRIALS, *given)
+        choices = (SUCCESS_RATE, *OF_TRIALS, *measured)
         problem = f"{objective.metric!r} is measured in no trial of a study"
         yield Fault(f"{where}.metric", problem, choices)
         return
