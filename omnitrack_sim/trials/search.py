@@ -47,8 +47,8 @@ class Searches:
         ]
 
     def ask(self) -> list[tuple[int, Array]]:
-        """Return pairs of a search, from 1, and a point (n,) that it asks for; none of a search that
-        has converged."""
+        """Return pairs of a search, from 1, and a point (n,) that it asks for; none of a search
+        that has converged."""
         return [
             (number, search.ask())
             for number, search in enumerate(self._searches, start=1)
