@@ -77,6 +77,11 @@ def print_json(value: Any) -> None:
     print(strict_json(value))
 
 
+def print_saved(path: Path) -> None:
+    """Print where something was saved."""
+    out.print(f"saved {plain(str(path))}", soft_wrap=True)
+
+
 ScenarioArgument = Annotated[
     str,
     typer.Argument(

@@ -9,7 +9,7 @@ import typer
 
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.cli import complete
-from omnitrack_sim.cli.common import app, out, plain, print_json, table_of
+from omnitrack_sim.cli.common import app, out, plain, print_json, print_saved, table_of
 
 if TYPE_CHECKING:
     from omnitrack_sim.pipes import Route
@@ -213,7 +213,7 @@ def _print_all(found: Network, route: Route | None, written: list[Path]) -> None
     if route is not None:
         _print_route(route)
     for path in written:
-        out.print(f"saved {plain(str(path))}", soft_wrap=True)
+        print_saved(path)
 
 
 def _sizes(part: NetworkFitting) -> str:

@@ -11,7 +11,16 @@ import typer
 from rich.table import Table
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.cli.common import app, err, out, plain, print_json, progress, table_of
+from omnitrack_sim.cli.common import (
+    app,
+    err,
+    out,
+    plain,
+    print_json,
+    print_saved,
+    progress,
+    table_of,
+)
 
 if TYPE_CHECKING:
     from omnitrack_sim.robots.omnitrack.singularity import TurnCase
@@ -146,7 +155,7 @@ def _report(
     else:
         _print_singularity(summary)
         if plot is not None:
-            out.print(f"saved {plain(str(plot))}", soft_wrap=True)
+            print_saved(plot)
 
 
 def _check_output(plot: Path | None, figure: str) -> None:

@@ -21,17 +21,28 @@ from omnitrack_sim.cli.common import (
     out,
     plain,
     print_json,
+    print_saved,
     progress,
     table_of,
 )
 
 if TYPE_CHECKING:
     from omnitrack_sim.pipes.compare import MapDifference
-    from omnitrack_sim.results.result import Result
-if TYPE_CHECKING:
-    from omnitrack_sim.results.result import Result
-if TYPE_CHECKING:
     from omnitrack_sim.results.comparison import Comparison
+    from omnitrack_sim.results.result import Result
+
+PAGE = "replay.html"
+"""Name of the page in the folder of its run."""
+TABLE_FILE, FIGURE_FILE = "comparison.json", "comparison.png"
+"""Files that ``compare --out`` leaves in a folder."""
+FILM: dict[str, Any] = {"width": 1280, "height": 720, "fps": 25}
+GIF: dict[str, Any] = {"width": 640, "height": 360, "fps": 10}
+"""Size and rate of films, and of a GIF, which is not compressed as well."""
+FRAMES_A_PROCESS = 150
+"""Frames for which another process pays, which takes 2 s to begin."""
+RunArgument = Annotated[
+    Path, typer.Argument(metavar="RUN_DIR", help="A folder that `omnitrack run` wrote.")
+]
 
 
 @app.command()
@@ -133,33 +144,31 @@ def print_result(result: Result, target: Path) -> None:
             f"{metrics['theta5_error_p95_deg']:.1f} deg in 95 % of the time",
             soft_wrap=True,
         )
-    found = result.map_difference() if result.map is not None else None
-    if found is not None:
-        out.print(f"  {_map_in_words(found)}", soft_wrap=True)
+    difference = result.map_difference() if result.map is not None else None
+    if difference is not None:
+        out.print(f"  {_map_in_words(difference)}", soft_wrap=True)
     out.print(f"  saved in {plain(str(target))}", soft_wrap=True)
 
 
-def _map_in_words(found: MapDifference) -> str:
+def _map_in_words(difference: MapDifference) -> str:
     """How good the map of a robot that explores is."""
-    faults = {
-        "kind": found.kinds,
-        "size": found.wrong_sizes,
-        "direction": found.angles,
-        "joint": found.loose,
+    pairs = {
+        "kind": difference.kinds,
+        "size": difference.wrong_sizes,
+        "direction": difference.angles,
+        "joint": difference.loose,
     }
-    told = [
-        f"wrong {what}: {', '.join(f'{mine} for {true}' for mine, true in pairs)}"
-        for what, pairs in faults.items()
-        if pairs
-    ]
-    told += [f"missing: {', '.join(found.missing)}"] if found.missing else []
-    told += [f"not there: {', '.join(found.extra)}"] if found.extra else []
-    parts = f"its map has {found.found} of {found.parts} parts, {found.length_error:.3f} m wrong in"
-    return f"{parts} all lengths{'; ' if told else ''}{'; '.join(told)}"
+    lists = {
+        f"wrong {what}": [f"{mine} for {true}" for mine, true in own] for what, own in pairs.items()
+    }
+    lists |= {"missing": [*difference.missing], "not there": [*difference.extra]}
+    faults = [f"{head}: {', '.join(names)}" for head, names in lists.items() if names]
+    parts = f"its map has {difference.found} of {difference.parts} parts"
+    return "; ".join([f"{parts}, {difference.length_error:.3f} m wrong in all lengths", *faults])
 
 
 def _is_mission(result: Result) -> bool:
-    """Whether the timeline is worth printing: several legs, or two bends, tees or reducers."""
+    """True if the timeline is worth printing: several legs, or two bends, tees or reducers."""
     routes = result.routes()
     turns = [
         passage
@@ -173,27 +182,18 @@ def _is_mission(result: Result) -> bool:
 def _visit_table(result: Result) -> Table:
     """The columns of the timeline that matter most."""
     legs = len(result.routes()) > 1
-    heads = [
-        ("enter", "s"),
-        ("time", "s"),
-        ("theta5", "deg"),
-        ("tilt", "deg"),
-        ("slip", "1"),
-        ("force", "N"),
-    ]
-    heads += [("rolls", "1"), ("retries", "1")]
+    heads = ("enter\ns", "time\ns", "theta5\ndeg", "tilt\ndeg", "slip\n1", "force\nN")
     table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=True)
     for name in ["leg", "fitting"] if legs else ["  fitting"]:
         table.add_column(name, no_wrap=True)
     table.add_column("manoeuvre")
-    for name, unit in heads:
-        table.add_column(f"{name}\n{unit}", justify="right", no_wrap=True)
+    for head in (*heads, "rolls\n1", "retries\n1"):
+        table.add_column(head, justify="right", no_wrap=True)
     for visit in result.timeline():
         leg = f"{visit.leg + 1}{' tail' if visit.gear < 0 else ''}"
         slip = "-" if visit.slip_ratio_mean is None else f"{visit.slip_ratio_mean:.3f}"
         table.add_row(
-            *((leg,) if legs else ()),
-            plain(visit.name) if legs else f"  {plain(visit.name)}",
+            *((leg, plain(visit.name)) if legs else (f"  {plain(visit.name)}",)),
             visit.manoeuvre,
             f"{visit.time_enter_s:.2f}",
             f"{visit.duration_s:.2f}",
@@ -231,12 +231,6 @@ def _module_table(result: Result) -> Table:
     return table
 
 
-GIF: dict[str, Any] = {"width": 640, "height": 360, "fps": 10}
-"""What ``render`` makes of a GIF, which has no such compression as a film."""
-FRAMES_A_PROCESS = 150
-"""Frames for which another process pays, which takes 2 s to begin."""
-
-
 def check_camera(camera: str) -> None:
     """Refuse a camera that there is not."""
     from omnitrack_sim.show.film.limits import CAMERAS
@@ -246,16 +240,14 @@ def check_camera(camera: str) -> None:
 
 
 def processes_for(duration: float, fps: int) -> int:
-    """How many processes paint a film of this length, s, fastest on this machine."""
+    """Return how many processes paint a film of this length, s, fastest on this machine."""
     spare = len(os.sched_getaffinity(0)) // 2  # each painter keeps the one that encodes busy, too
     return max(1, min(spare, int(duration * fps) // FRAMES_A_PROCESS))
 
 
 @app.command()
 def render(
-    run_dir: Annotated[
-        Path, typer.Argument(metavar="RUN_DIR", help="A folder that `omnitrack run` wrote.")
-    ],
+    run_dir: RunArgument,
     camera: Annotated[
         str, typer.Option(help="side, follow or onboard.", autocompletion=complete.cameras)
     ] = "side",
@@ -298,9 +290,9 @@ def render(
 ) -> None:
     """Render a saved run from any camera: as a film, or as stills side by side."""
     check_camera(camera)
-    asked = {} if size is None else _size(size)
+    pixels = {} if size is None else _size(size)
     if strip is None and at is None:
-        _film(run_dir, camera, file, asked, fps, processes)
+        _film(run_dir, camera, file, pixels, fps, processes)
         return
     idle = {"--fps": fps, "--processes": processes}
     faults = [Fault(name, "is for films, not strips") for name, v in idle.items() if v is not None]
@@ -313,8 +305,8 @@ def render(
 
     target = file or run_dir / "strip.png"
     count = FRAMES if strip is None else strip
-    render_strip(run_dir, target, count, times=times, camera=camera, **asked)
-    out.print(f"saved {plain(str(target))}", soft_wrap=True)
+    render_strip(run_dir, target, count, times=times, camera=camera, **pixels)
+    print_saved(target)
 
 
 def _film(
@@ -332,13 +324,13 @@ def _film(
 
     target = file or run_dir / f"{camera}.mp4"
     format = film_format(target)
-    wanted = {"width": 1280, "height": 720, "fps": 25} if format != "gif" else dict(GIF)
+    wanted = dict(GIF if format == "gif" else FILM)
     wanted |= size | ({} if fps is None else {"fps": fps})
     check_request(camera, **wanted, format=format, processes=1 if processes is None else processes)
     if file is not None:
         check_file(file)
     filmed(load_result(run_dir), target, camera, False, processes, **wanted)
-    out.print(f"saved {plain(str(target))}", soft_wrap=True)
+    print_saved(target)
 
 
 def filmed(
@@ -363,10 +355,10 @@ def filmed(
 
 def _size(text: str) -> dict[str, int]:
     """Width and height of WxH."""
-    found = re.fullmatch(r"([0-9]{1,6})x([0-9]{1,6})", text)
-    if found is None:
+    numbers = re.fullmatch(r"([0-9]{1,6})x([0-9]{1,6})", text)
+    if numbers is None:
         raise InputError(Fault("--size", f"is {text!r}; it is WIDTHxHEIGHT, such as 1280x720"))
-    return {"width": int(found[1]), "height": int(found[2])}
+    return {"width": int(numbers[1]), "height": int(numbers[2])}
 
 
 def _times(text: str) -> list[float]:
@@ -377,15 +369,9 @@ def _times(text: str) -> list[float]:
         raise InputError(Fault("--at", f"is {text!r}; it is times in s, such as 2.0,3.5")) from None
 
 
-PAGE = "replay.html"
-"""Name of the page in the folder of its run."""
-
-
 @app.command()
 def replay(
-    run_dir: Annotated[
-        Path, typer.Argument(metavar="RUN_DIR", help="A folder that `omnitrack run` wrote.")
-    ],
+    run_dir: RunArgument,
     compare: Annotated[
         Path | None,
         typer.Option(
@@ -407,17 +393,10 @@ def replay(
     other = None if compare is None else load_result(compare)
     if other is not None and (problem := other_pipes(result, other)):
         hint = "compares figures and scenarios of any two runs"
-        told = f"{problem}; `omnitrack compare {run_dir} {compare}` {hint}"
-        raise InputError(Fault(f"--compare {compare}", told))
+        problem += f"; `omnitrack compare {run_dir} {compare}` {hint}"
+        raise InputError(Fault(f"--compare {compare}", problem))
     target = write_replay(result, file or run_dir / PAGE, compare=other)
-    out.print(f"saved {plain(str(target))}", soft_wrap=True)
-
-
-TABLE_FILE, FIGURE_FILE = "comparison.json", "comparison.png"
-"""What ``--out`` leaves in a folder."""
-RunArgument = Annotated[
-    Path, typer.Argument(metavar="RUN_DIR", help="A folder that `omnitrack run` wrote.")
-]
+    print_saved(target)
 
 
 @app.command()
@@ -440,14 +419,14 @@ def compare(
     from omnitrack_sim.results.comparison import compare as compare_runs
 
     _check_target(target)
-    found = compare_runs(a, b)
+    comparison = compare_runs(a, b)
     if as_json:
-        print_json(found.summary())
+        print_json(comparison.summary())
     else:
-        _print_comparison(found)
-    for path in _save_comparison(found, target):
-        if not as_json:
-            out.print(f"saved {plain(str(path))}", soft_wrap=True)
+        _print_comparison(comparison)
+    files = _save_comparison(comparison, target)
+    for path in files if not as_json else ():
+        print_saved(path)
 
 
 def _is_figure(target: Path) -> bool:
@@ -471,7 +450,7 @@ def _check_target(target: Path | None) -> None:
         check_folder(target)
 
 
-def _save_comparison(found: Comparison, target: Path | None) -> list[Path]:
+def _save_comparison(comparison: Comparison, target: Path | None) -> list[Path]:
     """Write what ``--out`` asks for; returns the files written."""
     import io
 
@@ -482,30 +461,30 @@ def _save_comparison(found: Comparison, target: Path | None) -> list[Path]:
 
     if target is None:
         return []
-    figure = plot_compare(found.a, found.b)
+    figure = plot_compare(comparison.a, comparison.b)
     if _is_figure(target):
         save_figure(figure, target)
         return [target]
     picture = io.BytesIO()
     save_figure(figure, picture, "png")
-    table = strict_json(found.summary()) + "\n"
+    table = strict_json(comparison.summary()) + "\n"
     files = {target / TABLE_FILE: table.encode(), target / FIGURE_FILE: picture.getvalue()}
     return write_files(files)
 
 
-def _print_comparison(found: Comparison) -> None:
+def _print_comparison(comparison: Comparison) -> None:
     from omnitrack_sim.results.comparison import figure_row, value_row
 
-    for side, run in (("A", found.a), ("B", found.b)):
+    for side, run in (("A", comparison.a), ("B", comparison.b)):
         colour = "green" if run.success else "yellow"
         ended = f"[bold {colour}]{run.outcome.value}[/] after {run.duration_s:.2f} s"
         out.print(f"{side}  {plain(run.scenario.name)}: {ended}", soft_wrap=True)
         out.print(f"   {plain(run.reason)}", soft_wrap=True)
-    if found.values:
-        _print_rows(("scenario value", "unit", "A", "B"), map(value_row, found.values))
+    if comparison.values:
+        _print_rows(("scenario value", "unit", "A", "B"), map(value_row, comparison.values))
     else:
         out.print("the scenarios are the same", soft_wrap=True)
-    changed = [one for one in found.figures if one.differs]
+    changed = [one for one in comparison.figures if one.differs]
     if changed:
         _print_rows(("figure", "unit", "A", "B", "B - A"), map(figure_row, changed))
     else:
