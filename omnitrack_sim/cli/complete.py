@@ -60,7 +60,9 @@ def settings(incomplete: str) -> Choices:
 
     A shell sets a blank behind the only one that is left, so that all of a path is offered at once.
     """
-    return [(f"{path}=", _short(told)) for path, told in _paths() if path.startswith(incomplete)]
+    return [
+        (f"{path}=", _short(meaning)) for path, meaning in _paths() if path.startswith(incomplete)
+    ]
 
 
 def comment(path: Path) -> str:
@@ -72,8 +74,8 @@ def comment(path: Path) -> str:
 
 def _named(shipped: Mapping[str, Path], incomplete: str) -> Choices:
     names = {name: path for name, path in shipped.items() if name.startswith(incomplete)}
-    told = [(name, _short(comment(path))) for name, path in names.items()]
-    return told + [(path, "") for path in _files(incomplete)]
+    shown = [(name, _short(comment(path))) for name, path in names.items()]
+    return shown + [(path, "") for path in _files(incomplete)]
 
 
 def _short(text: str) -> str:
@@ -85,12 +87,12 @@ def _files(incomplete: str, endings: tuple[str, ...] = (".toml", ".json")) -> li
     """Folders, and files with such endings, whose paths begin so."""
     head, slash, tail = incomplete.rpartition("/")
     try:
-        found = sorted(Path(head + slash or ".").iterdir())
+        paths = sorted(Path(head + slash or ".").iterdir())
     except OSError:
         return []
     return [
         f"{head}{slash}{path.name}{'/' if path.is_dir() else ''}"
-        for path in found
+        for path in paths
         if path.name.startswith(tail)
         and (tail or not path.name.startswith("."))
         and (path.is_dir() or path.suffix in endings)
@@ -116,7 +118,7 @@ def _paths() -> Iterator[tuple[str, str]]:
     keys = {
         key: meaning
         for kind in shipped_fittings()
-        for key, meaning in _told(table_of(kind, Pipe)).items()
+        for key, meaning in _meanings(table_of(kind, Pipe)).items()
     }
     yield from ((f"pipes.*.{key}", meaning) for key, meaning in keys.items() if key != "kind")
 
@@ -127,15 +129,15 @@ def _below(path: str, table: Any) -> Iterator[tuple[str, str]]:
 
     if not isinstance(table, BaseModel):
         return
-    told = _told(type(table))
+    meanings = _meanings(type(table))
     for key, value in table:
         if isinstance(value, BaseModel):
             yield from _below(f"{path}.{key}", value)
         elif key != "parameters":
-            yield f"{path}.{key}", told.get(key, "")
+            yield f"{path}.{key}", meanings.get(key, "")
 
 
-def _told(table: type[BaseModel]) -> dict[str, str]:
+def _meanings(table: type[BaseModel]) -> dict[str, str]:
     """Unit and meaning of the keys of a table."""
     from omnitrack_sim.base.table import meanings_of, symbol_of
 

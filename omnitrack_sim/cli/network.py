@@ -62,13 +62,13 @@ def network(
     """A pipe network: its parts and open ends, the shortest route between two of these, figures and
     exports."""
     _check_outputs(to_file, plot, export)
-    found = _network(source, random, fittings)
-    route = _asked_route(found, start, goal, avoid or [])
-    written = _save(found, route, to_file, plot, export)
+    net = _network(source, random, fittings)
+    route = _asked_route(net, start, goal, avoid or [])
+    written = _save(net, route, to_file, plot, export)
     if as_json:
-        print_json(_summary(found, route))
+        print_json(_summary(net, route))
     else:
-        _print_all(found, route, written)
+        _print_all(net, route, written)
 
 
 def _check_outputs(to_file: Path | None, plot: Path | None, export: Path | None) -> None:
@@ -102,26 +102,26 @@ def _network(source: str | None, seed: int | None, fittings: int | None) -> Netw
 
 
 def _asked_route(
-    found: Network, start: str | None, goal: str | None, avoid: list[str]
+    net: Network, start: str | None, goal: str | None, avoid: list[str]
 ) -> Route | None:
     """The route that the options ask for; None where they ask for none."""
     from omnitrack_sim.pipes.planning import shortest_route
 
     if (start is None) != (goal is None):
-        raise NetworkError(Fault("--from, --to", "give both or none", found.open_ends))
+        raise NetworkError(Fault("--from, --to", "give both or none", net.open_ends))
     if avoid and start is None:
         raise NetworkError(Fault("--avoid", "is for a route: give --from and --to as well"))
     if start is None or goal is None:
         return None
     options = {"start": "--from", "goal": "--to", "avoid": "--avoid"}
     try:
-        return shortest_route(found, start, goal, avoid)
+        return shortest_route(net, start, goal, avoid)
     except NetworkError as error:
         raise NetworkError([f.at(options.get(f.where, f.where)) for f in error.faults]) from None
 
 
 def _save(
-    found: Network,
+    net: Network,
     route: Route | None,
     to_file: Path | None,
     plot: Path | None,
@@ -131,37 +131,37 @@ def _save(
     from omnitrack_sim.base.writing import write_file
 
     if to_file is not None:
-        write_file(to_file, found.to_toml().encode())
+        write_file(to_file, net.to_toml().encode())
     if plot is not None:
         from omnitrack_sim.show.plots.network import plot_network
 
-        plot_network(found, plot, route)
+        plot_network(net, plot, route)
     written = [path for path in (to_file, plot) if path is not None]
     if export is not None:
         from omnitrack_sim.walls.export import export_network
 
-        written += export_network(found.name, found.pipes, export)
+        written += export_network(net.name, net.pipes, export)
     return written
 
 
-def _summary(found: Network, route: Route | None) -> dict[str, Any]:
-    named = {port: name for name, port in found.ports.items()}
+def _summary(net: Network, route: Route | None) -> dict[str, Any]:
+    named = {port: name for name, port in net.ports.items()}
     summary: dict[str, Any] = {
-        "name": found.name,
-        "length_m": found.length,
+        "name": net.name,
+        "length_m": net.length,
         "parts": [
             part.model_dump(mode="json")
             | {
                 "ports": {
-                    port: found.joined_to.get(f"{part.name}.{port}")
-                    for port in found.pipes.parts[i].fitting.port_names
+                    port: net.joined_to.get(f"{part.name}.{port}")
+                    for port in net.pipes.parts[i].fitting.port_names
                 }
             }
-            for i, part in enumerate(found.fittings)
+            for i, part in enumerate(net.fittings)
         ],
         "open_ends": [
-            {"port": port, "name": named.get(port), "position_m": _position(found, port)}
-            for port in found.open_ends
+            {"port": port, "name": named.get(port), "position_m": _position(net, port)}
+            for port in net.open_ends
         ],
     }
     if route is not None:
@@ -169,9 +169,9 @@ def _summary(found: Network, route: Route | None) -> dict[str, Any]:
     return summary
 
 
-def _position(found: Network, port: str) -> list[float]:
-    index, name = found.end("", port)
-    return [float(x) for x in found.pipes.parts[index].port(name).position]
+def _position(net: Network, port: str) -> list[float]:
+    index, name = net.end("", port)
+    return [float(x) for x in net.pipes.parts[index].port(name).position]
 
 
 def _passages(route: Route) -> list[dict[str, Any]]:
@@ -188,13 +188,13 @@ def _passages(route: Route) -> list[dict[str, Any]]:
     ]
 
 
-def _print_network(found: Network) -> None:
-    named = {port: name for name, port in found.ports.items()}
+def _print_network(net: Network) -> None:
+    named = {port: name for name, port in net.ports.items()}
     table = table_of("part", "kind", "sizes", "port", "joined to")
-    for i, part in enumerate(found.fittings):
-        for row, port in enumerate(found.pipes.parts[i].fitting.port_names):
+    for i, part in enumerate(net.fittings):
+        for row, port in enumerate(net.pipes.parts[i].fitting.port_names):
             end = f"{part.name}.{port}"
-            other = found.joined_to.get(end)
+            other = net.joined_to.get(end)
             to = (
                 plain(other)
                 if other
@@ -203,13 +203,13 @@ def _print_network(found: Network) -> None:
             head = (plain(part.name), part.kind, _sizes(part)) if row == 0 else ("", "", "")
             table.add_row(*head, port, to)
     out.print(table)
-    ends = ", ".join(f"{end} ({named[end]})" if end in named else end for end in found.open_ends)
+    ends = ", ".join(f"{end} ({named[end]})" if end in named else end for end in net.open_ends)
     out.print(f"open ends: {plain(ends) or 'none'}", soft_wrap=True)
-    out.print(f"{len(found.fittings)} parts, {found.length:.3f} m of axis in all")
+    out.print(f"{len(net.fittings)} parts, {net.length:.3f} m of axis in all")
 
 
-def _print_all(found: Network, route: Route | None, written: list[Path]) -> None:
-    _print_network(found)
+def _print_all(net: Network, route: Route | None, written: list[Path]) -> None:
+    _print_network(net)
     if route is not None:
         _print_route(route)
     for path in written:

@@ -39,19 +39,19 @@ def scenarios(
         "study": shipped_studies(),
         "network": shipped_networks(),
     }
-    told = {
+    comments = {
         kind: {name: complete.comment(path) for name, path in files.items()}
         for kind, files in kinds.items()
     }
     if as_json:
-        rows = dict(told.pop("scenario"))
+        rows = dict(comments.pop("scenario"))
         for folder, kind in (("sweeps", "sweep"), ("studies", "study"), ("networks", "network")):
-            rows |= {f"{folder}/{name}": text for name, text in told[kind].items()}
+            rows |= {f"{folder}/{name}": text for name, text in comments[kind].items()}
         print_json(rows)
         return
-    for title, found in told.items():
+    for title, texts in comments.items():
         table = table_of(title, "what it shows")
-        for name, text in found.items():
+        for name, text in texts.items():
             table.add_row(name, plain(text))
         out.print(table)
 
@@ -170,10 +170,10 @@ def _moved(data: dict[str, Any], path: Path, target: Path) -> dict[str, Any]:
     network = data.get("network")
     if not isinstance(network, str):
         return data
-    found = beside(path.parent, network)
-    if isinstance(found, str):
+    place = beside(path.parent, network)
+    if isinstance(place, str):
         return data  # the name of a shipped one
-    return data | {"network": os.path.relpath(found, target.parent)}
+    return data | {"network": os.path.relpath(place, target.parent)}
 
 
 @app.command()

@@ -79,8 +79,8 @@ def singularity(
             problem = f"is {degrees:g}; it must lie between {-MOST_DEGREES:g} and {MOST_DEGREES:g}"
             raise InputError(Fault(option, problem))
     robot = {"modules": modules, "definition": definition, "contact_length": contact_length}
-    given = robot | {"bend_radius": bend_radius, "reach": reach}
-    case = _case(pipe_diameter / 2, math.radians(turn_angle_deg), sector_deg, given)
+    options = robot | {"bend_radius": bend_radius, "reach": reach}
+    case = _case(pipe_diameter / 2, math.radians(turn_angle_deg), sector_deg, options)
     orientation = None if theta5_deg is None else _orientation(case, theta5_deg, roll_deg)
     _report(case, orientation, plot, figure, as_json)
 
@@ -89,7 +89,7 @@ def _case(
     pipe_radius: float,
     turn_angle: float,
     sector_deg: float | None,
-    given: dict[str, Any],
+    options: dict[str, Any],
 ) -> TurnCase:
     """The robot and the tee of the options.
 
@@ -97,16 +97,16 @@ def _case(
         pipe_radius: m.
         turn_angle: rad.
         sector_deg: deg, the sector that the reach is to give, in place of a reach.
-        given: other fields of ``TurnCase``; those that are None keep their defaults.
+        options: other fields of ``TurnCase``; those that are None keep their defaults.
     """
     from omnitrack_sim.robots.omnitrack.singularity import TurnCase, reach_from_sector
 
-    fields = {name: value for name, value in given.items() if value is not None}
+    fields = {name: value for name, value in options.items() if value is not None}
     if sector_deg is not None:
         if "reach" in fields:
             raise InputError(Fault("--reach, --sector-deg", "give one of the two"))
         sector = math.radians(sector_deg)
-        reach = reach_from_sector(sector, pipe_radius, turn_angle, given["definition"])
+        reach = reach_from_sector(sector, pipe_radius, turn_angle, options["definition"])
         fields["reach"] = float(reach)
     return TurnCase(pipe_radius=pipe_radius, turn_angle=turn_angle, **fields)
 
