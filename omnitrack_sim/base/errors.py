@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -72,6 +73,22 @@ class InputError(OmnitrackError):
         lines = [str(fault) for fault in self.faults[:MOST_TOLD]]
         rest = len(self.faults) - len(lines)
         return "\n".join([*lines, f"and {rest} more faults"] if rest else lines)
+
+
+@contextmanager
+def gathered(
+    faults: list[Fault], where: Callable[[Fault], str] = lambda fault: fault.where
+) -> Iterator[None]:
+    """Append the faults of an ``InputError`` to a list in the place of raising it.
+
+    Args:
+        faults: list that they are appended to.
+        where: gives the place of a fault in the whole file.
+    """
+    try:
+        yield
+    except InputError as error:
+        faults += [fault.at(where(fault)) for fault in error.faults]
 
 
 class ScenarioError(InputError):

@@ -10,7 +10,7 @@ from typing import Any, get_origin
 from pydantic import BaseModel, ValidationError
 
 from omnitrack_sim.base.arguments import check_changes, check_is
-from omnitrack_sim.base.errors import Fault, InputError, NetworkError, ScenarioError
+from omnitrack_sim.base.errors import Fault, InputError, NetworkError, ScenarioError, gathered
 from omnitrack_sim.base.reading import SCENARIO, beside, checked, fault_of, is_file, read_file
 from omnitrack_sim.base.table import below, default_of, files_of, index_of, inside, keys_at, keys_of
 from omnitrack_sim.base.text import finite, shown
@@ -201,10 +201,8 @@ def _own_faults(data: Mapping[str, Any]) -> list[Fault]:
         return []  # told elsewhere
     faults: list[Fault] = []
     for own in ("own_sensors", "own_metrics"):
-        try:
+        with gathered(faults):
             getattr(Scenario.model_construct(record=record), own)
-        except InputError as error:
-            faults += error.faults
     return faults
 
 
