@@ -27,7 +27,7 @@ from omnitrack_sim.robots.omnitrack.policy import DECISION_PERIOD
         ({"ranges": {"world.friction": (0.5, 50.0)}}, "world.friction"),
         ({"ranges": {"world.friction": float("nan")}}, "ranges.world.friction"),
         ({"reward": {"progres": 1.0}}, "did you mean 'progress'"),
-        ({"changes": {"contact.frction": 1.0}}, "did you mean 'friction'"),
+        ({"changes": {"world.frction": 1.0}}, "did you mean 'friction'"),
         ({"changes": {"physics.control_period": 0.02}}, "physics.control_period"),
         ({"observation": "truth", "changes": {"physics.control_period": 0.02}}, "decision period"),
         ({"acting": "residuel"}, "did you mean 'residual'"),

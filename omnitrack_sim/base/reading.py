@@ -24,6 +24,7 @@ from omnitrack_sim.base.naming import (
     shipped_sweeps,
     without_ending,
 )
+from omnitrack_sim.base.table import keys_at
 from omnitrack_sim.base.text import nearest, shown
 
 NAME_PATTERN = r"^[^./\\\x00-\x1f\x7f-\x9f][^/\\\x00-\x1f\x7f-\x9f]*$"
@@ -286,39 +287,49 @@ def _refuse_other_kinds(
 def checked(
     model: type[_Model],
     data: Mapping[str, Any],
-    union: str,
-    fault: Callable[[Any], Fault],
     error: type[InputError],
+    *,
+    union: str = "",
+    kinds: tuple[str, ...] = (),
+    choices_at: Callable[[list[str]], tuple[str, ...]] | None = None,
+    own_fault: Callable[[Mapping[str, Any]], Fault | None] = lambda item: None,
 ) -> _Model:
-    """A model from plain data, as read from TOML or JSON.
+    """Return a model from plain data, as read from TOML or JSON, with every fault at its place.
 
     Args:
         model: class of the model.
         data: contents of the file.
-        union: key of the list whose tables have a ``kind``.
-        fault: turns one of pydantic's errors into a fault.
         error: exception class to raise for faults.
+        union: key of the list whose tables have a ``kind``.
+        kinds: valid kinds that pydantic puts into its paths.
+        choices_at: gives the valid keys of the table at a path; by default those of ``model``.
+        own_fault: words of the caller's own for one of ``ValidationError.errors()``; None for the
+            common ones.
 
     Raises:
         InputError: of class ``error``, with every fault.
     """
-    data, odd = _tidied(data)
+    choices = choices_at or (lambda places: keys_at(model, data, places))
+    plain, odd = _tidied(data)
     try:
         # From JSON, pydantic's strict mode takes lists for tuples and names for enums, but no
         # "0.5" for 0.5.
-        found = model.model_validate_json(json.dumps(data, default=plain_value), strict=True)
+        made = model.model_validate_json(json.dumps(plain, default=plain_value), strict=True)
     except ValidationError as reason:
         items = reason.errors(include_url=False)
         # pydantic does not count a table with a fault as an item, and then calls the list too
         # short, too.
         inside = any(item["loc"][:1] == (union,) and len(item["loc"]) > 1 for item in items)
-        faults = [fault(item) for item in items if not (inside and item["type"] == "too_short")]
+        faults = [
+            own_fault(item) or _fault_of(item, union, kinds, choices)
+            for item in items
+            if not (inside and item["type"] == "too_short")
+        ]
         places = {one.where for one in odd}
-        faults = [one for one in dict.fromkeys(faults) if one.where not in places]
-        raise error([*odd, *faults]) from None
+        raise error([*odd, *(f for f in dict.fromkeys(faults) if f.where not in places)]) from None
     if odd:
         raise error(odd)
-    return found
+    return made
 
 
 def _tidied(data: Any) -> tuple[Any, list[Fault]]:
@@ -372,7 +383,7 @@ def plain_value(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
 
 
-def fault_of(
+def _fault_of(
     item: Mapping[str, Any],
     union: str,
     kinds: tuple[str, ...],

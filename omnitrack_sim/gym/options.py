@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.reading import checked, fault_of
+from omnitrack_sim.base.reading import checked
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import shown
 from omnitrack_sim.gym.reward import TERMS
@@ -115,15 +115,14 @@ def options_of(given: Mapping[str, Any]) -> EnvOptions:
     Raises:
         InputError: lists every fault with its place and the choices.
     """
-    keys = tuple(EnvOptions.model_fields)
 
-    def fault(item: Any) -> Fault:
+    def fault(item: Mapping[str, Any]) -> Fault | None:
         level, right = _SEVERAL.get(item["loc"][0], (0, ""))
         if 0 < level < len(item["loc"]):
             return _of_another_type(given, item["loc"][:level], right)
-        return fault_of(item, "", (), lambda places: () if places else keys)
+        return None
 
-    options: EnvOptions = checked(EnvOptions, given, "", fault, InputError)
+    options = checked(EnvOptions, given, InputError, own_fault=fault)
     faults = [*_unknown("ranges", options.ranges, _DRAWN)]
     faults += _unknown("reward", options.reward, tuple(TERMS))
     for path, value in options.ranges.items():

@@ -13,9 +13,9 @@ from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
 
 from omnitrack_sim.base.bounds import FARTHEST, MOST_PARTS, too_long
 from omnitrack_sim.base.errors import Fault, GeometryError, NetworkError
-from omnitrack_sim.base.reading import NAME_PATTERN, NETWORK, checked, fault_of, read_file
+from omnitrack_sim.base.reading import NAME_PATTERN, NETWORK, checked, read_file
 from omnitrack_sim.base.rotations import Pose, frame_along
-from omnitrack_sim.base.table import Angle, Direction, Table, keys_at
+from omnitrack_sim.base.table import Angle, Direction, Table
 from omnitrack_sim.base.text import as_toml, toml_key
 from omnitrack_sim.pipes import Assembly, Fitting
 from omnitrack_sim.pipes.fittings.kinds import FittingEntry, by_kind, table_of
@@ -310,14 +310,15 @@ def validate(data: Mapping[str, Any]) -> Network:
     Raises:
         NetworkError: lists every fault with its dotted path.
     """
-    return checked(Network, data, "fittings", lambda item: _fault(item, data), NetworkError)
+    return checked(Network, data, NetworkError, union="fittings", own_fault=_fault)
 
 
-def _fault(item: Any, data: Mapping[str, Any]) -> Fault:
+def _fault(item: Mapping[str, Any]) -> Fault | None:
+    """Words for a name of a part that is none."""
     if item["type"] == "string_pattern_mismatch" and item["loc"][0] == "fittings":
         where = f"fittings.{item['loc'][1]}.name"
         return Fault(
             where,
             f"is {item['input']!r}; a part's name has no dot, space or separator and is not empty",
         )
-    return fault_of(item, "fittings", (), lambda places: keys_at(Network, data, places))
+    return None

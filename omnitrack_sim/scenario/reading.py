@@ -11,8 +11,8 @@ from pydantic import BaseModel, ValidationError
 
 from omnitrack_sim.base.arguments import check_changes, check_is
 from omnitrack_sim.base.errors import Fault, InputError, NetworkError, ScenarioError, gathered
-from omnitrack_sim.base.reading import SCENARIO, beside, checked, fault_of, is_file, read_file
-from omnitrack_sim.base.table import below, default_of, files_of, index_of, inside, keys_at, keys_of
+from omnitrack_sim.base.reading import SCENARIO, beside, checked, is_file, read_file
+from omnitrack_sim.base.table import below, default_of, files_of, index_of, inside, keys_of
 from omnitrack_sim.base.text import finite, shown
 from omnitrack_sim.pipes.network import Network, network_data
 from omnitrack_sim.pipes.network import validate as validate_network
@@ -129,15 +129,6 @@ def _forget_digest(data: Any, path: str, place: Any) -> None:
     file = {} if model is None else files_of(model)
     if key in file:
         place.pop(file[key].digest, None)
-
-
-def choices_at(places: Sequence[str], data: Mapping[str, Any]) -> tuple[str, ...]:
-    """Valid keys of the table at a path into a scenario's plain data."""
-    place: Any = data
-    for key in places:
-        place = inside(place, key)
-    kind: type[BaseModel] | Any = _kind_at(data, places)
-    return keys_of(kind, place)
 
 
 def load_scenario(source: str | Path, changes: Mapping[str, Any] | None = None) -> Scenario:
@@ -277,11 +268,10 @@ def _with_parameters(
         return data, []
     given = {**given, **_files_found(given, model, folder)}
     try:
-        parameters = checked(
-            model, given, "", lambda item: _fault_below(where, model, item), ScenarioError
-        )
+        parameters = checked(model, given, ScenarioError)
     except ScenarioError as error:
-        return {**data, "control": {**control, "parameters": {}}}, list(error.faults)
+        faults = [fault.at(f"{where}.{fault.where}".rstrip(".")) for fault in error.faults]
+        return {**data, "control": {**control, "parameters": {}}}, faults
     known = parameters.model_dump(mode="json")
     faults = [*_unread(where, given, known), *_endless(where, known)]
     return {**data, "control": {**control, "parameters": known}}, faults
@@ -324,22 +314,17 @@ def _unread(where: str, given: Mapping[str, Any], known: Mapping[str, Any]) -> l
     return faults
 
 
-def _fault_below(where: str, model: type[BaseModel], item: Any) -> Fault:
-    """One of pydantic's errors in a table that stands at the path ``where``."""
-    fault = fault_of(item, "", (), lambda places: keys_at(model, {}, places))
-    return fault.at(f"{where}.{fault.where}".rstrip("."))
-
-
 def read_back(data: Mapping[str, Any]) -> Scenario:
     """The scenario of a saved run: as ``validate``, but controller, sensors and metrics of a user's
     own are not looked for."""
-    return checked(
-        Scenario,
-        data,
-        "pipes",
-        lambda item: fault_of(item, "pipes", (), lambda places: choices_at(places, data)),
-        ScenarioError,
-    )
+
+    def choices(places: Sequence[str]) -> tuple[str, ...]:
+        place: Any = data
+        for key in places:
+            place = inside(place, key)
+        return keys_of(_kind_at(data, places), place)
+
+    return checked(Scenario, data, ScenarioError, union="pipes", choices_at=choices)
 
 
 def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:

@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field
 
 from omnitrack_sim.base.bounds import MOST_BASES, MOST_CANDIDATES, MOST_STUDY_TRIALS, MOST_TRIALS
 from omnitrack_sim.base.errors import Fault, OmnitrackError, ScenarioError, StudyError, SweepError
-from omnitrack_sim.base.reading import NAME_PATTERN, STUDY, beside, checked, fault_of, read_file
+from omnitrack_sim.base.reading import NAME_PATTERN, STUDY, beside, checked, read_file
 from omnitrack_sim.record.metrics import METRICS, Metric
 from omnitrack_sim.scenario import Scenario, load_scenario, override
 from omnitrack_sim.trials.batches import FORMAT, matches, sha256_of, value_at
@@ -163,7 +163,7 @@ def resolve(
     tables = data.get("trials")
     sweeps, known, faults = _sweeps(tables, folder, changes or {})
     try:
-        file = checked(StudyFile, data, "", _fault, StudyError)
+        file = checked(StudyFile, data, StudyError, choices_at=_choices_at, own_fault=_fault)
         variables, objectives = dict(enumerate(file.variables)), dict(enumerate(file.objectives))
     except StudyError as error:
         # pydantic calls a list with a fault in it too short as well.
@@ -240,7 +240,7 @@ def _sound(kind: type[_Table], tables: Any, most: int) -> dict[int, _Table]:
     for i, table in enumerate(tables[:most] if isinstance(tables, list | tuple) else ()):
         with suppress(StudyError):
             if isinstance(table, Mapping):
-                found[i] = checked(kind, table, "", _fault, StudyError)
+                found[i] = checked(kind, table, StudyError)
     return found
 
 
@@ -268,14 +268,14 @@ def _named(objective: Objective) -> Objective:
     return objective.model_copy(update={"name": objective.name or objective.metric})
 
 
-def _fault(item: Mapping[str, Any]) -> Fault:
-    """One of pydantic's errors as a fault; a path, which takes two kinds of value, has two."""
+def _fault(item: Mapping[str, Any]) -> Fault | None:
+    """Words for a path, which takes two kinds of value and has two of pydantic's errors."""
     places = [str(place) for place in item["loc"]]
     if places[:1] == ["variables"] and "path" in places:
         where = ".".join(places[: places.index("path") + 1])
         missing = item["type"] == "missing"
         return Fault(where, "is missing" if missing else "is neither a text nor a list of texts")
-    return fault_of(item, "", (), _choices_at)
+    return None
 
 
 def _choices_at(places: list[str]) -> tuple[str, ...]:

@@ -24,7 +24,7 @@ from omnitrack_sim.base.bounds import (
     MOST_WORDS,
 )
 from omnitrack_sim.base.errors import Fault, ScenarioError, SweepError
-from omnitrack_sim.base.reading import NAME_PATTERN, SWEEP, beside, checked, fault_of, read_file
+from omnitrack_sim.base.reading import NAME_PATTERN, SWEEP, beside, checked, read_file
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import counted
 from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
@@ -260,7 +260,15 @@ def resolve(
     Raises:
         SweepError: lists every fault with its dotted path.
     """
-    file = checked(SweepFile, data, "", _fault, SweepError)
+    file = checked(
+        SweepFile,
+        data,
+        SweepError,
+        union="axes",
+        kinds=tuple(AXES),
+        choices_at=_choices_at,
+        own_fault=_fault,
+    )
     bases, faults = _bases(file, folder, changes or {})
     if bases:
         for number in range(len(file.axes)):
@@ -273,7 +281,7 @@ def resolve(
     return Sweep(**fields, bases=bases, set=file.set | dict(changes or {}))
 
 
-def _fault(item: Mapping[str, Any]) -> Fault:
+def _fault(item: Mapping[str, Any]) -> Fault | None:
     """One of pydantic's errors as a fault.
 
     A key that takes two kinds of value has an error for each; they become the same fault.
@@ -291,7 +299,7 @@ def _fault(item: Mapping[str, Any]) -> Fault:
         )
         missing = item["type"] == "missing"
         return Fault(plain, "is missing" if missing else "is neither a text nor a list of texts")
-    return fault_of(item, "axes", tuple(AXES), _choices_at)
+    return None
 
 
 def _choices_at(places: list[str]) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.bounds import LARGEST_WEIGHT, MOST_LAYERS, MOST_POLICY_BYTES, MOST_WIDTH
 from omnitrack_sim.base.errors import Fault, InputError, PolicyError
 from omnitrack_sim.base.naming import ByName, shipped_policies
-from omnitrack_sim.base.reading import checked, fault_of, is_file, parsed
+from omnitrack_sim.base.reading import checked, is_file, parsed
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import counted, strict_json
@@ -535,8 +535,4 @@ def _header(arrays: Mapping[str, NDArray]) -> Header:
         raise ValueError(f"has an entry {HEADER!r} that is no text: {error}") from error
     if not isinstance(data, dict):
         raise ValueError(f"has an entry {HEADER!r} that is no table")
-    return checked(Header, data, "", lambda item: fault_of(item, "", (), _no_choices), PolicyError)
-
-
-def _no_choices(places: list[str]) -> tuple[str, ...]:
-    return tuple(Header.model_fields) if not places else ()
+    return checked(Header, data, PolicyError)
