@@ -170,7 +170,12 @@ def test_all_faults_of_file_and_changes_are_told_at_once():
         "control": {"parameters": {"trakcing": {}}},
         "record": {"sensors": ["nowhere:X"]},
     }
-    changes = {"contrl.kind": "paper", "goal.distanc": 1.0, "pipes.0.length": 1.0, "start.a.b": 2}
+    changes = {
+        "contrl.kind": "paper",
+        "run.goal_distanc": 1.0,
+        "pipes.0.length": 1.0,
+        "start.a.b": 2,
+    }
     with pytest.raises(ScenarioError) as caught:
         validate(data, changes=changes)
     assert {fault.where for fault in caught.value.faults} == {
@@ -180,7 +185,7 @@ def test_all_faults_of_file_and_changes_are_told_at_once():
         "control.parameters.trakcing",
         "record.sensors.0",
         "contrl.kind",
-        "goal.distanc",
+        "run.goal_distanc",
         "pipes.0.length",
         "start.a.b",
     }

@@ -22,7 +22,7 @@ from omnitrack_sim.robots.omnitrack.policy import DECISION_PERIOD
         ({"observation": "onbaord"}, "did you mean 'onboard'"),
         ({"observation": ["onboard", "tilt"]}, "more than once"),
         ({"sensing": "true"}, "choose from: onboard, truth"),
-        ({"ranges": {"contact.fricton": 0.5}}, "did you mean 'world.friction'"),
+        ({"ranges": {"world.fricton": 0.5}}, "did you mean 'world.friction'"),
         ({"ranges": {"world.friction": (0.9, 0.5)}}, "the least value stands first"),
         ({"ranges": {"world.friction": (0.5, 50.0)}}, "world.friction"),
         ({"ranges": {"world.friction": float("nan")}}, "ranges.world.friction"),
