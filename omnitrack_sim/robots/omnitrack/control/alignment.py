@@ -375,12 +375,15 @@ class Aligner:
     straight, then elbows. What cannot be met beforehand is made up for on the way.
 
     Args:
-        setup: of the controller. path: of the ``AlignmentTable`` in its parameters.
+        setup: of the controller.
+        path: of the ``AlignmentTable`` in its parameters.
 
     Attributes:
-        roll: (n, 3) rad, what the rotary motors are asked. roll_target: (n, 3) rad, where it goes.
-        aligned: (n,) passages dealt with so far. attempts: (n,) rolls before the one at hand.
-        deadline: (n,) s, when a roll is looked at as it is.
+        roll: (n, 3) rad, set point of the rotary motors.
+        roll_target: (n, 3) rad, to which ``roll`` moves at the largest roll rate.
+        aligned: (n,) first passage that is not dealt with yet.
+        attempts: (n,) rolls so far for that passage.
+        deadline: (n,) s, after which a roll is judged as it is.
     """
 
     def __init__(self, setup: ControlSetup, path: str) -> None:
@@ -515,10 +518,11 @@ class Aligner:
         self._inside = self._inside | robots
 
     def step(self, observation: Observation, room: Array) -> Standing:
-        """Find out who has to stand, plan a roll where one is due, and move ``roll`` on.
+        """Decide which robots stand, plan a roll where one is due, and move ``roll`` on.
 
         Args:
-            observation: of this moment. room: (n,) m, ``RouteMap.nose_room`` at this moment.
+            observation: of this moment.
+            room: (n,) m, ``RouteMap.nose_room`` at this moment.
         """
         standing = self._stand(observation, room)
         missing = self.roll_target - self.roll

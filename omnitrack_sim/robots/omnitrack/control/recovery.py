@@ -48,11 +48,15 @@ class Recovery:
     """Decides which of n robots back off.
 
     Args:
-        setup: of the controller. path: of the ``RecoveryTable`` in its parameters.
+        setup: of the controller.
+        path: of the ``RecoveryTable`` in its parameters.
 
     Attributes:
-        farthest: (n,) m, farthest point so far. waiting: (n,) s without headway, or backing off.
-        backing: (n,) bool. retries: (n,) at the fitting at hand, ``passage`` (n,).
+        farthest: (n,) m, farthest point so far.
+        waiting: (n,) s without headway, or backing off.
+        backing: (n,) bool, robots that back off.
+        retries: (n,) at the current ``passage``.
+        passage: (n,) that retries are counted for.
     """
 
     def __init__(self, setup: ControlSetup, path: str) -> None:

@@ -57,7 +57,8 @@ class Tracking:
     """The tracking law of n robots.
 
     Args:
-        setup: of the controller. path: of the ``TrackingTable`` in its parameters.
+        setup: of the controller.
+        path: of the ``TrackingTable`` in its parameters.
 
     Attributes:
         centring: (n,) 1/m, slope towards the centreline that is wanted per metre beside it.
@@ -192,8 +193,8 @@ class Lean(NamedTuple):
     """Set point of the lean of n robots.
 
     Attributes:
-        aside: (n, 3) is added to the direction that they shall turn to, world frame.
-        most: (n,) the largest size that it has in this turn.
+        aside: (n, 3) added to the unit vector of the wanted heading, world frame.
+        most: (n,) largest size of ``aside`` in this turn.
     """
 
     aside: Array
@@ -206,11 +207,12 @@ class Sway:
     A robot leans to the side of the turn's plane that module 1 is not on when the turn begins.
 
     Args:
-        setup: of the controller. path: of the ``SwayTable`` in its parameters.
+        setup: of the controller.
+        path: of the ``SwayTable`` in its parameters.
 
     Attributes:
-        by_belts, turned: (n,) rad, how far robots have turned in the first part of their turn by
-            the speeds of their belts, and by the gyroscope.
+        by_belts: (n,) rad, rotation in the first part of the turn by the speeds of the belts.
+        turned: (n,) rad, the same by the gyroscope.
     """
 
     def __init__(self, setup: ControlSetup, path: str) -> None:
@@ -238,8 +240,9 @@ class Sway:
         """Return the set point of the lean.
 
         Args:
-            observation: of this moment. turning: (n,) robots that turn into a branch now.
-            full: (n,) robots that sway in full, whatever slips.
+            observation: of this moment.
+            turning: (n,) robots that turn into a branch now.
+            full: (n,) robots that sway in full at any slip.
         """
         location = observation.location
         beside = np.where(location.theta5 < 0, 1.0, -1.0)

@@ -33,7 +33,7 @@ ROUNDING = 1e-6
 
 
 class Decisions:
-    """Decisions of n robots, and what comes of them.
+    """Decisions of n robots, and the commands that follow from them.
 
     ::
 
@@ -46,17 +46,18 @@ class Decisions:
     Robots may be reset at different times; each has its own clock.
 
     Args:
-        setup: of the controller. features: in the order of the observation's entries.
-        acting: how a decision becomes a command.
+        setup: of the controller.
+        features: in the order of the observation's entries.
+        acting: conversion of decisions to commands.
 
     Raises:
         InputError: a decision period is not a whole number of control periods.
 
     Attributes:
         hold: control steps of a decision period.
-        action: (n, 4) decided last; 0 before the first decision.
-        roll: (n, 3) rad, asked of the rotary motors.
-        phases: that ``Command.phase`` indexes.
+        action: (n, 4), the last decision; 0 before the first one.
+        roll: (n, 3) rad, set point of the rotary motors.
+        phases: names that ``Command.phase`` indexes.
     """
 
     def __init__(
@@ -103,33 +104,33 @@ class Decisions:
             InputError: a feature needs what these robots do not observe.
         """
         self._follow_legs(observation)
-        view = FeatureInput(self.setup, observation, self.action, self.roll)
-        found = []
+        source = FeatureInput(self.setup, observation, self.action, self.roll)
+        entries = []
         for feature in self.features:
             try:
-                found.append(feature.entries(view))
+                entries.append(feature.entries(source))
             except AttributeError as error:
                 problem = f"{feature.name!r} is not there for these robots: {error}"
                 raise InputError(Fault("features", problem)) from error
-        return np.concatenate(found, axis=1)
+        return np.concatenate(entries, axis=1)
 
     def decide(self, action: ArrayLike) -> None:
-        """Take on actions (n, 4) of the robots that are ``due``; what is beyond -1 and 1 is cut
-        off.
+        """Set the actions (n, 4) of the robots that are ``due``, cut off at -1 and 1.
 
         Raises:
             ValueError: another shape, or a number that is none.
         """
-        given = np.asarray(action, np.float32)
-        if given.shape != self.action.shape:
-            raise ValueError(f"action has shape {given.shape}, expected {self.action.shape}")
-        if not np.isfinite(given).all():
+        # A learner holds actions in single precision: in a run they have to be the same numbers.
+        values = np.asarray(action, np.float32)
+        if values.shape != self.action.shape:
+            raise ValueError(f"action has shape {values.shape}, expected {self.action.shape}")
+        if not np.isfinite(values).all():
             raise ValueError("action: is not a number, or infinite")
-        cut = np.minimum(np.maximum(given, -1), 1).astype(float)
+        cut = np.minimum(np.maximum(values, -1), 1).astype(float)
         self.action = np.where(self.due[:, None], cut, self.action)
 
     def command(self, observation: Observation) -> Command:
-        """The command for the next control period."""
+        """Return the command for the next control period."""
         self._follow_legs(observation)
         self._tick += 1
         setup, limit = self.setup, self.setup.settings.speed_limit[:, None]
@@ -157,7 +158,7 @@ class Decisions:
         self._offset = np.minimum(np.maximum(offset, -reach), reach)
 
     def _follow_legs(self, observation: Observation) -> None:
-        """Mirror what is held of robots that have been sent on in the other gear."""
+        """Mirror the state of robots that have been sent on in the other gear."""
         known = (self._leg >= 0) & (self._leg != observation.leg)
         turned = known & (self._gear != observation.gear)
         self._leg, self._gear = observation.leg, observation.gear
@@ -217,7 +218,7 @@ class PolicyTable(Table):
 
 
 class PolicyController:
-    """Asks the policy of each robot every decision period, and carries out what it says."""
+    """Evaluates the policy of each robot every decision period and carries out its decisions."""
 
     Parameters: ClassVar[type[Table]] = PolicyTable
 
@@ -235,7 +236,7 @@ class PolicyController:
             self.phases += decisions.phases
 
     def step(self, observation: Observation) -> Command:
-        """The command for the next control period."""
+        """Return the command for the next control period."""
         commands = []
         for (own, policy, decisions), first in zip(self._parts, self._first, strict=True):
             if decisions.due.any():
@@ -247,8 +248,7 @@ class PolicyController:
 
 
 def joined(parts: Sequence[tuple[NDArray[np.bool_], Command]]) -> Command:
-    """One command of several that say all of speed, roll, phase and resting, each with the robots
-    (n,) that it counts for."""
+    """Join commands, each for its own robots (n,); all give speed, roll, phase and resting."""
     whole: dict[str, Any] = {}
     for own, command in parts:
         for name in ("belt_speed", "roll", "phase", "resting"):
