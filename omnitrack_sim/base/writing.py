@@ -28,9 +28,9 @@ from omnitrack_sim.base.errors import Fault, InputError, OutputError
 
 _PREFIX, _SUFFIX = ".omnitrack-", ".tmp"
 _WORKSHOP = re.compile(r"\.omnitrack-[a-z0-9_]{8}\.tmp")
-_NEW, _OLD, _NAME = "new", "old", "name"
-"""What a workshop holds: what is being made, the folder that it replaces, and the name of their
-place; the last two only where the system cannot exchange two folders."""
+_NEW, _OLD = "new", "old"
+"""Contents of a workshop: what is being made and, where the system cannot exchange two folders, a
+folder with the one that it replaces, under its own name."""
 _ROOM = 100
 """What a path of a file in a workshop may have more than that of its place, bytes."""
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # linux/fcntl.h, linux/fs.h
@@ -290,7 +290,7 @@ def _workshop(folder: Path) -> Iterator[Path]:
 def _put(shop: Path, target: Path) -> None:
     """Put the new folder of a workshop in the place of ``target``; the earlier one comes into the
     workshop."""
-    new, old = shop / _NEW, shop / _OLD
+    new, old = shop / _NEW, shop / _OLD / target.name
     if not target.exists():
         os.rename(new, target)
         return
@@ -300,8 +300,7 @@ def _put(shop: Path, target: Path) -> None:
         if error.errno not in _CANNOT_EXCHANGE:
             raise
         # Killed between the two renames, the first one of the next process to ``tidy`` finishes.
-        (shop / _NAME).write_bytes(os.fsencode(target.name))
-        _keep(shop / _NAME)
+        old.parent.mkdir()
         os.rename(target, old)
         try:
             os.rename(new, target)
@@ -313,9 +312,9 @@ def _put(shop: Path, target: Path) -> None:
 def _clear(shop: Path) -> None:
     """Remove a workshop, and before that finish the replacement that a killed process was in the
     middle of, if it was."""
-    if (shop / _OLD).is_dir() and (shop / _NEW).is_dir():
-        target = shop.with_name(os.fsdecode((shop / _NAME).read_bytes()))
-        if not target.exists():
+    for old in (shop / _OLD).glob("*"):  # one at most
+        target = shop.with_name(old.name)
+        if (shop / _NEW).is_dir() and not target.exists():
             os.rename(shop / _NEW, target)
     shutil.rmtree(shop)
 
@@ -326,12 +325,11 @@ def _exchange(one: Path, other: Path) -> None:
     Raises:
         OSError: ``_CANNOT_EXCHANGE`` where the system or the file system does not know how.
     """
-    rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
-    if rename is None:
-        raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
-    names = os.fsencode(one), os.fsencode(other)
-    if rename(_AT_FDCWD, names[0], _AT_FDCWD, names[1], _RENAME_EXCHANGE) != 0:
-        code = ctypes.get_errno()
+    library = ctypes.CDLL(None, use_errno=True)
+    ends = _AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other)
+    known = hasattr(library, "renameat2")
+    if not known or library.renameat2(*ends, _RENAME_EXCHANGE) != 0:
+        code = ctypes.get_errno() if known else errno.ENOSYS
         raise OSError(code, os.strerror(code), str(other))
 
 
