@@ -58,9 +58,9 @@ from .robots.omnitrack.policy.features import Feature as Feature
 from .robots.omnitrack.policy.file import Policy as Policy
 from .robots.omnitrack.policy.file import load_policy as load_policy
 from .robots.omnitrack.singularity import TurnCase as TurnCase
+from .scenario.loading import load_scenario as load_scenario
+from .scenario.loading import override as override
 from .scenario.model import Scenario as Scenario
-from .scenario.reading import load_scenario as load_scenario
-from .scenario.reading import override as override
 from .senses.sensor import Sensor as Sensor
 from .show.film.render import render_frame as render_frame
 from .show.film.render import render_video as render_video

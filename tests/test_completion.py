@@ -57,7 +57,7 @@ def test_words_that_begin_so_are_offered(tmp_path, line, words):
 def test_every_offered_path_can_be_set():
     """Each path of --set that is offered is one of a scenario with pipes."""
     from omnitrack_sim.cli.complete import settings
-    from omnitrack_sim.scenario.reading import set_value
+    from omnitrack_sim.scenario.loading import set_value
 
     data = ot.load_scenario("elbow").model_dump(mode="json")
     offered = [word.removesuffix("=") for word, _ in settings("")]

@@ -15,7 +15,7 @@ from omnitrack_sim.base.bounds import MOST_ORDERS
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenController, Order
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.scenario.driven import LONGEST_DRIVE, to_drive, with_orders
+from omnitrack_sim.scenario.loading import LONGEST_DRIVE, to_drive, with_orders
 
 Plan = Sequence[tuple[Callable[[ot.Simulation], bool], dict[str, Any]]]
 

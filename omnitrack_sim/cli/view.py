@@ -108,7 +108,7 @@ def drive(
     """Drive a scenario's robot by keyboard, in a window (needs a screen), and save the run."""
     from omnitrack_sim.base.writing import check_folder
     from omnitrack_sim.results.files import RESULT_FILE
-    from omnitrack_sim.scenario.driven import driven_name
+    from omnitrack_sim.scenario.loading import driven_name
 
     pace = _speed(speed)
     loaded = load(scenario, assignments)

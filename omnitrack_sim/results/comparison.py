@@ -26,7 +26,7 @@ _UNITS = {metric.name: metric.unit for metric in METRICS}
 
 
 @dataclass(frozen=True)
-class Difference:
+class ComparedValue:
     """One thing that two runs have.
 
     Attributes:
@@ -86,24 +86,25 @@ class Comparison:
         return f"the scenarios differ in {count} {'value' if count == 1 else 'values'}"
 
     @cached_property
-    def values(self) -> tuple[Difference, ...]:
+    def values(self) -> tuple[ComparedValue, ...]:
         """The values in which the resolved scenarios differ, by dotted path; their names are left
         out."""
         first, second = (r.scenario.model_dump(mode="json") for r in (self.a, self.b))
         del first["name"], second["name"]
         return tuple(
-            Difference(path, unit_of(path) or "", a, b) for path, a, b in _differing(first, second)
+            ComparedValue(path, unit_of(path) or "", a, b)
+            for path, a, b in _differing(first, second)
         )
 
     @cached_property
-    def figures(self) -> tuple[Difference, ...]:
+    def figures(self) -> tuple[ComparedValue, ...]:
         """Duration and metrics of both, those too that are the same."""
         first, second = (
             dict(_flat("duration_s", r.duration_s)) | _metrics(r) for r in (self.a, self.b)
         )
         names = [*first, *(name for name in second if name not in first)]
         return tuple(
-            Difference(name, _unit(name), first.get(name), second.get(name)) for name in names
+            ComparedValue(name, _unit(name), first.get(name), second.get(name)) for name in names
         )
 
     def summary(self) -> dict[str, Any]:
@@ -191,7 +192,7 @@ def _unit(name: str) -> str:
     return ""
 
 
-def _told(one: Difference) -> dict[str, Any]:
+def _told(one: ComparedValue) -> dict[str, Any]:
     return {"name": one.name, "unit": one.unit, "a": one.a, "b": one.b}
 
 
@@ -208,12 +209,12 @@ def comparison_html(comparison: Comparison) -> str:
     return f"<div>{head}{values}{table_html(heads, map(figure_row, changed))}</div>"
 
 
-def value_row(one: Difference) -> tuple[str, ...]:
+def value_row(one: ComparedValue) -> tuple[str, ...]:
     """Path, unit, A and B of a value of the scenarios as text."""
     return one.name, one.unit, told(one.a), told(one.b)
 
 
-def figure_row(one: Difference) -> tuple[str, ...]:
+def figure_row(one: ComparedValue) -> tuple[str, ...]:
     """Name, unit, A, B and B - A of a figure as text. A and B have as many digits as show how they
     differ, and B - A is the difference of what is shown."""
     a, b, exact = one.a, one.b, one.difference

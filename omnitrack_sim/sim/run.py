@@ -14,7 +14,7 @@ from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack.control import Controller
 from omnitrack_sim.scenario import Scenario, validate
-from omnitrack_sim.scenario.driven import autopilot_of
+from omnitrack_sim.scenario.loading import autopilot_of
 from omnitrack_sim.senses import Sensor
 from omnitrack_sim.sim.builder import batch_key
 from omnitrack_sim.sim.sensing import MakeSenses

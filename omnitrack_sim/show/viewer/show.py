@@ -12,7 +12,7 @@ from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenController
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.scenario.driven import to_drive, with_orders
+from omnitrack_sim.scenario.loading import to_drive, with_orders
 from omnitrack_sim.show.viewer.figures import Lines, covers_robot
 from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Do, Key, asked, help_lines
 from omnitrack_sim.show.viewer.pace import Pace

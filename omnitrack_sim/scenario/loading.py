@@ -1,4 +1,5 @@
-"""Scenario files: found, read and validated; and scenarios with values changed by dotted path."""
+"""Scenario files: found, read and validated; scenarios with values changed by dotted path, and
+those that someone drives."""
 
 from __future__ import annotations
 
@@ -18,6 +19,7 @@ from omnitrack_sim.pipes.network import Network, network_data
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.control.catalogue import controller_of, parameters_model
+from omnitrack_sim.robots.omnitrack.control.driven import KIND, Order
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import ControlTable, RecordTable
 
@@ -342,3 +344,52 @@ def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     """
     check_is(Scenario, "scenario", scenario)
     return validate(scenario.model_dump(mode="json"), changes=changes)
+
+
+LONGEST_DRIVE = 3600.0
+"""Time limit of a drive whose scenario has none of its own, s."""
+
+
+def to_drive(scenario: Scenario, driver: str) -> Scenario:
+    """A scenario's pipes, robot and start for ``driver``; its controller becomes the autopilot.
+
+    What the author expects of the controller is left out. Of a scenario that was driven, the orders
+    are.
+    """
+    data = scenario.model_dump(mode="json")
+    autopilot = autopilot_of(scenario)
+    data["name"] = driven_name(scenario.name)
+    data["run"]["expected_outcome"] = None
+    data["control"] |= {
+        "kind": KIND,
+        "parameters": {
+            "driver": driver,
+            "autopilot": autopilot["kind"],
+            "autopilot_parameters": autopilot["parameters"],
+        },
+    }
+    if data["run"]["time_limit"] is None:
+        data["run"]["time_limit"] = LONGEST_DRIVE
+    return validate(data)
+
+
+def driven_name(name: str) -> str:
+    """The name of a scenario that somebody drives."""
+    return f"{name.removesuffix('_driven')}_driven"
+
+
+def with_orders(scenario: Scenario, orders: Sequence[Order]) -> Scenario:
+    """A driven scenario that repeats the run of these orders."""
+    data = scenario.model_dump(mode="json")
+    data["control"]["parameters"]["orders"] = [order.model_dump(mode="json") for order in orders]
+    return validate(data)
+
+
+def autopilot_of(scenario: Scenario) -> dict[str, Any]:
+    """``[control]`` of the scenario under its autopilot, as plain data; of one that nobody drives,
+    under its controller."""
+    control = scenario.control.model_dump(mode="json")
+    if scenario.control.kind != KIND:
+        return control
+    table = scenario.control_parameters
+    return control | {"kind": table.autopilot, "parameters": table.autopilot_parameters}
