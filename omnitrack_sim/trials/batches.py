@@ -129,6 +129,7 @@ def batched(
         trials: all trials of a base change the same paths.
         size: of a batch, at most.
     """
+    # Workers get text: it is quick to send, and what the hash of a batch is made of.
     texts = {name: json.dumps(data) for name, data in bases.items()}
     # Every trial of a base sets the same paths, so one copy is changed in place for all of them.
     plain = {name: copy.deepcopy(dict(data)) for name, data in bases.items()}
@@ -179,6 +180,8 @@ def failed_row(index: int, outcome: str, reason: str) -> Row:
 
 def _rows_of(scenarios: dict[int, Scenario]) -> dict[int, Row]:
     try:
+        # One thread, for there are as many workers as cores; the slip without load needs a run of
+        # its own for each friction, and is left out.
         results = run_batch(list(scenarios.values()), threads=1, no_load=False)
         return {
             index: _row(index, result) for index, result in zip(scenarios, results, strict=True)

@@ -107,6 +107,7 @@ def run_bench(
         made = [next(parts) for _ in own]
         tables[key] = stores[key].columns.merged(made)
         finish_sweep(sweep, stores[key], tables[key], {made_by(part) for part in made})
+    # A sweep all of whose trials are invalid is no error here: the table says so.
     rows = rows_of({key: EntryTrials.of(table) for key, table in tables.items()})
     result = BenchResult(bench, _table(rows), engine.status, folder, rows, _all_trials(tables))
     if folder is not None:

@@ -99,6 +99,7 @@ class Engine:
             raise InputError(Fault("workers", f"is {workers}; must be 1 or more"))
         if workers > 1 and executor is not None:
             raise InputError(Fault("workers, executor", "give one of the two"))
+        # Nothing is made here: workers cost seconds, and a finished folder needs none.
         self._pool = Pool((lambda: LocalPool(workers)) if workers > 1 else executor)
         self._progress = progress or (lambda status: None)
         self.status = Status(0)
@@ -205,6 +206,7 @@ class Pool:
                 "the workers of the given executor are gone; the finished batches are kept. Give a "
                 "callable that makes an executor, which is then made anew"
             )
+        # Workers that cannot even say their versions are not the fault of any trial.
         for _ in range(DEATHS):
             self.close(wait=False)
             try:
@@ -267,6 +269,7 @@ class _Dispatch:
 
     def _hand_out(self) -> bool:
         """Fill the pool; returns True if it turned out to be broken."""
+        # A suspect that flies alone is the only one that can have broken the pool.
         if not self.waiting and not self.flying:
             self.waiting.append(self.suspects.popleft())
         room = self.pool.room
@@ -274,7 +277,7 @@ class _Dispatch:
             task = self.waiting.popleft()
             try:
                 self.flying[self.pool.submit(task.batch)] = task
-            except (BrokenExecutor, RuntimeError):
+            except (BrokenExecutor, RuntimeError):  # the latter by executors that are shut down
                 self.waiting.appendleft(task)
                 return True
         return False

@@ -151,6 +151,7 @@ def _columns_of(name: str, values: Sequence[Any]) -> dict[str, Sequence[Any]]:
             for i, letter in enumerate(XYZ)
         }
     kinds = {type(value) for value in values}
+    # The type is compared, not isinstance: a truth value is an int to Python.
     if kinds <= {int, float} or kinds == {bool} or kinds == {str}:
         return {name: [float(value) for value in values] if kinds == {int, float} else values}
     return {name: [value if isinstance(value, str) else json.dumps(value) for value in values]}
@@ -335,6 +336,7 @@ class Folder:
             made_by(table)
         except Exception:  # decoders raise anything on damaged bytes; the batch is run again
             return None
+        # A file of the right name may be of another form, or copied from another folder.
         whole = (table.schema.metadata or {}).get(b"part") == batch.hash.encode()
         schema = self.columns.schema.remove_metadata()
         whole = whole and table.schema.remove_metadata().equals(schema)

@@ -166,7 +166,7 @@ def resolve(
         file = checked(StudyFile, data, StudyError, choices_at=_choices_at, own_fault=_fault)
         variables, objectives = dict(enumerate(file.variables)), dict(enumerate(file.objectives))
     except StudyError as error:
-        # pydantic calls a list with a fault in it too short as well.
+        # pydantic does not count a table with a fault, and calls the list too short as well.
         places = [fault.where for fault in error.faults]
         own = [f for f in error.faults if not any(one.startswith(f"{f.where}.") for one in places)]
         file, faults = None, [*own, *faults]
@@ -411,8 +411,15 @@ def _objective_faults(
     names: Sequence[str],
     taken: Sequence[str],
 ) -> Iterator[Fault]:
-    """What is wrong with one objective; ``names`` are those of the objectives before it, ``taken``
-    those of other columns."""
+    """What is wrong with one objective.
+
+    Args:
+        number: its place in the file.
+        objective: to be checked.
+        sweeps: the trials that it may name; none: they are not known.
+        names: of the objectives before it.
+        taken: names of other columns.
+    """
     where = f"objectives.{number}"
     name = objective.name or objective.metric
     if name in (*RESERVED, *taken):
@@ -434,36 +441,33 @@ def _objective_faults(
 
 
 def _metric_faults(where: str, objective: Objective, sweeps: Sequence[Sweep]) -> Iterator[Fault]:
-    """A metric that there is not, or that no trial gives; a module that is missing or too much."""
+    """A metric that does not exist, or that no trial gives; a module missing or too much."""
     bases = [base for sweep in sweeps for base in sweep.bases.values()]
-    known = metrics_of(bases)
-    measured = [name for name, metric in known.items() if metric.in_tables]
-    if objective.metric not in known and objective.metric not in OF_TRIALS and bases:
-        choices = (SUCCESS_RATE, *OF_TRIALS, *measured)
-        problem = f"is {objective.metric!r}"
-        yield Fault(f"{where}.metric", problem, choices, given=objective.metric)
+    known, name = metrics_of(bases), objective.metric
+    metric = known.get(name)
+    measured = [one for one, metric in known.items() if metric.in_tables]
+    choices = (SUCCESS_RATE, *OF_TRIALS, *measured)
+    if metric is None and name not in OF_TRIALS:
+        if bases:  # else it may be a metric of a base scenario that could not be read
+            yield Fault(f"{where}.metric", f"is {name!r}", choices, given=name)
         return
-    metric = known.get(objective.metric)
-    if metric is None and objective.metric not in OF_TRIALS:
-        return  # it may be one of a base scenario that could not be read
     if metric is not None and not metric.in_tables:
-        choices = (SUCCESS_RATE, *OF_TRIALS, *measured)
-        problem = f"{objective.metric!r} is measured in no trial of a study"
-        yield Fault(f"{where}.metric", problem, choices)
+        yield Fault(f"{where}.metric", f"{name!r} is measured in no trial of a study", choices)
         return
     for base in bases if metric is not None else ():
-        if objective.metric not in metrics_of([base]):
-            problem = f"{objective.metric!r} is none of base {base.name!r}; name the trials with it"
+        if name not in metrics_of([base]):
+            problem = f"{name!r} is none of base {base.name!r}; name the trials with it"
             yield Fault(f"{where}.metric", problem)
-    if metric is not None and metric.per_module and objective.module is None:
-        choices = ("1", "2", "3", "mean", "max", "min", "sum")
-        yield Fault(f"{where}.module", "is missing: the metric has a value each module", choices)
-    if objective.module is not None and not (metric is not None and metric.per_module):
-        yield Fault(f"{where}.module", f"{objective.metric!r} has one value for all modules")
+    per_module = metric is not None and metric.per_module
+    if per_module and objective.module is None:
+        modules = ("1", "2", "3", "mean", "max", "min", "sum")
+        yield Fault(f"{where}.module", "is missing: the metric has a value each module", modules)
+    if objective.module is not None and not per_module:
+        yield Fault(f"{where}.module", f"{name!r} has one value for all modules")
 
 
 def metrics_of(bases: Sequence[Scenario]) -> dict[str, Metric]:
-    """All metrics of trials of these scenarios, by name."""
+    """Return all metrics of trials of these scenarios, by name."""
     own = [metric for base in bases for metric in base.own_metrics]
     return {metric.name: metric for metric in (*METRICS, *own)}
 

@@ -212,6 +212,7 @@ class Sweep(_SweepTable):
         drawn = {axis.name: axis.draw(own) for axis, own in zip(random, shares, strict=True)}
         names = [*([BASE] if len(self.bases) > 1 else []), *(axis.name for axis in self.axes)]
         values: dict[str, list[Any]] = {name: [] for name in names}
+        # Common draws are one set, which each combination takes from its beginning.
         for number, combination in enumerate(combinations):
             for name, value in zip(self.crossed, combination, strict=True):
                 values[name] += [value] * each
@@ -338,6 +339,7 @@ def _base(
         return load_scenario(source, changes), ()
     except ScenarioError as error:
         faults = error.faults
+    # Only what is at fault is left out, so that axes over the rest are still judged rightly.
     sound = {
         path: value
         for path, value in changes.items()
