@@ -17,7 +17,7 @@ from omnitrack_sim.autonomy.recognition.sighting import SURE
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.senses.cameras import camera_of
-from omnitrack_sim.senses.eyes import Eyes
+from omnitrack_sim.senses.optics import Eyes
 from omnitrack_sim.senses.table import SensingTable
 from omnitrack_sim.walls.rays import RayWalls
 

@@ -11,8 +11,7 @@ from omnitrack_sim.autonomy.evidence import normal
 from omnitrack_sim.autonomy.nearby import nearby
 from omnitrack_sim.autonomy.pose_filter import POSE
 from omnitrack_sim.base.rotations import Array, cross, orthonormal, turned_by
-from omnitrack_sim.senses.eyes import Mount
-from omnitrack_sim.senses.optics import RANGE, Walls
+from omnitrack_sim.senses.optics import RANGE, Mount, Walls
 from omnitrack_sim.senses.table import FilterTable
 
 WORST = 3.0

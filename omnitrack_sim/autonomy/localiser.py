@@ -29,8 +29,7 @@ from omnitrack_sim.base.rotations import (
 )
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, belt_sign
-from omnitrack_sim.senses.eyes import Mount
-from omnitrack_sim.senses.optics import Walls
+from omnitrack_sim.senses.optics import Mount, Walls
 from omnitrack_sim.senses.proprioception import Felt
 from omnitrack_sim.senses.table import SensingTable
 

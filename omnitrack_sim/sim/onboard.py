@@ -35,7 +35,7 @@ from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.senses.cameras import camera_of
 from omnitrack_sim.senses.draws import Keys, keys, normal, uniform
-from omnitrack_sim.senses.eyes import Eyes, Mount
+from omnitrack_sim.senses.optics import Eyes, Mount
 from omnitrack_sim.senses.proprioception import Felt, Proprioception
 from omnitrack_sim.senses.sensor import State
 from omnitrack_sim.senses.table import BeginTable, SensingTable
