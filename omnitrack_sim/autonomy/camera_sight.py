@@ -16,9 +16,8 @@ from omnitrack_sim.autonomy.recognition.poses import DISTANCE, PLACES, STILL, TU
 from omnitrack_sim.autonomy.recognition.sighting import SURE
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.senses.cameras import camera_of
 from omnitrack_sim.senses.optics import Eyes
-from omnitrack_sim.senses.table import SensingTable
+from omnitrack_sim.senses.table import SensingTable, camera_of
 from omnitrack_sim.walls.rays import RayWalls
 
 TRUSTED = 2.2

@@ -53,8 +53,7 @@ from omnitrack_sim.scenario.tables import (
     is_multiple,
 )
 from omnitrack_sim.senses import Sensor
-from omnitrack_sim.senses.cameras import camera_of
-from omnitrack_sim.senses.table import SensingTable
+from omnitrack_sim.senses.table import SensingTable, camera_of
 
 if TYPE_CHECKING:
     from mujoco import MjSpec

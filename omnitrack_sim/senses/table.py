@@ -6,9 +6,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from omnitrack_sim.base.naming import named
 from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
-from omnitrack_sim.senses.depth import DepthTable
-from omnitrack_sim.senses.headlight import HeadlightTable
+from omnitrack_sim.senses.depth import DepthCamera, DepthTable
+from omnitrack_sim.senses.headlight import HeadlightCamera, HeadlightTable
+from omnitrack_sim.senses.optics import Camera
 
 
 class EncoderTable(Table):
@@ -154,3 +156,19 @@ class SensingTable(Table):
     start: BeginTable = BeginTable()
     filter: FilterTable = FilterTable()
     search: SearchTable = SearchTable()
+
+
+CAMERAS: dict[str, Any] = {"depth": DepthCamera, "headlight": HeadlightCamera}
+"""Shipped cameras by the name that ``sensing.camera`` gives."""
+
+
+def camera_of(table: SensingTable) -> Camera:
+    """The camera that ``sensing.camera`` names, made from its table.
+
+    Raises:
+        InputError: there is no such camera.
+    """
+    found = named(table.camera, "sensing.camera", CAMERAS)
+    if table.camera in CAMERAS:
+        return found(getattr(table, table.camera))
+    return found(found.Table(**table.camera_parameters))

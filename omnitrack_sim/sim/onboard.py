@@ -33,12 +33,11 @@ from omnitrack_sim.robots.omnitrack.control.gear import seen
 from omnitrack_sim.robots.omnitrack.control.interface import Command
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.senses.cameras import camera_of
 from omnitrack_sim.senses.draws import Keys, keys, normal, uniform
 from omnitrack_sim.senses.optics import Eyes, Mount
 from omnitrack_sim.senses.proprioception import Felt, Proprioception
 from omnitrack_sim.senses.sensor import State
-from omnitrack_sim.senses.table import BeginTable, SensingTable
+from omnitrack_sim.senses.table import BeginTable, SensingTable, camera_of
 from omnitrack_sim.sim.builder import each
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.sensing import both_ways, frame_ahead
