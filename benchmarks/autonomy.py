@@ -28,8 +28,7 @@ from recognising.approaches import BORE, approach
 from recognising.report import Found, by_case, by_distance, failures, summary
 
 from omnitrack_sim.autonomy.recognition import Recogniser
-from omnitrack_sim.senses.depth import DepthCamera, DepthTable
-from omnitrack_sim.senses.headlight import HeadlightCamera, HeadlightTable
+from omnitrack_sim.senses.cameras import DepthCamera, DepthTable, HeadlightCamera, HeadlightTable
 from omnitrack_sim.senses.optics import Camera
 from omnitrack_sim.walls.rays import RayWalls
 

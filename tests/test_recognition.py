@@ -13,9 +13,8 @@ from omnitrack_sim.autonomy.recognition.poses import STILL, cameras
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Elbow, Part, Reducer, Straight, Tee, attached
 from omnitrack_sim.pipes.fittings.wye import Wye
-from omnitrack_sim.senses.depth import DepthCamera, DepthTable
+from omnitrack_sim.senses.cameras import DepthCamera, DepthTable, HeadlightCamera, HeadlightTable
 from omnitrack_sim.senses.draws import keys
-from omnitrack_sim.senses.headlight import HeadlightCamera, HeadlightTable
 from omnitrack_sim.senses.optics import rays_of
 from omnitrack_sim.walls.rays import RayWalls
 

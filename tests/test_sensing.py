@@ -7,9 +7,8 @@ import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import turned_by
-from omnitrack_sim.senses.depth import DepthCamera, DepthTable
+from omnitrack_sim.senses.cameras import DepthCamera, DepthTable, HeadlightCamera, HeadlightTable
 from omnitrack_sim.senses.draws import keys, normal, uniform
-from omnitrack_sim.senses.headlight import HeadlightCamera, HeadlightTable
 from omnitrack_sim.senses.optics import OpticsTable, rays_of
 from omnitrack_sim.walls.rays import RayWalls
 

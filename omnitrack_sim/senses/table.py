@@ -8,8 +8,7 @@ from pydantic import Field
 
 from omnitrack_sim.base.naming import named
 from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
-from omnitrack_sim.senses.depth import DepthCamera, DepthTable
-from omnitrack_sim.senses.headlight import HeadlightCamera, HeadlightTable
+from omnitrack_sim.senses.cameras import DepthCamera, DepthTable, HeadlightCamera, HeadlightTable
 from omnitrack_sim.senses.optics import Camera
 
 
