@@ -17,7 +17,7 @@ from omnitrack_sim import Scenario
 from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion
 from omnitrack_sim.robots.omnitrack.body import FREE_SPRING_LENGTH, lug_pitch, lug_places
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
-from omnitrack_sim.senses.truth import AT_REST
+from omnitrack_sim.senses.sensor import AT_REST
 from omnitrack_sim.sim.plant import BOTH_TRACKS_COSINE, NUMBERS, Plant, Start
 from omnitrack_sim.sim.simulation import MakePlant
 

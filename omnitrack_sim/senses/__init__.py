@@ -1,6 +1,5 @@
 """Sensors: functions from the state of the physics to measured quantities."""
 
-from omnitrack_sim.senses.sensor import Sensor, State
-from omnitrack_sim.senses.truth import SENSORS
+from omnitrack_sim.senses.sensor import SENSORS, Sensor, State
 
 __all__ = ["SENSORS", "Sensor", "State"]
