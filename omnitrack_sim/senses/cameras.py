@@ -1,4 +1,4 @@
-"""A time-of-flight camera: a distance for each pixel."""
+"""The shipped cameras: one that measures distances, and one that sees a lamp's light."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class DepthTable(OpticsTable):
 
 
 class DepthCamera:
-    """See ``optics.Camera``. A pixel is the distance, m, along its ray."""
+    """Time-of-flight camera; see ``optics.Camera``. A pixel is the distance, m, along its ray."""
 
     def __init__(self, table: DepthTable) -> None:
         self.optics, self.lamp = table, None
@@ -113,7 +113,13 @@ class HeadlightTable(OpticsTable):
 
 
 class HeadlightCamera:
-    """See ``optics.Camera``. A pixel is brightness, 0 to 1."""
+    """Camera with one lamp beside its lens, as in the paper's reference [22]; see
+    ``optics.Camera``. A pixel is brightness, 0 to 1.
+
+    A wall is the brighter the nearer it is and the more it faces the lamp; what the lamp does not
+    reach is black. So straight pipe is a bright ring about a dark middle, and a bend or a branch
+    makes it lopsided.
+    """
 
     def __init__(self, table: HeadlightTable) -> None:
         self.optics, self._table = table, table

@@ -1,4 +1,4 @@
-"""Lens and pixels of a camera at the robot's nose, and what a camera is."""
+"""What a camera is, and how cameras stand at both ends of robots among pipes."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class Walls(Protocol):
         far: float,
         lamp: Array | None = None,
     ) -> Array:
-        """What rays meet; see ``model.rays.RayWalls``."""
+        """Return what rays meet; see ``walls.rays.RayWalls``."""
         ...
 
     def nearest(self, which: NDArray[np.intp], points: Array) -> tuple[Array, Array, Array]:
-        """Distances of points from the walls; see ``model.rays.RayWalls``."""
+        """Return distances of points from the walls; see ``walls.rays.RayWalls``."""
         ...
 
 

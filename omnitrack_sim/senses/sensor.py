@@ -1,4 +1,9 @@
-"""What a sensor is, and what it may read."""
+"""Sensors: functions from the state of the physics to measured quantities.
+
+The shipped ones read their channels without error; forces and velocities are those of the last
+physics step. All sums over x, y and z are taken in one order, so that a robot reads the same bits
+alone and in a batch.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +28,13 @@ class Sensor:
     Attributes:
         channel: name, shape, unit, meaning, and how it looks to a robot that drives tail first.
         read: from a ``State`` to an array of its own: n, then the channel's shape.
+
+    Example:
+        >>> channel = ot.Channel("height", (), "m", "height of the centre", "world")
+        >>> sensor = ot.Sensor(channel, lambda state: state["position"][:, 2])
+        >>> sim = ot.Simulation([ot.load_scenario("straight")], sensors=[sensor])
+        >>> sim.observation.height.shape
+        (1,)
     """
 
     channel: Channel
@@ -34,15 +46,18 @@ class Addresses:
     """Where the parts of the robot are in MuJoCo's arrays; modules first, then tracks.
 
     Attributes:
-        slide, pitch, roll: (3,) and belts: (3, 2) in ``qpos``. slide_dofs: (3,) and belt_dofs:
-            (3, 2) in ``qvel``.
+        slide, pitch, roll: (3,) in ``qpos``.
+        belts: (3, 2) in ``qpos``.
+        slide_dofs: (3,) in ``qvel``.
+        belt_dofs: (3, 2) in ``qvel``.
         tracks: (3, 2) bodies.
         places: (3, 3) in ``xpos``, of the modules.
         forward: (3, 3) in ``xmat``: the modules' axes.
         contact: (3, 2, 7) in ``sensordata``: found, force (3,), position (3,) of each track.
         touch: (3, 2) in ``sensordata``: sum of the normal forces of each track.
         velocity, spin: (3, 3) in ``sensordata``, of the modules, world frame.
-        belt_motors: (m,) and roll_motors: (3,) actuators.
+        belt_motors: (m,) actuators.
+        roll_motors: (3,) actuators.
     """
 
     slide: NDArray[np.intp]
@@ -63,7 +78,8 @@ class Addresses:
 
 
 MOST_UNREAD = 50
-"""Moments that a sensor which looks back may find unread."""
+"""Moments that may go unread before a sensor that looks back is read: each keeps the one before it
+in memory."""
 
 
 class State(dict[str, Array]):
@@ -131,7 +147,8 @@ class State(dict[str, Array]):
         Own sensors are read at every control step, so a sensor may add up what it sees.
 
         Args:
-            name: of the channel. start: what to return at the first moment.
+            name: of the channel.
+            start: what to return at the first moment.
 
         Raises:
             KeyError: there was no such value, and no ``start`` is given.
@@ -145,34 +162,6 @@ AT_REST = 1e-3
 """Speed below which no slip ratio is formed, m/s."""
 
 
-def _time(state: State) -> Array:
-    return state.time
-
-
-def _position(state: State) -> Array:
-    return state.qpos[:, :3]
-
-
-def _quaternion(state: State) -> Array:
-    return state.qpos[:, 3:7]
-
-
-def _rotation(state: State) -> Array:
-    return matrix_from_quaternion(state["quaternion"])
-
-
-def _angular_velocity(state: State) -> Array:
-    return state.qvel[:, 3:6]
-
-
-def _belt_speed(state: State) -> Array:
-    return state.qvel.take(state.at.belt_dofs[:, 0], axis=1)
-
-
-def _wall_speed(state: State) -> Array:
-    return state["belt_speed"] * belt_sign(state["roll"])
-
-
 def _motor_torque(state: State) -> Array:
     motors = state.actuator_force.take(state.at.belt_motors, axis=1)  # (n, m) N
     return drive_of(state.robot.drive).belt_values(motors) * state.robot.lug_radius
@@ -180,26 +169,23 @@ def _motor_torque(state: State) -> Array:
 
 def _contact(state: State) -> Array:
     """Net contact of each track (n, 3, 2, 7): found, force on the wall, position; world frame."""
-    found = state.shared.get("contact")
-    if found is None:
-        found = state.shared["contact"] = state.sensordata.take(state.at.contact, axis=1)
-    return found
+    if "contact" not in state.shared:
+        state.shared["contact"] = state.sensordata.take(state.at.contact, axis=1)
+    return state.shared["contact"]
 
 
 def _force(state: State) -> Array:
     """Force of the wall on each track (n, 3, 2, 3) N, world frame."""
-    found = state.shared.get("force")
-    if found is None:
-        found = state.shared["force"] = -_contact(state)[..., 1:4]
-    return found
+    if "force" not in state.shared:
+        state.shared["force"] = -_contact(state)[..., 1:4]
+    return state.shared["force"]
 
 
 def _forward(state: State) -> Array:
     """Axis of each module (n, 3, 3), world frame."""
-    found = state.shared.get("forward")
-    if found is None:
-        found = state.shared["forward"] = state.xmat.take(state.at.forward, axis=1)
-    return found
+    if "forward" not in state.shared:
+        state.shared["forward"] = state.xmat.take(state.at.forward, axis=1)
+    return state.shared["forward"]
 
 
 def _traction(state: State) -> Array:
@@ -210,10 +196,6 @@ def _traction(state: State) -> Array:
 def _normal_force(state: State) -> Array:
     touch = state.sensordata.take(state.at.touch, axis=1)  # (n, 3, 2) N
     return touch[..., 0] + touch[..., 1]
-
-
-def _contact_count(state: State) -> Array:
-    return _contact(state)[..., 0]
 
 
 def _contact_position(state: State) -> Array:
@@ -246,37 +228,25 @@ def _slip_ratio(state: State) -> Array:
     return np.where(scale > AT_REST, np.minimum(np.maximum(ratio, -1.0), 1.0), 0.0)
 
 
-def _slide(state: State) -> Array:
-    return state.qpos.take(state.at.slide, axis=1)
-
-
-def _pitch(state: State) -> Array:
-    return state.qpos.take(state.at.pitch, axis=1)
-
-
-def _roll(state: State) -> Array:
-    return state.qpos.take(state.at.roll, axis=1)
-
-
-_READ = {
-    "time": _time,
-    "position": _position,
-    "quaternion": _quaternion,
-    "rotation": _rotation,
-    "angular_velocity": _angular_velocity,
-    "belt_speed": _belt_speed,
-    "wall_speed": _wall_speed,
+_READ: dict[str, Callable[[State], Array]] = {
+    "time": lambda state: state.time,
+    "position": lambda state: state.qpos[:, :3],
+    "quaternion": lambda state: state.qpos[:, 3:7],
+    "rotation": lambda state: matrix_from_quaternion(state["quaternion"]),
+    "angular_velocity": lambda state: state.qvel[:, 3:6],
+    "belt_speed": lambda state: state.qvel.take(state.at.belt_dofs[:, 0], axis=1),
+    "wall_speed": lambda state: state["belt_speed"] * belt_sign(state["roll"]),
     "motor_torque": _motor_torque,
     "traction": _traction,
     "normal_force": _normal_force,
     "slip_velocity": _slip_velocity,
     "slip_ratio": _slip_ratio,
-    "contact_count": _contact_count,
+    "contact_count": lambda state: _contact(state)[..., 0],
     "contact_position": _contact_position,
     "module_speed": _module_speed,
-    "slide": _slide,
-    "pitch": _pitch,
-    "roll": _roll,
+    "slide": lambda state: state.qpos.take(state.at.slide, axis=1),
+    "pitch": lambda state: state.qpos.take(state.at.pitch, axis=1),
+    "roll": lambda state: state.qpos.take(state.at.roll, axis=1),
 }
 SENSORS = tuple(
     Sensor(channel, _READ[name]) for name, channel in CHANNELS.items() if channel.source == "plant"

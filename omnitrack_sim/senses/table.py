@@ -1,4 +1,4 @@
-"""The tables of ``[sensing]``: what the robot knows of itself, and by what."""
+"""The tables of ``[sensing]``: what the robot knows of itself, and by what; cameras by name."""
 
 from __future__ import annotations
 

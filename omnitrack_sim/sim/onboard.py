@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,15 +43,27 @@ from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.sensing import both_ways, frame_ahead
 from omnitrack_sim.walls.rays import RayWalls
 
-AROUND, SPACING, TURNS = 1.0, 0.02, 24
-"""Stretch of the way before and behind it in which a robot that is lost looks for itself, m; the
-distance of the places that it compares, m; and the turns about the axis at each."""
-CHECK_EVERY = 1.0
-"""Time between two checks of a robot's turn about its axis before a fitting, s."""
-INSIDE = 0.03
-"""A robot whose nose is farther inside a fitting than this, m, goes on with it."""
-MOVES = 1e-6
-"""A part of a map that moves by less than this, m, has not moved: lengths are rounded to it."""
+
+@dataclass(frozen=True)
+class RelocalisationSettings:
+    """When and where robots compare other poses than their own with a picture. Chosen so that a
+    robot that has slipped in a tee is found again; none is sharp."""
+
+    reach: float = 1.0
+    """Length of route before and behind a robot that is searched, m: it slips no farther."""
+    spacing: float = 0.02
+    """Distance of the positions compared, m: about what a pose is corrected by from there."""
+    turns: int = 24
+    """Turns about the axis compared at each position."""
+    check_period: float = 1.0
+    """Time between two checks of a robot's turn about its axis before a fitting, s."""
+    committed: float = 0.03
+    """Depth of a robot's nose in a fitting, m, from which on it goes on with it."""
+    map_shift: float = 1e-6
+    """A part of a map that moves by less, m, has not moved: lengths are rounded to it."""
+
+
+SETTINGS = RelocalisationSettings()
 
 
 class Onboard:
@@ -181,7 +193,9 @@ class Onboard:
         before = self._before(location)
         time, shot = self.readings["time"], self.localiser.shot
         assert shot is not None
-        due = active & before & (time > self._checked + CHECK_EVERY) & (shot.facing == gear)
+        due = (
+            active & before & (time > self._checked + SETTINGS.check_period) & (shot.facing == gear)
+        )
         robots = np.flatnonzero(due & ~self.localiser.unknown)
         if len(robots):
             self._checked[robots] = time[robots]
@@ -190,7 +204,7 @@ class Onboard:
     def _before(self, location: Location) -> NDArray[np.bool_]:
         """Robots (n,) that are about to enter a fitting."""
         room = self._legs.routes.nose_room(location, self._robot.length)
-        return (room <= self._robot.standing_room) & (room > -INSIDE)
+        return (room <= self._robot.standing_room) & (room > -SETTINGS.committed)
 
     def _look_along_the_way(
         self, location: Location, gear: NDArray[np.int_], active: NDArray[np.bool_]
@@ -200,13 +214,14 @@ class Onboard:
         robots = np.flatnonzero(localiser.puzzled & active)
         shot = localiser.shot
         assert shot is not None
-        steps = np.arange(-AROUND, AROUND + SPACING / 2, SPACING)
+        reach, spacing = SETTINGS.reach, SETTINGS.spacing
+        steps = np.arange(-reach, reach + spacing / 2, spacing)
         distance = location.distance[robots, None] + steps  # (m, c)
         route = np.repeat(location.route[robots], len(steps))
         longest = routes.lengths[route].reshape(distance.shape)
         distance = np.clip(distance, 0.0, longest)
         places, frames = [], []
-        for turn in np.arange(TURNS) * 2 * np.pi / TURNS:
+        for turn in np.arange(SETTINGS.turns) * 2 * np.pi / SETTINGS.turns:
             found, frame = routes.poses(route, distance.ravel(), np.full(len(route), turn))
             places.append(found.reshape(len(robots), -1, 3))
             frames.append(frame.reshape(len(robots), -1, 3, 3))
@@ -248,7 +263,7 @@ class Onboard:
             near = near.copy()
         for robot in self._relocated:
             route = self._legs.route[robot]
-            along = np.arange(0.0, float(routes.lengths[route]), SPACING)
+            along = np.arange(0.0, float(routes.lengths[route]), SETTINGS.spacing)
             points = routes.poses(np.full(len(along), route), along, 0 * along)[0]
             aside = ((points - self.localiser.filter.position[robot]) ** 2).sum(axis=-1)
             near[robot] = along[aside.argmin()]
@@ -477,7 +492,7 @@ class OwnMaps:
             if part.holds(here[None], 0.0):
                 port = part.fitting.port_names[0]
                 was, is_now = part.port(port), moved.port(port)
-                if np.linalg.norm(is_now.position - was.position) > MOVES:
+                if np.linalg.norm(is_now.position - was.position) > SETTINGS.map_shift:
                     localiser.move(robot, was, is_now)
                 return
 
