@@ -34,8 +34,7 @@ def driven(scenario: Scenario, plan: Plan) -> ot.Result:
     assert not left
     scenario = with_orders(scenario, controller.orders())
     (result,) = simulation.results()
-    made = provenance_of(scenario) | {"collider": simulation.collider}
-    return replace(result, scenario=scenario, provenance=made)
+    return replace(result, scenario=scenario, provenance=provenance_of(scenario))
 
 
 def at(time: float) -> Callable[[ot.Simulation], bool]:
