@@ -43,7 +43,7 @@ def unknown(sizes, px, py, pz, ax, ay, az):
 
 @dataclass(frozen=True)
 class Wall:
-    """The compiled functions that state the wall of a kind of fitting, once for contact, for rays
+    """Compiled functions that state the wall of a kind of fitting, once for contact, for rays
     and for ``Fitting.signed_distance``.
 
     Attributes:
@@ -91,7 +91,8 @@ def put(out, x, y, z, face):
 
 @compiled
 def crossing(a, b, c):
-    """The least positive s where a s² + 2 b s + c, positive at 0, becomes 0; infinite for none."""
+    """Return the least positive s where a s² + 2 b s + c, positive at 0, becomes 0; infinite for
+    none."""
     under = b * b - a * c
     if under < 0.0:
         return math.inf
@@ -103,8 +104,8 @@ def crossing(a, b, c):
 
 @compiled
 def in_bore(x, y, ax, ay, radius):
-    """The part [low, high] of a line that is in a round bore, from a point (x, y) across the bore
-    and a direction (ax, ay); high is below low where none is."""
+    """Return the part [low, high] of a line that is in a round bore, from a point (x, y) across the
+    bore and a direction (ax, ay); high is below low where none is."""
     a, b, c = ax * ax + ay * ay, x * ax + y * ay, x * x + y * y - radius * radius
     under = b * b - a * c
     if a < 1e-20 or under <= 0.0:
@@ -115,7 +116,8 @@ def in_bore(x, y, ax, ay, radius):
 
 @compiled
 def out_of_two(low, high, other_low, other_high):
-    """Where a line from 0 on leaves the union of two parts of it, 0.0 where it is in none."""
+    """Return the place where a line from 0 on leaves the union of two parts of it, 0.0 where it is
+    in none."""
     if not low < 0.0 < high:
         if not other_low < 0.0 < other_high:
             return 0.0

@@ -104,19 +104,19 @@ def calling(signature: Any) -> tuple[Any, Any]:
 
 @intrinsic
 def call_surface(context, address, sizes, x, y, z, out):
-    """The ``surface`` at an address; see ``compiled.Wall``."""
+    """Call the ``surface`` at an address; see ``compiled.Wall``."""
     return calling(SIGNATURES["surface"])
 
 
 @intrinsic
 def call_span(context, address, sizes, ends, px, py, pz, ax, ay, az, out):
-    """The ``span`` at an address; see ``compiled.Wall``."""
+    """Call the ``span`` at an address; see ``compiled.Wall``."""
     return calling(SIGNATURES["span"])
 
 
 @intrinsic
 def call_clear(context, address, sizes, px, py, pz, ax, ay, az):
-    """The ``clear`` at an address; see ``compiled.Wall``."""
+    """Call the ``clear`` at an address; see ``compiled.Wall``."""
     return calling(SIGNATURES["clear"])
 
 

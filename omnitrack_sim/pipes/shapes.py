@@ -52,11 +52,11 @@ class Kit(Protocol):
         ...
 
     def revolved(self, outline: Array) -> Solid:
-        """The closed outline (n, 2), radius and z, m, revolved about the z axis."""
+        """Revolve the closed outline (n, 2), radius and z, m, about the z axis."""
         ...
 
     def bend(self, mean_radius: float, angle: float, radius: float) -> Solid:
-        """A disc of ``radius`` m at the origin across +z, swept by ``angle`` rad towards +x about
+        """Sweep a disc of ``radius`` m at the origin, across +z, by ``angle`` rad towards +x about
         the axis ``mean_radius`` m away; what would lie beyond that axis is left out."""
         ...
 
@@ -66,7 +66,7 @@ class Kit(Protocol):
         ...
 
     def moved(self, solid: Any, pose: Pose) -> Solid:
-        """A solid given in the frame ``pose``."""
+        """Return a solid that is given in the frame ``pose``."""
         ...
 
 
@@ -136,7 +136,7 @@ class Ring:
 
     @classmethod
     def of(cls, radius: float, staves: int) -> Ring:
-        """That many staves around a bore of ``radius`` m."""
+        """Return so many staves around a bore of ``radius`` m."""
         face = radius - sagitta(radius, math.pi / staves) / 2
         width = (face + THICKNESS) * math.tan(math.pi / staves)
         return cls(2 * np.pi * np.arange(staves) / staves, face, width)

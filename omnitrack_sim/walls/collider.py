@@ -35,13 +35,13 @@ records; words of MuJoCo's structures that hold sizes of geoms, their user data 
 their positions and orientations."""
 _CHUNK, _MOST_CHUNKS = 256, 240
 """Words that are searched at a time, so as to read little past a structure's end; and how often,
-before the search gives up. The fields are found long before."""
+before the search gives up. The fields come long before that."""
 _WORD = ctypes.sizeof(ctypes.c_size_t)
 
 
 @intrinsic
 def word(context, index):
-    """A word of the block."""
+    """Read a word of the block."""
 
     def code(context, builder, signature, arguments):
         module, kind = builder.module, ir.IntType(64)
@@ -55,7 +55,7 @@ def word(context, index):
 
 @intrinsic
 def doubles(context, address):
-    """The numbers at an address."""
+    """Pointer to the numbers at an address."""
 
     def code(context, builder, signature, arguments):
         return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
@@ -65,7 +65,7 @@ def doubles(context, address):
 
 @intrinsic
 def call_collide(context, address, model, data, contacts, wall, line, margin):
-    """The collision function at an address."""
+    """Call the collision function at an address."""
     return calling(_COLLIDE)
 
 

@@ -1,4 +1,4 @@
-"""A network for others: MJCF of the walls, STL of the pipe wall, CSV of the centrelines."""
+"""Networks for other programs: MJCF of the walls, STL of the pipe wall, CSV of the centrelines."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def network_xml(network: Assembly, name: str) -> str:
 
 
 def network_stl(network: Assembly) -> bytes:
-    """The walls of a whole network as one solid, binary STL, m, world frame.
+    """Return the walls of a whole network as one solid, binary STL, m, world frame.
 
     Single precision folds slivers at the rims of tees, so the file, unlike ``network_mesh``, is not
     quite watertight.

@@ -138,8 +138,8 @@ def add_exact_walls(spec: mujoco.MjSpec, network: Assembly) -> int:
 
 
 def _line_ends(network: Assembly, end: tuple[int, str], other: tuple[int, str] | None) -> bool:
-    """Whether the wall stops carrying a track at port ``end``, which is joined to ``other`` or to
-    nothing."""
+    """Tell whether the wall stops carrying a track at port ``end``, which is joined to ``other`` or
+    to nothing."""
     if other is None:
         return True
     mine, theirs = (network.parts[index].fitting for index, _ in (end, other))

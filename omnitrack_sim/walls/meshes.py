@@ -27,7 +27,7 @@ SECTIONS = 96
 DEGREES_PER_RING = 3.75
 """Bend angle between neighbouring cross-sections of an elbow, degrees."""
 OVERCUT = 2e-4
-"""How far cutting solids reach into what is already empty, m."""
+"""Depth to which cutting solids reach into what is already empty, m."""
 JOINT_DISC = 1e-3
 """Half the depth of the discs that unite neighbouring parts, m: as much as a loop may miss."""
 
@@ -35,7 +35,7 @@ JOINT_DISC = 1e-3
 def fitting_mesh(
     fitting: Fitting, thickness: float = THICKNESS, sections: int = SECTIONS
 ) -> trimesh.Trimesh:
-    """The wall of a fitting as a watertight solid of genus openings - 1, m, fitting frame.
+    """Return the wall of a fitting as a watertight solid of genus openings - 1, m, fitting frame.
 
     The bore is inscribed: corners lie on the exact surface, faces up to R (1 - cos(pi / sections))
     inside it.
@@ -46,8 +46,8 @@ def fitting_mesh(
 def network_mesh(
     network: Assembly, thickness: float = THICKNESS, sections: int = SECTIONS
 ) -> trimesh.Trimesh:
-    """The walls of a whole network as one watertight solid, m, world frame: open at its open ends
-    and nowhere else.
+    """Return the walls of a whole network as one watertight solid, m, world frame: open at its
+    open ends and nowhere else.
 
     Parts touch in a plane only, which rounding may leave as a gap: a disc across each joint unites
     them.
@@ -97,7 +97,8 @@ def cutaway_mesh(
 
 
 def inside_mesh(fitting: Fitting, sections: int = SECTIONS) -> trimesh.Trimesh:
-    """The inner surface of a fitting alone, m, fitting frame; its faces look into the bore."""
+    """Return the inner surface of a fitting alone, m, fitting frame; its faces look into the
+    bore."""
     mesh = fitting_mesh(fitting, sections=sections)
     within = fitting.signed_distance(np.asarray(mesh.vertices))[0] > -THICKNESS / 2
     mesh.update_faces(within[mesh.faces].all(axis=1))
@@ -216,7 +217,8 @@ def _loft(rings: Array, hub: int | None) -> tuple[Array, np.ndarray]:
 
 
 def manifold_to_trimesh(solid: Manifold) -> trimesh.Trimesh:
-    """The same solid, vertices (n, 3) and faces (m, 3) in the order of the boolean kernel."""
+    """Return the same solid, vertices (n, 3) and faces (m, 3) in the order of the boolean
+    kernel."""
     mesh = solid.to_mesh()
     return trimesh.Trimesh(
         np.asarray(mesh.vert_properties[:, :3], float), np.asarray(mesh.tri_verts), process=False

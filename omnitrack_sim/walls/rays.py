@@ -123,18 +123,18 @@ class RayWalls:
             that the points lie in, -1 for none, where the distance means nothing.
         """
         n, k = points.shape[:2]
-        found = np.empty((n, k, 5))
+        rows = np.empty((n, k, 5))
         c_function(nearest, _NEAREST).ctypes(
             *pointers(self._parts, self._spans[which], np.ascontiguousarray(points)),
             n,
             k,
-            *pointers(np.zeros(16), found),
+            *pointers(np.zeros(16), rows),
         )
-        return found[..., 0], found[..., 1:4], found[..., 4]
+        return rows[..., 0], rows[..., 1:4], rows[..., 4]
 
 
 def _records(parts: Sequence[Part], closed: Collection[Port], unknown: Collection[Port]) -> Array:
-    """The records (parts, PART_SIZE) of a map."""
+    """Return the records (parts, PART_SIZE) of a map."""
     records = [
         part_record(part, *([port for i, port in ends if i == index] for ends in (closed, unknown)))
         for index, part in enumerate(parts)
@@ -143,8 +143,13 @@ def _records(parts: Sequence[Part], closed: Collection[Port], unknown: Collectio
 
 
 def part_record(part: Part, closed: Collection[str] = (), unknown: Collection[str] = ()) -> Array:
-    """The record (PART_SIZE,) of a placed part, for this process only; ``closed``: ports that a
-    plate closes; ``unknown``: ports that nothing is known of what is beyond."""
+    """Return the record (PART_SIZE,) of a placed part, for this process only.
+
+    Args:
+        part: of a map.
+        closed: its ports that a plate closes.
+        unknown: its ports behind which the map ends.
+    """
     fitting, pose = part.fitting, part.pose
     record = np.zeros(tracing.PART_SIZE)
     low, high = fitting.bounds

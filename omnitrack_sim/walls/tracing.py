@@ -4,7 +4,7 @@ A ray is followed as far as a fitting knows that the bore is clear along it (``W
 there by steps of the distance to the wall (sphere tracing); both never pass through it. Each part
 of a network counts between its port planes. A ray that leaves through an open end meets nothing;
 one that leaves through a plate meets that; of one that leaves through a port beyond which nothing
-is known, nothing is told.
+is known, nothing is returned.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ def surface_at(parts, p, line, s, out):
 
 @compiled
 def clear_from(parts, near, k, s):
-    """How far the ray leads through the bore of the k-th part in ``near`` for certain, from s
-    on."""
+    """Return the length, m, by which the ray leads through the bore of the k-th part in ``near``
+    for certain, from s on."""
     p, line = int(near[NEAR * k]) * PART_SIZE, at(near, NEAR * k + 3)
     return call_clear(
         int(parts[p + CLEAR]),
@@ -172,8 +172,8 @@ LONGER = 1.6
 """A step over the distance from the wall; see ``_follow``."""
 MOST_STEPS = 300
 DIM = 0.03
-"""Before the end of what has been seen of a straight, m, nothing is told: the end may be there, and
-a ring, or a little before."""
+"""Before the end of what has been seen of a straight, m, a ray returns nothing: the end may be
+there, and a ring, or a little before."""
 GRAIN_SIZE = 0.012
 """Of the patches of the surface's grain, m."""
 
@@ -209,9 +209,10 @@ def _widest(parts, near, count, s, out):
 
 @compiled
 def _follow(parts, near, count, far, out):
-    """Where along a ray the wall is, m, with its gradient in ``out``, which of the parts in
-    ``near`` it is of, and 1; ``far`` and -1 where the ray gets so far; 0 in the place of 1 where it
-    leaves through a port.
+    """Follow a ray to the wall; the gradient there goes to ``out``.
+
+    Returns the distance along the ray, m; the index in ``near`` of the part that it ends in; and 1
+    on a wall, 0 where the ray leaves through a port, -1 where it gets as far as ``far``.
 
     It goes on as far as the bore is clear for certain, else by a step that is longer than the
     distance from the wall, which halves the number of steps along a pipe. Where the ball at the
@@ -321,8 +322,8 @@ def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, ou
 
 @compiled
 def _lit(parts, around, number, x, y, z, nx, ny, nz, lx, ly, lz, work, ends, out):
-    """How squarely the lamp at l shines on the wall at a point with normal n; 0 where something
-    stands between them. The way to the lamp begins a little off the wall."""
+    """Cosine of the angle at which the lamp at l shines on the wall at a point with normal n; 0
+    where something stands between them. The way to the lamp begins a little off the wall."""
     lift = 5.0 * HIT
     x, y, z = x + lift * nx, y + lift * ny, z + lift * nz
     dx, dy, dz = lx - x, ly - y, lz - z
@@ -339,7 +340,7 @@ def _lit(parts, around, number, x, y, z, nx, ny, nz, lx, ly, lz, work, ends, out
 
 
 def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
-    """What the rays of cameras meet.
+    """Trace the rays of cameras to the walls.
 
     Args:
         parts: records of PART_SIZE numbers.
@@ -373,8 +374,10 @@ def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
             near = parts_along(parts, around, number, x, y, z, ux, uy, uz, far, work, ends, out)
             s, k, met = _follow(parts, work, near, far, out)
             h = (camera * count + ray) * HIT_SIZE
-            seen = _write(parts, first, work, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, out)
-            if seen and lamp[3] > 0.0:
+            met_wall = _write(
+                parts, first, work, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, out
+            )
+            if met_wall and lamp[3] > 0.0:
                 hits[h + LIT] = _lit(
                     parts,
                     around,
@@ -395,14 +398,14 @@ def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
     return 0
 
 
-def nearest(parts, maps, points, robots, count, work, found):
+def nearest(parts, maps, points, robots, count, work, rows):
     """Distances of points from the walls, positive in the bore, with gradients.
 
     Args:
         parts, maps: as of ``trace``, a map for each robot.
         points: (robots, count, 3) m, world frame.
         work: room for 6 numbers, and zeros for ports.
-        found: (robots, count, 5), written to: distance, m; unit gradient (3), world frame; number
+        rows: (robots, count, 5), written to: distance, m; unit gradient (3), world frame; number
             of the part, from the first of the map, -1 where the point lies between the port planes
             of none, and then the distance counts for nothing.
     """
@@ -413,8 +416,8 @@ def nearest(parts, maps, points, robots, count, work, found):
             i = robot * count + point
             x, y, z = points[3 * i], points[3 * i + 1], points[3 * i + 2]
             best = -1e30
-            found[5 * i], found[5 * i + 4] = 0.0, -1.0
-            found[5 * i + 1] = found[5 * i + 2] = found[5 * i + 3] = 0.0
+            rows[5 * i], rows[5 * i + 4] = 0.0, -1.0
+            rows[5 * i + 1] = rows[5 * i + 2] = rows[5 * i + 3] = 0.0
             for part in range(first, last):
                 p = part * PART_SIZE
                 cx, cy, cz = (
@@ -432,10 +435,10 @@ def nearest(parts, maps, points, robots, count, work, found):
                 d = surface_at(parts, p, work, 0.0, out)
                 if d > best:
                     best = d
-                    found[5 * i], found[5 * i + 4] = d, float(part - first)
+                    rows[5 * i], rows[5 * i + 4] = d, float(part - first)
                     for row in range(3):
                         r = p + ROTATION + 3 * row
-                        found[5 * i + 1 + row] = (
+                        rows[5 * i + 1 + row] = (
                             parts[r] * out[0] + parts[r + 1] * out[1] + parts[r + 2] * out[2]
                         )
     return 0

@@ -52,7 +52,7 @@ PLATEAU = 0.02
 LEAST_APART = 0.003
 """A minimum nearer than this to an end of the line is that end, m."""
 POSITION = 1e-7
-"""Accuracy with which a minimum is found, m."""
+"""Accuracy of a minimum along the line, m."""
 
 
 def wall_record(fitting: Fitting, ends: tuple[bool, ...]) -> Array:
@@ -115,8 +115,8 @@ def _slope(surface, sizes, ray, s, out):
 
 @compiled
 def _minimum(surface, sizes, ray, a, slope_a, b, slope_b, out):
-    """Where the slope turns from negative at ``a`` to positive at ``b``: regula falsi
-    (Illinois)."""
+    """Find the minimum between ``a``, where the slope is negative, and ``b``, where it is positive,
+    by regula falsi (Illinois)."""
     side = 0
     s = b
     for _ in range(60):
@@ -139,7 +139,8 @@ def _minimum(surface, sizes, ray, a, slope_a, b, slope_b, out):
 
 @compiled
 def _rim_begins(surface, sizes, ray, a, face_a, b, out):
-    """Where the nearest part of the wall changes between ``a`` and ``b``, by bisection."""
+    """Find the place between ``a`` and ``b`` where the nearest part of the wall changes, by
+    bisection."""
     while b - a > POSITION:
         s = 0.5 * (a + b)
         _, _, face = _slope(surface, sizes, ray, s, out)

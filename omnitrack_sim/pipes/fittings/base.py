@@ -1,4 +1,4 @@
-"""What a fitting is: the contract that every kind of pipe fulfils, shipped or brought by a user.
+"""Fittings: the contract that every kind of pipe fulfils, shipped or brought by a user.
 
 A kind of fitting is one class in one module. A new one names its keys (``Table``), its ports, its
 axes, its exact inner surface, and how that surface is made of wall pieces, of solids for pictures
@@ -33,8 +33,8 @@ BORE = 0.16
 X, Y, Z = np.eye(3)
 """Unit vectors of the fitting frame."""
 Manoeuvre = Literal["elbow", "tee_turn", "tee_straight"]
-"""How a robot is prepared for a fitting and driven through it: round a bend; round the corner of a
-branch, where its inner module loses the wall; straight over an opening."""
+"""Preparation of a robot for a fitting, and its drive through it: round a bend; round the corner of
+a branch, where its inner module loses the wall; straight over an opening."""
 
 
 class Arcs(NamedTuple):
@@ -58,8 +58,10 @@ class AxisCurve:
     """A curve along a fitting's axis, fitting frame.
 
     Attributes:
-        point: (3,) m, where it starts. tangent, normal: (3,) unit vectors there: its direction, and
-            the side that it bends to, or, where it does not bend, the one that an opening is on.
+        point: (3,) m, where it starts.
+        tangent: (3,) unit vector there, its direction.
+        normal: (3,) unit vector there, to the side that it bends to, or, where it does not bend,
+            the one that an opening is on.
         segments: length m and curvature 1/m of each line (curvature 0) or arc, in order.
     """
 
@@ -89,7 +91,7 @@ class Axis(NamedTuple):
 
 @dataclass(frozen=True)
 class Description:
-    """What it means to go from one port of a fitting to another.
+    """Passage from one port of a fitting to another, as a robot has to know it.
 
     Attributes:
         words: for people: "run to branch"; the fitting's kind where there is no more to say.
@@ -134,7 +136,14 @@ class Fitting(ABC):
         is_plain: whether a run through it has nothing to tell: a straight of one bore.
         inner_diameter: bore, m, at the first port and wherever no other key is for it.
         Table: keys of its file form.
-        wall: its surface for the exact collider; see ``compiled.Wall``.
+        wall: its wall as compiled functions; see ``compiled.Wall``.
+
+    Example:
+        >>> isinstance(ot.Tee(), ot.Fitting)
+        True
+        >>> distance, gradient = ot.Straight(0.5).signed_distance([0.0, 0.05, 0.2])
+        >>> round(float(distance), 6)  # m from the wall of a bore of 160 mm
+        0.03
     """
 
     kind: ClassVar[str]
@@ -149,14 +158,14 @@ class Fitting(ABC):
 
     @classmethod
     def file_kind(cls) -> str:
-        """The ``kind`` of its tables in files: the word, or ``module:Class`` for kinds that do not
-        come with the package."""
+        """Return the ``kind`` of its tables in files: the word, or ``module:Class`` for kinds that
+        do not come with the package."""
         shipped = cls.__module__.startswith(f"{__package__}.")
         return cls.kind if shipped else f"{cls.__module__}:{cls.__qualname__}"
 
     @classmethod
     def from_table(cls, table: FittingTable) -> Self:
-        """The fitting that a table describes; further keys of the table do not count.
+        """Return the fitting that a table describes; further keys of the table do not count.
 
         Raises:
             GeometryError: sizes that do not go together.
@@ -178,7 +187,7 @@ class Fitting(ABC):
         return table
 
     def bore_key(self, port: str) -> str:
-        """The key that the bore at a port is given by."""
+        """Return the key that gives the bore at a port."""
         return "inner_diameter"
 
     # Ports and axes
@@ -230,12 +239,13 @@ class Fitting(ABC):
 
     @property
     def is_axial(self) -> bool:
-        """Whether it looks the same however it is turned about its one straight axis."""
+        """True if it looks the same however it is turned about its one straight axis."""
         curvatures = [k for axis in self.axes for _, k in axis.curve.segments]
         return len(self.axes) == 1 and not any(curvatures)
 
     def describe(self, enter: str, leave: str) -> Description:
-        """What going from port ``enter`` to port ``leave`` asks of a robot. Here: nothing."""
+        """Describe the passage from port ``enter`` to port ``leave``. Here it asks nothing of a
+        robot."""
         return Description(self.kind)
 
     # The inner surface
@@ -264,7 +274,7 @@ class Fitting(ABC):
 
     @abstractmethod
     def extent(self, points: Array) -> Array:
-        """How far (...,) m ``points`` (..., 3) m lie inside the port planes, fitting frame;
+        """Return the depth (...,) m of ``points`` (..., 3) m inside the port planes, fitting frame;
         negative beyond one."""
 
     @property
@@ -283,8 +293,8 @@ class Fitting(ABC):
         return 0.0
 
     def bends_at(self, port: str) -> bool:
-        """Whether the wall turns away, right behind a port, from the neighbour's cylinder, which a
-        track on the neighbour's wall has to know."""
+        """Tell whether the wall turns away, right behind a port, from the neighbour's cylinder, so
+        that contact of a track on the neighbour's wall ends there."""
         return self.flare(port) != 0
 
     # What it is made of elsewhere
@@ -338,12 +348,13 @@ def check(kind: str, **conditions: tuple[bool, str]) -> None:
 
 
 def positive(size: float) -> tuple[bool, str]:
-    """The condition, for ``check``, that a size is positive."""
+    """Return the condition, for ``check``, that a size is positive."""
     return size > 0, f"is {size} m; must be positive"
 
 
 def port_pose(z: Array, x: Array, position: Array) -> Pose:
-    """A port frame: ``z`` (3,) out of the fitting, ``x`` (3,) across it, ``position`` (3,) m."""
+    """Return a port frame: ``z`` (3,) out of the fitting, ``x`` (3,) across it, ``position`` (3,)
+    m."""
     return Pose(np.stack([x, cross(z, x), z], axis=-1), position)
 
 

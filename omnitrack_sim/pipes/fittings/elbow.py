@@ -29,7 +29,7 @@ from omnitrack_sim.pipes.fittings.base import (
 from omnitrack_sim.pipes.shapes import THICKNESS, Kit, Pieces, Ring, Solid, sagitta, stave_count
 
 SIDE_SLIP = 4e-4
-"""How far, m, a piece of an elbow's side may leave its row."""
+"""Distance, m, by which a piece of an elbow's side may leave its row."""
 
 
 @compiled
@@ -60,7 +60,12 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
 @dataclass(frozen=True)
 class Elbow(Fitting):
     """A bend of ``angle`` rad with the axis on a circle of ``mean_radius`` m; at least R, at most
-    180 degrees."""
+    180 degrees.
+
+    Example:
+        >>> round(ot.Elbow(0.24).length_of_axes, 3)
+        0.377
+    """
 
     mean_radius: float
     angle: float = math.pi / 2
@@ -160,14 +165,15 @@ class Elbow(Fitting):
         return sum(self._row_count(ring, u, along_tolerance) for u in ring.azimuths)
 
     def _ring(self, tolerance: float, staves: int | None) -> tuple[Ring, float]:
-        """The rows around the bore, and what is left of the tolerance along them, m."""
+        """Return the rows around the bore, and the rest of the tolerance along them, m."""
         # Half of the tolerance for the facets around, half for those along.
         staves = staves or stave_count(self.radius, tolerance / 2)
         around = sagitta(self.radius, math.pi / staves) / 2
         return Ring.of(self.radius, staves), max(0.8 * tolerance - around, tolerance / 4)
 
     def _row_count(self, ring: Ring, u: float, along_tolerance: float) -> int:
-        """How many boxes a row at azimuth ``u`` has, within ``along_tolerance`` m of the circle."""
+        """Return the number of boxes of a row at azimuth ``u``, within ``along_tolerance`` m of the
+        circle."""
         from_axis = self.mean_radius - ring.face * math.cos(u)
         # The facet leaves the surface by its sagitta times the part that points across it; the rest
         # slips sideways.
@@ -176,7 +182,7 @@ class Elbow(Fitting):
         return max(2, math.ceil(self.angle / step))
 
     def _add_row(self, pieces: Pieces, ring: Ring, u: float, count: int) -> None:
-        """The ``count`` boxes along the bend at azimuth ``u``."""
+        """Add the ``count`` boxes along the bend at azimuth ``u``."""
         from_axis = self.mean_radius - ring.face * math.cos(u)
         half = self.angle / count / 2
         shift = sagitta(from_axis, half) * math.cos(u) / 2

@@ -25,47 +25,47 @@ from omnitrack_sim.pipes.fittings.base import Fitting, FittingTable
 
 @cache
 def shipped_fittings() -> Mapping[str, type[Fitting]]:
-    """The kinds that come with the package, by name: every module, or folder, of this folder brings
-    one."""
+    """Return the kinds that come with the package, by name: modules of this folder define them."""
     package = __name__.rpartition(".")[0]
     folder = importlib.import_module(package).__path__
-    found = {}
+    kinds = {}
     for module in sorted(info.name for info in pkgutil.iter_modules(folder)):
         members = vars(importlib.import_module(f"{package}.{module}")).values()
         for member in members:
             if _is_kind(member) and f"{member.__module__}.".startswith(f"{package}.{module}."):
-                found[member.kind] = member
-    return MappingProxyType(found)
+                kinds[member.kind] = member
+    return MappingProxyType(kinds)
 
 
 _brought: dict[str, type[Fitting]] = {}
 
 
 def known_fittings() -> Mapping[str, type[Fitting]]:
-    """The shipped kinds, and those that ``fitting_class`` has found elsewhere in this process, by
+    """Return the shipped kinds, and those that ``fitting_class`` has imported in this process, by
     their ``kind`` in files."""
     return {**shipped_fittings(), **_brought}
 
 
 def fitting_class(kind: str) -> type[Fitting]:
-    """The class of a ``kind`` of a file: a shipped one, or ``module:Class``, which is imported.
+    """Return the class of a ``kind`` of a file: a shipped one, or ``module:Class``, which is
+    imported.
 
     Raises:
         InputError: there is no such kind; the fault has the shipped ones as choices.
     """
-    found = known_fittings().get(kind)
-    if found is not None:
-        return found
+    known = known_fittings().get(kind)
+    if known is not None:
+        return known
     choices = tuple(shipped_fittings())
-    found = named(kind, "kind", shipped_fittings())
-    if not _is_kind(found):
+    fitting = named(kind, "kind", shipped_fittings())
+    if not _is_kind(fitting):
         raise InputError(Fault("kind", f"is {kind!r}, which is no fitting", choices, given=kind))
-    _brought[kind] = found
-    return found
+    _brought[kind] = fitting
+    return fitting
 
 
 def _is_kind(member: object) -> TypeGuard[type[Fitting]]:
-    """Whether a member of a module is a kind of fitting that can be made."""
+    """Tell whether a member of a module is a kind of fitting that can be made."""
     return (
         isinstance(member, type)
         and issubclass(member, Fitting)
@@ -78,13 +78,14 @@ class FittingEntry(Table):
     """A fitting in a list of a file; every list adds its keys, and ``table_of`` those of a kind."""
 
     kind: str
-    """What it is: "straight", "reducer", "elbow", "tee", "wye", or `module:Class` of a fitting
+    """Kind of fitting: "straight", "reducer", "elbow", "tee", "wye", or `module:Class` of a fitting
     of your own."""
     of: ClassVar[type[Fitting]]
 
     @classmethod
     def model_for(cls, value: Mapping[str, Any]) -> type[Table]:
-        """The table of the ``kind`` that stands in ``value``; the entry's own without one."""
+        """Return the table of the ``kind`` that stands in ``value``; the entry's own without
+        one."""
         try:
             return table_of(str(value["kind"]), cls)
         except (KeyError, InputError):
@@ -96,7 +97,7 @@ class FittingEntry(Table):
         return {}
 
     def fitting(self) -> Fitting:
-        """The fitting that the table describes.
+        """Return the fitting that the table describes.
 
         Raises:
             GeometryError: sizes that do not go together.
@@ -110,7 +111,7 @@ _Entry = TypeVar("_Entry", bound=FittingEntry)
 
 @cache
 def table_of(kind: str, entry: type[_Entry]) -> type[_Entry]:
-    """The table of one kind of fitting in one list: the list's keys, then its own.
+    """Return the table of one kind of fitting in one list: the list's keys, then its own.
 
     Raises:
         InputError: there is no such kind.
@@ -130,8 +131,8 @@ def table_of(kind: str, entry: type[_Entry]) -> type[_Entry]:
 def by_kind(
     entry: type[_Entry],
 ) -> Callable[[Any, ValidatorFunctionWrapHandler, ValidationInfo], _Entry]:
-    """A wrap validator that opens the tables of one list by their ``kind``. What is wrong in a
-    table is told at its keys."""
+    """Return a wrap validator that opens the tables of one list by their ``kind``. What is wrong in
+    a table is told at its keys."""
 
     def opened(data: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> _Entry:
         if not isinstance(data, Mapping):
@@ -150,5 +151,5 @@ def by_kind(
 
 
 def _kind_fault(fault: Fault) -> PydanticCustomError:
-    told = {"problem": fault.problem, "choices": fault.choices, "given": fault.given}
-    return PydanticCustomError(KIND_FAULT, "{problem}", told)
+    context = {"problem": fault.problem, "choices": fault.choices, "given": fault.given}
+    return PydanticCustomError(KIND_FAULT, "{problem}", context)

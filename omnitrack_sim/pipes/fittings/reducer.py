@@ -29,7 +29,7 @@ from omnitrack_sim.pipes.shapes import THICKNESS, Kit, Pieces, Ring, Solid, stav
 STEEPEST_CONE = math.radians(20)
 """Largest half cone angle of a reducer, rad."""
 POSITION = 1e-7
-"""Accuracy, m, with which the end of a span is found."""
+"""Accuracy, m, of the end of a span."""
 
 
 @compiled
@@ -57,7 +57,7 @@ def surface(sizes, x, y, z, out):
 
 @compiled
 def _before_wide_end(z, from_axis, radius, length, end_radius):
-    """How far a point's foot lies on the cone from its wide end, m times a positive factor;
+    """Distance of a point's foot on the cone from its wide end, m times a positive factor;
     negative beyond the end."""
     slope = (end_radius - radius) / length
     return (
@@ -130,7 +130,12 @@ def clear(sizes, px, py, pz, ax, ay, az):
 @dataclass(frozen=True)
 class Reducer(Axial):
     """A concentric cone of ``length`` m from ``inner_diameter`` m at ``start`` to ``end_diameter``
-    m at ``end``."""
+    m at ``end``.
+
+    Example:
+        >>> ot.Reducer(0.1, end_diameter=0.14).port_radius("end")
+        0.07
+    """
 
     end_diameter: float
     inner_diameter: float = BORE

@@ -42,7 +42,12 @@ def clear(sizes, px, py, pz, ax, ay, az):
 
 @dataclass(frozen=True)
 class Straight(Axial):
-    """A straight pipe of ``length`` m."""
+    """A straight pipe of ``length`` m.
+
+    Example:
+        >>> ot.Straight(0.5).length_of_axes
+        0.5
+    """
 
     inner_diameter: float = BORE
     kind: ClassVar[str] = "straight"

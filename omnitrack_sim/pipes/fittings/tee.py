@@ -164,6 +164,10 @@ class Tee(Fitting):
 
     The rim's ``fillet_radius`` m is that of a ball that rolls inside the wall: the solid wall is
     opened by it.
+
+    Example:
+        >>> ot.Tee().describe("run_start", "branch").words
+        'run to branch'
     """
 
     run_length: float = 0.32
@@ -311,7 +315,7 @@ class Tee(Fitting):
         return 3 * around + 2 * 5 * RIM_SEGMENTS + 2
 
     def _add_rim(self, pieces: Pieces, rho: float) -> None:
-        """The fillet as capsules, and two strips of boxes on either side of it."""
+        """Add the fillet as capsules, and two strips of boxes on either side of it."""
         t = np.linspace(-np.pi / 2, np.pi / 2, RIM_SEGMENTS + 1)
         radius = self.radius
         for side in (1.0, -1.0):
@@ -340,8 +344,8 @@ class Tee(Fitting):
         return self.fill(kit, 0.0) + (self._fillet(kit, 1.0) + self._fillet(kit, -1.0))
 
     def _fillet(self, kit: Kit, side: float) -> Solid:
-        """What a ball of the fillet radius rounds off the rim on one side of the branch (``side`` =
-        sign of z).
+        """Return what a ball of the fillet radius rounds off the rim on one side of the branch
+        (``side`` = sign of z).
 
         The ball's centre runs on the saddle where two cylinders of radius R + f meet. Each
         cross-section is bounded by the ball's arc between its two points of tangency and closed

@@ -67,6 +67,11 @@ class Wye(Fitting):
 
     The rim's ``fillet_radius`` m is that of a ball that rolls inside the wall: the solid wall is
     opened by it.
+
+    Example:
+        >>> wye = ot.Wye(angle=1.05, branch_diameter=0.1)
+        >>> wye.port_radius("branch")
+        0.05
     """
 
     run_length: float = 0.44
@@ -478,7 +483,7 @@ class Wye(Fitting):
         return self._solid(kit, 0.0, kit.overcut)
 
     def _solid(self, kit: Kit, more: float, longer: float) -> Solid:
-        """The bores, their rim rounded, and ``more`` m around them, between the ports.
+        """Return the bores, their rim rounded, and ``more`` m around them, between the ports.
 
         The branch is ``longer`` m: the ends of turned solids differ by rounding, which may leave a
         film between them.
@@ -515,8 +520,8 @@ class Wye(Fitting):
     def _fillet(
         self, kit: Kit, q: Array, radius: float, branch_radius: float, fillet: float
     ) -> Solid:
-        """What a ball of radius ``fillet`` m rounds off the rim of two bores, at the angles ``q``
-        around the branch.
+        """Return what a ball of radius ``fillet`` m rounds off the rim of two bores, at angles
+        ``q`` around the branch.
 
         The ball's centre runs on the edge where the cylinders, wider by the fillet, meet. Each
         cross-section is bounded by the ball's arc between its two points of tangency and closed

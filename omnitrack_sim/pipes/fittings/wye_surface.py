@@ -276,8 +276,8 @@ def _clip(sizes, px, py, pz, ax, ay, az, value, slope, ends, of_branch, out):
 
 @compiled
 def in_branch(sizes, x, y, z):
-    """Whether a point belongs to the branch's leg: it is nearer to that bore's wall, or less deep
-    in the run's."""
+    """Tell whether a point belongs to the branch's leg: it is nearer to that bore's wall, or less
+    deep in the run's."""
     sin, cos = sizes[5], sizes[6]
     w = x * cos - z * sin
     from_branch, from_run = math.sqrt(y * y + w * w) - sizes[3], math.sqrt(x * x + y * y) - sizes[2]
