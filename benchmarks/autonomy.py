@@ -72,7 +72,7 @@ def look(task: Task) -> list[Found]:
                 repr(trial.fitting),
                 told,
                 trial.is_right(sighting),
-                sighting.sure,
+                sighting.confidence,
                 trial.turn_error(sighting),
                 sighting.distance - trial.distance,
                 seconds,

@@ -154,7 +154,7 @@ def needed_friction(result: ot.Result) -> float:
     of the robot is in the fitting: what 95 % of that time does not exceed. 0 where it never got
     there."""
     trajectory, half = result.trajectory, result.scenario.robot.length / 2
-    start, end = result.scenario.route.fittings[1].span
+    start, end = result.scenario.route.passages[1].span
     inside = (trajectory["distance"] > start - half) & (trajectory["distance"] < end + half)
     if not inside.any():
         return 0.0

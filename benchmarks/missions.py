@@ -215,7 +215,7 @@ def in_order(result: Result) -> bool:
     """
     routes, visits = result.routes(), result.timeline()
     for leg, route in enumerate(routes):
-        planned = [route.network.parts[passage.index].name for passage in route.fittings]
+        planned = [route.network.parts[passage.index].name for passage in route.passages]
         visited = [visit.name for visit in visits if visit.leg == leg]
         first = planned.index(visited[0]) if visited else 0
         if visited != planned[first : first + len(visited)]:
@@ -260,7 +260,7 @@ def drive(task: tuple[str, int, str, str, float]) -> Run:
         gravity_x=x,
         gravity_y=y,
         gravity_z=z,
-        fittings=len(scenario.route.fittings),
+        fittings=len(scenario.route.passages),
         outcome=result.outcome.value,
         arrived=result.success,
         in_order=in_order(result),

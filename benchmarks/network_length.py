@@ -60,7 +60,7 @@ def long_scenario(pieces: int, collider: str) -> Scenario:
     ]
     data["physics"]["collider"] = collider
     data["run"]["time_limit"] = 1000.0
-    data["start"]["distance"] = load_scenario("tee_turn").route.fittings[1].opening[0] - BEFORE
+    data["start"]["distance"] = load_scenario("tee_turn").route.passages[1].opening[0] - BEFORE
     data["control"]["align"] = False
     return validate(data)
 
@@ -70,7 +70,7 @@ def network_scenario(collider: str) -> Scenario:
     network = random_network(NETWORK_SEED, NETWORK_FITTINGS)
     for start, goal in permutations(network.open_ends, 2):
         route = shortest_route(network, start, goal)
-        first, second = route.fittings[:2]
+        first, second = route.passages[:2]
         if second.kind == "tee" and second.leave == "branch" and second.opening[0] - BEFORE > 0.1:
             break
     else:

@@ -45,7 +45,7 @@ class Turn(NamedTuple):
     @classmethod
     def of(cls, scenario: Scenario) -> Turn:
         """The first tee turn on a scenario's way."""
-        passage = next(p for p in scenario.route.fittings if p.into_branch)
+        passage = next(p for p in scenario.route.passages if p.description.into_branch)
         line = scenario.route.centreline
         places, tangents, *_ = line.at(np.array([0.0, passage.s_bend_end]))
         return cls(

@@ -1,8 +1,8 @@
 """Public names of omnitrack_sim and where each is defined; ``__init__.py`` loads them from here."""
 
-from .autonomy.ahead import Ahead as Ahead
 from .autonomy.pilots import Decision as Decision
 from .autonomy.pilots import Pilot as Pilot
+from .autonomy.sight import Ahead as Ahead
 from .base.errors import GeometryError as GeometryError
 from .base.errors import InputError as InputError
 from .base.errors import NetworkError as NetworkError
@@ -20,14 +20,14 @@ from .base.naming import shipped_studies as shipped_studies
 from .base.naming import shipped_sweeps as shipped_sweeps
 from .paper.plots.singularity import plot_singularity as plot_singularity
 from .pipes.assembly import Assembly as Assembly
-from .pipes.compare import MapDifference as MapDifference
-from .pipes.compare import compare_maps as compare_maps
 from .pipes.fittings.base import Fitting as Fitting
 from .pipes.fittings.elbow import Elbow as Elbow
 from .pipes.fittings.reducer import Reducer as Reducer
 from .pipes.fittings.straight import Straight as Straight
 from .pipes.fittings.tee import Tee as Tee
 from .pipes.fittings.wye import Wye as Wye
+from .pipes.map_difference import MapDifference as MapDifference
+from .pipes.map_difference import compare_maps as compare_maps
 from .pipes.network import Network as Network
 from .pipes.network import load_network as load_network
 from .pipes.planning import shortest_route as shortest_route

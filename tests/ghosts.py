@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from omnitrack_sim.autonomy.ahead import Ahead, Look
 from omnitrack_sim.autonomy.exploration import Exploration
-from omnitrack_sim.autonomy.goals import Mission
-from omnitrack_sim.autonomy.sight import TrueSight
+from omnitrack_sim.autonomy.mission import Mission
+from omnitrack_sim.autonomy.sight import Ahead, Look, TrueSight
 from omnitrack_sim.base.rotations import TURNED, rotation_about
 from omnitrack_sim.pipes import ARCS
 from omnitrack_sim.pipes.network import Network
@@ -91,12 +90,11 @@ class Ghost:
 
     def _has_passed(self, distance: float) -> int:
         """How many fittings it has just left behind for the first time."""
-        way = self.explorer.leg.way
-        along = self.explorer.ways.along_of(way)
+        route = self.explorer.route()
         new = {
-            part
-            for (part, _, _), end in zip(way, along.ends, strict=True)
-            if end < distance and not self.explorer.belief.fitting(part).is_plain
+            passage.index
+            for passage in route.passages
+            if passage.s_leave < distance and not passage.part.fitting.is_plain
         } - self.behind
         self.behind |= new
         return len(new)
@@ -108,7 +106,7 @@ class Ghost:
     def _pose(self, distance: float):
         leg, ways = self.explorer.leg, self.explorer.ways
         if self._line is None or self._line[:2] != (leg, ways):
-            self._line = leg, ways, ways.route(leg).centreline
+            self._line = leg, ways, ways.route(leg.path).centreline
         line = self._line[2]
         s = np.array([distance])
         # Turned about its axis by what it has driven: nothing may depend on how it is turned.

@@ -11,8 +11,8 @@ from omnitrack_sim.base import bounds
 from omnitrack_sim.base.errors import InputError, NetworkError, ScenarioError, SweepError
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Elbow, Part, Reducer, Straight, Tee, network
+from omnitrack_sim.pipes.assembly import touching
 from omnitrack_sim.pipes.fittings.wye import Wye
-from omnitrack_sim.pipes.near import touching
 from omnitrack_sim.pipes.shapes import Pieces
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.trials.sweep import resolve

@@ -82,7 +82,7 @@ def test_a_cell_of_the_benchmark_is_what_its_names_say(cell):
     assert (first.robot.brake_force > 0) == ("brakes" in cell.way)
     assert first.control.align == (cell.place in (study.OVER, study.TURN))
     radius = {"240 mm elbow": 0.24, "90 mm elbow": 0.09, study.TURN: 0.09}.get(cell.place, np.nan)
-    assert first.route.fittings[1].bend_radius == pytest.approx(radius, nan_ok=True)
+    assert first.route.passages[1].bend_radius == pytest.approx(radius, nan_ok=True)
 
 
 @pytest.mark.parametrize("place", study.ELBOWS | study.TEES)

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 import omnitrack_sim
-from omnitrack_sim.autonomy.goals import Mission
+from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.base.naming import (
     shipped_networks,
     shipped_scenarios,

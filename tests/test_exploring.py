@@ -11,7 +11,7 @@ from ghosts import Ghost
 from omnitrack_sim.autonomy.belief import Belief
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Elbow, Tee
-from omnitrack_sim.pipes.compare import compare_maps
+from omnitrack_sim.pipes.map_difference import compare_maps
 from omnitrack_sim.pipes.network import load_network, validate
 from omnitrack_sim.record.events import (
     EndInspected,
@@ -53,7 +53,7 @@ def test_a_network_is_explored_to_its_last_end(name, start, ends):
     (complete,) = of_kind(ghost, ExplorationComplete)
     assert complete.ends == ends
     assert not belief.unexplored
-    assert ghost.explorer.leg.way[-1][::2] == belief.start
+    assert ghost.explorer.leg.path[-1][::2] == belief.start
     assert ghost.travel < 3.2 * ghost.network.length
 
 
@@ -159,7 +159,7 @@ def test_finding_stops_at_the_goal():
     assert [event.goal for event in of_kind(ghost, GoalReached)] == ["kitchen"]
     assert not of_kind(ghost, ExplorationComplete)
     network = ghost.explorer.belief.network
-    assert network.end("goal", "kitchen") == ghost.explorer.leg.way[-1][::2]
+    assert network.end("goal", "kitchen") == ghost.explorer.leg.path[-1][::2]
 
 
 def test_a_goal_that_is_cut_off_is_missed():

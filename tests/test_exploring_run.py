@@ -62,7 +62,7 @@ def test_a_robot_explores_and_comes_back(tmp_path):
     assert told.exit_code == 0, told.output
     assert "tee_1" in told.output
     (folder / "map.toml").write_text('name = "map"\n[[fittings]]\nname = "a"\nkind = "tee"\n')
-    with pytest.raises(Exception, match=r"legs.0.way"):
+    with pytest.raises(Exception, match=r"legs.0.path"):
         load_result(folder)
 
 

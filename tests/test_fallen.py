@@ -12,10 +12,9 @@ from network_samples import branched, straight
 from runs import same_result
 
 import omnitrack_sim as ot
-from omnitrack_sim.autonomy.goals import Mission
-from omnitrack_sim.autonomy.mission import Planner
+from omnitrack_sim.autonomy.legs import PartLocation
+from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.autonomy.pilots import Decision, Planned
-from omnitrack_sim.autonomy.whereabouts import Whereabouts
 from omnitrack_sim.base.rotations import Array, unit
 from omnitrack_sim.pipes.network import load_network, validate
 from omnitrack_sim.record.events import FellOff, GaveUp
@@ -30,29 +29,31 @@ MIDDLE = np.array([0.0, 0.0, 0.56])
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def planner(network: str, *goals: str, start: str = "foot", **more) -> Planner:
-    return Planner(load_network(network), Mission(start=start, goals=goals, **more), Robot(), 0.1)
+def planner(network: str, *goals: str, start: str = "foot", **more) -> MissionPlanner:
+    return MissionPlanner(
+        load_network(network), Mission(start=start, goals=goals, **more), Robot(), 0.1
+    )
 
 
-def tee(*goals: str, **more) -> Planner:
+def tee(*goals: str, **more) -> MissionPlanner:
     mission = Mission(start="a.start", goals=goals or ("c.start",), **more)
-    return Planner(validate(branched()), mission, Robot(), 0.1)
+    return MissionPlanner(validate(branched()), mission, Robot(), 0.1)
 
 
-def pose(plan: Planner, where: Whereabouts) -> tuple[Array, Array]:
+def pose(plan: MissionPlanner, where: PartLocation) -> tuple[Array, Array]:
     """Position (3,) m and axis (3,) of a robot."""
     line = plan.network.pipes.parts[where.part].axis(where.behind, where.ahead, plan.arcs)
-    position, tangent, _, _ = line.at(np.array([where.passed]))
+    position, tangent, _, _ = line.at(np.array([where.to_behind]))
     return position[0], tangent[0]
 
 
-def everywhere(plan: Planner) -> list[Whereabouts]:
+def everywhere(plan: MissionPlanner) -> list[PartLocation]:
     """In the middle of each part, from each port to each other one."""
     places = []
     for index, part in enumerate(plan.network.pipes.parts):
         for behind, ahead in itertools.permutations(part.fitting.port_names, 2):
             half = part.axis(behind, ahead, plan.arcs).length / 2
-            places.append(Whereabouts(index, behind, ahead, half, half))
+            places.append(PartLocation(index, behind, ahead, half, half))
     return places
 
 
@@ -69,14 +70,16 @@ def test_a_robot_is_found_where_it_lies(network: str) -> None:
     for where in everywhere(plan):
         if len(plan.network.pipes.parts[where.part].fitting.port_names) > 2:
             continue
-        again = plan.find(*pose(plan, where))
+        again = plan.locate(*pose(plan, where))
         if again is None:  # shorter than the robot, round a corner
-            assert where.left < LENGTH / 2
+            assert where.to_ahead < LENGTH / 2
             continue
         found += 1
         assert (again.behind, again.ahead, again.across) == (where.behind, where.ahead, False)
         assert again.part == where.part
-        assert (again.passed, again.left) == pytest.approx((where.passed, where.left), abs=1e-9)
+        assert (again.to_behind, again.to_ahead) == pytest.approx(
+            (where.to_behind, where.to_ahead), abs=1e-9
+        )
     assert found > 10
 
 
@@ -90,13 +93,13 @@ def test_in_a_tee_a_robot_lies_along_the_run_or_across_it(
     """By its angle to the run; where it is square across, no port is ahead of its nose."""
     angle = np.radians(tilt_deg)
     axis = np.array([np.sin(angle), 0.0, side * np.cos(angle)])
-    found = tee().find(MIDDLE + 0.1 * UP, axis)
+    found = tee().locate(MIDDLE + 0.1 * UP, axis)
     assert (found is None) is (lies is None)
     if found is not None:
         assert found.part == TEE
         assert found.ahead == ("run_end" if side > 0 else "run_start")
         assert found.across is (lies == "across")
-        assert found.passed == pytest.approx(0.26 if side > 0 else 0.06)
+        assert found.to_behind == pytest.approx(0.26 if side > 0 else 0.06)
 
 
 @pytest.mark.parametrize(
@@ -110,8 +113,8 @@ def test_in_a_tee_a_robot_lies_along_the_run_or_across_it(
 )
 def test_a_robot_in_no_pipe_is_not_found(position: list[float], axis: list[float]) -> None:
     """Out of an open end, beside the axis, across a pipe without a branch, and elsewhere."""
-    assert tee().find(np.array(position), unit(axis)) is None
-    assert tee().find(0.25 * UP, UP) is not None
+    assert tee().locate(np.array(position), unit(axis)) is None
+    assert tee().locate(0.25 * UP, UP) is not None
 
 
 # What it plans
@@ -125,18 +128,18 @@ def test_from_everywhere_a_way_leads_to_every_goal(network: str, ends: int) -> N
     for goal in ports[1:]:
         plan = planner(network, goal, start=ports[0])
         for where in everywhere(plan):
-            legs = plan.anew(where, 0, ())
+            legs = plan.replan_from(where, 0, ())
             assert legs is not None
             position, axis = pose(plan, where)
             for leg in legs:
-                line = plan.route(leg).centreline
+                line = plan.route(leg.path).centreline
                 points, tangents, _, _ = line.at(np.array([leg.begin, leg.end]))
                 # The arcs into and out of a branch lie beside each other.
                 assert np.linalg.norm(points[0] - position) < 0.06
                 assert tangents[0] @ axis * leg.gear > 0.8
                 position, axis = points[1], tangents[1] * leg.gear
             assert legs[-1].goal == 0
-            assert legs[-1].way[-1][::2] == plan.ends[1]
+            assert legs[-1].path[-1][::2] == plan.ends[1]
             assert all(leg.goal == -1 for leg in legs[:-1])
 
 
@@ -146,16 +149,16 @@ def test_the_gear_is_that_in_which_it_has_to_travel_less() -> None:
     plan = tee()
     for behind, gear in (("start", -1), ("end", 1)):
         ahead = "end" if behind == "start" else "start"
-        (leg,) = plan.anew(Whereabouts(2, behind, ahead, 0.2, 0.2), 0, ()) or ()
+        (leg,) = plan.replan_from(PartLocation(2, behind, ahead, 0.2, 0.2), 0, ()) or ()
         assert leg.gear == gear
-        assert leg.way == ((2, "end", "start"), (TEE, "run_end", "branch"), (3, "end", "start"))
-    near = Whereabouts(TEE, "run_start", "run_end", 0.28, 0.04)
-    out, on = plan.anew(near, 0, ()) or ()
+        assert leg.path == ((2, "end", "start"), (TEE, "run_end", "branch"), (3, "end", "start"))
+    near = PartLocation(TEE, "run_start", "run_end", 0.28, 0.04)
+    out, on = plan.replan_from(near, 0, ()) or ()
     assert (out.gear, on.gear, out.note, on.note) == (
         *(1, -1),
         *("drives out of t", "to c.start, tail first"),
     )
-    opening = plan.route(on).fittings[1].s_bend_start
+    opening = plan.route(on.path).passages[1].s_bend_start
     assert on.begin == pytest.approx(opening - LENGTH / 2 - Robot().standing_room)
 
 
@@ -168,14 +171,14 @@ def test_a_robot_that_lies_across_first_drives_over_the_opening(
     plans as any other."""
     plan = tee(goal)
     behind, passed = {"run_end": ("run_start", 0.26), "run_start": ("run_end", 0.06)}[ahead]
-    lies = Whereabouts(TEE, behind, ahead, passed, 0.32 - passed, across=True)
-    first, *others = plan.anew(lies, 0, ()) or ()
+    lies = PartLocation(TEE, behind, ahead, passed, 0.32 - passed, across=True)
+    first, *others = plan.replan_from(lies, 0, ()) or ()
     assert (first.gear, first.goal, first.note) == (gear, -1, "rights itself in t")
-    assert first.way == ((2, "end", "start"), (TEE, "run_end", "run_start"), (0, "end", "start"))
+    assert first.path == ((2, "end", "start"), (TEE, "run_end", "run_start"), (0, "end", "start"))
     assert first.begin == pytest.approx(0.4 + 0.06)
     assert first.end == pytest.approx(0.4 + 0.32 + LENGTH / 2 + Robot().standing_room)
     assert [leg.gear for leg in others] == [-gear]
-    assert plan.length(others[0]) - others[0].end == pytest.approx(LENGTH / 2 + 0.005)
+    assert plan.route(others[0].path).length - others[0].end == pytest.approx(LENGTH / 2 + 0.005)
 
 
 def test_a_turn_that_a_robot_has_fallen_off_is_taken_from_the_other_side() -> None:
@@ -184,8 +187,8 @@ def test_a_turn_that_a_robot_has_fallen_off_is_taken_from_the_other_side() -> No
     righted = pilot.on_fall(1.0, MIDDLE + 0.1 * UP, unit([0.9, 0.0, 0.45])).leg
     out, on = (pilot.on_arrival(1.0, pilot.leg.end, "").leg for _ in range(2))
     assert [leg.gear for leg in (righted, out, on)] == [-1, 1, -1]
-    assert (TEE, "run_end", "branch") in on.way
-    assert [part for part, _, _ in out.way][:2] == [0, TEE]
+    assert (TEE, "run_end", "branch") in on.path
+    assert [part for part, _, _ in out.path][:2] == [0, TEE]
 
 
 @pytest.mark.parametrize("length", [0.3, 0.9])
@@ -194,35 +197,35 @@ def test_a_robot_below_a_turn_that_is_closed_to_it_comes_back_to_it(length: floa
     there to turn in there is no way."""
     fittings = [straight("a"), {"kind": "tee", "name": "t"}, straight("b", length), straight("c")]
     mission = Mission(start="a.start", goals=("c.start",))
-    plan = Planner(validate(branched(fittings=fittings)), mission, Robot(), 0.1)
-    lies = Whereabouts(0, "start", "end", 0.3, 0.1)
-    out, on = plan.anew(lies, 0, plan.turn_in(plan.first, TEE)) or ()
+    plan = MissionPlanner(validate(branched(fittings=fittings)), mission, Robot(), 0.1)
+    lies = PartLocation(0, "start", "end", 0.3, 0.1)
+    out, on = plan.replan_from(lies, 0, plan.turn_in(plan.first, TEE)) or ()
     assert (out.gear, on.gear) == (1, -1)
-    assert on.way == ((2, "end", "start"), (TEE, "run_end", "branch"), (3, "end", "start"))
+    assert on.path == ((2, "end", "start"), (TEE, "run_end", "branch"), (3, "end", "start"))
     closed = tee(avoid=("b",))
-    assert closed.anew(lies, 0, closed.turn_in(closed.first, TEE)) is None
-    assert closed.anew(lies, 0, ()) is not None
+    assert closed.replan_from(lies, 0, closed.turn_in(closed.first, TEE)) is None
+    assert closed.replan_from(lies, 0, ()) is not None
 
 
 def test_what_is_closed_or_to_be_avoided_is_not_passed() -> None:
     """From the far half of the run: with the branch closed there is no way; a fitting to avoid that
     the robot has fallen into is left."""
-    plan, lies = tee(), Whereabouts(2, "start", "end", 0.2, 0.2)
-    assert plan.anew(lies, 0, [plan.network.port("t.branch")]) is None
+    plan, lies = tee(), PartLocation(2, "start", "end", 0.2, 0.2)
+    assert plan.replan_from(lies, 0, [plan.network.port("t.branch")]) is None
     careful = tee(avoid=("b",))
-    out, on = careful.anew(lies, 0, ()) or ()
+    out, on = careful.replan_from(lies, 0, ()) or ()
     assert (out.gear, on.gear) == (-1, 1)
-    assert [part for part, _, _ in on.way] == [0, TEE, 3]
+    assert [part for part, _, _ in on.path] == [0, TEE, 3]
 
 
 def test_a_robot_goes_on_from_a_goal_that_it_has_reached_tail_first() -> None:
     """The next leg is nose first, out of the pipe that it has backed into."""
     plan = tee("c.start", "b.end")
-    (leg,) = plan.anew(Whereabouts(2, "start", "end", 0.2, 0.2), 0, ()) or ()
-    (onward,) = plan.onward(leg, leg.end, 1, ()) or ()
+    (leg,) = plan.replan_from(PartLocation(2, "start", "end", 0.2, 0.2), 0, ()) or ()
+    (onward,) = plan.replan(leg, leg.end, 1, ()) or ()
     assert (leg.gear, onward.gear, onward.goal) == (-1, 1, 1)
-    assert [part for part, _, _ in onward.way] == [3, TEE, 2]
-    assert onward.begin == pytest.approx(plan.length(leg) - leg.end)
+    assert [part for part, _, _ in onward.path] == [3, TEE, 2]
+    assert onward.begin == pytest.approx(plan.route(leg.path).length - leg.end)
 
 
 # What it does
@@ -280,7 +283,7 @@ def test_a_robot_that_has_gone_past_its_branch_arrives_in_the_end(fallen: ot.Res
     (fell,) = falls(fallen)
     assert (fell.fitting, fell.port) == ("t", "t.run_end")
     assert str(fell).endswith(" s, in t: fell off its way, nose towards t.run_end")
-    assert fallen.legs[-1].way[-1][2] == "start"
+    assert fallen.legs[-1].path[-1][2] == "start"
     assert [leg.goal for leg in fallen.legs] == [0, -1, 0]
     leg, trajectory = fallen.trajectory["leg"], fallen.trajectory
     assert np.unique(leg).tolist() == [0, 1, 2]

@@ -131,15 +131,15 @@ def test_map_of_a_robot_that_explores_grows_with_what_it_sees():
     result = two_legs_result()
     routes = result.routes()
     found = found_at(result.trajectory, routes, 0.07, 0.35)
-    assert found[routes[0].fittings[0].index] == 0
-    order = [int(found[passage.index]) for passage in routes[0].fittings]
+    assert found[routes[0].passages[0].index] == 0
+    order = [int(found[passage.index]) for passage in routes[0].passages]
     assert order == sorted(order)
     far = found_at(result.trajectory, routes, 0.07, 10.0)
     assert (far <= found).all()
     bent = next(
-        p for p in routes[0].fittings if not routes[0].network.parts[p.index].fitting.is_plain
+        p for p in routes[0].passages if not routes[0].network.parts[p.index].fitting.is_plain
     )
-    beyond = routes[0].fittings[routes[0].fittings.index(bent) + 1]
+    beyond = routes[0].passages[routes[0].passages.index(bent) + 1]
     distance = result.trajectory["distance"]
     assert distance[far[beyond.index]] + 0.07 == pytest.approx(bent.s_leave, abs=0.03)
     grey = np.full((720, 1280, 3), 90, np.uint8)

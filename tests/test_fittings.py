@@ -307,8 +307,11 @@ def test_a_robot_drives_through_a_fitting_from_outside(collider):
 def test_a_robot_passes_a_wye(collider, name, words, turn_deg):
     """The shipped scenarios of a wye end as they expect, with either collider."""
     scenario = ot.override(ot.load_scenario(name), {"physics.collider": collider})
-    passage = scenario.route.fittings[1]
-    assert (passage.words, passage.turn_angle) == (words, pytest.approx(np.radians(turn_deg)))
+    passage = scenario.route.passages[1]
+    assert (passage.words, passage.description.turn_angle) == (
+        words,
+        pytest.approx(np.radians(turn_deg)),
+    )
     assert ot.run(scenario).outcome == scenario.run.expected_outcome
 
 
@@ -320,7 +323,7 @@ def test_a_corner_has_the_same_size_both_ways():
     into = [run, wye | {"enter": "run_start", "leave": "branch"}, branch]
     out = [branch, wye | {"enter": "branch", "leave": "run_start"}, run]
     scenarios = [validate({"pipes": pipes}) for pipes in (into, out)]
-    passages = [scenario.route.fittings[1] for scenario in scenarios]
+    passages = [scenario.route.passages[1] for scenario in scenarios]
     assert [p.radius for p in passages] == [0.08, 0.07]
     assert [p.corner_radius for p in passages] == [0.08, 0.08]
     controllers = [ot.Simulation([scenario]).controller for scenario in scenarios]
@@ -343,7 +346,7 @@ def test_a_network_has_a_fitting_from_outside():
     assert network.length == pytest.approx(0.5)
     assert isinstance(network.pipes.parts[1].fitting, bulge.Bulge)
     way = ot.shortest_route(network, "a.start", "b.end")
-    assert [passage.words for passage in way.fittings] == ["straight", "bulge"]
+    assert [passage.words for passage in way.passages] == ["straight", "bulge"]
     assert f'kind = "{OUTSIDE}"' in network.to_toml()
 
 

@@ -246,7 +246,7 @@ def test_contact_map_names_the_route_fittings():
     (run,) = _elbow_runs((0,))
     route = run.scenario.route
     axis = contact_map_figure(run, route).axes[0]
-    elbow = route.fittings[1]
+    elbow = route.passages[1]
     lines = [line.get_xdata()[0] for line in axis.lines]
     assert lines == pytest.approx([elbow.s_bend_start, elbow.s_bend_end])
     assert route.network.parts[1].name in [text.get_text() for text in axis.texts]

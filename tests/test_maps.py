@@ -10,7 +10,7 @@ from omnitrack_sim.autonomy.sight import TrueSight
 from omnitrack_sim.base.errors import NetworkError
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import ARCS, attached
-from omnitrack_sim.pipes.compare import compare_maps
+from omnitrack_sim.pipes.map_difference import compare_maps
 from omnitrack_sim.pipes.network import load_network, validate
 from omnitrack_sim.pipes.planning import shortest_route
 from omnitrack_sim.robots.omnitrack import Robot

@@ -17,9 +17,8 @@ from omnitrack_sim import (
     override,
     shipped_scenarios,
 )
-from omnitrack_sim.autonomy.goals import Mission
-from omnitrack_sim.autonomy.mission import Planner
-from omnitrack_sim.autonomy.ways import NOSE_ROOM
+from omnitrack_sim.autonomy.legs import NOSE_ROOM
+from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.cli import app
 from omnitrack_sim.pipes.planning import Leg
 from omnitrack_sim.robots.omnitrack import Robot
@@ -28,13 +27,13 @@ from omnitrack_sim.scenario import validate
 LENGTH = Robot().length
 
 
-def planner(network: str, start: str, *goals: str, **more) -> Planner:
+def planner(network: str, start: str, *goals: str, **more) -> MissionPlanner:
     mission = Mission(start=start, goals=goals, **more)
-    return Planner(load_network(network), mission, Robot(), 0.1)
+    return MissionPlanner(load_network(network), mission, Robot(), 0.1)
 
 
-def names(plan: Planner, leg: Leg) -> list[str]:
-    return [plan.network.fittings[part].name for part, _, _ in leg.way]
+def names(plan: MissionPlanner, leg: Leg) -> list[str]:
+    return [plan.network.fittings[part].name for part, _, _ in leg.path]
 
 
 # The plan
@@ -48,7 +47,7 @@ def test_first_leg_goes_the_shortest_way_to_the_goal():
         *("riser", "tee_1", "shelf", "elbow_side", "link", "tee_3", "drop", "elbow_low", "low_arm")
     ]
     assert (leg.gear, leg.goal, leg.begin) == (1, 0, 0.1)
-    assert leg.end == pytest.approx(plan.route(leg).centreline.length - LENGTH / 2 - NOSE_ROOM)
+    assert leg.end == pytest.approx(plan.route(leg.path).centreline.length - LENGTH / 2 - NOSE_ROOM)
 
 
 def test_goals_come_in_order_and_each_is_backed_out_of():
@@ -83,13 +82,15 @@ def test_backing_legs_end_where_the_robot_can_stand(network, start, goals):
             (back, back.end, new, new.begin),
         ):
             places = [
-                plan.route(leg).centreline.at(np.array([distance]))[:2]
+                plan.route(leg.path).centreline.at(np.array([distance]))[:2]
                 for leg, distance in ((first, s), (second, r))
             ]
             assert np.allclose(places[0][0], places[1][0], atol=1e-9)
             assert np.allclose(places[0][1], -places[1][1], atol=1e-9)
-        parting = next(i for i, (a, b) in enumerate(zip(old.way, new.way, strict=False)) if a != b)
-        passage = plan.route(new).fittings[parting]
+        parting = next(
+            i for i, (a, b) in enumerate(zip(old.path, new.path, strict=False)) if a != b
+        )
+        passage = plan.route(new.path).passages[parting]
         opening = passage.s_bend_start if passage.is_turn else passage.opening[0]
         assert new.begin + LENGTH / 2 <= opening - Robot().standing_room + 1e-9
 
@@ -100,10 +101,10 @@ def test_close_fittings_are_backed_out_of_together():
     plan = planner("close_fittings", "inlet", "spur", "outlet", "last")
     _, back, onward, back_again, last = plan.plan()
     assert names(plan, back)[:4] == ["spur_arm", "tee_knee", "knee", "corridor"]
-    knee = plan.route(onward).fittings[names(plan, onward).index("knee")]
+    knee = plan.route(onward.path).passages[names(plan, onward).index("knee")]
     assert onward.begin == pytest.approx(knee.s_bend_start - Robot().standing_room - LENGTH / 2)
     assert names(plan, back_again)[:4] == ["exit_arm", "tee_c", "tee_b", "gap"]
-    tee_b = plan.route(last).fittings[names(plan, last).index("tee_b")]
+    tee_b = plan.route(last.path).passages[names(plan, last).index("tee_b")]
     assert last.begin == pytest.approx(tee_b.s_bend_start - Robot().standing_room - LENGTH / 2)
 
 
@@ -113,17 +114,17 @@ def test_a_closed_port_sends_the_robot_round_the_loop():
     plan = planner("tower", "foot", "head")
     leg = plan.first
     assert names(plan, leg) == ["riser_1", "tee_low", "riser_2", "tee_high", "riser_3"]
-    at = plan.route(leg).fittings[2].s_leave - LENGTH / 2
+    at = plan.route(leg.path).passages[2].s_leave - LENGTH / 2
     port = plan.obstacle(leg, at)
     assert plan.network.port_name(port) == "riser_2.end"
-    legs = plan.onward(leg, at, 0, [port])
+    legs = plan.replan(leg, at, 0, [port])
     assert legs is not None
     back, onward = legs
     assert (back.gear, back.goal, onward.gear, onward.goal) == (-1, -1, 1, 0)
-    assert back.begin == pytest.approx(plan.route(leg).fittings[2].s_leave - at)
+    assert back.begin == pytest.approx(plan.route(leg.path).passages[2].s_leave - at)
     loop = ["cross_low", "tee_down", "shaft", "tee_up", "cross_high"]
     assert names(plan, onward) == ["riser_1", "tee_low", *loop, "tee_high", "riser_3"]
-    assert plan.onward(leg, at, 0, [port, plan.network.port("cross_low.end")]) is None
+    assert plan.replan(leg, at, 0, [port, plan.network.port("cross_low.end")]) is None
 
 
 def test_avoided_fittings_are_not_entered():
@@ -144,7 +145,9 @@ def test_back_to_the_start_goes_tail_first():
     there, back, onward = plan.plan()
     assert (back.gear, back.goal) == (-1, 1)
     assert names(plan, back) == names(plan, there)[::-1]
-    assert back.end == pytest.approx(plan.route(back).centreline.length - LENGTH / 2 - NOSE_ROOM)
+    assert back.end == pytest.approx(
+        plan.route(back.path).centreline.length - LENGTH / 2 - NOSE_ROOM
+    )
     assert (onward.gear, onward.goal) == (1, 2)
     assert onward.begin == pytest.approx(LENGTH / 2 + NOSE_ROOM)
 

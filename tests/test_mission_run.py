@@ -13,8 +13,8 @@ from omnitrack_sim import (
     override,
     run_batch,
 )
-from omnitrack_sim.autonomy.mission import Planner
-from omnitrack_sim.autonomy.ways import NOSE_ROOM
+from omnitrack_sim.autonomy.legs import NOSE_ROOM
+from omnitrack_sim.autonomy.mission import MissionPlanner
 from omnitrack_sim.record.events import GoalReached
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack import Robot
@@ -98,10 +98,10 @@ def test_a_goal_that_is_cut_off_on_the_way_is_no_success(monkeypatch):
     scenario = mission_of("fig14", "top", "far", "low")
     run = Simulation([scenario])
     assert tuple(run.legs.pilots[0].missed) == ("low",)
-    onward = Planner.onward
+    onward = MissionPlanner.replan
     closed = [scenario.network.port("drop.end")]  # type: ignore[union-attr]
     monkeypatch.setattr(
-        Planner, "onward", lambda self, leg, at, goal, _: onward(self, leg, at, goal, closed)
+        MissionPlanner, "replan", lambda self, leg, at, goal, _: onward(self, leg, at, goal, closed)
     )
     run.advance()
     (result,) = run.results()

@@ -69,7 +69,7 @@ def test_a_chain_lies_as_its_route():
     for mine, theirs in zip(way.centreline.at(s), expected.centreline.at(s), strict=True):
         assert np.allclose(mine, theirs)
     assert np.allclose(way.centreline.frame(s), expected.centreline.frame(s))
-    for mine, theirs in zip(way.fittings, expected.fittings, strict=True):
+    for mine, theirs in zip(way.passages, expected.passages, strict=True):
         assert (mine.kind, mine.enter, mine.leave) == (theirs.kind, theirs.enter, theirs.leave)
         assert np.allclose(mine.turn_direction, theirs.turn_direction)
         assert mine.opening == pytest.approx(theirs.opening, nan_ok=True)
@@ -182,7 +182,7 @@ def test_a_reducer_joins_bores_of_two_sizes():
     network = validate(narrowed())
     assert network.length == pytest.approx(0.4 + 0.32 + 0.16 + 0.4 + 0.5 + 0.15 + 0.5)
     way = shortest_route(network, "d.end", "a.start")
-    assert [p.words for p in way.fittings] == [
+    assert [p.words for p in way.passages] == [
         "straight",
         "reducer",
         "straight",
@@ -278,19 +278,19 @@ def test_shortest_route_is_the_shortest(name):
         assert way.centreline.length == pytest.approx(
             min(simple_ways(network, start, goal)), abs=1e-9
         )
-        assert len({p.index for p in way.fittings}) == len(way.fittings)
+        assert len({p.index for p in way.passages}) == len(way.passages)
 
 
 def test_a_loop_gives_a_second_way():
     """Where the short way is barred, the tower's route goes over the other crossing."""
     network = load_network("tower")
     short = shortest_route(network, "foot", "roof")
-    names = [network.fittings[p.index].name for p in short.fittings]
+    names = [network.fittings[p.index].name for p in short.passages]
     assert len(simple_ways(network, "riser_1.start", "roof_arm.end")) == 2
     crossing = next(name for name in names if name.startswith("cross_"))
     other = shortest_route(network, "foot", "roof", avoid=[crossing])
     assert other.centreline.length >= short.centreline.length - 1e-9
-    assert crossing not in [network.fittings[p.index].name for p in other.fittings]
+    assert crossing not in [network.fittings[p.index].name for p in other.passages]
 
 
 @pytest.mark.parametrize("name", sorted(shipped_networks()))
@@ -307,12 +307,12 @@ def test_routes_of_shipped_networks(name):
                 f"{network.fittings[p.index].name}.{p.enter}",
                 f"{network.fittings[p.index].name}.{p.leave}",
             )
-            for p in way.fittings
+            for p in way.passages
         ]
         assert (ports[0][0], ports[-1][1]) == (start, goal)
         for (_, leave), (enter, _) in itertools.pairwise(ports):
             assert network.joined_to[leave] == enter
-        for a, b in itertools.pairwise(way.fittings):
+        for a, b in itertools.pairwise(way.passages):
             assert a.s_leave == b.s_enter
         point = way.centreline.at(np.linspace(0, way.centreline.length, 400))[0]
         step = way.centreline.length / 399
@@ -334,12 +334,12 @@ def test_turns_of_a_tee():
         ("b.end", "a.start"): ("over the run", "branch"),
     }
     for (start, goal), (name, towards) in cases.items():
-        passage = shortest_route(network, start, goal).fittings[1]
+        passage = shortest_route(network, start, goal).passages[1]
         assert passage.words == name
         assert np.allclose(passage.turn_direction, outward[towards])
         assert passage.is_turn == (name != "over the run")
         assert passage.index == 1
-    into = shortest_route(network, "c.start", "a.start").fittings[1]
+    into = shortest_route(network, "c.start", "a.start").passages[1]
     assert np.mean(into.opening) - into.s_enter == pytest.approx(0.16)
 
 

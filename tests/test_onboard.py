@@ -116,7 +116,7 @@ def test_a_blind_robot_stops_before_the_bend_and_gives_up():
     result = ot.run(blind)
     assert result.outcome is ot.Outcome.LOST
     assert [type(event) for event in result.events] == [LostItself]
-    channels, first = result.trajectory.channels, result.routes()[0].fittings[1].s_enter
+    channels, first = result.trajectory.channels, result.routes()[0].passages[1].s_enter
     nose = channels["distance"] + result.scenario.robot.length / 2
     assert nose.max() < first + 0.005
     assert np.degrees(np.ptp(channels["roll"])) > 30

@@ -55,7 +55,7 @@ def test_turn_ends_when_the_axis_has_turned():
     last = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("tee_turn"))[-1]
     w, x, y, z = trajectory["quaternion"][last]
     axis = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
-    branch = result.scenario.route.fittings[1].turn_direction
+    branch = result.scenario.route.passages[1].turn_direction
     assert axis @ branch > np.sin(np.radians(86))
 
 
@@ -108,7 +108,7 @@ def test_an_elbow_can_begin_later():
     trajectory = result.trajectory
     begin = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("elbow"))[0]
     head = trajectory["distance"][begin] + result.scenario.robot.length / 2
-    assert head == pytest.approx(result.scenario.route.fittings[1].s_bend_start + 0.05, abs=0.005)
+    assert head == pytest.approx(result.scenario.route.passages[1].s_bend_start + 0.05, abs=0.005)
 
 
 def test_a_tee_turn_begins_at_its_trigger():
@@ -121,5 +121,5 @@ def test_a_tee_turn_begins_at_its_trigger():
         begin = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("tee_turn"))[0]
         head = trajectory["distance"][begin] + result.scenario.robot.length / 2
         assert head == pytest.approx(
-            result.scenario.route.fittings[1].opening[0] + expected, abs=0.005
+            result.scenario.route.passages[1].opening[0] + expected, abs=0.005
         )

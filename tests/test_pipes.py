@@ -178,7 +178,7 @@ def test_frames_follow_the_centreline():
 def test_centreline_stays_in_the_bore():
     """Along straights and elbows the centreline is R from the wall; in the tee it is inside."""
     way = mixed_route()
-    for passage in way.fittings:
+    for passage in way.passages:
         s = np.linspace(passage.s_enter, passage.s_leave, 50)
         distance, _ = way.network.signed_distance(way.centreline.at(s)[0])
         assert distance.min() > 0.04
@@ -240,11 +240,11 @@ def test_a_reducer_counts_by_the_port_that_is_joined():
         Step("c", Straight(0.3, 0.12), "start", "end"),
     )
     assert (
-        route([first, Step("b", Reducer(0.1, 0.12), "start", "end"), last]).fittings[2].radius
+        route([first, Step("b", Reducer(0.1, 0.12), "start", "end"), last]).passages[2].radius
         == 0.06
     )
     assert (
-        route([first, Step("b", Reducer(0.1, 0.16, 0.12), "end", "start"), last]).fittings[1].radius
+        route([first, Step("b", Reducer(0.1, 0.16, 0.12), "end", "start"), last]).passages[1].radius
         == 0.08
     )
     with pytest.raises(GeometryError) as caught:
@@ -269,8 +269,8 @@ def test_bore_along_a_route():
     bend = 0.09 * np.pi / 2
     s = np.array([-1.0, 0.3, 0.35, 0.4, 0.45, 0.4 + bend + 0.1, 9.0])
     assert np.allclose(way.bore_radius(s), [0.08, 0.08, 0.0775, 0.075, 0.075, 0.08, 0.085])
-    assert [passage.is_turn for passage in way.fittings] == [False, False, True, False, True]
-    assert np.isnan(way.fittings[1].opening).all()
+    assert [passage.is_turn for passage in way.passages] == [False, False, True, False, True]
+    assert np.isnan(way.passages[1].opening).all()
     ring = np.stack([way.centreline.at(s[1:-1])[0] + r for r in 0.05 * np.eye(3)])
     assert (way.network.signed_distance(ring)[0] > 0).all()
 

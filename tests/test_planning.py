@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from omnitrack_sim import load_network, shortest_route
-from omnitrack_sim.autonomy.goals import Mission
-from omnitrack_sim.autonomy.mission import Planner
+from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.autonomy.pilots import Planned
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Pose, rotation_about
@@ -54,12 +53,12 @@ def test_a_pipe_that_is_cut_into_pieces_changes_no_way(name: str) -> None:
         assert lengths[0] == pytest.approx(lengths[1], abs=1e-9)
 
 
-def names(plan: Planner, leg: Leg) -> list[str]:
-    return [plan.network.fittings[part].name for part, _, _ in leg.way]
+def names(plan: MissionPlanner, leg: Leg) -> list[str]:
+    return [plan.network.fittings[part].name for part, _, _ in leg.path]
 
 
-def tower(*goals: str) -> Planner:
-    return Planner(load_network("tower"), Mission(start="foot", goals=goals), Robot(), 0.1)
+def tower(*goals: str) -> MissionPlanner:
+    return MissionPlanner(load_network("tower"), Mission(start="foot", goals=goals), Robot(), 0.1)
 
 
 def test_the_way_back_counts_in_what_a_new_way_costs() -> None:
@@ -69,7 +68,7 @@ def test_the_way_back_counts_in_what_a_new_way_costs() -> None:
     there, back, onward = plan.plan()
     parting = names(plan, there).index("tee_up")
     assert names(plan, onward)[: parting + 2] == [*names(plan, there)[: parting + 1], "shaft"]
-    near = plan.route(onward).fittings[parting]
+    near = plan.route(onward.path).passages[parting]
     assert onward.begin == pytest.approx(near.s_bend_start - Robot().standing_room - LENGTH / 2)
     assert back.end - back.begin < 1.2
 
@@ -99,13 +98,15 @@ def test_a_robot_stands_where_it_has_room_to_roll(room: float, stands: str) -> N
     ]
     # What lies between the opening of the first tee and the bend into the branch of the second.
     network = validate({"fittings": fittings, "joints": joints})
-    way = shortest_route(network, "in.start", "arm_2.end").fittings
+    way = shortest_route(network, "in.start", "arm_2.end").passages
     between = way[3].s_bend_start - way[1].opening[1]
     fittings[2]["length"] = 0.4 - between + gap
     network = validate({"fittings": fittings, "joints": joints})
-    plan = Planner(network, Mission(start="in.start", goals=("out.end", "arm_2.end")), Robot(), 0.1)
+    plan = MissionPlanner(
+        network, Mission(start="in.start", goals=("out.end", "arm_2.end")), Robot(), 0.1
+    )
     *_, onward = plan.plan()
-    way = plan.route(onward).fittings
+    way = plan.route(onward.path).passages
     assert way[3].s_bend_start - way[1].opening[1] == pytest.approx(gap)
     before = way[3].s_bend_start if stands == "between them" else way[1].opening[0]
     assert onward.begin == pytest.approx(before - Robot().standing_room - LENGTH / 2)
@@ -122,8 +123,8 @@ def up_the_tower(goals: list[str]) -> Planned:
 def hang_before(pilot: Planned, port: str) -> list[Any]:
     """The events of a robot that hangs, on the leg at hand, with its nose before a port."""
     part, leave = pilot._planner.network.port(port)
-    at = next(i for i, s in enumerate(pilot.leg.way) if (s[0], s[2]) == (part, leave))
-    nose = pilot.route().fittings[at].s_leave
+    at = next(i for i, s in enumerate(pilot.leg.path) if (s[0], s[2]) == (part, leave))
+    nose = pilot.route().passages[at].s_leave
     return list(pilot.on_blockage(10.0, nose - LENGTH / 2, "").events)
 
 
@@ -159,7 +160,7 @@ def test_a_robot_that_finds_its_way_closed_sets_out_for_the_same_goal() -> None:
     arrive(pilot)
     again = pilot.leg
     assert (again.goal, again.gear) == (1, 1)
-    assert planner.network.fittings[again.way[-1][0]].name == "riser_3"
+    assert planner.network.fittings[again.path[-1][0]].name == "riser_3"
     assert tuple(pilot.missed) == ()
 
 

@@ -6,12 +6,11 @@ import random
 import networkx
 import pytest
 
-from omnitrack_sim.autonomy import ways as planning
-from omnitrack_sim.autonomy.goals import Mission
-from omnitrack_sim.autonomy.mission import Planner
-from omnitrack_sim.autonomy.to_go import ToGo
+from omnitrack_sim.autonomy import legs as planning
+from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
+from omnitrack_sim.pipes import route_through
 from omnitrack_sim.pipes.network import Network, validate
-from omnitrack_sim.pipes.planning import Leg, route_of, shortest_way
+from omnitrack_sim.pipes.planning import Leg, PathsToGoals, shortest_path
 from omnitrack_sim.robots.omnitrack import Robot
 
 RAILS = (0.5, 0.7, 0.43, 0.61, 0.57)
@@ -43,19 +42,21 @@ def _travel(legs: list[Leg] | None, at: float) -> float | None:
     return None if legs is None else at - legs[-1].begin + legs[-1].end - legs[-1].begin
 
 
-def _best_travel(plan: Planner, leg: Leg, at: float, goal: int, closed: list) -> float | None:
+def _best_travel(
+    plan: MissionPlanner, leg: Leg, at: float, goal: int, closed: list
+) -> float | None:
     """Least travel, m, back and on to a goal, by trying every fitting of the way on its own with
     the routes laid in full."""
-    old, best = plan.route(leg), []
-    here = next((i for i, p in enumerate(old.fittings) if at < p.s_leave), len(leg.way) - 1)
-    for index, (part, enter, _) in enumerate(leg.way[: here + 1]):
+    old, best = plan.route(leg.path), []
+    here = next((i for i, p in enumerate(old.passages) if at < p.s_leave), len(leg.path) - 1)
+    for index, (part, enter, _) in enumerate(leg.path[: here + 1]):
         back = plan.network.joined_to.get(f"{plan.network.fittings[part].name}.{enter}")
         cut = [] if back is None else [((part, enter), plan.network.port(back))]
         graph = networkx.restricted_view(plan._graph, closed, cut)
-        onward = shortest_way(graph, (part, enter), plan.ends[goal + 1])
+        onward = shortest_path(graph, (part, enter), plan.ends[goal + 1])
         if onward is None:
             continue
-        new = route_of(plan.network, (*leg.way[:index], *onward), plan.arcs)
+        new = route_through(plan.network.pipes, (*leg.path[:index], *onward), plan.arcs)
         stand = min(at, _standing_place(new, index, plan.robot))
         nose_room = plan.robot.length / 2 + planning.NOSE_ROOM
         best.append(at - stand + new.centreline.length - nose_room - stand)
@@ -66,11 +67,11 @@ def _standing_place(route, index: int, robot: Robot) -> float:
     """Where the robot stands clear of fitting ``index`` and of what lies close before it, m."""
 
     def start(i: int) -> float:
-        passage = route.fittings[i]
+        passage = route.passages[i]
         return passage.span[0] if passage.asks_orientation else passage.s_leave
 
     def over(i: int) -> float:
-        return next((p.span[1] for p in route.fittings[i::-1] if p.asks_orientation), -float("inf"))
+        return next((p.span[1] for p in route.passages[i::-1] if p.asks_orientation), -float("inf"))
 
     room, first = robot.standing_room, index
     while first > 0 and start(first) - over(first - 1) < robot.length + room:
@@ -84,12 +85,12 @@ def test_the_least_travel_is_found_in_a_network_of_loops():
     network, rng = _ladder(5), random.Random(3)
     ends, found = network.open_ends, 0
     for start, goal in [*itertools.permutations(ends, 2)] * 2:
-        plan = Planner(network, Mission(start=start, goals=(goal,)), Robot(), 0.1)
+        plan = MissionPlanner(network, Mission(start=start, goals=(goal,)), Robot(), 0.1)
         leg, closed = plan.first, []
         for _ in range(3):
             at = rng.uniform(leg.begin, leg.end)
             closed.append(plan.obstacle(leg, at))
-            legs = plan.onward(leg, at, 0, closed)
+            legs = plan.replan(leg, at, 0, closed)
             expected = _best_travel(plan, leg, at, 0, closed)
             if legs is None:
                 assert expected is None
@@ -103,16 +104,16 @@ def test_lengths_to_a_goal_are_those_of_the_shortest_ways():
     """For a port of any part, the way on that never turns round is as long as told, and where it
     comes to no port twice it is as long as the shortest way in the graph without turning back."""
     network = _ladder(3)
-    plan = Planner(network, Mission(start="a0.start", goals=("b3.end",)), Robot(), 0.1)
-    to_go, compared = ToGo(plan._graph, [plan.ends[1]]), 0
+    plan = MissionPlanner(network, Mission(start="a0.start", goals=("b3.end",)), Robot(), 0.1)
+    to_go, compared = PathsToGoals(plan._graph, [plan.ends[1]]), 0
     for enter, length in to_go.lengths.items():
-        way = to_go.way(enter)
+        way = to_go.path(enter)
         if way is None:
             continue
         back = network.joined_to.get(network.port_name(enter))
         cut = [] if back is None else [(enter, network.port(back))]
         graph = networkx.restricted_view(plan._graph, [], cut)
-        for found in (way, shortest_way(graph, enter, plan.ends[1])):
+        for found in (way, shortest_path(graph, enter, plan.ends[1])):
             assert found is not None
             passed = [plan._graph[(i, p)][(i, q)]["length"] for i, p, q in found]
             assert length == pytest.approx(sum(passed))
@@ -124,12 +125,12 @@ def test_many_goals_ask_for_few_searches(monkeypatch):
     """A goal is planned with one search from the goal, and not with one for every fitting of the
     way: the time of a mission is linear in its goals and in the way."""
     searches = []
-    original = planning.shortest_way
+    original = planning.shortest_path
     monkeypatch.setattr(
-        planning, "shortest_way", lambda *given: searches.append(1) or original(*given)
+        planning, "shortest_path", lambda *given: searches.append(1) or original(*given)
     )
     network = _ladder(6)
     goals = ("a6.end", "b6.end") * 20
-    plan = Planner(network, Mission(start="a0.start", goals=goals), Robot(), 0.1)
+    plan = MissionPlanner(network, Mission(start="a0.start", goals=goals), Robot(), 0.1)
     assert plan.plan()[-1].goal == len(goals) - 1
     assert len(searches) <= len(goals)

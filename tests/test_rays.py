@@ -124,7 +124,7 @@ def test_a_ray_along_a_pipe_leaves_through_its_open_end_and_meets_a_plate():
     position, frame = line.at(np.array([0.2]))[0], line.frame(np.array([0.2]))
     parts = route.network.parts
     way_out = line.length - 0.2
-    last = len(parts) - 1, route.fittings[-1].leave
+    last = len(parts) - 1, route.passages[-1].leave
     for closed, wanted in (((), np.inf), ((last,), way_out)):
         walls = RayWalls([parts], [closed])
         hit = walls.trace(ONE, position, frame, AHEAD[None], way_out + 1.0)[0, 0]
@@ -137,7 +137,7 @@ def test_beyond_a_port_that_nothing_is_known_of_nothing_is_told():
     route = ot.load_scenario("straight").route
     line, parts = route.centreline, route.network.parts
     position, frame = line.at(np.array([0.2]))[0], line.frame(np.array([0.2]))
-    last = len(parts) - 1, route.fittings[-1].leave
+    last = len(parts) - 1, route.passages[-1].leave
     walls = RayWalls([parts], unknown=[[last]])
     assert np.isnan(walls.trace(ONE, position, frame, AHEAD[None], 9.0)[0, 0, 0])
     walls.replace(0, parts, [last])
@@ -151,12 +151,12 @@ def test_where_a_straight_has_not_been_seen_to_end_there_is_no_ring():
     route = ot.load_scenario("tee_turn").route
     line, parts = route.centreline, route.network.parts
     tee = next(i for i, part in enumerate(parts) if part.fitting.kind == "tee")
-    leave = route.fittings[tee].leave
+    leave = route.passages[tee].leave
     lamp = np.array([0.01, 0.0, 0.0])
 
     def seen(end, back):
         at = np.array([line.length - back]) if end[0] == len(parts) - 1 else None
-        at = np.array([route.fittings[tee].s_leave - back]) if at is None else at
+        at = np.array([route.passages[tee].s_leave - back]) if at is None else at
         position, frame = line.at(at)[0], line.frame(at)
         found = {}
         for name, unknown in (("open", [[]]), ("unknown", [[end]])):
@@ -164,7 +164,7 @@ def test_where_a_straight_has_not_been_seen_to_end_there_is_no_ring():
             found[name] = walls.trace(ONE, position, frame, cone(2000, 0.9), 9.0, lamp)[0]
         return found
 
-    straight = seen((len(parts) - 1, route.fittings[-1].leave), 0.15)
+    straight = seen((len(parts) - 1, route.passages[-1].leave), 0.15)
     near = straight["open"][:, 6] < 0.025
     assert near.sum() > 50
     assert np.isnan(straight["unknown"][near, 0]).all()
@@ -182,7 +182,7 @@ def test_the_lamp_does_not_shine_round_the_corner_of_a_branch():
     route = ot.load_scenario("tee_turn").route
     walls, line = RayWalls([route.network.parts]), route.centreline
     tee = next(part for part in route.network.parts if part.fitting.kind == "tee")
-    start = route.fittings[0].s_enter
+    start = route.passages[0].s_enter
     at = np.array([float(np.linalg.norm(tee.pose.position)) - 0.12 + start])
     position, frame = line.at(at)[0], line.frame(at)
     lit = {}

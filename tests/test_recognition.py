@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.autonomy.recognition import Motion, Recogniser
-from omnitrack_sim.autonomy.recognition.poses import STILL, cameras
+from omnitrack_sim.autonomy.recognition.forms import STILL, cameras
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Elbow, Part, Reducer, Straight, Tee, attached
 from omnitrack_sim.pipes.fittings.wye import Wye
@@ -98,7 +98,7 @@ def test_a_fitting_is_known_by_its_picture(camera, name):
     sighting = recogniser(camera).single(taken[0])
     fitting, enter = FITTINGS[name]
     assert (sighting.kind, sighting.enter) == (name if fitting is None else fitting.kind, enter)
-    assert sighting.sure > 0.95
+    assert sighting.confidence > 0.95
     assert sighting.distance == pytest.approx(0.16, abs=0.02)
     assert sighting.aside == pytest.approx(ROLLED[:2], abs=BESIDE[camera][0])
     assert sighting.tilt == pytest.approx(ROLLED[2:], abs=BESIDE[camera][1])
@@ -156,7 +156,7 @@ def test_a_straight_pipe_is_straight(camera):
     for name, distance in (("straight", 0.3), ("tee over", 1.0)):
         taken, _ = pictures(camera, name, [distance], stands=ROLLED)
         sighting = recogniser(camera).single(taken[0])
-        assert sighting.kind == "straight" or sighting.sure < 0.95
+        assert sighting.kind == "straight" or sighting.confidence < 0.95
         assert sighting.distance < 1.0
 
 
@@ -174,6 +174,6 @@ def test_the_same_picture_gives_the_same_sighting(camera):
 def test_a_picture_that_says_nothing_is_not_sure(camera):
     """Without a pixel, and of noise."""
     nothing = np.full(48 * 48, np.nan)
-    assert recogniser(camera).single(nothing).sure == 0.0
+    assert recogniser(camera).single(nothing).confidence == 0.0
     noise = np.random.default_rng(1).uniform(0.0, 1.0, 48 * 48)
-    assert recogniser(camera).single(noise).sure < 0.95
+    assert recogniser(camera).single(noise).confidence < 0.95

@@ -21,8 +21,8 @@ def ended(**changes: object) -> wye.Ended:
 @pytest.mark.parametrize("cell", wye.cells(), ids=str)
 def test_a_cell_turns_by_its_angle(cell):
     """Each cell's first trial is a scenario whose way turns by the angle that the table names."""
-    passage = wye.trial(cell, 0).route.fittings[1]
-    assert np.degrees(passage.turn_angle) == pytest.approx(cell.turn_deg)
+    passage = wye.trial(cell, 0).route.passages[1]
+    assert np.degrees(passage.description.turn_angle) == pytest.approx(cell.turn_deg)
     assert passage.corner_radius == wye.BORE / 2
 
 
@@ -35,7 +35,7 @@ def test_trials_of_a_number_differ_only_by_wye_and_way():
             assert other.model_dump(exclude={"pipes"}) == first.model_dump(exclude={"pipes"})
         low, high = wye.WALLS[wye.wall_of(index)]
         assert low <= first.world.friction <= high
-    over = [wye.trial(wye.Cell("over", 45.0), index).route.fittings[1] for index in range(4)]
+    over = [wye.trial(wye.Cell("over", 45.0), index).route.passages[1] for index in range(4)]
     ways = {(wye.wall_of(index), passage.enter) for index, passage in enumerate(over)}
     assert len(ways) == 4
 

@@ -14,7 +14,7 @@ from missions import random_mission
 
 from driving.by_sensors import FRICTION, SENSES
 from omnitrack_sim import Scenario, override, run_batch
-from omnitrack_sim.pipes.compare import MapDifference
+from omnitrack_sim.pipes.map_difference import MapDifference
 from omnitrack_sim.record.statistics import wilson_interval
 
 FIRST_NETWORK = 9000

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnitrack_sim.autonomy.recognition import Motion, Sighting
-from omnitrack_sim.autonomy.recognition.poses import STILL, cameras
+from omnitrack_sim.autonomy.recognition.forms import STILL, cameras
 from omnitrack_sim.base.rotations import Array, Pose, rotation_about
 from omnitrack_sim.pipes import Elbow, Fitting, Part, Reducer, Straight, Tee, attached
 from omnitrack_sim.pipes.fittings.wye import Wye

@@ -16,8 +16,7 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array, Pose, angle_between, frame_along, wrap_angle
 from omnitrack_sim.pipes import Elbow, Fitting, Part, Straight
-from omnitrack_sim.pipes.layout import CLOSES, End, both_ways
-from omnitrack_sim.pipes.network import Joint, Network, Origin
+from omnitrack_sim.pipes.network import CLOSES, End, Joint, Network, Origin, both_ways
 from omnitrack_sim.pipes.planning import port_graph
 
 SHORTEST = 1e-3

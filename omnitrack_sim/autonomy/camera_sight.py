@@ -9,11 +9,17 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.autonomy.ahead import Ahead
 from omnitrack_sim.autonomy.recognition import Recogniser, Sighting
-from omnitrack_sim.autonomy.recognition.forms import forms
-from omnitrack_sim.autonomy.recognition.poses import DISTANCE, PLACES, STILL, TURN, cameras
-from omnitrack_sim.autonomy.recognition.sighting import SURE
+from omnitrack_sim.autonomy.recognition.forms import (
+    DISTANCE,
+    PLACES,
+    STILL,
+    SURE,
+    TURN,
+    cameras,
+    forms,
+)
+from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.senses.optics import Eyes
@@ -73,7 +79,7 @@ def ahead_of(seen: Sighting, bore: float, lens: float) -> Ahead | None:
     Args:
         bore: m, of the pipe. lens: m, from the robot's centre to the lens.
     """
-    if seen.sure < SURE:
+    if seen.confidence < SURE:
         return None
     numbers = np.zeros((1, PLACES))
     numbers[0, :DISTANCE] = *seen.aside, *seen.tilt
@@ -84,10 +90,18 @@ def ahead_of(seen: Sighting, bore: float, lens: float) -> Ahead | None:
     reach = TRUSTED * bore
     distance, spread, axis = centre + seen.distance, np.sqrt(np.diag(seen.covariance)), frame[2]
     if seen.kind == "straight" or seen.distance > reach:
-        return Ahead(distance=centre + min(seen.distance, reach), sure=seen.sure, axis=axis)
+        return Ahead(
+            distance=centre + min(seen.distance, reach), confidence=seen.confidence, axis=axis
+        )
     if seen.kind in ENDS:
         end = ENDS[seen.kind]
-        return Ahead(end=end, distance=distance, distance_std=spread[0], sure=seen.sure, axis=axis)
+        return Ahead(
+            end=end,
+            distance=distance,
+            distance_std=spread[0],
+            confidence=seen.confidence,
+            axis=axis,
+        )
     if seen.distance < NEAREST * bore:
         return None
     form = next(form for form in forms(bore) if (form.kind, form.enter) == (seen.kind, seen.enter))
@@ -98,7 +112,7 @@ def ahead_of(seen: Sighting, bore: float, lens: float) -> Ahead | None:
         return None
     turn = math.atan2(-float(frame[1, 0]), float(frame[0, 0])) if form.period else 0.0
     along, about = spread.tolist()
-    return Ahead(fitting, seen.enter, "", distance, turn, along, about, seen.sure, axis)
+    return Ahead(fitting, seen.enter, "", distance, turn, along, about, seen.confidence, axis)
 
 
 def _recogniser(table: SensingTable, bore: float) -> Recogniser:

@@ -7,14 +7,13 @@ from collections.abc import Sequence
 
 from omnitrack_sim.autonomy.belief import Belief
 from omnitrack_sim.autonomy.explorer import CREEP, Explorer
-from omnitrack_sim.autonomy.goals import Mission, ports_of
+from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.rotations import Array, Pose, length
 from omnitrack_sim.pipes import Arcs, Part
-from omnitrack_sim.pipes.compare import MapDifference, compare_maps
-from omnitrack_sim.pipes.layout import End, both_ways
-from omnitrack_sim.pipes.network import Network
-from omnitrack_sim.pipes.planning import Way
+from omnitrack_sim.pipes.map_difference import MapDifference, compare_maps
+from omnitrack_sim.pipes.network import End, Network, both_ways
+from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.robots.omnitrack import Robot
 
 
@@ -22,29 +21,35 @@ class Exploration:
     """One mission with an unknown map.
 
     Args:
-        network: the true one. mission: start and what is to be found. robot, arcs: see ``Ways``.
+        network: the true one.
+        mission: start and what is to be found.
+        robot: see ``LegPlanner``.
         distance: m, from the start port to the robot's centre as it begins.
+        arcs: of the centreline in tees.
 
     Attributes:
-        ends: ports of the start and of the goals. plates: ports closed by a plate.
-        way: the straight in which the robot begins.
+        ends: ports of the start and of the goals.
+        plates: ports closed by a plate.
+        path: the straight in which the robot begins.
 
     Raises:
-        NetworkError: see ``ports_of``, or the robot does not begin in a straight.
+        NetworkError: see ``Mission.ports_in``, or the robot does not begin in a straight.
     """
 
     def __init__(
         self, network: Network, mission: Mission, robot: Robot, distance: float, arcs: Arcs
     ) -> None:
         self.network, self.mission, self.robot, self.arcs = network, mission, robot, arcs
-        self.ends, self.plates = ports_of(network, mission)
+        self.ends, self.plates = mission.ports_in(network)
         self._distance = distance
         part, port = self.ends[0]
         fitting = network.pipes.parts[part].fitting
         if not fitting.is_plain:
             problem = f"is in a {fitting.kind}; a robot begins to explore in a straight pipe"
             raise NetworkError(Fault("start", problem))
-        self.way: Way = tuple((part, port, leave) for leave in fitting.port_names if leave != port)
+        self.path: tuple[Edge, ...] = tuple(
+            (part, port, leave) for leave in fitting.port_names if leave != port
+        )
 
     def in_sight(self) -> tuple[list[Part], list[End]]:
         """Parts that can be seen from any place that the robot can get to, and those of their

@@ -17,17 +17,23 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from omnitrack_sim.autonomy.ahead import Ahead, Look, side_of
 from omnitrack_sim.autonomy.belief import NO_STRAIGHT, Belief
-from omnitrack_sim.autonomy.looking_back import LookingBack
-from omnitrack_sim.autonomy.looking_closer import LOOK_AGAIN, LookingCloser
+from omnitrack_sim.autonomy.legs import NOSE_ROOM, LegPlanner
 from omnitrack_sim.autonomy.pilots import Decision
-from omnitrack_sim.autonomy.ways import NOSE_ROOM, ROUNDING, Ways
+from omnitrack_sim.autonomy.sight import (
+    LOOKS,
+    Ahead,
+    Look,
+    LookingBack,
+    LookingCloser,
+    side_of,
+)
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, angle_between
 from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Route
-from omnitrack_sim.pipes.layout import End
-from omnitrack_sim.pipes.planning import Closed, Leg, Step, Way
+from omnitrack_sim.pipes.network import End
+from omnitrack_sim.pipes.planning import Closed, Leg
+from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.events import (
     EndInspected,
     Event,
@@ -59,7 +65,8 @@ SURE = 0.5
 """Probability from which on a robot believes what it sees."""
 TOUCH = 0.05
 """How far before an end that it has seen a robot may hang, m, for it to have come to that end."""
-_Onward = Callable[[Ways, int, Closed], list[Leg] | None]
+Replan = Callable[[LegPlanner, int, Closed], list[Leg] | None]
+"""Plans legs to a goal through a map."""
 
 
 @dataclass
@@ -86,10 +93,10 @@ class Explorer:
     falls: int
     leg: Leg = field(init=False)
     look_at: float = field(init=False)
-    ways: Ways = field(init=False)
+    ways: LegPlanner = field(init=False)
     _to_come: list[Leg] = field(default_factory=list)
     _closed: list[End] = field(default_factory=list)
-    _fallen_off: list[Step] = field(default_factory=list)
+    _fallen_off: list[Edge] = field(default_factory=list)
     _bends: dict[int, Array] = field(default_factory=dict)
     _told: set[str] = field(default_factory=set)
     _complete: bool = False
@@ -109,8 +116,8 @@ class Explorer:
         return tuple(self.goals)
 
     def route(self) -> Route:
-        """See ``Pilot``."""
-        return self.ways.route(self.leg)
+        """See ``Pilot``: the leg at hand leads through the map."""
+        return self.ways.route(self.leg.path)
 
     @property
     def route_key(self) -> Hashable:
@@ -121,9 +128,9 @@ class Explorer:
 
     def on_look(self, look: Look) -> Decision:
         """See ``Pilot``: it has looked ahead, and back where it ``looks_back``."""
-        placed, way = look.distance, self.leg.way
-        if self.looks_back(look.distance):
-            placed = self._back.placed(way, self.ways.along_of(way), look.distance, look.behind)
+        placed = look.distance
+        if self.looks_back(placed):
+            placed = self._back.located(self.route(), placed, look.behind)
         shift = placed - look.distance
         if look.distance < self.look_at:
             return Decision(self.leg, True, (), shift)
@@ -132,39 +139,38 @@ class Explorer:
     def _look_on(self, look: Look) -> Decision:
         """It has looked to where its way goes on."""
         ahead, distance = look.ahead, look.distance
-        way, along = self.leg.way, self.ways.along_of(self.leg.way)
-        if ahead is None or ahead.sure < SURE:
-            self.look_at = distance + LOOK_AGAIN
-            if self._closer.too_late(self.look_at, way, along):
+        route = self.route()
+        if ahead is None or ahead.confidence < SURE:
+            self.look_at = distance + LOOKS.again
+            if self._closer.too_late(self.look_at, route):
                 self._rely()
             return Decision(self.leg, True, ())
-        again = self._closer.doubted(ahead, way, along, distance)
+        again = self._closer.doubted(ahead, route, distance)
         if again is not None:
             self.look_at = again
             return Decision(self.leg, True, ())
         self._forget_what_was_far()
         measured = self._measure_bend(look.turned @ ahead.axis)
-        before = self.ways.along_of(self.leg.way).length
-        way = self._reached(distance + ahead.distance - before)
+        path = self._reached(distance + ahead.distance - self.route().length)
         if measured:  # what is beyond is measured when it knows its place on the new map
-            self._go_on(way)
+            self._go_on(path)
             self.look_at = max(distance, min(distance + SETTLE, self.leg.end - LOOK_BEFORE))
             return Decision(self.leg, True, ())
         if ahead.fitting is not None:
-            return self._comes_to(ahead.fitting, ahead, way, look)
+            return self._comes_to(ahead.fitting, ahead, path, look)
         if ahead.end == "open" or ahead.end == "closed":
-            self.belief.note(_end_of(way), ahead.end)
-        self._go_on(way)
+            self.belief.note(_end_of(path), ahead.end)
+        self._go_on(path)
         self.look_at = math.inf if ahead.end else distance + LOOK_STEP
         if ahead.end:
-            self._look_closer(ahead, way, distance)
+            self._look_closer(ahead, path, distance)
         return Decision(self.leg, True, ())
 
     def on_arrival(self, time: float, distance: float, goal: str) -> Decision:
         """See ``Pilot``."""
         if self._to_come:
             return self._onto(time, self._to_come)
-        end = _end_of(self.leg.way)
+        end = _end_of(self.leg.path)
         if end == self.belief.start:
             return Decision(None, False, ())
         if end not in self.belief.ends:  # it should see on, and does not
@@ -178,8 +184,8 @@ class Explorer:
         leg = self.leg
         if leg.goal < 0:
             return self._given_up(time, [], f"no headway as it {leg.note}")
-        end, port = _end_of(leg.way), self.ways.obstacle(leg, distance)
-        ahead = self.ways.along_of(leg.way).length - distance - self.robot.length / 2
+        end, port = _end_of(leg.path), self.ways.obstacle(leg, distance)
+        ahead = self.route().length - distance - self.robot.length / 2
         if port == end and end in self.belief.ends and ahead < TOUCH:
             return self._inspected(time, distance, end, goal)
         told = [TakenForClosed(self.number, time, self.belief.name(port), distance)]
@@ -193,7 +199,7 @@ class Explorer:
 
     def on_fall(self, time: float, position: Array, axis: Array) -> Decision:
         """See ``Pilot``: it may lie somewhere else in its map."""
-        where = self.ways.find(position, axis)
+        where = self.ways.locate(position, axis)
         if where is None:
             return Decision(None)
         part, port = where.part, (where.part, where.ahead)
@@ -203,7 +209,9 @@ class Explorer:
             return self._given_up(time, told, "has fallen too often")
         self.falls -= 1
         self._fallen_off += self.ways.turn_in(self.leg, part)
-        return self._next(time, told, lambda ways, goal, closed: ways.anew(where, goal, closed))
+        return self._next(
+            time, told, lambda ways, goal, closed: ways.replan_from(where, goal, closed)
+        )
 
     # Looking once more
 
@@ -214,65 +222,65 @@ class Explorer:
 
     def looks_back(self, distance: float) -> bool:
         """Whether it looks back, too, at arc length ``distance`` m of its leg."""
-        close = bool(self._closer.index(self.leg.way)) and distance >= self.look_at
+        close = bool(self._closer.index(self.route())) and distance >= self.look_at
         return close or distance >= self._back_at
 
     @property
     def _back_at(self) -> float:
-        return self._back.at(self.leg.way, self.ways.along_of(self.leg.way))
+        return self._back.at(self.route())
 
-    def _look_closer(self, ahead: Ahead, way: Way, distance: float) -> None:
-        """Look once more at what has just been seen at the end of a way, where that is still far
+    def _look_closer(self, ahead: Ahead, path: tuple[Edge, ...], distance: float) -> None:
+        """Look once more at what has just been seen at the end of a path, where that is still far
         away."""
-        close = self._closer.begin(ahead, way, self.ways.along_of(way), distance)
+        close = self._closer.begin(ahead, self.ways.route(path), distance)
         self.look_at = self.look_at if close is None else close
 
     def _rely(self) -> None:
         """Take what has been seen from afar for what is there."""
         self.belief.settle()
-        end = _end_of(self.leg.way)
+        end = _end_of(self.leg.path)
         self.look_at = math.inf if end in self.belief.ends else self.leg.end - LOOK_BEFORE
 
     def _forget_what_was_far(self) -> None:
         """It is close to what it has seen from afar, and looks at it as if for the first time."""
-        i = self._closer.index(self.leg.way)
+        i = self._closer.index(self.route())
         if i is None:
             return
-        beyond = self.belief.take_back(self.leg.way[i][0])
+        beyond = self.belief.take_back(self.leg.path[i][0])
         if beyond is not None:
             self._bends.pop(beyond, None)
         self.ways = self._through([])
-        self.leg = replace(self.leg, way=self.leg.way[: i + 1])
+        self.leg = replace(self.leg, path=self.leg.path[: i + 1])
 
     # How the map grows
 
-    def _reached(self, more: float) -> Way:
-        """The way at hand with ``more`` m of free pipe at its end."""
-        way, end = self.leg.way, _end_of(self.leg.way)
+    def _reached(self, more: float) -> tuple[Edge, ...]:
+        """The path at hand with ``more`` m of free pipe at its end."""
+        path, end = self.leg.path, _end_of(self.leg.path)
         if self.belief.fitting(end[0]).is_plain:
             left = self.belief.lengthen(end[0], more)
             if left <= NO_STRAIGHT and self.belief.drop(end[0]):
-                return way[:-1]
-            return way
+                return path[:-1]
+            return path
         if more <= NO_STRAIGHT:
-            return way
-        return (*way, (self.belief.straight_beyond(end, more), "start", "end"))
+            return path
+        return (*path, (self.belief.straight_beyond(end, more), "start", "end"))
 
     def _comes_to(
         self,
         fitting: Fitting,
         ahead: Ahead,
-        way: Way,
+        path: tuple[Edge, ...],
         look: Look,
     ) -> Decision:
-        """A fitting is seen at the end of a way."""
-        belief, end, enter = self.belief, _end_of(way), ahead.enter
+        """A fitting is seen at the end of a path."""
+        belief, end, enter = self.belief, _end_of(path), ahead.enter
         time, distance = look.time, look.distance
         fitting = _fitted(fitting, enter, 2 * belief.fitting(end[0]).port_radius(end[1]))
         known = belief.known_at(end, fitting, enter)
         if known is not None:
             told = [self._closes(time, end, known)]
-            self._go_on(way)
+            self._go_on(path)
             return self._next(time, told, self._from_leg(distance))
         axis = belief.port(end).rotation[:, 2]
         side = side_of(look.frame, axis)
@@ -288,26 +296,26 @@ class Explorer:
         for port, other in belief.meeting(part):
             if {port, other} <= set(belief.unexplored):
                 told.append(self._closes(time, port, other))
-        self._go_on(way)
+        self._go_on(path)
         onward = self._through_new(part, enter, distance)
         if onward is None:
             return self._next(time, told, self._from_leg(distance))
         self._go_on(onward)
         self.look_at = self.leg.end - LOOK_BEFORE
         if belief.is_last(part):
-            self._look_closer(ahead, way, distance)
+            self._look_closer(ahead, path, distance)
         return Decision(self.leg, True, told)
 
     def _measure_bend(self, axis: Array) -> bool:
         """It may have come out of an elbow, into a pipe along ``axis`` (3,), in the frame of
         ``turned``: how much the elbow bends was hidden before it. Whether it bends by more or less
         than was seen."""
-        way = self.leg.way
-        last = len(way) - 1
-        if last > 0 and self.belief.fitting(way[last][0]).is_plain:
+        path = self.leg.path
+        last = len(path) - 1
+        if last > 0 and self.belief.fitting(path[last][0]).is_plain:
             last -= 1
-        part = way[last][0]
-        if part not in self._bends or not self.belief.is_last(way[-1][0]):
+        part = path[last][0]
+        if part not in self._bends or not self.belief.is_last(path[-1][0]):
             return False
         angle = float(angle_between(self._bends.pop(part), axis))
         elbow = self.belief.fitting(part)
@@ -322,19 +330,19 @@ class Explorer:
         miss = self.belief.close(end, other)
         return LoopClosed(self.number, time, self.belief.name(end), self.belief.name(other), miss)
 
-    def _through_new(self, part: int, enter: str, distance: float) -> Way | None:
-        """The way at hand and on through a new fitting to the nearest of its unexplored ports; None
+    def _through_new(self, part: int, enter: str, distance: float) -> tuple[Edge, ...] | None:
+        """The path at hand, extended to the nearest unexplored port of a new fitting; None
         where there is none, or where the robot has come too far to stand before it: fittings that
         follow closely are prepared for together, before the first of them."""
         unexplored = self.belief.unexplored
         leaves = [end[1] for end in unexplored if end[0] == part]
         if not leaves:
             return None
-        leave = min(leaves, key=lambda port: round(self.ways.passed(part, enter, port).length, 3))
-        way = (*self.leg.way, (part, enter, leave))
-        passed = self.ways.passed(part, enter, leave)
-        stand = self.ways.stand(self.ways.along_of(way), len(way) - 1, passed)
-        return way if distance <= stand + ROUNDING or not passed.asks_orientation else None
+        leave = min(
+            leaves, key=lambda port: round(self.ways.route([(part, enter, port)]).length, 3)
+        )
+        path = (*self.leg.path, (part, enter, leave))
+        return path if distance <= self.ways.latest_stand(path, len(path) - 1) else None
 
     def _inspected(self, time: float, distance: float, end: End, goal: str) -> Decision:
         """It stands at an end that it has seen."""
@@ -352,21 +360,21 @@ class Explorer:
 
     # Where it goes
 
-    def _from_leg(self, distance: float) -> _Onward:
+    def _from_leg(self, distance: float) -> Replan:
         """Legs to a goal from arc length ``distance`` m on the leg at hand."""
         leg = self.leg
 
-        def onward(ways: Ways, goal: int, closed: Closed) -> list[Leg] | None:
-            found = [ways.ahead(leg, distance, goal, closed)]
-            found.append(ways.onward(leg, distance, goal, closed))
+        def onward(ways: LegPlanner, goal: int, closed: Closed) -> list[Leg] | None:
+            found = [ways.extend(leg, distance, goal, closed)]
+            found.append(ways.replan(leg, distance, goal, closed))
             if ways.ends[goal + 1] == self.belief.start:
                 # It is behind; after a loop it may be nearer ahead.
-                found.append(ways.anew(ways.on(leg, distance), goal, closed))
+                found.append(ways.replan_from(ways.location(leg, distance), goal, closed))
             return min((legs for legs in found if legs), key=_travel, default=None)
 
         return onward
 
-    def _next(self, time: float, told: Sequence[Event], onward: _Onward) -> Decision:
+    def _next(self, time: float, told: Sequence[Event], onward: Replan) -> Decision:
         """The unexplored port that asks for the least travel, or else the start."""
         told = list(told)
         legs = self._least(self.belief.unexplored, onward)
@@ -390,7 +398,7 @@ class Explorer:
         fittings = sum(not part.fitting.is_plain for part in parts)
         return [ExplorationComplete(self.number, time, fittings, len(belief.explored))]
 
-    def _least(self, goals: Sequence[End], onward: _Onward) -> list[Leg] | None:
+    def _least(self, goals: Sequence[End], onward: Replan) -> list[Leg] | None:
         """Legs to the one of some ports that asks for the least travel; None where no way leads to
         any. A turn that the robot has fallen off it takes only where there is no other way."""
         ways = self._through(goals)
@@ -411,37 +419,37 @@ class Explorer:
         self.belief.settle()
         self._back.begin()
         self.leg, *self._to_come = legs
-        end = _end_of(self.leg.way)
+        end = _end_of(self.leg.path)
         blind = self.leg.goal < 0 or end == self.belief.start or end in self.belief.ends
         self.look_at = math.inf if blind else self.leg.end - LOOK_BEFORE
-        if self.leg.gear == before.gear and self.leg.way[: len(before.way)] == before.way:
+        if self.leg.gear == before.gear and self.leg.path[: len(before.path)] == before.path:
             self.leg = replace(self.leg, begin=before.begin)
             return Decision(self.leg, True, told)
         return Decision(self.leg, False, [*told, LegBegan(self.number, time, self.leg.note)])
 
-    def _go_on(self, way: Way) -> None:
-        """The leg at hand goes on to the end of a way that begins as its own does."""
+    def _go_on(self, path: tuple[Edge, ...]) -> None:
+        """The leg at hand goes on to the end of a path that begins as its own does."""
         self.ways = self._through([])
-        self.leg = self._longer(replace(self.leg, way=way))
+        self.leg = self._longer(replace(self.leg, path=path))
 
     def _longer(self, leg: Leg) -> Leg:
-        """A leg that ends where its way does."""
-        end = self.ways.along_of(leg.way).length - self.robot.length / 2 - NOSE_ROOM
-        return replace(leg, end=end, note=f"to {self.belief.name(_end_of(leg.way))}")
+        """A leg that ends where its path does."""
+        end = self.ways.route(leg.path).length - self.robot.length / 2 - NOSE_ROOM
+        return replace(leg, end=end, note=f"to {self.belief.name(_end_of(leg.path))}")
 
-    def _through(self, goals: Sequence[End]) -> Ways:
+    def _through(self, goals: Sequence[End]) -> LegPlanner:
         """Ways through the map as it is now, to some of its ports."""
         names = ["the start" if g == self.belief.start else self.belief.name(g) for g in goals]
         ends = [self.belief.start, *goals]
-        return Ways(self.belief.network, ends, names, self.robot, self.arcs)
+        return LegPlanner(self.belief.network, ends, names, self.robot, self.arcs)
 
     def _given_up(self, time: float, told: Sequence[Event], cause: str) -> Decision:
         return Decision(None, False, [*told, GaveUp(self.number, time, cause)])
 
 
-def _end_of(way: Way) -> End:
-    """The port that a way ends at."""
-    part, _, leave = way[-1]
+def _end_of(path: Sequence[Edge]) -> End:
+    """The port that a path ends at."""
+    part, _, leave = path[-1]
     return part, leave
 
 

@@ -7,8 +7,10 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.autonomy.candidates import DISTINCT, Candidates, Shot
-from omnitrack_sim.autonomy.evidence import (
+from omnitrack_sim.autonomy.candidates import (
+    DISTINCT,
+    Candidates,
+    Shot,
     chances,
     huber,
     median,

@@ -12,13 +12,14 @@ import math
 from collections.abc import Callable, Hashable, Sequence
 from typing import NamedTuple, Protocol
 
-from omnitrack_sim.autonomy.ahead import Look
 from omnitrack_sim.autonomy.belief import Belief
-from omnitrack_sim.autonomy.mission import Planner
+from omnitrack_sim.autonomy.mission import MissionPlanner
+from omnitrack_sim.autonomy.sight import Look
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Route
-from omnitrack_sim.pipes.layout import End
-from omnitrack_sim.pipes.planning import Leg, Step
+from omnitrack_sim.pipes.network import End
+from omnitrack_sim.pipes.planning import Leg
+from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.events import (
     Event,
     FellOff,
@@ -139,7 +140,7 @@ class FixedRoute(Pilot):
     @property
     def route_key(self) -> Hashable:
         """See ``Pilot``: robots of one batch share their pipes."""
-        return self.leg.way
+        return self.leg.path
 
 
 class Planned(Pilot):
@@ -152,22 +153,22 @@ class Planned(Pilot):
         falls: how often the robot may fall off its route.
     """
 
-    def __init__(self, planner: Planner, robot: int, falls: int) -> None:
+    def __init__(self, planner: MissionPlanner, robot: int, falls: int) -> None:
         self.leg = planner.first
         self._planner, self._robot, self._falls = planner, robot, falls
         self._goal = self.leg.goal  # that the robot is on its way to
         self._to_come: list[Leg] = []
         self._closed: list[End] = []
-        self._turns: list[Step] = []  # that it has fallen off
+        self._turns: list[Edge] = []  # that it has fallen off
 
     def route(self) -> Route:
         """See ``Pilot``."""
-        return self._planner.route(self.leg)
+        return self._planner.route(self.leg.path)
 
     @property
     def route_key(self) -> Hashable:
         """See ``Pilot``: robots of one batch share their network."""
-        return self.leg.way
+        return self.leg.path
 
     @property
     def missed(self) -> Sequence[str]:
@@ -183,7 +184,7 @@ class Planned(Pilot):
         if following == len(goals):
             return Decision(None)
         events = [GoalReached(self._robot, time, goals[leg.goal])]
-        legs = self._plan(lambda closed: planner.onward(leg, distance, following, closed))
+        legs = self._plan(lambda closed: planner.replan(leg, distance, following, closed))
         return self._begin(time, events, legs)
 
     def on_blockage(self, time: float, distance: float, goal: str) -> Decision:
@@ -194,13 +195,13 @@ class Planned(Pilot):
         port = planner.obstacle(leg, distance)
         self._closed.append(port)
         name = planner.network.port_name(port)
-        legs = self._plan(lambda closed: planner.onward(leg, distance, leg.goal, closed))
+        legs = self._plan(lambda closed: planner.replan(leg, distance, leg.goal, closed))
         return self._begin(time, [TakenForClosed(self._robot, time, name, distance)], legs)
 
     def on_fall(self, time: float, position: Array, axis: Array) -> Decision:
         """See ``Pilot``."""
         planner = self._planner
-        where = planner.find(position, axis)
+        where = planner.locate(position, axis)
         if where is None:
             return Decision(None)
         part = planner.network.fittings[where.part].name
@@ -211,11 +212,11 @@ class Planned(Pilot):
         self._falls -= 1
         goal = next(leg.goal for leg in (self.leg, *self._to_come) if leg.goal >= 0)
         self._turns += planner.turn_in(self.leg, where.part)
-        legs = self._plan(lambda closed: planner.anew(where, goal, closed))
+        legs = self._plan(lambda closed: planner.replan_from(where, goal, closed))
         return self._begin(time, events, legs)
 
     def _plan(
-        self, plan: Callable[[Sequence[End | Step]], list[Leg] | None]
+        self, plan: Callable[[Sequence[End | Edge]], list[Leg] | None]
     ) -> Sequence[Leg] | None:
         """Legs of ``plan`` around what is closed. A turn that the robot has fallen off it takes
         from the other side, and tries again only where there is no other way."""

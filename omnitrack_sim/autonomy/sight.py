@@ -1,32 +1,112 @@
-"""Sight as true as can be: what a robot could see of the network that it is in, up to some
-distance."""
+"""What a robot sees of the pipe ahead of it, whoever tells: a recogniser of pictures, or the true
+network."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
 from itertools import permutations
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from omnitrack_sim.autonomy.ahead import Ahead, side_of
-from omnitrack_sim.autonomy.belief import alike
-from omnitrack_sim.autonomy.whereabouts import ALONG
-from omnitrack_sim.base.rotations import Array, length
-from omnitrack_sim.pipes import Arcs, Assembly, Part
-from omnitrack_sim.pipes.layout import End, both_ways
+from omnitrack_sim.autonomy.belief import Belief, alike
+from omnitrack_sim.autonomy.legs import LIES_ALONG
+from omnitrack_sim.base.rotations import Array, length, unit
+from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part, Route
+from omnitrack_sim.pipes.network import End, both_ways
 from omnitrack_sim.robots.omnitrack import Robot
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """What a robot sees ahead of it in its pipe, at one moment.
+
+    "Ahead" is where the robot drives to: beyond its nose in gear 1, beyond its tail in gear -1. Its
+    frame is that of the gear, which has z ahead and x towards module 1 in both
+    (``robots/omnitrack/control/gear.py``).
+
+    Attributes:
+        fitting: the next one that the robot's centre has not come into and that is no plain
+            straight of the same bore, with its sizes as seen; None: nothing but straight pipe as
+            far as is seen, or an end. The nose may be in it already.
+        enter: port of ``fitting`` by which it would be entered; "" without one. Where a fitting
+            looks the same from two ports, such as an elbow or a tee from either end of its run,
+            either of them.
+        end: the pipe ends there, "open" or "closed"; "" where it does not, or goes into a fitting.
+        distance: m, along the pipe's axis from the robot's centre to the port plane of what is
+            seen, or to where sight ends.
+        turn: rad, from the robot's x axis, projected across the pipe, to the x axis of the port
+            ``enter`` (``Fitting.ports``), about the pipe's axis ahead. It is the turn of
+            ``pipes.attached`` for a placed port whose x axis is that projection (``side_of``). 0
+            for a fitting that is round about its axis.
+        distance_std, turn_std: m and rad, standard deviations.
+        confidence: probability that the kind of ``fitting``, or of the end, is right.
+        axis: (3,) unit vector along the pipe ahead, in the robot's frame.
+    """
+
+    fitting: Fitting | None = None
+    enter: str = ""
+    end: str = ""
+    distance: float = 0.0
+    turn: float = 0.0
+    distance_std: float = 0.0
+    turn_std: float = 0.0
+    confidence: float = 1.0
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]), compare=False)
+
+    @property
+    def kind(self) -> tuple[str, str]:
+        """Kind of the fitting, and the end: what is seen, without its place and sizes."""
+        return "" if self.fitting is None else self.fitting.kind, self.end
+
+
+def side_of(frame: Array, ahead: Array) -> Array:
+    """The x axis (3,) of a robot's ``frame`` (3, 3), projected across a pipe along ``ahead``
+    (3,), world frame: what ``Ahead.turn`` is measured from."""
+    x = frame[:, 0]
+    return unit(x - ahead * (x @ ahead))
+
+
+class Look(NamedTuple):
+    """A robot has looked ahead, and maybe back.
+
+    Attributes:
+        time: s. distance: m, arc length of its centre on its leg, as it takes it to be.
+        ahead, behind: what it has seen; None where it cannot tell, or has not looked.
+        frame: (3, 3) of the robot in its gear, world frame, as it takes it to be.
+        turned: (3, 3) the same by the gyro alone, in any frame that stands still.
+    """
+
+    time: float
+    distance: float
+    ahead: Ahead | None
+    behind: Ahead | None
+    frame: Array
+    turned: Array
+
+
+class Sight(Protocol):
+    """Tells what robots see ahead of them."""
+
+    def look(self, robot: int, position: Array, frame: Array) -> Ahead | None:
+        """What one robot sees now; None where it cannot tell, such as within a bend.
+
+        Args:
+            robot: index in its batch.
+            position: (3,) m, of the robot's centre, world frame, the true one.
+            frame: (3, 3) of the robot in its gear, in the world, the true one.
+        """
+        ...
+
 
 RANGE = 6.0
 """How far a robot sees beyond its nose, in bores that it is made for: 0.96 m."""
 AT_PORT = 0.02
 """How far before the port by which a robot leaves a fitting its nose has to be, m, for it to see
 what is beyond."""
-
-
-SAME_PLACE = 0.1
-"""Distance, m, within which what is seen and what is there count as the same thing."""
 
 
 class _Port(NamedTuple):
@@ -80,7 +160,7 @@ class TrueSight:
             if not part.holds(centre, 0.0):
                 continue
             for enter, leave in permutations(fitting.port_names, 2):
-                if float(axis @ part.port(leave).rotation[:, 2]) < math.cos(ALONG):
+                if float(axis @ part.port(leave).rotation[:, 2]) < math.cos(LIES_ALONG):
                     continue
                 line = part.axis(enter, leave, self._arcs)
                 at = line.locate(centre)
@@ -119,9 +199,13 @@ def _turn(part: Part, enter: str, frame: Array) -> float:
     return math.atan2(float(x @ np.cross(ahead, side)), float(x @ side))
 
 
+SAME_PLACE = 0.1
+"""Distance, m, within which what is seen and what is there count as the same thing."""
+
+
 def is_right(seen: Ahead, there: Ahead) -> bool:
-    """Whether what is seen is of the kind of what is there: a fitting, an end, or, as far as is
-    seen, nothing. Which of a fitting's ports is nearer counts where the ports differ."""
+    """Return whether what is seen is of the kind of what is there: a fitting, an end, or, as far as
+    is seen, nothing. Which of a fitting's ports is nearer counts where the ports differ."""
     if seen.fitting is None and not seen.end:
         return there.distance > seen.distance - SAME_PLACE
     if abs(seen.distance - there.distance) > SAME_PLACE or seen.end != there.end:
@@ -130,3 +214,149 @@ def is_right(seen: Ahead, there: Ahead) -> bool:
         return seen.fitting is there.fitting
     same = seen.fitting.kind == there.fitting.kind
     return same and alike(there.fitting, seen.enter, there.enter)
+
+
+@dataclass(frozen=True)
+class LookSettings:
+    """When a robot that explores looks again at what it has seen or passed.
+
+    Attributes:
+        behind: m, from its rear to a fitting behind it when it looks back at that.
+        behind_again: m, travel to the next look back, where the one before was ambiguous.
+        most_lean: rad, tilt beyond which a look back is mistaken: no robot leans so in a straight.
+        most_std: m, standard deviation up to which a look back places the robot. Round a bend the
+            estimate of arc length is off by centimetres.
+        most_shift: m, shift of arc length from which on two looks have to agree.
+        agreement: m, difference of two looks that agree.
+        close: m, from the robot's front to the end of a straight when it looks there once more:
+            from there both cameras measure distances to 1 or 2 mm.
+        closest: m, the same of the last try: nearer, a lens sees too little of the wall before it.
+        again: m, travel to the next look where one was ambiguous.
+        doubt: m, travel to the next look where two contradict each other.
+    """
+
+    behind: float = 0.1
+    behind_again: float = 0.01
+    most_lean: float = math.radians(4)
+    most_std: float = 0.01
+    most_shift: float = 0.1
+    agreement: float = 0.02
+    close: float = 0.1
+    closest: float = 0.05
+    again: float = 0.003
+    doubt: float = 0.01
+
+
+LOOKS = LookSettings()
+
+
+class LookingBack:
+    """Looks of one robot at the fittings that it has passed, one in each straight behind a fitting.
+
+    Round a bend a robot knows least how far it has come, and sees that best when the bend is just
+    behind it.
+
+    Args:
+        belief: its map.
+        half: m, from its centre to its ends.
+        least_confidence: probability from which on it believes what it sees.
+    """
+
+    def __init__(self, belief: Belief, half: float, least_confidence: float) -> None:
+        self._belief, self._half, self._confidence = belief, half, least_confidence
+        self._done: set[int] = set()
+        self._again, self._shift = 0.0, math.inf
+
+    def begin(self) -> None:
+        """Begin another leg."""
+        self._again = 0.0
+
+    def at(self, route: Route) -> float:
+        """Return the arc length on a route, m, where it looks back next; infinite if nowhere."""
+        for before in route.passages[1:]:
+            if before.index not in self._done and self._belief.fitting(before.index).is_plain:
+                at = max(before.s_enter + self._half + LOOKS.behind, self._again)
+                if at < before.s_leave - self._half:
+                    return at
+        return math.inf
+
+    def located(self, route: Route, distance: float, behind: Ahead | None) -> float:
+        """Return the arc length of a robot on a route, m, from a look back.
+
+        Args:
+            route: it drives along.
+            distance: m, its estimate of the arc length; returned where the look is ambiguous.
+            behind: the look.
+        """
+        i = route.index_at(distance)
+        self._again = distance + LOOKS.behind_again
+        if i == 0 or behind is None or not self._is_passed(route, i, behind):
+            return distance
+        here = route.passages[i]
+        located = here.s_enter + behind.distance
+        shift, before = located - distance, self._shift
+        self._shift = shift
+        if abs(shift) > LOOKS.most_shift and abs(shift - before) > LOOKS.agreement:
+            return distance
+        self._done.add(here.index)
+        return located
+
+    def _is_passed(self, route: Route, i: int, behind: Ahead) -> bool:
+        """A look back from passage ``i`` shows the fitting before it."""
+        if behind.fitting is None or behind.confidence < self._confidence:
+            return False
+        if behind.axis[2] < math.cos(LOOKS.most_lean) or behind.distance_std > LOOKS.most_std:
+            return False
+        here, passed = (self._belief.fitting(route.passages[j].index) for j in (i, i - 1))
+        return behind.fitting.kind == passed.kind and here.is_plain
+
+
+class LookingCloser:
+    """Looks of one robot, from close by, at the end of a straight that it has seen from afar.
+
+    From afar both cameras measure distances to centimetres, and may take one fitting for another.
+    So the end of a straight is provisional (``Belief.provisional``) until the robot is near.
+
+    Args:
+        belief: its map.
+        half: m, from its centre to its ends.
+    """
+
+    def __init__(self, belief: Belief, half: float) -> None:
+        self._belief, self._half = belief, half
+        self._kinds: Counter[tuple[str, str]] = Counter()
+
+    def index(self, route: Route) -> int | None:
+        """Return the number of the passage through the straight whose end is provisional."""
+        parts = [passage.index for passage in route.passages]
+        part = self._belief.provisional
+        return None if part is None or part not in parts else parts.index(part)
+
+    def begin(self, ahead: Ahead, route: Route, distance: float) -> float | None:
+        """Make the end of a route provisional, as it has just been seen from ``distance`` m, where
+        the route ends in a straight and the robot is not close to its end yet.
+
+        Returns:
+            Arc length, m, from which the robot looks at it again; None if it is not provisional.
+        """
+        part, close = route.passages[-1].index, route.length - self._half - LOOKS.close
+        if not self._belief.fitting(part).is_plain or distance >= close - LOOKS.again:
+            return None
+        self._belief.settle(part)
+        self._kinds = Counter([ahead.kind])
+        return close
+
+    def doubted(self, ahead: Ahead, route: Route, distance: float) -> float | None:
+        """Return the arc length, m, of another look by a robot that sees something else from close
+        by than from afar, until it has seen one thing twice; None where it is sure, or where it is
+        too late for that."""
+        if self.index(route) is None:
+            return None
+        self._kinds[ahead.kind] += 1
+        again = distance + LOOKS.doubt
+        return None if self._kinds[ahead.kind] > 1 or self.too_late(again, route) else again
+
+    def too_late(self, at: float, route: Route) -> bool:
+        """Return whether arc length ``at`` m is too close to the provisional end for a look."""
+        i = self.index(route)
+        return i is not None and at > route.passages[i].s_leave - self._half - LOOKS.closest

@@ -184,7 +184,7 @@ def _passages(route: Route) -> list[dict[str, Any]]:
             "from_m": float(passage.s_enter),
             "length_m": float(passage.s_leave - passage.s_enter),
         }
-        for passage in route.fittings
+        for passage in route.passages
     ]
 
 
@@ -238,4 +238,4 @@ def _print_route(route: Route) -> None:
             plain(row["name"]), row["manoeuvre"], f"{row['from_m']:.3f}", f"{row['length_m']:.3f}"
         )
     out.print(table)
-    out.print(f"route: {route.centreline.length:.3f} m through {len(route.fittings)} parts")
+    out.print(f"route: {route.centreline.length:.3f} m through {len(route.passages)} parts")

@@ -27,7 +27,7 @@ from omnitrack_sim.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from omnitrack_sim.pipes.compare import MapDifference
+    from omnitrack_sim.pipes.map_difference import MapDifference
     from omnitrack_sim.results.comparison import Comparison
     from omnitrack_sim.results.result import Result
 
@@ -173,7 +173,7 @@ def _is_mission(result: Result) -> bool:
     turns = [
         passage
         for route in routes
-        for passage in route.fittings
+        for passage in route.passages
         if not route.network.parts[passage.index].fitting.is_plain
     ]
     return len(routes) > 1 or len(turns) > 1

@@ -1,9 +1,14 @@
-"""Routes and legs through a network: a graph of its ports, and the shortest way between two open
-ends."""
+"""Path planning in a network: a graph of its ports, and shortest paths through it.
+
+A path is a tuple of edges, each a part from one port to another. A leg is a path driven in one
+gear, from one arc length to another.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+import heapq
+import math
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import permutations
 from typing import TYPE_CHECKING, Any
@@ -11,45 +16,42 @@ from typing import TYPE_CHECKING, Any
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.pipes import ARCS, Arcs, Route, route_through
-from omnitrack_sim.pipes.layout import End
-from omnitrack_sim.pipes.network import Network
+from omnitrack_sim.pipes.network import End, Network
+from omnitrack_sim.pipes.routes import Edge
 
 if TYPE_CHECKING:
     import networkx
 
-Step = tuple[int, str, str]
-"""A part as it is passed: its index, port entered, port left."""
-Way = tuple[Step, ...]
-"""Parts in order."""
-Closed = Collection[End | Step]
-"""What is not passed: ports, and parts from one port to another."""
+Closed = Collection[End | Edge]
+"""Ports, and edges between ports, that are not passed."""
 
 
 @dataclass(frozen=True)
 class Leg:
-    """A way in one gear.
+    """A stretch of a route, driven in one gear.
 
     Attributes:
-        way: (part index, port entered, port left) of the parts in order.
+        path: edges of the graph of ports, in order.
         gear: 1 nose first, -1 tail first.
-        begin, end: m, arc length of the robot's centre along the way where the leg begins and ends.
+        begin: m, arc length of the robot's centre along the route where the leg begins.
+        end: m, arc length of the robot's centre where it ends.
         goal: number of the goal that is reached at its end; -1 if the robot only backs out.
-        note: what is done, as text.
+        note: the manoeuvre, as text.
     """
 
-    way: Way
+    path: tuple[Edge, ...]
     gear: int
     begin: float
     end: float
-    goal: int
-    note: str
+    goal: int = -1
+    note: str = ""
 
 
 def port_graph(
     network: Network, arcs: Arcs = ARCS, avoid: Collection[str] = ()
 ) -> networkx.DiGraph[Any]:
-    """Ports (part index, port name) as nodes; ``length`` m of the axis between the ports of a
-    fitting, 0 at joints.
+    """Return the graph of a network's ports (part index, port name); its edges have a ``length``,
+    m, of the axis between two ports of a fitting, or 0 at a joint.
 
     Fittings to ``avoid`` are left out.
     """
@@ -68,63 +70,23 @@ def port_graph(
     return graph
 
 
-def shortest_route(
-    network: Network,
-    start: str,
-    goal: str,
-    avoid: Iterable[str] = (),
-    arcs: Arcs = ARCS,
-) -> Route:
-    """The shortest way from one open end to another; no fitting is passed twice.
-
-    Args:
-        network: where to go. The route keeps all of it, side branches included.
-        start, goal: open ends, as ``part.port`` or by their names in ``network.ports``.
-        avoid: names of fittings that are not entered.
-        arcs: of the centreline in tees.
-
-    Raises:
-        NetworkError: no such port, no open end, start and goal the same, unknown fittings to avoid,
-            or no way.
-    """
-    check_is(Network, "network", network)
-    ends, faults = [], []
-    for where, port in (("start", start), ("goal", goal)):
-        try:
-            ends.append(network.end(where, port))
-        except NetworkError as error:
-            faults += error.faults
-    if len(ends) == 2 and ends[0] == ends[1]:
-        faults.append(Fault("goal", f"{goal!r} is the start"))
-    names = [part.name for part in network.fittings]
-    avoided = set(avoid)
-    faults += [
-        Fault("avoid", f"there is no fitting {name!r}", tuple(names), given=name)
-        for name in sorted(avoided)
-        if name not in names
-    ]
-    if faults:
-        raise NetworkError(faults)
-    way = shortest_way(port_graph(network, arcs, avoided), ends[0], ends[1])
-    if way is None:
-        raise NetworkError(unreachable("goal", start, goal, avoided))
-    return route_of(network, way, arcs)
-
-
-def without(graph: networkx.DiGraph[Any], closed: Closed) -> networkx.DiGraph[Any]:
-    """A graph of ``port_graph`` without what is closed."""
+def without(
+    graph: networkx.DiGraph[Any], closed: Closed, joints: Collection[tuple[End, End]] = ()
+) -> networkx.DiGraph[Any]:
+    """Return a view of a graph of ports without what is closed, and without some joints from one
+    port to another."""
     import networkx
 
     ports = [port for port in closed if len(port) == 2]
-    passed = [((step[0], step[1]), (step[0], step[2])) for step in closed if len(step) == 3]
-    return networkx.restricted_view(graph, ports, passed) if closed else graph
+    edges = [((edge[0], edge[1]), (edge[0], edge[2])) for edge in closed if len(edge) == 3]
+    return networkx.restricted_view(graph, ports, [*edges, *joints])
 
 
-def shortest_way(graph: networkx.DiGraph[Any], start: End, goal: End) -> Way | None:
-    """The shortest way between two ports of a graph of ``port_graph``; None if there is none."""
+def shortest_path(graph: networkx.DiGraph[Any], start: End, goal: End) -> tuple[Edge, ...] | None:
+    """Return the shortest path between two ports of a graph of ports; None if there is none."""
     import networkx
 
-    # The edge between two ports of a part is the shortest way between them, so the way never
+    # The edge between two ports of a part is the shortest way between them, so the path never
     # takes two edges of the same part one after the other.
     try:
         nodes = networkx.shortest_path(graph, start, goal, weight="length")
@@ -136,12 +98,128 @@ def shortest_way(graph: networkx.DiGraph[Any], start: End, goal: End) -> Way | N
     )
 
 
+class PathsToGoals:
+    """Shortest paths from all ports at once to the nearest of several goals, for a robot that
+    never turns round: it leaves a part by another port than it entered.
+
+    It may come through a part a second time, back from a loop: then no path of ``shortest_path`` is
+    as short.
+
+    Args:
+        graph: of ``port_graph``.
+        goals: ports to get to, one of them.
+
+    Attributes:
+        lengths: m, from each port at which a part is entered to the nearest goal.
+    """
+
+    def __init__(self, graph: networkx.DiGraph[Any], goals: Collection[End]) -> None:
+        self._graph, self._goals = graph, set(goals)
+        self.lengths: dict[End, float] = {}
+        self._leave: dict[End, End] = {}
+        # Dijkstra's algorithm, backward from the goals.
+        waiting = [(0.0, goal) for goal in goals if goal in graph]
+        heapq.heapify(waiting)
+        while waiting:
+            rest, leave = heapq.heappop(waiting)
+            for enter, edge in graph.pred[leave].items():
+                length = rest + edge["length"]
+                if enter[0] == leave[0] and length < self.lengths.get(enter, math.inf):
+                    self.lengths[enter], self._leave[enter] = length, leave
+                    for before in graph.pred[enter]:
+                        if before[0] != enter[0]:
+                            heapq.heappush(waiting, (length, before))
+
+    def exits(self, enter: End) -> Iterator[tuple[str, float]]:
+        """Exits of a part entered by ``enter``, with the remaining distance to a goal, m."""
+        if enter not in self._graph:
+            return
+        for leave, edge in self._graph.succ[enter].items():
+            if leave[0] == enter[0]:
+                rest = 0.0 if leave in self._goals else self._rest(leave)
+                if rest < math.inf:
+                    yield leave[1], edge["length"] + rest
+
+    def path(self, enter: End) -> tuple[Edge, ...] | None:
+        """Return the shortest path on from ``enter``; None where it passes a port twice."""
+        path, passed = list[Edge](), set[End]()
+        here: End | None = enter
+        while here is not None and here in self._leave:
+            leave = self._leave[here]
+            if passed & {here, leave}:
+                return None
+            passed |= {here, leave}
+            path.append((here[0], here[1], leave[1]))
+            if leave in self._goals:
+                return tuple(path)
+            here = self._joined_to(leave)
+        return None
+
+    def _rest(self, leave: End) -> float:
+        """Distance to a goal beyond an exit, m; infinite where no path leads on."""
+        beyond = self._joined_to(leave)
+        return math.inf if beyond is None else self.lengths.get(beyond, math.inf)
+
+    def _joined_to(self, leave: End) -> End | None:
+        return next((port for port in self._graph.succ[leave] if port[0] != leave[0]), None)
+
+
+def shortest_route(
+    network: Network,
+    start: str,
+    goal: str,
+    avoid: Iterable[str] = (),
+    arcs: Arcs = ARCS,
+) -> Route:
+    """Return the shortest route from one open end to another; no fitting is passed twice.
+
+    Args:
+        network: all of it is kept in the route, side branches included.
+        start: open end, as ``part.port`` or by its name in ``network.ports``.
+        goal: likewise.
+        avoid: names of fittings that are not entered.
+        arcs: of the centreline in tees.
+
+    Raises:
+        NetworkError: no such port, no open end, start and goal the same, unknown fittings to avoid,
+            or no path.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> route = ot.shortest_route(ot.load_network("fig14"), "inlet", "low")
+        >>> route.passages[0].kind
+        'straight'
+    """
+    check_is(Network, "network", network)
+    ends, faults = [], []
+    for where, port in (("start", start), ("goal", goal)):
+        try:
+            ends.append(network.end(where, port))
+        except NetworkError as error:
+            faults += error.faults
+    if len(ends) == 2 and ends[0] == ends[1]:
+        faults.append(Fault("goal", f"{goal!r} is the start"))
+    avoided = set(avoid)
+    faults += unknown_fittings(network, [("avoid", name) for name in sorted(avoided)])
+    if faults:
+        raise NetworkError(faults)
+    path = shortest_path(port_graph(network, arcs, avoided), ends[0], ends[1])
+    if path is None:
+        raise NetworkError(unreachable("goal", start, goal, avoided))
+    return route_through(network.pipes, path, arcs)
+
+
+def unknown_fittings(network: Network, names: Iterable[tuple[str, str]]) -> list[Fault]:
+    """Faults of names, each with its place in a file or call, that no fitting has."""
+    known = tuple(dict.fromkeys(part.name for part in network.fittings))
+    return [
+        Fault(where, f"there is no fitting {name!r}", known, given=name)
+        for where, name in names
+        if name not in known
+    ]
+
+
 def unreachable(where: str, start: str, goal: str, avoid: Collection[str]) -> Fault:
-    """The fault of a goal that cannot be reached; ``where`` names what asked for it."""
+    """Return the fault of a goal that cannot be reached; ``where`` names the argument."""
     around = f" without {', '.join(sorted(avoid))}" if avoid else ""
     return Fault(where, f"{goal!r} cannot be reached from {start!r}{around}")
-
-
-def route_of(network: Network, way: Way, arcs: Arcs = ARCS) -> Route:
-    """A way through a network with its centreline."""
-    return route_through(network.pipes, way, arcs)

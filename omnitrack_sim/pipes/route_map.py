@@ -106,12 +106,12 @@ class RouteMap:
         first, end_directions, last_radius = [], [], []
         for route in self.routes:
             first.append(len(passages))
-            passages += [p for p in route.fittings if p.asks_orientation]
+            passages += [p for p in route.passages if p.asks_orientation]
             passages.append(None)
             end_directions.append(
                 route.centreline.frame(np.array([route.centreline.length]))[0, :, 0]
             )
-            last_radius.append(route.fittings[-1].radius)
+            last_radius.append(route.passages[-1].radius)
         self.passages = tuple(passages)
         self.first = np.array(first)
         self.count = np.diff([*first, len(passages)])
@@ -125,8 +125,10 @@ class RouteMap:
             [p is not None and p.manoeuvre == "tee_straight" for p in passages]
         )
         self.bend_radius = np.array([np.nan if p is None else p.bend_radius for p in passages])
-        self.into_branch = np.array([p is not None and p.into_branch for p in passages])
-        self.out_of_branch = np.array([p is not None and p.out_of_branch for p in passages])
+        self.into_branch = np.array([p is not None and p.description.into_branch for p in passages])
+        self.out_of_branch = np.array(
+            [p is not None and p.description.out_of_branch for p in passages]
+        )
         at_end = iter(zip(end_directions, last_radius, strict=True))
         ends = [(p.turn_direction, p.radius) if p is not None else next(at_end) for p in passages]
         self.directions = np.array([direction for direction, _ in ends])
@@ -134,7 +136,10 @@ class RouteMap:
         entries = np.where(np.isinf(self.start), 0.0, self.start)
         self.ahead = self.tangents(entries[:, None], self.route_of)[:, 0]
         self.turn = np.array(
-            [p.turn_angle if p is not None and p.is_turn else np.pi / 2 for p in passages]
+            [
+                p.description.turn_angle if p is not None and p.is_turn else np.pi / 2
+                for p in passages
+            ]
         )
         self.corner_radius = np.array(
             [

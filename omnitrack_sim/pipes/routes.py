@@ -2,24 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import accumulate, pairwise
+from math import inf, nan
 
 import numpy as np
 
 from omnitrack_sim.base.errors import Fault, GeometryError
 from omnitrack_sim.base.rotations import Array, Pose, rotation_about
 from omnitrack_sim.pipes.assembly import Assembly, Part, attached
-from omnitrack_sim.pipes.centreline import Centreline, Segment
-from omnitrack_sim.pipes.fittings.base import ARCS, Arcs, Fitting, Manoeuvre
+from omnitrack_sim.pipes.centreline import Centreline
+from omnitrack_sim.pipes.fittings.base import (
+    ARCS,
+    Arcs,
+    AxisCurve,
+    Description,
+    Fitting,
+    Manoeuvre,
+)
+
+Edge = tuple[int, str, str]
+"""A part from one port to another, an edge of the graph of ports: index, port entered, port
+left."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """One fitting of a route: entered at port ``enter``, left at ``leave``, turned by ``turn`` rad
-    at the joint."""
+    """One fitting of a route that ``route`` joins.
+
+    Attributes:
+        name: of the part.
+        fitting: its kind and sizes.
+        enter: port by which it is entered.
+        leave: port by which it is left.
+        turn: rad, by which it is turned at the joint.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> ot.Step("knee", ot.Elbow(0.24), enter="start", leave="end").fitting.kind
+        'elbow'
+    """
 
     name: str
     fitting: Fitting
@@ -28,57 +52,139 @@ class Step:
     turn: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Passage:
-    """One fitting as it is passed, in arc length along the route.
+    """A part as it is passed, in arc length along a route.
 
     Attributes:
-        index: of the part. kind, enter, leave: of the fitting and its ports. radius: bore radius at
-            the entry, m. corner_radius: the larger bore radius of both ports, m.
-        s_enter, s_leave: port planes, m.
-        s_bend_start, s_bend_end, bend_radius: of the centreline's arc, m; nan where it does not
-            bend. Of several arcs the first one's start, the last one's end, the least radius.
-        opening: first and last arc length beside a branch's opening, m; nan elsewhere.
-        turn_direction: (3,) unit vector at the entry, world frame: where the route bends to, or
-            where the branch opens.
-        words, manoeuvre, into_branch, out_of_branch, turn_angle: see
-            ``pipes.fittings.Description``.
+        part: the part.
+        index: its number in the network.
+        enter: port by which it is entered.
+        leave: port by which it is left.
+        curve: its axis between the two ports, fitting frame.
+        description: what it means to pass it so.
+        s_enter: m, where the port plane is by which it is entered.
     """
 
+    part: Part
     index: int
-    kind: str
     enter: str
     leave: str
-    radius: float
-    corner_radius: float
-    s_enter: float
-    s_leave: float
-    s_bend_start: float
-    s_bend_end: float
-    bend_radius: float
-    opening: tuple[float, float]
-    turn_direction: Array
-    words: str
-    manoeuvre: Manoeuvre | None
-    into_branch: bool
-    out_of_branch: bool
-    turn_angle: float
+    curve: AxisCurve
+    description: Description
+    s_enter: float = 0.0
+
+    @classmethod
+    def of(cls, network: Assembly, edge: Edge, arcs: Arcs = ARCS) -> Passage:
+        """Return an edge of the graph of ports as a passage that begins at 0."""
+        index, enter, leave = edge
+        part = network.parts[index]
+        curve = part.fitting.axis_curve(enter, leave, arcs)
+        return cls(part, index, enter, leave, curve, part.fitting.describe(enter, leave))
+
+    def at(self, s_enter: float) -> Passage:
+        """Return the same passage, entered at arc length ``s_enter`` m."""
+        return replace(self, s_enter=s_enter)
+
+    @property
+    def edge(self) -> Edge:
+        """The passage as an edge of the graph of ports."""
+        return self.index, self.enter, self.leave
+
+    @property
+    def kind(self) -> str:
+        """Kind of the fitting."""
+        return self.part.fitting.kind
+
+    @property
+    def radius(self) -> float:
+        """Bore radius at the entry, m."""
+        return self.part.fitting.port_radius(self.enter)
+
+    @property
+    def corner_radius(self) -> float:
+        """The larger bore radius of both ports, m."""
+        return max(self.radius, self.part.fitting.port_radius(self.leave))
+
+    @property
+    def length(self) -> float:
+        """Length of the axis, m."""
+        return self.curve.length
+
+    @property
+    def s_leave(self) -> float:
+        """Arc length, m, of the port plane by which it is left."""
+        return self._joints[-1]
+
+    @cached_property
+    def _joints(self) -> list[float]:
+        """Arc lengths, m, where lines and arcs begin, and where the last one ends."""
+        lengths = (length for length, _ in self.curve.segments)
+        return [float(self.s_enter + s) for s in accumulate(lengths, initial=0.0)]
+
+    @cached_property
+    def _arcs(self) -> list[int]:
+        """Numbers of the segments that bend."""
+        return [i for i, (_, curvature) in enumerate(self.curve.segments) if curvature > 0]
+
+    @property
+    def s_bend_start(self) -> float:
+        """Arc length, m, where the first arc begins; nan where the route does not bend."""
+        return self._joints[self._arcs[0]] if self._arcs else nan
+
+    @property
+    def s_bend_end(self) -> float:
+        """Arc length, m, where the last arc ends; nan where the route does not bend."""
+        return self._joints[self._arcs[-1] + 1] if self._arcs else nan
+
+    @property
+    def bend_radius(self) -> float:
+        """Least radius of the arcs, m; nan where the route does not bend."""
+        return 1 / max((self.curve.segments[i][1] for i in self._arcs), default=nan)
+
+    @property
+    def opening(self) -> tuple[float, float]:
+        """First and last arc length beside a branch's opening, m; nan elsewhere."""
+        middle, half = self.description.opening or (nan, nan)
+        return self.s_enter + middle - half, self.s_enter + middle + half
+
+    @property
+    def turn_direction(self) -> Array:
+        """Unit vector (3,) at the entry, world frame: where the route bends to, or where the branch
+        opens."""
+        return self.part.pose.rotation @ self.curve.normal
+
+    @property
+    def words(self) -> str:
+        """What is passed, for people; see ``pipes.fittings.Description``."""
+        return self.description.words
+
+    @property
+    def manoeuvre(self) -> Manoeuvre | None:
+        """What a robot has to do; None where it drives on as it is."""
+        return self.description.manoeuvre
 
     @property
     def is_turn(self) -> bool:
-        """Whether the route bends here."""
-        return not np.isnan(self.bend_radius)
+        """The route bends here."""
+        return bool(self._arcs)
 
     @property
     def asks_orientation(self) -> bool:
-        """Whether it matters here how the robot is turned about its axis: in bends and tees."""
-        return self.manoeuvre is not None
+        """It matters how the robot is turned about its axis: in bends and tees."""
+        return self.description.manoeuvre is not None
 
-    @property
+    @cached_property
     def span(self) -> tuple[float, float]:
         """Arc lengths, m, where the bend or, straight over an opening, the opening begins and ends;
         nan elsewhere."""
-        return (self.s_bend_start, self.s_bend_end) if self.is_turn else self.opening
+        return (self.s_bend_start, self.s_bend_end) if self._arcs else self.opening
+
+    @property
+    def s_prepared(self) -> float:
+        """Arc length, m, by which a robot has to be prepared for it: where its bend or opening
+        begins or, where any orientation will do, where it is left."""
+        return self.span[0] if self.asks_orientation else self.s_leave
 
     @property
     def mark(self) -> float:
@@ -87,20 +193,66 @@ class Passage:
         return self.s_bend_start if np.isnan(self.opening[0]) else self.opening[0]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Route:
-    """A way through a network: the network itself, its centreline and the fittings in order."""
+    """Passages through a network in order, with the centreline through them.
+
+    Attributes:
+        network: all parts, side branches included.
+        passages: each begins where the one before it ends.
+        side: (3,) x axis of the frame at the start, world frame; None: that of the first port.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> route = ot.load_scenario("tee_turn").route
+        >>> [passage.words for passage in route.passages]
+        ['straight', 'run to branch', 'straight']
+    """
 
     network: Assembly
-    centreline: Centreline
-    fittings: tuple[Passage, ...]
+    passages: tuple[Passage, ...]
+    side: Array | None = None
+
+    @classmethod
+    def of(cls, network: Assembly, passages: Iterable[Passage], side: Array | None = None) -> Route:
+        """Return a route of ``passages``, moved along so that each begins where the one before it
+        ends."""
+        placed, distance = [], 0.0
+        for passage in passages:
+            placed.append(passage.at(distance))
+            distance += passage.length
+        return cls(network, tuple(placed), side)
 
     def __repr__(self) -> str:
-        return f"Route({len(self.fittings)} fittings, {self.centreline.length:.6g} m)"
+        return f"Route({len(self.passages)} passages, {self.length:.6g} m)"
+
+    @property
+    def length(self) -> float:
+        """Arc length of the centreline, m."""
+        # Added up piece by piece, as the centreline does, so that both are equal to the last bit.
+        return sum(length for p in self.passages for length, _ in p.curve.segments)
+
+    @cached_property
+    def centreline(self) -> Centreline:
+        """The centreline through all passages."""
+        first = self.passages[0]
+        side = first.part.port(first.enter).rotation[:, 0] if self.side is None else self.side
+        return Centreline([s for p in self.passages for s in p.part.segments(p.curve)], side)
+
+    def index_at(self, s: float) -> int:
+        """Return the number of the passage at arc length ``s`` m; beyond the end the last one."""
+        ahead = (i for i, passage in enumerate(self.passages) if s < passage.s_leave)
+        return next(ahead, len(self.passages) - 1)
+
+    def cleared(self, index: int) -> float:
+        """Return the arc length, m, where the last bend or opening up to passage ``index`` ends;
+        minus infinity without one."""
+        before = (p for p in self.passages[index::-1] if p.asks_orientation)
+        return next((p.span[1] for p in before), -inf)
 
     def bore_radius(self, s: Array) -> Array:
-        """Bore radius (n,) m at arc lengths (n,) m along the centreline; beyond its ends that at
-        the ends.
+        """Return the bore radius (n,) m at arc lengths (n,) m along the centreline; beyond its ends
+        that at the ends.
 
         Linear between the ports of each fitting; at a joint of two bores either of them.
         """
@@ -109,11 +261,11 @@ class Route:
     @cached_property
     def _bore(self) -> tuple[Array, Array]:
         """Arc lengths (k,) m of all ports passed, and the bore radii there, m."""
-        ends = [
-            end for p in self.fittings for end in ((p, p.enter, p.s_enter), (p, p.leave, p.s_leave))
+        ports = [
+            end for p in self.passages for end in ((p, p.enter, p.s_enter), (p, p.leave, p.s_leave))
         ]
-        radii = [self.network.parts[p.index].fitting.port_radius(port) for p, port, _ in ends]
-        return np.array([s for _, _, s in ends]), np.array(radii)
+        radii = [p.part.fitting.port_radius(port) for p, port, _ in ports]
+        return np.array([s for _, _, s in ports]), np.array(radii)
 
 
 def route(steps: Sequence[Step], start: Pose | None = None, arcs: Arcs = ARCS) -> Route:
@@ -130,6 +282,15 @@ def route(steps: Sequence[Step], start: Pose | None = None, arcs: Arcs = ARCS) -
     Raises:
         GeometryError: unknown ports, a fitting left where it is entered, bores that do not fit,
             parts that overlap.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> steps = [
+        ...     ot.Step("inlet", ot.Straight(0.5), "start", "end"),
+        ...     ot.Step("knee", ot.Elbow(0.24), "start", "end"),
+        ... ]
+        >>> round(ot.route(steps).length, 3)
+        0.877
     """
     _check_ports(steps)
     frame = start or Pose()
@@ -140,92 +301,33 @@ def route(steps: Sequence[Step], start: Pose | None = None, arcs: Arcs = ARCS) -
         )
         frame = parts[-1].port(step.leave)
     joints = tuple(((i, a.leave), (i + 1, b.enter)) for i, (a, b) in enumerate(pairwise(steps)))
+    network = Assembly(tuple(parts), joints)
     side = (start or Pose()).rotation @ rotation_about([0, 0, 1], steps[0].turn)[:, 0]
-    way = [(i, step.enter, step.leave) for i, step in enumerate(steps)]
-    return _through(Assembly(tuple(parts), joints), way, side, arcs)
+    edges = [(i, step.enter, step.leave) for i, step in enumerate(steps)]
+    return Route.of(network, [Passage.of(network, edge, arcs) for edge in edges], side)
 
 
-def route_through(
-    network: Assembly, way: Sequence[tuple[int, str, str]], arcs: Arcs = ARCS
-) -> Route:
-    """The route that passes through parts of a network in order; side branches stay part of
+def route_through(network: Assembly, path: Iterable[Edge], arcs: Arcs = ARCS) -> Route:
+    """Return the route along a path through parts of a network; side branches stay part of
     ``Route.network``.
 
     Args:
         network: joined parts.
-        way: (part index, port it is entered at, port it is left at), each joined to the next.
+        path: edges of the graph of ports, each joined to the next.
         arcs: of the centreline round corners.
     """
-    index, enter, _ = way[0]
-    return _through(network, way, network.parts[index].port(enter).rotation[:, 0], arcs)
-
-
-def _through(
-    network: Assembly, way: Sequence[tuple[int, str, str]], side: Array, arcs: Arcs
-) -> Route:
-    """Centreline and passages; ``side`` (3,) is the x axis of the frame at the start."""
-    distance, segments, passages = 0.0, [], []
-    for index, enter, leave in way:
-        part = network.parts[index]
-        new = part.segments(part.fitting.axis_curve(enter, leave, arcs))
-        passages.append(_passage(index, part.fitting, enter, leave, new, distance))
-        distance += sum(s.length for s in new)
-        segments.extend(new)
-    return Route(network, Centreline(segments, side), tuple(passages))
+    return Route.of(network, [Passage.of(network, edge, arcs) for edge in path])
 
 
 def _check_ports(steps: Sequence[Step]) -> None:
     faults = [] if steps else [Fault("pipes", "a route needs at least one pipe")]
     for i, step in enumerate(steps):
-        choices = step.fitting.port_names
-        for end in ("enter", "leave"):
-            if getattr(step, end) not in choices:
-                faults.append(
-                    Fault(
-                        f"pipes.{i}.{end}",
-                        f"{step.fitting.kind} has no port {getattr(step, end)!r}",
-                        choices,
-                    )
-                )
+        kind, choices = step.fitting.kind, step.fitting.port_names
+        for end, port in (("enter", step.enter), ("leave", step.leave)):
+            if port not in choices:
+                faults.append(Fault(f"pipes.{i}.{end}", f"{kind} has no port {port!r}", choices))
         if step.enter == step.leave:
-            faults.append(
-                Fault(
-                    f"pipes.{i}.leave",
-                    f"is {step.leave!r}, where the {step.fitting.kind} is entered",
-                    choices,
-                )
-            )
+            problem = f"is {step.leave!r}, where the {kind} is entered"
+            faults.append(Fault(f"pipes.{i}.leave", problem, choices))
     if faults:
         raise GeometryError(faults)
-
-
-def _passage(
-    index: int, fitting: Fitting, enter: str, leave: str, segments: list[Segment], distance: float
-) -> Passage:
-    told = fitting.describe(enter, leave)
-    starts = distance + np.cumsum([0.0, *(s.length for s in segments)])
-    bends = [i for i, s in enumerate(segments) if s.curvature > 0]
-    opening = (np.nan, np.nan)
-    if told.opening is not None:
-        middle, half = told.opening
-        opening = (distance + middle - half, distance + middle + half)
-    return Passage(
-        index=index,
-        kind=fitting.kind,
-        enter=enter,
-        leave=leave,
-        radius=fitting.port_radius(enter),
-        corner_radius=max(fitting.port_radius(enter), fitting.port_radius(leave)),
-        s_enter=distance,
-        s_leave=float(starts[-1]),
-        s_bend_start=float(starts[bends[0]]) if bends else np.nan,
-        s_bend_end=float(starts[bends[-1] + 1]) if bends else np.nan,
-        bend_radius=1 / max(segments[i].curvature for i in bends) if bends else np.nan,
-        opening=opening,
-        turn_direction=segments[0].normal,
-        words=told.words,
-        manoeuvre=told.manoeuvre,
-        into_branch=told.into_branch,
-        out_of_branch=told.out_of_branch,
-        turn_angle=told.turn_angle,
-    )

@@ -108,7 +108,7 @@ def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float)
     for rows in rows_of:
         first = int(rows[0])
         route = routes[int(leg[first])]
-        passage = route.fittings[int(place[first])]
+        passage = route.passages[int(place[first])]
         number = int(group[first])
         visits.append(
             Visit(
@@ -139,7 +139,7 @@ def passage_indices(trajectory: Trajectory, routes: Sequence[Route]) -> NDArray[
     distance, leg = distance[known], trajectory["leg"].astype(int)
     place = np.zeros(len(distance), np.intp)
     for index, route in enumerate(routes):
-        planes = [passage.s_leave for passage in route.fittings[:-1]]
+        planes = [passage.s_leave for passage in route.passages[:-1]]
         on = leg == index
         place[on] = np.searchsorted(planes, distance[on], side="right")
     return place
@@ -222,7 +222,7 @@ def _between(values: Array) -> Array:
 
 def _offsets(routes: Sequence[Route]) -> NDArray[np.intp]:
     """Number of the first fitting of each leg when all legs are counted through, and the total."""
-    return np.cumsum([0, *(len(route.fittings) for route in routes)])
+    return np.cumsum([0, *(len(route.passages) for route in routes)])
 
 
 def _counts(
@@ -244,7 +244,7 @@ def _counts(
 
 def _ahead(route: Route, distance: float) -> int | None:
     """Index of the first elbow or tee whose bend or opening ends beyond ``distance`` m, if any."""
-    for index, passage in enumerate(route.fittings):
+    for index, passage in enumerate(route.passages):
         if passage.span[1] > distance:
             return index
     return None

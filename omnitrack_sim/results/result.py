@@ -24,10 +24,10 @@ from omnitrack_sim.base.reading import table_of
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import shown, strict_json
 from omnitrack_sim.base.writing import whole_folder
-from omnitrack_sim.pipes import Assembly, Route
-from omnitrack_sim.pipes.compare import MapDifference
+from omnitrack_sim.pipes import Assembly, Route, route_through
+from omnitrack_sim.pipes.map_difference import MapDifference
 from omnitrack_sim.pipes.network import Network
-from omnitrack_sim.pipes.planning import Leg, route_of
+from omnitrack_sim.pipes.planning import Leg
 from omnitrack_sim.record.events import Event, Outcome, event_of
 from omnitrack_sim.record.metrics import METRICS, Metrics
 from omnitrack_sim.record.timeline import Visit, timeline
@@ -146,11 +146,11 @@ class Result:
         planner = self.scenario.planner
         if self.map is not None:
             arcs = self.scenario.control.arcs
-            return tuple(route_of(self.map, leg.way, arcs) for leg in self.legs)
+            return tuple(route_through(self.map.pipes, leg.path, arcs) for leg in self.legs)
         return (
             (self.scenario.route,)
             if planner is None
-            else tuple(planner.route(leg) for leg in self.legs)
+            else tuple(planner.route(leg.path) for leg in self.legs)
         )
 
     @property
@@ -249,7 +249,7 @@ class _Part(BaseModel):
 
 
 class _LegTable(_Part):
-    way: Annotated[tuple[tuple[Annotated[int, Field(ge=0)], str, str], ...], Field(min_length=1)]
+    path: Annotated[tuple[tuple[Annotated[int, Field(ge=0)], str, str], ...], Field(min_length=1)]
     gear: Literal[-1, 1]
     begin: float
     end: float
@@ -376,7 +376,7 @@ def _check_metrics(metrics: Metrics) -> None:
 
 
 def _check_legs(result: Result) -> None:
-    """Refuse ways that do not lead from part to part of the run's network, or of the map that the
+    """Refuse paths that do not lead from part to part of the run's network, or of the map that the
     robot has made of it."""
     network = result.scenario.network if result.map is None else result.map
     if network is None:
@@ -386,13 +386,13 @@ def _check_legs(result: Result) -> None:
     parts = network.pipes.parts
     for number, leg in enumerate(result.legs):
         before = None
-        for part, enter, leave in leg.way:
+        for part, enter, leave in leg.path:
             there = part < len(parts) and {enter, leave} <= set(parts[part].fitting.port_names)
             if not there or enter == leave:
-                raise ValueError(f"legs.{number}.way: there is no {part}, {enter}, {leave}")
+                raise ValueError(f"legs.{number}.path: there is no {part}, {enter}, {leave}")
             end = f"{parts[part].name}.{enter}"
             if before is not None and network.joined_to.get(before) != end:
-                raise ValueError(f"legs.{number}.way: {before} is not joined to {end}")
+                raise ValueError(f"legs.{number}.path: {before} is not joined to {end}")
             before = f"{parts[part].name}.{leave}"
 
 

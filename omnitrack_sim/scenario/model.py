@@ -12,11 +12,10 @@ import numpy as np
 from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
 
 from omnitrack_sim.autonomy.exploration import Exploration
-from omnitrack_sim.autonomy.goals import Mission
-from omnitrack_sim.autonomy.mission import Planner
+from omnitrack_sim.autonomy.legs import NOSE_ROOM
+from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.autonomy.pilots import FixedRoute, Pilot, Planned
 from omnitrack_sim.autonomy.sight import TrueSight
-from omnitrack_sim.autonomy.ways import NOSE_ROOM
 from omnitrack_sim.base.arguments import check_controller
 from omnitrack_sim.base.bounds import MOST_PARTS, MOST_PIECES, MOST_SAMPLES, MOST_STEPS, too_long
 from omnitrack_sim.base.errors import (
@@ -33,8 +32,7 @@ from omnitrack_sim.base.rotations import Array, Pose, frame_along
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes import Route, route, route_through
 from omnitrack_sim.pipes.fittings.kinds import by_kind
-from omnitrack_sim.pipes.layout import End
-from omnitrack_sim.pipes.network import Network
+from omnitrack_sim.pipes.network import End, Network
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, METRICS, Metric
 from omnitrack_sim.robots.omnitrack import Robot
@@ -130,11 +128,11 @@ class Scenario(Table):
         return all(getattr(self, key) == getattr(other, key) for key in Scenario.model_fields)
 
     @cached_property
-    def planner(self) -> Planner | None:
+    def planner(self) -> MissionPlanner | None:
         """Plans the legs of a mission with a known map; None without one."""
         if self.network is None or self.mission is None or self.mission.map == "unknown":
             return None
-        return Planner(
+        return MissionPlanner(
             self.network, self.mission, self.robot, self.start.distance, self.control.arcs
         )
 
@@ -154,9 +152,9 @@ class Scenario(Table):
         planner, exploration = self.planner, self.exploration
         if exploration is not None:
             pipes = exploration.network.pipes
-            return route_through(pipes, exploration.way, self.control.arcs)
+            return route_through(pipes, exploration.path, self.control.arcs)
         if planner is not None:
-            return planner.route(planner.first)
+            return planner.route(planner.first.path)
         pose = Pose(frame_along(self.start.axis, math.radians(self.start.turn_deg)), np.zeros(3))
         return route([p.step(i) for i, p in enumerate(self.pipes)], pose, self.control.arcs)
 
@@ -216,7 +214,7 @@ class Scenario(Table):
         """
         if self.exploration is not None:
             return self.exploration.holds(position)
-        return self.planner is not None and self.planner.find(position, axis) is not None
+        return self.planner is not None and self.planner.locate(position, axis) is not None
 
     def is_done_at(self, position: Array, axis: Array, error: float) -> bool:
         """Return whether a robot that takes itself to be at its last goal is there.
@@ -379,9 +377,9 @@ def faults_of(scenario: Scenario) -> list[Fault]:
 def _ports_passed(scenario: Scenario) -> dict[End, None]:
     """Ports that the robot passes, or with an unknown map may come into, in order."""
     line, planner = scenario.route, scenario.planner
-    ways = () if planner is None else [leg.way for leg in planner.plan()]
-    ports = {(p.index, port): None for p in line.fittings for port in (p.enter, p.leave)}
-    ports |= {(i, port): None for way in ways for i, *both in way for port in both}
+    paths = () if planner is None else [leg.path for leg in planner.plan()]
+    ports = {(p.index, port): None for p in line.passages for port in (p.enter, p.leave)}
+    ports |= {(i, port): None for path in paths for i, *both in path for port in both}
     if scenario.exploration is not None:
         parts = enumerate(line.network.parts)
         ports |= {(i, port): None for i, part in parts for port in part.fitting.port_names}
@@ -486,7 +484,7 @@ def most_seconds(scenario: Scenario) -> float:
     if exploration is not None:
         return scenario.time_limit_s + scenario.time_for(EXPLORED * exploration.network.length)
     more = [] if planner is None else planner.plan()[1:]
-    lengths = [] if planner is None else [planner.length(leg) for leg in more]
+    lengths = [] if planner is None else [planner.route(leg.path).length for leg in more]
     return scenario.time_limit_s + sum(scenario.time_for(length) for length in lengths)
 
 

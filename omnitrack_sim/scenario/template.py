@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined, to_jsonable_python
 
-from omnitrack_sim.autonomy.goals import Mission
+from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.base.table import meanings_of, symbol_of
 from omnitrack_sim.base.text import as_toml
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of

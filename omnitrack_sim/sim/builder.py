@@ -95,7 +95,7 @@ def start_of(scenarios: Sequence[Scenario], routes: RouteMap, route: NDArray[np.
     robots = [s.robot for s in scenarios]
     theta5 = np.radians(each(scenarios, "theta5_deg"))
     position, rotation = routes.start_poses(route, each(scenarios, "distance"), theta5)
-    pipe_radius = np.array([routes.routes[w].fittings[0].radius for w in route])
+    pipe_radius = np.array([routes.routes[w].passages[0].radius for w in route])
     nominal = np.array([r.nominal_pipe_radius for r in robots])
     preload = each(scenarios, "preload")
     return Start(
@@ -168,7 +168,7 @@ def _sharpest_bend(scenario: Scenario, route: Route) -> float:
     """Largest pipe radius over bend radius that a robot may meet: on its route, or in the network
     of a mission."""
     if scenario.mission is None:
-        return max((p.radius / p.bend_radius for p in route.fittings if p.is_turn), default=0.0)
+        return max((p.radius / p.bend_radius for p in route.passages if p.is_turn), default=0.0)
     fittings = [part.fitting for part in route.network.parts]
     return max((f.sharpest_bend(scenario.control.arcs) for f in fittings), default=0.0)
 

@@ -93,7 +93,7 @@ class Legs:
 
     def begun(self, robot: int) -> tuple[Leg, ...]:
         """Return the legs that a robot has begun, less those that nobody planned."""
-        return tuple(leg for leg in self._begun[robot] if leg.way)
+        return tuple(leg for leg in self._begun[robot] if leg.path)
 
     def map(self, robot: int) -> Network | None:
         """Return the map that a robot makes; None where it makes none."""

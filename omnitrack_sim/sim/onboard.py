@@ -9,11 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.autonomy.ahead import Ahead, Look
 from omnitrack_sim.autonomy.camera_sight import CameraSight
 from omnitrack_sim.autonomy.localiser import Localiser
 from omnitrack_sim.autonomy.search import Guarded, Search
-from omnitrack_sim.autonomy.sight import is_right
+from omnitrack_sim.autonomy.sight import Ahead, Look, is_right
 from omnitrack_sim.base.rotations import (
     Array,
     Pose,
@@ -337,7 +336,7 @@ class Onboard:
         """Bore, m, at the end of the route that a robot takes itself to be on."""
         routes = self._legs.routes.routes
         route = routes[self._legs.route[robot]]
-        last = route.fittings[-1]
+        last = route.passages[-1]
         return 2 * route.network.parts[last.index].fitting.port_radius(last.leave)
 
     def _shoot(

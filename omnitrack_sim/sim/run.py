@@ -152,7 +152,7 @@ def _batches(scenarios: Sequence[Scenario]) -> list[list[int]]:
 
 def _unloaded(scenario: Scenario) -> Scenario:
     """The scenario's robot in a straight pipe without gravity."""
-    first, size = scenario.route.fittings[0], scenario.robot.scale
+    first, size = scenario.route.passages[0], scenario.robot.scale
     start = max(0.15 * size, scenario.robot.length / 2)
     # Long enough for any robot, and for it not to arrive before its slip is measured.
     travel = scenario.control.cruise_speed * BASELINE_TIME

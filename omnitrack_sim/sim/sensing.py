@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.autonomy.ahead import Ahead, Look
 from omnitrack_sim.autonomy.search import Guarded
+from omnitrack_sim.autonomy.sight import Ahead, Look
 from omnitrack_sim.base.rotations import Array, heading
 from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.channels import Channel

@@ -331,11 +331,11 @@ def spreads(sweep: Sweep) -> list[Spread]:
 def turn_case(sweep: Sweep) -> TurnCase | None:
     """Return robot and tee of the first base; None if its route does not turn in a tee."""
     scenario = next(iter(sweep.bases.values()))
-    for passage in scenario.route.fittings if scenario.pipes else ():
+    for passage in scenario.route.passages if scenario.pipes else ():
         if passage.manoeuvre == "tee_turn":
             return TurnCase(
                 pipe_radius=passage.corner_radius,
-                turn_angle=passage.turn_angle,
+                turn_angle=passage.description.turn_angle,
                 reach=scenario.robot.reach,
                 contact_length=scenario.robot.contact_length,
                 bend_radius=scenario.control.tee_turn_radius,

@@ -1,19 +1,144 @@
-"""Fits forms to pictures: many at once, by Gauss and Newton's steps with a robust loss."""
+"""Pictures on a scale where every pixel has the same noise, whatever the camera."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from omnitrack_sim.autonomy.nearby import nearby
-from omnitrack_sim.autonomy.recognition.forms import Form
-from omnitrack_sim.autonomy.recognition.library import WallMaker
-from omnitrack_sim.autonomy.recognition.poses import DISTANCE, PLACES, TURN, cameras
-from omnitrack_sim.autonomy.recognition.scale import Scale
-from omnitrack_sim.autonomy.recognition.tries import SIZES, Level, Tries, Views, merged
+from omnitrack_sim.autonomy.candidates import nearby
+from omnitrack_sim.autonomy.recognition.forms import (
+    DISTANCE,
+    PLACES,
+    TURN,
+    Form,
+    Motion,
+    WallMaker,
+    cameras,
+)
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.senses.optics import JOINT, RANGE, Camera, Walls, rays_of
+
+_PLACES = 4000
+
+
+class Scale:
+    """The scale of a camera: the sum of steps of one standard deviation, from 0 to a pixel's value.
+
+    A difference of 1 is one standard deviation anywhere (a transform that stabilises variance).
+    A pixel without an answer is taken for the farthest or brightest there is.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self._camera = camera
+        self.top = max(camera.optics.far, 1.0)
+        self._values = np.linspace(0.0, self.top, _PLACES)
+        spread = camera.spread(self._values[None])[0]
+        steps = (1 / spread[1:] + 1 / spread[:-1]) / 2 * np.diff(self._values)
+        self._steps = np.concatenate([[0.0], np.cumsum(steps)])
+
+    def of(self, picture: Array) -> Array:
+        """A picture (...,) on the scale."""
+        filled = np.where(np.isnan(picture), self.top, picture)
+        return np.interp(filled, self._values, self._steps)
+
+    def slope(self, expected: Array) -> Array:
+        """Change on the scale with the pixel's value (...,); 0 without an answer."""
+        spread = self._camera.spread(np.where(np.isnan(expected), self.top, expected))
+        return np.where(np.isnan(expected), 0.0, 1 / spread)
+
+
+SIZES = 2
+"""Most sizes of a form."""
+_COLUMNS = ("numbers", "sizes", "gains", "cost", "normal")
+
+
+@dataclass(frozen=True)
+class Views:
+    """Pictures of one approach.
+
+    Attributes:
+        pictures: (v, pixels²) on the scale. motions: of the v cameras.
+    """
+
+    pictures: Array
+    motions: list[Motion]
+
+
+@dataclass(frozen=True)
+class Level:
+    """How closely is looked.
+
+    Attributes:
+        pixels: (k,) numbers of the pixels.
+        stand: (s,) for pixels spread evenly over the picture the place in ``pixels`` of one that
+            stands for each, as the exposure depends on the whole. own: (k,) place in ``stand`` of
+            each of ``pixels``.
+        rough: standard deviations at which a pixel that misses loses its weight.
+        free: which of the six numbers of a camera are sought.
+        weight: (k,) of each pixel.
+        reach: m and rad, by which a camera with a lamp is moved along and turned about the pipe to
+            see what that does to the edges in its picture.
+    """
+
+    pixels: NDArray[np.intp]
+    stand: NDArray[np.intp]
+    own: NDArray[np.intp]
+    rough: float
+    free: NDArray[np.bool_]
+    weight: Array
+    reach: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Tries:
+    """Forms that are fitted, n rows.
+
+    Attributes:
+        forms: of each row. numbers: (n, 6), see ``poses``. sizes: (n, SIZES). gains: (n, v).
+        cost: (n,) twice the negative logarithm of the likelihood, without what all share.
+        normal: (n, p, p) matrix of the normal equations, of numbers, sizes, gains.
+    """
+
+    forms: tuple[Form, ...]
+    numbers: Array
+    sizes: Array
+    gains: Array
+    cost: Array
+    normal: Array
+
+    def take(self, rows: Sequence[int]) -> Tries:
+        """Some of the rows."""
+        rows = list(rows)
+        return Tries(
+            tuple(self.forms[i] for i in rows),
+            *(getattr(self, name)[rows] for name in _COLUMNS),
+        )
+
+
+def tries(forms: Sequence[Form], numbers: Array, sizes: Array, views: int) -> Tries:
+    """Rows to begin with."""
+    n, p = len(forms), PLACES + SIZES + views
+    cost, normal = np.full(n, np.inf), np.tile(np.eye(p), (n, 1, 1))
+    return Tries(tuple(forms), numbers, sizes, np.ones((n, views)), cost, normal)
+
+
+def joined(rows: Sequence[Tries]) -> Tries:
+    """Rows of several in one."""
+    columns = [np.concatenate([getattr(row, name) for row in rows]) for name in _COLUMNS]
+    return Tries(tuple(form for row in rows for form in row.forms), *columns)
+
+
+def merged(better: NDArray[np.bool_], first: Tries, second: Tries) -> Tries:
+    """Rows of the first where it is better, of the second elsewhere."""
+    values = {}
+    for name in _COLUMNS:
+        one, other = getattr(first, name), getattr(second, name)
+        values[name] = np.where(better.reshape(-1, *[1] * (one.ndim - 1)), one, other)
+    return Tries(first.forms, **values)
+
 
 EXPECTED = np.array([0.004, 0.004, 0.03, 0.03, 10.0, 10.0])
 """Standard deviations of where a camera stands, m and rad, before it has seen anything."""

@@ -1,8 +1,4 @@
-"""The forms that what lies ahead may have: fittings as they are entered, and their sizes.
-
-Lengths of tees and wyes cannot be told from what they look like, so the ones of their tables are
-taken: a tee of another length is seen at the right place, and its port plane is not.
-"""
+"""What a recogniser gives, and what it is told of the robot's motion."""
 
 from __future__ import annotations
 
@@ -10,17 +6,112 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
-from omnitrack_sim.base.rotations import Pose
+from omnitrack_sim.base.rotations import Array, Pose, rotation_about
 from omnitrack_sim.pipes import Elbow, Fitting, Part, Reducer, Straight, Tee, attached
 from omnitrack_sim.pipes.fittings.wye import Wye
+from omnitrack_sim.senses.optics import Walls
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """What lies ahead in a straight pipe.
+
+    The robot frame has its origin at the lens, z forward and x towards module 1. Where two
+    directions are the same, as from the branch of a tee, the turn is one of them.
+
+    Attributes:
+        kind: "straight", "elbow", "tee", "wye", "reducer", "open end" or "closed end".
+        enter: port by which the fitting is entered, "" without one. An elbow and a reducer are
+            told as entered by `start`, which describes them whichever way they lie.
+        sizes: keys of the fitting's constructor in SI units.
+        distance: m, from the lens along the pipe's axis to the port plane; of "straight": how far
+            is seen to be straight.
+        turn: rad, angle about the robot's forward axis from the robot's x axis to the x axis of the
+            port that is entered: to where an elbow bends and a branch opens, and, where a branch is
+            entered, along the run (of a wye: to its `run_end`). 0 for what is round about the axis.
+        covariance: (2, 2) of distance and turn, m and rad; infinite for a straight pipe.
+        size_spread: standard deviation of each of the sizes.
+        confidence: probability of the kind and the port; below `SURE` the sighting is ambiguous.
+        aside: (2,) m, where the pipe's axis lies in the robot's frame, nearest to the lens.
+        tilt: (2,) rad, by which the pipe's axis leans from the robot's towards its x and y.
+    """
+
+    kind: str
+    enter: str
+    sizes: dict[str, float]
+    distance: float
+    turn: float
+    covariance: Array
+    size_spread: dict[str, float]
+    confidence: float
+    aside: Array
+    tilt: Array
+
+
+class Motion(NamedTuple):
+    """How the camera stood when an earlier picture was taken, in its frame at the last one.
+
+    Attributes:
+        rotation: (3, 3). position: (3,) m.
+    """
+
+    rotation: Array
+    position: Array
+
+
+SURE = 0.95
+"""Probability from which a sighting is unambiguous."""
+
+
+ASIDE, TILT, DISTANCE, TURN, PLACES = slice(0, 2), slice(2, 4), 4, 5, 6
+"""Places in a row of numbers: m and rad, as of a ``Sighting``."""
+
+
+def cameras(numbers: Array, motions: list[Motion]) -> tuple[Array, Array]:
+    """Positions (n, v, 3) m and rotations (n, v, 3, 3) of v cameras, in the frame of the port plane
+    (z on into the fitting, x as of the port), for rows of numbers (n, 6)."""
+    turn, tilt = numbers[:, TURN], numbers[:, TILT]
+    cos, sin = np.cos(turn), np.sin(turn)
+    zero, one = np.zeros_like(cos), np.ones_like(cos)
+    back = np.stack([cos, sin, zero, -sin, cos, zero, zero, zero, one], axis=-1).reshape(-1, 3, 3)
+    lean = np.hypot(tilt[:, 0], tilt[:, 1])
+    axis = np.stack([-tilt[:, 1], tilt[:, 0], zero], axis=-1)
+    leaning = rotation_about(np.where(lean[:, None] > 0, axis, [0.0, 0.0, 1.0]), lean)
+    rotation = back @ leaning.transpose(0, 2, 1)  # (n, 3, 3) camera to port
+    lens = -np.concatenate([numbers[:, ASIDE], numbers[:, DISTANCE, None]], axis=1)
+    position = np.einsum("nij,nj->ni", back, lens)
+    turned = np.stack([motion.rotation for motion in motions])
+    moved = np.stack([motion.position for motion in motions])
+    places = position[:, None] + np.einsum("nij,vj->nvi", rotation, moved)
+    return places, rotation[:, None] @ turned[None]
+
+
+def straightened(numbers: Array, directions: Array, radius: float) -> Array:
+    """Directions (k, 3), camera frame, in which a camera at ``numbers`` (6,) sees the points of a
+    straight wall that one on the pipe's axis, which looks along it, sees in ``directions``."""
+    across = np.hypot(directions[:, 0], directions[:, 1])
+    points = directions * (radius / across)[:, None]
+    points = points + np.array([*numbers[ASIDE], 0.0])
+    row = np.concatenate([numbers[:TURN], [0.0]])[None]
+    rotation = cameras(row, [STILL])[1][0, 0]
+    seen = points @ rotation  # port to camera
+    return seen / np.linalg.norm(seen, axis=-1, keepdims=True)
+
+
+STILL = Motion(np.eye(3), np.zeros(3))
+"""Of the last picture itself."""
+
 
 BEHIND, BEYOND = 0.9, 1.6
 """Length, m, of the straight before a fitting and of those beyond it."""
 Map = tuple[tuple[Part, ...], tuple[tuple[int, str], ...]]
 """Parts, and the ports of them that a plate closes."""
+WallMaker = Callable[[Sequence[Sequence[Part]], Sequence[Sequence[tuple[int, str]]]], Walls]
+"""Makes walls of maps and the ports that plates close, such as ``model.rays.RayWalls``."""
 
 
 @dataclass(frozen=True)

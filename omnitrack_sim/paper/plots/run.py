@@ -351,7 +351,7 @@ def _unrolled(axis: Axes, trajectory: Trajectory) -> None:
 
 def _fittings(axis: Axes, route: Route) -> None:
     """Name each bend or tee opening, between dotted lines where it begins and ends."""
-    for fitting in route.fittings:
+    for fitting in route.passages:
         start, end = fitting.span
         if math.isfinite(start) and math.isfinite(end):
             for s in (start, end):

@@ -27,7 +27,7 @@ def found_at(
         rows = np.flatnonzero((trajectory["leg"] == leg) & np.isfinite(trajectory["distance"]))
         front = trajectory["distance"][rows] + half
         corner = -np.inf  # where the last fitting is left, beyond which nothing is seen from before
-        for passage in route.fittings:
+        for passage in route.passages:
             seen = np.flatnonzero((front + sight >= passage.s_enter) & (front + AT_PORT >= corner))
             if len(seen):
                 first[passage.index] = min(first[passage.index], rows[seen[0]])

@@ -36,7 +36,7 @@ _MOST = 500  # how many points of the pipes are compared to find overlaps
 
 def needs_map(routes: Sequence[Route]) -> bool:
     """Whether a run goes through more than ``FEW_FITTINGS`` fittings, or over several legs."""
-    return len(routes) > 1 or len(routes[0].fittings) > FEW_FITTINGS
+    return len(routes) > 1 or len(routes[0].passages) > FEW_FITTINGS
 
 
 class Inset:

@@ -239,7 +239,7 @@ def _inset(result: Result, width: int, height: int) -> Inset | None:
 def _fitting_names(trajectory: Trajectory, routes: Sequence[Route]) -> list[str]:
     """For each sample, the name of the part that the robot's centre is in."""
     names = [
-        [route.network.parts[passage.index].name for passage in route.fittings] for route in routes
+        [route.network.parts[passage.index].name for passage in route.passages] for route in routes
     ]
     legs = trajectory["leg"].astype(int).tolist()
     return [

@@ -89,7 +89,7 @@ def strip_times(result: Result, count: int = FRAMES) -> list[float]:
     parts = [
         route.network.parts[passage.index]
         for route in result.routes()
-        for passage in route.fittings
+        for passage in route.passages
     ]
     plain = {part.name for part in parts if part.fitting.is_plain}
     visits = [visit for visit in result.timeline() if visit.name not in plain]

@@ -120,7 +120,7 @@ def _geometry(
         on = np.flatnonzero(trajectory["leg"][rows] == index)
         distance = trajectory["distance"][rows[on]]
         tangent[on] = route.centreline.at(distance)[1]
-        for passage in route.fittings:
+        for passage in route.passages:
             if passage.asks_orientation:
                 here = (distance > passage.s_enter - _NEAR) & (distance < passage.s_leave + _NEAR)
                 plane[on[here]] = _normal(route, passage)

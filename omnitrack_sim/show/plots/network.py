@@ -143,7 +143,7 @@ class _Drawing:
         pipes, ends = self.network.pipes.parts, self.network.open_ends
         text = f"{len(pipes)} parts, {self.network.length:.2f} m, {len(ends)} open ends"
         if self.route is not None:
-            length, passed = self.route.centreline.length, len(self.route.fittings)
+            length, passed = self.route.centreline.length, len(self.route.passages)
             text += f"; route of {length:.2f} m through {passed} parts"
         return text
 
@@ -295,7 +295,7 @@ def _open_ends(network: Network, route: Route | None) -> list[_End]:
     named = {port: name for name, port in network.ports.items()}
     ends = {}
     if route is not None:
-        first, last = route.fittings[0], route.fittings[-1]
+        first, last = route.passages[0], route.passages[-1]
         ends = {(first.index, first.enter): "from", (last.index, last.leave): "to"}
     found = []
     for port in network.open_ends:

@@ -167,7 +167,7 @@ def _bands(
     time = trajectory.time
     shown: dict[str, str] = {}
     for first, last in spans(leg, place):
-        passage = routes[leg[first]].fittings[place[first]]
+        passage = routes[leg[first]].passages[place[first]]
         what = passage.words
         shade = shown[what] = SHADES.get(what, SHADES["straight"])
         start, end = float(time[first]), float(time[last])

@@ -104,7 +104,7 @@ def fittings_table(trajectory: Trajectory, routes: Sequence[Route]) -> list[dict
     table = []
     for first, last in spans(leg, place, trajectory["gear"]):
         route = routes[int(leg[first])]
-        passage = route.fittings[int(place[first])]
+        passage = route.passages[int(place[first])]
         table.append(
             {
                 "name": route.network.parts[passage.index].name,

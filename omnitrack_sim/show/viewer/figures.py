@@ -76,7 +76,7 @@ def place_lines(moment: Moment) -> Lines:
     """Where the robot is."""
     location, route = moment.location, moment.routes.routes[int(moment.location.route[0])]
     distance = float(location.distance[0])
-    here: Passage = next((p for p in route.fittings if distance < p.s_leave), route.fittings[-1])
+    here: Passage = next((p for p in route.passages if distance < p.s_leave), route.passages[-1])
     name = route.network.parts[here.index].name
     return [
         ("in", name),

@@ -150,4 +150,4 @@ def _beside(trajectory: Trajectory, route: Route, stretch: Stretch, view: View) 
         i, j = j, i
     shift = np.zeros_like(tangent)
     shift[:, i], shift[:, j] = tangent[:, j], -tangent[:, i]
-    return BESIDE * route.fittings[0].radius * shift
+    return BESIDE * route.passages[0].radius * shift

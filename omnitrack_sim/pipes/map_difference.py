@@ -17,8 +17,7 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array, Pose, angle_between, length, unit
 from omnitrack_sim.pipes import ARCS, Fitting
-from omnitrack_sim.pipes.layout import End, both_ways
-from omnitrack_sim.pipes.network import Network
+from omnitrack_sim.pipes.network import End, Network, both_ways
 
 LENGTHS = 0.03
 """Difference of two lengths or bores that are the same, as a part of the true one."""
