@@ -16,7 +16,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.writing import whole_folder
 from omnitrack_sim.record.metrics import ESTIMATES
 from omnitrack_sim.record.trajectory import RECORDED
-from omnitrack_sim.results.pictures import PICTURES_FILE, Album, Coding
+from omnitrack_sim.results.pictures import PICTURES_FILE, Album, Coding, coding_of
 from omnitrack_sim.show.film.inset import Inset
 from omnitrack_sim.show.film.render import render_frames
 from omnitrack_sim.show.film.seen import ROOM, levels, palette
@@ -57,10 +57,12 @@ def test_a_whole_picture_has_the_pixels_that_the_robot_compares(camera):
     """To the bit, and others beside them."""
     whole, part = (ot.Simulation([filmed(camera, record__pictures=p)]) for p in (True, False))
     pixels = whole.senses.localiser.pixels
-    assert whole.senses.whole[0].shape == (1, 48 * 48)
-    found = whole.senses.whole[0][:, pixels]
-    assert found.tobytes() == part.senses.picture.tobytes()
-    assert part.senses.whole is None
+    assert whole.senses.picture.tobytes() == part.senses.picture.tobytes()
+    ((kept,), coding) = whole.senses.pictures(), coding_of(whole.senses.camera)
+    assert kept[0].shape == (48, 48)
+    compared = part.senses.picture[0]
+    assert np.array_equal(coding.coded(kept[0].ravel()[pixels]), coding.coded(compared))
+    assert part.senses.pictures() == [None]
 
 
 def test_pictures_are_of_the_pipe_ahead_and_behind(run):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -193,3 +194,47 @@ def test_shares_of_time_add_up_over_several_calls() -> None:
     both = shares.physics + shares.control + shares.recording
     assert both == next(ticks) - 2.0  # the moments between the two calls, and before the first
     assert 0.0 < whole < both
+
+
+class HalfWay(ot.Pilot):
+    """Drives half of what the scenario's own pilot would."""
+
+    def __init__(self, scenario: ot.Scenario, robot: int) -> None:
+        self._own = scenario.pilot(robot)
+        leg = self._own.leg
+        self.leg = dataclasses.replace(leg, end=(leg.begin + leg.end) / 2)
+
+    def route(self):
+        return self._own.route()
+
+
+class Blurred(ot.Truth):
+    """Takes itself to be 5 mm farther on than it is."""
+
+    def locate(self, truth) -> None:
+        self.location = dataclasses.replace(truth, distance=truth.distance + 0.005)
+
+
+def test_own_pilots_and_senses_drive_a_run() -> None:
+    """The pilot's leg is driven to its end; a robot that takes itself to be farther on arrives
+    earlier."""
+    base = ot.override(ot.load_scenario("straight"), {"run.goal_distance": 0.4})
+    half, early = (
+        ot.run(base, no_load=False, **more) for more in ({"pilot": HalfWay}, {"senses": Blurred})
+    )
+    begin = base.start.distance
+    assert half.outcome is ot.Outcome.REACHED_GOAL
+    assert half.trajectory["distance"][-1] == pytest.approx((begin + 0.4) / 2, abs=0.002)
+    assert early.outcome is ot.Outcome.REACHED_GOAL
+    assert early.trajectory["distance"][-1] == pytest.approx(0.395, abs=0.002)
+
+
+def test_the_engine_s_own_objects_are_within_reach() -> None:
+    """Model and data of a simulation are MuJoCo's, and those of the scenario's own model."""
+    scenario = ot.load_scenario("straight")
+    simulation = ot.Simulation([scenario] * 2)
+    simulation.step()
+    assert simulation.model.ngeom == scenario.to_spec().compile().ngeom
+    data = simulation.data(1)
+    assert data.qpos.tobytes() == simulation.plant.qpos[1].tobytes()
+    assert data.time == simulation.time[1]

@@ -38,6 +38,10 @@ class Decision(NamedTuple):
         goes_on: ``leg`` is the leg at hand, made longer, and not another one.
         events: what there is to tell.
         shift: m, how much farther along its leg the robot is than it took itself to be.
+
+    Example:
+        >>> ot.Decision(None).goes_on
+        False
     """
 
     leg: Leg | None
@@ -55,6 +59,11 @@ class Pilot(Protocol):
 
     Attributes:
         leg: the leg at hand.
+
+    Example:
+        >>> pilot = ot.load_scenario("straight").pilot(0)
+        >>> pilot.on_arrival(9.0, pilot.leg.end, "")  # there is no further leg
+        Decision(leg=None, goes_on=False, events=(), shift=0.0)
     """
 
     leg: Leg
