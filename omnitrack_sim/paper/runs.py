@@ -38,8 +38,10 @@ SINGLE = (
     "no_motion_line",
 )
 """Scenarios below ``paper/`` that are run as they are, once each."""
-FEW_LUGS = {"physics.collider": "primitives", "robot.lugs_per_track": 5}
-"""Lugs count only where tracks are rows of them."""
+FEW_LUGS = {"robot.lugs_per_track": 5}
+PRIMITIVES = {"physics.collider": "primitives"}
+"""Walls of all claims: the ones that their figures were measured with, and the only ones in which
+tracks are rows of lugs."""
 _UNAIDED: dict[str, Any] = {"control.align": False, "control.retry": False}
 ELBOW_DRIVES: dict[str, dict[str, Any]] = {
     "jacobian": {"control.kind": "jacobian"},
@@ -54,7 +56,8 @@ def scenarios(quick: bool) -> dict[str, list[Scenario]]:
     """All runs by name. ``quick`` takes fewer orientations and trials; the physics is the same."""
     lists = {name: [load_scenario(f"paper/{name}")] for name in SINGLE}
     lists["vertical_climb"] = [load_scenario("vertical_climb")]
-    return lists | _elbows_and_tees(quick) | _straight_pipes(quick) | _motors()
+    lists |= _elbows_and_tees(quick) | _straight_pipes(quick) | _motors()
+    return {name: [override(each, PRIMITIVES) for each in group] for name, group in lists.items()}
 
 
 def _elbows_and_tees(quick: bool) -> dict[str, list[Scenario]]:

@@ -197,7 +197,7 @@ def few_lugs(runs: Runs) -> Claim:
         uncertainty="Wilson interval",
         verdict=ClaimVerdict.STUDY,
         expected=ClaimVerdict.STUDY,
-        how="tee_turn, walls of primitives, robot.lugs_per_track = 5; seed 7",
+        how="tee_turn, robot.lugs_per_track = 5; seed 7",
         note="Few lugs hook on the rim of the tee, which helps on a slippery wall; a fine chain "
         "glides.",
         figures=("success_rates",),
