@@ -191,10 +191,11 @@ class Simulation:
                 checked here.
 
         Raises:
-            RuntimeError: the simulation records: a record is of one run.
+            RuntimeError: the simulation records, or its robots explore.
         """
-        if self._recording:
-            raise RuntimeError("reset is for simulations that are not recorded")
+        # A robot that makes a map of its own would drive almost, but not quite, as it does alone.
+        if self._recording or any(pilot.belief for pilot in self.legs.pilots):
+            raise RuntimeError("reset is for robots that do not explore, and are not recorded")
         rows = np.asarray(rows, np.intp)
         pilots = []
         for row, scenario in zip(rows.tolist(), scenarios, strict=True):
