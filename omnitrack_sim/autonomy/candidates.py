@@ -1,4 +1,4 @@
-"""What cameras close to others see, without tracing their rays: the wall is flat about each hit."""
+"""Compare poses of robots with their pictures, arms and gravity, on the maps that they know."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def nearby(
     turned: Array,
     lamp: Array | None,
 ) -> Array:
-    """Hits (n, k, 8) of n cameras, from those (n, k, 8) of cameras close to them. Edges and shadows
-    stay at their pixels.
+    """Return the hits (n, k, 8) of n cameras from those of cameras close to them, without tracing
+    rays: the wall is taken to be flat about each hit. Edges and shadows stay at their pixels.
 
     Args:
         hits: of rays (k, 3). place: (n, 3) m and frame: (n, 3, 3) of their cameras.

@@ -59,8 +59,8 @@ WITHIN, FARTHEST = 3.0, 0.2
 """How far it looks, in standard deviations and at most in m."""
 PLACES, FEW_PLACES, FEW_TURNS = 13, 3, 9
 """At how many places, at how many for all turns, and at how many turns."""
-TOLD = 0.85
-"""Part to which the variance has to fall by that."""
+MIN_VARIANCE_DROP = 0.85
+"""A picture counts as informative if the variance falls below this fraction."""
 LOOSE_PLACE, LOOSE_TURN = 0.015, 0.03
 """Standard deviations, m and rad, that are added where a bend of the map is measured anew."""
 
@@ -359,7 +359,7 @@ class Localiser:
             _, known = moments(values, chances(prior))
             variance = variance + (values[:, 1] - values[:, 0]) ** 2 / 4
             # Where all poses look alike, what seems to be gained is chance.
-            more = variance < TOLD * known
+            more = variance < MIN_VARIANCE_DROP * known
             gained = np.where(more, 1 / variance - 1 / known, 0.0)
             along = direction[robots]
             information[robots, at, at] += gained[:, None, None] * outer(along, along)

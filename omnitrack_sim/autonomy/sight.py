@@ -1,5 +1,5 @@
-"""What a robot sees of the pipe ahead of it, whoever tells: a recogniser of pictures, or the true
-network."""
+"""Sight of the pipe ahead of a robot: what a look reports, error-free sight of the true network,
+and when a robot that explores looks again."""
 
 from __future__ import annotations
 

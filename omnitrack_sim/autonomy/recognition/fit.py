@@ -240,7 +240,7 @@ class Fit:
         return normal, (weighted * residual[..., None]).sum(axis=1) - weights * off
 
     def _seen(self, at: Tries, views: Views, level: Level, side: float) -> tuple[Array, Array]:
-        """What pictures are off (n, v k) and the slopes of what is expected (n, v k, p)."""
+        """Residuals (n, v k) and Jacobian (n, v k, p) of the pictures."""
         n, v, k = len(at.forms), len(views.motions), len(level.pixels)
         rays = self._rays[level.pixels]
         expected = np.empty((n, v, k))

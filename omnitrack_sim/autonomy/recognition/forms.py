@@ -91,8 +91,8 @@ def cameras(numbers: Array, motions: list[Motion]) -> tuple[Array, Array]:
 
 
 def straightened(numbers: Array, directions: Array, radius: float) -> Array:
-    """Directions (k, 3), camera frame, in which a camera at ``numbers`` (6,) sees the points of a
-    straight wall that one on the pipe's axis, which looks along it, sees in ``directions``."""
+    """Map ray ``directions`` (k, 3) of a camera on the pipe's axis to those of one displaced by
+    ``numbers`` (6,), for the same points of a straight wall; camera frames."""
     across = np.hypot(directions[:, 0], directions[:, 1])
     points = directions * (radius / across)[:, None]
     points = points + np.array([*numbers[ASIDE], 0.0])

@@ -1,4 +1,5 @@
-"""Coarse pictures of all that may lie ahead, computed once, that a first look is compared with."""
+"""Recognise what lies ahead by comparing pictures with what every form would look like: first with
+a library of coarse pictures, computed once, then by fitting the best forms."""
 
 from __future__ import annotations
 
