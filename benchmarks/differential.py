@@ -36,8 +36,9 @@ from matplotlib.figure import Figure
 
 import omnitrack_sim as ot
 from omnitrack_sim.paper.plots.groups import SERIES_COLOURS
+from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.show.plots.style import MODULE_COLOURS, save_figure, styled
+from omnitrack_sim.show.plots.style import save_figure, styled
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scenarios" / "scripts"))
 

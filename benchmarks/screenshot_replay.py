@@ -29,7 +29,8 @@ def main() -> None:
     asked = parser.parse_args()
     result = ot.run(ot.load_scenario("missions/fig14"))
     with tempfile.TemporaryDirectory() as folder:
-        page = ot.write_replay(result, Path(folder) / "replay.html")
+        page = Path(folder) / "replay.html"
+        ot.render_replay(result, path=page)
         photograph(f"{page.as_uri()}#t={asked.time}&camera={asked.camera}", asked.out)
     print(f"saved {asked.out}")
 

@@ -25,8 +25,9 @@ from steering_loop import SteeringLoop
 from tee_turns import random_tee_turns
 
 from omnitrack_sim import Scenario, load_scenario, override, run_batch
+from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.show.plots.style import ALARM, GREY, MODULE_COLOURS, save_figure, styled
+from omnitrack_sim.show.plots.style import ALARM, GREY, save_figure, styled
 
 BANDWIDTHS = (1.7, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0)
 RATE_GAINS = (2.0, 5.0, 8.0)

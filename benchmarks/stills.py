@@ -28,7 +28,7 @@ def main() -> None:
     turn = ot.run(ot.load_scenario("tee_turn"))
     still(turn, 3.1, "side", (1280, 720), folder / "tee.png")
     still(turn, 3.6, "side", FILM, figures / "film_side.png")
-    ot.render_strip(turn, figures / "film_strip.png", width=480, height=360)
+    ot.render_strip(turn, path=figures / "film_strip.png", width=480, height=360)
     journey = ot.run(ot.load_scenario("missions/fig14"))
     still(journey, 13.0, "follow", FILM, figures / "film_follow.png")
     still(journey, 2.0, "onboard", FILM, figures / "film_onboard.png")
@@ -38,12 +38,14 @@ def main() -> None:
     still(exploring, 30.0, "follow", FILM, figures / "explore_onboard.png")
     mission = ot.run(ot.load_scenario("missions/dead_end"))
     still(mission, 16.0, "follow", (800, 450), figures / "mission_frame.png")
-    ot.plot_mission(mission, figures / "mission_map.png")
+    ot.plot_mission(mission, path=figures / "mission_map.png")
 
 
 def still(result: ot.Result, time: float, camera: str, size: tuple[int, int], path: Path) -> None:
     """Save the frame of a film at a time, s."""
-    Image.fromarray(ot.render_frame(result, time, camera, *size)).save(path, optimize=True)
+    Image.fromarray(
+        ot.render_frame(result, time=time, camera=camera, width=size[0], height=size[1])
+    ).save(path, optimize=True)
     print(f"saved {path}")
 
 

@@ -52,10 +52,10 @@ def main() -> None:
 
 def _drive(scenario: ot.Scenario, window: Window) -> None:
     from omnitrack_sim.show.viewer.keys import Do
-    from omnitrack_sim.show.viewer.show import Driver
+    from omnitrack_sim.show.viewer.player import Driver
 
     driver = Driver(scenario, window)
-    stage = driver.stage
+    stage = driver.run
 
     def show(seconds: float) -> None:
         end = time.monotonic() + seconds

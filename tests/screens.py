@@ -49,12 +49,12 @@ def focus():
 
 def user(kind):
     """Let ``act`` sit before the window of a class of the viewer, in a thread of its own."""
-    from omnitrack_sim.show.viewer import show
-    class Watched(getattr(show, kind)):
+    from omnitrack_sim.show.viewer import player
+    class Watched(getattr(player, kind)):
         def play(self):
             threading.Thread(target=lambda: (focus(), act(self)), daemon=True).start()
             super().play()
-    setattr(show, kind, Watched)
+    setattr(player, kind, Watched)
 '''
 """What the script of a user in front of a window has at hand; see ``at_window``."""
 
@@ -85,7 +85,7 @@ def at_window(
 
     Args:
         display: of the screen.
-        kind: the class of ``viewer.show`` that the command opens.
+        kind: the class of ``viewer.player`` that the command opens.
         script: body of ``act(it)``, with ``it`` of that class; it may use ``wait`` and ``press``.
         arguments: of ``omnitrack``.
         folder: where it runs.

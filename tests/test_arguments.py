@@ -22,9 +22,9 @@ NETWORK = ot.load_network("fig14")
 @pytest.mark.parametrize(
     ("call", "place"),
     [
-        (lambda: ot.render_frame(RESULT, float("nan")), "time"),
-        (lambda: render_frames(RESULT, [0.0, float("nan")]), r"times\[1\]"),
-        (lambda: ot.render_strip(RESULT, "a.png", times=[np.nan]), r"times\[0\]"),
+        (lambda: ot.render_frame(RESULT, time=float("nan")), "time"),
+        (lambda: render_frames(RESULT, times=[0.0, float("nan")]), r"times\[1\]"),
+        (lambda: ot.render_strip(RESULT, path="a.png", times=[np.nan]), r"times\[0\]"),
     ],
 )
 def test_a_time_that_is_none_is_refused(call, place):
@@ -56,16 +56,25 @@ class NoController:
         (lambda: ANY.run(STRAIGHT, sensors=ot.MOTORS), "sensors: is"),
         (lambda: ANY.run(STRAIGHT, metrics=[len]), r"metrics\[0\]: is <built-in"),
         (lambda: ANY.Simulation([STRAIGHT]).step([0.1] * 3), "command: is .* an ot.Command"),
-        (lambda: ANY.plot_channel(RESULT, "tilt", ax=3), "ax: is 3, of type int.*must be axes"),
-        (lambda: ANY.plot_channel(RESULT, "tilt", ax=AXES), "ax: is an array of axes; give one"),
+        (
+            lambda: ANY.plot_channel(RESULT, channel="tilt", ax=3),
+            "ax: is 3, of type int.*must be axes",
+        ),
+        (
+            lambda: ANY.plot_channel(RESULT, channel="tilt", ax=AXES),
+            "ax: is an array of axes; give one",
+        ),
         (lambda: ANY.plot_network(NETWORK, ax=AXES), "ax: is an array of axes; give one of them"),
-        (lambda: ANY.render_frame(RESULT, "x"), "time: is 'x', of type str; .* a number, s"),
-        (lambda: render_frames(RESULT, [0, None]), r"times\[1\]: is None; it must be a number"),
-        (lambda: render_frames(RESULT, 3), "times: is 3, of type int; .* a list of numbers"),
-        (lambda: ANY.render_strip(RESULT, "a.png", times=["x"]), r"times\[0\]: is 'x'"),
-        (lambda: ANY.plot_summary(3, "a.png"), "result: is 3, of type int.*ot.load_result"),
-        (lambda: ANY.plot_mission(None, "a.png"), "result: is None"),
-        (lambda: ANY.render_frame(STRAIGHT, 0.0), "result: is Scenario"),
+        (lambda: ANY.render_frame(RESULT, time="x"), "time: is 'x', of type str; .* a number, s"),
+        (
+            lambda: render_frames(RESULT, times=[0, None]),
+            r"times\[1\]: is None; it must be a number",
+        ),
+        (lambda: render_frames(RESULT, times=3), "times: is 3, of type int; .* a list of numbers"),
+        (lambda: ANY.render_strip(RESULT, path="a.png", times=["x"]), r"times\[0\]: is 'x'"),
+        (lambda: ANY.plot_summary(3, path="a.png"), "result: is 3, of type int.*ot.load_result"),
+        (lambda: ANY.plot_mission(None, path="a.png"), "result: is None"),
+        (lambda: ANY.render_frame(STRAIGHT, time=0.0), "result: is Scenario"),
         (lambda: ANY.run_sweep("tee_lugs"), r"sweep: is .* ot.load_sweep\('tee_lugs'\) makes"),
         (lambda: ANY.run_study("robot_design"), "study: is .*load_study"),
         (lambda: ANY.shortest_route("fig14", "inlet", "low"), "network: is .*load_network"),

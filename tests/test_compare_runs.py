@@ -16,7 +16,7 @@ from omnitrack_sim.cli import app
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.results.comparison import figure_row
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.show.plots.compare import EACH, WHOLE
+from omnitrack_sim.show.plots.run_figures import OF_MODULES, OF_ROBOT
 
 PIPES = [{"kind": "straight", "length": 1.0}, {"kind": "elbow"}]
 BASE = validate({"name": "base", "pipes": PIPES})
@@ -97,7 +97,7 @@ def test_the_figure_has_both_runs_in_every_panel():
         {"world.friction": 0.5}, trajectory=sample_trajectory(end=6.0), outcome=Outcome.STUCK
     )
     figure = ot.plot_compare(a, b)
-    assert len(figure.axes) == len(WHOLE) + 3 * len(EACH)
+    assert len(figure.axes) == len(OF_ROBOT) + 3 * len(OF_MODULES)
     for axis in figure.axes:
         first, second = axis.lines
         assert (len(first.get_xdata()), second.get_xdata()[-1]) == (201, 6.0)
@@ -180,7 +180,7 @@ def test_the_command_writes_a_figure_or_a_folder(folders, tmp_path, out, files):
     assert done.exit_code == 0, done.exception
     assert sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*")) == files
     figure = tmp_path / files[-1]
-    ot.plot_compare(*folders, tmp_path / f"own{figure.suffix}")
+    ot.plot_compare(*folders, path=tmp_path / f"own{figure.suffix}")
     assert figure.read_bytes() == (tmp_path / f"own{figure.suffix}").read_bytes()
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.show.film.limits import CAMERAS
+from omnitrack_sim.show.film.render import CAMERAS
 
 OMNITRACK = Path(sys.executable).with_name("omnitrack")
 

@@ -144,7 +144,7 @@ def test_a_run_with_shafts_comes_back_and_is_drawn(name, tmp_path):
     qpos = result.trajectory.qpos
     assert qpos.shape[1] == JOINT_POSITIONS + drive_of(name).motors
     assert np.array_equal(loaded.trajectory.qpos, qpos)
-    assert render_frame(folder, 0.1, width=160, height=90).std() > 0
+    assert render_frame(folder, time=0.1, width=160, height=90).std() > 0
     time = result.trajectory.time
     many, few = np.zeros((len(time), 1000)), qpos[:, :-1]
     for wrong, told in ((many, "not of the same run"), (few, "shape")):

@@ -11,15 +11,15 @@ import pytest
 from documents import page
 
 from omnitrack_sim.robots.omnitrack.control.driven import Order
-from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Do, asked, help_lines
-from omnitrack_sim.show.viewer.teleoperation import Pose, Teleoperation
+from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Do, action_of, help_lines
+from omnitrack_sim.show.viewer.teleoperation import KeyContext, Teleoperation
 
 UP, TOWARDS = np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
 """A nose that points up the picture, and the viewer in front of it: x is to the right."""
 
 
-def pose(time: float = 1.0, nose: np.ndarray = UP, roll_deg: float = 0.0) -> Pose:
-    return Pose(time=time, nose=nose, roll_deg=roll_deg, towards=TOWARDS)
+def pose(time: float = 1.0, nose: np.ndarray = UP, roll_deg: float = 0.0) -> KeyContext:
+    return KeyContext(time=time, nose=nose, roll_deg=roll_deg, towards=TOWARDS)
 
 
 def wheel() -> Teleoperation:
@@ -36,8 +36,8 @@ def test_no_key_is_one_of_mujocos(keys):
     codes = [code for key in keys for code in key.codes]
     assert len(set(codes)) == len(codes)
     assert not taken & set(codes)
-    assert all(asked(keys, code) is not None for code in codes)
-    assert asked(keys, ord("A")) is None
+    assert all(action_of(keys, code) is not None for code in codes)
+    assert action_of(keys, ord("A")) is None
 
 
 def test_every_key_is_told():
@@ -109,7 +109,7 @@ def test_heading_stays_ahead_of_the_robot():
 
 def test_line_of_sight_along_the_nose_steers_nowhere():
     """Seen from behind, there is no away and no towards, and nothing is asked."""
-    along = Pose(time=1.0, nose=UP, roll_deg=0.0, towards=-UP)
+    along = KeyContext(time=1.0, nose=UP, roll_deg=0.0, towards=-UP)
     assert wheel().press(Do.AWAY, along) is None
 
 

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from omnitrack_sim.show.film.encoding import FORMATS, film
+from omnitrack_sim.show.film.render import FILM_FORMATS, film
 
 
 def moving_frames(count: int = 20) -> list[np.ndarray]:
@@ -27,7 +27,7 @@ def encode(path: str) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the C library of Linux fills memory so")
-@pytest.mark.parametrize("ending", FORMATS)
+@pytest.mark.parametrize("ending", FILM_FORMATS)
 def test_memory_and_processors_make_no_difference(tmp_path, ending):
     """Whatever lies in the memory that the encoder is given, and however many processors there
     are."""

@@ -296,7 +296,7 @@ def test_a_fall_is_saved_read_back_and_drawn(fallen: ot.Result, tmp_path: Path) 
     again = ot.load_result(fallen.save(tmp_path / "run"))
     assert (again.events, again.legs) == (fallen.events, fallen.legs)
     assert again.timeline() == fallen.timeline()
-    ot.plot_mission(again, tmp_path / "map.png")
+    ot.plot_mission(again, path=tmp_path / "map.png")
     assert (tmp_path / "map.png").stat().st_size > 0
 
 

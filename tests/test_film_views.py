@@ -11,11 +11,10 @@ from samples import two_legs, two_legs_result
 
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.show.film.found import found_at
-from omnitrack_sim.show.film.inset import Inset, needs_map, projection
-from omnitrack_sim.show.film.overlay import Overlay
+from omnitrack_sim.show.film.overlay import MapPanel, StatusPanel, known_from
 from omnitrack_sim.show.film.render import render_frame, render_frames
-from omnitrack_sim.show.film.viewpoint import in_the_way, view_directions
+from omnitrack_sim.show.film.shots import in_the_way, view_directions
+from omnitrack_sim.show.projection import clearest, needs_map
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +27,10 @@ def result():
 def test_every_camera_sees_something_that_changes(result, camera):
     """Each camera gives a picture of the size asked for, not of one colour, and another one later
     in the run."""
-    early, late = (render_frame(result, t, camera, *SIZE) for t in (0.0, 1.0))
+    early, late = (
+        render_frame(result, time=t, camera=camera, width=SIZE[0], height=SIZE[1])
+        for t in (0.0, 1.0)
+    )
     assert early.shape == (180, 320, 3)
     assert early.dtype == np.uint8
     assert early[:100].std() > 4
@@ -38,7 +40,9 @@ def test_every_camera_sees_something_that_changes(result, camera):
 def test_modules_show_in_three_colours(result):
     """At least two of orange, blue and green are in the picture that follows the robot; the third
     may be behind it."""
-    frame = render_frame(result, 0.0, "follow", 640, 360).astype(int)[:, 180:]
+    frame = render_frame(result, time=0.0, camera="follow", width=640, height=360).astype(int)[
+        :, 180:
+    ]
     red, green, blue = frame[..., 0], frame[..., 1], frame[..., 2]
     orange = (red > 120) & (red > green + 40) & (green > blue + 30)
     teal = (green > red + 50) & (green > blue + 15)
@@ -49,7 +53,7 @@ def test_modules_show_in_three_colours(result):
 def test_no_specks_in_the_wall_of_a_pipe(result):
     """Above the robot no pixel is much darker than all those two pixels away from it, where these
     are of a wall in the light: a wall must not throw dots of shadow on itself."""
-    frame = render_frame(result, 0.0, "side", 640, 360)[:240, 100:]
+    frame = render_frame(result, time=0.0, camera="side", width=640, height=360)[:240, 100:]
     grey = frame.astype(int).sum(axis=2) / 3
     shifts = [(i, j) for i in (-2, 0, 2) for j in (-2, 0, 2) if i or j]
     around = np.min([np.roll(grey, shift, axis=(0, 1)) for shift in shifts], axis=0)
@@ -59,7 +63,9 @@ def test_no_specks_in_the_wall_of_a_pipe(result):
 
 def test_a_pipe_stands_out_from_what_is_behind_it(result):
     """The wall in the light is 2.5 times as bright as the ground, and the cut edge brighter."""
-    (frame,) = render_frames(result, [0.0], "side", 640, 360, overlay=False)
+    (frame,) = render_frames(
+        result, times=[0.0], camera="side", width=640, height=360, overlay=False
+    )
     grey = frame.astype(int).sum(axis=2) / 3
     ground, wall, edge = np.percentile(grey, [5, 90, 99.9])
     assert wall > 2.5 * ground
@@ -73,7 +79,9 @@ def test_the_side_camera_shows_the_pipes_on_the_way(result):
     for length in (0.4, 4.0):
         longer["pipes"][-1]["length"] = length
         run = replace(result, scenario=Scenario.model_validate(longer))
-        (frame,) = render_frames(run, [0.5], "side", *SIZE, overlay=False)
+        (frame,) = render_frames(
+            run, times=[0.5], camera="side", width=SIZE[0], height=SIZE[1], overlay=False
+        )
         frames.append(frame.astype(int))
     orange = [(f[..., 0] > f[..., 2] + 60).sum() for f in frames]
     assert orange[1] > 0.8 * orange[0] > 0
@@ -81,7 +89,11 @@ def test_the_side_camera_shows_the_pipes_on_the_way(result):
 
 def test_onboard_nearer_walls_are_brighter(result):
     """The lamp's light falls off: the wall beside the robot is brighter than farther on."""
-    frame = render_frame(result, 0.0, "onboard", *SIZE).astype(float).mean(axis=2)
+    frame = (
+        render_frame(result, time=0.0, camera="onboard", width=SIZE[0], height=SIZE[1])
+        .astype(float)
+        .mean(axis=2)
+    )
     assert frame[20:40, 60:260].mean() > 1.5 * frame[75:105, 145:175].mean()
     assert frame[20:40, 60:260].std() > 3  # its texture
 
@@ -119,7 +131,10 @@ def test_films_of_long_routes_have_a_map():
     assert needs_map(result.routes())
     for camera, has_map in (("side", False), ("follow", True), ("onboard", True)):
         mapped, bare = (
-            render_frame(result, 3.0, camera, *SIZE, inset=wanted) for wanted in (True, False)
+            render_frame(
+                result, time=3.0, camera=camera, width=SIZE[0], height=SIZE[1], inset=wanted
+            )
+            for wanted in (True, False)
         )
         assert (mapped[10:60, 250:300] != bare[10:60, 250:300]).any() == has_map, camera
         assert (mapped[:, :200] == bare[:, :200]).all()
@@ -130,11 +145,11 @@ def test_map_of_a_robot_that_explores_grows_with_what_it_sees():
     that; what is not on it yet is not drawn."""
     result = two_legs_result()
     routes = result.routes()
-    found = found_at(result.trajectory, routes, 0.07, 0.35)
+    found = known_from(result.trajectory, routes, 0.07, 0.35)
     assert found[routes[0].passages[0].index] == 0
     order = [int(found[passage.index]) for passage in routes[0].passages]
     assert order == sorted(order)
-    far = found_at(result.trajectory, routes, 0.07, 10.0)
+    far = known_from(result.trajectory, routes, 0.07, 10.0)
     assert (far <= found).all()
     bent = next(
         p for p in routes[0].passages if not routes[0].network.parts[p.index].fitting.is_plain
@@ -147,7 +162,7 @@ def test_map_of_a_robot_that_explores_grows_with_what_it_sees():
     drawn = []
     for rows in (found, None):
         frame = grey.copy()
-        Inset(result.trajectory, routes, *goals, 1280, 720, rows).write(frame, 0)
+        MapPanel(result.trajectory, routes, *goals, 1280, 720, rows).write(frame, 0)
         drawn.append(int((np.abs(frame.astype(int) - [120, 131, 144]).sum(axis=-1) < 20).sum()))
     assert 0 < drawn[0] < 0.7 * drawn[1]
 
@@ -156,7 +171,7 @@ def test_map_shows_the_way_driven_so_far():
     """The way grows, its colour tells tail first from nose first, and the rest of the frame stays
     as it is."""
     result = two_legs_result()
-    inset = Inset(
+    inset = MapPanel(
         result.trajectory, result.routes(), result.goal_points(), result.plate_rims(), 1280, 720
     )
     grey = np.full((720, 1280, 3), 90, np.uint8)
@@ -182,9 +197,9 @@ def test_map_of_a_plane_network_is_an_elevation():
     """Pipes in the plane y = 0 are seen along y; of pipes in space every one is longer than a
     dot."""
     flat = Scenario.model_validate({"name": "flat", "pipes": PIPES}).route.network
-    assert np.allclose(np.abs(projection(flat)), [[1, 0, 0], [0, 0, 1], [0, 1, 0]], atol=1e-12)
+    assert np.allclose(np.abs(clearest(flat).axes), [[1, 0, 0], [0, 0, 1], [0, 1, 0]], atol=1e-12)
     network = two_legs()[0].network
-    view = projection(network)
+    view = clearest(network).axes
     for part in network.parts:
         start, end = (part.port(port).position for port in part.fitting.port_names[:2])
         assert np.linalg.norm((end - start) @ view[:, :2]) > 0.4 * np.linalg.norm(end - start)
@@ -192,7 +207,7 @@ def test_map_of_a_plane_network_is_an_elevation():
 
 def test_overlay_names_fitting_and_gear():
     """Two fittings, and two gears, give different text; a long name is cut to the panel."""
-    overlay, grey = Overlay(1280, 720), np.full((720, 1280, 3), 90, np.uint8)
+    overlay, grey = StatusPanel(1280, 720), np.full((720, 1280, 3), 90, np.uint8)
     trajectory = two_legs_result().trajectory
     last = len(trajectory.time) - 1
 

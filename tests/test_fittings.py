@@ -24,7 +24,7 @@ from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.scenario.tables import unit_of
-from omnitrack_sim.show.plots.network import faces
+from omnitrack_sim.show.projection import bore_faces
 from omnitrack_sim.walls.geoms import add_walls
 from omnitrack_sim.walls.meshes import THICKNESS, fitting_mesh
 
@@ -243,7 +243,7 @@ def test_the_table_and_back(fitting):
 
 def test_it_is_drawn(fitting):
     """Its faces in drawings lie on the wall but where a branch leaves the run."""
-    corners = faces(Assembly((Part("part", fitting, Pose()),))).reshape(-1, 3)
+    corners = bore_faces(Assembly((Part("part", fitting, Pose()),))).reshape(-1, 3)
     distance = np.abs(fitting.signed_distance(corners)[0])
     assert np.median(distance) < 5e-3
 

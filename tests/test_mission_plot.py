@@ -8,11 +8,11 @@ from matplotlib.collections import LineCollection
 from PIL import Image
 from samples import sample_result, sample_trajectory, two_legs_result
 
+from omnitrack_sim import plot_mission
 from omnitrack_sim.record.events import FellOff, Outcome
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.show.plots import plot_mission
-from omnitrack_sim.show.plots.mission.signs import marks_of
+from omnitrack_sim.show.plots.mission_figure import marks_of
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +134,7 @@ def test_a_failed_run_shows_its_end():
 def test_same_run_same_bytes(tmp_path):
     """No clock enters; the bitmap is as wide as a page."""
     for name in ("a.png", "b.png"):
-        plot_mission(two_legs_result(), tmp_path / name)
+        plot_mission(two_legs_result(), path=tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     with Image.open(tmp_path / "a.png") as image:
         assert image.size[0] == 1575
@@ -151,6 +151,6 @@ def test_any_run_can_be_drawn(tmp_path, samples):
         channels["leg"][:], channels["phase"][:], channels["gear"][:] = 0, 0, 1
     short = Trajectory(full.time[:samples], channels, full.phases, full.qpos[:samples])
     plot_mission(
-        sample_result(short, outcome=Outcome.DIVERGED, duration_s=0.0), tmp_path / "map.pdf"
+        sample_result(short, outcome=Outcome.DIVERGED, duration_s=0.0), path=tmp_path / "map.pdf"
     )
     assert (tmp_path / "map.pdf").stat().st_size > 5_000

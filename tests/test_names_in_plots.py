@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from samples import sample_result, sample_trajectory
 
-from omnitrack_sim import Result
+from omnitrack_sim import Result, plot_mission, plot_network, plot_summary
 from omnitrack_sim.cli import runs
 from omnitrack_sim.paper.plots.groups import elbow_figure, rates_figure
 from omnitrack_sim.paper.plots.run import contact_map_figure
@@ -19,10 +19,9 @@ from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import load_result
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.show.film.overlay import Overlay
-from omnitrack_sim.show.plots import plot_mission, plot_network, plot_summary
+from omnitrack_sim.show.film.overlay import StatusPanel
 from omnitrack_sim.show.plots.style import PictureWarning, attempt, save_figure
-from omnitrack_sim.show.plots.sweep import Spread, sweep_figure
+from omnitrack_sim.show.plots.sweep_chart import Spread, sweep_figure
 
 NAMES = ("$", "a$b$c", r"$\frac$", "_x^2_$", r"50%_\&#{}", "日本", "\x07\x1b[31m\x85", "n" * 250)
 """Mathematics, TeX, letters that the font lacks, control characters, length."""
@@ -85,7 +84,7 @@ def test_names_of_axes_labels_and_groups():
 def test_names_in_films(name):
     """A frame can be written, whatever the part is called."""
     grey = np.full((180, 320, 3), 90, np.uint8)
-    frame = Overlay(320, 180).write(grey, named_result().trajectory, 0, name)
+    frame = StatusPanel(320, 180).write(grey, named_result().trajectory, 0, name)
     assert (frame != grey).any()
 
 
@@ -107,9 +106,9 @@ def test_plots_that_fail_cost_no_run(tmp_path, monkeypatch):
         raise RuntimeError("no such colour")
 
     for target in (
-        "omnitrack_sim.show.plots.plot_summary",
-        "omnitrack_sim.show.plots.plot_mission",
-        "omnitrack_sim.show.replay.write_replay",
+        "omnitrack_sim.show.plots.run_figures.plot_summary",
+        "omnitrack_sim.show.plots.mission_figure.plot_mission",
+        "omnitrack_sim.show.replay.document.render_replay",
         "omnitrack_sim.show.film.render.render_video",
     ):
         monkeypatch.setattr(target, fails)
@@ -123,7 +122,7 @@ def test_plots_that_fail_cost_no_run(tmp_path, monkeypatch):
         "no replay.html",
         "no video",
     ]
-    again = f"ot.plot_mission('{tmp_path}/run', '{tmp_path}/run/map.png') draws it again"
+    again = f"ot.plot_mission('{tmp_path}/run', path='{tmp_path}/run/map.png') draws it again"
     assert again in str(told[1].message)
     assert f"`omnitrack render {tmp_path}/run --camera side" in str(told[3].message)
     assert load_result(tmp_path / "run").scenario.name == "chain"

@@ -12,9 +12,10 @@ import trimesh
 from network_samples import narrowed
 from test_cli import omnitrack
 
+from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.pipes.network import load_network, validate
 from omnitrack_sim.pipes.random import random_network
-from omnitrack_sim.show.plots.network import _quads
+from omnitrack_sim.show.projection import bore_faces
 from omnitrack_sim.walls.export import COLUMNS, export_network
 from omnitrack_sim.walls.meshes import network_mesh
 
@@ -115,7 +116,7 @@ def test_exports_of_a_reducer(tmp_path):
     assert trimesh.load(files[".stl"]).volume == pytest.approx(
         network_mesh(network.pipes).volume, rel=0.01
     )
-    corners = part.pose.inverse().apply(_quads(part))
+    corners = part.pose.inverse().apply(bore_faces(Assembly((part,))))
     assert np.allclose(
         np.hypot(corners[..., 0], corners[..., 1]),
         np.interp(corners[..., 2], [0, 0.15], [0.08, 0.06]),

@@ -16,11 +16,9 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.writing import whole_folder
 from omnitrack_sim.record.metrics import ESTIMATES
 from omnitrack_sim.record.trajectory import RECORDED
-from omnitrack_sim.results.pictures import PICTURES_FILE, Album, Coding, coding_of
-from omnitrack_sim.show.film.inset import Inset
-from omnitrack_sim.show.film.render import render_frames
-from omnitrack_sim.show.film.seen import ROOM, levels, palette
-from omnitrack_sim.show.film.workers import painted
+from omnitrack_sim.results.pictures import PICTURES_FILE, Album, Coding
+from omnitrack_sim.show.film.overlay import BOTH_PANELS, MapPanel, levels, palette
+from omnitrack_sim.show.film.render import painted, render_frames
 
 CAMERAS = ("depth", "headlight")
 
@@ -57,12 +55,10 @@ def test_a_whole_picture_has_the_pixels_that_the_robot_compares(camera):
     """To the bit, and others beside them."""
     whole, part = (ot.Simulation([filmed(camera, record__pictures=p)]) for p in (True, False))
     pixels = whole.senses.localiser.pixels
-    assert whole.senses.picture.tobytes() == part.senses.picture.tobytes()
-    ((kept,), coding) = whole.senses.pictures(), coding_of(whole.senses.camera)
-    assert kept[0].shape == (48, 48)
-    compared = part.senses.picture[0]
-    assert np.array_equal(coding.coded(kept[0].ravel()[pixels]), coding.coded(compared))
-    assert part.senses.pictures() == [None]
+    assert whole.senses.whole[0].shape == (1, 48 * 48)
+    found = whole.senses.whole[0][:, pixels]
+    assert found.tobytes() == part.senses.picture.tobytes()
+    assert part.senses.whole is None
 
 
 def test_pictures_are_of_the_pipe_ahead_and_behind(run):
@@ -197,20 +193,25 @@ def test_a_film_shows_what_the_robot_sees(run, tmp_path):
     """In a panel of its own and nowhere else; it changes with time, and is the same from a folder
     and in other processes."""
     size, times = (640, 360), [0.3, 1.2]
-    with_panel = render_frames(run, times, "follow", *size)
-    without = render_frames(replace(run, album=None), times, "follow", *size)
+    with_panel = render_frames(run, times=times, camera="follow", width=size[0], height=size[1])
+    without = render_frames(
+        replace(run, album=None), times=times, camera="follow", width=size[0], height=size[1]
+    )
     for seen, bare in zip(with_panel, without, strict=True):
         changed = np.argwhere((seen != bare).any(axis=-1))
         assert len(changed) > 5000
         (top, left), (bottom, right) = changed.min(axis=0), changed.max(axis=0)
-        assert top >= (1 - ROOM) * 360
+        assert top >= (1 - BOTH_PANELS) * 360
         assert left >= 8
         assert right <= 180
         assert bottom < 360 - 115
     panel = np.s_[135:225, 10:175]
     assert (with_panel[0][panel] != with_panel[1][panel]).mean() > 0.1
     saved = ot.load_result(run.save(tmp_path / "run"))
-    assert (render_frames(saved, times, "follow", *size)[1] == with_panel[1]).all()
+    assert (
+        render_frames(saved, times=times, camera="follow", width=size[0], height=size[1])[1]
+        == with_panel[1]
+    ).all()
     spread = list(painted(run, times, size, "follow", {"fine": True}, processes=2))
     assert (spread[1] == with_panel[1]).all()
 
@@ -223,7 +224,7 @@ def test_the_map_marks_where_the_robot_takes_itself_to_be():
         channels["position_estimate"] = channels["position"] + [0.0, 0.0, beside]
         schema = {channel.name: channel for channel in (*RECORDED.values(), ESTIMATES[0])}
         trajectory = replace(result.trajectory, channels=channels, schema=schema)
-        inset = Inset(
+        inset = MapPanel(
             trajectory, result.routes(), result.goal_points(), result.plate_rims(), 1280, 720
         )
         frame = np.full((720, 1280, 3), 90, np.uint8)

@@ -18,24 +18,22 @@ from PIL import Image
 from samples import sample_result, sample_trajectory, two_legs_result
 
 import omnitrack_sim as ot
+from omnitrack_sim import plot_channel, plot_summary
 from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.record.channels import DISPLAYS, MODULE_COLOURS
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
-from omnitrack_sim.show.plots import MODULE_COLOURS, plot_channel, plot_summary
-from omnitrack_sim.show.plots.panels import PANELS, panel_of
 
 NETWORK = ot.load_network("fig14")
 DRAWN = {
-    "summary": lambda *path, **format: ot.plot_summary(sample_result(), *path, **format),
-    "channel": lambda *path, **format: ot.plot_channel(sample_result(), "slide", *path, **format),
-    "mission": lambda *path, **format: ot.plot_mission(two_legs_result(), *path, **format),
-    "network": lambda *path, **format: ot.plot_network(NETWORK, *path, **format),
-    "singularity": lambda *path, **format: ot.plot_singularity(
-        ot.TurnCase(), *(path or [None]), "sector", **format
+    "summary": lambda **where: ot.plot_summary(sample_result(), **where),
+    "channel": lambda **where: ot.plot_channel(sample_result(), channel="slide", **where),
+    "mission": lambda **where: ot.plot_mission(two_legs_result(), **where),
+    "network": lambda **where: ot.plot_network(NETWORK, **where),
+    "singularity": lambda path=None, **where: ot.plot_singularity(
+        ot.TurnCase(), path, "sector", **where
     ),
-    "compare": lambda *path, **format: ot.plot_compare(
-        sample_result(), sample_result(), *path, **format
-    ),
+    "compare": lambda **where: ot.plot_compare(sample_result(), sample_result(), **where),
 }
 """Every public function that plots, called with what it draws; ``plot_sweep`` has its own test."""
 ENDINGS = ("png", "pdf", "svg")
@@ -59,8 +57,8 @@ def test_a_path_is_written_by_its_ending_and_the_figure_comes_back(name, tmp_pat
     fonts that journals take."""
     for ending in ENDINGS:
         first, again, own = (tmp_path / f"{which}.{ending}" for which in ("a", "b", "c"))
-        assert isinstance(DRAWN[name](first), Figure)
-        DRAWN[name](again, format=ending)
+        assert isinstance(DRAWN[name](path=first), Figure)
+        DRAWN[name](path=again, format=ending)
         DRAWN[name]().savefig(own)
         assert first.read_bytes() == again.read_bytes() == own.read_bytes()
     pdf, svg = (tmp_path / f"a.{ending}" for ending in ("pdf", "svg"))
@@ -73,7 +71,7 @@ def test_a_path_is_written_by_its_ending_and_the_figure_comes_back(name, tmp_pat
 def test_a_format_that_there_is_not_is_refused(name, tmp_path):
     """Nothing is written; a format without a path would do nothing, and is told."""
     with pytest.raises(InputError, match="png, svg, pdf"):
-        DRAWN[name](tmp_path / "a.bmp")
+        DRAWN[name](path=tmp_path / "a.bmp")
     with pytest.raises(InputError, match="without a path"):
         DRAWN[name](format="png")
     assert list(tmp_path.iterdir()) == []
@@ -101,7 +99,7 @@ def test_every_panel_has_its_unit_and_none_has_one_without_a_name():
     bare = [label for label in labels if not label.endswith("]")]
     assert sorted(bare) == ["Contact points", "Slip ratio"]
     assert not any("[1]" in label for label in labels)
-    for channel, panel in PANELS.items():
+    for channel, panel in DISPLAYS.items():
         unit = RECORDED[channel].unit
         scale = {"m": 1.0, "mm": 1e3, "m/s": 1.0, "mm/s": 1e3, "deg": 180 / np.pi}
         assert panel.scale == pytest.approx(scale.get(panel.unit, 1.0))
@@ -178,7 +176,7 @@ def test_shortest_runs_can_be_drawn(tmp_path, samples):
     channels = {name: values[:samples] for name, values in full.channels.items()}
     channels["traction"] = np.full((samples, 3), np.nan)
     short = Trajectory(full.time[:samples], channels, full.phases, full.qpos[:samples])
-    plot_summary(sample_result(short), tmp_path / "short.png")
+    plot_summary(sample_result(short), path=tmp_path / "short.png")
     assert (tmp_path / "short.png").stat().st_size > 10_000
 
 
@@ -188,19 +186,18 @@ def test_every_channel_can_be_drawn_beside_others(channel):
     figure = Figure()
     left, right = figure.subplots(1, 2)
     result = sample_result()
-    assert plot_channel(result, channel, ax=right) is figure
+    assert plot_channel(result, channel=channel, ax=right) is figure
     assert not left.lines
-    panel = panel_of(RECORDED[channel])
     count = 3 if channel == "contact_count" else int(np.prod(RECORDED[channel].shape, dtype=int))
     own = [line for line in right.lines if "command" not in str(line.get_label())]
     assert len(own) == count
-    assert right.get_ylabel() == panel.label_of()
+    assert right.get_ylabel() == RECORDED[channel].display.label()
     assert [line for line in right.lines if len(line.get_ydata()) != 201] == []
 
 
 def test_one_module_of_a_channel():
     """Its measured value and its command, and a legend that names them and the phases."""
-    figure = plot_channel(sample_result(), "roll", module=2)
+    figure = plot_channel(sample_result(), channel="roll", module=2)
     (axis,) = figure.axes
     assert axis.get_ylabel() == "Module roll, module 2 [deg]"
     assert [line.get_label() for line in axis.lines] == ["module 2", "command"]

@@ -12,9 +12,15 @@ from film_samples import SIZE, elbow_result
 
 from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.show.film.render import render_frame, render_frames, render_video
+from omnitrack_sim.show.film.render import (
+    FRAMES,
+    render_frame,
+    render_frames,
+    render_strip,
+    render_video,
+    strip_times,
+)
 from omnitrack_sim.show.film.stage import Stage
-from omnitrack_sim.show.film.strip import FRAMES, render_strip, strip_times
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +35,7 @@ def test_film_has_the_length_size_and_codec_asked_for(result, tmp_path):
     progress = []
     path = render_video(
         result,
-        tmp_path / "run.mp4",
+        path=tmp_path / "run.mp4",
         width=319,
         height=179,
         fps=10,
@@ -51,7 +57,7 @@ def test_film_has_the_length_size_and_codec_asked_for(result, tmp_path):
 def test_a_gif_is_a_gif(result, tmp_path):
     """One second at 10 frames a second is 11 frames of 0.1 s that repeat, and look as they should;
     nothing else stays."""
-    path = render_video(result, tmp_path / "run.gif", width=319, height=179, fps=10)
+    path = render_video(result, path=tmp_path / "run.gif", width=319, height=179, fps=10)
     assert path.read_bytes()[:6] == b"GIF89a"
     with imageio.imopen(path, "r", plugin="pillow") as film:
         frames = film.read(index=...)
@@ -59,21 +65,21 @@ def test_a_gif_is_a_gif(result, tmp_path):
         assert film.metadata(index=0)["loop"] == 0
     assert frames.shape == (11, 180, 320, 3)
     for frame, time in ((0, 0.0), (10, 1.0)):
-        still = render_frame(result, time, "side", *SIZE)
+        still = render_frame(result, time=time, camera="side", width=SIZE[0], height=SIZE[1])
         assert np.abs(frames[frame].astype(int) - still).mean() < 2
     assert [p.name for p in tmp_path.iterdir()] == ["run.gif"]
 
 
 def test_a_webm_is_vp9(result, tmp_path):
     """One second at 10 frames a second is 11 frames of VP9, which look as they should."""
-    path = render_video(result, tmp_path / "run.webm", width=319, height=179, fps=10)
+    path = render_video(result, path=tmp_path / "run.webm", width=319, height=179, fps=10)
     with av.open(str(path)) as film:
         stream = film.streams.video[0]
         assert "webm" in film.format.name
         assert (stream.width, stream.height, stream.codec_context.name) == (*SIZE, "vp9")
         frames = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
     assert len(frames) == 11
-    still = render_frame(result, 1.0, "side", *SIZE)
+    still = render_frame(result, time=1.0, camera="side", width=SIZE[0], height=SIZE[1])
     assert np.abs(frames[-1].astype(int) - still).mean() < 4
     assert [p.name for p in tmp_path.iterdir()] == ["run.webm"]
 
@@ -82,7 +88,7 @@ def test_a_webm_is_vp9(result, tmp_path):
 def test_same_run_same_film(result, tmp_path, ending):
     """Rendered twice, the files are the same byte for byte."""
     films = [
-        render_video(result, tmp_path / f"{k}.{ending}", width=64, height=36, fps=10)
+        render_video(result, path=tmp_path / f"{k}.{ending}", width=64, height=36, fps=10)
         for k in range(2)
     ]
     assert films[0].read_bytes() == films[1].read_bytes()
@@ -92,7 +98,7 @@ def test_same_run_same_film(result, tmp_path, ending):
 def test_other_formats_are_refused_before_anything_is_read(tmp_path, name):
     """With those there are."""
     with pytest.raises(InputError, match="choose from: mp4, webm, gif") as caught:
-        render_video("nowhere", tmp_path / name)
+        render_video("nowhere", path=tmp_path / name)
     assert name in str(caught.value)
 
 
@@ -103,13 +109,15 @@ def test_other_formats_are_refused_before_anything_is_read(tmp_path, name):
 def test_sizes_and_rates_have_limits(tmp_path, ending, size):
     """Refused before anything is read."""
     with pytest.raises(InputError, match=rf"{next(iter(size))}: is .* must be from 1 to"):
-        render_video("nowhere", tmp_path / f"run.{ending}", **size)
+        render_video("nowhere", path=tmp_path / f"run.{ending}", **size)
 
 
 def test_all_faults_of_a_request_are_named():
     """An unknown camera and a size of zero are both told, with the cameras there are."""
     with pytest.raises(InputError) as caught:
-        render_frame("nowhere", 0.0, "above", width=0)  # refused before anything is read
+        render_frame(
+            "nowhere", time=0.0, camera="above", width=0
+        )  # refused before anything is read
     assert [f.where for f in caught.value.faults] == ["camera", "width"]
     assert "follow" in str(caught.value)
 
@@ -126,7 +134,7 @@ def test_a_run_that_diverged_stops_in_its_film(result, camera, value):
     trajectory = Trajectory(plain.time, channels, plain.phases, qpos)
     broken = replace(result, trajectory=trajectory)
     end, sound = (
-        render_frame(run, time, camera, 64, 36).astype(int)
+        render_frame(run, time=time, camera=camera, width=64, height=36).astype(int)
         for run, time in ((broken, 1.0), (result, plain.time[-6]))
     )
     assert np.abs(end - sound).mean() < 8  # the camera that follows turns a little earlier
@@ -136,7 +144,15 @@ def test_a_run_that_diverged_stops_in_its_film(result, camera, value):
 def test_several_processes_make_the_same_film(result, tmp_path, camera):
     """Byte for byte, and nothing else stays."""
     films = [
-        render_video(result, tmp_path / f"{n}.mp4", camera, width=64, height=36, fps=5, processes=n)
+        render_video(
+            result,
+            path=tmp_path / f"{n}.mp4",
+            camera=camera,
+            width=64,
+            height=36,
+            fps=5,
+            processes=n,
+        )
         for n in (1, 2)
     ]
     assert films[0].read_bytes() == films[1].read_bytes()
@@ -159,14 +175,16 @@ def test_still_pipes_painted_once_are_those_painted_each_time(result, fine):
 
 def test_a_strip_has_its_stills_letters_and_times(result, tmp_path):
     """Six stills in two rows of three, on white paper; the first is the picture at its time."""
-    path = render_strip(result, tmp_path / "strip.png", width=160, height=120)
+    path = render_strip(result, path=tmp_path / "strip.png", width=160, height=120)
     sheet = imageio.imread(path)
     assert sheet.shape == (2 * (120 + 10 + 3) + 3, 3 * 163 + 3, 3)
     assert (sheet[0] == 255).all()
     times = strip_times(result)
     assert len(times) == FRAMES
     assert times == sorted(times)
-    (first,) = render_frames(result, times[:1], "side", 160, 120, inset=False, overlay=False)
+    (first,) = render_frames(
+        result, times=times[:1], camera="side", width=160, height=120, inset=False, overlay=False
+    )
     assert (sheet[3:123, 3:163] == first).all()
     assert sheet[124:132, 3:163].min() < 80  # letter and time
 
@@ -186,7 +204,7 @@ def test_same_run_same_strip(result, tmp_path, ending):
     strips = [
         render_strip(
             result,
-            tmp_path / f"{k}.{ending}",
+            path=tmp_path / f"{k}.{ending}",
             times=[0.1, 0.9],
             camera="follow",
             width=64,
@@ -211,7 +229,7 @@ def test_same_run_same_strip(result, tmp_path, ending):
 def test_strips_that_cannot_be_made_are_refused(result, tmp_path, asked, told):
     """With the place of the fault, and nothing is written."""
     with pytest.raises(InputError, match=told):
-        render_strip(result, tmp_path / "strip.png", **asked)
+        render_strip(result, path=tmp_path / "strip.png", **asked)
     assert not list(tmp_path.iterdir())
 
 
@@ -226,11 +244,11 @@ def test_films_longer_than_anybody_waits_for_are_refused(result, tmp_path):
     with pytest.raises(
         InputError, match="frames: are 2160001 of 1280 x 720 pixels; at most 542534"
     ):
-        render_video(replace(result, trajectory=long), tmp_path / "film.mp4")
+        render_video(replace(result, trajectory=long), path=tmp_path / "film.mp4")
     assert not list(tmp_path.iterdir())
 
 
 def test_unwritable_film_is_a_clean_error(result, tmp_path):
     """A film into a folder that does not exist is an OutputError that names the file."""
     with pytest.raises(OutputError, match=r"missing/run.mp4"):
-        render_video(result, tmp_path / "missing" / "run.mp4", width=64, height=36)
+        render_video(result, path=tmp_path / "missing" / "run.mp4", width=64, height=36)

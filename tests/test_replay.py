@@ -16,18 +16,16 @@ from documents import page
 from samples import sample_result, sample_trajectory, two_legs_result
 from test_cli import omnitrack
 
-from omnitrack_sim import override, write_replay
+from omnitrack_sim import override, render_replay
 from omnitrack_sim.base.errors import InputError, OutputError, RenderError
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.show.replay.curves import arrow_scales
-from omnitrack_sim.show.replay.heading import differences
+from omnitrack_sim.show.replay.contents import arrow_scales
+from omnitrack_sim.show.replay.document import LIBRARY, differences, replay_data
+from omnitrack_sim.show.replay.geometry import NORMAL_STEPS, creased
 from omnitrack_sim.show.replay.packing import STEPS, Pack
-from omnitrack_sim.show.replay.page import LIBRARY
-from omnitrack_sim.show.replay.solids import NORMAL_STEPS, creased
-from omnitrack_sim.show.replay.write import replay_data
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +62,7 @@ def test_the_same_run_gives_the_same_bytes(run, tmp_path):
     """From the result and from its folder; it holds no address of anything to fetch, and no
     path."""
     for name in ("one", "other"):
-        write_replay(run if name == "one" else sample_result(), tmp_path / f"{name}.html")
+        render_replay(run if name == "one" else sample_result(), path=tmp_path / f"{name}.html")
     page = (tmp_path / "one.html").read_bytes()
     assert page == (tmp_path / "other.html").read_bytes()
     assert str(tmp_path).encode() not in page
@@ -73,7 +71,7 @@ def test_the_same_run_gives_the_same_bytes(run, tmp_path):
 
 def test_a_page_holds_the_licence(run, tmp_path):
     """three.js goes with its licence wherever the page goes."""
-    page = write_replay(run, tmp_path / "a.html").read_text(encoding="utf-8")
+    page = render_replay(run, path=tmp_path / "a.html").html
     assert (LIBRARY / "LICENSE").read_text(encoding="utf-8") in page
 
 
@@ -82,7 +80,7 @@ def test_words_in_the_data_are_no_markup(tmp_path):
     name, reason = "<!--<script>&<b>", "</script><script>alert(1)</script>"
     scenario = validate({"name": name, "pipes": [{"kind": "straight", "length": 1.0}]})
     result = sample_result(scenario=scenario, reason=reason)
-    page = write_replay(result, tmp_path / "a.html").read_text(encoding="utf-8")
+    page = render_replay(result, path=tmp_path / "a.html").html
     assert name not in page
     assert reason not in page
     assert "<title>&lt;!--&lt;script&gt;&amp;&lt;b&gt;, replay</title>" in page
@@ -108,10 +106,10 @@ def test_physics_that_diverged_is_shown_up_to_there(tmp_path):
     trajectory = sample_trajectory()
     trajectory.qpos[100:] = np.nan
     trajectory.channels["tilt"][100:] = np.inf
-    assert write_replay(sample_result(trajectory), tmp_path / "a.html").stat().st_size > 800_000
+    assert len(render_replay(sample_result(trajectory)).html) > 800_000
     trajectory.qpos[:] = np.nan
     with pytest.raises(RenderError, match="no pose"):
-        write_replay(sample_result(trajectory), tmp_path / "b.html")
+        render_replay(sample_result(trajectory), path=tmp_path / "b.html")
     assert not (tmp_path / "b.html").exists()
 
 
@@ -120,7 +118,7 @@ def test_a_run_of_one_sample_has_a_page(tmp_path):
     two = sample_trajectory(samples=2)
     channels = {name: values[:1] for name, values in two.channels.items()}
     one = replace(two, time=two.time[:1], qpos=two.qpos[:1], channels=channels)
-    assert write_replay(sample_result(one), tmp_path / "a.html").exists()
+    assert render_replay(sample_result(one)).html
 
 
 def test_channels_of_own_sensors_have_plots():
@@ -192,7 +190,9 @@ def test_a_run_through_other_pipes_is_refused(tmp_path, pipes, told):
     """A ghost in the walls would mislead."""
     scenario = validate({"name": "other", "pipes": pipes})
     with pytest.raises(InputError, match=told):
-        write_replay(sample_result(), tmp_path / "a.html", compare=sample_result(scenario=scenario))
+        render_replay(
+            sample_result(), path=tmp_path / "a.html", compare=sample_result(scenario=scenario)
+        )
     assert [*tmp_path.iterdir()] == []
 
 
@@ -217,7 +217,7 @@ def test_the_example_of_the_page_on_replays_runs(tmp_path, monkeypatch):
 def test_another_ending_is_refused(run, tmp_path):
     """A page is HTML."""
     with pytest.raises(InputError, match=r"choose from: html"):
-        write_replay(run, tmp_path / "a.pdf")
+        render_replay(run, path=tmp_path / "a.pdf")
 
 
 def test_what_is_no_run_is_refused(run, tmp_path):
@@ -225,18 +225,18 @@ def test_what_is_no_run_is_refused(run, tmp_path):
     damaged = Path(shutil.copytree(run, tmp_path / "damaged"))
     (damaged / "replay.npz").unlink()
     with pytest.raises(OutputError, match=r"is no run: replay\.npz is missing"):
-        write_replay(damaged, tmp_path / "a.html")
+        render_replay(damaged, path=tmp_path / "a.html")
     later = json.loads((run / "scenario.json").read_text()) | {"of_a_later_version": 1}
     (damaged / "scenario.json").write_text(json.dumps(later))
     with pytest.raises(OutputError, match=r"scenario\.json: .*of_a_later_version"):
-        write_replay(damaged, tmp_path / "a.html")
+        render_replay(damaged, path=tmp_path / "a.html")
     shutil.copy(run / "scenario.json", damaged)
     (damaged / "replay.npz").write_bytes(b"PK")
     for one, other in ((damaged, None), (run, damaged)):
         with pytest.raises(OutputError, match=r"replay\.npz: is damaged"):
-            write_replay(one, tmp_path / "a.html", compare=other)
+            render_replay(one, path=tmp_path / "a.html", compare=other)
     with pytest.raises(TypeError, match=r"it must be an ot\.Result"):
-        write_replay(3, tmp_path / "a.html")  # type: ignore[arg-type]
+        render_replay(3, path=tmp_path / "a.html")  # type: ignore[arg-type]
     assert [*tmp_path.iterdir()] == [damaged]
 
 

@@ -10,7 +10,7 @@ import pytest
 from pages import TOLERANCE, needs_browser, opened, picture
 from samples import sample_result, sample_trajectory
 
-from omnitrack_sim import Result, load_scenario, override, run, show_replay, write_replay
+from omnitrack_sim import Result, load_scenario, override, render_replay, run
 from omnitrack_sim.record.events import Remark
 from omnitrack_sim.scenario import validate
 
@@ -33,7 +33,9 @@ def tees() -> list[Result]:
 
 @pytest.fixture(scope="module")
 def pair_page(tees, place) -> Path:
-    return write_replay(tees[0], place / "pair.html", compare=tees[1])
+    path = place / "pair.html"
+    render_replay(tees[0], path=path, compare=tees[1])
+    return path
 
 
 @pytest.fixture(scope="module")
@@ -158,7 +160,8 @@ def test_events_are_told_under_the_pointer(browser, place):
         trajectory.time, trajectory.channels, (MARKUP, "turn", "leave"), trajectory.qpos
     )
     result = sample_result(trajectory, scenario=scenario, events=events, reason=reason)
-    path = write_replay(result, place / "markup.html")
+    path = place / "markup.html"
+    render_replay(result, path=path)
     with opened(browser, path) as page:
         assert page.locator("h1").text_content() == MARKUP
         assert page.locator("#reason").text_content() == reason
@@ -172,8 +175,9 @@ def test_events_are_told_under_the_pointer(browser, place):
 
 def test_a_notebook_shows_the_page_in_a_frame(browser, place, tees):
     """What a notebook gets plays in a page of another's, and is the page that would be written."""
-    shown = show_replay(tees[0])
-    assert shown.html == write_replay(tees[0], place / "one.html").read_text(encoding="utf-8")
+    shown = render_replay(tees[0])
+    render_replay(tees[0], path=place / "one.html")
+    assert shown.html == (place / "one.html").read_text(encoding="utf-8")
     notebook = place / "notebook.html"
     notebook.write_text(f"<body>{shown._repr_html_()}</body>", encoding="utf-8")
     context = browser.new_context(offline=True)

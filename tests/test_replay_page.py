@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from pages import TOLERANCE, needs_browser, opened, picture
 
-from omnitrack_sim import Result, load_scenario, override, run, write_replay
+from omnitrack_sim import Result, load_scenario, override, render_replay, run
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
-from omnitrack_sim.show.film.poses import smooth_belts
+from omnitrack_sim.show.playback import smooth_belts
 
 pytestmark = needs_browser
 
@@ -32,7 +32,9 @@ def mission() -> Result:
 
 @pytest.fixture(scope="module")
 def mission_page(mission, place) -> Path:
-    return write_replay(mission, place / "mission.html")
+    path = place / "mission.html"
+    render_replay(mission, path=path)
+    return path
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from omnitrack_sim.show.plots.study import Scale, Tried, study_figure
+from omnitrack_sim.show.plots.study_chart import Scale, Tried, study_figure
 from omnitrack_sim.show.plots.style import save_figure
 from omnitrack_sim.trials.search import front_of
 

@@ -15,10 +15,10 @@ from screens import at_window, needs_screen, screen
 
 import omnitrack_sim as ot
 from omnitrack_sim.robots.omnitrack.looks import add_pipe_insides
-from omnitrack_sim.show.viewer.figures import covers_robot, region_of
 from omnitrack_sim.show.viewer.keys import DRIVE, help_lines
 from omnitrack_sim.show.viewer.pace import FRAME, LATE_FRAME, MOST_OVERDUE, Pace
-from omnitrack_sim.show.viewer.stages import LiveStage, ReplayStage
+from omnitrack_sim.show.viewer.player import LiveRun, SavedRun
+from omnitrack_sim.show.viewer.window import covers_robot, region_of
 
 SAVED = ("result.json", "scenario.json", "timeline.csv", "trajectory.parquet", "replay.npz")
 
@@ -134,7 +134,7 @@ def test_viewed_run_is_the_run():
     what it shows are the joints of the simulation, less the travel of the belts."""
     scenario = rolling_tee()
     model = looks(scenario)
-    stage = LiveStage(ot.Simulation([scenario]), model)
+    stage = LiveRun(ot.Simulation([scenario]), model)
     belts = [model.joint(f"belt_{t}_{i}").qposadr[0] for t in ("upper", "lower") for i in (1, 2, 3)]
     while stage.next_time is not None:
         stage.step()
@@ -150,7 +150,7 @@ def test_replayed_run_is_the_record():
     """Every sample can be gone to, on and back, and past neither end; place and phase are those of
     the record."""
     result = ot.run(rolling_tee())
-    stage = ReplayStage(result, looks(result.scenario))
+    stage = SavedRun(result, looks(result.scenario))
     stage.leap(10**6)
     assert stage.next_time is None
     assert stage.time == result.duration_s
@@ -253,10 +253,10 @@ simulation = it.simulation
 def order(): return (it._controller.orders() or (None,))[-1]
 panels = lambda: [line for _, lines in it.panels() for line in lines]
 time.sleep(0.5)
-wait(lambda: it.stage.time == 0 and ("speed", "paused") in panels(), "the clock to stand still")
+wait(lambda: it.run.time == 0 and ("speed", "paused") in panels(), "the clock to stand still")
 wait(lambda: any("until your first order" in told for _, told in panels()), "what is waited for")
 press("Next", "Next", "Next", "Next")
-wait(lambda: it.stage.time > 0 and not it.pace.paused, "the clock to go")
+wait(lambda: it.run.time > 0 and not it.pace.paused, "the clock to go")
 wait(lambda: order() is not None and order().roll_deg == -60, "the roll")
 theta5 = lambda: abs(simulation.location.theta5[0])
 wait(lambda: theta5() < 0.07, "the orientation")
@@ -310,12 +310,12 @@ def test_tee_is_driven_by_keys(driven, tmp_path):
 def test_driven_run_is_drawn_like_any_other(driven):
     """It has its plot, and a frame of its film shows the robot."""
     assert (driven / "summary.png").stat().st_size > 10_000
-    frame = ot.render_frame(driven, 3.0, camera="follow", width=320, height=180)
+    frame = ot.render_frame(driven, time=3.0, camera="follow", width=320, height=180)
     assert frame.std() > 10
 
 
 REPLAY_SCRIPT = """
-stage, handle = it.stage, it.window._handle
+run, handle = it.run, it.window._handle
 def looks():
     option, eye = handle.opt, handle.cam
     flags = bytes(option.flags), bytes(handle.user_scn.flags), bytes(option.geomgroup)
@@ -351,16 +351,16 @@ def test_saved_run_is_replayed_by_keys(driven):
 
 
 VIEW_SCRIPT = """
-wait(lambda: it.stage.time > 0.1, "the run")
+wait(lambda: it.run.time > 0.1, "the run")
 press("Right")
 wait(lambda: it.pace.paused, "the pause")
-before = it.stage.time
+before = it.run.time
 press("Right")
-wait(lambda: 0.005 < it.stage.time - before < 0.015, "one step")
+wait(lambda: 0.005 < it.run.time - before < 0.015, "one step")
 press("Home", "space")
-wait(lambda: it.stage.time < before, "the start")
-wait(lambda: it.stage.next_time is None, "the end")
-print(dict(it.stage.status())["outcome"])
+wait(lambda: it.run.time < before, "the start")
+wait(lambda: it.run.next_time is None, "the end")
+print(dict(it.run.status())["outcome"])
 press("ctrl+q")
 """
 
@@ -368,7 +368,7 @@ press("ctrl+q")
 UNDRIVEN_SCRIPT = """
 wait(lambda: it.waits, "the clock to stand still")
 press("Insert")
-wait(lambda: it.stage.time > 0, "the clock to go")
+wait(lambda: it.run.time > 0, "the clock to go")
 press("Insert")
 wait(lambda: it.waits, "the pause")
 press("Delete")

@@ -99,8 +99,8 @@ def _try_run(number: int, desk: Desk) -> None:
 def _draw(result: Result, desk: Desk) -> None:
     from omnitrack_sim import plot_mission, plot_summary
 
-    plot_summary(result, desk.folder / "summary.png")
-    plot_mission(result, desk.folder / "map.png")
+    plot_summary(result, path=desk.folder / "summary.png")
+    plot_mission(result, path=desk.folder / "map.png")
 
 
 def _try_sweep(desk: Desk) -> None:

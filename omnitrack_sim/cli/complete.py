@@ -50,7 +50,7 @@ def policies(incomplete: str) -> Choices:
 
 def cameras(incomplete: str) -> Choices:
     """The cameras of films."""
-    from omnitrack_sim.show.film.limits import CAMERAS
+    from omnitrack_sim.show.film.render import CAMERAS
 
     return [(name, "") for name in CAMERAS if name.startswith(incomplete)]
 

@@ -133,9 +133,9 @@ def _save(
     if to_file is not None:
         write_file(to_file, net.to_toml().encode())
     if plot is not None:
-        from omnitrack_sim.show.plots.network import plot_network
+        from omnitrack_sim.show.plots.network_figure import plot_network
 
-        plot_network(net, plot, route)
+        plot_network(net, path=plot, route=route)
     written = [path for path in (to_file, plot) if path is not None]
     if export is not None:
         from omnitrack_sim.walls.export import export_network

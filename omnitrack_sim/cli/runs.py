@@ -92,20 +92,21 @@ def run(
 def draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
     """Add plots and replay page to a saved run, and the film where a camera is given; one that
     cannot be made is told as a warning and costs only itself."""
-    from omnitrack_sim.show.film.inset import needs_map
-    from omnitrack_sim.show.plots import plot_mission, plot_summary
+    from omnitrack_sim.show.plots.mission_figure import plot_mission
+    from omnitrack_sim.show.plots.run_figures import plot_summary
     from omnitrack_sim.show.plots.style import attempt
-    from omnitrack_sim.show.replay import write_replay
+    from omnitrack_sim.show.projection import needs_map
+    from omnitrack_sim.show.replay.document import render_replay
 
-    def picture(name: str, plot: Callable[[Result, Path], object], called: str) -> None:
+    def picture(name: str, plot: Callable[..., object], called: str) -> None:
         file = target / name
-        again = f"{called}({str(target)!r}, {str(file)!r})"
-        attempt(name, lambda: plot(result, file), again)
+        again = f"{called}({str(target)!r}, path={str(file)!r})"
+        attempt(name, lambda: plot(result, path=file), again)
 
     picture("summary.png", plot_summary, "ot.plot_summary")
     if needs_map(result.routes()):
         picture("map.png", plot_mission, "ot.plot_mission")
-    picture(PAGE, write_replay, "ot.write_replay")
+    picture(PAGE, render_replay, "ot.render_replay")
     if camera is not None:
         film = target / "video.mp4"
         again = f"`omnitrack render {target} --camera {camera} --out {film}`"
@@ -233,7 +234,7 @@ def _module_table(result: Result) -> Table:
 
 def check_camera(camera: str) -> None:
     """Refuse a camera that there is not."""
-    from omnitrack_sim.show.film.limits import CAMERAS
+    from omnitrack_sim.show.film.render import CAMERAS
 
     if camera not in CAMERAS:
         raise ScenarioError(Fault("--camera", f"is {camera!r}", CAMERAS, given=camera))
@@ -301,11 +302,11 @@ def render(
     times = None if at is None else _times(at)
     if strip is not None and times is not None and strip != len(times):
         raise InputError(Fault("--strip", f"is {strip}, but --at has {len(times)} times"))
-    from omnitrack_sim.show.film.strip import FRAMES, render_strip
+    from omnitrack_sim.show.film.render import FRAMES, render_strip
 
     target = file or run_dir / "strip.png"
     count = FRAMES if strip is None else strip
-    render_strip(run_dir, target, count, times=times, camera=camera, **pixels)
+    render_strip(run_dir, path=target, count=count, times=times, camera=camera, **pixels)
     print_saved(target)
 
 
@@ -319,8 +320,7 @@ def _film(
 ) -> None:
     from omnitrack_sim.base.writing import check_file
     from omnitrack_sim.results.result import load_result
-    from omnitrack_sim.show.film.encoding import film_format
-    from omnitrack_sim.show.film.limits import check_request
+    from omnitrack_sim.show.film.render import check_request, film_format
 
     target = file or run_dir / f"{camera}.mp4"
     format = film_format(target)
@@ -349,7 +349,13 @@ def filmed(
         processes = processes_for(result.duration_s, fps)
     with progress("video", quiet) as report:
         render_video(
-            result, target, camera=camera, fps=fps, progress=report, processes=processes, **size
+            result,
+            path=target,
+            camera=camera,
+            fps=fps,
+            progress=report,
+            processes=processes,
+            **size,
         )
 
 
@@ -386,16 +392,16 @@ def replay(
 ) -> None:
     """Write a page that plays a saved run in any browser, without a network."""
     from omnitrack_sim.results.result import load_result
-    from omnitrack_sim.show.replay import write_replay
-    from omnitrack_sim.show.replay.alike import other_pipes
+    from omnitrack_sim.show.replay.document import pipes_mismatch, render_replay
 
     result = load_result(run_dir)  # before the place of the page, which may be in its folder
     other = None if compare is None else load_result(compare)
-    if other is not None and (problem := other_pipes(result, other)):
+    if other is not None and (problem := pipes_mismatch(result, other)):
         hint = "compares figures and scenarios of any two runs"
         problem += f"; `omnitrack compare {run_dir} {compare}` {hint}"
         raise InputError(Fault(f"--compare {compare}", problem))
-    target = write_replay(result, file or run_dir / PAGE, compare=other)
+    target = file or run_dir / PAGE
+    render_replay(result, path=target, compare=other)
     print_saved(target)
 
 
@@ -456,7 +462,7 @@ def _save_comparison(comparison: Comparison, target: Path | None) -> list[Path]:
 
     from omnitrack_sim.base.text import strict_json
     from omnitrack_sim.base.writing import write_files
-    from omnitrack_sim.show.plots.compare import plot_compare
+    from omnitrack_sim.show.plots.run_figures import plot_compare
     from omnitrack_sim.show.plots.style import save_figure
 
     if target is None:

@@ -21,7 +21,7 @@ from omnitrack_sim.cli.runs import draw, print_result
 from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Key, help_lines
 
 if TYPE_CHECKING:
-    from omnitrack_sim.show.viewer.show import Driver
+    from omnitrack_sim.show.viewer.player import Driver
 
 
 def _keys(keys: tuple[Key, ...]) -> str:
@@ -64,7 +64,7 @@ def view(
         _replay(source, pace)
         return
     loaded = load(source, assignments)
-    from omnitrack_sim.show.viewer.show import Player
+    from omnitrack_sim.show.viewer.player import Player
     from omnitrack_sim.show.viewer.window import Window, require_screen
 
     require_screen()
@@ -84,7 +84,7 @@ def _is_folder(source: str) -> bool:
 
 def _replay(folder: str, speed: float) -> None:
     from omnitrack_sim.results.result import load_result
-    from omnitrack_sim.show.viewer.show import Replayer
+    from omnitrack_sim.show.viewer.player import Replayer
     from omnitrack_sim.show.viewer.window import Window, require_screen
 
     result = load_result(folder)
@@ -114,7 +114,7 @@ def drive(
     loaded = load(scenario, assignments)
     target = folder or Path("out") / driven_name(loaded.name)
     check_folder(target, RESULT_FILE)
-    from omnitrack_sim.show.viewer.show import Driver
+    from omnitrack_sim.show.viewer.player import Driver
     from omnitrack_sim.show.viewer.window import Window, require_screen
 
     require_screen()

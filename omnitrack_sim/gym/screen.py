@@ -18,8 +18,8 @@ from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.show.film.poses import FARTHEST, show_belts
 from omnitrack_sim.show.film.stage import Stage
+from omnitrack_sim.show.playback import FARTHEST, show_belts
 
 if TYPE_CHECKING:
     from omnitrack_sim.show.viewer.window import Window
@@ -109,16 +109,7 @@ class EpisodeStage(Stage):
             self._live = np.nan_to_num(qpos)
             show_belts(self.model, self._live, travel, self._pitch)
         near = ((self._places - self._live[:3]) ** 2).sum(axis=1).argmin()
-        # The canvas of another environment may be the current one.
-        self._context.make_current()
-        return self._seen(int(near))
-
-    def _pose(self, row: int) -> None:
-        if self._live is None:
-            super()._pose(row)
-            return
-        self.data.qpos[:] = self._live
-        self._mujoco.mj_kinematics(self.model, self.data)
+        return self.paint(int(near), self._live)
 
 
 def _is_sound(qpos: Array) -> bool:

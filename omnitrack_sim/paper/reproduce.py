@@ -25,7 +25,7 @@ from omnitrack_sim.paper.runs import SEED, Runs, run_all, scenarios
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import attempt, save_figure
-from omnitrack_sim.show.plots.success import success_figure
+from omnitrack_sim.show.plots.success_figure import success_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -310,8 +310,7 @@ def _file(figure: Figure) -> bytes:
 def _strips(runs: Runs) -> tuple[list[FrameStrip], list[str]]:
     """Frames of a few runs; where they cannot be made, as without OpenGL, a sentence that says
     so."""
-    from omnitrack_sim.show.film.render import render_frames
-    from omnitrack_sim.show.film.strip import strip_times
+    from omnitrack_sim.show.film.render import render_frames, strip_times
 
     strips = []
     try:
@@ -319,7 +318,7 @@ def _strips(runs: Runs) -> tuple[list[FrameStrip], list[str]]:
             result = runs[name][len(runs[name]) // 2]
             times = strip_times(result, FRAMES)
             strips.append(
-                FrameStrip(title, render_frames(result, times, width=640, height=360), times)
+                FrameStrip(title, render_frames(result, times=times, width=640, height=360), times)
             )
     except Exception as error:  # as of ``attempt``
         return [], [f"No frames: {error}"]
@@ -509,7 +508,7 @@ def _figure(picture: ReportFigure, claims: Sequence[Claim]) -> str:
 
 
 def _strip(strip: FrameStrip) -> str:
-    from omnitrack_sim.show.film.strip import label
+    from omnitrack_sim.show.film.render import label
 
     frames = "".join(
         f'<figure><img src="data:image/jpeg;base64,{_jpeg(frame)}" '

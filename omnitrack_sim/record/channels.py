@@ -7,6 +7,7 @@ user's own sensor brings its ``Channel`` with it and needs no edit (docs/how-to/
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -14,6 +15,9 @@ from typing import Literal
 TRACKS = ("upper", "lower")
 """Order of the two tracks of a module in channels of shape (3, 2)."""
 MODULE_COUNT = 3
+MODULE_COLOURS = ((0.95, 0.55, 0.05), (0.10, 0.45, 0.80), (0.05, 0.62, 0.42))
+"""Red, green, blue of modules 1, 2, 3 on the robot and in every curve: told apart with any colour
+vision (after Okabe and Ito)."""
 Frame = Literal["", "world", "robot", "route"]
 TailFirst = Literal["same", "swapped", "negated", "turned", "facing", "behind"]
 Source = Literal["plant", "route", "command", "leg", "estimate"]
@@ -28,6 +32,36 @@ _SHAPES: Mapping[str, tuple[tuple[int, ...], ...]] = {
     "behind": ((4,),),
 }
 """How a sample has to begin for each way of mirroring."""
+
+
+@dataclass(frozen=True)
+class Display:
+    """How figures, the replay page, films and the window show a channel.
+
+    Attributes:
+        title: name for people.
+        unit: unit shown.
+        scale: factor from the channel's unit to the one shown.
+        command: name of the channel with the commanded value; empty without one.
+        low: value that an axis reaches down to at least, in ``unit``; None: as the values are.
+        high: value that an axis reaches up to at least, in ``unit``; None: as the values are.
+        span: least span of an axis, in ``unit``, so that noise does not look like movement.
+        wraps: values from -180 to 180 that continue at the other end.
+    """
+
+    title: str
+    unit: str
+    scale: float = 1.0
+    command: str = ""
+    low: float | None = None
+    high: float | None = None
+    span: float = 0.0
+    wraps: bool = False
+
+    def label(self, module: int | None = None) -> str:
+        """Title, with the number of one module (1 to 3), and unit."""
+        title = self.title if module is None else f"{self.title}, module {module}"
+        return title if self.unit in ("", "1", "code") else f"{title} [{self.unit}]"
 
 
 @dataclass(frozen=True)
@@ -75,6 +109,17 @@ class Channel:
         wanted = _SHAPES[self.tail_first]
         if not any(self.shape[: len(shape)] == shape for shape in wanted):
             raise ValueError(f"{self.name}: tail_first {self.tail_first!r} needs shape {wanted}")
+
+    @property
+    def display(self) -> Display:
+        """How the channel is shown; of a channel of a user's own by its name and unit."""
+        known = DISPLAYS.get(self.name)
+        if known is not None:
+            return known
+        title = self.name.replace("_", " ").capitalize()
+        if self.unit in ("rad", "rad/s"):
+            return Display(title, self.unit.replace("rad", "deg"), _DEG)
+        return Display(title, self.unit)
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -302,6 +347,28 @@ CHANNELS: Mapping[str, Channel] = {
     )
 }
 """Every shipped channel, in the order of the file."""
+
+_MM, _DEG = 1e3, 180.0 / math.pi
+DISPLAYS: Mapping[str, Display] = {
+    "distance": Display("Distance along the centreline", "m"),
+    "tilt": Display("Tilt against the centreline", "deg", _DEG, low=0.0, span=1.0),
+    "offset": Display("Offset from the centreline", "mm", _MM, low=0.0, span=1.0),
+    "theta5": Display("Orientation theta5", "deg", _DEG, span=10.0, wraps=True),
+    "belt_speed": Display("Belt speed", "mm/s", _MM, command="belt_speed_command", span=10.0),
+    "belt_speed_command": Display("Commanded belt speed", "mm/s", _MM, span=10.0),
+    "wall_speed": Display("Commanded speed at the wall", "mm/s", _MM, span=10.0),
+    "motor_torque": Display("Motor torque", "N m"),
+    "traction": Display("Traction", "N", span=2.0),
+    "normal_force": Display("Normal force", "N", low=0.0, span=2.0),
+    "slip_velocity": Display("Slip velocity", "mm/s", _MM),
+    "slip_ratio": Display("Slip ratio", "1", low=-1.05, high=1.05),
+    "contact_count": Display("Contact points", "1", low=-0.3),
+    "slide": Display("Arm slide, outward", "mm", _MM, span=1.0),
+    "pitch": Display("Arm pitch, nose outward", "deg", _DEG, span=1.0),
+    "roll": Display("Module roll", "deg", _DEG, command="roll_command", span=10.0),
+    "roll_command": Display("Commanded module roll", "deg", _DEG, span=10.0),
+}
+"""The shipped channels that have a title, a unit or limits of their own, by name."""
 
 
 def recorded(channels: Iterable[Channel]) -> dict[str, Channel]:

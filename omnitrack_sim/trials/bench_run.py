@@ -22,7 +22,7 @@ from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval, wilson_interval
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.robots.omnitrack import MODULES
-from omnitrack_sim.show.plots.bench import Bar, bench_figure
+from omnitrack_sim.show.plots.bench_chart import Bar, bench_figure
 from omnitrack_sim.show.plots.style import attempt, save_figure
 from omnitrack_sim.trials.batches import ERROR, INVALID
 from omnitrack_sim.trials.bench import DEFAULT, Bench

@@ -21,7 +21,7 @@ from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import StudyError
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario.tables import unit_of
-from omnitrack_sim.show.plots.study import Scale, Tried, study_figure
+from omnitrack_sim.show.plots.study_chart import Scale, Tried, study_figure
 from omnitrack_sim.show.plots.style import save_figure
 from omnitrack_sim.trials.batches import Batch, Trial, batched, fitted, matches, value_at
 from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status

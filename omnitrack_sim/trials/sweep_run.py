@@ -21,8 +21,8 @@ from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.scenario.tables import unit_of
-from omnitrack_sim.show.plots.style import PAPER, save_figure
-from omnitrack_sim.show.plots.sweep import CHART, Spread, draw_chart, sweep_figure
+from omnitrack_sim.show.plots.style import save_figure
+from omnitrack_sim.show.plots.sweep_chart import CHART, Spread, draw_chart, sweep_figure
 from omnitrack_sim.trials.axes import DirectionAxis
 from omnitrack_sim.trials.batches import ERROR, INVALID
 from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
@@ -267,7 +267,7 @@ def plot_sweep(
         >>> result = ot.run_sweep(ot.load_sweep("elbow_orientation", {"run.time_limit": 0.01}))
         >>> figure = ot.plot_sweep(result)
     """
-    from omnitrack_sim.show.plots.picture import chart, page
+    from omnitrack_sim.show.plots.style import chart, page
 
     sweep = check_is(SweepResult, "result", result).sweep
     if result.table.num_rows != sweep.size:
@@ -277,7 +277,7 @@ def plot_sweep(
     if over is None and ax is None:
         return page(lambda: sweep_figure(spreads(sweep), passed, turn_case(sweep)), path, format)
     chosen = _chosen(spreads(sweep), over)
-    return chart(lambda axis: draw_chart(axis, chosen, passed), CHART, path, ax, format, PAPER)
+    return chart(lambda axis: draw_chart(axis, chosen, passed), CHART, path, ax, format)
 
 
 def _chosen(axes: list[Spread], over: str | Sequence[str] | None) -> list[Spread]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.show.plots.style import ALARM, GREY, INK, styled
-from omnitrack_sim.show.plots.success import PASSED_COLOUR
+from omnitrack_sim.show.plots.success_figure import PASSED_COLOUR
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,10 +37,10 @@ def elbow_figure(results: Mapping[str, Sequence[Result]]) -> Figure:
         Four panels over theta5 at the start [deg]: tilt at the exit and largest tilt [deg], slip
         distance as the mean of the modules [mm], duration [s]. Runs that failed have hollow marks.
     """
-    from omnitrack_sim.show.plots.picture import Picture
+    from omnitrack_sim.show.plots.style import new_figure
 
     def draw() -> Figure:
-        figure = Picture(figsize=(7.6, 5.2), layout="constrained")
+        figure = new_figure((7.6, 5.2), layout="constrained")
         axes = figure.subplots(2, 2, sharex=True)
         for axis, (label, value) in zip(axes.flat, _ELBOW_PANELS, strict=True):
             for k, runs in enumerate(results.values()):
@@ -123,10 +123,10 @@ def rates_figure(
         reference: a rate from 0 to 1, drawn as a dashed line.
         label: what the rate is; the axis shows it in %.
     """
-    from omnitrack_sim.show.plots.picture import Picture
+    from omnitrack_sim.show.plots.style import new_figure
 
     def draw() -> Figure:
-        figure = Picture(figsize=(6.4, 1.2 + 0.42 * max(1, len(groups))), layout="constrained")
+        figure = new_figure((6.4, 1.2 + 0.42 * max(1, len(groups))), layout="constrained")
         axis = figure.subplots()
         _bars(axis, groups)
         if reference is not None:

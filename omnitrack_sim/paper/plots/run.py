@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import wrap_angle
+from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.record.trajectory import spans
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, MODULES
-from omnitrack_sim.show.plots.style import GREY, INK, MODULE_COLOURS, styled
+from omnitrack_sim.show.plots.style import GREY, INK, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -123,13 +124,13 @@ def angular_velocity_figure(result: Result, lug_radius: float | None = None) -> 
         Two panels over time [s]: angular velocity [rad/s], with the commanded one dashed, and
         module roll [deg].
     """
-    from omnitrack_sim.show.plots.picture import Picture
+    from omnitrack_sim.show.plots.style import new_figure
 
     radius = result.scenario.robot.lug_radius if lug_radius is None else lug_radius
     trajectory = result.trajectory
 
     def draw() -> Figure:
-        figure = Picture(figsize=(7.2, 4.8), layout="constrained")
+        figure = new_figure((7.2, 4.8), layout="constrained")
         axes = figure.subplots(2, 1, sharex=True, height_ratios=(1.7, 1))
         _pairs(
             axes[0],
@@ -164,13 +165,13 @@ def along_figure(result: Result) -> Figure:
         Three panels over the arc length of the robot's centre [m]: traction [N], normal force [N],
         slip velocity [mm/s].
     """
-    from omnitrack_sim.show.plots.picture import Picture
+    from omnitrack_sim.show.plots.style import new_figure
 
     trajectory = result.trajectory
     channels = ("traction", 1.0), ("normal_force", 1.0), ("slip_velocity", _MM)
 
     def draw() -> Figure:
-        figure = Picture(figsize=(7.2, 6.2), layout="constrained")
+        figure = new_figure((7.2, 6.2), layout="constrained")
         axes = figure.subplots(3, 1, sharex=True)
         for axis, (name, scale) in zip(axes, channels, strict=True):
             _module_lines(axis, trajectory, trajectory["distance"], trajectory[name] * scale)
@@ -265,10 +266,10 @@ def contact_map_figure(result: Result, route: Route | None = None) -> Figure:
             up, normal force [N] as colour. Grey rings show where a module is off the wall (below
             ``NO_CONTACT_FORCE``).
     """
-    from omnitrack_sim.show.plots.picture import Picture
+    from omnitrack_sim.show.plots.style import new_figure
 
     def draw() -> Figure:
-        figure = Picture(figsize=(7.6, 4.4), layout="constrained")
+        figure = new_figure((7.6, 4.4), layout="constrained")
         axis = figure.subplots()
         _contacts(axis, result.trajectory)
         if route is not None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.robots.omnitrack.singularity import (
     DEFINITIONS,
     TurnCase,
@@ -29,7 +30,7 @@ from omnitrack_sim.robots.omnitrack.tee_contact import (
     turn_path,
     wall_distance,
 )
-from omnitrack_sim.show.plots.style import ALARM, GREY, INK, MODULE_COLOURS, styled
+from omnitrack_sim.show.plots.style import ALARM, GREY, INK, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,7 +66,7 @@ def plot_singularity(
         >>> figure.get_size_inches().tolist()
         [4.6, 4.4]
     """
-    from omnitrack_sim.show.plots.picture import page
+    from omnitrack_sim.show.plots.style import page
 
     check_is(TurnCase, "case", case)
     if figure != "all" and figure not in FIGURES:
@@ -74,20 +75,20 @@ def plot_singularity(
 
 
 def _drawn(case: TurnCase, figure: str) -> Figure:
-    from omnitrack_sim.show.plots.picture import Picture
+    from omnitrack_sim.show.plots.style import new_figure
 
     if figure == "all":
         return _page(case)
     size, fill = FIGURES[figure]
-    drawn = Picture(figsize=size, layout="constrained")
+    drawn = new_figure(size, layout="constrained")
     fill(drawn, case)
     return drawn
 
 
 def _page(case: TurnCase) -> Figure:
-    from omnitrack_sim.show.plots.picture import Picture
+    from omnitrack_sim.show.plots.style import new_figure
 
-    page = Picture(figsize=(15, 9.2), layout="constrained")
+    page = new_figure((15, 9.2), layout="constrained")
     top, bottom = np.asarray(page.subfigures(2, 1), object)
     rows = (top.subfigures(1, 2), bottom.subfigures(1, 3, width_ratios=(0.9, 1, 1.1)))
     places = [place for row in rows for place in np.ravel(np.asarray(row, object))]

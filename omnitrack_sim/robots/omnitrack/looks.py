@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from omnitrack_sim.base.rotations import Array, quaternion_from_matrix, unit
 from omnitrack_sim.pipes import Assembly, Part
-from omnitrack_sim.record.channels import TRACKS
+from omnitrack_sim.record.channels import MODULE_COLOURS, TRACKS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
 from omnitrack_sim.walls.meshes import THICKNESS, cutaway_mesh, inside_mesh, manifold_to_trimesh
 
@@ -23,13 +23,6 @@ FRONT_GROUP = 4
 INSIDE_GROUP = 5
 """The insides of the pipes, which are seen from within only: from outside one looks through the
 nearer wall."""
-COLOURS: dict[str, tuple[float, float, float]] = {
-    "module_1": (0.95, 0.55, 0.05),
-    "module_2": (0.10, 0.45, 0.80),
-    "module_3": (0.05, 0.62, 0.42),
-}
-"""Red, green, blue of each module's upper track; told apart with any colour vision (after Okabe and
-Ito)."""
 LOWER_TRACK_SHADE = 0.30
 """Brightness of a lower track beside its upper one, so that roll is seen."""
 LUGS_SHOWN = 6
@@ -327,7 +320,7 @@ def _add_materials(spec: mujoco.MjSpec) -> None:
     materials: dict[str, tuple[tuple[float, ...], float, float]] = {
         name: (*look,) for name, look in _MATERIALS.items()
     }
-    for number, colour in enumerate(COLOURS.values(), start=1):
+    for number, colour in enumerate(MODULE_COLOURS, start=1):
         materials[f"upper_{number}"] = (colour, 0.35, 0.3)
         materials[f"lower_{number}"] = (tuple(LOWER_TRACK_SHADE * c for c in colour), 0.35, 0.3)
     for name, (colour, specular, shininess) in materials.items():

@@ -1,7 +1,11 @@
-"""Text in the frames of a film: phase, fitting, time, distance and speeds of the belts."""
+"""Panels drawn into the frames of films: status of the run, map of the pipes, the robot's cameras.
+
+Lengths are pixels of a film with 720 lines, unless something else is said.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -9,52 +13,93 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from omnitrack_sim.autonomy.sight import AT_PORT
+from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
+from omnitrack_sim.pipes import Assembly, Route
+from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.results.pictures import Pictures
+from omnitrack_sim.show.projection import axis_lines, clearest
 
-MODULE_COLOURS = ((243, 146, 28), (66, 146, 222), (30, 176, 122))
-"""Modules 1, 2, 3 in text and bars, 8-bit RGB; brighter than on the robot, for a dark panel."""
+LEFT, WIDTH, HEIGHT = 18, 337, 224
+"""Margin, width and height of the status panel."""
+CAMERA_HEIGHT = 206
+"""Height of the panel of the robot's cameras, which stands above the status panel."""
+BOTH_PANELS = (LEFT + HEIGHT + 10 + CAMERA_HEIGHT + 14) / 720
+"""Share of a frame's height that the two panels take, with the gap between them and a margin."""
 FULL_BAR = 0.2
 """Belt speed that fills half of a bar, m/s."""
-LEFT, WIDTH, HEIGHT = 18, 337, 224
-"""Margin, width and height of the panel, pixels of a film with 720 lines."""
-PANEL, TEXT, FAINT = (14, 18, 24, 190), (240, 243, 246), (160, 168, 178)
-"""8-bit RGB, of panels with how far they cover what is behind."""
+BESIDE = 0.005
+"""Error of the estimated position, m, from which on it is marked on the map: less is a good
+estimate."""
+NOSE_FIRST, TAIL_FIRST = (255, 205, 70), (240, 120, 170)
+"""Colours of the travelled path by gear. All colours are 8-bit RGB, panels with their opacity."""
+_PANEL, _TEXT, _FAINT = (14, 18, 24, 190), (240, 243, 246), (160, 168, 178)
+_EDGE, _PIPE, _ROBOT = (14, 18, 24), (120, 131, 144), (255, 255, 255)
+_PLATE, _GOAL, _ESTIMATE = (226, 74, 60), (255, 230, 120), (90, 220, 255)
+_FINER = 3  # the map is drawn so many times larger and then reduced, for smooth lines
+_TILE, _GAP = 144, 16  # width of a camera's picture; space around it
+_NEAR, _DARKENING = 0.05, 0.6
+"""Distance, m, up to which walls are shown at their brightest, as they are in turns; and the power
+of one over the distance by which they darken, which tells far places apart."""
+_NO_RETURN = (52, 30, 44)  # of pixels without a value
+_DEPTH = ((6, 10, 24), (24, 62, 112), (52, 138, 160), (146, 200, 172), (252, 244, 214))
+_LIGHT = ((0, 0, 0), (255, 250, 240))
+"""Colours from far to near, and from dark to bright, at even steps."""
+# Mixed with some white, the modules' colours stand out on a dark panel.
+_ON_DARK = [tuple(round(255 * (0.12 + 0.88 * part)) for part in c) for c in MODULE_COLOURS]
 
 
-class Overlay:
-    """Writes into frames of one size; letters scale with the height."""
+class _Panel:
+    """What panels in frames of one size share: their scale and their letters."""
 
-    def __init__(self, width: int, height: int):
+    def __init__(self, width: int, height: int) -> None:
         self.scale = min(height / 720, width / 1280)
-        self._large, self._small = font(self._px(26)), font(self._px(17))
 
     def _px(self, size: float) -> int:
         return max(1, round(size * self.scale))
 
-    def write(
-        self, frame: NDArray[np.uint8], trajectory: Trajectory, row: int, fitting: str = ""
-    ) -> None:
-        """Write the values of sample ``row`` into the lower left corner of ``frame`` (h, w, 3).
-
-        ``fitting`` is the name of the part that the robot's centre is in.
-        """
-        px, bottom = self._px, len(frame) - self._px(LEFT)
-        corner = frame[max(0, bottom - px(HEIGHT)) : bottom, px(LEFT) : px(LEFT) + px(WIDTH)]
+    def _open(
+        self, frame: NDArray[np.uint8], above: float, height: float
+    ) -> tuple[NDArray[np.uint8], Image.Image, ImageDraw.ImageDraw] | None:
+        """A panel's corner of a frame, ``above`` its lower edge, and a picture to draw on; None
+        where the frame is too small for it."""
+        px, bottom = self._px, len(frame) - self._px(above)
+        corner = frame[max(0, bottom - px(height)) : bottom, px(LEFT) : px(LEFT) + px(WIDTH)]
         if 0 in corner.shape:
-            return
+            return None
         image = Image.fromarray(np.ascontiguousarray(corner))
         draw = ImageDraw.Draw(image, "RGBA")
-        draw.rounded_rectangle((0, 0, px(336), image.height - 1), px(10), fill=PANEL)
+        draw.rounded_rectangle((0, 0, image.width - 1, image.height - 1), px(10), fill=_PANEL)
+        return corner, image, draw
+
+
+class StatusPanel(_Panel):
+    """Phase, part, time, distance, tilt and belt speeds, in the lower left corner."""
+
+    def __init__(self, width: int, height: int) -> None:
+        super().__init__(width, height)
+        self._large, self._small = font(self._px(26)), font(self._px(17))
+
+    def write(
+        self, frame: NDArray[np.uint8], trajectory: Trajectory, row: int, part: str = ""
+    ) -> None:
+        """Write the values of sample ``row`` into ``frame`` (h, w, 3); ``part`` is the name of the
+        part that the robot's centre is in."""
+        opened = self._open(frame, LEFT, HEIGHT)
+        if opened is None:
+            return
+        corner, image, draw = opened
+        px, small = self._px, self._small
         phase = trajectory.phases[int(trajectory["phase"][row])].replace("_", " ")
-        draw.text((px(16), px(10)), phase, font=self._large, fill=TEXT)
-        place = f"{trajectory.time[row]:5.2f} s     {1000 * trajectory['distance'][row]:5.0f} mm"
-        place += f"     tilt {np.degrees(trajectory['tilt'][row]):.0f}°"
-        where = f"in {fitting}" if fitting else ""
-        if trajectory["gear"][row] < 0:
-            where += ", tail first" if where else "tail first"
-        draw.text((px(16), px(46)), self._cut(where, px(304)), font=self._small, fill=TEXT)
-        draw.text((px(16), px(72)), place, font=self._small, fill=TEXT)
-        draw.text((px(16), px(100)), "belt speed, mm/s", font=self._small, fill=FAINT)
+        draw.text((px(16), px(10)), phase, font=self._large, fill=_TEXT)
+        gear = "tail first" if trajectory["gear"][row] < 0 else ""
+        where = ", ".join(filter(None, (part and f"in {part}", gear)))
+        draw.text((px(16), px(46)), self._cut(where, px(304)), font=small, fill=_TEXT)
+        state = f"{trajectory.time[row]:5.2f} s     {1000 * trajectory['distance'][row]:5.0f} mm"
+        state += f"     tilt {np.degrees(trajectory['tilt'][row]):.0f}°"
+        draw.text((px(16), px(72)), state, font=small, fill=_TEXT)
+        draw.text((px(16), px(100)), "belt speed, mm/s", font=small, fill=_FAINT)
         for module, speed in enumerate(trajectory["belt_speed"][row]):
             self._bar(draw, px(16), px(128 + 30 * module), module, float(speed))
         corner[:] = np.asarray(image)
@@ -72,17 +117,291 @@ class Overlay:
         self, draw: ImageDraw.ImageDraw, left: int, top: int, module: int, speed: float
     ) -> None:
         """Module number, bar from the middle (forward to the right) and figure."""
-        px, colour = self._px, MODULE_COLOURS[module]
+        px, colour = self._px, _ON_DARK[module]
         draw.text((left, top), str(module + 1), font=self._small, fill=colour)
-        draw.rectangle(
-            (left + px(28), top + px(4), left + px(228), top + px(18)), fill=(255, 255, 255, 28)
-        )
+        box = (left + px(28), top + px(4), left + px(228), top + px(18))
+        draw.rectangle(box, fill=(255, 255, 255, 28))
         middle = left + px(128)
         end = middle + round(px(100) * max(-1.0, min(1.0, speed / FULL_BAR)))
-        draw.rectangle((min(middle, end), top + px(4), max(middle, end), top + px(18)), fill=colour)
-        draw.line((middle, top + px(1), middle, top + px(21)), fill=FAINT, width=px(1.5))
+        draw.rectangle((min(middle, end), box[1], max(middle, end), box[3]), fill=colour)
+        draw.line((middle, top + px(1), middle, top + px(21)), fill=_FAINT, width=px(1.5))
         text = f"{1000 * speed:+.0f}".replace("-", "\u2212")
-        draw.text((left + px(300), top), text, font=self._small, fill=TEXT, anchor="ra")
+        draw.text((left + px(300), top), text, font=self._small, fill=_TEXT, anchor="ra")
+
+
+class CameraPanel(_Panel):
+    """The last pictures of the robot's cameras ahead and behind, above the status panel."""
+
+    def __init__(self, pictures: Pictures, width: int, height: int) -> None:
+        super().__init__(width, height)
+        self._pictures, self._font = pictures, font(self._px(15))
+        self._palette = palette(pictures.unit)
+        self._tiles: dict[int, Image.Image] = {}
+
+    def write(self, frame: NDArray[np.uint8], time: float, gear: int) -> None:
+        """Draw the last pictures at ``time`` s into ``frame`` (h, w, 3) of a robot in ``gear``."""
+        px = self._px
+        last = {
+            word: self._pictures.seen_at(time, end * gear)
+            for word, end in (("ahead", 1), ("behind", -1))
+        }
+        taken = {word: index for word, index in last.items() if index is not None}
+        opened = self._open(frame, LEFT + HEIGHT + 10, CAMERA_HEIGHT) if taken else None
+        if opened is None:
+            return
+        corner, image, draw = opened
+        draw.text((px(16), px(10)), "what the robot sees", font=self._font, fill=_FAINT)
+        self._tiles = {index: self._tile(index) for index in taken.values()}
+        for number, (word, index) in enumerate(taken.items()):
+            place = px(16) + number * px(_TILE + _GAP), px(34)
+            image.paste(self._tiles[index], place)
+            draw.text((place[0], px(34 + _TILE + 4)), word, font=self._font, fill=_FAINT)
+        corner[:] = np.asarray(image)
+
+    def _tile(self, index: int) -> Image.Image:
+        """A picture as wide as a tile; a camera takes fewer pictures than a film has frames."""
+        if index in self._tiles:
+            return self._tiles[index]
+        levels_ = levels(self._pictures[index], self._pictures.unit)
+        size = self._px(_TILE)
+        smaller = size < self._pictures.size
+        grain = Image.Resampling.BOX if smaller else Image.Resampling.NEAREST
+        return Image.fromarray(self._palette[levels_]).resize((size, size), grain)
+
+
+def palette(unit: str) -> NDArray[np.uint8]:
+    """Colours (256, 3) of ``levels`` for pictures in this unit; the first is for pixels without a
+    value."""
+    colours = np.array(_DEPTH if unit == "m" else _LIGHT, float)
+    place = np.linspace(0, len(colours) - 1, 255)
+    ramp = [np.interp(place, np.arange(len(colours)), column) for column in colours.T]
+    return np.concatenate([[_NO_RETURN], np.round(np.stack(ramp, axis=-1))]).astype(np.uint8)
+
+
+def levels(picture: Array, unit: str) -> NDArray[np.uint8]:
+    """Indices of pixels into the palette, 0 where one has no value: near walls are bright."""
+    known = np.isfinite(picture)
+    value = np.where(known, picture, 0.0)
+    if unit == "m":
+        value = (_NEAR / np.maximum(value, _NEAR)) ** _DARKENING
+    bright = np.clip(value, 0.0, 1.0)
+    return np.where(known, 1 + np.round(254 * bright), 0).astype(np.uint8)
+
+
+class MapPanel(_Panel):
+    """A map of all pipes in the upper right corner: the travelled path, the robot, its goals.
+
+    The pipes are drawn once, or again whenever an exploring robot knows more of them.
+
+    Args:
+        trajectory: the record.
+        routes: of each leg.
+        goals: (G, 3) m, world frame.
+        plates: (P, k, 3) m, world frame, rims of plates that close a pipe.
+        width: of the frames, pixels.
+        height: of the frames, pixels.
+        known_from: for each part the sample from which on it is on the map; none: all from the
+            first one.
+    """
+
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        routes: Sequence[Route],
+        goals: Array,
+        plates: Array,
+        width: int,
+        height: int,
+        known_from: NDArray[np.intp] | None = None,
+    ) -> None:
+        super().__init__(width, height)
+        self.unit = _FINER * self.scale  # pixels of the large map
+        network = routes[0].network
+        self.trajectory, self.view = trajectory, clearest(network)
+        self._fit(network, width, height)
+        parts = len(network.parts)
+        self._known_from = np.zeros(parts, np.intp) if known_from is None else known_from
+        self._drawn, self._on_map = (network, goals, plates), np.zeros(parts, bool)
+        self._show_parts(0)
+        step = np.abs(np.diff(trajectory["distance"], prepend=trajectory["distance"][0]))
+        marks = np.floor(np.cumsum(np.where(np.isfinite(step), step, 0.0)) / 0.01)
+        known = np.isfinite(trajectory["position"]).all(axis=1)
+        new_leg = np.diff(trajectory["leg"], prepend=trajectory["leg"][:1]) != 0
+        self._rows = np.flatnonzero(known & ((np.diff(marks, prepend=-1) > 0) | new_leg))
+        self._points = self._pixels(trajectory["position"])  # (T, 2)
+        estimate = trajectory.channels.get("position_estimate", trajectory["position"])
+        self._estimates = self._pixels(estimate)
+        self._errors = np.linalg.norm(estimate - trajectory["position"], axis=-1)
+
+    def _fit(self, network: Assembly, width: int, height: int) -> None:
+        """Choose the size of the map and its scale."""
+        axes = [self.view.flat(line) for part in network.parts for line in axis_lines(part)]
+        radius = max(part.fitting.radius for part in network.parts)
+        low = np.min([axis.min(axis=0) for axis in axes], axis=0) - radius
+        high = np.max([axis.max(axis=0) for axis in axes], axis=0) + radius
+        pad = 14 * self.unit
+        room = np.array([0.27 * width, 0.40 * height]) * _FINER - 2 * pad
+        self.metre = float((room / (high - low)).min())  # pixels of the large map
+        self.offset = np.array([pad - self.metre * low[0], pad + self.metre * high[1]])
+        wide, tall = np.ceil((self.metre * (high - low) + 2 * pad) / _FINER).astype(int).tolist()
+        self.size = (wide * _FINER, tall * _FINER)
+        margin = round(18 * self.scale)
+        self.place = (width - margin - wide, margin)
+
+    def write(self, frame: NDArray[np.uint8], row: int) -> None:
+        """Draw the map as of sample ``row`` into ``frame`` (h, w, 3)."""
+        if (self._on_map != (self._known_from <= row)).any():
+            self._show_parts(row)
+        self._travel(int(np.searchsorted(self._rows, row, side="right")))
+        panel = self._small.copy()
+        self._robot(panel, row)
+        left, top = self.place
+        corner = frame[top : top + panel.height, left : left + panel.width]
+        image = Image.fromarray(np.ascontiguousarray(corner))
+        image.paste(panel.convert("RGB"), (0, 0), panel.getchannel("A"))
+        corner[:] = np.asarray(image)
+
+    def _show_parts(self, row: int) -> None:
+        """Draw the pipes that are on the map at sample ``row``."""
+        self._on_map = self._known_from <= row
+        self._background = self._pipes(*self._drawn)
+        self._forget_travel()
+
+    def _forget_travel(self) -> None:
+        self._large, self._travelled = self._background.copy(), 0
+        self._small = self._large.reduce(_FINER)
+
+    def _travel(self, count: int) -> None:
+        """Have the path drawn up to the first ``count`` of its points, in the colour of the
+        gear."""
+        if count < self._travelled:
+            self._forget_travel()
+        if count > self._travelled:
+            draw, first = ImageDraw.Draw(self._large), max(0, self._travelled - 1)
+            for i in range(first, count - 1):
+                self._step(draw, self._rows[i], self._rows[i + 1])
+            self._travelled = count
+            points = self._points[self._rows[first:count]]
+            margin = 4 * self.unit
+            box = self._box(points.min(axis=0) - margin, points.max(axis=0) + margin)
+            if box is not None:  # only what has changed is reduced anew
+                self._small.paste(self._crop(box).reduce(_FINER), box[:2])
+
+    def _crop(self, box: tuple[int, int, int, int]) -> Image.Image:
+        """The part of the large map that shows in a box of the small one."""
+        left, top, right, bottom = (_FINER * edge for edge in box)
+        return self._large.crop((left, top, right, bottom))
+
+    def _box(self, low: Array, high: Array) -> tuple[int, int, int, int] | None:
+        """Pixels of the small map that two corners of the large one span; None without any."""
+        size = self._small.size
+        left, top = np.floor(low / _FINER).astype(int).clip(0, size).tolist()
+        right, bottom = np.ceil(high / _FINER).astype(int).clip(0, size).tolist()
+        return (left, top, right, bottom) if right > left and bottom > top else None
+
+    def _pixels(self, points: Array) -> Array:
+        """Points (n, 3) m in pixels of the large map, (n, 2) to the right and down."""
+        return self._flat_pixels(self.view.flat(points))
+
+    def _flat_pixels(self, points: Array) -> Array:
+        return self.offset + self.metre * points * [1, -1]
+
+    def _pipes(self, network: Assembly, goals: Array, plates: Array) -> Image.Image:
+        """Panel, pipes from the farthest to the nearest, plates, goals."""
+        image = Image.new("RGBA", self.size, (0, 0, 0, 0))
+        draw, unit = ImageDraw.Draw(image), self.unit
+        edges = (0, 0, self.size[0] - 1, self.size[1] - 1)
+        draw.rounded_rectangle(edges, round(10 * unit), fill=_PANEL)
+        parts = [part for part, on in zip(network.parts, self._on_map, strict=True) if on]
+        for radius, ends in self.view.segments(parts):
+            corners = [tuple(end) for end in self._flat_pixels(ends).tolist()]
+            thick = max(5 * unit, 2 * self.metre * radius)
+            # The dark edge ends square, so that it shows at crossings only and not where pieces
+            # meet.
+            draw.line(corners, fill=_EDGE, width=round(thick + 3 * unit))
+            draw.line(corners, fill=_PIPE, width=round(thick))
+            for corner in corners:
+                _disc(draw, np.array(corner), thick / 2, fill=_PIPE)
+        for rim in plates:
+            corners = [tuple(corner) for corner in self._pixels(rim).tolist()]
+            draw.polygon(corners, fill=_PLATE)
+            draw.line(corners, fill=_PLATE, width=round(3 * unit))
+        angle = np.pi * np.arange(10) / 5
+        star = np.where(np.arange(10) % 2 == 0, 9.0, 4.0) * [np.sin(angle), -np.cos(angle)]
+        for goal in self._pixels(goals):
+            _polygon(draw, goal + unit * star.T, _GOAL)
+        return image
+
+    def _step(self, draw: ImageDraw.ImageDraw, row: int, after: int) -> None:
+        """The path from one sample to another one."""
+        ends = self._points[[row, after]]
+        colour = TAIL_FIRST if self.trajectory["gear"][after] < 0 else NOSE_FIRST
+        thick = max(1, round(3.2 * self.unit))
+        draw.line([tuple(end) for end in ends.tolist()], fill=colour, width=thick)
+        for end in ends:
+            _disc(draw, end, thick / 2 - 0.5, fill=colour)
+
+    def _robot(self, panel: Image.Image, row: int) -> None:
+        """Draw a disc with an arrow towards the nose, short if that points along the line of sight;
+        and a ring at the estimated position, where that is not the true one."""
+        places = np.stack([self._points[row], self._estimates[row]])
+        if not np.isfinite(places).all():
+            return
+        reach = 24 * self.unit
+        box = self._box(places.min(axis=0) - reach, places.max(axis=0) + reach)
+        if box is None:
+            return
+        near, unit = self._crop(box), self.unit
+        draw = ImageDraw.Draw(near)
+        centre, estimate = places - _FINER * np.array(box[:2])
+        nose = matrix_from_quaternion(self.trajectory["quaternion"][row])[:, 2]
+        ahead = self.view.flat(nose) * [1, -1]
+        aside = np.array([-ahead[1], ahead[0]]) / max(float(np.hypot(*ahead)), 1e-9)
+        base = centre + 5 * unit * ahead
+        arrow = (centre + 19 * unit * ahead, base + 6.5 * unit * aside, base - 6.5 * unit * aside)
+        _polygon(draw, np.array(arrow), _ROBOT)
+        for radius, colour in ((7.0, _EDGE), (5.5, _ROBOT)):
+            _disc(draw, centre, radius * unit, fill=colour)
+        if self._errors[row] > BESIDE:
+            for radius, colour, thick in ((9.2, _EDGE, 4.6), (8.2, _ESTIMATE, 2.4)):
+                width = max(1, round(thick * unit))
+                _disc(draw, estimate, radius * unit, outline=colour, width=width)
+        panel.paste(near.reduce(_FINER), box[:2])
+
+
+def _disc(draw: ImageDraw.ImageDraw, centre: Array, radius: float, **look) -> None:
+    low, high = centre - radius, centre + radius
+    draw.ellipse((*low.tolist(), *high.tolist()), **look)
+
+
+def _polygon(draw: ImageDraw.ImageDraw, corners: Array, colour: tuple[int, int, int]) -> None:
+    draw.polygon([tuple(corner) for corner in corners.tolist()], fill=colour, outline=_EDGE)
+
+
+def known_from(
+    trajectory: Trajectory, routes: Sequence[Route], half: float, sight: float
+) -> NDArray[np.intp]:
+    """For each part of an explored map the first sample at which it can have been seen; the number
+    of samples for what never was.
+
+    Args:
+        trajectory: the record.
+        routes: of each leg, through the map.
+        half: from the robot's centre to its front, m.
+        sight: range of sight ahead of that, m.
+    """
+    first = np.full(len(routes[0].network.parts), len(trajectory.time))
+    for leg, route in enumerate(routes):
+        rows = np.flatnonzero((trajectory["leg"] == leg) & np.isfinite(trajectory["distance"]))
+        front = trajectory["distance"][rows] + half
+        corner = -np.inf  # end of the last fitting; what lies beyond is not seen from before it
+        for passage in route.passages:
+            in_sight = (front + sight >= passage.s_enter) & (front + AT_PORT >= corner)
+            if in_sight.any():
+                first[passage.index] = min(first[passage.index], rows[np.argmax(in_sight)])
+            if not route.network.parts[passage.index].fitting.is_plain:
+                corner = passage.s_leave
+    return first
 
 
 @cache
@@ -91,13 +410,9 @@ def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     from importlib.util import find_spec
 
     spec = find_spec("matplotlib")
-    path = (
-        Path(spec.origin).parent / "mpl-data/fonts/ttf/DejaVuSans.ttf"
-        if spec and spec.origin
-        else None
-    )
+    file = spec and spec.origin and Path(spec.origin).parent / "mpl-data/fonts/ttf/DejaVuSans.ttf"
     return (
-        ImageFont.truetype(str(path), size)
-        if path and path.exists()
+        ImageFont.truetype(str(file), size)
+        if file and file.exists()
         else ImageFont.load_default(size)
     )

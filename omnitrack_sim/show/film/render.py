@@ -1,28 +1,274 @@
-"""Pictures and films of a recorded run, painted from the saved trajectory."""
+"""What may be asked for in pictures and films."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+import pickle
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from string import ascii_lowercase
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import PIL.Image
+from numpy.typing import NDArray
+from PIL import ImageDraw
 
 from omnitrack_sim.base.arguments import check_time, check_times
-from omnitrack_sim.base.writing import check_file
-from omnitrack_sim.show.film.encoding import Image, film, film_format
-from omnitrack_sim.show.film.limits import check_frames, check_request
-from omnitrack_sim.show.film.workers import painted
+from omnitrack_sim.base.errors import Fault, InputError, RenderError
+from omnitrack_sim.base.workers import LocalPool
+from omnitrack_sim.base.writing import check_file, format_of, whole_file
+from omnitrack_sim.show.film.overlay import font
 
 if TYPE_CHECKING:
     from omnitrack_sim.results.result import Result
+    from omnitrack_sim.show.film.stage import Stage
+if TYPE_CHECKING:
+    from omnitrack_sim.results.result import Result
+if TYPE_CHECKING:
+    from omnitrack_sim.results.result import Result
+
+
+CAMERAS = ("side", "follow", "onboard")
+"""``side`` shows the pipes on the way, ``follow`` stays with the robot, ``onboard`` looks ahead."""
+MOST_PIXELS = 7680
+"""Longest side of a picture, pixels."""
+MOST_FPS = 240
+MOST_GIF_FPS = 50
+"""Players show faster GIFs slower than they are."""
+MOST_FILM = 5e11
+"""Pixels of all frames of a film: six hours at 1280 x 720 and 25 frames a second, which take
+most of a day to paint."""
+MOST_PROCESSES = 64
+
+
+def check_request(
+    camera: str, width: int, height: int, fps: int = 1, format: str = "", processes: int = 1
+) -> None:
+    """Refuse what cannot be made, before any work.
+
+    Raises:
+        InputError: every fault.
+    """
+    faults = []
+    if camera not in CAMERAS:
+        faults = [Fault("camera", f"there is no camera {camera!r}", CAMERAS, given=camera)]
+    sizes = {
+        "width": (width, MOST_PIXELS),
+        "height": (height, MOST_PIXELS),
+        "fps": (fps, MOST_GIF_FPS if format == "gif" else MOST_FPS),
+        "processes": (processes, MOST_PROCESSES),
+    }
+    faults += [
+        Fault(name, f"is {value}; must be from 1 to {limit}")
+        for name, (value, limit) in sizes.items()
+        if not 1 <= value <= limit
+    ]
+    if faults:
+        raise InputError(faults)
+
+
+def check_frames(count: int, width: int, height: int) -> None:
+    """Refuse more pictures than anybody can wait for.
+
+    Raises:
+        InputError: they have more than ``MOST_FILM`` pixels.
+    """
+    if count * width * height > MOST_FILM:
+        most = int(MOST_FILM // (width * height))
+        problem = f"are {count} of {width} x {height} pixels; at most {most} of this size"
+        raise InputError(Fault("frames", problem))
+
+
+Image = NDArray[np.uint8]
+Append = Callable[[Image], None]
+FILM_FORMATS = ("mp4", "webm", "gif")
+"""H.264 that plays while it loads, VP9, and animated GIF, which repeats."""
+_THREADS = 4
+
+
+def film_format(path: str | Path) -> str:
+    """The format of a film by the ending of its path.
+
+    Raises:
+        InputError: it is none of ``FILM_FORMATS``.
+    """
+    return format_of(path, None, "film", FILM_FORMATS)
+
+
+@contextmanager
+def film(path: str | Path, width: int, height: int, fps: int) -> Iterator[Append]:
+    """A function that appends frames (height, width, 3) to a film, which is written whole or not
+    at all.
+
+    Args:
+        path: of the film; its ending is one of ``FILM_FORMATS``.
+        width, height: pixels, even.
+        fps: frames a second.
+
+    Raises:
+        InputError: no such format.
+        OutputError: the file cannot be written.
+    """
+    import imageio.v3
+
+    imopen: Any = imageio.v3.imopen  # its types know no names of plugins
+    format = film_format(path)
+    # Without bitexact a WebM would be given a number of its own each time.
+    options = {"mp4": {"movflags": "faststart"}, "webm": {"fflags": "+bitexact"}}.get(format, {})
+    with (
+        whole_file(path) as part,
+        imopen(
+            part, "w", plugin="pyav", extension=f".{format}", container=format, options=options
+        ) as file,
+    ):
+        begin = {"mp4": _begin_mp4, "webm": _begin_webm, "gif": _begin_gif}[format]
+        begin(file, width, height, fps)
+        yield file.write_frame
+
+
+def _begin_mp4(file: Any, width: int, height: int, fps: int) -> None:
+    file.init_video_stream("libx264", fps=fps, pixel_format="yuv420p")
+    # imageio has no parameter for the encoder's options. Its own take three times as long; a plain
+    # search takes a third less than that of the preset. x264 must not look ahead: its macroblock
+    # tree, which needs that, reads memory that nobody has written, and the file would have other
+    # bytes now and then. Without the tree CRF 25 is as sharp as 20 with it, in 8 % more bytes.
+    plain = "subme=1:me=dia:weightp=0:bframes=1:b-adapt=0"
+    blind = "no-mbtree=1:rc-lookahead=0:scenecut=0"
+    options = {"crf": "25", "preset": "veryfast", "x264-params": f"{plain}:{blind}"}
+    file._video_stream.options = options
+    _fix_threads(file)
+
+
+def _begin_webm(file: Any, width: int, height: int, fps: int) -> None:
+    file.init_video_stream("libvpx-vp9", fps=fps, pixel_format="yuv420p")
+    stream = file._video_stream
+    stream.bit_rate = 0  # constant quality, which "crf" says
+    stream.options = {"crf": "32", "deadline": "realtime", "cpu-used": "6", "row-mt": "1"}
+    _fix_threads(file)
+
+
+def _fix_threads(file: Any) -> None:
+    """Encode in so many threads on every machine, as the bytes of a film follow from their number,
+    which would else be that of the processors."""
+    context = file._video_stream.codec_context
+    # Whole frames side by side: slices of one frame would be a larger file.
+    context.thread_count, context.thread_type = _THREADS, "FRAME"
+
+
+def _begin_gif(file: Any, width: int, height: int, fps: int) -> None:
+    """Each frame gets the 256 colours that suit it; frames are not kept in memory."""
+    file.init_video_stream("gif", fps=fps, pixel_format="rgb24")
+    stream = file._video_stream  # what the filters take in; without a size they cannot begin
+    stream.width, stream.height = width, height
+    nodes = {
+        "both": ("split", ""),
+        "colours": ("palettegen", "stats_mode=single"),
+        "coloured": ("paletteuse", "new=1"),
+    }
+    edges = [
+        ("video_in", "both", 0, 0),
+        ("both", "coloured", 0, 0),
+        ("both", "colours", 1, 0),
+        ("colours", "coloured", 0, 1),
+        ("coloured", "video_out", 0, 0),
+    ]
+    file.set_video_filter(filter_graph=(nodes, edges))
+    stream.pix_fmt = "pal8"  # what they give
+
+
+_AHEAD = 3
+"""Pictures for each process that may be under way."""
+_stages: list[Stage] = []  # of a worker: the one that it paints, once it has been asked to
+
+
+def painted(
+    result: Result,
+    times: Sequence[float],
+    size: tuple[int, int],
+    camera: str,
+    options: Mapping[str, Any],
+    processes: int = 1,
+) -> Iterator[Image]:
+    """The pictures (height, width, 3) of a run at ``times`` s.
+
+    Args:
+        result: the run.
+        times: s.
+        size: width and height, pixels.
+        camera: one of ``CAMERAS``.
+        options: of ``Stage``.
+        processes: that paint.
+
+    Raises:
+        RenderError: no offscreen OpenGL, or a process died.
+    """
+    if processes == 1 or len(times) < 2:
+        from omnitrack_sim.show.film.stage import Stage
+
+        with Stage(result, size, camera, **options) as stage:
+            yield from map(stage.picture, times)
+        return
+    try:
+        yield from _spread(result, times, size, camera, options, min(processes, len(times)))
+    except BrokenProcessPool:
+        raise RenderError("a process that painted died; ask for fewer processes") from None
+
+
+def _spread(
+    result: Result,
+    times: Sequence[float],
+    size: tuple[int, int],
+    camera: str,
+    options: Mapping[str, Any],
+    processes: int,
+) -> Iterator[Image]:
+    """As ``painted``, by worker processes."""
+    with TemporaryDirectory(prefix="omnitrack-film-") as folder, LocalPool(processes) as pool:
+        asked = Path(folder) / "asked"
+        # Tables of fittings are classes made while files are read, which cannot be pickled.
+        scenario = result.scenario.model_dump(mode="json", exclude_none=True)
+        rest = replace(result, scenario=None)  # type: ignore[arg-type]
+        asked.write_bytes(pickle.dumps((scenario, rest, size, camera, dict(options))))
+        under_way: deque[Future[Image]] = deque()
+        try:
+            for time in times:
+                if len(under_way) == _AHEAD * processes:
+                    yield under_way.popleft().result()
+                under_way.append(pool.submit(_paint, asked, time))
+            while under_way:
+                yield under_way.popleft().result()
+        except BaseException:  # as well where no further picture is wanted
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _paint(asked: Path, time: float) -> Image:
+    """One picture, in a worker, which keeps its stage."""
+    if not _stages:
+        # Software OpenGL takes a thread for each processor, and so does each of these processes.
+        os.environ.setdefault("LP_NUM_THREADS", "1")
+        from omnitrack_sim.scenario import Scenario
+        from omnitrack_sim.show.film.stage import Stage
+
+        scenario, rest, size, camera, options = pickle.loads(asked.read_bytes())
+        result = replace(rest, scenario=Scenario.model_validate(scenario))
+        _stages.append(Stage(result, size, camera, **options))
+    return _stages[0].picture(time)
+
 
 Progress = Callable[[float, str], None]
 
 
 def render_video(
     result: Result | str | os.PathLike[str],
+    *,
     path: str | os.PathLike[str],
     camera: str = "side",
     width: int = 1280,
@@ -76,6 +322,7 @@ def render_video(
 
 def render_frame(
     result: Result | str | os.PathLike[str],
+    *,
     time: float,
     camera: str = "side",
     width: int = 1280,
@@ -92,11 +339,14 @@ def render_frame(
         RenderError: no offscreen OpenGL on this machine; the message says what to install.
     """
     check_time("time", time)
-    return render_frames(result, [time], camera, width, height, inset)[0]
+    return render_frames(
+        result, times=[time], camera=camera, width=width, height=height, inset=inset
+    )[0]
 
 
 def render_frames(
     result: Result | str | os.PathLike[str],
+    *,
     times: Sequence[float],
     camera: str = "side",
     width: int = 1280,
@@ -115,3 +365,121 @@ def render_frames(
     check_frames(len(times), width, height)
     options = {"inset": inset, "overlay": overlay}
     return list(painted(as_result(result), times, (width, height), camera, options))
+
+
+STRIP_FORMATS = ("png", "jpg", "jpeg", "pdf")
+FRAMES, MOST_FRAMES = 6, len(ascii_lowercase)
+BEFORE = 0.3
+"""How long before the first fitting, and after the last, the stills begin and end, s."""
+_PAPER, _INK, _SOFT = (255, 255, 255), (34, 38, 43), (106, 112, 121)
+_DPI = 200.0  # of a PDF: six stills of 640 pixels are 25 cm wide, in two rows
+
+
+def render_strip(
+    result: Result | str | os.PathLike[str],
+    *,
+    path: str | os.PathLike[str],
+    count: int = FRAMES,
+    times: Sequence[float] | None = None,
+    camera: str = "side",
+    width: int = 640,
+    height: int = 480,
+) -> Path:
+    """Stills of a run side by side in one picture, each with its letter and time.
+
+    Args:
+        result: a ``Result``, or the folder of a saved one.
+        path: file to write: ``.png``, ``.jpg`` or ``.pdf``; nothing half-written stays.
+        count: how many stills, at most 26, if ``times`` are not given.
+        times: of the stills, s; ``strip_times`` when not given.
+        camera: one of ``CAMERAS``.
+        width, height: of each still, pixels.
+
+    Raises:
+        InputError: unknown camera or format, a size or number that is out of range, or a time
+            outside of the run.
+        RenderError: no offscreen OpenGL on this machine; the message says what to install.
+        OutputError: the picture cannot be written.
+    """
+    from omnitrack_sim.results.result import as_result
+
+    path = Path(path)
+    format = format_of(path, None, "picture", STRIP_FORMATS)
+    check_request(camera, width, height)
+    if times is not None:
+        check_times("times", times)
+    number = count if times is None else len(times)
+    if not 1 <= number <= MOST_FRAMES:
+        place = "count" if times is None else "times"
+        raise InputError(Fault(place, f"are {number} stills; must be from 1 to {MOST_FRAMES}"))
+    check_file(path)
+    result = as_result(result)
+    times = strip_times(result, count) if times is None else _checked(result, times)
+    stills = render_frames(
+        result, times=times, camera=camera, width=width, height=height, inset=False, overlay=False
+    )
+    sheet = composed(stills, times)
+    kinds = {"jpg": "JPEG", "jpeg": "JPEG", "png": "PNG", "pdf": "PDF"}
+    # Without date and name of the file, the same run gives the same bytes.
+    options: dict[str, Any] = {"quality": 92} if kinds[format] != "PNG" else {"optimize": True}
+    if format == "pdf":
+        options |= {"resolution": _DPI, "title": None, "creationDate": None, "modDate": None}
+    with whole_file(path) as part, part.open("wb") as file:
+        sheet.save(file, kinds[format], **options)
+    return path
+
+
+def strip_times(result: Result, count: int = FRAMES) -> list[float]:
+    """Times, s, evenly from just before the first fitting that bends, branches or narrows to just
+    after the last; over the whole run where there is none."""
+    parts = [
+        route.network.parts[passage.index]
+        for route in result.routes()
+        for passage in route.passages
+    ]
+    plain = {part.name for part in parts if part.fitting.is_plain}
+    visits = [visit for visit in result.timeline() if visit.name not in plain]
+    first, last = result.trajectory.time[[0, -1]].tolist()
+    if visits:
+        leave = visits[-1].time_leave_s
+        first = max(first, visits[0].time_enter_s - BEFORE)
+        last = last if leave is None else min(last, leave + BEFORE)
+    return np.linspace(first, last, count).tolist()
+
+
+def label(index: int) -> str:
+    """The letter of a still: (a) for the first."""
+    return f"({ascii_lowercase[index]})"
+
+
+def composed(stills: Sequence[Image], times: Sequence[float]) -> PIL.Image.Image:
+    """One picture of stills (height, width, 3), in rows of at most three, or of four if they fill
+    them, each over its letter and time in s."""
+    height, width, _ = stills[0].shape
+    columns = next((n for n in (3, 4) if len(stills) % n == 0), min(3, len(stills)))
+    gap, line = max(2, round(0.02 * width)), round(0.085 * height)
+    rows = -(-len(stills) // columns)
+    size = (columns * (width + gap) + gap, rows * (height + line + gap) + gap)
+    sheet = PIL.Image.new("RGB", size, _PAPER)
+    draw, letters = ImageDraw.Draw(sheet), font(max(1, round(0.6 * line)))
+    for index, (still, time) in enumerate(zip(stills, times, strict=True)):
+        left = gap + index % columns * (width + gap)
+        top = gap + index // columns * (height + line + gap)
+        sheet.paste(PIL.Image.fromarray(still), (left, top))
+        middle = left + width // 2, top + height + line // 2
+        draw.text(middle, f"{label(index)}  ", font=letters, fill=_INK, anchor="rm")
+        draw.text(middle, f"{time:.2f} s", font=letters, fill=_SOFT, anchor="lm")
+    return sheet
+
+
+def _checked(result: Result, times: Sequence[float]) -> list[float]:
+    """Times that lie within the run."""
+    first, last = result.trajectory.time[[0, -1]].tolist()
+    faults = [
+        Fault(f"times[{i}]", f"is {time:g} s; the run goes from {first:g} to {last:g} s")
+        for i, time in enumerate(times)
+        if not first <= time <= last
+    ]
+    if faults:
+        raise InputError(faults)
+    return [float(time) for time in times]

@@ -1,26 +1,34 @@
-"""How all figures look, and how they are written."""
+"""The look of all figures, and how they are made and written. Matplotlib is loaded by the first
+figure."""
 
 from __future__ import annotations
 
+import io
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
+import numpy as np
+
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.text import clipped, shown
 from omnitrack_sim.base.writing import format_of, whole_file
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MODULE_COLOURS = ((0.95, 0.55, 0.05), (0.10, 0.45, 0.80), (0.05, 0.62, 0.42))
-"""Red, green, blue of modules 1, 2, 3: orange, blue and green as on the model (``model.looks``)."""
 GREY, INK, ALARM = "#7a7f87", "#22262b", "#c8322b"
 PAGE, COLUMN = 7.16, 3.5
 """Widths of what fills a page and of what fills one of two columns of a paper, inches."""
 DPI = 220
 """Dots per inch of bitmaps: a page is 1575 pixels wide, and so is what is wider than a page."""
 FORMATS = ("png", "svg", "pdf")
+_NOTEBOOK_DPI = 110
+"""Dots per inch in a notebook, where a page is then as wide as the text."""
 STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.edgecolor": GREY,
@@ -98,7 +106,6 @@ def styled(draw: Callable[[], _Drawn], more: Mapping[Any, Any] | None = None) ->
 def style(more: Mapping[Any, Any] | None = None) -> Iterator[None]:
     """The package's style, with what ``more`` changes of it."""
     import matplotlib
-    import numpy as np
 
     # Of physics that has diverged, numbers may be none or too large.
     quiet = np.errstate(invalid="ignore", over="ignore")
@@ -108,9 +115,136 @@ def style(more: Mapping[Any, Any] | None = None) -> Iterator[None]:
         yield
 
 
-def labelled(name: str, unit: str) -> str:
-    """What an axis is called: the name with its unit, or the name alone of numbers without one."""
-    return name if unit in ("", "1", "code") else f"{name} [{unit}]"
+def new_figure(size: tuple[float, float], **options: Any) -> Figure:
+    """An empty figure of ``size`` inches.
+
+    It belongs to no window and to no list of open figures, so it goes when nothing holds it any
+    more. It shows itself in notebooks, and has the package's style wherever it is drawn.
+    """
+    return _figure_class()(figsize=size, **options)
+
+
+@cache
+def _figure_class() -> type[Figure]:
+    """The class of the package's figures, made when matplotlib is first needed."""
+    from matplotlib.figure import Figure
+
+    class StyledFigure(Figure):
+        """A figure in the package's style."""
+
+        def draw(self, renderer: Any) -> None:
+            """As of matplotlib, in the package's style."""
+            with style():
+                super().draw(renderer)
+
+        def savefig(self, fname: Any, **options: Any) -> None:
+            """As of matplotlib, in the package's style, and without date and program in PNG, PDF
+            and SVG, so that the same figure gives the same bytes."""
+            ending = Path(str(fname)).suffix[1:].lower()
+            format = options.get("format") or ending or "png"
+            own = _saving(self, format) if format in FORMATS else {}
+            with style():
+                super().savefig(fname, **own | options)
+
+        def _repr_png_(self) -> bytes:
+            """What notebooks show."""
+            buffer = io.BytesIO()
+            self.savefig(buffer, format="png", dpi=_NOTEBOOK_DPI)
+            return buffer.getvalue()
+
+    return StyledFigure
+
+
+def page(
+    draw: Callable[[], Figure],
+    path: str | Path | None,
+    format: str | None,
+    more: Mapping[Any, Any] | None = None,
+) -> Figure:
+    """The figure that ``draw`` makes in the package's style, written where there is a path.
+
+    Args:
+        draw: makes the figure.
+        path: file to write; none: it is not written.
+        format: of the file; none: from the ending of ``path``.
+        more: what its style has beside that of the package; none: ``PAPER``.
+    """
+    _check_format(path, format)
+    figure = styled(draw, PAPER if more is None else more)
+    if path is not None:
+        save_figure(figure, path, format)
+    return figure
+
+
+def chart(
+    draw: Callable[[Axes], None],
+    size: tuple[float, float],
+    path: str | Path | None,
+    ax: Axes | None,
+    format: str | None,
+) -> Figure:
+    """A figure with one chart; or the figure of ``ax``, with the chart in ``ax``.
+
+    Args:
+        draw: draws the chart.
+        size: of a figure of its own, inches.
+        path: file to write; none: it is not written.
+        ax: where to draw; none: in a figure of its own.
+        format: of the file; none: from the ending of ``path``.
+    """
+    if ax is None:
+
+        def own() -> Figure:
+            figure = new_figure(size, layout="constrained")
+            draw(figure.subplots())
+            return figure
+
+        return page(own, path, format)
+    _check_ax(ax)
+    if path is not None:
+        raise InputError(Fault("path", "is given with ax; draw first and save the figure of ax"))
+    _check_format(path, format)
+    with style(PAPER):
+        draw(ax)
+    return ax.get_figure(root=True)  # type: ignore[return-value]
+
+
+def _check_ax(ax: object) -> None:
+    """Raise a TypeError for what is no axes of matplotlib."""
+    from matplotlib.axes import Axes
+
+    if isinstance(ax, Axes):
+        return
+    if isinstance(ax, np.ndarray | list | tuple):
+        raise TypeError("ax: is an array of axes; give one of them")
+    told = "it must be axes, such as figure.subplots() makes"
+    raise TypeError(f"ax: is {shown(ax)}, of type {type(ax).__name__}; {told}")
+
+
+def _check_format(path: str | Path | None, format: str | None) -> None:
+    if path is not None:
+        figure_format(path, format)
+    elif format is not None:
+        raise InputError(Fault("format", "is given without a path to write to"))
+
+
+def headline(
+    figure: Figure, name: str, text: str, left: float, good: bool = True, right: float = 0.08
+) -> None:
+    """Write the head of a page: a name on the left, and what came of it on the right.
+
+    Args:
+        figure: as wide as a page.
+        name: of a run, a network.
+        text: on the right, red where it is not ``good``.
+        left: margin, inches.
+        good: whether it went well.
+        right: margin, inches.
+    """
+    top = 1 - 0.07 / figure.get_figheight()
+    figure.text(left / PAGE, top, clipped(name, 60), size=10, weight="bold", color=INK, va="top")
+    colour = INK if good else ALARM
+    figure.text(1 - right / PAGE, top, text, size=8, color=colour, va="top", ha="right")
 
 
 def figure_format(path: str | Path | BinaryIO, format: str | None = None) -> str:
@@ -136,7 +270,7 @@ def save_figure(figure: Figure, path: str | Path | BinaryIO, format: str | None 
         InputError: no such format.
         OutputError: the file cannot be written.
     """
-    options = saving(figure, figure_format(path, format))
+    options = _saving(figure, figure_format(path, format))
     with style():
         if isinstance(path, str | Path):
             with whole_file(path) as part:
@@ -145,7 +279,7 @@ def save_figure(figure: Figure, path: str | Path | BinaryIO, format: str | None 
             figure.savefig(path, **options)
 
 
-def saving(figure: Figure, format: str) -> dict[str, Any]:
+def _saving(figure: Figure, format: str) -> dict[str, Any]:
     """Options of matplotlib's ``savefig``: dots per inch, and neither date nor program."""
     stampless = {
         "png": {"Software": None},

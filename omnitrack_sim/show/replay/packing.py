@@ -1,4 +1,4 @@
-"""Tables of numbers as one short text, which the page unpacks (page/unpack.js)."""
+"""Pack tables of numbers into one short text, which the page unpacks (page/unpack.js)."""
 
 from __future__ import annotations
 

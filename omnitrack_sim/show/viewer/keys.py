@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 
 class Do(Enum):
-    """What a key asks for."""
+    """Actions that a key can ask for."""
 
     PAUSE = auto()
     STEP = auto()
@@ -107,8 +107,8 @@ DRIVE = (
 """Of a robot that is driven by keyboard."""
 
 
-def asked(keys: Sequence[Key], code: int) -> Do | None:
-    """What the key of GLFW's number ``code`` asks for; None where it asks for nothing."""
+def action_of(keys: Sequence[Key], code: int) -> Do | None:
+    """The action of the key with GLFW's number ``code``; None where it has none."""
     return next((key.do for key in keys if code in key.codes), None)
 
 

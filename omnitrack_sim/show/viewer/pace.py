@@ -21,7 +21,7 @@ _MEASURED = 1.0  # s of wall time over which the reached speed is measured
 _ROUNDING = 1e-9  # s
 
 
-class Stage(Protocol):
+class Playable(Protocol):
     """Something that goes on in steps."""
 
     @property
@@ -78,24 +78,24 @@ class Pace:
     def _log(speed: float) -> float:
         return min(math.log2(speed), math.log2(LADDER[-2]) + 1)
 
-    def advance(self, stage: Stage) -> None:
+    def advance(self, run: Playable) -> None:
         """Take the steps that are due by now."""
         now = self._clock()
-        if self.paused or stage.next_time is None:
+        if self.paused or run.next_time is None:
             self.anew()
             return
         if self._from is None:
-            self._from = self._mark = (now, stage.time)
+            self._from = self._mark = (now, run.time)
         wall, simulated = self._from
         due = simulated + (now - wall) * self.speed if now > wall else simulated
-        while stage.next_time is not None and stage.next_time <= due + _ROUNDING:
-            stage.step()
+        while run.next_time is not None and run.next_time <= due + _ROUNDING:
+            run.step()
             if self._clock() > now + STINT:
                 break
-        self.overdue = stage.next_time is not None and stage.next_time <= due + _ROUNDING
-        if self.overdue and (due - stage.time) / self.speed > MOST_OVERDUE:
-            self._from = (self._clock(), stage.time)
-        self._measure(stage.time)
+        self.overdue = run.next_time is not None and run.next_time <= due + _ROUNDING
+        if self.overdue and (due - run.time) / self.speed > MOST_OVERDUE:
+            self._from = (self._clock(), run.time)
+        self._measure(run.time)
 
     def _measure(self, simulated: float) -> None:
         now = self._clock()
@@ -113,13 +113,13 @@ class Pace:
         self._drawn = now
         return True
 
-    def rest(self, stage: Stage) -> float:
+    def rest(self, run: Playable) -> float:
         """How long nothing will be due, s; a key may come before."""
         if self.overdue:
             return 0.0
         now = self._clock()
         left = self._drawn + FRAME - now
-        if self._from is not None and stage.next_time is not None and not self.paused:
+        if self._from is not None and run.next_time is not None and not self.paused:
             wall, simulated = self._from
-            left = min(left, wall + (stage.next_time - simulated) / self.speed - now)
+            left = min(left, wall + (run.next_time - simulated) / self.speed - now)
         return max(left, 0.0)

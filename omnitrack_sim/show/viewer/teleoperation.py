@@ -1,4 +1,4 @@
-"""From keys to orders: what a driver at a keyboard asks for. Pure: no window and no physics."""
+"""From keys to orders: the set points of a driver at a keyboard. Pure: no window, no physics."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ MOST_ROLL_DEG = 3600.0
 
 
 @dataclass(frozen=True)
-class Pose:
-    """What a key may depend on, at the moment when it is pressed.
+class KeyContext:
+    """The state on which the effect of a key depends, when it is pressed.
 
     Attributes:
         time: s. nose: (3,) unit vector along the robot. roll_deg: asked of the modules last.
@@ -58,7 +58,7 @@ class Teleoperation:
         self._step, self._limit = cruise_speed / SPEED_STEPS, speed_limit
         self.order = Order(time=0.0, roll_deg=roll_deg)
 
-    def press(self, do: Do, pose: Pose) -> Order | None:
+    def press(self, do: Do, pose: KeyContext) -> Order | None:
         """The order that a key makes; None where it changes nothing.
 
         While the controller drives, only a stop takes over from it, and the run can be ended.
@@ -79,7 +79,7 @@ class Teleoperation:
         self.order = order
         return order
 
-    def _changes(self, do: Do, pose: Pose) -> dict[str, object]:
+    def _changes(self, do: Do, pose: KeyContext) -> dict[str, object]:
         """What a key changes of the order at hand; nothing where the key is none of these."""
         speeds, rolls = {Do.FORWARD: 1, Do.BACK: -1}, {Do.ROLL_ON: 1, Do.ROLL_BACK: -1}
         if do in speeds:
@@ -96,7 +96,7 @@ class Teleoperation:
         heading = self._turned(do, pose)
         return {} if heading is None else {"heading": heading}
 
-    def _turned(self, do: Do, pose: Pose) -> tuple[float, float, float] | None:
+    def _turned(self, do: Do, pose: KeyContext) -> tuple[float, float, float] | None:
         """The heading, turned by a step; None where it stays."""
         before = pose.nose if self.order.heading is None else np.array(self.order.heading)
         across = unit(np.cross(before, -pose.towards))

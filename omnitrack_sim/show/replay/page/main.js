@@ -4,8 +4,8 @@ import { Arrows, FORCES } from "replay/arrows";
 import { CAMERAS, Cameras } from "replay/cameras";
 import { Chart } from "replay/chart";
 import { Motion } from "replay/motion";
-import { MODULES, Plots } from "replay/plots";
-import { Seen } from "replay/seen";
+import { RobotPictures } from "replay/pictures";
+import { moduleColours, Plots } from "replay/plots";
 import { PIPES, SLIP_FULL, Stage, slipColour } from "replay/stage";
 import { listEvents, Strip } from "replay/strip";
 import { unpacked } from "replay/unpack";
@@ -47,7 +47,9 @@ class Replay {
     this.plots = new Plots(data, this.motions, this.span, seek);
     this.strip = new Strip(this.motions[0], this.span, seek);
     if (data.map) this.chart = new Chart(data.map, this.motions[0]);
-    if (data.seen) this.seen = new Seen(data.seen, () => (this.stale = true));
+    if (data.pictures) {
+      this.pictures = new RobotPictures(data.pictures, () => (this.stale = true));
+    }
     this.openStage(bytes);
     this.addControls();
     this.addTransport();
@@ -74,7 +76,7 @@ class Replay {
     this.stage.lightFor(this.cameras.onboard, 0.2);
     this.arrows = new Arrows(this.stage.scene, motions[0], data.arrows);
     this.cameras.controls.addEventListener("change", () => (this.stale = true));
-    this.badges = MODULES.map((colour, i) => {
+    this.badges = moduleColours(data).map((colour, i) => {
       const badge = element("span", {}, String(i + 1));
       badge.style.background = colour;
       at("badges").append(badge);
@@ -258,7 +260,7 @@ class Replay {
     for (const motion of this.motions) motion.seek(this.time);
     if (this.stage) this.drawStage();
     this.chart?.update();
-    this.seen?.update(this.time);
+    this.pictures?.update(this.time);
     this.plots.update(this.time);
     this.strip.update(this.time);
     this.tellState();

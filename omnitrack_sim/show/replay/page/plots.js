@@ -1,7 +1,6 @@
 // Curves over time, one small plot a channel, with a cursor; a click or a drag goes to a time.
 import { drag, element, sized, text3 } from "replay/words";
 
-export const MODULES = ["#d97f06", "#1a73cc", "#0d9e6b"];
 const SINGLE = "#22262b";
 const GRID = "#d9dde3";
 const [LEFT, RIGHT, TOP, BOTTOM] = [46, 8, 5, 16]; // px around the curves
@@ -11,6 +10,7 @@ const ANGLES = [1, 2, 5, 10, 15, 30, 45, 90, 180];
 export class Plots {
   constructor(data, motions, span, seek) {
     this.motions = motions;
+    this.colours = moduleColours(data);
     this.span = span;
     this.seek = seek;
     this.box = document.getElementById("plots");
@@ -31,10 +31,10 @@ export class Plots {
 
   addKeys(data) {
     const keys = document.getElementById("keys");
-    MODULES.forEach((colour, i) => {
+    this.colours.forEach((colour, i) => {
       keys.append(element("span", {}, dash(colour), `module ${i + 1}`));
     });
-    keys.append(element("span", {}, dash(SINGLE, "dashed"), "asked"));
+    keys.append(element("span", {}, dash(SINGLE, "dashed"), "command"));
     if (data.runs.length > 1) keys.append(element("span", {}, dash("#8c93a0", "pale"), "second run"));
   }
 
@@ -69,13 +69,13 @@ export class Plots {
     const add = (motion, name, look, told) => {
       const columns = motion.curves[name] ?? [];
       columns.forEach((values, i) => {
-        const colour = columns.length === 3 ? MODULES[i] : SINGLE;
+        const colour = columns.length === 3 ? this.colours[i] : SINGLE;
         curves.push({ motion, values, colour, told, ...look });
       });
     };
     const [first, second] = this.motions;
     if (second) add(second, panel.channel, { width: 2.6, alpha: 0.38, dash: [] }, false);
-    if (panel.asked) add(first, panel.asked, { width: 1, alpha: 0.85, dash: [5, 3] }, false);
+    if (panel.command) add(first, panel.command, { width: 1, alpha: 0.85, dash: [5, 3] }, false);
     add(first, panel.channel, { width: 1.3, alpha: 1, dash: [] }, true);
     return curves;
   }
@@ -155,10 +155,15 @@ export class Plots {
       line(pen, at, TOP, at, HEIGHT - BOTTOM);
       for (const { readout, curve } of readouts) {
         const near = panel.wraps ? "nearest" : "between";
-        readout.textContent = text3(curve.motion[near](curve.values) * panel.factor);
+        readout.textContent = text3(curve.motion[near](curve.values) * panel.scale);
       }
     }
   }
+}
+
+/** CSS colours of modules 1, 2, 3. */
+export function moduleColours(data) {
+  return data.colours.map((rgb) => `rgb(${rgb})`);
 }
 
 function unit(panel) {
@@ -188,10 +193,10 @@ function boundsOf(panel, curves) {
     }
   }
   if (!(low <= high)) [low, high] = [0, 1];
-  const room = 0.06 * (high - low) * panel.factor;
-  low = panel.low ?? low * panel.factor - room;
-  high = panel.high ?? high * panel.factor + room;
-  const lacking = (panel.least ?? 1e-6 * Math.max(1, Math.abs(high))) - (high - low);
+  const room = 0.06 * (high - low) * panel.scale;
+  low = panel.low ?? low * panel.scale - room;
+  high = panel.high ?? high * panel.scale + room;
+  const lacking = (panel.span || 1e-6 * Math.max(1, Math.abs(high))) - (high - low);
   if (lacking > 0) {
     if (panel.low === null) low -= lacking / 2;
     high += panel.low === null ? lacking / 2 : lacking;
@@ -211,7 +216,7 @@ function paintCurve(pen, { motion, values, colour, width, alpha, dash: pattern }
   let drawn = false;
   let [last, column, low, high] = [NaN, NaN, NaN, NaN];
   for (let row = 0; row < values.length; row++) {
-    const value = values[row] * panel.factor;
+    const value = values[row] * panel.scale;
     if (!Number.isFinite(value)) {
       drawn = false;
       continue;

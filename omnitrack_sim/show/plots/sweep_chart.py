@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.record.channels import Display
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
-from omnitrack_sim.show.plots.style import COLUMN, GREY, INK, PAGE, PAPER, TICKS, labelled, styled
-from omnitrack_sim.show.plots.success import (
+from omnitrack_sim.show.plots.style import COLUMN, GREY, INK, PAGE, PAPER, TICKS, new_figure, styled
+from omnitrack_sim.show.plots.success_figure import (
     FAILED_COLOUR,
     PASSED_COLOUR,
     success_colours,
@@ -61,7 +62,7 @@ class Spread:
     @property
     def label(self) -> str:
         """Name and unit."""
-        return labelled(self.name, self.unit)
+        return Display(self.name, self.unit).label()
 
 
 def sweep_figure(axes: Sequence[Spread], passed: Array, case: TurnCase | None = None) -> Figure:
@@ -122,9 +123,7 @@ def _orientations(
 
 
 def _one_map(x: Spread, y: Spread, passed: Array) -> Figure:
-    from omnitrack_sim.show.plots.picture import Picture
-
-    figure = Picture(figsize=CHART, layout="constrained")
+    figure = new_figure(CHART, layout="constrained")
     draw_chart(figure.subplots(), (x, y), passed)
     return figure
 
@@ -188,15 +187,13 @@ def _cells(spread: Spread) -> tuple[NDArray[np.intp], Array]:
 
 def _main_effects(axes: Sequence[Spread], passed: Array) -> Figure:
     """One panel for each axis, with the success rate over its values."""
-    from omnitrack_sim.show.plots.picture import Picture
-
     effects = sorted(
         ((_effect(axis, passed), axis) for axis in axes), key=lambda pair: -_spread_of(pair[0])
     )
     columns = min(len(effects), 3)
     rows = -(-len(effects) // columns)
     width = COLUMN if columns == 1 else PAGE
-    figure = Picture(figsize=(width, 1.9 * rows + 0.3), layout="constrained")
+    figure = new_figure((width, 1.9 * rows + 0.3), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False, sharey=True)
     lowest = min(_lowest(effect) for effect, _ in effects)
     for panel, (effect, axis) in zip(panels.flat, effects, strict=False):

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from omnitrack_sim.base.text import clipped
-from omnitrack_sim.show.plots.style import GREY, INK, MODULE_COLOURS, PAGE, PAPER, TICKS, styled
+from omnitrack_sim.record.channels import MODULE_COLOURS
+from omnitrack_sim.show.plots.style import GREY, INK, PAGE, PAPER, TICKS, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,13 +41,11 @@ def bench_figure(bars: Sequence[Bar]) -> Figure:
 
 
 def _figure(bars: Sequence[Bar]) -> Figure:
-    from matplotlib.figure import Figure
-
     tasks = list(dict.fromkeys(bar.task for bar in bars))
     entries = list(dict.fromkeys(bar.entry for bar in bars))
     across, down = min(len(tasks), ACROSS), math.ceil(len(tasks) / ACROSS)
     height = down * (HEAD + ROW * len(entries))
-    figure = Figure(figsize=(PAGE, height), layout="constrained")
+    figure = new_figure((PAGE, height), layout="constrained")
     panels = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
     for panel, task in zip(panels, tasks, strict=False):
         _panel(panel, [bar for bar in bars if bar.task == task], entries)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.rotations import wrap_angle
-from omnitrack_sim.show.plots.style import INK, PAGE, PAPER, TICKS, styled
+from omnitrack_sim.show.plots.style import INK, PAGE, PAPER, TICKS, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,8 +46,6 @@ def success_figure(
         Two panels: on the left rows over theta5 [deg] with their success rates [%], on the right
             the same as rings, repeated around the circle.
     """
-    from omnitrack_sim.show.plots.picture import Picture
-
     theta5 = _wrapped(np.asarray(theta5_deg, float), period_deg)
     rows = {
         name: _cells(theta5, np.asarray(values, float), period_deg)
@@ -57,7 +55,7 @@ def success_figure(
     margin = (period_deg - sector_deg) / 2
 
     def draw() -> Figure:
-        figure = Picture(figsize=(PAGE, max(2.8, 1.6 + 0.36 * len(rows))), layout="constrained")
+        figure = new_figure((PAGE, max(2.8, 1.6 + 0.36 * len(rows))), layout="constrained")
         line = figure.add_subplot(figure.add_gridspec(1, 2, width_ratios=(1.75, 1))[0])
         ring: Any = figure.add_subplot(1, 2, 2, projection="polar")
         ring.set_subplotspec(line.get_gridspec()[1])  # type: ignore[union-attr]

@@ -1,4 +1,4 @@
-"""The three windows: a scenario as it runs, a saved run again, a robot driven by keyboard."""
+"""What a window shows: a simulation as it runs, or the record of one."""
 
 from __future__ import annotations
 
@@ -8,19 +8,164 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.base.bounds import MOST_ORDERS
+from omnitrack_sim.base.rotations import Array, heading, matrix_from_quaternion
+from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenController
+from omnitrack_sim.robots.omnitrack.looks import look_pitch
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.loading import to_drive, with_orders
-from omnitrack_sim.show.viewer.figures import Lines, covers_robot
-from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Do, Key, asked, help_lines
+from omnitrack_sim.show.playback import show_belts, smooth_belts, sound
+from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Do, Key, action_of, help_lines
 from omnitrack_sim.show.viewer.pace import Pace
-from omnitrack_sim.show.viewer.stages import LiveStage, ReplayStage
-from omnitrack_sim.show.viewer.teleoperation import Pose, Teleoperation
-from omnitrack_sim.show.viewer.window import Window
+from omnitrack_sim.show.viewer.teleoperation import KeyContext, Teleoperation
+from omnitrack_sim.show.viewer.window import (
+    Lines,
+    Moment,
+    Window,
+    contact_lines,
+    covers_robot,
+    place_lines,
+)
 from omnitrack_sim.sim.run import no_load_slips
 from omnitrack_sim.sim.simulation import Simulation
+
+
+class LiveRun:
+    """A simulation of one robot. It is stepped by ``Simulation.step`` and by nothing else, so what
+    is seen is what ``omnitrack run`` computes.
+
+    Args:
+        simulation: of one robot. model: of the scene with looks.
+    """
+
+    def __init__(self, simulation: Simulation, model: mujoco.MjModel) -> None:
+        self.simulation, self._model = simulation, model
+        self._pitch = look_pitch(simulation.scenarios[0].robot)
+        self._travel = np.zeros(3)  # m, of the belts
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return float(self.simulation.time[0])
+
+    @property
+    def next_time(self) -> float | None:
+        """The time after the next step, s; None when the run is over."""
+        return self.time + self.simulation.period if self.simulation.active[0] else None
+
+    def step(self) -> None:
+        """One control step."""
+        self.simulation.step()
+        self._travel += self.simulation.readings["belt_speed"][0] * self.simulation.period
+
+    def qpos(self) -> Array:
+        """Joint positions (nq,) as they are shown."""
+        qpos = np.array(self.simulation.plant.qpos[0])
+        show_belts(self._model, qpos, self._travel, self._pitch)
+        return qpos
+
+    def status(self) -> Lines:
+        """Time, phase, outcome, place."""
+        ending = self.simulation.endings[0]
+        return [
+            ("time", f"{self.time:.2f} s"),
+            ("phase", self.simulation.phase[0].replace("_", " ")),
+            ("outcome", "runs" if ending is None else ending.outcome.value),
+            *place_lines(self._moment()),
+        ]
+
+    def figures(self) -> Lines:
+        """What the modules do at the wall."""
+        return contact_lines(self._moment())
+
+    def _moment(self) -> Moment:
+        simulation = self.simulation
+        readings = simulation.readings
+        return Moment(
+            slip_ratio=readings["slip_ratio"][0],
+            traction=readings["traction"][0],
+            normal_force=readings["normal_force"][0],
+            routes=simulation.legs.routes,
+            location=simulation.location,
+            reach=simulation.scenarios[0].robot.reach,
+        )
+
+
+class SavedRun:
+    """A saved run, sample by sample.
+
+    Attributes:
+        row: the sample that is shown. count: number of samples.
+    """
+
+    def __init__(self, result: Result, model: mujoco.MjModel) -> None:
+        self._result, self.row = result, 0
+        self._trajectory = sound(result.trajectory)
+        self.count = len(self._trajectory.time)
+        self._qpos = smooth_belts(model, self._trajectory, look_pitch(result.scenario.robot))
+        self._routes = RouteMap(result.routes())
+
+    @property
+    def time(self) -> float:
+        """Time of the sample, s."""
+        return float(self._trajectory.time[self.row])
+
+    @property
+    def next_time(self) -> float | None:
+        """Time of the next sample, s; None at the end."""
+        last = self.row + 1 >= self.count
+        return None if last else float(self._trajectory.time[self.row + 1])
+
+    def step(self) -> None:
+        """To the next sample."""
+        self.leap(1)
+
+    def leap(self, samples: int) -> None:
+        """On or back by some samples, as far as there are any."""
+        self.row = min(max(self.row + samples, 0), self.count - 1)
+
+    def leap_to(self, time: float) -> None:
+        """To the first sample that is not before ``time`` s, or to the last one."""
+        found = int(np.searchsorted(self._trajectory.time, time - 1e-9))
+        self.row = min(max(found, 0), self.count - 1)
+
+    def qpos(self) -> Array:
+        """Joint positions (nq,) as they are shown."""
+        return self._qpos[self.row]
+
+    def status(self) -> Lines:
+        """Time, phase, outcome, place."""
+        trajectory = self._trajectory
+        driver = self._result.provenance.get("driven_by")
+        return [
+            ("time", f"{self.time:.2f} of {trajectory.time[-1]:.2f} s"),
+            ("phase", trajectory.phases[int(trajectory["phase"][self.row])].replace("_", " ")),
+            ("outcome", self._result.outcome.value),
+            *([("driven by", str(driver))] if driver is not None else []),
+            *place_lines(self._moment()),
+        ]
+
+    def figures(self) -> Lines:
+        """What the modules do at the wall."""
+        return contact_lines(self._moment())
+
+    def _moment(self) -> Moment:
+        one = {name: values[self.row : self.row + 1] for name, values in self._trajectory.items()}
+        frame = heading(matrix_from_quaternion(one["quaternion"]), one["gear"].astype(int))
+        location = self._routes.locate(
+            one["position"], frame, one["leg"].astype(np.intp), one["distance"]
+        )
+        return Moment(
+            slip_ratio=one["slip_ratio"][0],
+            traction=one["traction"][0],
+            normal_force=one["normal_force"][0],
+            routes=self._routes,
+            location=location,
+            reach=self._result.scenario.robot.reach,
+        )
+
 
 DRIVER = "keyboard"
 """Who drove, in the provenance of a driven run."""
@@ -35,7 +180,8 @@ class Player:
         scenario: what to run. window: open, on this scenario. speed: see ``Pace``.
 
     Attributes:
-        stage: what is shown. pace: when its steps are due.
+        run: what is shown.
+        pace: when its steps are due.
     """
 
     keys: tuple[Key, ...] = VIEW
@@ -44,21 +190,21 @@ class Player:
         self.scenario, self.window = scenario, window
         self.pace = Pace(speed)
         self._help: bool | None = None  # whether the keys are shown; where there is room for them
-        self.stage = self._begin()
+        self.run = self._begin()
 
-    def _begin(self) -> LiveStage | ReplayStage:
-        return LiveStage(Simulation([self.scenario]), self.window.model)
+    def _begin(self) -> LiveRun | SavedRun:
+        return LiveRun(Simulation([self.scenario]), self.window.model)
 
     def play(self) -> None:
         """Go on until the window is closed."""
         while self.window.is_open:
-            for code in self.window.pressed(self.pace.rest(self.stage)):
-                do = asked(self.keys, code)
+            for code in self.window.pressed(self.pace.rest(self.run)):
+                do = action_of(self.keys, code)
                 if do is not None:
                     self.act(do)
-            self.pace.advance(self.stage)
+            self.pace.advance(self.run)
             if self.pace.draws():
-                self.window.show(self.stage.qpos(), self.panels())
+                self.window.show(self.run.qpos(), self.panels())
 
     def act(self, do: Do) -> None:
         """Do what a key asks for."""
@@ -71,10 +217,10 @@ class Player:
             pace.faster(1 if do is Do.TIME_FASTER else -1)
         elif do is Do.STEP:
             pace.paused = True
-            if self.stage.next_time is not None:
-                self.stage.step()
+            if self.run.next_time is not None:
+                self.run.step()
         elif do is Do.RESET:
-            self.stage = self._begin()
+            self.run = self._begin()
             pace.anew()
 
     @property
@@ -89,14 +235,14 @@ class Player:
         """What stands in the corners of the window."""
         keys = help_lines(self.keys)
         return [
-            (_CORNER.mjGRID_TOPLEFT, [*self.stage.status(), ("speed", self._speed())]),
-            (_CORNER.mjGRID_BOTTOMLEFT, self.stage.figures()),
+            (_CORNER.mjGRID_TOPLEFT, [*self.run.status(), ("speed", self._speed())]),
+            (_CORNER.mjGRID_BOTTOMLEFT, self.run.figures()),
             (_CORNER.mjGRID_TOPRIGHT, keys if self.shows_keys else keys[-1:]),
         ]
 
     def _speed(self) -> str:
         pace = self.pace
-        if self.stage.next_time is None:
+        if self.run.next_time is None:
             return "over"
         if pace.paused:
             return "paused"
@@ -115,22 +261,22 @@ class Replayer(Player):
         self._result = result
         super().__init__(result.scenario, window, speed)
 
-    def _begin(self) -> ReplayStage:
-        return ReplayStage(self._result, self.window.model)
+    def _begin(self) -> SavedRun:
+        return SavedRun(self._result, self.window.model)
 
     def act(self, do: Do) -> None:
         """Do what a key asks for."""
-        stage = self.stage
-        assert isinstance(stage, ReplayStage)
+        run = self.run
+        assert isinstance(run, SavedRun)
         leaps = {Do.LEAP: _LEAP, Do.LEAP_BACK: -_LEAP}
-        ends = {Do.TO_START: -stage.count, Do.TO_END: stage.count}
+        ends = {Do.TO_START: -run.count, Do.TO_END: run.count}
         if do is Do.STEP_BACK:
             self.pace.paused = True
-            stage.leap(-1)
+            run.leap(-1)
         elif do in leaps:
-            stage.leap_to(stage.time + leaps[do])
+            run.leap_to(run.time + leaps[do])
         elif do in ends:
-            stage.leap(ends[do])
+            run.leap(ends[do])
         else:
             super().act(do)
             return
@@ -164,8 +310,8 @@ class Driver(Player):
     @property
     def simulation(self) -> Simulation:
         """What is driven."""
-        assert isinstance(self.stage, LiveStage)
-        return self.stage.simulation
+        assert isinstance(self.run, LiveRun)
+        return self.run.simulation
 
     @property
     def _controller(self) -> DrivenController:
@@ -189,10 +335,10 @@ class Driver(Player):
         if do is Do.FINISH:
             self.window.close()
 
-    def _pose(self) -> Pose:
+    def _pose(self) -> KeyContext:
         rotation = self.simulation.readings["rotation"][0]
-        return Pose(
-            time=self.stage.time,
+        return KeyContext(
+            time=self.run.time,
             nose=rotation[:, 2],
             roll_deg=float(np.degrees(self._controller.roll[0, 0])),
             towards=self.window.towards,

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import counted
-from omnitrack_sim.show.plots.style import ALARM, GREY, INK, MODULE_COLOURS, styled
+from omnitrack_sim.record.channels import MODULE_COLOURS
+from omnitrack_sim.show.plots.style import ALARM, GREY, INK, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,9 +92,7 @@ def study_figure(scales: Sequence[Scale], tried: Tried) -> Figure:
 
 
 def _course(scale: Scale, tried: Tried) -> Figure:
-    from omnitrack_sim.show.plots.picture import Picture
-
-    figure = Picture(figsize=(6.4, 4.2), layout="constrained")
+    figure = new_figure((6.4, 4.2), layout="constrained")
     axis = figure.subplots()
     values = tried.values[:, 0]
     number = np.arange(float(len(values)))
@@ -123,13 +122,11 @@ def _course(scale: Scale, tried: Tried) -> Figure:
 
 
 def _fronts(scales: Sequence[Scale], tried: Tried) -> Figure:
-    from omnitrack_sim.show.plots.picture import Picture
-
     pairs = list(itertools.combinations(range(len(scales)), 2))[:_MOST_PANELS]
     columns = min(len(pairs), 3)
     rows = -(-len(pairs) // columns)
     size = (5.2 if len(pairs) == 1 else 3.8) * columns
-    figure = Picture(figsize=(size + 0.4, 3.6 * rows + 0.6), layout="constrained")
+    figure = new_figure((size + 0.4, 3.6 * rows + 0.6), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False)
     for panel, (i, k) in zip(panels.flat, pairs, strict=False):
         _pair(panel, scales[i], scales[k], tried, i, k)

@@ -3,11 +3,11 @@ import { sized } from "replay/words";
 
 const WIDTH = 132; // px
 
-export class Seen {
+export class RobotPictures {
   constructor(table, drawn) {
     this.table = table;
-    this.canvas = document.getElementById("seen");
-    document.getElementById("seen-box").hidden = false;
+    this.canvas = document.getElementById("pictures");
+    document.getElementById("pictures-box").hidden = false;
     sized(this.canvas, WIDTH, WIDTH);
     this.sheet = new Image();
     this.sheet.onload = drawn;

@@ -1,0 +1,486 @@
+"""Eyes and suns: from where pictures are seen and lit, and what of the world comes into them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion, unit
+from omnitrack_sim.pipes import Assembly, Part, Passage, Route
+from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.robots.omnitrack.looks import (
+    FIELD_OF_VIEW,
+    camera_frame,
+    follow_direction,
+    view_direction,
+)
+from omnitrack_sim.walls.meshes import THICKNESS
+
+
+@dataclass(frozen=True)
+class Eye:
+    """From where and how a picture is seen.
+
+    Attributes:
+        position: (3,) m.
+        frame: (3, 3) directions right, up and back as columns.
+        angle: vertical field of view, rad.
+        near, far: what lies between these distances is seen, m.
+    """
+
+    position: Array
+    frame: Array
+    angle: float
+    near: float
+    far: float
+
+    def matrix(self, aspect: float) -> Array:
+        """World to clip coordinates (4, 4); y points down, so that rows come from the top."""
+        scale, depth = 1 / np.tan(self.angle / 2), self.near - self.far
+        view = np.zeros((4, 4))
+        view[0, 0], view[1, 1] = scale / aspect, -scale
+        view[2, 2:] = (self.far + self.near) / depth, 2 * self.far * self.near / depth
+        view[3, 2] = -1.0
+        return view @ _rigid(self.frame.T, -self.frame.T @ self.position)
+
+    def box(self, centres: Array, radii: Array, aspect: float) -> Array | None:
+        """Left, top, right and bottom (4,) of spheres in the picture, which goes from 0 to 1.
+
+        Args:
+            centres: (n, 3) m. radii: (n,) m. aspect: width over height.
+
+        Returns:
+            None where a sphere reaches behind the eye.
+        """
+        seen = (centres - self.position) @ self.frame
+        depth = -seen[:, 2:] - radii[:, None]
+        if (depth <= self.near).any():
+            return None
+        # The sphere lies within a square of its own size at the distance of its nearest point.
+        scale = np.array([1 / aspect, 1.0]) / np.tan(self.angle / 2)
+        across = seen[:, :2] * [1, -1]
+        spans = [across + side * radii[:, None] for side in (-1, 1)]
+        # Nearer things are farther from the middle, farther ones nearer to it: both are looked at.
+        far = depth + 2 * radii[:, None]
+        ends = np.concatenate([scale * span / d for span in spans for d in (depth, far)])
+        return 0.5 + 0.5 * np.concatenate([ends.min(axis=0), ends.max(axis=0)])
+
+    def sees(self, centre: Array, radius: float, aspect: float) -> bool:
+        """Whether a sphere can come into the picture."""
+        right, up, back = (centre - self.position) @ self.frame
+        half = np.tan(self.angle / 2)
+        inside = [-back * half * a - abs(v) for a, v in ((aspect, right), (1.0, up))]
+        walls = [np.hypot(1.0, half * a) * radius for a in (aspect, 1.0)]
+        near = -back + radius > self.near
+        return near and all(i > -w for i, w in zip(inside, walls, strict=True))
+
+
+@dataclass(frozen=True)
+class Sun:
+    """Parallel light on a part of the world.
+
+    Attributes:
+        towards: (3,) unit vector to the sun.
+        middle: (3,) m, radius: m, of the sphere that is looked at.
+        reach: how far behind the middle there may be shadows, m.
+    """
+
+    towards: Array
+    middle: Array
+    radius: float
+    reach: float
+
+    @cached_property
+    def matrix(self) -> Array:
+        """World to clip coordinates (4, 4) of the sun's view."""
+        side = unit(cross(np.eye(3)[np.abs(self.towards).argmin()], self.towards))
+        frame = np.stack([side, cross(self.towards, side), self.towards])
+        place = self.middle + (self.radius - self.reach) / 2 * self.towards
+        scale = 2 / np.array([2 * self.radius, 2 * self.radius, -(self.radius + self.reach)])
+        return np.diag([*scale, 1.0]) @ _rigid(frame, -frame @ place)
+
+
+def _rigid(rotation: Array, place: Array) -> Array:
+    """Rotation (3, 3) and place (3,) as a matrix (4, 4)."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, place
+    return matrix
+
+
+DISTANCE = 0.68
+"""From the robot's centre to the viewer, m."""
+SPACING = 0.06
+"""Travel between two neighbouring places for which a direction is chosen, m."""
+SUN_UP, SUN_RIGHT = 0.55, -0.40
+"""How far above the viewer, and to the right, the sun stands, in parts of the way to the viewer."""
+WALL = 0.004
+"""How far into its wall a pipe still hides what is behind it, m."""
+_ELEVATIONS, _AZIMUTHS = np.radians([-15, 0, 15, 30, 45, 60]), np.radians(np.arange(0, 360, 22.5))
+_NEAR = 0.08  # m before and behind a bend or tee in which the viewer looks across its plane, too
+_SIGHT = np.linspace(0.16, 1.0, 8)  # places on the sight line, 0 at the robot and 1 at the viewer
+_ALONG, _BEND, _LIKING, _HIDDEN, _TURN = 6.0, 1.0, 0.3, 4.0, 1.5  # weights
+_FREE = 0.25  # cosine to the pipe's axis below which one looks across it well enough
+
+
+def view_directions(trajectory: Trajectory, routes: Sequence[Route], liking: ArrayLike) -> Array:
+    """Unit vectors (T, 3), world frame, from the robot to the viewer, which change slowly.
+
+    Of a set of directions up to 60 degrees above the horizon the cheapest sequence is taken. A
+    direction is cheap if it looks across the pipe's axis and across the plane of a bend or tee, not
+    through other pipes, and lies near ``liking``; turning costs, too.
+
+    Args:
+        trajectory: the record.
+        routes: of each leg.
+        liking: (3,) direction to prefer where nothing speaks against it.
+    """
+    liking = unit(liking)
+    rows, travel = _nodes(trajectory)
+    choices = np.concatenate([liking[None], _ring_directions()])
+    tangent, plane = _geometry(trajectory, routes, rows)
+    along = np.maximum(np.abs(tangent @ choices.T) - _FREE, 0.0) ** 2
+    bend = np.where((plane != 0).any(axis=1)[:, None], 1 - (plane @ choices.T) ** 2, 0.0)
+    hidden = _hidden(routes[0].network.parts, trajectory["position"][rows], choices)
+    cost = _ALONG * along + _BEND * bend + _HIDDEN * hidden + _LIKING * (1 - choices @ liking)
+    turn = np.arccos(np.clip(choices @ choices.T, -1, 1)) ** 2
+    chosen = choices[_cheapest(cost, _TURN * turn)]
+    for _ in range(4):
+        padded = np.concatenate([chosen[:1], chosen, chosen[-1:]])
+        chosen = unit(padded[:-2] + 2 * padded[1:-1] + padded[2:])
+    return unit(np.stack([np.interp(travel, travel[rows], column) for column in chosen.T], axis=-1))
+
+
+def upright(back: Array) -> tuple[Array, Array]:
+    """Right and up (3,), of a picture that is seen from the direction ``back`` (3,)."""
+    right = unit(np.cross([0.0, 0.0, 1.0], back))
+    return right, np.cross(back, right)
+
+
+def over_the_shoulder(back: Array, right: Array, up: Array) -> Array:
+    """Direction (3,) to a sun that stands over the shoulder of a viewer in the direction ``back``
+    (3,), whose picture has these directions (3,)."""
+    return unit(back + SUN_UP * up + SUN_RIGHT * right)
+
+
+def in_the_way(parts: Sequence[Part], eye: Array, targets: Array) -> Array:
+    """How far each part (P,) stands between ``eye`` (3,) m and ``targets`` (k, 3) m: 0 not at all,
+    1 in full.
+
+    A part with a target in its bore is not in the way.
+    """
+    steps = np.linspace(0.0, 1.0, 14)[:, None, None]
+    points = (targets + steps * (eye - targets)).reshape(-1, 3)
+    found = np.zeros(len(parts))
+    for i, part in enumerate(parts):
+        if not (_depth(part, targets) > WALL).any():
+            found[i] = np.clip(_depth(part, points).max() / (0.25 * part.fitting.radius), 0.0, 1.0)
+    return found
+
+
+def _depth(part: Part, points: Array) -> Array:
+    """How deep ``points`` (..., 3) m lie within the outside of a part, m; negative outside."""
+    return np.minimum(part.signed_distance(points)[0], part.extent(points)) + WALL
+
+
+def _ring_directions() -> Array:
+    """Directions (n, 3) on rings of equal elevation."""
+    up, around = (angle.ravel() for angle in np.meshgrid(_ELEVATIONS, _AZIMUTHS, indexing="ij"))
+    return np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], axis=-1)
+
+
+def _nodes(trajectory: Trajectory) -> tuple[NDArray[np.intp], Array]:
+    """Rows (N,) about ``SPACING`` of travel apart, and the travel (T,) m of all samples.
+
+    The travel always grows by a little, so that it can be interpolated where the robot stands
+    still.
+    """
+    step = np.abs(np.diff(trajectory["distance"]))
+    step = np.where((np.diff(trajectory["leg"]) == 0) & np.isfinite(step), step, 0.0)
+    travel = np.append(0.0, np.cumsum(step + 1e-9))
+    grid = np.arange(0.0, travel[-1] + SPACING, SPACING)
+    rows = np.unique(
+        np.append(np.searchsorted(travel, grid).clip(0, len(travel) - 1), len(travel) - 1)
+    )
+    return rows[np.isfinite(trajectory["position"][rows]).all(axis=1)], travel
+
+
+def _geometry(
+    trajectory: Trajectory, routes: Sequence[Route], rows: NDArray[np.intp]
+) -> tuple[Array, Array]:
+    """For each row the centreline's tangent and the normal of a bend's or tee's plane, (N, 3).
+
+    The normal is 0 away from bends and tees.
+    """
+    tangent, plane = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
+    for index, route in enumerate(routes):
+        on = np.flatnonzero(trajectory["leg"][rows] == index)
+        distance = trajectory["distance"][rows[on]]
+        tangent[on] = route.centreline.at(distance)[1]
+        for passage in route.passages:
+            if passage.asks_orientation:
+                here = (distance > passage.s_enter - _NEAR) & (distance < passage.s_leave + _NEAR)
+                plane[on[here]] = _normal(route, passage)
+    return tangent, plane
+
+
+def _normal(route: Route, passage: Passage) -> Array:
+    """Normal (3,) of the plane that a bend or tee lies in."""
+    entry = route.centreline.at(np.array([passage.s_enter]))[1]
+    return unit(cross(entry, passage.turn_direction[None]))[0]
+
+
+def _hidden(parts: Sequence[Part], centres: Array, choices: Array) -> Array:
+    """Part (N, C) of the sight line from ``centres`` (N, 3) m in direction ``choices`` (C, 3)
+    within other parts."""
+    hidden = np.zeros((len(centres), len(choices)))
+    for part in parts:
+        samples = part.bore_samples()
+        middle = (samples.max(axis=0) + samples.min(axis=0)) / 2
+        reach = np.sqrt(dot(samples - middle, samples - middle).max()) + DISTANCE
+        near = np.flatnonzero(np.linalg.norm(centres - middle, axis=1) < reach)
+        near = near[_depth(part, centres[near]) <= WALL]
+        if len(near):
+            points = (
+                centres[near][:, None, None] + DISTANCE * _SIGHT[:, None] * choices[:, None]
+            )  # (n, C, k, 3)
+            hidden[near] += (_depth(part, points) > 0).mean(axis=-1)
+    return np.minimum(hidden, 1.0)
+
+
+def _cheapest(cost: Array, turn: Array) -> NDArray[np.intp]:
+    """Indices (N,) of the cheapest sequence of choices.
+
+    A choice costs ``cost`` (N, C) at each place, and going on to another one at the next place
+    costs ``turn`` (C, C).
+    """
+    total, came = cost[0], np.zeros(cost.shape, np.intp)
+    for i in range(1, len(cost)):
+        step = total[:, None] + turn
+        came[i] = step.argmin(axis=0)
+        total = step.min(axis=0) + cost[i]
+    chosen = np.zeros(len(cost), np.intp)
+    chosen[-1] = total.argmin()
+    for i in range(len(cost) - 1, 0, -1):
+        chosen[i - 1] = came[i, chosen[i]]
+    return chosen
+
+
+AROUND_WAY = 0.3
+"""How far around the robot's way the camera ``side`` shows pipes, m, along a pipe."""
+SHADOW_REACH = 0.17
+"""How far behind the robot it throws a shadow, m."""
+_MARGIN = 1.06
+PANEL = 0.33
+"""Of the picture's height: the panel in the lower left corner."""
+_PANEL_WIDE = 0.28  # of its width
+_HALF = np.tan(np.radians(FIELD_OF_VIEW / 2))  # half of the picture's height at 1 m
+_CLEAR = 0.12  # how much is left of a pipe that is in the way
+_ONBOARD_ANGLE, _ONBOARD_PLACE = 88.0, 0.086  # degrees; m before the robot's centre
+_FARTHEST = 30.0  # m seen by the moving cameras
+
+
+class Shot(NamedTuple):
+    """How one sample is seen.
+
+    Attributes:
+        eye: from where.
+        sun: of the robot's shadow; None where the camera has a lamp.
+        clearness: of each part, 0 to 1; 0 where it is not in the picture.
+    """
+
+    eye: Eye
+    sun: Sun | None
+    clearness: tuple[float, ...]
+
+
+class FilmCamera(Protocol):
+    """A camera.
+
+    Attributes:
+        stands: whether eye and sun are the same all the time.
+        lamp: whether it brings its own light.
+        cut: (3,) direction to which pipes are cut open, or zeros where their insides are seen.
+    """
+
+    stands: bool
+    lamp: bool
+    cut: Array
+
+    def shot(self, row: int, centre: Array, quaternion: Array) -> Shot:
+        """How sample ``row`` is seen, with the chassis at ``centre`` (3,) m and ``quaternion``."""
+        ...
+
+    def still_sun(self) -> Sun | None:
+        """The sun in whose light pipes throw shadows."""
+        ...
+
+
+class SideCamera:
+    """Stands still, before pipes that are cut open towards it."""
+
+    stands, lamp = True, False
+
+    def __init__(
+        self, trajectory: Trajectory, network: Assembly, aspect: float, reach: float, panel: float
+    ):
+        """For pictures of this aspect ratio.
+
+        ``reach``: of the robot about its centre, m; ``panel``: part of the
+        picture's height that panels cover in its lower left corner.
+        """
+        self._network, self._reach = network, reach
+        self.cut = view_direction(network)
+        self._frame = camera_frame(self.cut)
+        seen = _seen_from(trajectory, network)
+        middle, distance = _fit(seen, self._frame, aspect)
+        if _behind_panel(seen, self._frame, middle, distance, aspect, panel):
+            middle, distance = _fit(seen, self._frame, aspect * (1 - _PANEL_WIDE))
+            middle -= _PANEL_WIDE * distance * _HALF * aspect * self._frame[:, 0]
+        far = 2 * distance + float(np.linalg.norm(seen - middle, axis=1).max())
+        self._eye = Eye(
+            middle + distance * self._frame[:, 2],
+            self._frame,
+            np.radians(FIELD_OF_VIEW),
+            0.1 * distance,
+            max(far, _FARTHEST),
+        )
+        right, up, _ = self._frame.T
+        self._towards = over_the_shoulder(self.cut, right, up)
+        eye = self._eye
+        spheres = [_sphere(part.bore_samples()) for part in network.parts]
+        self._clearness = tuple(float(eye.sees(*sphere, aspect)) for sphere in spheres)
+        self._shown = np.concatenate(
+            [p.bore_samples() for p, c in zip(network.parts, self._clearness, strict=True) if c]
+        )
+
+    def shot(self, row: int, centre: Array, quaternion: Array) -> Shot:
+        """See ``FilmCamera``."""
+        sun = Sun(self._towards, centre, self._reach, SHADOW_REACH)
+        return Shot(self._eye, sun, self._clearness)
+
+    def still_sun(self) -> Sun:
+        """See ``FilmCamera``."""
+        middle, radius = _sphere(self._shown)
+        radius += THICKNESS
+        return Sun(self._towards, middle, radius, radius)
+
+
+class FollowCamera:
+    """Keeps with the robot, looks into pipes that are open towards it, and through those that are
+    in the way. The sun goes with it."""
+
+    stands, lamp = False, False
+    cut = np.zeros(3)
+
+    def __init__(
+        self, trajectory: Trajectory, routes: Sequence[Route], aspect: float, reach: float
+    ):
+        """For pictures of this aspect ratio; ``reach``: of the robot about its centre, m."""
+        network = routes[0].network
+        self._parts, self._aspect, self._reach = network.parts, aspect, reach
+        self._back = view_directions(trajectory, routes, follow_direction(network))  # (T, 3)
+        self._spheres = [_sphere(part.bore_samples()) for part in network.parts]
+
+    def shot(self, row: int, centre: Array, quaternion: Array) -> Shot:
+        """See ``FilmCamera``."""
+        back = self._back[row]
+        right, up = upright(back)
+        place = centre + DISTANCE * back
+        frame = np.stack([right, up, back], axis=-1)
+        eye = Eye(place, frame, np.radians(FIELD_OF_VIEW), 0.05, _FARTHEST)
+        sun = Sun(over_the_shoulder(back, right, up), centre, self._reach, SHADOW_REACH)
+        nose = matrix_from_quaternion(quaternion)[:, 2]
+        targets = centre + 0.05 * np.array([[0.0], [1.0], [-1.0]]) * nose
+        seen = [eye.sees(*sphere, self._aspect) for sphere in self._spheres]
+        clearness = np.array(seen, float)
+        near = [
+            i
+            for i, sphere in enumerate(self._spheres)
+            if seen[i] and _meets(sphere, targets, place)
+        ]
+        covers = in_the_way([self._parts[i] for i in near], place, targets)
+        clearness[near] = 1 - (1 - _CLEAR) * covers
+        return Shot(eye, sun, tuple(clearness.tolist()))
+
+    def still_sun(self) -> None:
+        """See ``FilmCamera``."""
+
+
+class OnboardCamera:
+    """Looks ahead from the robot's nose, in the light of its lamp."""
+
+    stands, lamp = False, True
+    cut = np.zeros(3)
+
+    def __init__(self, network: Assembly, aspect: float, size: float):
+        """For pictures of this aspect ratio; ``size``: scale of the robot."""
+        self._aspect, self._ahead = aspect, size * _ONBOARD_PLACE
+        self._spheres = [_sphere(part.bore_samples()) for part in network.parts]
+
+    def shot(self, row: int, centre: Array, quaternion: Array) -> Shot:
+        """See ``FilmCamera``."""
+        x, y, z = matrix_from_quaternion(quaternion).T
+        frame = np.stack([y, x, -z], axis=-1)
+        place = centre + self._ahead * z
+        eye = Eye(place, frame, np.radians(_ONBOARD_ANGLE), 0.01, _FARTHEST)
+        clearness = tuple(float(eye.sees(*sphere, self._aspect)) for sphere in self._spheres)
+        return Shot(eye, None, clearness)
+
+    def still_sun(self) -> None:
+        """See ``FilmCamera``."""
+
+
+def _seen_from(trajectory: Trajectory, network: Assembly) -> Array:
+    """Points (n, 3) m of the pipes near the robot's way."""
+    step = max(1, len(trajectory.time) // 400)
+    way = trajectory["position"][::step]
+    points = np.concatenate([part.bore_samples() for part in network.parts])
+    near = np.array([((way - point) ** 2).sum(axis=1).min() for point in points])
+    return points[near < AROUND_WAY**2] if (near < AROUND_WAY**2).any() else points
+
+
+def _meets(sphere: tuple[Array, float], targets: Array, eye: Array) -> bool:
+    """Whether a sphere is touched by a line from one of ``targets`` (k, 3) m to ``eye`` (3,) m."""
+    centre, radius = sphere
+    lines = eye - targets
+    along = ((centre - targets) * lines).sum(axis=1) / (lines**2).sum(axis=1)
+    nearest = targets + np.clip(along, 0.0, 1.0)[:, None] * lines
+    return bool((((centre - nearest) ** 2).sum(axis=1) < radius**2).any())
+
+
+def _sphere(points: Array) -> tuple[Array, float]:
+    """Centre (3,) m and radius m of a sphere around pipes with these points of their bores."""
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    return middle, float(np.linalg.norm(points - middle, axis=1).max()) + THICKNESS
+
+
+def _fit(points: Array, frame: Array, aspect: float) -> tuple[Array, float]:
+    """What to look at (3,) m, and from how far, m, to have ``points`` in the picture with a small
+    margin."""
+    half = _HALF
+    seen = points @ frame  # right, up, back
+    middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
+    distance = 0.0
+    for _ in range(20):  # what is nearer to the eye takes more room: the middle shifts
+        about = seen - middle
+        wanted = np.abs(about[:, :2]) / [half * aspect, half]
+        distance = _MARGIN * float((wanted.max(axis=1) + about[:, 2]).max())
+        flat = about[:, :2] / (distance - about[:, 2:])
+        middle[:2] += distance * (flat.min(axis=0) + flat.max(axis=0)) / 2
+    return frame @ middle, distance
+
+
+def _behind_panel(
+    points: Array, frame: Array, middle: Array, distance: float, aspect: float, high: float
+) -> bool:
+    """Whether one of ``points`` (n, 3) m would be behind panels in the lower left corner that are
+    ``high``, a part of the picture's height."""
+    right, up, back = ((points - middle) @ frame).T
+    half = _HALF * (distance - back)
+    left, low = 0.5 + 0.5 * right / (half * aspect), 0.5 + 0.5 * up / half
+    return bool(((left < _PANEL_WIDE) & (low < high)).any())

@@ -1,0 +1,310 @@
+"""Figures of runs over time: the summary of one, two compared, one channel."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.text import clipped
+from omnitrack_sim.record.channels import MODULE_COLOURS, MODULE_COUNT
+from omnitrack_sim.results.comparison import Comparison, compare, told
+from omnitrack_sim.results.result import as_result
+from omnitrack_sim.show.plots.panels import (
+    BAND,
+    BAND_COLOUR,
+    COMMAND,
+    ERRORS,
+    LEFT,
+    LINES,
+    PanelGrid,
+    draw_error,
+    draw_panel,
+    has_estimates,
+    has_modules,
+    limits_of,
+    phases_shown,
+    shade,
+    values_of,
+)
+from omnitrack_sim.show.plots.style import (
+    COLUMN,
+    GREY,
+    PAGE,
+    TICKS,
+    chart,
+    headline,
+    new_figure,
+    page,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    from omnitrack_sim.record.trajectory import Trajectory
+    from omnitrack_sim.results.result import Result
+
+SUMMARY: tuple[tuple[tuple[str, int | None], ...], ...] = (
+    (("distance", None), ("belt_speed", 1), ("normal_force", None)),
+    (("tilt", None), ("belt_speed", 2), ("contact_count", None)),
+    (("offset", None), ("belt_speed", 3), ("slip_velocity", None)),
+    (("roll", None), ("motor_torque", None), ("slip_ratio", None)),
+    (("pitch", None), ("traction", None), ("slide", None)),
+)
+"""Channel of each panel of the summary, row by row, and the module where it shows only one."""
+OF_ROBOT = ("distance", "tilt", "offset")
+"""Channels of the robot, in the first row of a comparison."""
+OF_MODULES = ("normal_force", "motor_torque", "slip_ratio")
+"""Channels of the modules, with a row for each module."""
+_RUNS: tuple[dict[str, Any], ...] = (
+    {"color": "#86b7e8", "lw": 2.0},
+    {"color": "#a33a0a", "lw": 0.8},
+)
+"""Run A broad and pale below run B, so that both are seen where they coincide."""
+
+
+def plot_summary(
+    result: Result | str | os.PathLike[str],
+    *,
+    path: str | Path | None = None,
+    format: str | None = None,
+) -> Figure:
+    """Plot the summary of a run: fifteen panels over time, with the phases shaded and named.
+
+    It is as wide as a page (7.16 inches). Where a panel shows one module, its command is drawn
+    broad and pale below the measured value. For a robot that estimates its own location a further
+    row shows the errors of the estimates with their band of two standard deviations.
+
+    Args:
+        result: the run, or the folder of a saved one.
+        path: file to write; none: the figure is returned and nothing is written.
+        format: ``png``, ``pdf`` or ``svg``; none: from the ending of ``path``.
+
+    Raises:
+        InputError: no such format.
+        OutputError: the file cannot be written, or the folder is no run.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> result = ot.run(ot.load_scenario("straight", {"run.time_limit": 0.1}))
+        >>> len(ot.plot_summary(result).axes)
+        15
+    """
+    run = as_result(result)
+    return page(lambda: _summary(run), path, format)
+
+
+def _summary(result: Result) -> Figure:
+    trajectory = result.trajectory
+    errors = ERRORS if has_estimates(trajectory) else {}
+    grid = PanelGrid(rows=len(SUMMARY) + bool(errors), columns=len(SUMMARY[0]))
+    figure = new_figure((PAGE, grid.height))
+    # The three panels of belt speeds have one scale, so that modules can be compared.
+    speeds = [values_of(trajectory, name) for name in ("belt_speed", "belt_speed_command")]
+    speed_limits = limits_of(trajectory.schema["belt_speed"].display, np.stack(speeds))
+    for row, panels in enumerate(SUMMARY):
+        for column, (channel, module) in enumerate(panels):
+            label = trajectory.schema[channel].display.label(module)
+            axis = grid.add(figure, row, column, label)
+            shade(axis, trajectory)
+            draw_panel(axis, trajectory, channel, module)
+            if channel == "belt_speed" and speed_limits is not None:
+                axis.set_ylim(*speed_limits)
+    for column, (channel, display) in enumerate(errors.items()):
+        axis = grid.add(figure, len(SUMMARY), column, display.label())
+        shade(axis, trajectory)
+        draw_error(axis, trajectory, channel)
+    headline(figure, result.scenario.name, _outcome(result), LEFT, result.success)
+    grid.legend(figure, _line_handles(bool(errors)), 0.28)
+    grid.legend(figure, _phase_handles(trajectory), 0.43)
+    return figure
+
+
+def _outcome(result: Result) -> str:
+    return f"{result.outcome.value.replace('_', ' ')} after {result.duration_s:.2f} s"
+
+
+def _line_handles(estimates: bool) -> list[Any]:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    lines: list[Any] = [
+        Line2D([], [], color=colour, label=f"module {i + 1}", **LINES[i])
+        for i, colour in enumerate(MODULE_COLOURS)
+    ]
+    lines.append(Line2D([], [], label="command", **COMMAND))
+    if estimates:
+        lines.append(Patch(fc=BAND_COLOUR, label=f"{BAND:.0f} sigma of the estimate"))
+    return lines
+
+
+def _phase_handles(trajectory: Trajectory) -> list[Patch]:
+    from matplotlib.patches import Patch
+
+    return [
+        Patch(fc=colour, ec=GREY, lw=0.4, label=clipped(name, 24))
+        for name, colour in phases_shown(trajectory)
+    ]
+
+
+def plot_compare(
+    a: Result | str | os.PathLike[str],
+    b: Result | str | os.PathLike[str],
+    *,
+    path: str | Path | None = None,
+    labels: Sequence[str] | None = None,
+    format: str | None = None,
+) -> Figure:
+    """Plot two runs over time, one upon the other, as wide as a page (7.16 inches): distance, tilt
+    and offset, and of each module normal force, torque and slip ratio. A disc marks the end of a
+    run at its goal, a cross that of a run that failed.
+
+    Args:
+        a: the first run, or the folder of a saved one.
+        b: the second one.
+        path: file to write; none: the figure is returned and nothing is written.
+        labels: names of the two; none: by the differences of their scenarios.
+        format: ``png``, ``pdf`` or ``svg``; none: from the ending of ``path``.
+
+    Raises:
+        InputError: no such format; there are not two labels.
+        OutputError: the file cannot be written, or a folder is no run.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> short = ot.load_scenario("straight", {"run.time_limit": 0.1})
+        >>> dry, wet = ot.run_batch([short, ot.override(short, {"world.friction": 0.5})])
+        >>> figure = ot.plot_compare(dry, wet, labels=("dry", "wet"))
+        >>> len(figure.axes)
+        12
+    """
+    comparison = compare(a, b)
+    if labels is not None and (isinstance(labels, str) or len(labels) != 2):
+        raise InputError(Fault("labels", f"are {labels!r}; give two, one for each run"))
+    names = [str(label) for label in labels] if labels is not None else _labels(comparison)
+    return page(lambda: _comparison(comparison, names), path, format)
+
+
+def _labels(comparison: Comparison) -> list[str]:
+    """Names of two runs: the scenarios' where they differ, else the first value that does."""
+    names = [run.scenario.name for run in (comparison.a, comparison.b)]
+    if names[0] != names[1] or not comparison.values:
+        return names
+    first, rest = comparison.values[0], len(comparison.values) - 1
+    unit = "" if first.unit in ("", "1") else f" {first.unit}"
+    more = f" and {rest} more" if rest else ""
+    return [f"{first.name} = {told(value)}{unit}{more}" for value in (first.a, first.b)]
+
+
+def _comparison(comparison: Comparison, names: list[str]) -> Figure:
+    grid, runs = PanelGrid(rows=1 + MODULE_COUNT, columns=3), (comparison.a, comparison.b)
+    figure = new_figure((PAGE, grid.height))
+    end = max(float(run.trajectory.time[-1]) for run in runs)
+    for column, channels in enumerate(zip(OF_ROBOT, *3 * [OF_MODULES], strict=True)):
+        for row, channel in enumerate(channels):
+            display = comparison.a.trajectory.schema[channel].display
+            axis = grid.add(figure, row, column, display.label(row or None))
+            values = [values_of(run.trajectory, channel) for run in runs]
+            for run, look, drawn in zip(runs, _RUNS, values, strict=True):
+                line = drawn[:, row - 1] if row else drawn
+                last = [len(line) - 1]
+                mark = "o" if run.success else "X"
+                axis.plot(run.trajectory.time, line, marker=mark, markevery=last, ms=3.5, **look)
+            if end > 0:
+                axis.set_xlim(0.0, 1.02 * end)
+            limits = limits_of(display, np.concatenate(values))
+            if limits is not None:
+                axis.set_ylim(*limits)
+    scenarios = dict.fromkeys(run.scenario.name for run in runs)
+    headline(figure, " and ".join(scenarios), comparison.headline, LEFT)
+    grid.legend(figure, _run_handles(runs, names), 0.28)
+    return figure
+
+
+def _run_handles(runs: tuple[Result, Result], names: list[str]) -> list[Any]:
+    from matplotlib.lines import Line2D
+
+    return [
+        Line2D(
+            [],
+            [],
+            label=f"{side}: {clipped(name, 60)}; {_outcome(run)}",
+            marker="o" if run.success else "X",
+            ms=3.5,
+            **look,
+        )
+        for side, name, run, look in zip("AB", names, runs, _RUNS, strict=True)
+    ]
+
+
+def plot_channel(
+    result: Result | str | os.PathLike[str],
+    *,
+    channel: str,
+    path: str | Path | None = None,
+    module: int | None = None,
+    ax: Axes | None = None,
+    format: str | None = None,
+) -> Figure:
+    """Plot a channel of a run over time, with the phases shaded.
+
+    A figure of its own is as wide as a column (3.5 inches) and has a legend. The lines have labels,
+    so that ``ax.legend()`` names them elsewhere.
+
+    Args:
+        result: the run, or the folder of a saved one.
+        channel: any recorded one (docs/reference/channels.md), also of a sensor of your own.
+        path: file to write; none: nothing is written.
+        module: 1 to 3, to show this one alone, with its command where there is one; none: all.
+        ax: where to draw; none: in a figure of its own.
+        format: ``png``, ``pdf`` or ``svg``; none: from the ending of ``path``.
+
+    Returns:
+        The figure, or that of ``ax``.
+
+    Raises:
+        InputError: no such channel, module or format; ``path`` is given with ``ax``.
+        OutputError: the file cannot be written, or the folder is no run.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> result = ot.run(ot.load_scenario("straight", {"run.time_limit": 0.1}))
+        >>> ot.plot_channel(result, channel="normal_force", module=2).axes[0].get_ylabel()
+        'Normal force, module 2 [N]'
+    """
+    run = as_result(result)
+    schema = run.trajectory.schema
+    if channel not in schema:
+        raise InputError(Fault("channel", f"is {channel!r}", tuple(schema), str(channel)))
+    modules = tuple(str(i + 1) for i in range(MODULE_COUNT))
+    if module is not None and not has_modules(schema[channel]):
+        raise InputError(Fault("module", f"{channel} has no modules"))
+    if module is not None and str(module) not in modules:
+        raise InputError(Fault("module", f"is {module!r}", modules))
+
+    def draw(axis: Axes) -> None:
+        shade(axis, run.trajectory)
+        draw_panel(axis, run.trajectory, channel, module)
+        axis.set_xlabel("time [s]")
+        axis.set_ylabel(schema[channel].display.label(module))
+        if ax is None:
+            axis.tick_params(**TICKS)
+            _legends(axis, run.trajectory)
+
+    return chart(draw, (COLUMN, 2.3), path, ax, format)
+
+
+def _legends(axis: Axes, trajectory: Trajectory) -> None:
+    """Lines above the chart, phases below it."""
+    lines = axis.get_legend_handles_labels()[0]
+    figure: Any = axis.get_figure()
+    for place, handles in (("upper", lines), ("lower", _phase_handles(trajectory))):
+        if handles:
+            loc = f"outside {place} left"
+            figure.legend(handles=handles, loc=loc, ncols=4, borderaxespad=0.4)

@@ -1,0 +1,280 @@
+"""A run, or two of them, as one HTML document that plays them without a network."""
+
+from __future__ import annotations
+
+import html
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.text import clipped, finite, printable
+from omnitrack_sim.base.writing import check_file, format_of, write_file
+from omnitrack_sim.record.channels import MODULE_COLOURS
+from omnitrack_sim.record.metrics import METRICS
+from omnitrack_sim.results.comparison import compare as compare_results
+from omnitrack_sim.results.comparison import value_row
+from omnitrack_sim.results.result import Result
+from omnitrack_sim.show.playback import sound
+from omnitrack_sim.show.replay import contents
+from omnitrack_sim.show.replay.packing import Pack
+
+FORMATS = ("html",)
+SAME_POSE = 1e-6
+"""Difference of positions, m, and of rotation matrices, within which two parts lie alike."""
+HEADLINE = {
+    "distance_m": "distance",
+    "mean_speed_m_s": "mean speed",
+    "tilt_max_deg": "largest tilt",
+    "slip_ratio_mean": "mean slip ratio, modules 1, 2, 3",
+    "energy_j": "energy",
+}
+"""Metrics in the head of a page, with the words for them."""
+MOST_DIFFERENCES = 60
+"""Differences of two scenarios that are listed; of further ones only the number."""
+LIBRARY = Path(__file__).parent / "vendor" / "three"
+"""three.js as its package on npm has it (README.md in it names the release)."""
+SCRIPTS = (
+    "unpack",
+    "motion",
+    "stage",
+    "cameras",
+    "arrows",
+    "plots",
+    "strip",
+    "chart",
+    "pictures",
+    "words",
+    "main",
+)
+"""The page's own scripts; each imports others as ``replay/NAME``."""
+
+
+@dataclass(frozen=True, repr=False)
+class ReplayPage:
+    """A page that plays a run in a browser; notebooks show it.
+
+    Attributes:
+        html: the whole page.
+        height: of the frame in a notebook, pixels.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> ot.ReplayPage(html="<p>a run</p>", height=480)
+        ReplayPage(12 characters)
+    """
+
+    html: str
+    height: int = 640
+
+    def __repr__(self) -> str:
+        return f"ReplayPage({len(self.html)} characters)"
+
+    def _repr_html_(self) -> str:
+        style = f"width:100%;height:{self.height}px;border:1px solid #ccc"
+        source = html.escape(self.html)
+        return f'<iframe srcdoc="{source}" style="{style}" allowfullscreen></iframe>'
+
+
+def render_replay(
+    result: Result | str | os.PathLike[str],
+    *,
+    path: str | Path | None = None,
+    compare: Result | str | os.PathLike[str] | None = None,
+) -> ReplayPage:
+    """Render a run as a page that plays it in a browser: one file, which needs no network.
+
+    Args:
+        result: the run, or the folder of a saved one.
+        path: ``.html`` file to write; none: nothing is written, and a notebook shows the page.
+        compare: a second run through the same pipes, shown as a translucent robot and as paler
+            curves.
+
+    Raises:
+        InputError: another ending, or a second run through other pipes.
+        RenderError: a run has no pose that can be shown.
+        OutputError: a folder is no run, or the file cannot be written.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> short = {"run.time_limit": 0.1}
+        >>> result = ot.run(ot.override(ot.load_scenario("straight"), short))
+        >>> page = ot.render_replay(result)
+        >>> page.html.startswith("<!doctype html>")
+        True
+    """
+    from omnitrack_sim.results.result import as_result
+
+    if path is not None:
+        format_of(path, None, "page", FORMATS)
+        check_file(path)
+    runs = [as_result(result)]
+    if compare is not None:
+        runs.append(as_result(compare))
+        if problem := pipes_mismatch(*runs):
+            hint = "ot.compare(a, b) compares figures and scenarios of any two runs"
+            raise InputError(Fault("compare", f"{problem}; {hint}"))
+    page = ReplayPage(_document(replay_data(runs)))
+    if path is not None:
+        write_file(path, page.html.encode("utf-8"))
+    return page
+
+
+def pipes_mismatch(one: Result, other: Result) -> str:
+    """Say in words how the pipes of a second run differ from those of the first; empty where they
+    are the same, with the same ports closed."""
+    problem = _part_mismatch(one, other)
+    if not problem and one.scenario.plates != other.scenario.plates:
+        problem = "other ports are closed by plates"
+    return f"it drove through other pipes than the first run: {problem}" if problem else ""
+
+
+def _part_mismatch(one: Result, other: Result) -> str:
+    first, second = (run.pipes.parts for run in (one, other))
+    if len(first) != len(second):
+        fittings = "fitting" if len(second) == 1 else "fittings"
+        return f"it has {len(second)} {fittings}, and the first run {len(first)}"
+    for a, b in zip(first, second, strict=True):
+        moved = np.abs(a.pose.position - b.pose.position).max() > SAME_POSE
+        turned = np.abs(a.pose.rotation - b.pose.rotation).max() > SAME_POSE
+        if a.fitting != b.fitting or moved or turned:
+            return f"{clipped(b.name, 60)} is not {clipped(a.name, 60)} of the first run"
+    return ""
+
+
+def replay_data(runs: list[Result]) -> dict[str, Any]:
+    """Collect the data of the page's runs, of which the first one brings the pipes."""
+    # Imported late: they bring MuJoCo and trimesh, which a check of two runs' pipes needs not.
+    from omnitrack_sim.show.replay import geometry
+
+    first, pack = runs[0], Pack()
+    network, trajectory = first.pipes, sound(first.trajectory)
+    shapes = geometry.Shapes(pack)
+    model = geometry.looks_model(first.scenario, network)
+    return {
+        "runs": [_run_table(run, pack, shapes) for run in runs],
+        "pipes": geometry.pipes_table(network, model, shapes),
+        "follow": geometry.follow_table(first, trajectory, pack),
+        "map": contents.map_table(first),
+        "pictures": contents.pictures_table(first.album, trajectory),
+        "panels": contents.panels_table(first.trajectory),
+        "colours": [[round(255 * part) for part in colour] for colour in MODULE_COLOURS],
+        "headline": HEADLINE,
+        "arrows": contents.arrow_scales(trajectory, first.scenario.robot.scale),
+        "differences": differences(*runs) if len(runs) > 1 else [],
+        "shapes": shapes.tables,
+        "data": pack.text(),
+    }
+
+
+def _run_table(result: Result, pack: Pack, shapes: Any) -> dict[str, Any]:
+    """Collect the data of one run, its robot included."""
+    from omnitrack_sim.show.replay import geometry
+
+    trajectory = sound(result.trajectory)
+    model = geometry.looks_model(result.scenario)
+    with np.errstate(invalid="ignore", over="ignore"):  # of physics that has diverged
+        return {
+            "heading": heading_table(result),
+            "time": pack.steps(trajectory.time, geometry.TIME_STEP),
+            "robot": geometry.robot_table(result, trajectory, model, pack, shapes),
+            "curves": contents.curves_table(trajectory, pack),
+            "phases": contents.phases_table(trajectory),
+            "fittings": contents.fittings_table(trajectory, result.routes()),
+            **contents.events_table(result),
+        }
+
+
+def heading_table(result: Result) -> dict[str, Any]:
+    """Name, outcome, metrics and versions of a run."""
+    provenance = result.provenance
+    versions: Mapping[str, Any] = provenance.get("versions") or {}
+    keys = ("seed", "scenario_sha256", "git_commit", "platform")
+    return finite(
+        {
+            "name": result.scenario.name,
+            "outcome": result.outcome.value.replace("_", " "),
+            "success": result.success,
+            "advice": result.outcome.advice,
+            "reason": result.reason,
+            "duration": result.duration_s,
+            "figures": _figure_rows(result),
+            "provenance": [
+                *([name, str(version)] for name, version in versions.items() if version),
+                *(
+                    [key.replace("_", " "), str(provenance[key])]
+                    for key in keys
+                    if provenance.get(key) is not None
+                ),
+            ],
+        }
+    )
+
+
+def _figure_rows(result: Result) -> list[dict[str, Any]]:
+    """The metrics of a run in the order of its file, with a row for each entry of a table."""
+    known = {metric.name: metric for metric in METRICS}
+    rows = []
+    for name, value in result.metrics.items():
+        metric = known.get(name)
+        words = {"unit": "", "meaning": "a metric of the user's own"}
+        if metric is not None:
+            words = {"unit": metric.unit, "meaning": metric.meaning.replace("`", "")}
+        entries = value if isinstance(value, dict) else {"": value}
+        for entry, one in entries.items():
+            rows.append({"name": f"{name} {entry}".strip(), "value": one, **words})
+    return rows
+
+
+def differences(one: Result, other: Result) -> list[list[str]]:
+    """Rows of dotted path, unit and both values, as text, where the scenarios of two runs differ.
+
+    Names are left out: they change nothing of a run.
+    """
+    rows = [
+        list(value_row(value))
+        for value in compare_results(one, other).values
+        if value.name.rpartition(".")[2] != "name"
+    ]
+    rest = len(rows) - MOST_DIFFERENCES
+    return [*rows[:MOST_DIFFERENCES], [f"and {rest} more", "", "", ""]] if rest > 0 else rows
+
+
+def _document(data: dict[str, Any]) -> str:
+    """Put markup, style, scripts and data together. The same data give the same text."""
+    folder = LIBRARY.parents[1] / "page"
+    library = {
+        "three-core": LIBRARY / "three.core.min.js",
+        "three": LIBRARY / "three.module.min.js",
+        "orbit-controls": LIBRARY / "OrbitControls.js",
+    }
+    scripts = library | {f"replay/{name}": folder / f"{name}.js" for name in SCRIPTS}
+    # No text in the data can end the script element that holds it, or begin a comment.
+    table = json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    fields = {
+        "TITLE": html.escape(printable(f"{data['runs'][0]['heading']['name']}, replay")),
+        "STYLE": _text(folder / "style.css"),
+        "DATA": table,
+        "LICENCE": html.escape(_text(LIBRARY / "LICENSE"), quote=False),
+        "SCRIPTS": "\n".join(
+            f'<script type="text/plain" data-module="{name}">{_text(path)}</script>'
+            for name, path in scripts.items()
+        ),
+    }
+    document = _text(folder / "replay.html")
+    for field, text in fields.items():
+        before, mark, after = document.partition(f"<!--{field}-->")
+        assert mark, field
+        document = before + text + after
+    return document
+
+
+@cache
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
