@@ -231,7 +231,9 @@ def test_the_command_runs_a_saved_scenario(tmp_path, monkeypatch):
     """`omnitrack run DIR/scenario.json --set` is the run of DIR with one value changed."""
     from omnitrack_sim import cli
 
-    monkeypatch.setattr("omnitrack_sim.show.plots.plot_summary", lambda result, path: path.touch())
+    monkeypatch.setattr(
+        "omnitrack_sim.show.plots.run_figures.plot_summary", lambda result, path: path.touch()
+    )
 
     def omnitrack(*arguments: str) -> Path:
         folder = tmp_path / str(len(list(tmp_path.iterdir())))

@@ -198,7 +198,9 @@ def test_json_of_a_run_is_strict(omnitrack, monkeypatch, tmp_path):
     result = sample_result()
     result.metrics["energy_j"] = math.inf
     result.metrics["no_load_slip_m_s"] = math.nan
-    monkeypatch.setattr("omnitrack_sim.show.plots.plot_summary", lambda result, path: path.touch())
+    monkeypatch.setattr(
+        "omnitrack_sim.show.plots.run_figures.plot_summary", lambda result, path: path.touch()
+    )
     monkeypatch.setattr("omnitrack_sim.sim.run.run", lambda scenario, progress: result)
     status, stdout, _ = omnitrack(
         "run", "straight", "--no-video", "--json", "--out", str(tmp_path / "a")

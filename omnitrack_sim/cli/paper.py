@@ -247,7 +247,7 @@ def reproduce(
 ) -> None:
     """Reproduce the paper: claims.json and report.html. Exit status 1 if a verdict has changed."""
     from omnitrack_sim.paper.reproduce import reproduce as reproduce_paper
-    from omnitrack_sim.show.plots import FORMATS
+    from omnitrack_sim.show.plots.style import FORMATS
 
     if format not in FORMATS:
         raise InputError(Fault("--format", f"is {format!r}", FORMATS, given=format))
