@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import mujoco
@@ -18,7 +20,7 @@ from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.kinematics import elbow_speeds, wall_per_belt
 
 MODELS = Path(__file__).parents[1] / "models"
-PAGE = page("physics")
+PAGE = page("mujoco")
 NUMBERS = (1, 2, 3)
 EVERY = sorted(path.name for path in MODELS.glob("*.xml"))
 SCENES = [name for name in EVERY if name.startswith("scene_")]
@@ -34,13 +36,17 @@ def opened(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
     return model, data
 
 
-def examples() -> list[dict]:
-    """What the examples of physics.md define, as they stand there."""
-    found: list[dict] = []
-    for code in re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL):
-        found.append({"__name__": "physics"})
-        exec(compile(code, "physics.md", "exec"), found[-1])
-    return found
+def source(word: str) -> str:
+    """Return the one example of mujoco.md that has a word in it."""
+    (code,) = (code for code in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL) if word in code)
+    return code
+
+
+def example(word: str) -> dict:
+    """Run the example of mujoco.md that has a word in it; returns what it defines."""
+    names = {"__name__": "mujoco_page"}
+    exec(compile(source(word), "mujoco.md", "exec"), names)
+    return names
 
 
 def drive(model, data, seconds: float, belts=(0.0, 0.0, 0.0), roll: float = 0.0) -> None:
@@ -180,15 +186,28 @@ def test_the_elbow_scene_turns():
 
 
 def test_the_elbow_of_the_page_is_passed(monkeypatch, capsys):
-    """The first example of physics.md prints what is told below it."""
+    """The examples of mujoco.md print what stands in it."""
     monkeypatch.chdir(MODELS.parent)
-    examples()
+    example("scene_elbow")
     assert capsys.readouterr().out == "turned by 88 degrees after 8.8 s\n"
+    example("climbed")
+    assert capsys.readouterr().out == "climbed 0.495 m\n"
     assert "prints 88 degrees after 8.8 s" in PAGE
 
 
+def test_the_program_of_the_page_shows_a_run_in_mujoco():
+    """In a process of its own, where MuJoCo can still choose its OpenGL: both robots stand in the
+    pipe, and a picture is drawn."""
+    program = [sys.executable, "-c", source("to_spec")]
+    ended = subprocess.run(program, capture_output=True, text=True, check=True)
+    batch, last, picture = ended.stdout.splitlines()
+    assert float(batch.split()[-1].rstrip("]")) > 0.11
+    assert float(last.partition("]")[0].split()[-1]) > 0.25
+    assert picture == "(360, 640, 3)"
+
+
 def test_the_tee_scene_turns_with_module_1_backward():
-    """As physics.md tells: from z = 0.46 on, until the robot has turned into the branch."""
+    """As mujoco.md says: from z = 0.46 on, until the robot has turned into the branch."""
     model, data = opened("scene_tee.xml")
     turned = 0.0
     while data.qpos[0] < 0.3 and data.time < 12.0:
@@ -218,10 +237,10 @@ def test_what_the_contact_sensors_tell():
 @pytest.mark.filterwarnings("ignore:.*recommend using a symmetric and normalized space")
 @pytest.mark.filterwarnings("ignore:.*observation space m[a-z]+ value is -?infinity")
 def test_gymnasium_has_six_bounded_actions(monkeypatch):
-    """The environment of physics.md takes its action space from the model, begins in the
+    """The environment of mujoco.md takes its action space from the model, begins in the
     keyframe, passes Gymnasium's own check, and climbs. Its actions are in the order told there."""
     monkeypatch.chdir(MODELS.parent)
-    env = examples()[1]["Climb"]()
+    env = example("class Climb")["Climb"]()
     start = env.model.key("start").qpos
     assert not np.array_equal(env.init_qpos, start)
     assert np.array_equal(env.reset(seed=1)[0][: len(start)], start)

@@ -1,4 +1,4 @@
-"""The page of the command line: each command with its arguments and options, as `--help` has it."""
+"""The end of the page of commands: each with its arguments and options, as `--help` has it."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from omnitrack_sim.cli import app
 PAGE = "commands"
 _CODE = re.compile(r"(`[^`]*`)")
 _MARKUP = re.compile(r"([\\*_\[\]<>|])")
-_HEAD = """# Commands
+_HEAD = """
+## Arguments and options
 
-Every command of `omnitrack` with its arguments and options, made from the commands themselves: it
-says what `--help` of each says.
+What `--help` of each command says.
 """
 
 
 def write_commands(target: Path) -> None:
-    """Write ``commands.md``."""
-    (target / f"{PAGE}.md").write_text("\n".join(_lines()), encoding="utf-8")
+    """Append the commands to the page ``commands.md`` of the staged sources."""
+    with (target / f"{PAGE}.md").open("a", encoding="utf-8") as page:
+        page.write("\n".join(_lines()))
 
 
 def _lines() -> Iterator[str]:

@@ -11,7 +11,6 @@ import re
 import shutil
 from pathlib import Path
 
-from commands import PAGE as COMMANDS
 from commands import write_commands
 from reference import write_reference
 
@@ -145,4 +144,4 @@ def _toctrees() -> str:
             for name, path in entries
         )
         text += f"\n```{{toctree}}\n:hidden:\n:caption: {title}\n\n{listed}\n```\n"
-    return f"{text}\n```{{toctree}}\n:hidden:\n:caption: Reference\n\n{COMMANDS}\napi\n```\n"
+    return f"{text}\n```{{toctree}}\n:hidden:\n:caption: Python\n\napi\n```\n"

@@ -47,10 +47,14 @@ class Senses(Protocol):
     location: Location
 
     @property
-    def distance_std(self) -> Array: ...
+    def distance_std(self) -> Array:
+        """Standard deviation (n,) m of the distances of ``location``."""
+        ...
 
     @property
-    def can_look(self) -> bool: ...
+    def can_look(self) -> bool:
+        """True where robots that look ahead can do so at this control step."""
+        ...
 
     def reset(self, rows: NDArray[np.intp], scenarios: Sequence[Scenario], state: State) -> None:
         """Begin anew for robots ``rows`` (k,) with ``scenarios`` (k).
