@@ -123,7 +123,7 @@ def plot_mission(
         >>> import omnitrack_sim as ot
         >>> result = ot.run(ot.load_scenario("elbow", {"run.time_limit": 0.1}))
         >>> figure = ot.plot_mission(result)
-        >>> figure.get_figwidth()
+        >>> float(figure.get_figwidth())
         7.16
     """
     run = as_result(result)
