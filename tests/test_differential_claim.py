@@ -13,7 +13,7 @@ from samples import sample_result, sample_trajectory
 import omnitrack_sim as ot
 from omnitrack_sim.paper import elbows
 from omnitrack_sim.paper.claim import ClaimVerdict
-from omnitrack_sim.paper.runs import ELBOW_DRIVES, _elbows
+from omnitrack_sim.paper.experiments import ELBOW_DRIVES, _elbows
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 

@@ -47,7 +47,7 @@ from omnitrack_sim.scenario.tables import (
     StartTable,
     WorldTable,
 )
-from omnitrack_sim.senses.table import SensingTable
+from omnitrack_sim.senses.settings import SensingTable
 from omnitrack_sim.trials.axes import AXES
 from omnitrack_sim.trials.study import RESERVED, StudyFile
 from omnitrack_sim.trials.study import resolve as resolve_study

@@ -12,7 +12,7 @@ from network_samples import branched, straight
 from runs import same_result
 
 import omnitrack_sim as ot
-from omnitrack_sim.autonomy.legs import PartLocation
+from omnitrack_sim.autonomy.leg_planner import PartLocation
 from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.autonomy.pilots import Decision, Planned
 from omnitrack_sim.base.rotations import Array, unit

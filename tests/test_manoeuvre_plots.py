@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex, to_rgb, to_rgba
 from samples import sample_result, sample_trajectory
 
 from omnitrack_sim.paper.plots.groups import elbow_figure, rates_figure
-from omnitrack_sim.paper.plots.run import (
+from omnitrack_sim.paper.plots.over_time import (
     PHASE_COLOURS,
     along_figure,
     angular_velocity_figure,

@@ -17,7 +17,7 @@ from omnitrack_sim import (
     override,
     shipped_scenarios,
 )
-from omnitrack_sim.autonomy.legs import NOSE_ROOM
+from omnitrack_sim.autonomy.leg_planner import NOSE_ROOM
 from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.cli import app
 from omnitrack_sim.pipes.planning import Leg

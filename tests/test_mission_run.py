@@ -13,7 +13,7 @@ from omnitrack_sim import (
     override,
     run_batch,
 )
-from omnitrack_sim.autonomy.legs import NOSE_ROOM
+from omnitrack_sim.autonomy.leg_planner import NOSE_ROOM
 from omnitrack_sim.autonomy.mission import MissionPlanner
 from omnitrack_sim.record.events import GoalReached
 from omnitrack_sim.results.result import Result

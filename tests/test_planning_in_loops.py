@@ -6,7 +6,7 @@ import random
 import networkx
 import pytest
 
-from omnitrack_sim.autonomy import legs as planning
+from omnitrack_sim.autonomy import leg_planner as planning
 from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.pipes import route_through
 from omnitrack_sim.pipes.network import Network, validate

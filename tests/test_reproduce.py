@@ -15,9 +15,15 @@ from omnitrack_sim.paper import driving, tees
 from omnitrack_sim.paper import formulas as theory
 from omnitrack_sim.paper import reproduce as command
 from omnitrack_sim.paper.claim import ClaimVerdict
-from omnitrack_sim.paper.plots.singularity import plot_singularity
+from omnitrack_sim.paper.experiments import (
+    GRAVITIES,
+    least_preload,
+    random_tee_turns,
+    run_all,
+    scenarios,
+)
+from omnitrack_sim.paper.plots.region import plot_singularity
 from omnitrack_sim.paper.reproduce import FrameStrip, ReportFigure, _at, _by_friction, page
-from omnitrack_sim.paper.runs import GRAVITIES, least_preload, random_tee_turns, run_all, scenarios
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import PictureWarning

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from omnitrack_sim.show.plots.study_chart import Scale, Tried, study_figure
+from omnitrack_sim.show.plots.study_chart import ObjectiveAxis, Tried, study_figure
 from omnitrack_sim.show.plots.style import save_figure
 from omnitrack_sim.trials.search import front_of
 
@@ -21,8 +21,10 @@ def _tried(objectives: int, count: int = 60) -> Tried:
     return Tried(values, feasible, front, front[0], values[front] * 1.05, front)
 
 
-def _scales(objectives: int) -> list[Scale]:
-    return [Scale(f"f{i}", "J", "minimise", 0.8 if i == 0 else None) for i in range(objectives)]
+def _scales(objectives: int) -> list[ObjectiveAxis]:
+    return [
+        ObjectiveAxis(f"f{i}", "J", "minimise", 0.8 if i == 0 else None) for i in range(objectives)
+    ]
 
 
 @pytest.mark.parametrize(("objectives", "panels"), [(1, 1), (2, 1), (3, 3), (4, 6), (6, 15)])
@@ -98,7 +100,7 @@ def test_a_panel_counts_what_it_does_not_show():
 )
 def test_labels_are_words_with_units(name, unit, words):
     """The unit that a metric's name ends in stands once, in brackets."""
-    assert Scale(name, unit, "maximise").label == f"{words}, more is better"
+    assert ObjectiveAxis(name, unit, "maximise").label == f"{words}, more is better"
 
 
 @pytest.mark.parametrize(("goal", "sign"), [("minimise", 1.0), ("maximise", -1.0)])
@@ -107,7 +109,7 @@ def test_the_course_of_one_objective_only_gets_better(goal, sign):
     what is beyond the limit."""
     tried = _tried(1)
     tried = replace(tried, values=sign * tried.values, checked=sign * tried.checked)
-    (axis,) = study_figure([Scale("f", "1", goal)], tried).axes
+    (axis,) = study_figure([ObjectiveAxis("f", "1", goal)], tried).axes
     lines = {str(line.get_label()): line for line in axis.get_lines()}
     course = sign * np.asarray(lines["best so far"].get_ydata())
     assert (np.diff(course[np.isfinite(course)]) <= 0).all()

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from omnitrack_sim import Scenario
-    from omnitrack_sim.paper.runs import Runs
+    from omnitrack_sim.paper.experiments import Runs
 
 CHANGES = {
     *("os.rename", "os.mkdir", "os.rmdir", "os.remove", "os.link", "os.symlink", "os.chmod"),

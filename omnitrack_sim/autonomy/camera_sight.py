@@ -23,7 +23,7 @@ from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.senses.optics import Eyes
-from omnitrack_sim.senses.table import SensingTable, camera_of
+from omnitrack_sim.senses.settings import SensingTable, camera_of
 from omnitrack_sim.walls.rays import RayWalls
 
 TRUSTED = 2.2

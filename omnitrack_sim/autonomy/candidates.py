@@ -11,7 +11,7 @@ from omnitrack_sim.autonomy.pose_filter import POSE, wall_slopes
 from omnitrack_sim.base.rotations import Array, cross, orthonormal, skew, turned_by
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
 from omnitrack_sim.senses.optics import LIT, NORMAL, RANGE, Mount, Walls
-from omnitrack_sim.senses.table import FilterTable
+from omnitrack_sim.senses.settings import FilterTable
 
 STEEPEST = 0.03
 """Least sine of the angle between a ray and the wall that it meets."""

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from omnitrack_sim.autonomy.belief import NO_STRAIGHT, Belief
-from omnitrack_sim.autonomy.legs import NOSE_ROOM, LegPlanner
+from omnitrack_sim.autonomy.leg_planner import NOSE_ROOM, LegPlanner
 from omnitrack_sim.autonomy.pilots import Decision
 from omnitrack_sim.autonomy.sight import (
     LOOKS,

@@ -33,7 +33,7 @@ from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, belt_sign
 from omnitrack_sim.senses.optics import Mount, Walls
 from omnitrack_sim.senses.proprioception import Felt
-from omnitrack_sim.senses.table import SensingTable
+from omnitrack_sim.senses.settings import SensingTable
 
 FEELING = 0.1
 """Time between two uses of arms and accelerometer, s."""

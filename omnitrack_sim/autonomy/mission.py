@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from omnitrack_sim.autonomy.legs import LegPlanner
+from omnitrack_sim.autonomy.leg_planner import LegPlanner
 from omnitrack_sim.base.bounds import MOST_GOALS, MOST_PARTS
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.table import Table

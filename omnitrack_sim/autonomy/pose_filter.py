@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array, cross, orthonormal, set_rows, skew, turned_by
-from omnitrack_sim.senses.table import FilterTable, ImuTable, SensingTable
+from omnitrack_sim.senses.settings import FilterTable, ImuTable, SensingTable
 
 PLACE, TURN, BIAS, SLIP = slice(0, 3), slice(3, 6), slice(6, 9), 9
 SIZE, POSE = 10, 6

@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from omnitrack_sim.autonomy.belief import Belief, alike
-from omnitrack_sim.autonomy.legs import LIES_ALONG
+from omnitrack_sim.autonomy.leg_planner import LIES_ALONG
 from omnitrack_sim.base.rotations import Array, length, unit
 from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part, Route
 from omnitrack_sim.pipes.network import End, both_ways

@@ -12,7 +12,8 @@ import typer
 import omnitrack_sim
 from omnitrack_sim.base.errors import Fault, InputError, OmnitrackError
 from omnitrack_sim.base.text import clipped
-from omnitrack_sim.cli import network, package, paper, runs, trials, view
+
+# FIXME alias [('networks', 'network')]
 from omnitrack_sim.cli.common import app, err, plain
 
 __all__ = ["app", "main", "network", "package", "paper", "runs", "trials", "view"]

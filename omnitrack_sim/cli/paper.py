@@ -143,7 +143,7 @@ def _report(
     as_json: bool,
 ) -> None:
     """Write the figure if one is asked for, and print everything as a table or as JSON."""
-    from omnitrack_sim.paper.plots.singularity import plot_singularity
+    from omnitrack_sim.paper.plots.region import plot_singularity
 
     summary = case.summary()
     if orientation is not None:
@@ -161,7 +161,7 @@ def _report(
 def _check_output(plot: Path | None, figure: str) -> None:
     """Refuse a figure that cannot be drawn or written, before anything is computed."""
     from omnitrack_sim.base.writing import check_file
-    from omnitrack_sim.paper.plots.singularity import FIGURES
+    from omnitrack_sim.paper.plots.region import FIGURES
     from omnitrack_sim.show.plots.style import figure_format
 
     if figure not in ("all", *FIGURES):

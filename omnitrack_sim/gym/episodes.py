@@ -27,7 +27,7 @@ from omnitrack_sim.robots.omnitrack.policy import (
 )
 from omnitrack_sim.robots.omnitrack.policy.controller import steps_of
 from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
-from omnitrack_sim.senses.table import camera_of
+from omnitrack_sim.senses.settings import camera_of
 from omnitrack_sim.sim.onboard import Onboard
 from omnitrack_sim.sim.simulation import Simulation
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import wrap_angle
 from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, judged
-from omnitrack_sim.paper.runs import FRICTIONS, PRELOAD_FACTORS, Runs, least_preload
+from omnitrack_sim.paper.experiments import FRICTIONS, PRELOAD_FACTORS, Runs, least_preload
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack import GRAVITY

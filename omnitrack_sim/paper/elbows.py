@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, judged, largest, rate, slip_of
-from omnitrack_sim.paper.runs import Runs
+from omnitrack_sim.paper.experiments import Runs
 
 STRAIGHT = 10.0
 """Tilt below which a robot counts as straight at the end of a run, degrees."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, judged
-from omnitrack_sim.paper.runs import Runs
+from omnitrack_sim.paper.experiments import Runs
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.kinematics import (

@@ -18,10 +18,14 @@ from omnitrack_sim.base.writing import check_folder, whole_folder, write_file
 from omnitrack_sim.paper import driving, elbows, tees
 from omnitrack_sim.paper import formulas as theory
 from omnitrack_sim.paper.claim import Claim, ClaimVerdict, FigureName, tally
+from omnitrack_sim.paper.experiments import SEED, Runs, run_all, scenarios
 from omnitrack_sim.paper.plots.groups import elbow_figure, rates_figure
-from omnitrack_sim.paper.plots.run import along_figure, angular_velocity_figure, contact_map_figure
-from omnitrack_sim.paper.plots.singularity import plot_singularity
-from omnitrack_sim.paper.runs import SEED, Runs, run_all, scenarios
+from omnitrack_sim.paper.plots.over_time import (
+    along_figure,
+    angular_velocity_figure,
+    contact_map_figure,
+)
+from omnitrack_sim.paper.plots.region import plot_singularity
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import attempt, save_figure

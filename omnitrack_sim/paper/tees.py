@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, judged, largest, rate
-from omnitrack_sim.paper.plots.run import inner_module
-from omnitrack_sim.paper.runs import GRAVITIES, Runs
+from omnitrack_sim.paper.experiments import GRAVITIES, Runs
+from omnitrack_sim.paper.plots.over_time import inner_module
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES

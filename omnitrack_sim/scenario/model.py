@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
 
 from omnitrack_sim.autonomy.exploration import Exploration
-from omnitrack_sim.autonomy.legs import NOSE_ROOM
+from omnitrack_sim.autonomy.leg_planner import NOSE_ROOM
 from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.autonomy.pilots import FixedRoute, Pilot, Planned
 from omnitrack_sim.autonomy.sight import TrueSight
@@ -51,7 +51,7 @@ from omnitrack_sim.scenario.tables import (
     is_multiple,
 )
 from omnitrack_sim.senses import Sensor
-from omnitrack_sim.senses.table import SensingTable, camera_of
+from omnitrack_sim.senses.settings import SensingTable, camera_of
 
 if TYPE_CHECKING:
     from mujoco import MjSpec

@@ -11,7 +11,7 @@ from omnitrack_sim.base.rotations import Array, rotation_vector, set_rows
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.senses.draws import Keys, normal
 from omnitrack_sim.senses.sensor import State
-from omnitrack_sim.senses.table import SensingTable
+from omnitrack_sim.senses.settings import SensingTable
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.camera_sight import CameraSight
 from omnitrack_sim.autonomy.localiser import Localiser
-from omnitrack_sim.autonomy.search import Guarded, Search
+from omnitrack_sim.autonomy.relocalisation import Guarded, Search
 from omnitrack_sim.autonomy.sight import Ahead, Look, is_right
 from omnitrack_sim.base.rotations import (
     Array,
@@ -36,7 +36,7 @@ from omnitrack_sim.senses.draws import Keys, keys, normal, uniform
 from omnitrack_sim.senses.optics import Eyes, Mount
 from omnitrack_sim.senses.proprioception import Felt, Proprioception
 from omnitrack_sim.senses.sensor import State
-from omnitrack_sim.senses.table import BeginTable, SensingTable, camera_of
+from omnitrack_sim.senses.settings import BeginTable, SensingTable, camera_of
 from omnitrack_sim.sim.builder import each
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.sensing import both_ways, frame_ahead

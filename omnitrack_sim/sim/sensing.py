@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.autonomy.search import Guarded
+from omnitrack_sim.autonomy.relocalisation import Guarded
 from omnitrack_sim.autonomy.sight import Ahead, Look
 from omnitrack_sim.base.rotations import Array, heading
 from omnitrack_sim.pipes.route_map import Location

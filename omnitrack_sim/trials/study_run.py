@@ -21,7 +21,7 @@ from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import StudyError
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario.tables import unit_of
-from omnitrack_sim.show.plots.study_chart import Scale, Tried, study_figure
+from omnitrack_sim.show.plots.study_chart import ObjectiveAxis, Tried, study_figure
 from omnitrack_sim.show.plots.style import save_figure
 from omnitrack_sim.trials.batches import Batch, Trial, batched, fitted, matches, value_at
 from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
@@ -421,7 +421,7 @@ def draw_front(study: Study, history: History, checked: History | None, best: Ca
     """Draw ``front.png``, of the objectives with a weight; of the others the limits alone count."""
     weighed = list(study.weighed)
     scales = [
-        Scale(name, _unit_of_objective(study, objective), objective.goal, objective.limit)
+        ObjectiveAxis(name, _unit_of_objective(study, objective), objective.goal, objective.limit)
         for name, objective in ((study.columns[i], study.objectives[i]) for i in weighed)
     ]
     values = values_of(history)

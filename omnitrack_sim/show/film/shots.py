@@ -284,7 +284,7 @@ _ONBOARD_ANGLE, _ONBOARD_PLACE = 88.0, 0.086  # degrees; m before the robot's ce
 _FARTHEST = 30.0  # m seen by the moving cameras
 
 
-class Shot(NamedTuple):
+class Framing(NamedTuple):
     """How one sample is seen.
 
     Attributes:
@@ -311,7 +311,7 @@ class FilmCamera(Protocol):
     lamp: bool
     cut: Array
 
-    def shot(self, row: int, centre: Array, quaternion: Array) -> Shot:
+    def shot(self, row: int, centre: Array, quaternion: Array) -> Framing:
         """How sample ``row`` is seen, with the chassis at ``centre`` (3,) m and ``quaternion``."""
         ...
 
@@ -358,10 +358,10 @@ class SideCamera:
             [p.bore_samples() for p, c in zip(network.parts, self._clearness, strict=True) if c]
         )
 
-    def shot(self, row: int, centre: Array, quaternion: Array) -> Shot:
+    def shot(self, row: int, centre: Array, quaternion: Array) -> Framing:
         """See ``FilmCamera``."""
         sun = Sun(self._towards, centre, self._reach, SHADOW_REACH)
-        return Shot(self._eye, sun, self._clearness)
+        return Framing(self._eye, sun, self._clearness)
 
     def still_sun(self) -> Sun:
         """See ``FilmCamera``."""
@@ -386,7 +386,7 @@ class FollowCamera:
         self._back = view_directions(trajectory, routes, follow_direction(network))  # (T, 3)
         self._spheres = [_sphere(part.bore_samples()) for part in network.parts]
 
-    def shot(self, row: int, centre: Array, quaternion: Array) -> Shot:
+    def shot(self, row: int, centre: Array, quaternion: Array) -> Framing:
         """See ``FilmCamera``."""
         back = self._back[row]
         right, up = upright(back)
@@ -405,7 +405,7 @@ class FollowCamera:
         ]
         covers = in_the_way([self._parts[i] for i in near], place, targets)
         clearness[near] = 1 - (1 - _CLEAR) * covers
-        return Shot(eye, sun, tuple(clearness.tolist()))
+        return Framing(eye, sun, tuple(clearness.tolist()))
 
     def still_sun(self) -> None:
         """See ``FilmCamera``."""
@@ -422,14 +422,14 @@ class OnboardCamera:
         self._aspect, self._ahead = aspect, size * _ONBOARD_PLACE
         self._spheres = [_sphere(part.bore_samples()) for part in network.parts]
 
-    def shot(self, row: int, centre: Array, quaternion: Array) -> Shot:
+    def shot(self, row: int, centre: Array, quaternion: Array) -> Framing:
         """See ``FilmCamera``."""
         x, y, z = matrix_from_quaternion(quaternion).T
         frame = np.stack([y, x, -z], axis=-1)
         place = centre + self._ahead * z
         eye = Eye(place, frame, np.radians(_ONBOARD_ANGLE), 0.01, _FARTHEST)
         clearness = tuple(float(eye.sees(*sphere, self._aspect)) for sphere in self._spheres)
-        return Shot(eye, None, clearness)
+        return Framing(eye, None, clearness)
 
     def still_sun(self) -> None:
         """See ``FilmCamera``."""

@@ -30,8 +30,8 @@ from omnitrack_sim.show.film.shots import (
     PANEL,
     FilmCamera,
     FollowCamera,
+    Framing,
     OnboardCamera,
-    Shot,
     SideCamera,
 )
 from omnitrack_sim.show.film.surfaces import (
@@ -148,7 +148,7 @@ class Stage:
             frame[top : top + height, left : left + width] = part
         return frame
 
-    def _painted(self, shot: Shot, rect: PixelRect | None = None, robot: bool = True) -> Image:
+    def _painted(self, shot: Framing, rect: PixelRect | None = None, robot: bool = True) -> Image:
         # A seam is seen where both of its parts are seen in full.
         seams = [float(min(shot.clearness[i], shot.clearness[j]) == 1) for i, j in self._joined]
         robot = robot and not self._camera.lamp
@@ -158,7 +158,7 @@ class Stage:
             shot.eye, poses, shot.sun, [*shot.clearness, *seams], rect, robot
         )
 
-    def _changed(self, shot: Shot) -> PixelRect | None:
+    def _changed(self, shot: Framing) -> PixelRect | None:
         """The pixels that robot and shadow can change; None where that cannot be told."""
         from omnitrack_sim.show.film.painter import MARGIN, PixelRect
 

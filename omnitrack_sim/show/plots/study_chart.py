@@ -29,7 +29,7 @@ _BULK = (2, 98)
 
 
 @dataclass(frozen=True, eq=False)
-class Scale:
+class ObjectiveAxis:
     """One objective.
 
     Attributes:
@@ -83,7 +83,7 @@ class Tried:
         return "best in the check" + ("" if self.best in self.front else f", not {of}")
 
 
-def study_figure(scales: Sequence[Scale], tried: Tried) -> Figure:
+def study_figure(scales: Sequence[ObjectiveAxis], tried: Tried) -> Figure:
     """The candidates over each pair of objectives with the front between them; with one objective
     over the course of the search."""
     if len(scales) == 1:
@@ -91,7 +91,7 @@ def study_figure(scales: Sequence[Scale], tried: Tried) -> Figure:
     return styled(lambda: _fronts(scales, tried))
 
 
-def _course(scale: Scale, tried: Tried) -> Figure:
+def _course(scale: ObjectiveAxis, tried: Tried) -> Figure:
     figure = new_figure((6.4, 4.2), layout="constrained")
     axis = figure.subplots()
     values = tried.values[:, 0]
@@ -121,7 +121,7 @@ def _course(scale: Scale, tried: Tried) -> Figure:
     return figure
 
 
-def _fronts(scales: Sequence[Scale], tried: Tried) -> Figure:
+def _fronts(scales: Sequence[ObjectiveAxis], tried: Tried) -> Figure:
     pairs = list(itertools.combinations(range(len(scales)), 2))[:_MOST_PANELS]
     columns = min(len(pairs), 3)
     rows = -(-len(pairs) // columns)
@@ -143,7 +143,7 @@ def _legend(figure: Figure, axis: Axes, columns: int) -> None:
     figure.legend(handles, labels, loc="outside lower center", ncols=across, fontsize=8)
 
 
-def _pair(panel: Axes, x: Scale, y: Scale, tried: Tried, i: int, k: int) -> None:
+def _pair(panel: Axes, x: ObjectiveAxis, y: ObjectiveAxis, tried: Tried, i: int, k: int) -> None:
     """The candidates over two of the objectives."""
     across, up = tried.values[:, i], tried.values[:, k]
     shown = np.isfinite(across) & np.isfinite(up)
@@ -219,7 +219,7 @@ def _note_outside(axis: Axes, x: Array, y: Array) -> None:
         axis.set_title(text, loc="right", fontsize=8, color=INK)
 
 
-def _limits(axis: Axes, up: Scale, across: Scale | None) -> None:
+def _limits(axis: Axes, up: ObjectiveAxis, across: ObjectiveAxis | None) -> None:
     """Lines at the limits."""
     if up.limit is not None:
         axis.axhline(up.limit, color=ALARM, lw=0.8, ls=":")

@@ -47,7 +47,7 @@ NORMAL_STEPS = 127
 
 
 @dataclass(frozen=True)
-class Solid:
+class PackedMesh:
     """Triangles in a frame of their own.
 
     Attributes:
@@ -65,24 +65,24 @@ Normals = Callable[[Array], Array]
 """Directions (n, 3) across a known surface at points (n, 3) m near it, either way."""
 
 
-def mesh_solid(model: mujoco.MjModel, geom: int, across: Normals | None = None) -> Solid:
+def mesh_solid(model: mujoco.MjModel, geom: int, across: Normals | None = None) -> PackedMesh:
     """A geom's mesh or shape, in the geom's own frame; ``across`` as in ``creased``."""
     return creased(*_triangles(model, geom), across)
 
 
-def in_body(model: mujoco.MjModel, geom: int, solid: Solid) -> Solid:
+def in_body(model: mujoco.MjModel, geom: int, solid: PackedMesh) -> PackedMesh:
     """A geom's solid in the frame of its body."""
     turn = np.zeros(9)
     mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
     turn = turn.reshape(3, 3)
     normals = np.rint(solid.normals @ turn.T).astype(np.int64)
-    return Solid(solid.vertices @ turn.T + model.geom_pos[geom], normals, solid.faces)
+    return PackedMesh(solid.vertices @ turn.T + model.geom_pos[geom], normals, solid.faces)
 
 
-def together(solids: list[Solid]) -> Solid:
+def together(solids: list[PackedMesh]) -> PackedMesh:
     """Several solids as one."""
     starts = np.cumsum([0, *(len(solid.vertices) for solid in solids[:-1])])
-    return Solid(
+    return PackedMesh(
         np.concatenate([solid.vertices for solid in solids]),
         np.concatenate([solid.normals for solid in solids]),
         np.concatenate([s.faces + start for s, start in zip(solids, starts, strict=True)]),
@@ -120,7 +120,7 @@ def _shape(kind: int, size: Array) -> trimesh.Trimesh:
     raise ValueError(f"geoms of type {kind} are not drawn")
 
 
-def creased(vertices: Array, faces: NDArray[np.int64], across: Normals | None = None) -> Solid:
+def creased(vertices: Array, faces: NDArray[np.int64], across: Normals | None = None) -> PackedMesh:
     """Triangles with a normal at each corner: that of the surface which ``across`` knows where it
     is less than ``CREASE_DEG`` from the face's own, and otherwise the mean of the faces that meet
     there less than that apart, weighted by their angles at the corner."""
@@ -147,7 +147,7 @@ def creased(vertices: Array, faces: NDArray[np.int64], across: Normals | None = 
     kept, index = np.unique(told, axis=0, return_inverse=True)
     drawn = np.empty(len(order), np.int64)
     drawn[order] = index.reshape(-1)
-    return Solid(vertices[kept[:, 0]], kept[:, 1:], drawn.reshape(-1, 3))
+    return PackedMesh(vertices[kept[:, 0]], kept[:, 1:], drawn.reshape(-1, 3))
 
 
 def _corner_angles(corners: Array) -> Array:
@@ -201,7 +201,7 @@ class Shapes:
         self._pack = pack
         self._known: dict[bytes, int] = {}
 
-    def add(self, solid: Solid) -> int:
+    def add(self, solid: PackedMesh) -> int:
         """The number of a solid."""
         key = b"".join(array.tobytes() for array in vars(solid).values())
         if key not in self._known:

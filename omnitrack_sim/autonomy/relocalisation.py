@@ -13,7 +13,7 @@ from omnitrack_sim.record.events import Event, FoundItself, LostItself
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.control.interface import Command
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
-from omnitrack_sim.senses.table import SearchTable
+from omnitrack_sim.senses.settings import SearchTable
 
 
 class Guarded(NamedTuple):
