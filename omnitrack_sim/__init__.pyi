@@ -18,7 +18,7 @@ from .base.naming import shipped_policies as shipped_policies
 from .base.naming import shipped_scenarios as shipped_scenarios
 from .base.naming import shipped_studies as shipped_studies
 from .base.naming import shipped_sweeps as shipped_sweeps
-from .paper.plots.singularity import plot_singularity as plot_singularity
+from .paper.plots.region import plot_singularity as plot_singularity
 from .pipes.assembly import Assembly as Assembly
 from .pipes.fittings.base import Fitting as Fitting
 from .pipes.fittings.elbow import Elbow as Elbow
