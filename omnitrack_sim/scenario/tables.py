@@ -138,8 +138,8 @@ class ControlTable(Table):
     align: bool = True
     """Stop and roll to a safe orientation before a fitting."""
     retry: bool = True
-    """Back off, align anew and try again where a turn makes no headway; how often says
-    `control.parameters.recovery.retries`."""
+    """Back off, align and try again where a turn makes no progress; at most
+    `control.parameters.recovery.retries` times."""
     speed_limit: Annotated[float, Field(ge=1e-6, le=100), Unit("m/s")] = 0.2
     """Cap on a belt's speed."""
     tee_turn_radius: Annotated[Radius, Unit("m")] = ARCS.turn
@@ -162,23 +162,21 @@ class MonitorTable(Table):
     """Criteria that end a run. Lengths are for D = 160 mm and grow with the robot's bore."""
 
     progress: Annotated[Part, Unit("m")] = 0.002
-    """Advance beyond the farthest point so far that counts as headway."""
+    """Advance beyond the farthest point so far that counts as progress."""
     patience_time: Annotated[Part, Unit("s")] = 3.0
-    """A robot hangs when it has made no headway for longer than this, for D = 160 mm, and for
-    longer than `patience` as well. In plain pipes the run is then over; in a mission another way is
-    tried first."""
+    """A robot hangs after this time without progress, for D = 160 mm, and after `patience` as
+    well. In plain pipes the run is then over; in a mission another way is tried first."""
     patience: Annotated[Part, Unit("m")] = 0.3
-    """Way that cruising would have taken it in the meantime."""
+    """Distance at cruise speed in the meantime."""
     slide_back: Annotated[Part, Unit("m")] = 0.1
-    """A robot hangs, too, when it has fallen so far behind the farthest point."""
+    """A robot also hangs this far behind the farthest point."""
     memory: Annotated[Part, Unit("s")] = 0.5
-    """Time constant of the averages that the name of a failure is read from, for D = 160 mm."""
+    """Time constant of the averages that the outcome is judged by, for D = 160 mm."""
     tee_room: Annotated[Part, Unit("pipe radii")] = 1.5
-    """Offset from the centreline beyond which a robot in a tee turn has left its way (`left_pipe`,
-    or in a mission a fall); elsewhere 1."""
+    """Offset from the centreline beyond which a robot in a tee turn is off its route
+    (`left_pipe`, or in a mission a fall); elsewhere 1."""
     falls: Annotated[int, Field(ge=0, le=1000), Unit("1")] = 2
-    """How often a robot that has fallen off its way into another pipe of its network plans on from
-    there; 0 to 1000."""
+    """Falls into another pipe of the network after which a robot replans; 0 to 1000."""
     lost_contact: Annotated[Part, Unit("robot weights")] = 0.102
     """`motion_singularity`: in a tee turn, the normal force of a module is below this part of the
     robot's weight."""
@@ -254,8 +252,8 @@ class RecordTable(Table):
     """A list of metrics that are computed beside the shipped ones, also for the tables of sweeps;
     robots of one batch share it."""
     pictures: bool = False
-    """Whether all that the robot's cameras see is saved in `pictures.parquet`: for
-    `sensing.kind = "onboard"`."""
+    """Save all pictures of the robot's cameras in `pictures.parquet`: for `sensing.kind =
+    "onboard"`."""
 
 
 _TABLES: dict[str, type[Table]] = {

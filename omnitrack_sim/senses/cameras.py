@@ -28,8 +28,8 @@ class DepthTable(OpticsTable):
     dropouts: Annotated[float, Field(ge=0, le=1), Unit("1")] = 0.02
     """Part of the pixels of a picture that give no distance."""
     grazing_deg: Annotated[float, Field(ge=0, le=89)] = 5.0
-    """Least angle between ray and wall in how a distance is expected to change with the robot's
-    pose, which would grow without bound; pictures show walls at any angle."""
+    """Least angle between ray and wall in the Jacobian of a distance, which would grow without
+    bound."""
     resolution: Annotated[float, Field(gt=0, le=0.1), Unit("m")] = 0.001
     """Step of the distances."""
 

@@ -67,10 +67,9 @@ class BeginTable(Table):
     """``[sensing.start]``: what the robot knows of its place as it begins."""
 
     distance_std: Annotated[float, Field(ge=0, le=1), Unit("m")] = 0.01
-    """Standard deviation of what it takes for its distance along its pipe."""
+    """Standard deviation of the assumed distance along its pipe."""
     theta5_known: bool = False
-    """Whether it knows how it is turned about the pipe's axis; otherwise it has to find that
-    out."""
+    """Whether the rotation about the pipe's axis is known."""
 
 
 class FilterTable(Table):
@@ -84,39 +83,37 @@ class FilterTable(Table):
     # A robot that hangs in a branch runs its belts on the spot: they ask for a turn, and the gyro
     # says that there is none.
     slip_noticed: Annotated[float, Field(ge=0, le=3), Unit("1")] = 0.5
-    """The same where the belts ask for a turn that the gyro does not see, by as much as their
-    travel."""
+    """The same where the belts predict a turn that the gyro does not measure, by as much as
+    their travel."""
     slip_time: Annotated[Part, Unit("s")] = 0.5
     """Time over which slip changes."""
     aside_std: Annotated[Part, Unit("m/sqrt(m)")] = 0.01
-    """By which the robot wanders across its axis on a metre of way."""
+    """Lateral drift on a metre of travel."""
     # Round the corner of a branch the robot's centre moves aside as fast as it goes ahead.
     aside_turning: Annotated[Part, Unit("m/sqrt(m)")] = 0.1
     """The same in a turn as sharp as the pipe's radius."""
     turn_walk_deg: Annotated[NotNegative, Unit("deg/sqrt(s)")] = 0.3
-    """By which the direction may be wrong after a second, whatever the pictures say: robot and
-    pipes are not quite as on the map."""
+    """Random walk of the direction, as robot and pipes differ from the map."""
     pixel_share: Annotated[float, Field(gt=0, le=1), Unit("1")] = 0.05
-    """Part of a picture's pixels that counts as independent: their errors go together, and the
-    pipes are not quite as on the map."""
+    """Fraction of a picture's pixels that counts as independent: their errors are correlated."""
     lamp_share: Annotated[float, Field(gt=0, le=1), Unit("1")] = 0.06
     """The same of a camera with a lamp: a patch of dirt covers several."""
     stride: Annotated[int, Field(ge=1, le=64), Unit("1")] = 3
-    """Of the pixels that are compared with the map: every third of every third row."""
+    """Stride of the pixels that are compared with the map, in rows and columns."""
     arm_std: Annotated[Part, Unit("m")] = 0.002
-    """Standard deviation of the place where an arm's module touches the wall: its pitch is not
+    """Standard deviation of the position where a module touches the wall: its pitch is not
     measured."""
     force_std: Annotated[Part, Unit("m/s²")] = 1.5
-    """Standard deviation of the direction of gravity in one reading of 0.1 s, which contains the
-    bias and the robot's own accelerations."""
+    """Standard deviation of gravity in one reading of 0.1 s, with bias and the robot's
+    accelerations."""
     misfit: Annotated[Part, Unit("1")] = 3.0
-    """Median of the pixels' errors, in their standard deviations, beyond which the picture is not
-    that of the map. In turns it may be so for a second."""
+    """Median of the pixels' errors, in standard deviations, beyond which the picture does not
+    fit the map."""
     misfit_time: Annotated[Part, Unit("s")] = 2.0
-    """Time of such pictures after which the robot does not know where it is."""
+    """Time of such pictures after which the robot is lost."""
     sure_deg: Annotated[float, Field(gt=0, le=180)] = 4.0
-    """Standard deviation of theta5 above which the robot does not drive into a fitting that bends
-    or branches; of the safe margin of 11.73 degrees a turn's plan takes half."""
+    """Standard deviation of theta5 above which the robot does not enter a fitting that bends
+    or branches."""
 
 
 class SearchTable(Table):
@@ -137,13 +134,14 @@ class SensingTable(Table):
     """``[sensing]``."""
 
     kind: Literal["truth", "onboard"] = "truth"
-    """"truth": controllers are told the exact pose; "onboard": they know what the sensors say."""
+    """"truth": controllers receive the exact pose; "onboard": the estimate from onboard
+    sensors."""
     camera: str = "depth"
     """"depth" measures distances, "headlight" brightness beside one lamp; `module:Class` names a
     camera of your own."""
     both_ends: bool = True
-    """Whether there is a camera at either end, which take turns, or only one, at the end that
-    leads. The one behind sees the fitting that has just been passed."""
+    """Cameras at both ends in turn, or only at the leading end. The rear one sees the fitting
+    just passed."""
     encoders: EncoderTable = EncoderTable()
     arms: ArmTable = ArmTable()
     current: CurrentTable = CurrentTable()

@@ -301,26 +301,24 @@ class AlignmentTable(Table):
     roll_settled: Annotated[Part, Unit("rad")] = 0.02
     """Error of the roll at which it counts as done."""
     attempts: Annotated[int, Field(ge=1, le=1000), Unit("1")] = 3
-    """Rolls in a row before one fitting; slip while rolling makes the first one fall short."""
+    """Rolls in a row before one fitting; slip may make the first one fall short."""
     patience: Annotated[Part, Unit("s")] = 1.0
-    """Time beyond what a roll should take after which it is looked at as it is, for D = 160 mm. The
-    belts' grip may hold a module off its target."""
+    """Time beyond the planned roll after which it counts as it is, for D = 160 mm. Friction
+    may hold a module off its target."""
     # Distances of the roll from the no-motion line, the best first, and the further roll that a
     # robot puts up with to have so much. Out of a branch 60 of 60 robots pass with 90 and 60
     # degrees, 58 with 40 and 11 with 30, where the track away from the wall touches and brakes;
     # straight over a tee such a robot falls into a branch that opens downward.
     clearances_deg: Three = (60.0, 45.0, 30.0)
-    """Distances of the roll from the no-motion line that are tried, the best first."""
+    """Distances of the roll from the no-motion line, the best first."""
     clearance_detours_deg: Three = (0.0, 90.0, 360.0)
-    """What each of these costs, as further roll: a robot puts up with so much of it to have the one
-    before."""
+    """Cost of each of these, as further roll."""
     aim_detour_deg: NotNegative = 90.0
-    """Further roll that a robot puts up with to come into the next narrower range."""
+    """Further roll that the next narrower range is worth."""
     clear_enough_deg: Annotated[float, Field(ge=0, le=90)] = 45.0
     """Distance of the roll from the no-motion line with which a robot of good theta5 drives on."""
     no_motion_band: Annotated[float, Field(ge=0, le=1), Unit("1")] = 0.1
-    """Size of cos(roll) below which the belts keep their direction; at the no-motion line its sign
-    is noise."""
+    """Size of cos(roll) below which the belts keep their direction, as its sign is noise."""
     # Fractions of the safe margin to aim for, tried in order. If every roll that reaches the first
     # ends near the no-motion line, the planner falls back to the next, wider one. Straight over a
     # tee nearer is steadier: tilt up to 1.1 degrees from 6 degrees beside the best orientation, 0.9
@@ -334,8 +332,8 @@ class AlignmentTable(Table):
     # Out of a branch dead on is best: up a slippery run 33 of 40 pass, 29 from 5 or 10 degrees
     # beside (docs/studies/design-study.md).
     aside_tee_turn: Annotated[Three, Unit("1")] = (0.45, 0.4, 0.3)
-    """What each range for a turn in a tee keeps off the best orientation, where the robot turns
-    into the branch: dead on, both outer modules lose the wall at the same time. 0: nothing."""
+    """Distance of each range for a turn into a branch from the best orientation, where both
+    outer modules lose the wall at the same time. 0: none."""
 
 
 AIMS = 3

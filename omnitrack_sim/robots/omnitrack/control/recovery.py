@@ -21,20 +21,20 @@ class RecoveryTable(Table):
     """Failure of a turn, and retries. Lengths are for D = 160 mm and grow with the robot's bore."""
 
     retries: Annotated[int, Field(ge=0, le=1000), Unit("1")] = 2
-    """How often a robot tries one fitting again before it is left to hang."""
+    """Retries at one fitting."""
     progress: Annotated[Part, Unit("m")] = 0.002
-    """Advance beyond the farthest point so far that counts as headway."""
+    """Advance beyond the farthest point so far that counts as progress."""
     patience: Annotated[Part, Unit("m")] = 0.15
-    """Way that cruising would have taken the robot without headway, after which the turn has
-    failed; half of `monitor.patience`."""
+    """Distance at cruise speed without progress after which the turn has failed; half of
+    `monitor.patience`."""
     merge_patience: Annotated[Part, Unit("m")] = 0.27
-    """The same out of a branch, where most robots that hang for a while get through."""
+    """The same out of a branch, where most robots that hang at first get through."""
     fallen: Annotated[Part, Unit("m")] = 0.04
     """Fall behind the farthest point after which the turn has failed."""
     beside: Annotated[Part, Unit("pipe radii")] = 0.6
     """Offset from the centreline beyond which a robot has gone past the branch."""
     back_off: Annotated[Part, Unit("m")] = 0.6
-    """Way that cruising would have taken it after which backing off is given up."""
+    """Distance at cruise speed after which backing off is given up."""
 
 
 class Backing(NamedTuple):

@@ -37,18 +37,18 @@ class TrackingTable(Table):
     gain: Annotated[NotNegative, Unit("rad/m")] = 40.0
     """Rotation for each metre of travel while the heading is wrong by 1 rad."""
     lookahead: Annotated[NotNegative, Unit("m")] = 0.03
-    """How far ahead of the robot's centre the centreline's direction is taken."""
+    """Distance ahead of the robot's centre at which the centreline's direction is taken."""
     rotation_limit: Annotated[Part, Unit("rad/m")] = 15.0
     """Cap on the rotation for each metre of travel; while a robot leans, 1 + tan(lean) times
     that."""
     heading_lead: Annotated[NotNegative, Unit("m")] = 0.09
-    """Length of the stretch of centreline beyond the lookahead point that the heading may point
-    into without being turned back. In the open middle of a tee the robot turns faster than the arc;
-    turning it back would push it out of the branch again."""
+    """Length of centreline beyond the lookahead point within which the heading is not turned
+    back. In the open middle of a tee the robot turns faster than the arc, and turning it back
+    would push it out of the branch."""
     centring: Annotated[NotNegative, Unit("1/m")] = 7.0
-    """Slope back to the centreline for each metre beside it, on straights and straight over tees;
-    given for D = 160 mm, and in proportion to 1/D. Friction holds a robot that leaves a bend beside
-    the centreline; 10 mm take all load off a module. 0 leaves it there."""
+    """Slope back to the centreline for each metre of offset, on straights and straight over
+    tees; for D = 160 mm, in proportion to 1/D. Friction holds a robot off the centreline, and
+    10 mm take all load off a module. 0: none."""
     steepest_return: Annotated[Part, Unit("rad")] = 0.1
     """Cap on that slope."""
 
