@@ -1,5 +1,7 @@
-"""What is handed to the package's functions, looked at before it is used: whatever is of the wrong
-type is told by the argument's name, with what would be right."""
+"""Type checks of the arguments of public functions.
+
+An error names the argument, the value that was passed and the type that is needed.
+"""
 
 from __future__ import annotations
 
@@ -27,19 +29,21 @@ _MAKERS = {
 
 
 def check_is(kind: type[_Thing], where: str, value: object) -> _Thing:
-    """``value``, which has to be a ``kind``.
+    """Return ``value`` if it is a ``kind``.
 
     Args:
         kind: a public class.
         where: name of the argument.
-        value: what was handed over.
+        value: the argument.
 
     Raises:
         TypeError: it is something else.
     """
     if isinstance(value, kind):
         return value
-    problem = f"{where}: is {_told(value)}; it must be an ot.{kind.__name__}"
+    problem = f"{where}: is {_described(value)}; it must be an ot.{kind.__name__}"
+    # The commonest mistake is a path where the loaded object belongs: the message then shows the
+    # very call that loads it.
     maker = _MAKERS.get(kind.__name__)
     if maker and isinstance(value, str | os.PathLike):
         problem += f", such as ot.{maker}({shown(os.fspath(value))}) makes"
@@ -49,71 +53,76 @@ def check_is(kind: type[_Thing], where: str, value: object) -> _Thing:
 
 
 def check_all(kind: type[_Thing], where: str, values: Iterable[object]) -> list[_Thing]:
-    """``values`` as a list, each of which has to be a ``kind``; arguments as of ``check_is``.
+    """Return ``values`` as a list if each is a ``kind``; arguments as of ``check_is``.
 
     Raises:
         TypeError: they are no list, or one of them is something else.
     """
+    # A single scenario can be iterated as a pydantic model, so it must be refused before the loop.
     if isinstance(values, kind):
         raise TypeError(f"{where}: is one ot.{kind.__name__}, not a list; write [...] around it")
+    # Texts and mappings are iterable too, but item by item they would give misleading messages.
     if isinstance(values, str | Mapping) or not isinstance(values, Iterable):
-        raise TypeError(f"{where}: is {_told(values)}; it must be a list of ot.{kind.__name__}")
+        raise TypeError(
+            f"{where}: is {_described(values)}; it must be a list of ot.{kind.__name__}"
+        )
     return [check_is(kind, f"{where}[{i}]", value) for i, value in enumerate(values)]
 
 
 def check_changes(changes: object) -> None:
-    """Look at values by dotted path.
+    """Check that changes are values by dotted path.
 
     Raises:
         TypeError: they are no mapping, or a path is no text.
     """
     like = "such as {'world.friction': 0.3}"
     if not isinstance(changes, Mapping):
-        raise TypeError(f"changes: is {_told(changes)}; it must be a mapping, {like}")
+        raise TypeError(f"changes: is {_described(changes)}; it must be a mapping, {like}")
     for path in changes:
         if not isinstance(path, str):
-            raise TypeError(f"changes: has the path {_told(path)}; paths are texts, {like}")
+            raise TypeError(f"changes: has the path {_described(path)}; paths are texts, {like}")
 
 
 def check_controller(controller: Any) -> None:
-    """Look at a class that makes a controller.
+    """Check that a controller is a class with a method ``step``.
 
     Raises:
         TypeError: it is no class with a ``step``.
     """
     if isinstance(controller, str):
         raise TypeError(
-            f"controller: is {_told(controller)}; it must be a class. One by its name is chosen "
-            f"by ot.override(scenario, {{'control.kind': {shown(controller)}}})"
+            f"controller: is {_described(controller)}; it must be a class. One by its name is "
+            f"chosen by ot.override(scenario, {{'control.kind': {shown(controller)}}})"
         )
     if not isinstance(controller, type):
-        raise TypeError(f"controller: is {_told(controller)}; it must be a class, not its instance")
+        raise TypeError(
+            f"controller: is {_described(controller)}; it must be a class, not its instance"
+        )
     if not callable(getattr(controller, "step", None)):
         raise TypeError(f"controller: {controller.__name__} has no method step; see ot.Controller")
 
 
 def check_time(where: str, time: object) -> None:
-    """Look at a time in a run, s.
+    """Check a time in a run, s.
 
     Raises:
         TypeError: it is no number.
         InputError: it is NaN.
     """
     if not isinstance(time, Real):
-        raise TypeError(f"{where}: is {_told(time)}; it must be a number, s")
+        raise TypeError(f"{where}: is {_described(time)}; it must be a number, s")
     if math.isnan(time):
         raise InputError(Fault(where, "is nan; it must be a number, s"))
 
 
 def check_times(where: str, times: object) -> None:
-    """Look at times in a run, s; errors as of ``check_time``, and TypeError where they are no
-    list."""
+    """Check a list of times in a run, s; errors as of ``check_time``, and TypeError for no list."""
     if not isinstance(times, Sequence | np.ndarray) or isinstance(times, str):
-        raise TypeError(f"{where}: is {_told(times)}; it must be a list of numbers, s")
+        raise TypeError(f"{where}: is {_described(times)}; it must be a list of numbers, s")
     for i, time in enumerate(times):
         check_time(f"{where}[{i}]", time)
 
 
-def _told(value: object) -> str:
-    """A value and its type, in short."""
+def _described(value: object) -> str:
+    """Short text of a value and its type."""
     return "None" if value is None else f"{shown(value)}, of type {type(value).__name__}"

@@ -1,4 +1,4 @@
-"""How much work one file may ask for: every bound at one place, with its reason.
+"""Bounds of the work that one file may ask for, each with its reason.
 
 They are far beyond what the robot is for, pipes of some metres to some hundred metres driven in
 minutes to hours, and catch a figure of the wrong size (a time step of 1e-9 s, millimetres for
@@ -35,8 +35,8 @@ MOST_ORDERS = 5_000
 """Orders of a driver in a scenario: each is a key that was pressed, and takes 250 bytes of a file
 that may have 2 MB."""
 MOST_POLICY_BYTES = 16_000_000
-"""Of a policy file, packed and unpacked: two million weights, a hundred times what drives a robot
-by its own sensors."""
+"""Size of a policy file, packed and unpacked: two million weights, a hundred times what drives a
+robot from sensor readings."""
 MOST_LAYERS = 8
 """Layers of a policy's network: a few more than controllers are known to need."""
 MOST_WIDTH = 2_048
@@ -72,7 +72,7 @@ FARTHEST = 1e5
 
 
 def too_long(length: float, where: str) -> list[Fault]:
-    """The fault of pipes that are longer together than ``MOST_LENGTH``; none where they are not."""
+    """Return a fault if pipes are longer together than ``MOST_LENGTH``."""
     if length <= MOST_LENGTH:
         return []
     return [Fault(where, f"are {length:.6g} m long together; at most {MOST_LENGTH:.6g} m")]

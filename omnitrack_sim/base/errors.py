@@ -1,4 +1,4 @@
-"""Typed errors. Each names the place of the fault and the valid choices."""
+"""Typed errors that name the place of each fault and the valid choices."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Self
 from omnitrack_sim.base.text import clipped, did_you_mean, listed, printable
 
 MOST_TOLD = 30
-"""How many faults a message tells; of further ones it tells the number."""
+"""Number of faults that a message spells out; further ones are only counted."""
 _LONGEST_PLACE, _LONGEST_PROBLEM = 200, 600
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing wrong with the input: where it stands, what is wrong, what would be right.
+    """One fault of the input, with its place and the valid choices.
 
     Attributes:
         where: dotted path, option or file.
@@ -32,13 +32,15 @@ class Fault:
     given: str = ""
 
     def __str__(self) -> str:
+        # A problem quotes what stands in the file, which may be a megabyte or hold terminal
+        # escapes.
         problem = clipped(self.problem, _LONGEST_PROBLEM)
         text = f"{clipped(self.where, _LONGEST_PLACE)}: {problem}" if self.where else problem
         text += did_you_mean(self.given, self.choices)
         return printable(f"{text} (choose from: {listed(self.choices)})" if self.choices else text)
 
     def at(self, where: str) -> Self:
-        """The same fault, told with another place."""
+        """Return the same fault at another place."""
         return replace(self, where=where)
 
 
@@ -55,7 +57,7 @@ class OmnitrackError(Exception):
 
 
 class InputError(OmnitrackError):
-    """Bad input. ``faults`` lists every fault found; the message tells the first ``MOST_TOLD``.
+    """Bad input. ``faults`` lists every fault; the message spells out the first ``MOST_TOLD``.
 
     Example:
         >>> try:
@@ -67,6 +69,8 @@ class InputError(OmnitrackError):
 
     def __init__(self, faults: Fault | Iterable[Fault]):
         self.faults: Sequence[Fault] = (faults,) if isinstance(faults, Fault) else tuple(faults)
+        # Exceptions are pickled by their args: with the faults there, an error crosses process
+        # borders whole.
         super().__init__(self.faults)
 
     def __str__(self) -> str:

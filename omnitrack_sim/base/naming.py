@@ -1,5 +1,7 @@
-"""Objects and files by name: choices, a user's own ``module:Object``, files that come with the
-package, and names that are nearly right. It is light: completions of a shell ask it."""
+"""Objects and files by name: choices, ``module:Object``, shipped files, and near misses.
+
+Imports stay light, because shell completion loads this module.
+"""
 
 from __future__ import annotations
 
@@ -21,22 +23,25 @@ _Value = TypeVar("_Value")
 
 
 class ByName(dict[str, _Value]):
-    """Values by name. Asked for another name it raises a KeyError that lists those there are."""
+    """Values by name; the KeyError of an unknown name lists the valid ones."""
 
     def __missing__(self, name: str) -> NoReturn:
         raise KeyError(no_such(name, list(self)))
 
 
 def name_of(thing: Any) -> str:
-    """``module:Object`` of a class or function; from now on the name leads back to it in this
-    process, even where its module cannot be imported (a notebook, a function's inside)."""
+    """Return the name ``module:Object`` of a class or function, and register it.
+
+    Within this process the name then leads back to it, also where its module cannot be imported (a
+    notebook, the inside of a function).
+    """
     name = f"{thing.__module__}:{thing.__qualname__}"
     _HANDED_OVER[name] = thing
     return name
 
 
 def named(name: str, where: str, shipped: Mapping[str, Any]) -> Any:
-    """The shipped object of that name, or the user's own of the name ``module:Object``.
+    """Return the shipped object of a name, or import the user's own ``module:Object``.
 
     Modules are looked for where Python looks for them, and in the working folder.
 
@@ -50,6 +55,7 @@ def named(name: str, where: str, shipped: Mapping[str, Any]) -> Any:
     """
     if name in shipped:
         return shipped[name]
+    # Before any import: a class of a notebook or of a function's inside has no importable module.
     if name in _HANDED_OVER:
         return _HANDED_OVER[name]
     choices = (*shipped, "module:Object")
@@ -57,63 +63,66 @@ def named(name: str, where: str, shipped: Mapping[str, Any]) -> Any:
     if not (colon and module_name and path):
         raise InputError(Fault(where, f"is {name!r}", choices, given=name))
     folder = os.getcwd()
+    # Appended, not put first, so that a file in the working folder cannot hide an installed module.
     if folder not in sys.path and "" not in sys.path:
         sys.path.append(folder)
     try:
-        found: Any = importlib.import_module(module_name)
+        thing: Any = importlib.import_module(module_name)
     except (Exception, SystemExit) as error:  # whatever a module does while it is imported
         problem = (
             f"is {name!r}: module {module_name!r} cannot be imported ({error}); it is looked for "
             f"on Python's path and in {folder}"
         )
         raise InputError(Fault(where, problem, choices)) from error
-    own = _own(found)
+    # Listed before the walk, since `thing` then moves on to the attributes of the module.
+    own = _own(thing)
     for part in path.split("."):
-        if not hasattr(found, part):
+        if not hasattr(thing, part):
             problem = f"is {name!r}: there is no {part!r} in module {module_name!r}"
             raise InputError(Fault(where, problem, (*shipped, *own), given=name))
-        found = getattr(found, part)
-    return found
+        thing = getattr(thing, part)
+    return thing
 
 
 def _own(module: Any) -> list[str]:
-    """What a module holds but does not import, as ``module:Object``."""
-    found = []
+    """Names ``module:Object`` of what a module defines itself."""
+    names = []
     for name, thing in vars(module).items():
         defined = hasattr(thing, "__qualname__")  # a class or a function, here or elsewhere
         imported = isinstance(thing, ModuleType) or (
             defined and thing.__module__ != module.__name__
         )
         if not imported and not name.startswith("_"):
-            found.append(f"{module.__name__}:{name}")
-    return found
+            names.append(f"{module.__name__}:{name}")
+    return names
 
 
 def without_ending(name: str) -> str:
-    """The name of a file without ``.toml`` or ``.json``; of a folder as it is."""
+    """Return a file's name without ``.toml`` or ``.json``; a folder's unchanged."""
     return _ENDING.sub("", name)
 
 
 def entries_beside(path: Path, fits: Callable[[Path], bool]) -> dict[str, Path]:
-    """What lies in the folder of ``path`` and fits, by its name without ending; nothing where the
-    folder cannot be read."""
+    """Fitting entries of the folder of ``path`` by their names without ending.
+
+    Empty where the folder cannot be read.
+    """
     try:
-        names = sorted(os.listdir(path.parent))
-        found = [path.with_name(name) for name in names]
-        return {without_ending(entry.name): entry for entry in found if fits(entry)}
+        entries = [path.with_name(name) for name in sorted(os.listdir(path.parent))]
+        return {without_ending(entry.name): entry for entry in entries if fits(entry)}
     except (OSError, ValueError):  # no such folder, no permission, too long, a null character
         return {}
 
 
 def near_entry(path: Path, fits: Callable[[Path], bool]) -> Path | None:
-    """What lies in the folder of a path that leads nowhere, fits, and may have been meant."""
+    """Fitting entry beside a path that does not exist whose name is close to the path's."""
     entries = entries_beside(path, fits)
     meant = nearest(without_ending(path.name), list(entries))
     return None if meant is None else entries[meant]
 
 
 def _scenario_folder() -> Path:
-    """Where the shipped scenarios are: inside the installed package, or beside it in a checkout."""
+    """Folder of the shipped scenarios: in the installed package, or beside it in a checkout."""
     package = Path(__file__).parents[1]
     inside = package / "_scenarios"
     return inside if inside.is_dir() else package.parent / "scenarios"

@@ -1,5 +1,7 @@
-"""Files that a user writes: found by path or name, read as TOML or JSON into plain data, and
-checked as a whole by a model; every fault is told with its place in the file."""
+"""Files that a user writes: located, read as TOML or JSON, and validated by a model.
+
+All faults of a file are reported at once, each with its place in the file.
+"""
 
 from __future__ import annotations
 
@@ -30,11 +32,11 @@ from omnitrack_sim.base.text import nearest, shown
 NAME_PATTERN = r"^[^./\\\x00-\x1f\x7f-\x9f][^/\\\x00-\x1f\x7f-\x9f]*$"
 """A scenario's name is also that of a folder: not empty, not hidden, no separators."""
 LARGEST_INTEGER = 2**63 - 1
-"""What TOML promises and other readers of JSON take."""
+"""Largest integer that TOML guarantees and other readers of JSON accept."""
 KIND_FAULT = "kind"
 """Type of pydantic's error where the ``kind`` of a table is missing or names nothing."""
 MOST_LEVELS = 32
-"""How deep tables and lists may stand in each other."""
+"""Deepest nesting of tables and lists."""
 _Model = TypeVar("_Model", bound=BaseModel)
 MOST_BYTES = {"TOML": 1_000_000, "JSON": 2_000_000}
 """Largest file that is read, by language: two seconds of reading and checking at worst. The
@@ -83,7 +85,7 @@ keys."""
 def read_file(
     source: str | Path, kind: Kind, error: type[InputError]
 ) -> tuple[Path, dict[str, Any]]:
-    """Path and contents of a file that is given by its path or by the name of a shipped one.
+    """Return path and contents of a file, by its path or by the name of a shipped one.
 
     Files whose name ends in ``.json`` are JSON, all others TOML. If the file has no ``name``, its
     own name without the ending is used.
@@ -92,14 +94,14 @@ def read_file(
         InputError: of class ``error``: there is no such file, it cannot be read, or it is of
             another kind.
     """
-    path = _found(source, kind, error)
+    path = _located(source, kind, error)
     data = table_of(path, kind.noun, error)
     _refuse_other_kinds(str(path), data, kind, error)
     return path, {"name": path.stem} | data
 
 
 def table_of(path: Path, noun: str, error: type[InputError]) -> dict[str, Any]:
-    """The contents of a file: JSON if its name ends in ``.json``, else TOML.
+    """Read a file as JSON if its name ends in ``.json``, else as TOML.
 
     Args:
         path: a regular file.
@@ -113,9 +115,11 @@ def table_of(path: Path, noun: str, error: type[InputError]) -> dict[str, Any]:
     most = MOST_BYTES[language]
     try:
         with path.open("rb") as file:
+            # One byte more than allowed tells a file that is too large without reading all of it.
             content = file.read(most + 1)
         if len(content) > most:
             raise ValueError(f"is too large: at most {most} bytes of {language} are read")
+        # Editors on Windows put a byte order mark first, which neither TOML nor JSON takes.
         text = content.decode("utf-8-sig")
         data = _read(text, language)
         if not isinstance(data, dict):
@@ -131,7 +135,7 @@ def table_of(path: Path, noun: str, error: type[InputError]) -> dict[str, Any]:
 
 
 def _read(text: str, language: str) -> Any:
-    """``parsed``; what is in the other language is told as that."""
+    """Parse a file's text; say so if it is JSON under another ending."""
     try:
         return parsed(text, language)
     except ValueError:
@@ -141,7 +145,7 @@ def _read(text: str, language: str) -> Any:
 
 
 def parsed(text: str, language: str) -> Any:
-    """What a text says, as plain data of at most ``MOST_LEVELS`` levels.
+    """Parse a text into plain data of at most ``MOST_LEVELS`` levels.
 
     Args:
         text: of a file, or a part of one.
@@ -153,6 +157,7 @@ def parsed(text: str, language: str) -> Any:
     try:
         if language == "JSON":
             data = json.loads(text, object_pairs_hook=_without_doubles)
+        # Before the parser runs, since its time is what such keys would exhaust.
         elif _DEEP_KEY.search(text):
             raise ValueError(_TOO_DEEP)
         else:
@@ -171,18 +176,19 @@ def parsed(text: str, language: str) -> Any:
 
 
 def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object's table; a key that stands there twice is an error, as it is in TOML."""
+    """Table of a JSON object; a repeated key is an error, as it is in TOML."""
     table = dict(pairs)
     if len(table) < len(pairs):
-        seen: set[str] = set()
-        twice = next(key for key, _ in pairs if key in seen or seen.add(key))
+        earlier: set[str] = set()
+        twice = next(key for key, _ in pairs if key in earlier or earlier.add(key))
         raise ValueError(f"is not valid JSON: the key {twice!r} stands twice in one object")
     return table
 
 
 def _is_deep(data: Any) -> bool:
-    """Whether tables and lists stand deeper in each other than ``MOST_LEVELS``."""
+    """Return whether tables and lists are nested deeper than ``MOST_LEVELS``."""
     layer = [data]
+    # Level by level and without recursion, which hostile data could drive into its limit.
     for _ in range(MOST_LEVELS + 1):
         layer = [
             inside
@@ -194,7 +200,7 @@ def _is_deep(data: Any) -> bool:
 
 
 def is_file(path: Path) -> bool:
-    """Whether a path leads to a regular file. A path that cannot be looked at leads nowhere."""
+    """Return whether a path leads to a regular file; false if it cannot be examined."""
     try:
         return path.is_file()
     except (OSError, ValueError):  # too long, no permission, a null character
@@ -202,13 +208,13 @@ def is_file(path: Path) -> bool:
 
 
 def beside(folder: Path, source: str) -> str | Path:
-    """A path or name that stands in a file of ``folder``: the file there, or else the same text."""
+    """Resolve a path or name in a file of ``folder``: the file there, or else the same text."""
     path = folder / source
     return path if is_file(path) else source
 
 
-def _found(source: str | Path, kind: Kind, error: type[InputError]) -> Path:
-    """The file that is meant: by its path, or by the name of a shipped one."""
+def _located(source: str | Path, kind: Kind, error: type[InputError]) -> Path:
+    """Path of a file that is named by its path or as a shipped one."""
     path, name, shipped = Path(source), str(source), kind.shipped()
     try:
         if path.is_file():
@@ -219,6 +225,7 @@ def _found(source: str | Path, kind: Kind, error: type[InputError]) -> Path:
     except (OSError, ValueError) as reason:
         problem = f"cannot be read: {getattr(reason, 'strerror', None) or reason}"
         raise error(Fault(name, problem)) from reason
+    # The folder of a run is the likeliest one to be given: its scenario is named then.
     if is_folder:
         problem = f"is a folder, not a {kind.noun} file"
         if kind is SCENARIO:
@@ -230,13 +237,13 @@ def _found(source: str | Path, kind: Kind, error: type[InputError]) -> Path:
 
 
 def _scenario_beside(path: Path) -> str:
-    """Where the scenario of a run is, of a path in the run's folder; empty for other paths."""
-    found = path.with_name("scenario.json")
-    return f"; the scenario of this run is {found}" if is_file(found) else ""
+    """Hint at the scenario of a run, for a path in the run's folder; empty for other paths."""
+    scenario = path.with_name("scenario.json")
+    return f"; the scenario of this run is {scenario}" if is_file(scenario) else ""
 
 
 def _unknown(name: str, kind: Kind) -> Fault:
-    """The fault of a name that is neither a file nor shipped."""
+    """Fault of a name that is neither a file nor shipped."""
     shipped = tuple(kind.shipped())
     others = {other: known for known in KINDS if known is not kind for other in known.shipped()}
     if name in others:
@@ -259,15 +266,17 @@ def _unknown(name: str, kind: Kind) -> Fault:
 
 
 def _may_be(entry: Path, kind: Kind) -> bool:
-    """Whether a file may be of a kind, by its ending; the folder of a run stands for its
-    scenario."""
+    """Return whether an entry may be a file of a kind, by its ending.
+
+    The folder of a run stands for its scenario.
+    """
     if kind is SCENARIO and is_file(entry / "scenario.json"):
         return True
     return entry.suffix.lower() in (".toml", ".json") and is_file(entry)
 
 
-def _is_another(found: Kind, wanted: Kind, name: str) -> str:
-    return f"is a {found.noun}, not a {wanted.noun}; `omnitrack {found.command} {name}` takes it"
+def _is_another(actual: Kind, wanted: Kind, name: str) -> str:
+    return f"is a {actual.noun}, not a {wanted.noun}; `omnitrack {actual.command} {name}` takes it"
 
 
 def _refuse_other_kinds(
@@ -320,6 +329,7 @@ def checked(
         # pydantic does not count a table with a fault as an item, and then calls the list too
         # short, too.
         inside = any(item["loc"][:1] == (union,) and len(item["loc"]) > 1 for item in items)
+        # The caller's own words come first, the common translation serves all other faults.
         faults = [
             own_fault(item) or _fault_of(item, union, kinds, choices)
             for item in items
@@ -333,7 +343,7 @@ def checked(
 
 
 def _tidied(data: Any) -> tuple[Any, list[Fault]]:
-    """Plain data without values that no file of ours can hold, and these as faults."""
+    """Plain data without the values that no file can hold, and those as faults."""
     faults: list[Fault] = []
 
     def tidy(value: Any, place: tuple[str, ...]) -> Any:
@@ -351,7 +361,7 @@ def _tidied(data: Any) -> tuple[Any, list[Fault]]:
 
 
 def _oddity(value: Any, depth: int) -> str | None:
-    """What is wrong with a value whatever its place; None for all that is common."""
+    """Problem of a value that is invalid at any place; None for ordinary values."""
     if isinstance(value, str) and not _is_text(value):
         return f"is {shown(value)}, which has bytes or halves of characters that are no text"
     if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
@@ -364,17 +374,17 @@ def _oddity(value: Any, depth: int) -> str | None:
 
 
 def _is_text(text: str) -> bool:
-    """Whether a text is without lone surrogates, in which nothing can be written."""
+    """Return whether a text has no lone surrogates, which no encoding can write."""
     return text.isascii() or not any("\ud800" <= character <= "\udfff" for character in text)
 
 
 def _key(key: Any) -> str:
-    """A key of a table as text that can be written."""
+    """Key of a table as text that can be encoded."""
     return str(key).encode("utf-8", "backslashreplace").decode()
 
 
 def plain_value(value: Any) -> Any:
-    """A plain form of a value that JSON does not know.
+    """Plain form of a value that JSON does not know.
 
     Models become tables, NumPy values numbers and lists, everything else text.
     """
@@ -389,7 +399,7 @@ def _fault_of(
     kinds: tuple[str, ...],
     choices_at: Callable[[list[str]], tuple[str, ...]],
 ) -> Fault:
-    """One of pydantic's errors as a fault, with the path in the file and the valid choices.
+    """Translate a pydantic error into a fault with its path in the file and the valid choices.
 
     Args:
         item: of ``ValidationError.errors()``.
@@ -411,14 +421,15 @@ def _fault_of(
     if kind == "union_tag_not_found":
         return Fault(f"{where}.kind", "is missing", tuple(sorted(kinds)))
     if kind == KIND_FAULT:
-        choices, given = tuple(context["choices"]), str(context["given"])
-        return Fault(f"{where}.kind", context["problem"], choices, given)
+        choices, word = tuple(context["choices"]), str(context["given"])
+        return Fault(f"{where}.kind", context["problem"], choices, word)
     if kind in ("literal_error", "enum"):
+        # pydantic lists the valid values as text only: "'a', 'b' or 'c'".
         choices = tuple(
             part.strip(" '") for part in str(context["expected"]).replace(" or ", ",").split(",")
         )
-        given = item["input"]
-        return Fault(where, f"is {shown(given)}", choices, given if isinstance(given, str) else "")
+        value = item["input"]
+        return Fault(where, f"is {shown(value)}", choices, value if isinstance(value, str) else "")
     if kind == "string_pattern_mismatch":
         rule = (
             "it names a folder, so it must not be empty, begin with a dot, or hold a slash, a "
@@ -431,20 +442,19 @@ def _fault_of(
         items = "item" if limit == 1 else "items"
         return Fault(where, f"must have at {bound} {limit} {items}, not {context['actual_length']}")
     if kind in ("list_type", "tuple_type") and isinstance(item["input"], dict):
-        told = "is a table; it must be a list"
-        told += "" if "." in where else f" of tables, each of which begins with [[{where}]] in TOML"
-        return Fault(where, told)
+        problem = "is a table; it must be a list"
+        if "." not in where:
+            problem += f" of tables, each of which begins with [[{where}]] in TOML"
+        return Fault(where, problem)
     message = _in_words_of_files(item["msg"])
-    given = (
-        ""
-        if isinstance(item["input"], dict) or kind == "missing"
-        else f" (given: {shown(item['input'])})"
-    )
-    return Fault(where, message[0].lower() + message[1:] + given)
+    # A missing key has the whole table as its input, which would fill the message.
+    if not isinstance(item["input"], dict) and kind != "missing":
+        message += f" (given: {shown(item['input'])})"
+    return Fault(where, message[0].lower() + message[1:])
 
 
 def _in_words_of_files(message: str) -> str:
-    """A message of pydantic's without words that no file has."""
+    """Message of pydantic in the terms of TOML and JSON instead of Python's."""
     message = message.removeprefix("Value error, ")
     for pydantics, ours in (
         ("valid tuple", "list"),

@@ -15,9 +15,10 @@ _FIRST_OF_CROSS, _SECOND_OF_CROSS = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0
 
 
 def unit(vector: ArrayLike) -> Array:
-    """Vectors (..., 3) scaled to length 1; a zero vector stays zero."""
+    """Scale vectors (..., 3) to length 1; a zero vector stays zero."""
     vector = np.asarray(vector, float)
     norm = length(vector)
+    # Adding 1 to a zero norm avoids 0/0 without a branch or a masked copy.
     return vector / (norm + (norm == 0))[..., None]
 
 
@@ -49,11 +50,13 @@ def length(vector: Array) -> Array:
 
 def angle_between(a: Array, b: Array) -> Array:
     """Angle (...,) rad between unit vectors (..., 3); exact near zero."""
+    # arccos of the dot product loses half of the digits near 0 and pi; this form keeps them.
     return 2 * np.arctan2(length(a - b), length(a + b))
 
 
 def cross(a: Array, b: Array) -> Array:
     """Cross products (..., 3) of vectors (..., 3), faster than NumPy's for small arrays."""
+    # Two gathers give all six products at once; NumPy's own cross moves axes and checks shapes.
     products = a.take(_FIRST_OF_CROSS, axis=-1) * b.take(_SECOND_OF_CROSS, axis=-1)
     return products[..., :3] - products[..., 3:]
 
@@ -73,6 +76,7 @@ def frame_along(axis: ArrayLike, turn: float) -> Array:
     Then it is turned by ``turn`` rad about the axis.
     """
     z = direction_of(axis)
+    # An x axis that is nearly parallel to z would leave a projection made of rounding errors.
     helper = (
         np.array([1.0, 0, 0]) if abs(z[0]) < 0.9 else np.array([0, 0, -1.0 if z[0] > 0 else 1.0])
     )
@@ -139,7 +143,10 @@ def rotation_vector(rotation: Array) -> Array:
     )
     cosine = np.clip((np.trace(rotation, axis1=1, axis2=2) - 1) / 2, -1.0, 1.0)
     sine = np.sqrt((skew**2).sum(axis=-1)) / 2
+    # The arc tangent of both is accurate at any angle, where arcsin or arccos alone are not.
     angle = np.arctan2(sine, cosine)
+    # For small angles angle / (2 sin angle) tends to 1/2; the maximum keeps the unused branch
+    # finite.
     return skew * np.where(sine > 1e-9, angle / np.maximum(2 * sine, 1e-12), 0.5)[:, None]
 
 
@@ -147,6 +154,7 @@ def turned_by(vector: Array) -> Array:
     """Matrices (n, 3, 3) of rotation vectors (n, 3) rad, by Rodrigues."""
     angle = np.sqrt((vector**2).sum(axis=-1))
     small = angle < 1e-9
+    # Both branches of np.where are evaluated: the small angles divide by 1 instead of 0.
     safe = np.where(small, 1.0, angle)
     a = np.where(small, 1.0, np.sin(angle) / safe)[:, None, None]
     b = np.where(small, 0.5, (1 - np.cos(angle)) / safe**2)[:, None, None]
@@ -156,15 +164,14 @@ def turned_by(vector: Array) -> Array:
 
 def skew(vector: Array) -> Array:
     """Matrices (..., 3, 3) whose product with w is ``vector`` (..., 3) x w."""
-    found = np.zeros((*vector.shape, 3))
-    found[..., [2, 0, 1], [1, 2, 0]] = vector
-    found[..., [1, 2, 0], [2, 0, 1]] = -vector
-    return found
+    matrix = np.zeros((*vector.shape, 3))
+    matrix[..., [2, 0, 1], [1, 2, 0]] = vector
+    matrix[..., [1, 2, 0], [2, 0, 1]] = -vector
+    return matrix
 
 
 def orthonormal(rotation: Array) -> Array:
-    """Rotations (n, 3, 3) freed of rounding: the third column is kept, the first made normal to
-    it."""
+    """Orthonormalise rotations (n, 3, 3) by Gram-Schmidt, starting from the third column."""
     z = rotation[:, :, 2]
     z = z / np.sqrt((z**2).sum(axis=-1))[:, None]
     x = rotation[:, :, 0]
@@ -174,8 +181,12 @@ def orthonormal(rotation: Array) -> Array:
 
 
 def heading(rotation: Array, gear: NDArray[np.int_]) -> Array:
-    """Frames (..., 3, 3) that look ahead nose first, of robots with frames ``rotation`` whose nose,
-    ``gear`` (...,) 1, or tail, -1, leads."""
+    """Flip frames (..., 3, 3) of robots in reverse gear so that z points along travel.
+
+    Args:
+        rotation: frames (..., 3, 3) of the robots.
+        gear: (...,) 1 where the nose leads, -1 where the tail does.
+    """
     back = gear < 0
     if not np.count_nonzero(back):
         return rotation
@@ -183,22 +194,26 @@ def heading(rotation: Array, gear: NDArray[np.int_]) -> Array:
 
 
 def with_rows(values: NDArray, rows: NDArray, new: ArrayLike) -> NDArray:
-    """Return a copy of ``values`` (n, ...) with ``new`` (k, ...) in ``rows`` (k,): those who keep
-    the array keep it as it was."""
+    """Return a copy of ``values`` (n, ...) with ``new`` (k, ...) in ``rows`` (k,).
+
+    Holders of the original array see no change.
+    """
     changed = values.copy()
     changed[rows] = new
     return changed
 
 
 def set_rows(owner: object, rows: NDArray, **values: ArrayLike) -> None:
-    """Set ``rows`` (k,) of arrays (n, ...) of an object to values (k, ...), by the arrays' names.
-    Each becomes a new array: who keeps one keeps what was."""
+    """Set ``rows`` (k,) of an object's arrays (n, ...) to values (k, ...), by the arrays' names.
+
+    Each becomes a new array; holders of the earlier one see no change.
+    """
     for name, value in values.items():
         setattr(owner, name, with_rows(getattr(owner, name), rows, value))
 
 
 def wrap_angle(angle: ArrayLike, period: float = 2 * np.pi) -> Array:
-    """Angles (...,) rad wrapped into [-period/2, period/2)."""
+    """Wrap angles (...,) rad into [-period/2, period/2)."""
     return (np.asarray(angle, float) + period / 2) % period - period / 2
 
 

@@ -1,5 +1,4 @@
-"""Tables of a user's file: their base class, what a key says of itself, and what may stand at a
-dotted path.
+"""Tables of a user's file: base class, units and meanings of keys, valid keys at a dotted path.
 
 Files leave out what has a default, so what may stand at a place does not follow from what does.
 """
@@ -21,28 +20,29 @@ from pydantic_core import PydanticUndefined, to_jsonable_python
 
 
 class Table(BaseModel):
-    """A frozen table of a file; unknown keys are errors. What a key means is said below it, see
-    ``meanings_of``."""
+    """Frozen table of a file; unknown keys are errors.
+
+    The string below a key states its meaning; see ``meanings_of``.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     @classmethod
     def model_for(cls, value: Mapping[str, Any]) -> type[Table]:
-        """The table that plain data ``value`` is read with; a class of its own where a key decides
-        which one it is."""
+        """Return the class that plain data ``value`` is read with, where a key decides which."""
         return cls
 
     def __setattr__(self, name: str, value: Any) -> None:
         try:
             super().__setattr__(name, value)
         except ValidationError:
-            told = "ot.override(scenario, {'a.key': value}) makes a copy of a scenario with changes"
-            raise TypeError(f"{type(self).__name__}.{name} cannot be set: {told}") from None
+            hint = "ot.override(scenario, {'a.key': value}) makes a copy of a scenario with changes"
+            raise TypeError(f"{type(self).__name__}.{name} cannot be set: {hint}") from None
 
 
 @dataclass(frozen=True)
 class Unit:
-    """Unit of a number in a file; stands in the annotation of its key.
+    """Unit of a number in a file, as part of the annotation of its key.
 
     Attributes:
         symbol: such as "m", "deg" or "1".
@@ -55,8 +55,9 @@ class Unit:
 
 @dataclass(frozen=True)
 class FileName:
-    """Says in the annotation of a key that it names a file: of a relative path, one in the folder
-    of the file that it stands in is meant first.
+    """Mark, in the annotation of a key, that it names a file.
+
+    A relative path is looked for first in the folder of the file that it stands in.
 
     Attributes:
         digest: key beside it that holds the file's SHA-256. Where another file is named it is left
@@ -67,33 +68,35 @@ class FileName:
 
 
 def files_of(table: type[BaseModel]) -> dict[str, FileName]:
-    """The keys of a table that name files."""
+    """Keys of a table that name files."""
     fields = table.model_fields.items()
-    found = {key: [m for m in info.metadata if isinstance(m, FileName)] for key, info in fields}
-    return {key: marks[0] for key, marks in found.items() if marks}
+    marks = {key: [m for m in info.metadata if isinstance(m, FileName)] for key, info in fields}
+    return {key: names[0] for key, names in marks.items() if names}
 
 
 def units_of(table: type[BaseModel]) -> dict[str, Unit]:
-    """The keys of a table that have a unit, with it."""
-    found = {
+    """Units of the keys of a table that have one."""
+    units = {
         key: next((item for item in info.metadata if isinstance(item, Unit)), None)
         for key, info in table.model_fields.items()
     }
-    return {key: unit for key, unit in found.items() if unit is not None}
+    return {key: unit for key, unit in units.items() if unit is not None}
 
 
 def symbol_of(table: type[BaseModel], key: str) -> str:
-    """The unit of a key; empty where it has none."""
+    """Unit of a key; empty where it has none."""
     unit = units_of(table).get(key)
     return unit.symbol if unit is not None else "deg" if key.endswith("_deg") else ""
 
 
 def meanings_of(table: type[BaseModel]) -> dict[str, str]:
-    """The keys of a table with what is said below each in its class, or in one that it extends.
+    """Meanings of the keys of a table: the strings below them in its class or its bases.
 
-    It reads the source, so that tables whose meanings nobody asks for are made without it.
+    They are read from the source on demand, so that classes are created without that cost.
     """
-    found: dict[str, str] = {}
+    meanings: dict[str, str] = {}
+    # From the root of the hierarchy down, so that a class that says a meaning anew has the last
+    # word.
     for base in reversed(table.__mro__):
         if base is BaseModel or not issubclass(base, BaseModel):
             continue
@@ -104,10 +107,10 @@ def meanings_of(table: type[BaseModel]) -> dict[str, str]:
         body = next(item for item in ast.parse(source).body if isinstance(item, ast.ClassDef)).body
         for key, below in pairwise(body):
             if isinstance(key, ast.AnnAssign) and isinstance(below, ast.Expr):
-                said = getattr(below.value, "value", None)
-                if isinstance(key.target, ast.Name) and isinstance(said, str):
-                    found[key.target.id] = " ".join(said.split())
-    return {key: found[key] for key in table.model_fields if key in found}
+                text = getattr(below.value, "value", None)
+                if isinstance(key.target, ast.Name) and isinstance(text, str):
+                    meanings[key.target.id] = " ".join(text.split())
+    return {key: meanings[key] for key in table.model_fields if key in meanings}
 
 
 def _has_a_direction(axis: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -130,11 +133,11 @@ Size = Annotated[float, Field(ge=1e-5, le=1000)]
 
 
 def model_of(annotation: Any, value: Any) -> type[BaseModel] | None:
-    """The model of the table at a place; None where no table belongs.
+    """Return the model of the table at a place; None where no table belongs.
 
     Args:
         annotation: type of the place.
-        value: what stands there; see ``Table.model_for``.
+        value: plain data there; see ``Table.model_for``.
     """
     annotation = _bare(annotation)
     if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
@@ -153,7 +156,7 @@ def keys_of(annotation: Any, value: Any) -> tuple[str, ...]:
 
 
 def below(annotation: Any, value: Any, key: str) -> Any:
-    """Type of what stands below ``key`` at a place; None where it is not known."""
+    """Type of the value below ``key`` at a place; None where it is unknown."""
     model = model_of(annotation, value)
     if model is not None:
         info = model.model_fields.get(key)
@@ -164,13 +167,14 @@ def below(annotation: Any, value: Any, key: str) -> Any:
 
 
 def index_of(items: Sequence[Any], key: str) -> int | None:
-    """The index that a key of a dotted path means in a list; None where there is no such item."""
+    """Index that a key of a dotted path means in a list; None where there is no such item."""
+    # int() alone would take "+1", "1_0" and digits of other scripts, and be slow on huge ones.
     index = int(key) if key.isascii() and key.isdecimal() and len(key) < 10 else len(items)
     return index if index < len(items) and str(index) == key else None
 
 
 def inside(value: Any, key: str) -> Any:
-    """What stands below ``key`` in a table or list; None where there is nothing."""
+    """Value below ``key`` in a table or list; None where there is none."""
     if isinstance(value, list):
         index = index_of(value, key)
         return None if index is None else value[index]
@@ -186,8 +190,7 @@ def keys_at(model: type[BaseModel], data: Any, places: Sequence[str]) -> tuple[s
 
 
 def default_of(annotation: Any, value: Any, key: str) -> Any:
-    """What a table has at ``key`` if its file leaves it out, as plain data; an empty table where
-    there is no default."""
+    """Default of ``key`` in a table as plain data; an empty table where there is no default."""
     model = model_of(annotation, value)
     info = None if model is None else model.model_fields.get(key)
     default = None if info is None else info.get_default(call_default_factory=True)
@@ -195,12 +198,13 @@ def default_of(annotation: Any, value: Any, key: str) -> Any:
 
 
 def _bare(annotation: Any) -> Any:
-    """A type without its metadata, and without None."""
+    """Strip a type of its metadata and of None."""
     while True:
         if get_origin(annotation) is Annotated:
             annotation = get_args(annotation)[0]
         elif get_origin(annotation) in (Union, UnionType):
             kinds = [kind for kind in get_args(annotation) if kind is not NoneType]
+            # A union of several types has no keys of its own that could be offered as choices.
             annotation = kinds[0] if len(kinds) == 1 else object
         else:
             return annotation

@@ -1,4 +1,4 @@
-"""Text for people, whatever stands in it, and JSON for machines."""
+"""Text for people, safe for a terminal, and JSON and TOML for machines."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from difflib import get_close_matches
 from typing import Any
 
 MOST_COMPARED = 2000
-"""Among how many choices a near one is looked for; each takes some 20 us."""
+"""Number of choices that are compared with a misspelt name; each takes some 20 us."""
 _LONGEST_WORD = 100
 _NEAR_PART = 4
 """Letters from which on a word is compared with parts of names; a shorter one has to be a part."""
@@ -21,10 +21,10 @@ _SHORT.maxstring = _SHORT.maxother = 80
 
 
 def printable(text: str) -> str:
-    """``text`` in which everything that is no visible character or blank stands as an escape.
+    """Escape everything in ``text`` that is no visible character or blank.
 
-    A terminal then shows it, and obeys nothing in it: no escape sequence, line feed or mark that
-    turns the direction of writing.
+    A terminal then obeys nothing in it: no escape sequence, line feed or mark that changes the
+    direction of writing.
     """
     if text.isprintable():
         return text
@@ -35,23 +35,22 @@ def printable(text: str) -> str:
 
 
 def counted(count: int, one: str, more: str = "") -> str:
-    """A number of things in words: "1 batch", "2 batches"; ``more`` when not given is ``one`` and
-    an s."""
+    """Count of things in words: "1 batch", "2 batches"; the plural ``more`` defaults to an s."""
     return f"{count} {one if count == 1 else more or f'{one}s'}"
 
 
 def clipped(text: str, most: int) -> str:
-    """``text``, or its first ``most`` characters and how many there are."""
+    """Shorten ``text`` to its first ``most`` characters, and say how many there are."""
     return text if len(text) <= most else f"{text[:most]}... ({len(text)} characters)"
 
 
 def shown(value: Any) -> str:
-    """A value as Python writes it, with the inside of what is long left out."""
+    """Abbreviated ``repr`` of a value."""
     return _SHORT.repr(value)
 
 
 def listed(names: Sequence[str], most: int = 1000) -> str:
-    """Names with commas between them: as many as fit into ``most`` characters, at least one."""
+    """Join names with commas: as many as fit into ``most`` characters, at least one."""
     length, count = 0, 0
     while count < len(names) and (count == 0 or length + len(names[count]) <= most):
         length += len(names[count]) + 2
@@ -62,38 +61,41 @@ def listed(names: Sequence[str], most: int = 1000) -> str:
 
 
 def nearest(given: str, choices: Sequence[str]) -> str | None:
-    """The choice that ``given`` may have been meant for. If no whole name is near, one of which a
-    part between ``_``, ``/`` or dots is; None where there is none."""
+    """Choice that ``given`` is probably a misspelling of; None where none is near.
+
+    If no whole name is near, a name counts of which a part between ``_``, ``/`` or dots is.
+    """
     given = given[:_LONGEST_WORD].lower()
     known = {one.lower(): one for one in choices[:MOST_COMPARED] if len(one) < _LONGEST_WORD}
-    for found in get_close_matches(given, known, n=1):
-        return known[found]
+    for match in get_close_matches(given, known, n=1):
+        return known[match]
     parts: dict[str, str] = {}
     for low, one in known.items():
         for part in re.split(r"[_/.]", low):
+            # The first name with a part wins: choices come in the order in which they are listed to
+            # users.
             parts.setdefault(part, one)
     # Short words are near to parts of many names that have nothing to do with them.
     cutoff = 0.75 if len(given) >= _NEAR_PART else 1.0
-    for found in get_close_matches(given, parts, n=1, cutoff=cutoff):
-        return parts[found]
+    for match in get_close_matches(given, parts, n=1, cutoff=cutoff):
+        return parts[match]
     return None
 
 
 def did_you_mean(given: str, choices: Sequence[str]) -> str:
-    """The question after a name that is none of the choices, with a semicolon before it; empty
-    where nothing is near."""
-    found = nearest(given, choices) if given else None
-    return "" if found is None else f"; did you mean {found!r}?"
+    """Question for the nearest choice, with a semicolon before it; empty where none is near."""
+    choice = nearest(given, choices) if given else None
+    return "" if choice is None else f"; did you mean {choice!r}?"
 
 
 def no_such(name: object, choices: Sequence[str], what: str = "") -> str:
-    """What to say of a name that none of the choices is; ``what`` is a word before it."""
+    """Message for a name that is none of the choices; ``what`` is a word before it."""
     question = did_you_mean(str(name), choices)
     return f"there is no {what}{shown(name)}{question} (choose from: {listed(choices)})"
 
 
 def toml_key(name: str) -> str:
-    """A name as a key of TOML, in quotes where it needs them."""
+    """Name as a key of TOML, in quotes where it needs them."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else as_toml(name)
 
 
@@ -109,12 +111,12 @@ def as_toml(value: Any) -> str:
 
 
 def strict_json(value: Any) -> str:
-    """``value`` as JSON that every reader takes: numbers that are none become null."""
+    """``value`` as strict JSON: NaN and infinity become null."""
     return json.dumps(finite(value), indent=2, allow_nan=False)
 
 
 def finite(value: Any) -> Any:
-    """``value`` with None for numbers that JSON cannot hold (the figures of a diverged run)."""
+    """Replace NaN and infinity in ``value`` (the figures of a diverged run) by None."""
     if isinstance(value, dict):
         return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""Worker processes: of this machine, or of a Dask cluster."""
+"""Worker processes of this machine or of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -23,9 +23,11 @@ class LocalPool(ProcessPoolExecutor):
     """
 
     def __init__(self, workers: int):
+        # Processes that were there before belong to somebody else: `shutdown` must not kill them.
         self._others = set(multiprocessing.active_children())
         super().__init__(
             workers,
+            # A forked child would inherit locks of MuJoCo's and numba's threads in any state.
             multiprocessing.get_context("spawn"),
             initializer=begin_worker,
             initargs=(os.getpid(),),
@@ -72,6 +74,8 @@ class DaskPool(Executor):
                 f"no scheduler answers at {address!r} ({error}); start one with `dask scheduler`"
             )
             raise InputError(Fault("--dask", problem)) from None
+        # Dask merges pure calls with equal arguments into one; a batch that is tried again must
+        # run.
         self._executor = self._client.get_executor(pure=False)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
@@ -85,7 +89,8 @@ class DaskPool(Executor):
 
 
 def killed_its_worker(error: BaseException) -> bool:
-    """Whether Dask gave up a batch because the workers that ran it died."""
+    """Return whether Dask gave up a batch because the workers that ran it died."""
+    # Where Dask was never imported no error can be Dask's, and the import would cost time.
     if "distributed" not in sys.modules:
         return False
     from distributed import KilledWorker

@@ -32,19 +32,19 @@ _NEW, _OLD = "new", "old"
 """Contents of a workshop: what is being made and, where the system cannot exchange two folders, a
 folder with the one that it replaces, under its own name."""
 _ROOM = 100
-"""What a path of a file in a workshop may have more than that of its place, bytes."""
+"""Bytes by which a path in a workshop may be longer than the path that it replaces."""
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # linux/fcntl.h, linux/fs.h
 _CANNOT_EXCHANGE = (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP)
 
 
 def format_of(path: object, format: str | None, what: str, formats: tuple[str, ...]) -> str:
-    """The format asked for, or else that of a path's ending.
+    """Return the requested format, or else that of a path's ending.
 
     Args:
         path: of the file that is to be written.
-        format: asked for; none: by the ending.
+        format: the requested one; None for that of the ending.
         what: word for the kind of file.
-        formats: that there are.
+        formats: valid formats.
 
     Raises:
         InputError: it is none of ``formats``.
@@ -72,8 +72,9 @@ def told(path: str | Path) -> Iterator[None]:
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """A path to write to; the file takes the place of ``path`` when the block ends without an
-    error, and outlives a machine that stops.
+    """Yield a temporary path whose file replaces ``path`` when the block ends without an error.
+
+    The file is flushed to the disk first, so that it survives a machine that stops.
 
     Raises:
         OutputError: ``path`` is a folder or a device, or the disk is full or closed to us.
@@ -84,6 +85,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
             yield shop / _NEW
             _keep(shop / _NEW)
             os.replace(shop / _NEW, target)
+            # The name of a file is part of its folder, which has to reach the disk, too.
             _keep(target.parent)
 
 
@@ -94,13 +96,13 @@ def write_file(path: str | Path, data: bytes) -> None:
 
 
 def npz_of(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """As ``numpy.savez_compressed``, but without the time of day, so that equal arrays give equal
-    bytes."""
+    """Pack arrays as ``numpy.savez_compressed`` does, with equal bytes for equal arrays."""
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, array in arrays.items():
             buffer = io.BytesIO()
             np.lib.format.write_array(buffer, np.ascontiguousarray(array))
+            # The earliest date that a zip file can hold; the time of day would change the bytes.
             entry = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
             entry.compress_type = zipfile.ZIP_DEFLATED
             archive.writestr(entry, buffer.getvalue())
@@ -108,8 +110,9 @@ def npz_of(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def write_files(files: Mapping[Path, bytes]) -> list[Path]:
-    """Write files by their paths; none takes its place before all are written. Missing folders are
-    made. Returns the paths.
+    """Write files by their paths and return the paths; create missing folders.
+
+    No file takes its place before all are written.
 
     Raises:
         OutputError: a file cannot be written; it is named.
@@ -123,13 +126,14 @@ def write_files(files: Mapping[Path, bytes]) -> list[Path]:
 
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
-    """``folder`` exists from here on. If it was made here and is empty in the end it goes again."""
+    """Create ``folder`` if it is missing; remove it again if it is empty in the end."""
     with told(folder):
         missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
         folder.mkdir(parents=True, exist_ok=True)
     try:
         yield
     finally:
+        # Innermost first; a folder that has contents by now cannot be removed, and stays.
         for parent in missing:
             with suppress(OSError):
                 parent.rmdir()
@@ -137,8 +141,9 @@ def _made(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def whole_folder(directory: str | Path, mark: str) -> Iterator[Path]:
-    """A temporary folder that takes the place of ``directory`` when the block ends without an
-    error, and outlives a machine that stops.
+    """Yield a temporary folder that replaces ``directory`` when the block ends without an error.
+
+    Its files are flushed to the disk first, so that they survive a machine that stops.
 
     ``mark`` is the file by which a folder that may be replaced is known.
 
@@ -181,6 +186,7 @@ def check_folder(directory: str | Path, mark: str | None = None, files: Iterable
     with told(directory):
         target = _folder_place(directory, mark)
         there, names = target, [*files]
+        # An earlier file of that name may be a folder, a device or protected.
         for name in files if target.is_dir() else ():
             _file_place(target / name)
         while not os.path.lexists(there):
@@ -193,14 +199,18 @@ def check_folder(directory: str | Path, mark: str | None = None, files: Iterable
 
 
 def tidy(place: Path) -> None:
-    """Take away what killed processes have left in a folder; a replacement that they were in the
-    middle of is finished first."""
+    """Remove the workshops that killed processes left in a folder.
+
+    A replacement that such a process was in the middle of is finished first.
+    """
     for shop in place.iterdir():
         if not is_workshop(shop.name):
             continue
         with suppress(OSError):
             lock = os.open(shop, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
             try:
+                # A living process holds the lock: the attempt fails at once, and its workshop
+                # stays.
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 _clear(shop)
             finally:
@@ -208,12 +218,12 @@ def tidy(place: Path) -> None:
 
 
 def is_workshop(name: str) -> bool:
-    """Whether a file's name is that of a workshop."""
+    """Return whether a file's name is that of a workshop."""
     return _WORKSHOP.fullmatch(name) is not None
 
 
 def _place(path: str | Path) -> tuple[Path, int | None]:
-    """A place with links resolved, and the mode of what is there; None where nothing is."""
+    """Path with links resolved, and the mode of what is there; None where nothing is."""
     try:
         target = Path(os.path.realpath(path))
     except ValueError as error:  # a zero byte, or half a character
@@ -264,13 +274,14 @@ def _check_lengths(there: Path, target: Path, names: Iterable[str]) -> None:
 
 def _try_out(folder: Path) -> None:
     """Make sure that workshops can be made in a folder, and tidy it."""
+    # Only an attempt is certain: access rights say nothing of a full file system.
     with _workshop(folder):
         tidy(folder)
 
 
 @contextmanager
 def _workshop(folder: Path) -> Iterator[Path]:
-    """A locked workshop in a folder; it is removed in the end."""
+    """Yield a locked workshop in a folder, and remove it in the end."""
     while True:
         shop = Path(tempfile.mkdtemp(_SUFFIX, _PREFIX, folder))
         lock = os.open(shop, os.O_RDONLY)
@@ -288,8 +299,7 @@ def _workshop(folder: Path) -> Iterator[Path]:
 
 
 def _put(shop: Path, target: Path) -> None:
-    """Put the new folder of a workshop in the place of ``target``; the earlier one comes into the
-    workshop."""
+    """Move the new folder of a workshop to ``target``, and the earlier one into the workshop."""
     new, old = shop / _NEW, shop / _OLD / target.name
     if not target.exists():
         os.rename(new, target)
@@ -310,8 +320,8 @@ def _put(shop: Path, target: Path) -> None:
 
 
 def _clear(shop: Path) -> None:
-    """Remove a workshop, and before that finish the replacement that a killed process was in the
-    middle of, if it was."""
+    """Finish the replacement that a killed process was in the middle of; remove its workshop."""
+    # An earlier folder without a target means that the process died between its two renames.
     for old in (shop / _OLD).glob("*"):  # one at most
         target = shop.with_name(old.name)
         if (shop / _NEW).is_dir() and not target.exists():
@@ -320,7 +330,7 @@ def _clear(shop: Path) -> None:
 
 
 def _exchange(one: Path, other: Path) -> None:
-    """Let two folders change places in one step.
+    """Exchange two folders in one atomic step.
 
     Raises:
         OSError: ``_CANNOT_EXCHANGE`` where the system or the file system does not know how.
@@ -329,6 +339,7 @@ def _exchange(one: Path, other: Path) -> None:
     ends = _AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other)
     known = hasattr(library, "renameat2")
     if not known or library.renameat2(*ends, _RENAME_EXCHANGE) != 0:
+        # An older C library lacks the call, which counts as a system that cannot do it.
         code = ctypes.get_errno() if known else errno.ENOSYS
         raise OSError(code, os.strerror(code), str(other))
 

@@ -1,5 +1,4 @@
-"""Which of many balls touch each other, in a time that grows with their number and not its
-square."""
+"""Parts, which are placed fittings, and assemblies of joined parts that do not overlap."""
 
 from __future__ import annotations
 
@@ -22,27 +21,28 @@ LARGE = 4.0
 """Balls larger than this many times the median one are compared with all others: the cells that the
 others are sorted into would be too large with them."""
 BLOCK = 100_000
-"""Pairs that are looked at together."""
+"""Pairs that are compared at a time."""
 HERE = (0, 0, 0)
 _CELLS_BEHIND = [cell for cell in product((-1, 0, 1), repeat=3) if cell >= HERE]
-"""A cell itself and half of its neighbours: every pair of cells is looked at once."""
+"""A cell itself and half of its neighbours: every pair of cells is compared once."""
 _FEWEST = 1e-6
 """Least size of a cell as a part of the extent of all, so that the cells can be numbered."""
 
 
 def touching(centres: Array, radii: Array) -> Iterator[NDArray[np.intp]]:
-    """Pairs (k, 2) of balls that touch, the smaller number first; in blocks, so that many balls in
-    one place need no memory for all of their pairs.
+    """Pairs (k, 2) of balls that touch, the smaller number first, in blocks of bounded size.
+
+    The time grows with the number of balls, not with its square.
 
     Args:
         centres: (n, 3) m.
         radii: (n,) m.
     """
     small = radii <= LARGE * np.median(radii) if len(radii) else np.zeros(0, bool)
-    for found in _candidates(centres, radii, small):
-        found = np.sort(found, axis=1)
-        apart = length(centres[found[:, 0]] - centres[found[:, 1]])
-        yield found[apart < radii[found[:, 0]] + radii[found[:, 1]]]
+    for pairs in _candidates(centres, radii, small):
+        pairs = np.sort(pairs, axis=1)
+        apart = length(centres[pairs[:, 0]] - centres[pairs[:, 1]])
+        yield pairs[apart < radii[pairs[:, 0]] + radii[pairs[:, 1]]]
 
 
 def _candidates(
@@ -64,8 +64,10 @@ def _neighbours(centres: Array, size: float) -> Iterator[NDArray[np.intp]]:
     if len(centres) < 2:
         return
     extent = np.ptp(centres, axis=0)
+    # Balls of radius zero, or parts far apart, would ask for more cells than integers can number.
     size = max(size, float(extent.max()) * _FEWEST, 1e-9)
     cells = ((centres - centres.min(axis=0)) // size).astype(np.int64) + 1  # (n, 3), from 1
+    # One empty layer on either side keeps the numbers of neighbouring cells from wrapping round.
     steps = np.cumprod([1, *(cells.max(axis=0)[:2] + 2)])
     keys = cells @ steps
     order = np.argsort(keys, kind="stable")
@@ -74,6 +76,7 @@ def _neighbours(centres: Array, size: float) -> Iterator[NDArray[np.intp]]:
     for cell in _CELLS_BEHIND:
         wanted = keys + np.array(cell) @ steps
         first, last = (np.searchsorted(keys, wanted, side) for side in ("left", "right"))
+        # Within one cell each point meets only the later ones: no pair twice, and none with itself.
         for pairs in _pairs(places, np.maximum(first, places + 1) if cell == HERE else first, last):
             yield order[pairs]
 
@@ -97,7 +100,7 @@ SAMPLE_SPACING = 0.02
 STRETCH = 0.5
 """Length of the stretches that are first compared as a whole, m."""
 TOGETHER = 20
-"""Stretches whose samples are looked at together."""
+"""Stretches whose samples are compared at a time."""
 OVERLAP = 1e-3
 """Depth by which two bores may share space unnoticed, m."""
 JOINED = 1e-6
@@ -175,6 +178,7 @@ class Part:
             if k == 0:
                 point = point + s * t
             else:
+                # The arc's end and its axes, turned in the plane of tangent and normal.
                 sin, cos = np.sin(s * k), np.cos(s * k)
                 point = point + (t * sin + n * (1 - cos)) / k
                 t, n = t * cos + n * sin, n * cos - t * sin
@@ -195,6 +199,8 @@ class Part:
                         wanted |= np.abs(s - stretch.middle) <= stretch.half + SAMPLE_SPACING
                 s, radius = s[wanted], radius[wanted]
             point, frame = line.at(s)[0], line.frame(s)
+            # Rings stay 5 % off the wall, so that bores that merely touch do not count as
+            # overlapping.
             around = np.linspace(0, 2 * np.pi, 24, endpoint=False)
             ring = np.stack([np.cos(around), np.sin(around), 0 * around], axis=-1)
             rings = 0.95 * radius[:, None, None] * np.einsum("sij,kj->ski", frame, ring)
@@ -203,21 +209,23 @@ class Part:
 
     def stretches(self) -> list[Stretch]:
         """Its axes in stretches of about ``STRETCH`` m, or of two bores where that is more."""
-        found, room = [], self.fitting.largest_radius
+        stretches, room = [], self.fitting.largest_radius
         for number, (line, start_radius, end_radius) in enumerate(self.axes):
             widest = max(start_radius, end_radius)
             count = int(np.ceil(line.length / max(STRETCH, 4 * widest)))
             half = line.length / count / 2
             middles: Array = half * (2.0 * np.arange(count, dtype=float) + 1.0)
-            found += [
+            stretches += [
                 Stretch(number, middle, half, centre, half + widest + room)
                 for middle, centre in zip(middles.tolist(), line.at(middles)[0], strict=True)
             ]
-        return found
+        return stretches
 
     def holds(self, points: Array, margin: float) -> bool:
-        """Whether any of ``points`` (n, 3) m, world frame, lies in this bore by more than
-        ``margin`` m."""
+        """Return whether any of ``points`` (n, 3) m lies deeper than ``margin`` m in this bore.
+
+        Points are in the world frame.
+        """
         inside = self.signed_distance(points)[0] > margin
         return bool((inside & (self.extent(points) > margin)).any())
 
@@ -248,11 +256,12 @@ class Assembly:
         parts: tuple[Part, ...],
         joints: tuple[tuple[tuple[int, str], tuple[int, str]], ...],
     ) -> Assembly:
-        """Parts that need not fit together: pipes as a robot believes them to be, which may err."""
-        believed = object.__new__(cls)
-        object.__setattr__(believed, "parts", parts)
-        object.__setattr__(believed, "joints", joints)
-        return believed
+        """Return an assembly whose parts need not fit together, as in a map that a robot makes."""
+        # A frozen dataclass sets its fields in __init__ only, which would run the checks.
+        assembly = object.__new__(cls)
+        object.__setattr__(assembly, "parts", parts)
+        object.__setattr__(assembly, "joints", joints)
+        return assembly
 
     @property
     def open_ends(self) -> tuple[tuple[int, str], ...]:
@@ -281,6 +290,8 @@ class Assembly:
         for part in self.parts:
             distance, direction = part.signed_distance(points)
             extent = part.extent(points)
+            # Where bores of two parts meet, a point is as free as in the roomier of them: the
+            # union.
             value = np.where(extent >= -JOINED, distance, np.minimum(distance, extent))
             better = value > best
             best, gradient = (
@@ -306,20 +317,20 @@ class Assembly:
     def _overlaps(self) -> list[Fault]:
         """Parts that share space and are not joined, up to ``MOST_TOLD``."""
         joined = {frozenset((i, j)) for (i, _), (j, _) in self.joints}
-        found: set[tuple[int, int]] = set()
+        pairs: set[tuple[int, int]] = set()
         for i, j, of_i, of_j in _close(self.parts):
             if (
-                (i, j) not in found
+                (i, j) not in pairs
                 and frozenset((i, j)) not in joined
                 and _share_space(self.parts[i], self.parts[j], of_i, of_j)
             ):
-                found.add((i, j))
-                if len(found) == MOST_TOLD:
+                pairs.add((i, j))
+                if len(pairs) == MOST_TOLD:
                     break
         names = [part.name for part in self.parts]
         return [
             Fault(f"pipes.{j}", f"{names[j]!r} runs into {names[i]!r} (pipes.{i})")
-            for i, j in sorted(found)
+            for i, j in sorted(pairs)
         ]
 
     def _closures(self) -> list[Fault]:
@@ -328,9 +339,9 @@ class Assembly:
         places = np.array([self.parts[i].port(port).position for i, port in ends])
         radii = np.full(len(ends), JOINED / 2)
         pairs = (pair for block in touching(places.reshape(-1, 3), radii) for pair in block)
-        found = islice((pair for pair in pairs if ends[pair[0]][0] != ends[pair[1]][0]), MOST_TOLD)
+        apart = islice((pair for pair in pairs if ends[pair[0]][0] != ends[pair[1]][0]), MOST_TOLD)
         return [
-            self._closed(ends[first], ends[second]) for first, second in sorted(map(tuple, found))
+            self._closed(ends[first], ends[second]) for first, second in sorted(map(tuple, apart))
         ]
 
     def _closed(self, first: tuple[int, str], second: tuple[int, str]) -> Fault:
@@ -351,19 +362,21 @@ def _close(
     centres = np.array([stretch.centre for _, stretch in every]).reshape(-1, 3)
     radii = np.array([stretch.reach for _, stretch in every])
     for block in touching(centres, radii):
-        found: dict[tuple[int, int], tuple[dict[int, Stretch], dict[int, Stretch]]] = {}
+        close: dict[tuple[int, int], tuple[dict[int, Stretch], dict[int, Stretch]]] = {}
         for first, second in block.tolist():
             (i, one), (j, other) = every[first], every[second]
             if i != j:
-                of_i, of_j = found.setdefault((i, j), ({}, {}))
+                of_i, of_j = close.setdefault((i, j), ({}, {}))
                 of_i[first], of_j[second] = one, other
-        for (i, j), (of_i, of_j) in found.items():
+        for (i, j), (of_i, of_j) in close.items():
             yield i, j, list(of_i.values()), list(of_j.values())
 
 
 def _share_space(a: Part, b: Part, of_a: list[Stretch], of_b: list[Stretch]) -> bool:
-    """Whether two bores overlap on some of their stretches."""
+    """Return whether two bores overlap on some of their stretches."""
+    # Both ways round: the samples of a wide bore may all miss a narrow one inside it.
     for mine, other, stretches in ((a, b, of_b), (b, a, of_a)):
+        # In portions: most overlaps show early, and a long part's samples need not all be made.
         for start in range(0, len(stretches), TOGETHER):
             points = other.bore_samples(stretches[start : start + TOGETHER])
             if mine.holds(points, OVERLAP):

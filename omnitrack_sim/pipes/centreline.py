@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.rotations import Array, cross, dot
 
 SEARCH = 0.15
-"""How far from the last known arc length ``locate`` looks, m: routes may come close to
+"""Distance from the last known arc length that ``locate`` searches, m: routes may come close to
 themselves."""
 
 
@@ -33,11 +33,10 @@ class Segment:
 
 
 class Centreline:
-    """Arc length -> point, tangent, normal, curvature; and back. Beyond its ends it goes on
-    straight.
+    """Map from arc length to point, tangent, normal and curvature, and back.
 
-    Several lines may be kept together, so that points on different ones are found at once: ``line``
-    then says which.
+    Beyond its ends the line continues straight. Several lines may be kept together, so that points
+    on different ones are looked up at once: ``line`` then says which.
     """
 
     def __init__(self, segments: Sequence[Segment], side: Array):
@@ -47,6 +46,8 @@ class Centreline:
         for i, (segment, begin) in enumerate(zip(segments, start, strict=True)):
             k = segment.curvature
             rows[i, _START], rows[i, _LENGTH], rows[i, _CURVATURE] = begin, segment.length, k
+            # Both branches of np.where are evaluated: on lines the arc's formulas divide by this 1
+            # unused.
             rows[i, _SAFE_CURVATURE] = 1.0 if k == 0 else k
             rows[i, _POINT], rows[i, _TANGENT] = segment.point, segment.tangent
             rows[i, _NORMAL], rows[i, _SIDE] = segment.normal, side
@@ -69,7 +70,7 @@ class Centreline:
         return bundle
 
     def _index(self, rows: Array, counts: Sequence[int]) -> None:
-        """What is looked up in segments that belong to lines of ``counts`` segments each.
+        """Build the look-up tables of lines of ``counts`` segments each.
 
         Args:
             rows: (S, columns) of the segments of all lines, one after the other.
@@ -85,6 +86,8 @@ class Centreline:
         for line, (first, count) in enumerate(zip(self._first, counts, strict=True)):
             start = rows[first : first + count, _START]
             self._begins[line, :count] = start
+            # Added in order, as `Route.length` does: NumPy's pairwise sum may differ in the last
+            # bit.
             self.lengths[line] = sum(rows[first : first + count, _LENGTH].tolist())
             # Most segments that a stretch of twice SEARCH touches: the last of them begins at its
             # end.
@@ -100,7 +103,7 @@ class Centreline:
 
     @property
     def is_straight(self) -> bool:
-        """Whether it has no arc."""
+        """Whether the line has no arc."""
         return not np.count_nonzero(self._rows[:, _CURVATURE])
 
     def at(
@@ -133,6 +136,7 @@ class Centreline:
         """Tangents (n, 3) of the stretches from ``start`` to ``end`` (n,) m where every one lies on
         a straight; None where one does not."""
         first, last = self._segment(start, line), self._segment(end, line)
+        # Compared as bytes, which is faster than element by element for the few robots of a batch.
         if first.tobytes() != last.tobytes():
             return None
         rows = self._rows.take(first, axis=0)
@@ -163,11 +167,13 @@ class Centreline:
         low, high, k = rows[..., _LOWEST], rows[..., _HIGHEST], rows[..., _SAFE_CURVATURE]
         offset = points[:, None] - rows[..., _POINT]
         along = dot(offset, tangent)
+        # Most robots are on straights most of the time: no sines then.
         if not np.count_nonzero(rows[..., _CURVATURE]):
             u = np.minimum(np.maximum(along, low), high)
             miss = offset - u[..., None] * tangent
         else:
             straight, across = rows[..., _CURVATURE] == 0, dot(offset, normal)
+            # The angle about the arc's centre, which lies 1/k along the normal.
             u = np.where(straight, along, np.arctan2(along * k, 1 - across * k) / k)
             u = np.minimum(np.maximum(u, low), high)
             angle = u * k
@@ -179,6 +185,7 @@ class Centreline:
             return s[:, 0]
         squared = dot(miss, miss)
         if near is not None:
+            # A penalty far above any squared distance, m², instead of a masked search.
             squared = squared + 1e6 * (np.abs(s - near[:, None]) > SEARCH)
         return s[np.arange(len(s)), squared.argmin(axis=1)]
 
@@ -196,6 +203,8 @@ class Centreline:
         if np.count_nonzero(rows[:, _CURVATURE]):
             k, across = rows[:, _SAFE_CURVATURE], dot(offset, rows[:, _NORMAL])
             u = np.where(rows[:, _CURVATURE] == 0, u, np.arctan2(u * k, 1 - across * k) / k)
+        # A foot at an end of its segment may really lie on the neighbour: that takes the full
+        # search.
         within = (u > rows[:, _LOWEST]) & (u < rows[:, _HIGHEST])
         if np.count_nonzero(within) == len(u):
             s = u + rows[:, _START]
@@ -222,6 +231,8 @@ class Centreline:
         if line is None:
             begins = self._begins[0, : self._count[0]]
             return np.maximum(begins.searchsorted(s, side="right") - 1, 0)
+        # Counting the begins behind s serves lines of different lengths at once; padding is
+        # infinite.
         passed = np.add.reduce(self._begins[line] <= s[:, None], axis=1, dtype=np.intp)
         return self._first[line] + np.maximum(passed - 1, 0)
 
@@ -249,6 +260,7 @@ def _along(rows: Array, u: Array) -> tuple[Array, Array, Array, Array]:
         normal = np.where(straight, rows[:, _SIDE], n * cos - t * sin)
         arc = (t * sin + n * (1 - cos)) / rows[:, _SAFE_CURVATURE, None]
         way_in = np.where(straight, along * t, arc)
+    # Beyond the segment's end the line goes on along its last tangent, without curvature.
     point = rows[:, _POINT] + way_in + (u - inside)[:, None] * tangent
     return point, tangent, normal, curvature * (u == inside)
 
@@ -258,5 +270,6 @@ def _carried(side: Array, tangent: Array, normal: Array, angle: Array) -> Array:
     tangent to normal."""
     angle = angle[:, None]
     along_n = dot(side, normal)[:, None]
+    # Only the part of the vector in the plane of the bend turns; what is square to it stays.
     across = side - along_n * normal
     return across + along_n * (normal * np.cos(angle) - tangent * np.sin(angle))

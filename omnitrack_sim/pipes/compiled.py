@@ -94,9 +94,11 @@ def crossing(a, b, c):
     """Return the least positive s where a s² + 2 b s + c, positive at 0, becomes 0; infinite for
     none."""
     under = b * b - a * c
+    # Without a real root the quadratic stays positive: the line never leaves.
     if under < 0.0:
         return math.inf
     root = math.sqrt(under)
+    # The form of the quadratic's root that adds numbers of one sign, and so loses no digits.
     if b > 0.0:
         return (b + root) / -a if a < 0.0 else math.inf
     return c / (root - b) if root > b else math.inf
@@ -108,6 +110,7 @@ def in_bore(x, y, ax, ay, radius):
     bore and a direction (ax, ay); high is below low where none is."""
     a, b, c = ax * ax + ay * ay, x * ax + y * ay, x * x + y * y - radius * radius
     under = b * b - a * c
+    # Along the axis (a = 0) a line is in the bore everywhere or nowhere.
     if a < 1e-20 or under <= 0.0:
         return (-math.inf, math.inf) if c < 0.0 and a < 1e-20 else (math.inf, -math.inf)
     root = math.sqrt(under)
@@ -122,6 +125,7 @@ def out_of_two(low, high, other_low, other_high):
         if not other_low < 0.0 < other_high:
             return 0.0
         low, high, other_low, other_high = other_low, other_high, low, high
+    # Where the parts overlap the line passes from one into the other.
     return max(high, other_high) if other_low <= high else high
 
 

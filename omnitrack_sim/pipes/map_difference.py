@@ -1,8 +1,8 @@
-"""How a map that a robot has made differs from the network that it has driven through.
+"""Differences between a map that a robot has made and the true network.
 
-Both are walked together from where the map begins. What is compared are kinds, the lengths of axes,
-the bores and the directions in which ports look; names, the order of parts, and which of two like
-ports is called what, do not count. Straights that follow each other are one: a robot sees no joint.
+Both are walked together from where the map begins. Kinds, lengths of axes, bores and directions of
+ports are compared; names, the order of parts, and which of two like ports is called what, do not
+count. Straights that follow each other are one: a robot sees no joint.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ ANGLES = math.radians(5)
 
 @dataclass(frozen=True)
 class MapDifference:
-    """What a map has of a network, and what it has wrong. Parts are told by their names; of
-    straights in a row by that of the first.
+    """Parts of a network that a map has, lacks or has wrong.
+
+    Parts are given by their names, straights in a row by that of the first.
 
     Attributes:
         parts: number of parts of the network that can be reached from where the map begins.
@@ -134,6 +135,7 @@ class _Graph:
 
     def __init__(self, network: Network, plates: Collection[End]) -> None:
         self._pipes = network.pipes
+        # A plate closes the way: what is behind it cannot be in the robot's map.
         joints = [j for j in self._pipes.joints if not set(j) & set(plates)]
         self._joined = both_ways(joints)
         self.nodes: list[_Node] = []
@@ -147,7 +149,7 @@ class _Graph:
         }
 
     def _add(self, index: int) -> set[int]:
-        """Add the node of a part; the parts that are in it."""
+        """Add the node of a part; return the parts that are in it."""
         part, number = self._pipes.parts[index], len(self.nodes)
         if not part.fitting.is_plain:
             self.place |= {(index, port): (number, port) for port in part.fitting.port_names}
@@ -176,16 +178,16 @@ class _Graph:
         return end
 
     def reached(self, start: End) -> set[int]:
-        """The nodes that can be reached from a port of one of them."""
-        found, waiting = {start[0]}, [start[0]]
+        """Nodes that can be reached from a port of one of them."""
+        nodes, waiting = {start[0]}, [start[0]]
         while waiting:
             node = waiting.pop()
             for port in self.nodes[node].ports:
                 there = self.joined.get((node, port))
-                if there is not None and there[0] not in found:
-                    found.add(there[0])
+                if there is not None and there[0] not in nodes:
+                    nodes.add(there[0])
                     waiting.append(there[0])
-        return found
+        return nodes
 
 
 class _Walk:
@@ -199,12 +201,13 @@ class _Walk:
         self._length, self._error = 0.0, 0.0
 
     def difference(self, mine: End, true: End) -> MapDifference:
-        """All that differs from two ports on."""
+        """Compare the map and the network from a port of each on."""
         # One direction across the pipe, for both: the maps are compared as they lie in the world.
         side = self._true.nodes[true[0]].ports[true[1]].rotation[:, 0]
         waiting = deque([(mine, true, side, side)])
         while waiting:
             here, there, my_side, true_side = waiting.popleft()
+            # A loop leads back to a part that already has its counterpart.
             if there[0] in self._partner or here[0] in self._partner.values():
                 continue
             self._partner[there[0]] = here[0]
@@ -232,7 +235,7 @@ class _Walk:
     def _pair(
         self, here: End, there: End, my_side: Array, true_side: Array
     ) -> list[tuple[End, End, Array, Array]]:
-        """Compare two parts, entered by ``here`` and ``there``; what follows on both."""
+        """Compare two parts, entered by ``here`` and ``there``; return the next pairs."""
         mine, true = self._mine.nodes[here[0]], self._true.nodes[there[0]]
         names, leaves = (mine.name, true.name), [p for p in true.ports if p != there[1]]
         if mine.fitting.kind != true.fitting.kind:
@@ -241,6 +244,7 @@ class _Walk:
         at_mine = _entered(mine, here[1], my_side)
         at_true = _entered(true, there[1], true_side)
         others = [p for p in mine.ports if p != here[1]]
+        # Ports are matched by where they look: which run of a tee is "start" is a matter of naming.
         order = min(
             permutations(others, len(leaves)),
             key=lambda ports: sum(
@@ -280,13 +284,13 @@ class _Walk:
 
     def _loose(self, matched: Mapping[int, int]) -> list[tuple[str, str]]:
         """Joints of the true network that the map lacks between parts that it has."""
-        found = []
+        loose = []
         for a, b in self._true.joined.items():
             both = a[0] in matched and b[0] in matched
             if both and a < b and self._mine.joined.get(self._ports[a]) != self._ports[b]:
                 pair = [f"{self._true.nodes[node].name}.{port}" for node, port in (a, b)]
-                found.append((pair[0], pair[1]))
-        return found
+                loose.append((pair[0], pair[1]))
+        return loose
 
 
 def _entered(node: _Node, enter: str, side: Array) -> dict[str, Pose]:
@@ -299,9 +303,9 @@ def _entered(node: _Node, enter: str, side: Array) -> dict[str, Pose]:
 
 
 def _side_beyond(node: _Node, enter: str, leave: str, side: Array) -> Array:
-    """A direction (3,) across the pipe beyond a part, found from the one before it alike in all
-    parts of a kind."""
+    """Carry a direction (3,) across the pipe through a part, alike in all parts of a kind."""
     ahead, out = -node.ports[enter].rotation[:, 2], node.ports[leave].rotation[:, 2]
+    # A bend gives a direction of its own, in its plane, which does not depend on earlier errors.
     if length(np.cross(ahead, out)) > math.sin(ANGLES):
         side = ahead
     elif ahead @ out < 0:  # a bend right back

@@ -48,6 +48,7 @@ def c_function(function: Callable[..., Any], signature: Any) -> Any:
         function: plain, or already marked by ``compiled``; it may call marked ones.
         signature: C types of its arguments and of what it returns.
     """
+    # A copy, since its module and name are changed below for numba's key of the code on disk.
     python = getattr(function, "py_func", function)
     copy = FunctionType(
         python.__code__, python.__globals__, python.__name__, None, python.__closure__
@@ -78,6 +79,7 @@ def _digest(function: Any) -> str:
     parts = [Path(__file__).read_bytes()]
     for python in reached:
         code = python.__code__
+        # The first constant is the docstring, which does not change the code.
         parts += [code.co_code, repr(code.co_consts[1:]).encode()]
         values = {name: python.__globals__.get(name) for name in code.co_names}
         numbers = {name: v for name, v in values.items() if isinstance(v, int | float)}

@@ -1,4 +1,4 @@
-"""Fittings and joints of a network placed in the world, part by part from the first."""
+"""Networks: fittings and joints as a file, placed in the world part by part from the first."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ End = tuple[int, str]
 
 
 def both_ways(joints: Iterable[tuple[End, End]]) -> dict[End, End]:
-    """The port that each port of some joints is joined to."""
+    """Map each port of some joints to the port that it is joined to."""
     return {port: other for a, b in joints for port, other in ((a, b), (b, a))}
 
 
@@ -69,6 +69,7 @@ def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Po
     ]
     parts = {i: Part(names[i], kinds[i], poses[i]) for i in sorted(poses)}
     for k, joint in enumerate(joints):
+        # A joint that placed no part closes a loop: its two ports were placed from elsewhere.
         if k not in used and joint.ends[0][0] in parts:
             faults += _misses(k, joint, parts)
     # Parts that hang on nothing have no place; the others are checked against each other all the
@@ -91,8 +92,10 @@ def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Po
 def lay_out_unchecked(
     fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Pose
 ) -> Assembly:
-    """As ``lay_out``, of fittings that all hang together, whether or not they fit: pipes as a robot
-    believes them to be."""
+    """Place connected fittings as ``lay_out`` does, without checking that they fit.
+
+    A map that a robot makes may contain errors.
+    """
     poses, _ = _placed(list(fittings.values()), joints, first)
     parts = [Part(name, kind, poses[i]) for i, (name, kind) in enumerate(fittings.items())]
     return Assembly.unchecked(tuple(parts), tuple(joint.ends for joint in joints))
@@ -123,7 +126,7 @@ def _placed(
 
 
 def _misses(k: int, joint: Joined, parts: Mapping[int, Part]) -> list[Fault]:
-    """The fault of a loop that does not close."""
+    """Fault of a loop that does not close."""
     (i, port_i), (j, port_j) = joint.ends
     a, b = parts[i].port(port_i), parts[j].port(port_j)
     gap = float(np.linalg.norm(a.position - b.position))
@@ -206,6 +209,8 @@ class Network(Table):
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         faults = self._naming_faults()
+        # Each check needs the ones before it: lengths need valid sizes, placing needs a bounded
+        # number.
         faults = faults or too_long(self.length, "fittings")
         if not faults:
             _ = self.pipes  # raises by itself
@@ -226,9 +231,10 @@ class Network(Table):
     __str__ = __repr__
 
     def __eq__(self, other: object) -> bool:
-        """Whether both say the same; what was derived from it does not count."""
+        """Return whether both hold the same data; what was derived from it does not count."""
         return isinstance(other, Network) and self.model_dump() == other.model_dump()
 
+    # Equality by contents would need a hash of them; nothing keeps networks in sets.
     __hash__ = None  # type: ignore[assignment]
 
     @cached_property
@@ -245,10 +251,9 @@ class Network(Table):
         joints: Sequence[Joint],
         ports: Mapping[str, str],
     ) -> Network:
-        """A network as a robot believes it to be, from fittings by name that hang together.
+        """Return the network of a map that a robot makes, from connected fittings by name.
 
-        It need not be possible, as one from a file is: parts may run into each other, and loops
-        miss.
+        Unlike one from a file it may be impossible: parts may overlap, and loops need not close.
 
         Raises:
             NetworkError: joints or names of ports that are not there.
@@ -274,7 +279,7 @@ class Network(Table):
 
     @classmethod
     def believed_from(cls, data: Mapping[str, Any]) -> Network:
-        """A network as ``believed`` makes it, from the plain data of its file.
+        """Return a network as ``believed`` does, from the plain data of its file.
 
         Raises:
             NetworkError, ValidationError, KeyError: it is no such data.
@@ -331,8 +336,9 @@ class Network(Table):
             if name in self._ends
             else f"there is no port {port!r}"
         )
-        asked = "" if name in self._ends else port
-        raise NetworkError(Fault(where, problem, (*self.ports, *self.open_ends), given=asked))
+        # The nearest name helps where there is no such port; a joined port is spelt right.
+        word = "" if name in self._ends else port
+        raise NetworkError(Fault(where, problem, (*self.ports, *self.open_ends), given=word))
 
     def port(self, port: str, where: str = "port") -> End:
         """Part index and port name of any port ``part.port``, or of an open end by its name in
@@ -351,7 +357,7 @@ class Network(Table):
         return f"{self.fittings[port[0]].name}.{port[1]}"
 
     def to_toml(self) -> str:
-        """The file's text; read again it gives an equal network."""
+        """Return the file's text; read again it gives an equal network."""
         data = self.model_dump(mode="json", exclude_defaults=True)
         lines = [f"name = {as_toml(self.name)}"]
         for table in ("place", "ports"):
@@ -376,9 +382,9 @@ class Network(Table):
         }
 
     def _naming_faults(self) -> list[Fault]:
-        """Impossible sizes, names taken twice, joints of ports that do not exist or are joined
-        already."""
+        """Faults of sizes, repeated names, and joints of missing or already joined ports."""
         faults: list[Fault] = []
+        # All faults of a file are collected, so that they can be mended in one go.
         names: set[str] = set()
         for i, part in enumerate(self.fittings):
             if part.name in names:
@@ -409,8 +415,7 @@ class Network(Table):
         return faults
 
     def _unknown_port(self, where: str, port: str) -> Fault:
-        """The fault of a port that does not exist, with those of the same fitting, or else the
-        fittings."""
+        """Fault of a missing port, with the ports of its fitting, or else the fittings."""
         name = port.partition(".")[0]
         of_part = tuple(end for end in self._ends if end.startswith(f"{name}."))
         if of_part:
@@ -430,7 +435,7 @@ def load_network(source: str | Path) -> Network:
 
 
 def network_data(source: str | Path) -> dict[str, Any]:
-    """The plain data of a network file, or of a shipped network by name, as yet unchecked.
+    """Read the plain data of a network file or a shipped network, unchecked.
 
     Raises:
         NetworkError: there is no such file, or it cannot be read.
@@ -439,7 +444,7 @@ def network_data(source: str | Path) -> dict[str, Any]:
 
 
 def validate(data: Mapping[str, Any]) -> Network:
-    """A network from plain data, as read from TOML or JSON.
+    """Return a network from plain data, as read from TOML or JSON.
 
     Raises:
         NetworkError: lists every fault with its dotted path.
@@ -448,7 +453,7 @@ def validate(data: Mapping[str, Any]) -> Network:
 
 
 def _fault(item: Mapping[str, Any]) -> Fault | None:
-    """Words for a name of a part that is none."""
+    """Fault of an invalid part name, in the terms of a network file."""
     if item["type"] == "string_pattern_mismatch" and item["loc"][0] == "fittings":
         where = f"fittings.{item['loc'][1]}.name"
         return Fault(

@@ -65,6 +65,7 @@ def port_graph(
     for a, b in network.pipes.joints:
         graph.add_edge(a, b, length=0.0)
         graph.add_edge(b, a, length=0.0)
+    # Nodes are removed only now, since adding a joint's edges would bring them back.
     left_out = set(avoid)
     graph.remove_nodes_from([node for node in graph if network.fittings[node[0]].name in left_out])
     return graph
@@ -124,8 +125,10 @@ class PathsToGoals:
             rest, leave = heapq.heappop(waiting)
             for enter, edge in graph.pred[leave].items():
                 length = rest + edge["length"]
+                # Only within a part: from a joint the search goes on to the part behind it.
                 if enter[0] == leave[0] and length < self.lengths.get(enter, math.inf):
                     self.lengths[enter], self._leave[enter] = length, leave
+                    # Backward through the joint: the exit of the part before it.
                     for before in graph.pred[enter]:
                         if before[0] != enter[0]:
                             heapq.heappush(waiting, (length, before))

@@ -41,7 +41,7 @@ def random_network(
     diameters: tuple[float, ...] | None = None,
     reducer_share: float = 0.25,
 ) -> Network:
-    """A valid random network. Every open end is a straight that a robot can stand in.
+    """Generate a valid random network whose open ends are straights that a robot fits in.
 
     The same arguments give the same network.
 
@@ -68,6 +68,7 @@ def random_network(
     rng = np.random.default_rng(seed)
     count = int(rng.integers(low, high, endpoint=True))
     for _ in range(_STARTS):
+        # Growth may wall itself in: another start with the same generator is another network.
         rows, joints = _grown(rng, count, supply)
         if len(rows) == count:
             return validate({"name": f"random_{seed}", "fittings": rows, "joints": joints})
@@ -77,7 +78,7 @@ def random_network(
 
 
 def _bad_numbers(seed: int, low: int, high: int, supply: _Supply) -> Iterator[Fault]:
-    """Numbers that make no sense, or ask for too large a network."""
+    """Faults of numbers that are invalid or ask for too large a network."""
     if not 1 <= low <= high <= MOST_PARTS:
         problem = f"is from {low} to {high}; from 1 to {MOST_PARTS}, and the least number first"
         yield Fault("fittings", problem)
@@ -101,7 +102,7 @@ def _bad_numbers(seed: int, low: int, high: int, supply: _Supply) -> Iterator[Fa
 
 
 def _bad_bores(supply: _Supply) -> Iterator[Fault]:
-    """Bores that no tee, or none of the elbows, can have."""
+    """Faults of bores that no tee, or none of the elbows, can have."""
     largest = max(supply.mean_radii, default=math.inf)
     bores = [("inner_diameter", supply.inner_diameter)]
     for where, diameter in bores + [("diameters", bore) for bore in supply.diameters]:
@@ -115,7 +116,7 @@ def _bad_bores(supply: _Supply) -> Iterator[Fault]:
 
 @dataclass(frozen=True)
 class _Supply:
-    """What the fittings of a network are drawn from; the fields are those of ``random_network``."""
+    """Distribution that fittings are drawn from; fields as arguments of ``random_network``."""
 
     lengths: tuple[float, float]
     mean_radii: tuple[float, ...]
@@ -129,7 +130,7 @@ class _Supply:
         return round(float(rng.uniform(*self.lengths)), 2)
 
     def fitting(self, rng: np.random.Generator, bore: float, left: int, first: bool) -> Fitting:
-        """The next fitting.
+        """Draw the next fitting.
 
         Args:
             rng: draws it.
@@ -138,18 +139,21 @@ class _Supply:
             first: whether it is the first one after the straight that the network grows from.
         """
         others = [diameter for diameter in self.diameters if diameter != bore]
+        # The last fitting is a straight, since any other one brings straights along.
         if left == 1:
             return Straight(self.length(rng), bore)
         if not first and others and rng.random() < self.reducer_share:
             return _reducer(rng, bore, others)
         if left > 2 and (first or rng.random() < self.tee_share):
             return Tee(inner_diameter=bore)
+        # An elbow's mean radius is at least that of its bore.
         possible = [radius for radius in self.mean_radii if radius >= bore / 2] or self.mean_radii
         return Elbow(float(rng.choice(possible)), inner_diameter=bore)
 
 
 def _reducer(rng: np.random.Generator, bore: float, others: list[float]) -> Reducer:
     """A reducer between ``bore`` m and one of ``others`` m; either may be at its start."""
+    # The order of draws is part of what a seed means: another one gives other networks.
     ends = [bore, float(rng.choice(others))]
     if rng.random() < 0.5:
         ends.reverse()
@@ -187,13 +191,14 @@ class _Growth:
         self._free = [(0, "start"), (0, "end")]
 
     def add(self, left: int) -> bool:
-        """Try one fitting at one open end; whether there was room for it.
+        """Try one fitting at one open end; return whether there was room for it.
 
         Args:
             left: how many fittings the network still lacks.
         """
         rng = self._rng
         index, port = self._free[int(rng.integers(len(self._free)))]
+        # The new fitting is entered by a port of the very same bore.
         bore = 2 * self.parts[index].fitting.port_radius(port)
         fitting = self._supply.fitting(rng, bore, left, first=len(self.parts) == 1)
         fits = [end for end in fitting.port_names if 2 * fitting.port_radius(end) == bore]
@@ -242,7 +247,7 @@ class _Growth:
         return True
 
     def _has_room(self, new: Part, surroundings: _Surroundings, joined: int | None) -> bool:
-        """Whether a new part keeps clear of all ``parts`` but the one it is joined to."""
+        """Return whether a new part keeps clear of all ``parts`` but the one it is joined to."""
         centres = np.array([one.centre for one in self._surroundings])
         reaches = np.array([one.reach for one in self._surroundings])
         centre, samples = surroundings.centre, surroundings.samples
@@ -251,6 +256,7 @@ class _Growth:
             if index == joined:
                 continue
             others = self._surroundings[index].samples
+            # Both ways round, as for overlaps: a wide bore's samples may miss a narrow one.
             near = others[np.linalg.norm(others - centre, axis=1) < surroundings.reach]
             if self.parts[index].holds(samples, -CLEARANCE) or (
                 len(near) and new.holds(near, -CLEARANCE)
@@ -261,7 +267,7 @@ class _Growth:
 
 @dataclass(frozen=True)
 class _Surroundings:
-    """Where a part is.
+    """Samples of a part's bore, and a ball around them.
 
     Attributes:
         samples: (k, 3) m, points of its bore, world frame.

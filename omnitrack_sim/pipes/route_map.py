@@ -1,4 +1,4 @@
-"""Where robots are on their routes: arc length, tilt, offset, and theta5 to the fitting ahead."""
+"""Location of robots on their routes: arc length, tilt, offset, theta5 to the fitting ahead."""
 
 from __future__ import annotations
 
@@ -63,8 +63,7 @@ class Location:
 
 
 class RouteMap:
-    """The routes of a batch, with all that is looked up along them. Locating robots changes nothing
-    here; only ``add`` does.
+    """Routes of a batch with the tables that are looked up along them; only ``add`` changes it.
 
     ``passages`` are the fittings that need an orientation, elbows and tees, of one route after the
     other. Each route has one entry more, None, for what comes after its last one; theta5 is then
@@ -99,13 +98,14 @@ class RouteMap:
             self._learn()
 
     def _learn(self) -> None:
-        """What is looked up of all routes."""
+        """Build the tables of all routes."""
         self.centreline = Centreline.together([route.centreline for route in self.routes])
         self.lengths = self.centreline.lengths  # (W,) m
         passages: list[Passage | None] = []
         first, end_directions, last_radius = [], [], []
         for route in self.routes:
             first.append(len(passages))
+            # An end entry for each route, so that "the next passage" exists everywhere along it.
             passages += [p for p in route.passages if p.asks_orientation]
             passages.append(None)
             end_directions.append(
@@ -133,6 +133,7 @@ class RouteMap:
         ends = [(p.turn_direction, p.radius) if p is not None else next(at_end) for p in passages]
         self.directions = np.array([direction for direction, _ in ends])
         self.radius = np.array([radius for _, radius in ends])
+        # The end entries begin at infinity, where no tangent can be looked up.
         entries = np.where(np.isinf(self.start), 0.0, self.start)
         self.ahead = self.tangents(entries[:, None], self.route_of)[:, 0]
         self.turn = np.array(
@@ -197,14 +198,14 @@ class RouteMap:
         return self.centreline.tangents(distance.ravel(), repeated).reshape(*distance.shape, 3)
 
     def _route(self, route: NDArray[np.intp]) -> NDArray[np.intp] | None:
-        """As ``Centreline`` takes it: none where there is one route only."""
+        """Route numbers as ``Centreline`` takes them; None where there is one route only."""
         return route if len(self.routes) > 1 else None
 
     def name_of(self, passage: int) -> str:
-        """The name of a passage's fitting in the network."""
-        found = self.passages[passage]
-        assert found is not None
-        return self.routes[self.route_of[passage]].network.parts[found.index].name
+        """Name of a passage's fitting in the network."""
+        fitting = self.passages[passage]
+        assert fitting is not None
+        return self.routes[self.route_of[passage]].network.parts[fitting.index].name
 
     def start_poses(
         self, route: NDArray[np.intp], distance: Array, theta5: Array
@@ -228,6 +229,7 @@ class RouteMap:
     def _passage(self, distance: Array, route: NDArray[np.intp]) -> NDArray[np.intp]:
         if len(self.routes) == 1:
             return np.minimum(self._ends[0].searchsorted(distance, side="right"), self.last)
+        # Ends of passages ascend along a route: their number behind the robot is the index.
         passed = np.add.reduce(
             self._ends.take(route, axis=0) <= distance[:, None], axis=1, dtype=np.intp
         )
@@ -236,6 +238,8 @@ class RouteMap:
     def _turning_direction(
         self, distance: Array, passage: NDArray[np.intp], normal: Array
     ) -> Array:
+        # Within a bend the turning direction follows the arc's normal; before it, it is that at the
+        # entry.
         bending = self.is_turn.take(passage) & (distance > self.start.take(passage))
         directions = self.directions.take(passage, axis=0)
         if not np.count_nonzero(bending):
@@ -246,6 +250,7 @@ class RouteMap:
 def angle_about(axis: Array, start: Array, end: Array) -> Array:
     """Angle (n,) rad about ``axis`` (n, 3) from ``start`` to ``end`` (n, 3), both projected across
     the axis."""
+    # The subtraction takes away what lies along the axis: only the parts across it make the angle.
     return np.arctan2(
         dot(cross(axis, start), end), dot(start, end) - dot(axis, start) * dot(axis, end)
     )

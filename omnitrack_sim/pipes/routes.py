@@ -140,6 +140,7 @@ class Passage:
     @property
     def bend_radius(self) -> float:
         """Least radius of the arcs, m; nan where the route does not bend."""
+        # The least radius is where the curvature is largest; nan stays nan.
         return 1 / max((self.curve.segments[i][1] for i in self._arcs), default=nan)
 
     @property
@@ -241,6 +242,7 @@ class Route:
 
     def index_at(self, s: float) -> int:
         """Return the number of the passage at arc length ``s`` m; beyond the end the last one."""
+        # At a joint the passage that begins there counts.
         ahead = (i for i, passage in enumerate(self.passages) if s < passage.s_leave)
         return next(ahead, len(self.passages) - 1)
 
@@ -256,6 +258,7 @@ class Route:
 
         Linear between the ports of each fitting; at a joint of two bores either of them.
         """
+        # Between equal arc lengths (a joint of two bores) np.interp takes either value.
         return np.interp(s, *self._bore)
 
     @cached_property
@@ -302,6 +305,7 @@ def route(steps: Sequence[Step], start: Pose | None = None, arcs: Arcs = ARCS) -
         frame = parts[-1].port(step.leave)
     joints = tuple(((i, a.leave), (i + 1, b.enter)) for i, (a, b) in enumerate(pairwise(steps)))
     network = Assembly(tuple(parts), joints)
+    # The first fitting's turn must not turn the route's frame away from the entry's x axis.
     side = (start or Pose()).rotation @ rotation_about([0, 0, 1], steps[0].turn)[:, 0]
     edges = [(i, step.enter, step.leave) for i, step in enumerate(steps)]
     return Route.of(network, [Passage.of(network, edge, arcs) for edge in edges], side)

@@ -26,7 +26,7 @@ class Solid(Protocol):
 
 
 class Kit(Protocol):
-    """Makes solids, in the fitting frame, m.
+    """Factory of solids, in the fitting frame, m.
 
     Attributes:
         sections: corners of a pipe's cross-section.
@@ -47,8 +47,7 @@ class Kit(Protocol):
         *,
         centred: bool = False,
     ) -> Solid:
-        """Along +z from the origin, or with its middle there; a cone where the radius at its end is
-        another one."""
+        """Make a cylinder along +z from the origin, or centred there; a cone for two radii."""
         ...
 
     def revolved(self, outline: Array) -> Solid:
@@ -61,8 +60,11 @@ class Kit(Protocol):
         ...
 
     def loft(self, rings: Array, hub: int | None) -> Solid:
-        """Through the closed rings (m, k, 3), with fans over both ends about their corner ``hub``,
-        which sees every other one; with None the last ring is joined to the first."""
+        """Loft through the closed rings (m, k, 3).
+
+        The ends are closed by fans about corner ``hub``, which sees every other one; with None the
+        last ring is joined to the first.
+        """
         ...
 
     def moved(self, solid: Any, pose: Pose) -> Solid:
@@ -111,6 +113,7 @@ def stave_count(radius: float, tolerance: float) -> int:
     ``radius`` m."""
     # R (1 / cos(pi / N) - 1) / 2 <= tolerance
     exact = math.pi / math.acos(1 / (1 + 2 * tolerance / radius))
+    # A multiple of 4 puts staves at the fitting's axes, so that walls are symmetric about them.
     return max(8, 4 * math.ceil(exact / 4))
 
 
@@ -136,7 +139,8 @@ class Ring:
 
     @classmethod
     def of(cls, radius: float, staves: int) -> Ring:
-        """Return so many staves around a bore of ``radius`` m."""
+        """Return a number of staves around a bore of ``radius`` m."""
+        # Half of the sagitta inward: the facet's middle lies inside the circle, its edges outside.
         face = radius - sagitta(radius, math.pi / staves) / 2
         width = (face + THICKNESS) * math.tan(math.pi / staves)
         return cls(2 * np.pi * np.arange(staves) / staves, face, width)

@@ -1,5 +1,5 @@
-"""The one schema of measured quantities. Plant, observation, mirror, recorder, files and the table
-in docs/reference/channels.md all come from ``CHANNELS``.
+"""Schema of measured quantities: the single source of plant, observation, mirror, recorder, files
+and the table in docs/reference/channels.md.
 
 A new quantity of the shipped sensors is one entry here and one function in ``sensing.truth``. A
 user's own sensor brings its ``Channel`` with it and needs no edit (docs/how-to/extending.md).
@@ -31,7 +31,7 @@ _SHAPES: Mapping[str, tuple[tuple[int, ...], ...]] = {
     "facing": ((3, 3),),
     "behind": ((4,),),
 }
-"""How a sample has to begin for each way of mirroring."""
+"""Leading shape of a sample that each way of mirroring needs."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +106,7 @@ class Channel:
         if self.tail_first not in _SHAPES:
             choices = ", ".join(_SHAPES)
             raise ValueError(f"tail_first is {self.tail_first!r} (choose from: {choices})")
+        # A shape that cannot be mirrored would fail only when a robot first drives tail first.
         wanted = _SHAPES[self.tail_first]
         if not any(self.shape[: len(shape)] == shape for shape in wanted):
             raise ValueError(f"{self.name}: tail_first {self.tail_first!r} needs shape {wanted}")
@@ -134,7 +135,8 @@ class Channel:
 
 
 def _labels(size: int, axis: int, shape: tuple[int, ...]) -> tuple[str, ...]:
-    """Labels along one axis: modules count from 1, vectors have letters, tracks their names."""
+    """Labels along one axis: numbers from 1 for modules, letters for vectors, names for tracks."""
+    # Only the last of several axes has names: in a channel of shape (3,) the 3 are modules.
     if len(shape) > 1 and axis == len(shape) - 1:
         named: Mapping[int, tuple[str, ...]] = {2: TRACKS, 3: ("x", "y", "z"), 4: tuple("wxyz")}
         return named.get(size, tuple(str(i + 1) for i in range(size)))
@@ -372,7 +374,7 @@ DISPLAYS: Mapping[str, Display] = {
 
 
 def recorded(channels: Iterable[Channel]) -> dict[str, Channel]:
-    """The channels of a trajectory, by name."""
+    """Channels of a trajectory, by name."""
     return {channel.name: channel for channel in channels if channel.recorded}
 
 
@@ -382,10 +384,10 @@ def table(channels: Iterable[Channel] = tuple(CHANNELS.values())) -> str:
     rows.append("|---" * 8 + "|")
     for channel in channels:
         shape = " x ".join(map(str, channel.shape)) or "-"
-        seen = "yes" if channel.source == "plant" else "-"
+        observed = "yes" if channel.source == "plant" else "-"
         kept = "yes" if channel.recorded else "-"
         cells = (f"`{channel.name}`", channel.unit, shape, channel.frame or "-")
-        cells = (*cells, channel.tail_first, seen, kept, channel.meaning)
+        cells = (*cells, channel.tail_first, observed, kept, channel.meaning)
         rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows) + "\n"
 

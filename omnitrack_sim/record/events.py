@@ -106,11 +106,12 @@ class Event:
     kinds: ClassVar[dict[str, type[Event]]] = {}
 
     def __init_subclass__(cls) -> None:
+        # Registered as it is defined, so that a user's own kind is read back without an edit here.
         Event.kinds[cls.__name__] = cls
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """The event in words."""
         return type(self).__name__
 
     def __str__(self) -> str:
@@ -124,7 +125,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Remark(Event):
-    """Anything that has no kind of its own, such as what a user's controller wants to tell.
+    """An event without a kind of its own, such as a message of a user's controller.
 
     Example:
         >>> print(ot.Remark(robot=0, time=2.0, words="the lamp is off"))
@@ -189,7 +190,7 @@ class BackedOff(Event):
 
     @property
     def text(self) -> str:
-        """Where, and how the robot stood."""
+        """Fitting, distance and tilt at which the robot gave up the attempt."""
         return (
             f"in {self.fitting}: no headway at {self.distance:.3f} m, tilt {self.tilt_deg:.1f} "
             "deg: backs off and tries again"
@@ -216,7 +217,7 @@ class GoalReached(Event):
 
     @property
     def text(self) -> str:
-        """Which goal."""
+        """The goal."""
         return f"reached {self.goal}"
 
 
@@ -229,7 +230,7 @@ class TakenForClosed(Event):
 
     @property
     def text(self) -> str:
-        """Where the robot hangs, and what it takes for closed."""
+        """Distance at which the robot hangs, and the port that it takes for closed."""
         return f"no headway at {self.distance:.3f} m: takes {self.port} for closed"
 
 
@@ -242,7 +243,7 @@ class FellOff(Event):
 
     @property
     def text(self) -> str:
-        """Where it lies, and which port its nose points to."""
+        """Fitting that it lies in, and port that its nose points to."""
         return f"in {self.fitting}: fell off its way, nose towards {self.port}"
 
 
@@ -255,7 +256,7 @@ class FittingFound(Event):
 
     @property
     def text(self) -> str:
-        """Which, and how far ahead of the robot's centre, m."""
+        """The fitting, and its distance ahead of the robot's centre, m."""
         return f"found {self.fitting}, {self.distance:.3f} m ahead"
 
 
@@ -268,7 +269,7 @@ class EndInspected(Event):
 
     @property
     def text(self) -> str:
-        """Which port of its map, and whether it is open."""
+        """The port of its map, and whether it is open."""
         return f"inspected {self.port}: {self.what}"
 
 
@@ -288,15 +289,14 @@ class LoopClosed(Event):
 
 @dataclass(frozen=True)
 class ExplorationComplete(Event):
-    """Nothing that a robot could look into is left: its map is complete, but for what it could not
-    pass."""
+    """A robot has nothing left to explore: its map is complete except for what it cannot pass."""
 
     fittings: int
     ends: int
 
     @property
     def text(self) -> str:
-        """What the map has."""
+        """Contents of the map."""
         return f"explored all: {self.fittings} fittings, {self.ends} ends"
 
 
@@ -308,13 +308,13 @@ class LegBegan(Event):
 
     @property
     def text(self) -> str:
-        """What the leg is for."""
+        """Purpose of the leg."""
         return self.what
 
 
 @dataclass(frozen=True)
 class LostItself(Event):
-    """A robot that drives by its own sensors does not know where it is, and stops."""
+    """A robot that localises itself by onboard sensors is lost, and stops."""
 
     @property
     def text(self) -> str:
@@ -324,7 +324,7 @@ class LostItself(Event):
 
 @dataclass(frozen=True)
 class FoundItself(Event):
-    """A robot knows again where it is."""
+    """A lost robot has localised itself again."""
 
     @property
     def text(self) -> str:
@@ -340,12 +340,12 @@ class GaveUp(Event):
 
     @property
     def text(self) -> str:
-        """Why."""
+        """Cause."""
         return f"{self.cause}: gives up"
 
 
 def event_of(table: Mapping[str, Any]) -> Event:
-    """An event from the plain data of ``Event.to_table``.
+    """Return an event from the plain data of ``Event.to_table``.
 
     A kind that is not known here, because the module that defines it has not been imported, is read
     as a ``Remark`` with its text. A number that is null, because files hold none that is not
@@ -355,7 +355,9 @@ def event_of(table: Mapping[str, Any]) -> Event:
     if kind is not None:
         types = {field.name: field.type for field in dataclasses.fields(kind)}
         fields = {k: v for k, v in table.items() if k not in ("kind", "text")}
+        # Annotations are texts in this module, hence the comparison with the name of the type.
         numbers = {k: math.nan for k, v in fields.items() if v is None and types.get(k) == "float"}
         return kind(robot=0, **(fields | numbers))
+    # The text begins with the time, which the remark adds by itself.
     words = str(table["text"]).partition(" s, ")[2] or str(table["text"])
     return Remark(0, float(table["time"]), words)

@@ -1,5 +1,4 @@
-"""Figures of one run, computed from its trajectory alone, each a value: ``Metric``; and the
-channels and figures of what a robot with onboard sensors estimates."""
+"""Metrics of a run, computed from its trajectory; channels and metrics of a robot's estimates."""
 
 from __future__ import annotations
 
@@ -42,7 +41,7 @@ class Transmission(Protocol):
 
 @dataclass(frozen=True)
 class Run:
-    """What a metric is computed from.
+    """Data of a run that metrics are computed from.
 
     Attributes:
         trajectory: the record.
@@ -84,8 +83,9 @@ class Run:
 
     @cached_property
     def travelled(self) -> float:
-        """Headway along the way from beginning to end of each leg, added up, m."""
+        """Headway along the route from beginning to end of each leg, added up, m."""
         distance, leg = self.trajectory["distance"], self.trajectory["leg"]
+        # Each leg has its own route, so arc lengths of different legs cannot be subtracted.
         ends = np.append(np.flatnonzero(np.diff(leg)), len(leg) - 1)
         starts = np.append(0, ends[:-1] + 1)
         return float((distance[ends] - distance[starts]).sum())
@@ -93,6 +93,7 @@ class Run:
     @property
     def power(self) -> NDArray[np.float64]:
         """Mechanical power of each motor's shaft (T, m), W."""
+        # With a differential, torques and speeds of the motors are not those of the belts.
         torque = self.drive.motor_forces(np.asarray(self.trajectory["motor_torque"], float))
         speed = self.drive.motor_values(np.asarray(self.trajectory["belt_speed"], float))
         return torque * speed / self.lug_radius
@@ -136,6 +137,7 @@ def _touching(run: Run) -> NDArray[np.float64]:
 
 
 def _at_limit(run: Run) -> NDArray[np.bool_]:
+    # Not quite the limit, which a motor that the servo holds there misses by a little.
     return np.abs(run.trajectory["motor_torque"]) >= AT_LIMIT * run.belt_limits
 
 
@@ -144,6 +146,7 @@ def _stalled(run: Run) -> NDArray[np.float64]:
 
 
 def _torque_change(run: Run) -> list[float]:
+    # A run of one sample has no time to divide by.
     if run.duration == 0:
         return [0.0] * run.trajectory["motor_torque"].shape[1]
     steps = np.abs(np.diff(run.trajectory["motor_torque"], axis=0))
@@ -322,7 +325,7 @@ def summarise(
     efficiency: float = 1.0,
     metrics: Iterable[Metric] = METRICS,
 ) -> Metrics:
-    """The figures of a run by the names of ``metrics``; arguments as in ``Run``.
+    """Compute the figures of a run by the names of ``metrics``; arguments as in ``Run``.
 
     Means are over time, by the trapezoidal rule. Slip counts only where a module touches the wall.
 
@@ -335,14 +338,15 @@ def summarise(
 
 def _figure(metric: Metric, run: Run) -> Figure:
     value = _plain(metric.compute(run))
+    # Tables of sweeps need to know beforehand how many columns a metric takes.
     if isinstance(value, list) != metric.per_module:
-        given, said = type(value).__name__, metric.per_module
-        raise ValueError(f"metric {metric.name!r} gives a {given}, and per_module is {said}")
+        kind, wanted = type(value).__name__, metric.per_module
+        raise ValueError(f"metric {metric.name!r} gives a {kind}, and per_module is {wanted}")
     return value
 
 
 def _plain(value: Any) -> Figure:
-    """A figure that a file can hold: numbers and arrays of NumPy as plain ones."""
+    """Convert NumPy numbers and arrays to plain ones, which a file can hold."""
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
 
 
@@ -381,14 +385,15 @@ KNOWN = 0.35
 
 
 def _travelled(run: Run) -> float:
-    """Way of the robot's centre, m."""
+    """Length of the path of the robot's centre, m."""
+    # Over positions, not arc lengths, which jump from leg to leg.
     steps = np.diff(run.trajectory.channels["position"], axis=0)
     return float(np.sqrt((steps**2).sum(axis=-1)).sum())
 
 
 def _position_error(run: Run) -> np.ndarray:
-    found = run.trajectory.channels
-    return np.linalg.norm(found["position_estimate"] - found["position"], axis=-1)
+    channels = run.trajectory.channels
+    return np.linalg.norm(channels["position_estimate"] - channels["position"], axis=-1)
 
 
 def _localisation_error(run: Run) -> float:
@@ -397,9 +402,9 @@ def _localisation_error(run: Run) -> float:
 
 
 def _theta5_error(run: Run) -> float:
-    found = run.trajectory.channels
-    error = np.abs(wrap_angle(found["theta5_estimate"] - found["theta5"]))
-    known = found["theta5_std"] < KNOWN
+    channels = run.trajectory.channels
+    error = np.abs(wrap_angle(channels["theta5_estimate"] - channels["theta5"]))
+    known = channels["theta5_std"] < KNOWN
     return float(np.degrees(np.percentile(error[known], 95))) if known.any() else float("nan")
 
 

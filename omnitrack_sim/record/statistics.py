@@ -13,9 +13,11 @@ def wilson_interval(passed: int, total: int) -> tuple[float, float]:
     """Wilson's 95 % interval of a rate, both ends 0 to 1; (0, 1) where nothing was tried."""
     if total == 0:
         return 0.0, 1.0
+    # Unlike the normal approximation it stays within 0 to 1, and accurate near either end.
     rate, z2 = passed / total, Z95**2
     centre = (passed + z2 / 2) / (total + z2)
     half = Z95 * math.sqrt(total * rate * (1 - rate) + z2 / 4) / (total + z2)
+    # At the ends the formula gives 0 and 1 but for rounding.
     low = centre - half if passed > 0 else 0.0
     high = centre + half if passed < total else 1.0
     return low, high
@@ -33,6 +35,7 @@ def paired_rate_interval(gained: int, lost: int, total: int) -> tuple[float, flo
     """
     if total == 0:
         return -1.0, 1.0
+    # One more pair of each kind, two trials in all: the adjustment of the paper.
     more, fewer = (gained + 1) / (total + 2), (lost + 1) / (total + 2)
     difference = more - fewer
     half = Z95 * math.sqrt((more + fewer - difference**2) / (total + 2))
@@ -41,11 +44,13 @@ def paired_rate_interval(gained: int, lost: int, total: int) -> tuple[float, flo
 
 def mean_interval(values: Sequence[float]) -> tuple[float, float]:
     """95 % interval of a mean by Student's t; not a number for fewer than two values."""
+    # Loaded here, since scipy takes far longer to load than this module.
     from scipy.stats import t
 
     count = len(values)
     if count < 2:
         return math.nan, math.nan
+    # Exact sums do not depend on the order in which trials have come in.
     mean = math.fsum(values) / count
     variance = math.fsum((value - mean) ** 2 for value in values) / (count - 1)
     half = float(t.ppf(0.975, count - 1)) * math.sqrt(variance / count)

@@ -1,4 +1,4 @@
-"""The run fitting by fitting: when the robot was where, and how it fared there."""
+"""Timeline of a run: one visit a fitting, with its times, slip, forces and energy."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Visit:
 
 @np.errstate(invalid="ignore", over="ignore")  # of physics that has diverged
 def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float) -> list[Visit]:
-    """One visit for each fitting the robot's centre was in, in order of the first entry.
+    """Return a visit for each fitting the robot's centre was in, in order of the first entry.
 
     A roll before a fitting, or a retry, begins while the centre may still be in the fitting before.
     It counts for the
@@ -97,6 +97,7 @@ def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float)
     """
     leg, place = trajectory["leg"].astype(int), passage_indices(trajectory, routes)
     group = _offsets(routes)[leg] + place  # (T,) one number for each fitting of each leg
+    # A stable order keeps the samples of each fitting in order of time.
     order = np.argsort(group, kind="stable")
     rows_of = np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
     rows_of.sort(key=lambda rows: rows[0])
@@ -128,13 +129,14 @@ def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float)
 
 
 def passage_indices(trajectory: Trajectory, routes: Sequence[Route]) -> NDArray[np.intp]:
-    """For each sample (T,), the index of the passage that the robot's centre is in.
+    """Index of the passage that the robot's centre is in, for each sample (T,).
 
     It counts along the route of the sample's leg. Before the first port plane it is the first
     passage, beyond the last plane the last one. A sample without a distance is taken to be where
     the sample before it was.
     """
     distance = trajectory["distance"]
+    # The number of the last finite sample so far; physics that has diverged has none.
     known = np.maximum.accumulate(np.where(np.isfinite(distance), np.arange(len(distance)), 0))
     distance, leg = distance[known], trajectory["leg"].astype(int)
     place = np.zeros(len(distance), np.intp)
@@ -162,6 +164,7 @@ def running_mean(values: NDArray, time: Array, window: float) -> Array:
     if len(time) < 2:
         return values
     step = np.diff(time)[:, None]
+    # Differences of the running integral give every mean at once, whatever the window's length.
     total = np.concatenate(
         [np.zeros((1, values.shape[1])), np.cumsum(step * (values[1:] + values[:-1]) / 2, axis=0)]
     )
@@ -171,7 +174,7 @@ def running_mean(values: NDArray, time: Array, window: float) -> Array:
 
 
 class _Samples:
-    """What the numbers of a visit are made of.
+    """Samples that the figures of a visit are computed from.
 
     Each is the mean over the interval from a sample to the next one (trapezoidal rule).
     """
@@ -179,10 +182,13 @@ class _Samples:
     def __init__(self, trajectory: Trajectory, lug_radius: float) -> None:
         touching = (trajectory["contact_count"].sum(axis=-1) > 0).astype(float)  # (T, 3)
         power = trajectory["motor_torque"] * trajectory["belt_speed"] / lug_radius  # (T, 3) W
+        # Braking gives nothing back to the motors.
         power = np.maximum(power, 0.0)
         force = trajectory["normal_force"]
         time = trajectory.time
         self.time = time  # (T,) s
+        # The last sample begins no interval: so durations and energies of all visits add up to the
+        # run's.
         self.step = np.append(np.diff(time), 0.0)  # (T,) s, interval that begins at each sample
         self.touching = _between(touching.sum(axis=1))
         self.slip = _between((np.abs(trajectory["slip_ratio"]) * touching).sum(axis=1))
@@ -193,7 +199,7 @@ class _Samples:
         self.tilt, self.theta5 = (np.degrees(trajectory[name]) for name in ("tilt", "theta5"))
 
     def figures(self, rows: NDArray[np.intp]) -> dict:
-        """The measured fields of the visit that holds the samples ``rows``, in order of time."""
+        """Measured fields of the visit of the samples ``rows``, which are in order of time."""
         first, last = int(rows[0]), int(rows[-1])
         step = self.step[rows]
         # A run that ends at its first sample in a fitting spends no time there. The means are then
@@ -228,7 +234,7 @@ def _offsets(routes: Sequence[Route]) -> NDArray[np.intp]:
 def _counts(
     trajectory: Trajectory, routes: Sequence[Route], group: NDArray[np.intp], phase: str
 ) -> NDArray[np.intp]:
-    """How often a phase began, for each fitting of each leg.
+    """Number of times that a phase began, for each fitting of each leg.
 
     ``group`` (T,) is the number of the fitting that each sample is in.
     """

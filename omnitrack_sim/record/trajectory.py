@@ -1,4 +1,4 @@
-"""A recorded run: named arrays over time. What each holds is said in ``record.channels``."""
+"""Trajectory of a run: named arrays over time, each described by its entry in ``channels``."""
 
 from __future__ import annotations
 
@@ -74,6 +74,7 @@ class Trajectory(Mapping[str, NDArray]):
         return name in self.channels
 
     def __eq__(self, other: object) -> bool:
+        # Mapping compares element by element, which for arrays has no single truth value.
         return self is other
 
     def __hash__(self) -> int:
@@ -84,7 +85,7 @@ class Trajectory(Mapping[str, NDArray]):
         return f"Trajectory({len(self.time)} samples{end}, {len(self)} channels)"
 
     def _no_channel(self, name: object) -> str:
-        """What to say of a name that no recorded channel has."""
+        """Message for a name that no recorded channel has."""
         if name == "time":
             return "the times of the samples are trajectory.time, no channel"
         if name in CHANNELS:
@@ -93,8 +94,10 @@ class Trajectory(Mapping[str, NDArray]):
         return no_such(name, list(self.schema), "channel ")
 
     def columns(self) -> Iterator[tuple[str, Channel, NDArray]]:
-        """Name, channel and values (T,) of each column of ``trajectory.parquet`` after ``time``: a
-        channel has one for each of its numbers."""
+        """Name, channel and values (T,) of each column of ``trajectory.parquet`` after ``time``.
+
+        A channel has a column for each of its numbers.
+        """
         for name, channel in self.schema.items():
             kind = np.int32 if channel.whole else np.float64
             flat = np.asarray(self[name]).reshape(len(self.time), -1).astype(kind)
@@ -102,7 +105,7 @@ class Trajectory(Mapping[str, NDArray]):
                 yield column, channel, np.ascontiguousarray(values)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """The record as a table of pandas: one row a sample, columns as in ``trajectory.parquet``.
+        """Return a pandas table: one row a sample, columns as in ``trajectory.parquet``.
 
         ``frame.attrs["units"]`` has the unit of each column by its name, and
         ``frame.attrs["phases"]`` the names that the column ``phase`` indexes.
@@ -122,7 +125,7 @@ class Trajectory(Mapping[str, NDArray]):
         return frame
 
     def phase_spans(self) -> list[tuple[str, float, float]]:
-        """The phases in order: (name, start, end) with times in s."""
+        """Return the phases in order: (name, start, end) with times in s."""
         codes = self["phase"]
         return [
             (self.phases[int(codes[a])], float(self.time[a]), float(self.time[b]))
@@ -131,9 +134,9 @@ class Trajectory(Mapping[str, NDArray]):
 
 
 def spans(*codes: NDArray) -> list[tuple[int, int]]:
-    """First sample of each span in which all codes (T,) stay as they are, and the one after it, or
-    the last of all."""
+    """Spans of samples in which all codes (T,) are constant: first, and first after or last."""
     changed = np.any([np.diff(code) != 0 for code in codes], axis=0)
     starts = np.append(0, np.flatnonzero(changed) + 1)
+    # A span ends where the next one begins, so that neighbouring spans leave no gap in time.
     ends = np.append(starts[1:], len(codes[0]) - 1)
     return list(zip(starts.tolist(), ends.tolist(), strict=True))

@@ -1,1 +1,1 @@
-"""What a run leaves: the result, its folder, what is compared, its provenance."""
+"""Results of runs: folders, comparison, pictures, provenance."""

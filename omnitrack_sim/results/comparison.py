@@ -1,4 +1,4 @@
-"""Two runs beside each other: how their scenarios differ, and what came of it."""
+"""Comparison of two runs: differences of their scenarios, outcomes and metrics."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _UNITS = {metric.name: metric.unit for metric in METRICS}
 
 @dataclass(frozen=True)
 class ComparedValue:
-    """One thing that two runs have.
+    """A value of the scenario or a metric in two runs.
 
     Attributes:
         name: dotted path of a value of the scenario; or name of a metric, with ``_1`` to ``_3`` at
@@ -44,21 +44,22 @@ class ComparedValue:
     @property
     def difference(self) -> float | None:
         """b - a; None where they are not both numbers."""
+        # By exact type: a truth value is an integer to isinstance, but has no difference.
         numbers = all(type(value) in (int, float) for value in (self.a, self.b))
         return self.b - self.a if numbers else None
 
     @property
     def differs(self) -> bool:
-        """Whether a and b are not the same; numbers are if they differ by no more than ``NOISE`` of
-        the larger one, and what is not a number is the same as itself."""
+        """Whether a and b differ: numbers by more than ``NOISE`` of the larger; NaN equals NaN."""
         if self.difference is not None and math.isfinite(self.difference):
             return abs(self.difference) > NOISE * max(abs(self.a), abs(self.b))
+        # Only NaN differs from itself.
         return self.a != self.b and not (self.a != self.a and self.b != self.b)
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Two runs beside each other; of ``compare``.
+    """Two runs side by side, as ``compare`` returns them.
 
     Attributes:
         a, b: the runs.
@@ -79,7 +80,7 @@ class Comparison:
 
     @property
     def headline(self) -> str:
-        """In how many values the scenarios differ, in words."""
+        """Number of values in which the scenarios differ, in words."""
         count = len(self.values)
         if count == 0:
             return "the scenarios are the same"
@@ -87,8 +88,7 @@ class Comparison:
 
     @cached_property
     def values(self) -> tuple[ComparedValue, ...]:
-        """The values in which the resolved scenarios differ, by dotted path; their names are left
-        out."""
+        """Values in which the resolved scenarios differ, by dotted path; names do not count."""
         first, second = (r.scenario.model_dump(mode="json") for r in (self.a, self.b))
         del first["name"], second["name"]
         return tuple(
@@ -98,7 +98,7 @@ class Comparison:
 
     @cached_property
     def figures(self) -> tuple[ComparedValue, ...]:
-        """Duration and metrics of both, those too that are the same."""
+        """Duration and metrics of both runs, equal ones included."""
         first, second = (
             dict(_flat("duration_s", r.duration_s)) | _metrics(r) for r in (self.a, self.b)
         )
@@ -108,7 +108,7 @@ class Comparison:
         )
 
     def summary(self) -> dict[str, Any]:
-        """All of it as plain data, as ``omnitrack compare --json`` prints it."""
+        """Return the comparison as plain data, as ``omnitrack compare --json`` prints it."""
         return {
             side: {
                 "name": run.scenario.name,
@@ -127,7 +127,7 @@ class Comparison:
 
 
 def compare(a: Result | str | os.PathLike[str], b: Result | str | os.PathLike[str]) -> Comparison:
-    """Two runs beside each other.
+    """Compare two runs.
 
     Args:
         a, b: runs, or folders of saved ones.
@@ -146,12 +146,14 @@ def compare(a: Result | str | os.PathLike[str], b: Result | str | os.PathLike[st
 
 
 class _Absent:
-    """What stands where a scenario has no such value."""
+    """Marker for a value that a scenario does not have."""
 
 
 def _differing(a: Any, b: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Dotted path and both values where two tables of plain data differ; lists of tables of
-    different length, and lists of numbers, as a whole."""
+    """Yield dotted path and both values where two tables of plain data differ.
+
+    Lists of numbers, and lists of tables of different length, differ as a whole.
+    """
     if isinstance(a, dict) and isinstance(b, dict):
         for key in [*a, *(key for key in b if key not in a)]:
             there, here = a.get(key, _Absent), b.get(key, _Absent)
@@ -173,7 +175,7 @@ def _metrics(run: Result) -> dict[str, Any]:
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """The numbers of a metric, each with a name of its own."""
+    """Yield the numbers of a metric, each with a name of its own."""
     if isinstance(value, list):
         yield from ((f"{name}_{i + 1}", item) for i, item in enumerate(value))
     elif isinstance(value, dict):
@@ -183,9 +185,10 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _unit(name: str) -> str:
-    """Unit of a number of a run; empty of a metric of a user's own."""
+    """Unit of a figure of a run; empty for a user's own metric."""
     if name == "duration_s":
         return "s"
+    # The name as it is, without a module's number, without a phase.
     for known in (name, name.rpartition("_")[0], name.partition(".")[0]):
         if known in _UNITS:
             return _UNITS[known]
@@ -197,7 +200,7 @@ def _told(one: ComparedValue) -> dict[str, Any]:
 
 
 def comparison_html(comparison: Comparison) -> str:
-    """The outcomes, the values in which the scenarios differ, and the metrics that do."""
+    """HTML of the outcomes, and of the values and metrics that differ."""
     head = "".join(
         f"<p><b>{side}</b> {safe(run.scenario.name)}: {safe(run.outcome.value)} after "
         f"{run.duration_s:.2f} s</p>"
@@ -215,8 +218,10 @@ def value_row(one: ComparedValue) -> tuple[str, ...]:
 
 
 def figure_row(one: ComparedValue) -> tuple[str, ...]:
-    """Name, unit, A, B and B - A of a figure as text. A and B have as many digits as show how they
-    differ, and B - A is the difference of what is shown."""
+    """Name, unit, A, B and B - A of a figure as text.
+
+    A and B have enough digits to show their difference; B - A is that of the printed numbers.
+    """
     a, b, exact = one.a, one.b, one.difference
     if exact is None or not math.isfinite(exact):
         return one.name, one.unit, told(a), told(b), told(exact)
@@ -224,6 +229,8 @@ def figure_row(one: ComparedValue) -> tuple[str, ...]:
     while True:
         texts = [f"{n:.{digits}g}" if isinstance(n, float) else str(n) for n in (a, b)]
         shown = float(texts[1]) - float(texts[0])
+        # Readers subtract the printed numbers in their heads: these must give about the difference
+        # shown.
         if digits == _MOST_DIGITS or abs(shown - exact) <= _ROUGH * abs(exact):
             break
         digits += 1
@@ -231,7 +238,7 @@ def figure_row(one: ComparedValue) -> tuple[str, ...]:
 
 
 def told(value: Any) -> str:
-    """A value as people read it: four digits, and a dash for what is not there."""
+    """Text of a value: four digits for numbers, a dash for a missing one."""
     if value is None:
         return "-"
     text = f"{value:.{_DIGITS}g}" if isinstance(value, float) else str(value)

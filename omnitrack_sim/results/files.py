@@ -1,4 +1,4 @@
-"""The files of a run's folder: its tables, written and read back."""
+"""Files of a run's folder: writing and reading its tables."""
 
 from __future__ import annotations
 
@@ -40,8 +40,7 @@ have a map."""
 
 
 def write_timeline(visits: list[Visit], path: Path) -> None:
-    """One row a visit. Numbers are written so that reading gives them back exactly; what there is
-    not, is empty."""
+    """Write one row a visit, with numbers that read back exactly; missing values are empty."""
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(field.name for field in dataclasses.fields(Visit))
@@ -56,7 +55,7 @@ def write_trajectory(trajectory: Trajectory, folder: Path) -> None:
 
 
 def read_trajectory(folder: Path, drive: Drive) -> Trajectory:
-    """The trajectory of a run's folder, valid in itself, of a robot with ``drive``.
+    """Read and check the trajectory in the folder of a run of a robot with ``drive``.
 
     Raises:
         OutputError: a file is missing or damaged, or the two do not belong together.
@@ -64,6 +63,7 @@ def read_trajectory(folder: Path, drive: Drive) -> Trajectory:
     with reading(folder / TRAJECTORY_FILE) as path:
         time, channels, phases, schema = _read_parquet(path)
     with reading(folder / REPLAY_FILE) as path:
+        # The drive's shafts add joints, so the scenario decides how many positions a sample has.
         replayed, qpos = _read_npz(path, len(time), JOINT_POSITIONS + drive.shafts)
         if not np.array_equal(replayed, time):
             raise _OtherRun("other times")
@@ -71,7 +71,7 @@ def read_trajectory(folder: Path, drive: Drive) -> Trajectory:
 
 
 class _OtherRun(ValueError):
-    """Two files of a folder are each whole, and not of one run."""
+    """Error of two files that are each intact but not of the same run."""
 
     def __init__(self, difference: str) -> None:
         super().__init__(f"is not of the same run as {TRAJECTORY_FILE}: {difference}")
@@ -93,9 +93,9 @@ def reading(path: Path) -> Iterator[Path]:
         question = "" if meant is None else f"; did you mean {str(meant)!r}?"
         raise OutputError(f"{folder}: no such folder{question}") from error
     except NotADirectoryError as error:
-        given = path.parent
-        told = f"; {given.parent} is one" if (given.parent / RESULT_FILE).exists() else ""
-        raise OutputError(f"{given}: is a file; a run is the folder of its files{told}") from error
+        file = path.parent
+        hint = f"; {file.parent} is one" if (file.parent / RESULT_FILE).exists() else ""
+        raise OutputError(f"{file}: is a file; a run is the folder of its files{hint}") from error
     except OSError as error:
         raise OutputError(f"{path}: cannot be read: {error.strerror or error}") from error
     except _OtherRun as error:
@@ -106,14 +106,13 @@ def reading(path: Path) -> Iterator[Path]:
 
 
 def require(holds: bool | np.bool_, fault: str) -> None:
-    """Refuse what is read, by an error that ``reading`` tells with the file's name."""
+    """Raise a ``ValueError``, which ``reading`` completes, unless a condition holds."""
     if not holds:
         raise ValueError(fault)
 
 
 def _write_parquet(trajectory: Trajectory, path: Path) -> None:
-    """One row a sample; unit and meaning stand in each column's metadata, phase names in the
-    table's."""
+    """Write one row a sample; metadata hold units and meanings of columns, and phase names."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -132,6 +131,7 @@ def _schema(trajectory: Trajectory) -> pa.Schema:
     """Columns of the table of a trajectory, with its phases and its own channels."""
     import pyarrow as pa
 
+    # Shipped channels are known to every reader; a user's own are described in the file itself.
     own = [
         {**dataclasses.asdict(channel), "vector": isinstance(channel, Vector)}
         for name, channel in trajectory.schema.items()
@@ -162,7 +162,7 @@ _Table = tuple[NDArray[np.float64], dict[str, NDArray], tuple[str, ...], dict[st
 
 
 def _read_parquet(path: Path) -> _Table:
-    """Time, channels, names of the phases, and what the channels hold."""
+    """Read time, channels, names of the phases, and the schema of the channels."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -178,8 +178,8 @@ def _read_parquet(path: Path) -> _Table:
         channel = _own_channel(data, table.num_columns)
         require(channel.name not in schema, f"there are two channels {channel.name!r}")
         schema[channel.name] = channel
-    found, wanted = table.schema.remove_metadata(), pa.schema(_fields(schema)).remove_metadata()
-    require(found.equals(wanted), "its columns are not those of its channels")
+    actual, wanted = table.schema.remove_metadata(), pa.schema(_fields(schema)).remove_metadata()
+    require(actual.equals(wanted), "its columns are not those of its channels")
     require(all(column.null_count == 0 for column in table.columns), "it has gaps")
     time, channels = table["time"].to_numpy(), {}
     for name, channel in schema.items():
@@ -193,7 +193,7 @@ def _read_parquet(path: Path) -> _Table:
 
 
 def _require_order(time: NDArray[np.float64], channels: Mapping[str, NDArray], phases: int) -> None:
-    """Refuse times, phases and gears that no run has."""
+    """Refuse times, phases and gears that no run can have."""
     require(len(time) > 0, "it has no samples")
     require(np.isfinite(time).all() and (np.diff(time) > 0).all(), "its times do not increase")
     phase, gear = channels["phase"], channels["gear"]
@@ -206,6 +206,7 @@ def _own_channel(data: dict[str, Any], most: int) -> Channel:
     kind = Vector if data.pop("vector") else Channel
     shape = tuple(data.pop("shape"))
     require(all(type(size) is int and size > 0 for size in shape), f"a channel has shape {shape}")
+    # A made-up shape would otherwise ask for any amount of memory.
     require(math.prod(shape) <= most, f"a channel has shape {shape}")
     words = [data[key] for key in ("name", "unit", "meaning", "frame")]
     require(all(isinstance(word, str) for word in words), "a channel's words are no text")
@@ -222,6 +223,7 @@ def _read_npz(
         for name, shape in shapes.items():
             entry = archive.getinfo(f"{name}.npy")
             most = 8 * math.prod(shape) + 1024  # the header of an array is far shorter
+            # Looked at before anything is unpacked: a few bytes of zip may hold gigabytes.
             if entry.file_size > most:
                 raise _OtherRun("more samples or joints")
             array = np.load(io.BytesIO(archive.read(entry)), allow_pickle=False)

@@ -1,6 +1,6 @@
-"""HTML and SVG that notebooks show of a run: tables with every name escaped, and a small picture.
+"""HTML and SVG of a run for notebooks: tables with every name escaped, and a small picture.
 
-The picture is written by hand, for a result that is shown must not wait for matplotlib to load.
+The picture is written by hand, so that showing a result does not wait for matplotlib to load.
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ def _row(trajectory: Trajectory, channel: str, unit: str, scale: float, top: int
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     x = _LEFT + _WIDTH * _part(trajectory.time)
+    # SVG counts y downward; a constant channel has no range to divide by.
     y = top + _HEIGHT * (1.0 - (values - low) / max(high - low, 1e-9))
     colours = _COLOURS if values.shape[1] > 1 else (_INK,)
     lines = [_line(x, column, colour) for column, colour in zip(y.T, colours, strict=True)]
@@ -79,11 +80,12 @@ def _line(x: NDArray, y: NDArray, colour: str) -> str:
 
 
 def _thinned(x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
-    """The finite points of a line; of many the two ends of what it covers in each pixel."""
+    """Finite points of a line; of many, the least and largest in each pixel."""
     known = np.isfinite(y)
     x, y = x[known], y[known]
     if len(x) <= 2 * _MOST_POINTS:
         return x, y
+    # Both extremes of each pixel keep every peak in sight, which leaving out samples would not.
     starts = np.flatnonzero(np.diff(np.floor(x), prepend=-1.0))
     ends = np.stack([np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)], axis=1)
     return np.repeat(x[starts], 2), ends.ravel()

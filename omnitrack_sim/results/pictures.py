@@ -1,5 +1,4 @@
-"""Pictures that the robots' cameras take: kept in a temporary file as they come, saved with the
-run, and read back one by one."""
+"""Pictures of the robots' cameras: buffered in a file, saved with the run, read one by one."""
 
 from __future__ import annotations
 
@@ -33,8 +32,9 @@ _LEAST_SIZE, _MOST_SIZE = 8, 512  # pixels, as ``OpticsTable.pixels`` has them
 
 @dataclass(frozen=True)
 class Coding:
-    """How pixels are kept: brightness in 8 bits, distance in 16 bits of whole millimetres, 0 where
-    the pixel says nothing.
+    """Encoding of pixels: 8 bits of brightness, or 16 bits of distance in whole millimetres.
+
+    A distance of 0 is a pixel without a measurement.
 
     Attributes:
         size: rows and columns.
@@ -51,16 +51,17 @@ class Coding:
         return np.dtype([("time", "<f8"), ("end", "i1"), ("pixels", pixel, (self.size**2,))])
 
     def coded(self, picture: Array) -> NDArray[np.uint8 | np.uint16]:
-        """Pixels (..., k) as they are kept."""
+        """Encode pixels (..., k)."""
         known, kind = np.isfinite(picture), self.record["pixels"].base
         picture = np.where(known, picture, 0.0)
         if self.unit != "m":
             return np.round(255 * np.clip(picture, 0.0, 1.0)).astype(kind)
+        # At least 1, since 0 stands for a pixel without a measurement.
         steps = np.clip(np.round(picture / MILLIMETRE), 1, 65535)
         return np.where(known, steps, 0).astype(kind)
 
     def pixels(self, coded: NDArray) -> Array:
-        """One kept picture (rows, columns) in ``unit``; NaN where a pixel says nothing."""
+        """Decode a picture (rows, columns) to ``unit``; NaN where there is no measurement."""
         square = coded.reshape(self.size, self.size).astype(float)
         if self.unit != "m":
             return square / 255
@@ -68,13 +69,12 @@ class Coding:
 
 
 def coding_of(camera: Camera) -> Coding:
-    """How the pictures of a camera are kept. One with a lamp measures brightness, another one
-    distances."""
+    """Return the encoding of a camera's pictures: brightness with a lamp, else distances."""
     return Coding(camera.optics.pixels, "m" if camera.lamp is None else "1")
 
 
 class _Source(Protocol):
-    """Where pictures lie."""
+    """Storage of pictures."""
 
     def read(self, first: int, last: int) -> NDArray:
         """Records of pictures from ``first`` to before ``last``."""
@@ -82,8 +82,10 @@ class _Source(Protocol):
 
 
 class Pictures(Sequence[Array]):
-    """What a robot's camera has seen. ``pictures[i]`` is a picture (rows, columns) float, read when
-    it is asked for; x, towards module 1, is to the right, and NaN is a pixel that says nothing.
+    """Sequence of pictures of a robot's cameras, each read on demand.
+
+    ``pictures[i]`` is a float array (rows, columns); x, towards module 1, is to the right, and NaN
+    is a pixel without a measurement.
 
     Attributes:
         time: (P,) s. end: (P,) 1 from the nose, -1 from the tail.
@@ -116,7 +118,7 @@ class Pictures(Sequence[Array]):
     def __getitem__(self, index: slice) -> Sequence[Array]: ...
 
     def __getitem__(self, index: int | slice) -> Array | Sequence[Array]:
-        """A picture, or a list of them.
+        """Return a picture, or a list of them.
 
         Raises:
             IndexError: there are fewer.
@@ -128,13 +130,15 @@ class Pictures(Sequence[Array]):
         return self._coding.pixels(self._source.read(place, place + 1)["pixels"][0])
 
     def seen_at(self, time: float, end: int) -> int | None:
-        """The last picture up to ``time`` s from an end (1 nose, -1 tail); None before the
-        first."""
+        """Index of the last picture up to ``time`` s from an end (1 nose, -1 tail).
+
+        None before the first one.
+        """
         known = np.flatnonzero((self.time <= time) & (self.end == end))
         return int(known[-1]) if len(known) else None
 
     def write(self, path: Path) -> None:
-        """Write all of them into a Parquet file, a part at a time."""
+        """Write all pictures to a Parquet file, a part at a time."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -153,7 +157,11 @@ class Pictures(Sequence[Array]):
 
 
 def read_pictures(folder: Path, end: float) -> Pictures:
-    """The pictures of a run's folder, whose run ended at ``end`` s; only their times are read.
+    """Return the pictures in a run's folder; so far only their times are read.
+
+    Args:
+        folder: of the run.
+        end: s, the end of the run.
 
     Raises:
         OutputError: the file is missing or damaged.
@@ -174,8 +182,9 @@ def read_pictures(folder: Path, end: float) -> Pictures:
 
 
 class Album:
-    """Pictures of n robots as they come, in a temporary file that goes with the last one who looks
-    at it, at the latest with the process.
+    """Recorder of the pictures of n robots, in a temporary file.
+
+    The file vanishes with its last reader, at the latest with the process.
 
     Raises:
         OutputError: the system's temporary folder is full or closed to us.
@@ -195,11 +204,18 @@ class Album:
     def add(
         self, time: Array, end: NDArray[np.int_], picture: Array, active: NDArray[np.bool_]
     ) -> None:
-        """Keep a picture (n, k) of each robot at ``time`` (n,) s from ``end`` (n,); of robots that
-        are not ``active`` (n,) any more it does not count."""
+        """Record a picture (n, k) of each robot; those of inactive robots do not count.
+
+        Args:
+            time: (n,) s.
+            end: (n,) 1 from the nose, -1 from the tail.
+            picture: (n, k) pixels.
+            active: (n,) robots whose runs go on.
+        """
         part = np.zeros(len(time), self._coding.record)
         part["time"], part["end"], part["pixels"] = time, end, self._coding.coded(picture)
         with told(self._place):
+            # All robots share one interleaved file, so that a batch takes one descriptor.
             self._file.append(part.tobytes())
         # The clock of physics that has diverged begins anew.
         self._counts += active & (time > self._last)
@@ -208,7 +224,7 @@ class Album:
         self._ends.append(np.array(part["end"]))
 
     def pictures(self) -> list[Pictures]:
-        """Those of each robot, up to the end of its run."""
+        """Return the pictures of each robot, up to the end of its run."""
         times, ends = np.array(self._times), np.array(self._ends)
         return [
             Pictures(
@@ -222,7 +238,7 @@ class Album:
 
 
 class _File:
-    """A file without a name, which is closed when nobody refers to it any more."""
+    """Unnamed file that is closed when its last reference goes."""
 
     def __init__(self, descriptor: int) -> None:
         self.descriptor = descriptor
@@ -231,6 +247,7 @@ class _File:
     def append(self, octets: bytes) -> None:
         view = memoryview(octets)
         while view:
+            # A write may take only a part, as when the disk is nearly full.
             view = view[os.write(self.descriptor, view) :]
 
 
@@ -248,12 +265,13 @@ class _Kept:
         return np.frombuffer(octets, self._record)
 
     def __reduce__(self) -> tuple[Any, ...]:
+        # A file descriptor means nothing to another process: the pictures themselves travel.
         count = os.fstat(self._file.descriptor).st_size // (self._record.itemsize * self._n)
         return _Held, (self.read(0, count),)
 
 
 class _Held:
-    """Pictures in memory, as they are handed to another process."""
+    """Pictures in memory, as they are passed to another process."""
 
     def __init__(self, records: NDArray) -> None:
         self._records = records
@@ -289,6 +307,7 @@ class _Saved:
             return self._part
         first, last = self._groups[number]
         with reading(self._path) as path, _opened(path) as file:
+            # The folder may have been replaced since the times were read.
             require(_coding_in(file) == self._coding, "it is of another run by now")
             table = file.read_row_group(number, use_threads=False).combine_chunks()
             require(table.num_rows == last - first, "a part of it is not whole")
@@ -314,13 +333,13 @@ def _per_group(coding: Coding) -> int:
 
 
 def _groups(rows: int, coding: Coding) -> Iterator[tuple[int, int]]:
-    """First and last of each part of so many pictures."""
+    """First and last row of each part of a file of ``rows`` pictures."""
     each = _per_group(coding)
     return ((first, min(first + each, rows)) for first in range(0, rows, each))
 
 
 def _schema(coding: Coding) -> Any:
-    """The columns of the file; size and unit stand in its metadata."""
+    """Columns of the file; size and unit are in its metadata."""
     import pyarrow as pa
 
     octets = coding.record["pixels"].itemsize
@@ -335,15 +354,15 @@ def _schema(coding: Coding) -> Any:
 
 
 def _coding_in(file: pq.ParquetFile) -> Coding:
-    """How the pictures of a file are kept.
+    """Return the encoding of the pictures in a file.
 
     Raises:
         ValueError: its columns are not those of pictures.
     """
-    found, about = file.schema_arrow, file.schema_arrow.metadata or {}
+    actual, about = file.schema_arrow, file.schema_arrow.metadata or {}
     size, unit = int(about[b"size"]), about[b"unit"].decode()
     require(_LEAST_SIZE <= size <= _MOST_SIZE and unit in ("1", "m"), "it has no such pictures")
     coding = Coding(size, unit)
     wanted = _schema(coding).remove_metadata()
-    require(found.remove_metadata().equals(wanted), "its columns are not those of pictures")
+    require(actual.remove_metadata().equals(wanted), "its columns are not those of pictures")
     return coding

@@ -1,4 +1,4 @@
-"""What made a result: seed, scenario, versions, platform, commit."""
+"""Provenance of a result: seed, scenario, versions, platform, commit."""
 
 from __future__ import annotations
 
@@ -61,6 +61,7 @@ def _git_commit() -> str | None:
             "--always",
             "--abbrev=40",
             "--dirty=+changes",
+            # Without tags, so that the full hash is given and not a distance from a release.
             "--exclude=*",
         ]
         return subprocess.run(

@@ -1,5 +1,4 @@
-"""A run's result: outcome, metrics, trajectory, provenance; saved as a folder and read back,
-checked as a whole."""
+"""Result of a run: outcome, metrics, trajectory, provenance; saved as a folder and read back."""
 
 from __future__ import annotations
 
@@ -89,6 +88,7 @@ class Result:
     album: Pictures | None = None
 
     def __post_init__(self) -> None:
+        # The dataclass is frozen; a mistyped name of a metric then lists the valid ones.
         object.__setattr__(self, "metrics", ByName(self.metrics))
 
     def __repr__(self) -> str:
@@ -132,7 +132,7 @@ class Result:
 
     @property
     def pictures(self) -> Pictures:
-        """What the robot's cameras have seen, read picture by picture.
+        """Pictures of the robot's cameras, read on demand.
 
         Raises:
             InputError: none were recorded.
@@ -159,16 +159,17 @@ class Result:
         return self.scenario.route.network
 
     def map_difference(self) -> MapDifference | None:
-        """How the map of a robot that explores differs from what can be reached of its network;
-        None for other robots."""
+        """Return the differences of an explorer's map from the reachable part of its network.
+
+        None for other robots.
+        """
         exploration = self.scenario.exploration
         if exploration is None or self.map is None:
             return None
         return exploration.difference(self.map)
 
     def goal_points(self) -> Array:
-        """Where the robot's centre has to get to, (G, 3) m, world frame; of a mission the goals'
-        ports, in order."""
+        """Goal points (G, 3) m, world frame: of a mission the goals' ports."""
         planner, exploration = self.scenario.planner, self.scenario.exploration
         if exploration is not None:
             return np.array(exploration.points())
@@ -182,11 +183,11 @@ class Result:
         """Rims (P, 25, 3) m, world frame, of the plates that close ports."""
         parts, angle = self.pipes.parts, np.linspace(0.0, 2 * np.pi, 25)
         circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(25)], axis=-1)
-        found = [
+        discs = [
             (parts[i].port(port), parts[i].fitting.port_radius(port))
             for i, port in self.scenario.plates
         ]
-        return np.array([pose.apply(radius * circle) for pose, radius in found]).reshape(-1, 25, 3)
+        return np.array([pose.apply(radius * circle) for pose, radius in discs]).reshape(-1, 25, 3)
 
     def timeline(self) -> list[Visit]:
         """The run fitting by fitting, in order of time; see ``timeline.timeline``."""
@@ -209,8 +210,9 @@ class Result:
         }
 
     def save(self, directory: str | Path) -> Path:
-        """Write scenario, result, timeline, trajectory, replay, map and pictures, a file each, into
-        ``directory``, whole or not at all; an earlier run there is replaced.
+        """Save the run as a folder, completely or not at all; replace an earlier run there.
+
+        Scenario, result, timeline, trajectory, replay, map and pictures are a file each.
 
         Raises:
             OutputError: the folder holds something that is no run, or cannot be written.
@@ -241,7 +243,7 @@ _HEADLINE = (
 """Metric, what people call it, unit, digits."""
 _MOST_EVENTS = 12
 END_TOLERANCE = 1e-6
-"""How far the last sample may be from the end of the run, s."""
+"""Largest distance of the last sample from the end of the run, s."""
 
 
 class _Part(BaseModel):
@@ -258,7 +260,7 @@ class _LegTable(_Part):
 
 
 class _Summary(_Part):
-    """What is read of ``result.json``."""
+    """The part of ``result.json`` that is read back."""
 
     outcome: Outcome
     reason: str
@@ -289,12 +291,13 @@ def load_result(directory: str | Path) -> Result:
         _check_metrics(summary.metrics)
     with reading(folder / SCENARIO_FILE) as path:
         scenario = read_back(json.loads(path.read_bytes()))
+        # Files of two runs may be mixed by hand: the hash ties the result to its scenario.
         if scenario.hash != summary.provenance.get("scenario_sha256"):
             raise ValueError(f"it is not the scenario that {RESULT_FILE} tells the end of")
-    found = None
+    explored = None
     if scenario.exploration is not None:
         with _advised(folder), reading(folder / MAP_FILE) as path:
-            found = Network.believed_from(table_of(path, "network", NetworkError))
+            explored = Network.believed_from(table_of(path, "network", NetworkError))
     with _advised(folder):
         trajectory = read_trajectory(folder, drive_of(scenario.robot.drive))
         # The clock of physics that has diverged begins anew.
@@ -310,7 +313,7 @@ def load_result(directory: str | Path) -> Result:
         provenance=summary.provenance,
         events=events,
         legs=tuple(Leg(**vars(leg)) for leg in summary.legs),
-        map=found,
+        map=explored,
         album=album,
     )
     with reading(folder / RESULT_FILE):
@@ -322,7 +325,7 @@ def load_result(directory: str | Path) -> Result:
 
 
 def as_result(result: Result | str | os.PathLike[str]) -> Result:
-    """A result itself, or the one in the folder of a saved run.
+    """Return a result itself, or load the one in the folder of a saved run.
 
     Raises:
         OutputError: the folder is no run. TypeError: it is neither result nor folder.
@@ -334,7 +337,7 @@ def as_result(result: Result | str | os.PathLike[str]) -> Result:
 
 @contextmanager
 def _advised(folder: Path) -> Iterator[None]:
-    """Say of a damaged record of a run, whose scenario has been read, how it is made again."""
+    """Add to an error of a damaged record the command that repeats the run."""
     try:
         yield
     except OutputError as error:
@@ -353,8 +356,9 @@ def _summary(text: bytes) -> _Summary:
 
 
 def _event(table: dict[str, Any]) -> Event:
-    """An event that tells itself in words as it did when it was written."""
+    """Return an event from its table, with a text that can be made."""
     event = event_of(table)
+    # The fields of a damaged file may be of any type, which shows only when the text is made.
     str(event)
     return event
 
@@ -376,8 +380,7 @@ def _check_metrics(metrics: Metrics) -> None:
 
 
 def _check_legs(result: Result) -> None:
-    """Refuse paths that do not lead from part to part of the run's network, or of the map that the
-    robot has made of it."""
+    """Refuse paths that do not lead through the run's network, or through the robot's map of it."""
     network = result.scenario.network if result.map is None else result.map
     if network is None:
         if result.legs:
@@ -411,7 +414,7 @@ def _check_trajectory(result: Result, routes: int) -> None:
 
 
 def result_html(result: Result) -> str:
-    """Outcome, headline figures, a small picture and the events of a run."""
+    """HTML of the outcome, headline figures, a small picture and the events of a run."""
     name, outcome = result.scenario.name, result.outcome.value.replace("_", " ")
     colour = "#1a7f4b" if result.success else "#c8322b"
     head = (

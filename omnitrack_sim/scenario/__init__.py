@@ -1,4 +1,4 @@
-"""Scenarios: what a user writes in a file, validated as a whole before anything runs."""
+"""Scenarios: files of runs, validated as a whole before anything is simulated."""
 
 from omnitrack_sim.scenario.loading import load_scenario, override, read_back, set_value, validate
 from omnitrack_sim.scenario.model import Scenario

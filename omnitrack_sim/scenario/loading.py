@@ -1,5 +1,4 @@
-"""Scenario files: found, read and validated; scenarios with values changed by dotted path, and
-those that someone drives."""
+"""Scenario files: reading, validation, changes by dotted path, and scenarios for a driver."""
 
 from __future__ import annotations
 
@@ -28,21 +27,25 @@ OPEN_TABLE = ("control", "parameters")
 
 
 def set_value(data: Any, path: str, value: Any) -> Fault | None:
-    """Set one dotted path in a scenario's plain data, which need not be complete or right; the
-    fault where there is no such place, and then nothing has changed.
+    """Set the value at a dotted path in a scenario's plain data, which may be incomplete.
 
-    Tables on the way that the data leaves out begin as the scenario would have them.
+    Tables along the path that the data leaves out are filled with their defaults.
+
+    Returns:
+        None; or the fault where there is no such place, and then the data is unchanged.
     """
     if path == "control.kind":
+        # Before the kind is set, since the earlier one decides whether the parameters still apply.
         _other_controller(data, value)
     *before, last = path.split(".")
-    place, begun = data, None
+    place, undo = data, None
     for depth, key in enumerate([*before, last]):
         fault = _fault_at(data, before[:depth], place, key)
         if fault is not None:
-            if begun is not None:
-                begun[0].clear()
-                begun[0].update(begun[1])
+            # Tables that were filled in on the way go again.
+            if undo is not None:
+                undo[0].clear()
+                undo[0].update(undo[1])
             return fault.at(path)
         at: Any = int(key) if isinstance(place, list) else key
         if depth == len(before):
@@ -50,14 +53,14 @@ def set_value(data: Any, path: str, value: Any) -> Fault | None:
             _forget_digest(data, path, place)
         else:
             if isinstance(place, dict) and place.get(key) is None:
-                begun = begun or (place, dict(place))
+                undo = undo or (place, dict(place))
                 place[key] = default_of(_kind_at(data, before[:depth]), place, key)
             place = place[at]
     return None
 
 
 def _fault_at(data: Any, before: Sequence[str], place: Any, key: str) -> Fault | None:
-    """Why ``key`` cannot stand in ``place``, which the path ``before`` leads to; None if it can."""
+    """Fault of a ``key`` that cannot stand in ``place``, at the path ``before``; None if it can."""
     if isinstance(place, list):
         choices = tuple(str(i) for i in range(len(place)))
         return None if index_of(place, key) is not None else _nowhere(key, choices)
@@ -77,8 +80,10 @@ def _nowhere(key: str, choices: tuple[str, ...]) -> Fault:
 
 
 def spread(data: Any, path: str) -> list[str]:
-    """The places that a path with ``*`` in it stands for: one for each item of the list that may
-    have the key. Without ``*``, or where there is no list, the path itself."""
+    """Expand ``*`` in a path to one path for each item of the list that may have the key.
+
+    Without ``*``, or where there is no list, the result is the path itself.
+    """
     head, star, tail = path.partition(".*")
     place = data
     for key in head.split("."):
@@ -98,7 +103,7 @@ def _may_stand(data: Any, path: str) -> bool:
 
 
 def _kind_at(data: Any, places: Sequence[str]) -> Any:
-    """Type of what stands at a path of a scenario; None where it is not known."""
+    """Type of the value at a path of a scenario; None where it is unknown."""
     kind: Any = Scenario
     for depth, key in enumerate(places, start=1):
         is_open = tuple(places[:depth]) == OPEN_TABLE
@@ -108,7 +113,7 @@ def _kind_at(data: Any, places: Sequence[str]) -> Any:
 
 
 def _parameters_of(kind: Any) -> Any:
-    """The model of ``control.parameters`` of a kind of controller."""
+    """Model of ``control.parameters`` of a kind of controller."""
     try:
         return parameters_model(controller_of(str(ControlTable().kind if kind is None else kind)))
     except InputError:
@@ -116,14 +121,14 @@ def _parameters_of(kind: Any) -> Any:
 
 
 def _other_controller(data: Any, kind: Any) -> None:
-    """Leave out the parameters where another controller is chosen, which has others."""
+    """Clear the parameters where another controller is chosen, which has others."""
     control = data.get("control") if isinstance(data, dict) else None
     if isinstance(control, dict) and control.get("kind", ControlTable().kind) != kind:
         data["control"] = {**control, "parameters": {}}
 
 
 def _forget_digest(data: Any, path: str, place: Any) -> None:
-    """Leave out the digest of a file beside the key that names another one now."""
+    """Remove the digest beside a key that now names another file."""
     *before, key = path.split(".")
     if tuple(before) != OPEN_TABLE:
         return
@@ -158,8 +163,9 @@ def load_scenario(source: str | Path, changes: Mapping[str, Any] | None = None) 
 def validate(
     data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str, Any] | None = None
 ) -> Scenario:
-    """A scenario from plain data, as read from TOML or JSON; a network may be a table, a file or a
-    shipped one's name.
+    """Return a scenario from plain data, as read from TOML or JSON.
+
+    A network may be a table, a file or the name of a shipped one.
 
     Args:
         data: of the file.
@@ -174,20 +180,21 @@ def validate(
     data, unset = _changed(data, folder, changes) if changes else (data, [])
     data, networks = _with_network(data, folder)
     data, parameters = _with_parameters(data, folder)
+    # Each part is checked alone, so that one fault does not hide those of the others.
     faults = [*unset, *networks, *parameters, *_own_faults(data)]
     try:
         scenario = read_back(data)
     except ScenarioError as error:
         # A network with faults of its own is left out here, and is not missing for that.
-        told = [f for f in error.faults if not (networks and f.where == "network")]
-        raise ScenarioError([*told, *faults]) from None
+        others = [f for f in error.faults if not (networks and f.where == "network")]
+        raise ScenarioError([*others, *faults]) from None
     if faults:
         raise ScenarioError(faults)
     return scenario
 
 
 def _own_faults(data: Mapping[str, Any]) -> list[Fault]:
-    """What is wrong with the sensors and metrics of a user's own that a scenario names."""
+    """Faults of the user's own sensors and metrics that a scenario names."""
     try:
         record = RecordTable.model_validate(data.get("record", {}))
     except ValidationError:
@@ -202,10 +209,10 @@ def _own_faults(data: Mapping[str, Any]) -> list[Fault]:
 def _changed(
     data: Mapping[str, Any], folder: Path, changes: Mapping[str, Any]
 ) -> tuple[dict[str, Any], list[Fault]]:
-    """A copy of a scenario's data with values changed by dotted path, and the paths that lead
-    nowhere."""
+    """Copy a scenario's data with values changed by dotted path; faults of invalid paths."""
     plain, faults = copy.deepcopy(dict(data)), []
     if any(path.startswith("robot.") for path in changes):
+        # `values_at_scale` may state the robot at another size; a change means the robot at hand.
         plain["robot"] = _at_its_scale(plain.get("robot", {}), changes)
     for path, value in changes.items():
         network = plain.get("network")
@@ -221,11 +228,14 @@ def _changed(
 
 
 def _at_its_scale(robot: Any, changes: Mapping[str, Any]) -> Any:
-    """A robot's table with all values, those of its own size, for that is what changes mean; the
-    table as it is where even without the values to be changed it is no robot."""
+    """Robot table with all values at its own scale, to which changes refer.
+
+    The table is returned as it is where it describes no robot even without the changed values.
+    """
     if not isinstance(robot, Mapping):
         return robot
     changed = {path.split(".")[1] for path in changes if path.startswith("robot.")}
+    # A change may mend the very value that makes the table invalid: then it is tried without it.
     for table in (robot, {key: value for key, value in robot.items() if key not in changed}):
         try:
             return Robot.model_validate(table, strict=True).model_dump(mode="json")
@@ -235,7 +245,7 @@ def _at_its_scale(robot: Any, changes: Mapping[str, Any]) -> Any:
 
 
 def _with_network(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, Any], list[Fault]]:
-    """A scenario's data with its network read, or without it and what is wrong with it."""
+    """Scenario data with its network read; or data without it, and its faults."""
     source = data.get("network")
     if not isinstance(source, str | Mapping):
         return data, []
@@ -248,7 +258,7 @@ def _with_network(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, A
 
 
 def _network(source: str | Mapping[str, Any], folder: Path) -> Network:
-    """The network of a scenario: a table, a file or a shipped one's name."""
+    """Network of a scenario: from a table, a file or a shipped one's name."""
     table = source if isinstance(source, Mapping) else network_data(beside(folder, source))
     return validate_network(table)
 
@@ -256,7 +266,7 @@ def _network(source: str | Mapping[str, Any], folder: Path) -> Network:
 def _with_parameters(
     data: Mapping[str, Any], folder: Path
 ) -> tuple[Mapping[str, Any], list[Fault]]:
-    """A scenario's data with all keys of ``[control.parameters]``, and the faults found there."""
+    """Scenario data with all keys of ``[control.parameters]``, and the faults in that table."""
     control = data.get("control", {})
     kind = control.get("kind", ControlTable().kind) if isinstance(control, Mapping) else None
     if not isinstance(kind, str):
@@ -265,33 +275,35 @@ def _with_parameters(
         model = parameters_model(controller_of(kind))
     except InputError as error:
         return {**data, "control": {**control, "kind": ControlTable().kind}}, list(error.faults)
-    given, where = control.get("parameters", {}), "control.parameters"
-    if not isinstance(given, Mapping):
+    table, where = control.get("parameters", {}), "control.parameters"
+    if not isinstance(table, Mapping):
         return data, []
-    given = {**given, **_files_found(given, model, folder)}
+    table = {**table, **_absolute_files(table, model, folder)}
     try:
-        parameters = checked(model, given, ScenarioError)
+        parameters = checked(model, table, ScenarioError)
     except ScenarioError as error:
         faults = [fault.at(f"{where}.{fault.where}".rstrip(".")) for fault in error.faults]
         return {**data, "control": {**control, "parameters": {}}}, faults
     known = parameters.model_dump(mode="json")
-    faults = [*_unread(where, given, known), *_endless(where, known)]
+    faults = [*_unread(where, table, known), *_endless(where, known)]
     return {**data, "control": {**control, "parameters": known}}, faults
 
 
-def _files_found(given: Mapping[str, Any], model: type[BaseModel], folder: Path) -> dict[str, str]:
-    """The keys of a controller's parameters that name files that are there, with their whole
-    paths, so that a saved scenario finds them from anywhere."""
-    found = {}
+def _absolute_files(
+    table: Mapping[str, Any], model: type[BaseModel], folder: Path
+) -> dict[str, str]:
+    """Absolute paths of the existing files that a controller's parameters name, by key."""
+    # A saved scenario then finds them from any folder.
+    paths = {}
     for key in files_of(model):
-        name = given.get(key)
+        name = table.get(key)
         if isinstance(name, str) and is_file(path := Path(beside(folder, name))):
-            found[key] = str(path.resolve())
-    return found
+            paths[key] = str(path.resolve())
+    return paths
 
 
 def _endless(where: str, known: Mapping[str, Any]) -> list[Fault]:
-    """Parameters that a user's own model lets be infinite or no number, as faults."""
+    """Faults of parameters that a user's own model allows to be infinite or NaN."""
     faults = []
     for key, value in known.items():
         if isinstance(value, Mapping):
@@ -302,14 +314,14 @@ def _endless(where: str, known: Mapping[str, Any]) -> list[Fault]:
     return faults
 
 
-def _unread(where: str, given: Mapping[str, Any], known: Mapping[str, Any]) -> list[Fault]:
-    """Keys that a model passes over because it does not forbid others, as faults."""
+def _unread(where: str, table: Mapping[str, Any], known: Mapping[str, Any]) -> list[Fault]:
+    """Faults of keys that a model ignores because it does not forbid unknown ones."""
     faults = [
         Fault(f"{where}.{key}", "unknown key", tuple(known), given=key)
-        for key in given
+        for key in table
         if key not in known
     ]
-    for key, value in given.items():
+    for key, value in table.items():
         inner = known.get(key)
         if isinstance(value, Mapping) and isinstance(inner, Mapping):
             faults += _unread(f"{where}.{key}", value, inner)
@@ -317,8 +329,7 @@ def _unread(where: str, given: Mapping[str, Any], known: Mapping[str, Any]) -> l
 
 
 def read_back(data: Mapping[str, Any]) -> Scenario:
-    """The scenario of a saved run: as ``validate``, but controller, sensors and metrics of a user's
-    own are not looked for."""
+    """Return the scenario of a saved run, without importing the user's own objects it names."""
 
     def choices(places: Sequence[str]) -> tuple[str, ...]:
         place: Any = data
@@ -330,8 +341,10 @@ def read_back(data: Mapping[str, Any]) -> Scenario:
 
 
 def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
-    """A copy with values changed by dotted path, such as ``{"control.cruise_speed": 0.12,
-    "pipes.0.length": 1.0}``; ``*`` stands for every item of a list, as in ``"pipes.*.turn_deg"``.
+    """Return a copy with values changed by dotted path.
+
+    A change is such as ``{"control.cruise_speed": 0.12, "pipes.0.length": 1.0}``; ``*`` stands for
+    every item of a list, as in ``"pipes.*.turn_deg"``.
 
     Raises:
         ScenarioError: unknown paths (with the choices at that place) or values that do not fit.
@@ -351,7 +364,7 @@ LONGEST_DRIVE = 3600.0
 
 
 def to_drive(scenario: Scenario, driver: str) -> Scenario:
-    """A scenario's pipes, robot and start for ``driver``; its controller becomes the autopilot.
+    """Return a scenario for a human ``driver``; its controller becomes the autopilot.
 
     What the author expects of the controller is left out. Of a scenario that was driven, the orders
     are.
@@ -368,26 +381,26 @@ def to_drive(scenario: Scenario, driver: str) -> Scenario:
             "autopilot_parameters": autopilot["parameters"],
         },
     }
+    # The default follows from the route's length, which says nothing of how long somebody drives.
     if data["run"]["time_limit"] is None:
         data["run"]["time_limit"] = LONGEST_DRIVE
     return validate(data)
 
 
 def driven_name(name: str) -> str:
-    """The name of a scenario that somebody drives."""
+    """Name of a scenario that somebody drives."""
     return f"{name.removesuffix('_driven')}_driven"
 
 
 def with_orders(scenario: Scenario, orders: Sequence[Order]) -> Scenario:
-    """A driven scenario that repeats the run of these orders."""
+    """Return a driven scenario that repeats the run of these orders."""
     data = scenario.model_dump(mode="json")
     data["control"]["parameters"]["orders"] = [order.model_dump(mode="json") for order in orders]
     return validate(data)
 
 
 def autopilot_of(scenario: Scenario) -> dict[str, Any]:
-    """``[control]`` of the scenario under its autopilot, as plain data; of one that nobody drives,
-    under its controller."""
+    """Plain data of ``[control]`` with the autopilot as controller; unchanged if nobody drives."""
     control = scenario.control.model_dump(mode="json")
     if scenario.control.kind != KIND:
         return control

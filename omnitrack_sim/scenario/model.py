@@ -1,4 +1,4 @@
-"""A scenario: what a run is made from, checked as a whole."""
+"""Scenario: the complete description of a run, checked as a whole."""
 
 from __future__ import annotations
 
@@ -180,6 +180,7 @@ class Scenario(Table):
             timestep=physics.timestep,
             wall_tolerance=physics.wall_tolerance,
             staves=physics.staves,
+            # An exact wall is a height field without shape, which a renderer cannot draw.
             exact=physics.collider == "exact" and not looks,
             looks=looks,
         )
@@ -230,7 +231,7 @@ class Scenario(Table):
         return self.exploration.mission.task == "find" or self.exploration.is_home(position, axis)
 
     def map_metrics(self, map: Network | None) -> dict[str, float]:
-        """Return how a map that a robot has made differs from what it could reach."""
+        """Return the differences of a robot's map from the part of the network it could reach."""
         if map is None or self.exploration is None:
             return {}
         return self.exploration.difference(map).figures()
@@ -251,29 +252,28 @@ class Scenario(Table):
 
     @property
     def own_sensors(self) -> tuple[Sensor, ...]:
-        """The sensors that ``record.sensors`` names.
+        """Sensors that ``record.sensors`` names.
 
         Raises:
             InputError: there is no such sensor.
         """
-        found = _of_kind("record.sensors", self.record.sensors, Sensor)
-        refuse_taken("record.sensors", [sensor.channel.name for sensor in found], CHANNELS)
-        return found
+        sensors = _of_kind("record.sensors", self.record.sensors, Sensor)
+        refuse_taken("record.sensors", [sensor.channel.name for sensor in sensors], CHANNELS)
+        return sensors
 
     @property
     def own_metrics(self) -> tuple[Metric, ...]:
-        """The metrics that ``record.metrics`` names, and those of the estimate where the robot
-        drives by its own sensors.
+        """Metrics that ``record.metrics`` names, and those of the estimate with onboard sensors.
 
         Raises:
             InputError: there is no such metric.
         """
-        found = _of_kind("record.metrics", self.record.metrics, Metric)
-        refuse_taken("record.metrics", [metric.name for metric in found], METRIC_NAMES)
-        return (*found, *(ESTIMATE_METRICS if self.sensing.kind == "onboard" else ()))
+        metrics = _of_kind("record.metrics", self.record.metrics, Metric)
+        refuse_taken("record.metrics", [metric.name for metric in metrics], METRIC_NAMES)
+        return (*metrics, *(ESTIMATE_METRICS if self.sensing.kind == "onboard" else ()))
 
     def driven_by(self, controller: type[Controller]) -> Scenario:
-        """The same run under a controller class of a user's own.
+        """Return the same run under a user's own controller class.
 
         Where ``control.kind`` names that class already, its parameters stay; otherwise they are the
         class's defaults.
@@ -317,6 +317,7 @@ class Scenario(Table):
     def time_for(self, length: float) -> float:
         """Simulated seconds that a way of ``length`` m may take: four times what cruising takes,
         and 20 s."""
+        # Room for rolls, retries and slow turns; the constant serves short routes.
         return 4 * length / self.control.cruise_speed + 20.0
 
     @property
@@ -334,23 +335,24 @@ def refuse_taken(where: str, names: list[str], shipped: Collection[str]) -> None
 
 def _of_kind(where: str, names: tuple[str, ...], kind: type[_Thing]) -> tuple[_Thing, ...]:
     """Objects by their names, each of which has to be a ``kind``."""
-    found = []
+    objects = []
     for i, name in enumerate(names):
         thing = named(name, f"{where}.{i}", {})
         if not isinstance(thing, kind):
             raise InputError(Fault(f"{where}.{i}", f"is {name!r}, which is no {kind.__name__}"))
-        found.append(thing)
-    return tuple(found)
+        objects.append(thing)
+    return tuple(objects)
 
 
 def faults_of(scenario: Scenario) -> list[Fault]:
-    """Return what the tables of a scenario cannot see alone: geometry, start and goal, work."""
+    """Return the faults that concern several tables: geometry, start and goal, work."""
     faults = [*_missing(scenario)]
     for i, pipe in enumerate(scenario.pipes):
         with gathered(faults, lambda fault, i=i: f"pipes.{i}.{fault.where.rpartition('.')[2]}"):
             pipe.step(i)
     with gathered(faults):
         drive_of(scenario.robot.drive)
+    # What follows lays out pipes and plans, which needs tables that are valid by themselves.
     faults += [*_uneven_samples(scenario), *_impossible_cameras(scenario)]
     if scenario.record.pictures and scenario.sensing.kind != "onboard":
         problem = 'is true, for which the robot needs cameras: sensing.kind = "onboard"'
@@ -436,9 +438,9 @@ def _impossible_cameras(scenario: Scenario) -> Iterator[Fault]:
         return
     for key, steps in (("rate", 1 / (optics.rate * period)), ("latency", optics.latency / period)):
         if abs(steps - round(steps)) > ROUNDING * max(1.0, steps) or (key == "rate" and steps < 1):
-            told = f"is {getattr(optics, key):g}; it has to be a whole number of control periods"
+            rule = f"is {getattr(optics, key):g}; it has to be a whole number of control periods"
             rates = tuple(f"{1 / (n * period):g}" for n in (1, 2, 4, 5, 10, 20))
-            problem = f"{told} (physics.control_period, {period:g} s)"
+            problem = f"{rule} (physics.control_period, {period:g} s)"
             choices = rates if key == "rate" else ()
             yield Fault(f"sensing.{table.camera}.{key}", problem, choices)
 
@@ -446,6 +448,7 @@ def _impossible_cameras(scenario: Scenario) -> Iterator[Fault]:
 def _bores_out_of_reach(scenario: Scenario, ports: Iterable[End]) -> Iterator[Fault]:
     """The first bore, at the ports that are passed, that the arms do not reach."""
     robot = scenario.robot
+    # The arms slide from the nominal pipe between their stops.
     low, high = (robot.nominal_pipe_radius + travel for travel in robot.slide_range)
     for index, port in ports:
         fitting = scenario.route.network.parts[index].fitting
@@ -483,6 +486,7 @@ def most_seconds(scenario: Scenario) -> float:
     planner, exploration = scenario.planner, scenario.exploration
     if exploration is not None:
         return scenario.time_limit_s + scenario.time_for(EXPLORED * exploration.network.length)
+    # The first leg is that of `time_limit_s`; each further one brings a limit of its own.
     more = [] if planner is None else planner.plan()[1:]
     lengths = [] if planner is None else [planner.route(leg.path).length for leg in more]
     return scenario.time_limit_s + sum(scenario.time_for(length) for length in lengths)
@@ -492,19 +496,19 @@ def too_much_work(scenario: Scenario) -> Iterator[Fault]:
     """Figures of a scenario that go beyond the bounds, at the key that is to be changed."""
     physics, seconds = scenario.physics, most_seconds(scenario)
     where = _unusual(scenario)
-    asked = f"makes {{:.4g}} {{}} in a time limit of {seconds:.4g} s{_origin(scenario, where)}"
+    work = f"makes {{:.4g}} {{}} in a time limit of {seconds:.4g} s{_origin(scenario, where)}"
     steps = seconds / physics.timestep
     if steps > MOST_STEPS:
-        told = asked.format(steps, "time steps")
-        yield Fault(where, f"{told}; at most {MOST_STEPS:,}")
+        problem = work.format(steps, "time steps")
+        yield Fault(where, f"{problem}; at most {MOST_STEPS:,}")
     elif (samples := samples_of(scenario)) > MOST_SAMPLES:
-        told = asked.format(samples, "samples")
-        yield Fault("record.period", f"{told}; at most {MOST_SAMPLES:,}")
+        problem = work.format(samples, "samples")
+        yield Fault("record.period", f"{problem}; at most {MOST_SAMPLES:,}")
     yield from _too_many_pieces(scenario)
 
 
 def _too_many_pieces(scenario: Scenario) -> Iterator[Fault]:
-    """The fault of walls of primitives of too many pieces."""
+    """Fault of walls of primitives with too many pieces."""
     physics = scenario.physics
     if physics.collider != "primitives":
         return
@@ -518,7 +522,7 @@ def _too_many_pieces(scenario: Scenario) -> Iterator[Fault]:
 
 
 def _finest(scenario: Scenario) -> str:
-    """The key that makes the walls fine, or that of the pipes."""
+    """Key that makes the walls fine, or that of the pipes."""
     if scenario.physics.staves is not None:
         return "physics.staves"
     if scenario.physics.wall_tolerance < PhysicsTable().wall_tolerance:
@@ -527,16 +531,17 @@ def _finest(scenario: Scenario) -> str:
 
 
 def _origin(scenario: Scenario, where: str) -> str:
-    """Where the time limit comes from, unless that is the key ``where`` itself."""
+    """Origin of the time limit in words; empty where it is the key ``where`` itself."""
     if scenario.run.time_limit is not None:
         return "" if where == "run.time_limit" else " (run.time_limit)"
     return f" at a cruise speed of {scenario.control.cruise_speed:.4g} m/s"
 
 
 def _unusual(scenario: Scenario) -> str:
-    """The key that is farthest from its default among those that make many time steps."""
+    """Key that is farthest from its default among those that determine the number of time steps."""
     slow = ControlTable().cruise_speed / scenario.control.cruise_speed
     fine = PhysicsTable().timestep / scenario.physics.timestep
+    # Only a value ten times off its default is the likely mistake; else the pipes are too long.
     if fine >= 10 and fine >= slow:
         return "physics.timestep"
     if scenario.run.time_limit is not None:

@@ -68,6 +68,8 @@ class Pipe(FittingEntry):
             return data
         ports = cls.of.port_names
         if len(ports) == 2:
+            # Before validation: `leave` has the kind's default, which is wrong for a pipe entered
+            # backward.
             others = [port for port in ports if port != data.get("enter", cls.of.default_way[0])]
             return {**data, "leave": others[0]}
         return data
@@ -192,6 +194,7 @@ class MonitorTable(Table):
 def is_multiple(period: float, step: float) -> bool:
     """Test if a period is a whole number of steps, but for rounding."""
     count = round(period / step)
+    # Decimal fractions are not exact in binary: 0.3 / 0.1 gives 2.9999999999999996.
     return count >= 1 and abs(period / step - count) <= 1e-6  # allows for rounding
 
 

@@ -1,5 +1,4 @@
-"""A scenario file to begin with: all keys with units, defaults and meanings, and the values of a
-scenario that there is."""
+"""Template of a scenario file: all keys with units, defaults and meanings, and given values."""
 
 from __future__ import annotations
 
@@ -23,8 +22,7 @@ from omnitrack_sim.scenario.tables import Pipe
 WIDTH = 100
 """Longest line of a comment, characters."""
 UNSET, INSTEAD = "#", "#: "
-"""Before a key that stands at its default, and before what could stand in the place of something
-else."""
+"""Marks before a key at its default, and before an alternative to what stands there."""
 _HEAD = f"""
 A key behind {UNSET} stands at its default: take the {UNSET} away to change it. (none) is a default
 that no value stands for. What stands behind {INSTEAD.strip()} could be there as well or instead.
@@ -43,7 +41,7 @@ _MISSION = "In the place of [[pipes]]: a network, and what the robot does in it.
 
 
 def template(name: str, title: str, data: Mapping[str, Any], scenario: Scenario) -> str:
-    """The text of a scenario file.
+    """Return the text of a scenario file.
 
     Args:
         name: of the new scenario.
@@ -56,10 +54,10 @@ def template(name: str, title: str, data: Mapping[str, Any], scenario: Scenario)
     """
     data = _without_none(data) | {"name": name}
     has_pipes = bool(data.get("pipes"))
-    told = meanings_of(Scenario)
+    meanings = meanings_of(Scenario)
     lines = [*_comment(title), "#", *_comment(_HEAD), ""]
     for key in ("name", "seed", *(() if has_pipes else ("network",))):
-        lines += _key(key, told[key], "", Scenario.model_fields[key].default, data)
+        lines += _key(key, meanings[key], "", Scenario.model_fields[key].default, data)
     lines += _pipes(data["pipes"], scenario) if has_pipes else _table("mission", Mission, data)
     for key, info in Scenario.model_fields.items():
         if key == "robot":
@@ -72,129 +70,134 @@ def template(name: str, title: str, data: Mapping[str, Any], scenario: Scenario)
 
 
 def _without_none(value: Any) -> Any:
-    """Plain data without keys that stand at None, which TOML cannot say."""
+    """Plain data without keys that are None, which TOML cannot express."""
     if isinstance(value, Mapping):
         return {key: _without_none(item) for key, item in value.items() if item is not None}
     return [_without_none(item) for item in value] if isinstance(value, list) else value
 
 
 def _comment(text: str) -> list[str]:
-    """A text as lines of a comment."""
+    """Lines of a comment."""
     return [f"# {line}" for line in textwrap.wrap(" ".join(text.split()), WIDTH - 2)]
 
 
 def _key(
-    key: str, meaning: str, unit: str, default: Any, given: Mapping[str, Any], mark: str = UNSET
+    key: str, meaning: str, unit: str, default: Any, values: Mapping[str, Any], mark: str = UNSET
 ) -> list[str]:
-    """The lines of one key: its value, or its default behind ``mark``, with unit and meaning behind
-    it, or the meaning above where there is no room for it."""
-    said = f"{key} = {as_toml(given[key])}" if key in given else f"{mark}{key} = {_told(default)}"
+    """Lines of one key: its value, or its default after ``mark``, then unit and meaning.
+
+    A meaning that does not fit into the line stands above it.
+    """
+    pair = f"{mark}{key} = {_default_text(default)}"
+    if key in values:
+        pair = f"{key} = {as_toml(values[key])}"
     unit = "" if unit == "1" else unit
-    whole = f"{said}  # {': '.join(filter(None, (unit, meaning)))}"
+    whole = f"{pair}  # {': '.join(filter(None, (unit, meaning)))}"
     if len(whole) <= WIDTH:
-        return [whole if unit or meaning else said]
-    return [*_comment(meaning), f"{said}  # {unit}" if unit else said]
+        return [whole if unit or meaning else pair]
+    return [*_comment(meaning), f"{pair}  # {unit}" if unit else pair]
 
 
-def _told(default: Any) -> str:
-    """A default as TOML, or why there is no such value."""
+def _default_text(default: Any) -> str:
+    """A default as TOML, or a word for one that has no such form."""
     if default is PydanticUndefined:
         return "(needed)"
     return "(none)" if default is None else as_toml(to_jsonable_python(default))
 
 
 def _keys(
-    model: type[BaseModel], given: Mapping[str, Any], mark: str = UNSET
+    model: type[BaseModel], values: Mapping[str, Any], mark: str = UNSET
 ) -> Iterator[tuple[str, list[str]]]:
-    """The keys of a table that are no tables themselves, with their lines."""
-    told = meanings_of(model)
+    """Keys of a table that are no tables themselves, with their lines."""
+    meanings = meanings_of(model)
     for key, info in model.model_fields.items():
         default = info.get_default(call_default_factory=True)
         if not isinstance(default, BaseModel) and key != "parameters":
             unit = symbol_of(model, key)
-            yield key, _key(key, told.get(key, ""), unit, default, given, mark)
+            yield key, _key(key, meanings.get(key, ""), unit, default, values, mark)
 
 
 def _table(path: str, model: type[BaseModel], above: Mapping[str, Any]) -> list[str]:
-    """The lines of a table, and of those in it; ``above`` is the table that it stands in."""
-    given = above.get(path.rpartition(".")[2], {})
+    """Lines of a table, and of those in it; ``above`` is the table that it stands in."""
+    values = above.get(path.rpartition(".")[2], {})
     first = (model.__doc__ or "").partition("\n\n")[0].replace("``", "`")
     lines = ["", *_comment(first), f"[{path}]"]
-    lines += [line for _, told in _keys(model, given) for line in told]
+    lines += [line for _, rows in _keys(model, values) for line in rows]
     for key, info in model.model_fields.items():
         default = info.get_default(call_default_factory=True)
         if isinstance(default, BaseModel):
-            lines += _table(f"{path}.{key}", type(default), given)
+            lines += _table(f"{path}.{key}", type(default), values)
     return lines
 
 
 def _other_mission() -> list[str]:
-    """The keys of a mission, for a scenario that has none."""
+    """Keys of a mission, for a scenario that has none."""
     network = _key("network", meanings_of(Scenario)["network"], "", "fig14", {}, INSTEAD)
-    keys = [line for _, told in _keys(Mission, {}, INSTEAD) for line in told]
+    keys = [line for _, rows in _keys(Mission, {}, INSTEAD) for line in rows]
     return ["", *_comment(_MISSION), *network, f"{INSTEAD}[mission]", *keys]
 
 
 def _pipes(pipes: list[Mapping[str, Any]], scenario: Scenario) -> list[str]:
-    """The pipes, and the shipped kinds that are not among them. A meaning stands there once."""
+    """The pipes, and the shipped kinds that are not among them; each meaning stands there once."""
     lines = ["", *_comment(meanings_of(Scenario)["pipes"])]
-    told: set[str] = set()
-    for given, pipe in zip(pipes, scenario.pipes, strict=True):
+    explained: set[str] = set()
+    for values, pipe in zip(pipes, scenario.pipes, strict=True):
         model = table_of(pipe.kind, Pipe)
         meanings = meanings_of(model)
         lines += ["", "[[pipes]]"]
         for key in ("kind", *(key for key in model.model_fields if key != "kind")):
             meaning = meanings.get(key, "")
-            once = "" if meaning in told else meaning
-            lines += _key(key, once, symbol_of(model, key), getattr(pipe, key), given)
-            told.add(meaning)
+            once = "" if meaning in explained else meaning
+            lines += _key(key, once, symbol_of(model, key), getattr(pipe, key), values)
+            explained.add(meaning)
     return [*lines, *_further_fittings({pipe.kind for pipe in scenario.pipes})]
 
 
-def _further_fittings(seen: set[str]) -> list[str]:
-    """The keys that the shipped kinds of pipe beside those seen have of their own."""
+def _further_fittings(kinds: set[str]) -> list[str]:
+    """Keys of the shipped kinds of pipe other than ``kinds``."""
     common = {*Pipe.model_fields, "inner_diameter"}
     lines = ["", *_comment(_FURTHER)]
     for kind in shipped_fittings():
-        if kind not in seen:
+        if kind not in kinds:
             lines += [f"{INSTEAD}[[pipes]]", f'{INSTEAD}kind = "{kind}"']
             keys = _keys(table_of(kind, Pipe), {}, INSTEAD)
-            lines += [line for key, told in keys if key not in common for line in told]
+            lines += [line for key, rows in keys if key not in common for line in rows]
     return lines
 
 
-def _robot(given: Mapping[str, Any]) -> list[str]:
+def _robot(values: Mapping[str, Any]) -> list[str]:
     """The robot's parameters; its crawler motor, which may be a table, stands at the end."""
+    # In TOML all that follows the head of a table belongs to it: [robot.motor] must come last.
     lines = ["", *_comment(_ROBOT), "[robot]"]
     fields = Robot.model_fields
     for key in (key for key in fields if key != "motor"):
-        lines += _figure(key, quantity_of(fields[key]), fields[key].default, given)
-    motor = given.get("motor")
+        lines += _figure(key, quantity_of(fields[key]), fields[key].default, values)
+    motor = values.get("motor")
     if isinstance(motor, Mapping):
         like = [f"like = {as_toml(motor['like'])}"] if "like" in motor else []
         return [*lines, "", "[robot.motor]", *like, *_motor(motor, UNSET)]
-    lines += _figure("motor", quantity_of(fields["motor"]), "simulation", given)
+    lines += _figure("motor", quantity_of(fields["motor"]), "simulation", values)
     return [*lines, "", *_comment(_MOTOR), f"{INSTEAD}[robot.motor]", *_motor({}, INSTEAD)]
 
 
-def _motor(given: Mapping[str, Any], mark: str) -> list[str]:
-    """The figures of a motor; one that is like a shipped one has that one's."""
-    shown = MOTORS[given.get("like", "simulation")]
+def _motor(values: Mapping[str, Any], mark: str) -> list[str]:
+    """Figures of a motor; by default those of the shipped motor that it is ``like``."""
+    shipped = MOTORS[values.get("like", "simulation")]
     lines = []
     for key, info in Motor.model_fields.items():
-        default = info.default if key in ("name", "source") else getattr(shown, key)
-        lines += _figure(key, quantity_of(info), default, given, mark)
+        default = info.default if key in ("name", "source") else getattr(shipped, key)
+        lines += _figure(key, quantity_of(info), default, values, mark)
     return lines
 
 
 def _figure(
-    key: str, quantity: Quantity, default: Any, given: Mapping[str, Any], mark: str = UNSET
+    key: str, quantity: Quantity, default: Any, values: Mapping[str, Any], mark: str = UNSET
 ) -> list[str]:
-    """The lines of one parameter of the robot, or figure of a motor."""
+    """Lines of one parameter of the robot, or figure of a motor."""
     unit = "" if quantity.unit == "1" else quantity.unit
     if quantity.within is not None:
         unit = ", ".join(filter(None, (unit, "{:g} to {:g}".format(*quantity.within))))
-    return _key(key, f"{quantity.source} ({quantity.provenance})", unit, default, given, mark)
+    return _key(key, f"{quantity.source} ({quantity.provenance})", unit, default, values, mark)
 
 
 def _control(data: Mapping[str, Any], scenario: Scenario) -> list[str]:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.pipes.native import NUMBER, NUMBERS, WORD, WORDS, c_function, calling, intrinsic
 from omnitrack_sim.walls.track import MARK, PITCH, RECORD_SIZE, SCALE, line_contacts
 
+# The height field comes first: the table is filled for pairs of ascending geom types only.
 _FIELD, _CAPSULE = int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
 _KINDS = int(mujoco.mjtGeom.mjNGEOMTYPES)
 _COLLIDE = types.int32(WORDS, WORDS, NUMBERS, types.int32, types.int32, NUMBER)
@@ -71,13 +72,16 @@ def call_collide(context, address, model, data, contacts, wall, line, margin):
 
 def collide(model, data, contacts, wall, line, margin):
     """MuJoCo's collision function of height field and capsule."""
+    # A foreign model may have user data of another length, which must not be read as a record.
     if model[word(USER_SIZE)] != RECORD_SIZE:
         return call_collide(word(ORIGINAL), model, data, contacts, wall, line, margin)
     records = doubles(model[word(USER)])
     track, w = RECORD_SIZE * line, RECORD_SIZE * wall
+    # A record of another process holds addresses that mean nothing here.
     mark = float(word(TOKEN))
     if records[w] != mark or records[track] != mark:
         return call_collide(word(ORIGINAL), model, data, contacts, wall, line, margin)
+    # MuJoCo has three sizes a geom; of a capsule they are its radius and half length.
     sizes = doubles(model[word(SIZE)])
     radius, half = sizes[3 * line], sizes[3 * line + 1]
     pitch, scale = records[track + PITCH], records[track + SCALE]
@@ -117,6 +121,7 @@ def _fields() -> tuple[int, ...]:
     Raises:
         RuntimeError: the fields are not found.
     """
+    # Of the words that hold the length in one model, only the true field also does in the other.
     first, second = _fields_of_model(101), _fields_of_model(157)
     lengths = np.intersect1d(first[0], second[0])
     if first[1:] != second[1:] or len(lengths) != 1:
@@ -153,6 +158,7 @@ def _fields_of_model(user_size: int) -> tuple[Any, ...]:
 
 def _word_of(structure: int, array: NDArray[Any]) -> int:
     """Return which word of the structure at an address points to ``array``."""
+    # NumPy's views of a model share its memory, so the address is that in the structure's pointer.
     wanted = array.ctypes.data
     for chunk in range(_MOST_CHUNKS):
         hits = np.flatnonzero(_words(structure + chunk * _CHUNK * _WORD, _CHUNK) == wanted)
@@ -168,6 +174,7 @@ def _words(address: int, count: int) -> NDArray[np.uintp]:
 
 def _library() -> ctypes.CDLL:
     """Return the libmujoco of this process."""
+    # The library has to be the very one that Python's module uses, wherever it was installed.
     with open("/proc/self/maps", encoding="utf-8") as maps:
         paths = {line.split(maxsplit=5)[-1].strip() for line in maps if "libmujoco" in line}
     if len(paths) != 1:

@@ -47,6 +47,7 @@ def export_network(name: str, pipes: Assembly, folder: str | Path) -> list[Path]
         f"{name}.stl": lambda: network_stl(pipes),
         f"{name}_centrelines.csv": lambda: centreline_table(pipes).encode(),
     }
+    # Before any work: the mesh of a large network takes far longer than this check.
     check_folder(folder, files=makers)
     return write_files({Path(folder) / file: make() for file, make in makers.items()})
 
@@ -66,6 +67,7 @@ def centreline_table(pipes: Assembly) -> str:
             s = np.linspace(0, line.length, max(2, math.ceil(line.length / SPACING) + 1))
             point, tangent, _, curvature = line.at(s)
             for row in np.column_stack([s, point, tangent, curvature]):
+                # Adding 0.0 turns -0.0 into 0.0, which would otherwise be written as "-0".
                 table.writerow([part.name, enter, leave, *(f"{value + 0.0:.9g}" for value in row)])
     return text.getvalue()
 
@@ -74,6 +76,7 @@ def network_xml(network: Assembly, name: str) -> str:
     """MJCF of a network's collision walls, world frame; six digits, nothing else in it."""
     spec = new_spec(name)
     add_walls(spec, network)
+    # An MjSpec writes XML only once it has been compiled.
     spec.compile()
     return spec.to_xml()
 

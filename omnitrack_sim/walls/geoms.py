@@ -1,5 +1,4 @@
-"""Pipes as geoms of a MuJoCo model with the project's numerics: pieces that the fittings give, or
-one exact wall a fitting; and plates that close ports."""
+"""Pipes as geoms of a MuJoCo model: wall pieces or one exact wall a fitting, and closing plates."""
 
 from __future__ import annotations
 
@@ -40,10 +39,9 @@ def leave_no_log() -> None:
 
 
 def new_spec(name: str) -> mujoco.MjSpec:
-    """Radians, elliptic cones, implicitfast, dense (MuJoCo 4.0.0's sparse Hessian is wrong from 60
-    dofs on).
+    """Return an empty model with the project's numerics; every model of the package begins here.
 
-    Every model of the package begins here, so here MuJoCo is told to leave no log.
+    Radians, elliptic cones, implicitfast, dense Jacobian.
     """
     leave_no_log()
     spec = mujoco.MjSpec()
@@ -51,8 +49,10 @@ def new_spec(name: str) -> mujoco.MjSpec:
     spec.compiler.degree = False
     option = spec.option
     option.timestep = TIMESTEP
+    # A pyramidal cone would raise the slip by half, and its friction depends on the direction.
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # MuJoCo 4.0.0's sparse Hessian is wrong from 60 dofs on.
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     option.impratio = IMPEDANCE_RATIO
     return spec
@@ -109,6 +109,7 @@ def add_exact_walls(spec: mujoco.MjSpec, network: Assembly) -> int:
     """
     install()
     spec.nuser_geom = RECORD_SIZE
+    # Both directions of each joint, so that the neighbour of any port is one look-up away.
     taken = {end: other for a, b in network.joints for end, other in ((a, b), (b, a))}
     for index, part in enumerate(network.parts):
         ends = [
@@ -120,6 +121,8 @@ def add_exact_walls(spec: mujoco.MjSpec, network: Assembly) -> int:
         name = f"wall_{part.name}"
         spec.add_hfield(
             name=name,
+            # The least field that MuJoCo accepts: its shape is never used, only the box that bounds
+            # it.
             nrow=2,
             ncol=2,
             size=[half[0], half[1], half[2], half[2]],
@@ -138,8 +141,7 @@ def add_exact_walls(spec: mujoco.MjSpec, network: Assembly) -> int:
 
 
 def _line_ends(network: Assembly, end: tuple[int, str], other: tuple[int, str] | None) -> bool:
-    """Tell whether the wall stops carrying a track at port ``end``, which is joined to ``other`` or
-    to nothing."""
+    """Return whether contact of a track ends at port ``end``, joined to ``other`` or open."""
     if other is None:
         return True
     mine, theirs = (network.parts[index].fitting for index, _ in (end, other))
@@ -156,11 +158,10 @@ def add_plates(
     plates: Sequence[tuple[int, str]],
     looks: bool = False,
 ) -> None:
-    """Close ports (part index, port name) by plates that collide with lugs; they are seen in
-    pictures.
+    """Close ports (part index, port name) by plates that collide with lugs.
 
-    With ``looks`` they are as round as the bore; otherwise square, which touches faster and goes
-    into the wall.
+    With ``looks``, for pictures, they are as round as the bore; otherwise square, which collides
+    faster and reaches into the wall.
     """
     for index, port in plates:
         part = network.parts[index]
@@ -173,6 +174,7 @@ def add_plates(
             else [radius, radius, PLATE_THICKNESS / 2],
             pos=pose.position,
             quat=pose.quaternion,
+            # Walls and plates share these bits: they meet the robot's lugs, and never each other.
             contype=2,
             conaffinity=1,
             group=PLATE_GROUP,

@@ -58,6 +58,7 @@ def network_mesh(
         outer.append(_fill(fitting, thickness, sections).transform(matrix))
         bores.append(_bore(fitting, sections).transform(matrix))
     for (i, port), (j, other) in network.joints:
+        # A disc lies in the plane of the joint, which both parts share.
         place = network.parts[i].port(port)
         matrix = np.column_stack([place.rotation, place.position])
         ends = (network.parts[i], port), (network.parts[j], other)
@@ -99,6 +100,8 @@ def cutaway_mesh(
 def inside_mesh(fitting: Fitting, sections: int = SECTIONS) -> trimesh.Trimesh:
     """Return the inner surface of a fitting alone, m, fitting frame; its faces look into the
     bore."""
+    # Half of the wall's thickness separates the inner surface from the outer one and survives the
+    # inscribed bore's error.
     mesh = fitting_mesh(fitting, sections=sections)
     within = fitting.signed_distance(np.asarray(mesh.vertices))[0] > -THICKNESS / 2
     mesh.update_faces(within[mesh.faces].all(axis=1))
@@ -111,6 +114,7 @@ def cut_normal(fitting: Fitting, towards: ArrayLike) -> Array:
     ``towards`` (3,)."""
     x, y, _ = np.asarray(towards, float)
     if not fitting.is_axial:
+        # Fittings that are not axial are symmetric about y = 0, the only plane that shows all axes.
         return np.array([0.0, math.copysign(1.0, y), 0.0])
     across = np.array([x, y, 0.0])
     length = float(np.linalg.norm(across))
@@ -155,6 +159,7 @@ class ManifoldKit:
     def loft(self, rings: Array, hub: int | None) -> Manifold:
         """See ``Kit``."""
         solid = trimesh.Trimesh(*_loft(rings, hub), process=False)
+        # The order of the rings decides which way the faces look; the kernel needs them outward.
         if solid.volume < 0:
             solid.invert()
         return Manifold(
@@ -190,6 +195,7 @@ def _joint_disc(a: tuple[Part, str], b: tuple[Part, str], more: float, sections:
     radii = [part.fitting.port_radius(port) for part, port in (a, b)]
     radius = min(radii) if more == 0 else max(radii)
     behind, ahead = (radius + JOINT_DISC * part.fitting.flare(port) for part, port in (a, b))
+    # Without a cone or a step the disc is a plain cylinder, which the kernel makes exactly.
     if behind == ahead == radius:
         return Manifold.cylinder(
             2 * JOINT_DISC, radius + more, circular_segments=sections, center=True
@@ -211,6 +217,7 @@ def _loft(rings: Array, hub: int | None) -> tuple[Array, np.ndarray]:
     faces = [np.stack([a, a_next, b], -1), np.stack([a_next, b_next, b], -1)]
     faces = [triangles.reshape(-1, 3) for triangles in faces]
     if hub is not None:
+        # Cross-sections are not convex; seen from their hub every corner is visible.
         fan = [(hub, (hub + i) % corners, (hub + i + 1) % corners) for i in range(1, corners - 1)]
         faces += [index[0][np.array(fan)][:, ::-1], index[-1][np.array(fan)]]
     return rings.reshape(-1, 3), np.concatenate(faces)

@@ -1,4 +1,4 @@
-"""The walls that rays meet: parts of networks as records, and the compiled functions on them."""
+"""Ray casting on exact walls: parts of networks as records for the compiled functions."""
 
 from __future__ import annotations
 
@@ -65,6 +65,7 @@ class RayWalls:
         self._join()
 
     def _join(self) -> None:
+        # One array for all maps; cameras name theirs by the span of its rows.
         self._parts = np.concatenate(self._maps)
         ends = np.cumsum([0, *(len(records) for records in self._maps)])
         self._work = _WORK + max(map(len, self._maps), default=0)
@@ -79,7 +80,7 @@ class RayWalls:
         far: float,
         lamp: Array | None = None,
     ) -> Array:
-        """Return what the rays of n cameras meet.
+        """Trace the rays of n cameras to the walls.
 
         Args:
             which: (n,) map of each camera.
@@ -107,6 +108,7 @@ class RayWalls:
             k,
             *pointers(light),
             far,
+            # A buffer for each call, so that calls share no state.
             *pointers(np.zeros(self._work), hits),
         )
         return hits

@@ -131,12 +131,14 @@ def parts_along(parts, around, number, x, y, z, ux, uy, uz, far, near, ends, out
         cx, cy, cz = parts[p + CENTRE] - x, parts[p + CENTRE + 1] - y, parts[p + CENTRE + 2] - z
         along = cx * ux + cy * uy + cz * uz
         reach = parts[p + REACH]
+        # Pythagoras gives the squared distance of the ball's centre from the ray without a root.
         beside = cx * cx + cy * cy + cz * cz - along * along
         if beside > reach * reach or along < -reach or along > far + reach or count >= MOST_NEAR:
             continue
         k = NEAR * count
         line = at(near, k + 3)
         enter(parts, p, x, y, z, ux, uy, uz, line)
+        # A little behind the start, since a camera may stand in a port plane.
         out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -TOLERANCE, far, 0.0, 0.0
         span_in(parts, p, line, ends, out)
         if out[HIGH] >= out[LOW]:
@@ -180,10 +182,11 @@ GRAIN_SIZE = 0.012
 
 @compiled
 def _only(near, count, s):
-    """Which of the parts in ``near`` the ray is in at s; -1 where it is in none or in several."""
+    """Index in ``near`` of the one part that the ray is in at s; -1 for none or several."""
     which = -1
     for k in range(count):
         if near[NEAR * k + 1] <= s <= near[NEAR * k + 2]:
+            # Where parts overlap at a joint, either's clear length may end in the other's bore.
             if which >= 0:
                 return -1
             which = k
@@ -192,8 +195,10 @@ def _only(near, count, s):
 
 @compiled
 def _widest(parts, near, count, s, out):
-    """Which of the parts in ``near`` the ray is in at s, the widest where there are several, -1
-    outside all; the distance from its wall, with the gradient in ``out``."""
+    """Index in ``near`` of the part that the ray is in at s, and the distance from its wall.
+
+    Of several parts it is the widest one; -1 outside all. The gradient goes to ``out``.
+    """
     best, which, latest = -1e30, -1, -1
     for k in range(count):
         n = NEAR * k
@@ -201,6 +206,7 @@ def _widest(parts, near, count, s, out):
             d, latest = surface_at(parts, int(near[n]) * PART_SIZE, at(near, n + 3), s, out), k
             if d > best:
                 best, which = d, k
+    # `out` holds the gradient of the part that was evaluated last, which need not be the widest.
     if which != latest:
         n = NEAR * which
         surface_at(parts, int(near[n]) * PART_SIZE, at(near, n + 3), s, out)
@@ -225,8 +231,9 @@ def _follow(parts, near, count, far, out):
         k = -1 if stretched or at_end else _only(near, count, s)
         d, clear = 0.0, clear_from(parts, near, k, s) if k >= 0 else 0.0
         if clear <= 0.0:
-            asked = k >= 0
+            was_alone = k >= 0
             k, d = _widest(parts, near, count, s, out)
+            # The two balls do not touch: go back and take the step that is safe.
             if stretched and (k < 0 or from_d + d < s - from_s):
                 s, stretch, stretched = from_s + from_d, 1.0, False
                 continue
@@ -234,14 +241,16 @@ def _follow(parts, near, count, far, out):
                 return s, last, 0
             if d < HIT:
                 return _onto_wall(parts, near, k, s, d, out), k, 1
-            clear = 0.0 if asked else clear_from(parts, near, k, s)
+            clear = 0.0 if was_alone else clear_from(parts, near, k, s)
         last, stretched, at_end = k, False, False
         left = max(min(near[NEAR * k + 2], far) - s, 0.0)
         if clear > d:
             at_end = clear < left
+            # Where it is clear up to the port, step across its plane into the next part.
             s += clear if at_end else left + SHORT
         else:
             from_s, from_d = s, d
+            # Across a port plane the next part's wall may be narrower: no longer step there.
             stretched = stretch > 1.0 and stretch * d < left
             s += stretch * d if stretched else max(min(d, left), SHORT)
         if s >= far:
@@ -256,11 +265,13 @@ def _onto_wall(parts, near, k, s, d, out):
     n = NEAR * k
     p, line = int(near[n]) * PART_SIZE, at(near, n + 3)
     for _ in range(3):
+        # Newton's method for the distance along the ray; at grazing incidence it would run away.
         slope = out[0] * line[3] + out[1] * line[4] + out[2] * line[5]
         if abs(d) < EXACT or slope > -1e-2:
             break
         there = s + max(-CLOSE, min(d / -slope, CLOSE))
         beyond = surface_at(parts, p, line, there, out)
+        # A step that does not help is dropped, and the gradient is that of the place kept.
         if abs(beyond) >= abs(d) or there > near[n + 2]:
             surface_at(parts, p, line, s, out)
             break
@@ -271,6 +282,7 @@ def _onto_wall(parts, near, k, s, d, out):
 @compiled
 def _grain(x, y, z):
     """A smooth pattern of the place (fitting frame, m), -1 to 1: dirt and the like."""
+    # Sines of sines do not repeat along a pipe, so that pictures of two places differ.
     a, b, c = x / GRAIN_SIZE, y / GRAIN_SIZE, z / GRAIN_SIZE
     first = math.sin(a + 1.7 * math.sin(0.83 * b + 0.4)) * math.sin(b + 1.3 * math.sin(0.71 * c))
     second = math.sin(2.3 * c + 1.1 * math.sin(1.9 * a)) * math.sin(1.7 * a + 2.9 * b)
@@ -279,8 +291,10 @@ def _grain(x, y, z):
 
 @compiled
 def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, out):
-    """Write what a ray has met to ``hits`` from ``h`` on; ``out``: gradient there. Returns whether
-    it has met a wall."""
+    """Write a ray's hit to ``hits`` from ``h`` on; return whether it met a wall or plate.
+
+    ``out`` holds the gradient of the wall's distance there.
+    """
     hits[h + RANGE], hits[h + PART], hits[h + LIT] = math.inf, -1.0, 0.0
     hits[h + NORMAL] = hits[h + NORMAL + 1] = hits[h + NORMAL + 2] = 0.0
     hits[h + JOINT], hits[h + GRAIN] = math.inf, 0.0
@@ -325,6 +339,7 @@ def _lit(parts, around, number, x, y, z, nx, ny, nz, lx, ly, lz, work, ends, out
     """Cosine of the angle at which the lamp at l shines on the wall at a point with normal n; 0
     where something stands between them. The way to the lamp begins a little off the wall."""
     lift = 5.0 * HIT
+    # Without the lift the wall itself would shade the point by its rounding errors.
     x, y, z = x + lift * nx, y + lift * ny, z + lift * nz
     dx, dy, dz = lx - x, ly - y, lz - z
     far = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -358,6 +373,7 @@ def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
     out = scratch()
     to_lamp, ends = at(work, NEAR * MOST_NEAR), at(work, 2 * NEAR * MOST_NEAR)
     around = at(work, 2 * NEAR * MOST_NEAR + PORTS_ROOM)
+    # The way to the lamp may leave the camera's ball by the lamp's offset.
     aside = math.sqrt(lamp[0] * lamp[0] + lamp[1] * lamp[1] + lamp[2] * lamp[2])
     for camera in range(cameras):
         first, last, c = int(maps[2 * camera]), int(maps[2 * camera + 1]), 12 * camera
@@ -428,6 +444,8 @@ def nearest(parts, maps, points, robots, count, work, rows):
                 if cx * cx + cy * cy + cz * cz > parts[p + REACH] * parts[p + REACH]:
                     continue
                 out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -SHORT, SHORT, 0.0, 0.0
+                # A line through the point in an oblique direction (1, 1, 1)/sqrt(3), which is
+                # hardly ever parallel to a port plane.
                 enter(parts, p, x, y, z, 0.57735, 0.57735, 0.57735, work)
                 span_in(parts, p, work, at(work, 6), out)
                 if out[HIGH] < out[LOW]:

@@ -94,10 +94,12 @@ def _add(con, n, surface, sizes, ray, s, radius, margin, out):
     x, y, z = px + s * ax, py + s * ay, pz + s * az
     d = call_surface(surface, sizes, x, y, z, out)
     # A line whose axis lies within the wall belongs to another pipe.
+    # Beyond MOST_CONTACTS the rest is dropped: the ends and the first minima come first.
     if d <= 0.0 or d - radius >= margin or n >= MOST_CONTACTS:
         return n
     gx, gy, gz = out[0], out[1], out[2]
     k = n * CONTACT_SIZE
+    # MuJoCo places a contact half way between the two surfaces.
     middle = 0.5 * (d + radius)
     con[k] = d - radius
     con[k + 1], con[k + 2], con[k + 3] = x - middle * gx, y - middle * gy, z - middle * gz
@@ -125,6 +127,8 @@ def _minimum(surface, sizes, ray, a, slope_a, b, slope_b, out):
         if slope < 0.0:
             a, slope_a = s, slope
             if side == -1:
+                # Illinois: an end that has stayed twice gets half its weight, or convergence would
+                # be linear.
                 slope_b *= 0.5
             side = -1
         else:
@@ -156,8 +160,10 @@ def _add_within(con, n, surface, sizes, ray, bounds, radius, pitch, margin, scal
     """Add the contacts between the ends: minima with their flanks, and where a rim begins at a
     straight wall. ``bounds``: the span, and whether contact ends at its ends."""
     low, high, low_ends, high_ends = bounds
+    # Even pieces from end to end: the samples are the same seen from either end.
     pieces = math.ceil((high - low) / (SPACING * scale))
     reach = radius + margin
+    # Next to an end that already has a contact, another one would only split its force.
     first = low + (LEAST_APART * scale if low_ends else 0.0)
     last = high - (LEAST_APART * scale if high_ends else 0.0)
     a = low
@@ -176,6 +182,8 @@ def _add_within(con, n, surface, sizes, ray, bounds, radius, pitch, margin, scal
                     s = _rim_begins(surface, sizes, ray, a, face_a, b, out)
             if first <= s <= last:
                 n = _add(con, n, surface, sizes, ray, s, radius, margin, out)
+                # Half a pitch is where the neighbouring lugs of a real track would touch the
+                # flanks.
                 for flank in (s - pitch / 2, s + pitch / 2):
                     if low <= flank <= high:
                         n = _add(con, n, surface, sizes, ray, flank, radius, margin, out)
@@ -222,6 +230,8 @@ def line_contacts(
         scale: size of the robot that the line belongs to, 1 for 160 mm pipes.
     """
     surface, sizes, out = int(wall[w + SURFACE]), at(wall, w + SIZES), scratch()
+    # All is found in the fitting's frame, where the formulas are simple, and rotated once at the
+    # end.
     ray = _in_fitting(wall, w, position, matrix, g_line, g_wall)
     px, py, pz, ax, ay, az = ray
     out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -half, half, 1.0, 1.0
@@ -231,6 +241,7 @@ def line_contacts(
     if high < low:
         return 0
     n = 0
+    # A line that goes on into the next fitting gets that end's contact there, not here as well.
     if low_ends:
         n = _add(con, n, surface, sizes, ray, low, radius, margin, out)
     if high_ends:
@@ -257,6 +268,7 @@ def _into_world(con, k, wall, w, position, matrix, g_line, g_wall):
     along = ux * con[k + 4] + uy * con[k + 5] + uz * con[k + 6]
     tx, ty, tz = ux - along * con[k + 4], uy - along * con[k + 5], uz - along * con[k + 6]
     size = math.sqrt(tx * tx + ty * ty + tz * tz)
+    # A zero tangent tells MuJoCo to choose one itself, as where the line is normal to the wall.
     scale = 1.0 / size if size > 1e-6 else 0.0
     con[k + 7], con[k + 8], con[k + 9] = scale * tx, scale * ty, scale * tz
 

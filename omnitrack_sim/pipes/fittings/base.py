@@ -160,6 +160,7 @@ class Fitting(ABC):
     def file_kind(cls) -> str:
         """Return the ``kind`` of its tables in files: the word, or ``module:Class`` for kinds that
         do not come with the package."""
+        # A user's class must be importable by its name again when the file is read on another day.
         shipped = cls.__module__.startswith(f"{__package__}.")
         return cls.kind if shipped else f"{cls.__module__}:{cls.__qualname__}"
 
@@ -220,6 +221,7 @@ class Fitting(ABC):
     def axes(self) -> tuple[Axis, ...]:
         """The lines that its bore lies about: what is drawn, counted as its length, and searched
         for parts that run into each other. Here, for two ports, the one between them."""
+        # A fitting of three ports has no single axis and overrides this.
         start, end = self.port_names
         curve = self.axis_curve(start, end, ARCS)
         return (Axis(curve, self.port_radius(start), self.port_radius(end)),)
@@ -239,7 +241,7 @@ class Fitting(ABC):
 
     @property
     def is_axial(self) -> bool:
-        """True if it looks the same however it is turned about its one straight axis."""
+        """Whether the fitting is symmetric under any rotation about its one straight axis."""
         curvatures = [k for axis in self.axes for _, k in axis.curve.segments]
         return len(self.axes) == 1 and not any(curvatures)
 
@@ -313,6 +315,7 @@ class Fitting(ABC):
         """About how many pieces ``add_walls`` adds, rather too many, without making them: a file
         that asks for too many is refused. Here: staves along each of the
         axes that lead from the first port to another."""
+        # The widest bore needs the most staves for a given sagitta.
         around = staves or stave_count(self.largest_radius, tolerance)
         return around * (len(self.port_names) - 1)
 
@@ -335,7 +338,7 @@ def check(kind: str, **conditions: tuple[bool, str]) -> None:
 
     Args:
         kind: of the fitting.
-        conditions: by the name of the size: whether it is right, and what is told where it is not.
+        conditions: by the name of the size: whether it is valid, and the problem if it is not.
 
     Raises:
         GeometryError: a condition does not hold.

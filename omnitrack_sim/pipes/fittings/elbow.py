@@ -36,11 +36,14 @@ SIDE_SLIP = 4e-4
 def surface(sizes, x, y, z, out):
     """See ``compiled.Wall``. Sizes: radius, mean radius, m, sine and cosine of the angle."""
     radius, mean_radius = sizes[0], sizes[1]
+    # The axis circle lies in the plane y = 0 with its centre at (mean_radius, 0, 0).
     px = x - mean_radius
     from_axis = math.sqrt(px * px + z * z)
+    # On the axis of the bend every direction is as good; the one towards the entry is taken.
     ox, oz = (px / from_axis, z / from_axis) if from_axis > 0.0 else (-1.0, 0.0)
     across = from_axis - mean_radius
     away = math.sqrt(across * across + y * y)
+    # On the centreline the gradient is undefined: any unit vector across the bore will do.
     if away < 1e-12:
         put(out, -1.0, 0.0, 0.0, FACE)
         return radius
@@ -53,6 +56,7 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
     """See ``compiled.Wall``: between the port planes."""
     a, b, c = sizes[1], sizes[2], sizes[3]
     clip(out, -pz, -az, ends[0])
+    # The second port plane contains the axis of the bend and is turned about it by the angle.
     clip(out, (px - a) * b + pz * c, ax * b + az * c, ends[1])
     return 1.0
 
@@ -141,6 +145,7 @@ class Elbow(Fitting):
     def bounds(self) -> tuple[Array, Array]:
         """See ``Fitting``: around both end discs and the outermost circle between them."""
         r = self.radius
+        # The extremes lie at the ends or within the bend, as its angle has it: samples settle it.
         angles = np.append(np.linspace(0, self.angle, 181), self.angle)
         rims = np.array([self.mean_radius + r, max(self.mean_radius - r, 0.0)])
         x = self.mean_radius - rims[:, None] * np.cos(angles)
@@ -185,6 +190,7 @@ class Elbow(Fitting):
         """Add the ``count`` boxes along the bend at azimuth ``u``."""
         from_axis = self.mean_radius - ring.face * math.cos(u)
         half = self.angle / count / 2
+        # Half of the sagitta balances the error: the facet is as far inside as outside of the arc.
         shift = sagitta(from_axis, half) * math.cos(u) / 2
         back = from_axis - THICKNESS * math.cos(u)
         # Long enough for the edge that is farthest from the bend's axis; outer facets also for

@@ -1,6 +1,8 @@
-"""Kinds of fittings by name, those of this folder and those that a user brings, and as tables in
-files: a table is opened by its ``kind`` and has the keys of that kind and those of the list that it
-stands in."""
+"""Kinds of fittings by name, shipped or a user's own, and their tables in files.
+
+The ``kind`` of a table selects its model, which has the keys of that kind and those of the list
+that the table stands in.
+"""
 
 from __future__ import annotations
 
@@ -32,6 +34,7 @@ def shipped_fittings() -> Mapping[str, type[Fitting]]:
     for module in sorted(info.name for info in pkgutil.iter_modules(folder)):
         members = vars(importlib.import_module(f"{package}.{module}")).values()
         for member in members:
+            # Modules also hold the classes that they import; only what they define counts.
             if _is_kind(member) and f"{member.__module__}.".startswith(f"{package}.{module}."):
                 kinds[member.kind] = member
     return MappingProxyType(kinds)
@@ -65,7 +68,7 @@ def fitting_class(kind: str) -> type[Fitting]:
 
 
 def _is_kind(member: object) -> TypeGuard[type[Fitting]]:
-    """Tell whether a member of a module is a kind of fitting that can be made."""
+    """Return whether a member of a module is a fitting class that can be instantiated."""
     return (
         isinstance(member, type)
         and issubclass(member, Fitting)
@@ -117,6 +120,7 @@ def table_of(kind: str, entry: type[_Entry]) -> type[_Entry]:
         InputError: there is no such kind.
     """
     fitting = fitting_class(kind)
+    # The bases are in this order so that the list's keys come first in messages and documentation.
     table = create_model(  # type: ignore[call-overload]
         f"{fitting.__name__}{entry.__name__}",
         __base__=(fitting.Table, entry),
@@ -131,10 +135,13 @@ def table_of(kind: str, entry: type[_Entry]) -> type[_Entry]:
 def by_kind(
     entry: type[_Entry],
 ) -> Callable[[Any, ValidatorFunctionWrapHandler, ValidationInfo], _Entry]:
-    """Return a wrap validator that opens the tables of one list by their ``kind``. What is wrong in
-    a table is told at its keys."""
+    """Return a wrap validator that reads each table of a list with the model of its ``kind``.
+
+    Faults within a table are reported at its keys.
+    """
 
     def opened(data: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> _Entry:
+        # The common handler then says that a table is expected.
         if not isinstance(data, Mapping):
             return handler(data)
         try:
@@ -152,4 +159,6 @@ def by_kind(
 
 def _kind_fault(fault: Fault) -> PydanticCustomError:
     context = {"problem": fault.problem, "choices": fault.choices, "given": fault.given}
+    # Only a pydantic error is collected beside the other faults; the parts of ours travel in its
+    # context.
     return PydanticCustomError(KIND_FAULT, "{problem}", context)

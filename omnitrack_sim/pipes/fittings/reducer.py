@@ -37,14 +37,17 @@ def surface(sizes, x, y, z, out):
     """See ``compiled.Wall``. Sizes: radius at the start, length, radius at the end, m."""
     radius, length, end_radius = sizes[0], sizes[1], sizes[2]
     slope = (end_radius - radius) / length
+    # The distance to a cone is the radial gap times the cosine of the half cone angle.
     cosine = 1.0 / math.sqrt(1.0 + slope * slope)
     from_axis = math.sqrt(x * x + y * y)
     ox, oy = (x / from_axis, y / from_axis) if from_axis > 0.0 else (1.0, 0.0)
     d = cosine * (radius + slope * z - from_axis)
+    # Along z the foot is shifted from the point by the slope: the normal of a cone leans.
     foot = z - slope * cosine * d
     if 0.0 <= foot <= length:
         put(out, -cosine * ox, -cosine * oy, cosine * slope, FACE)
         return d
+    # Beyond the cone's ends its nearest point is on the circle that ends it, where it is an edge.
     edge = 0.0 if foot < 0.0 else length
     across, along = from_axis - radius - slope * edge, z - edge
     away = math.copysign(math.sqrt(across * across + along * along), d)
@@ -89,6 +92,7 @@ def _wide_end(sizes, px, py, pz, ax, ay, az, out, ends):
     if at_a < 0.0 and at_b < 0.0:
         out[HIGH] = out[LOW] - 1.0
         return
+    # The sign changes once between a and b; bisection needs no derivative of the radius.
     while b - a > POSITION:
         s = 0.5 * (a + b)
         at_s = _before_wide_end(
@@ -119,6 +123,7 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
 @compiled
 def clear(sizes, px, py, pz, ax, ay, az):
     """See ``compiled.Wall``: up to the cone, whose radius grows by ``more`` along the line."""
+    # Substituting the line into x² + y² = (radius + slope z)² leaves a quadratic for the distance.
     slope = (sizes[2] - sizes[0]) / sizes[1]
     radius, more = sizes[0] + slope * pz, slope * az
     c = radius * radius - px * px - py * py
@@ -153,6 +158,8 @@ class Reducer(Axial):
     def __post_init__(self) -> None:
         sizes = {name: getattr(self, name) for name in ("length", "inner_diameter", "end_diameter")}
         check(self.kind, **{name: positive(size) for name, size in sizes.items()})
+        # Only after the first check: a length or diameter that is not positive would divide by
+        # zero.
         least = abs(self.end_diameter - self.inner_diameter) / 2 / math.tan(STEEPEST_CONE)
         angle = math.degrees(math.atan(abs(self.slope)))
         steepest = math.degrees(STEEPEST_CONE)
@@ -165,6 +172,8 @@ class Reducer(Axial):
             length=(
                 self.length >= least,
                 f"is {self.length} m, a half cone angle of {angle:.3g} degrees; at most "
+                # Rounded up to a hundredth of a millimetre, so that the advised length passes this
+                # check.
                 f"{steepest:g} degrees are "
                 f"possible, so at least {math.ceil(1e5 * least) / 1e5:.5f} m",
             ),

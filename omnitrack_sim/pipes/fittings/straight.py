@@ -18,6 +18,7 @@ from omnitrack_sim.pipes.shapes import Kit, Pieces, Ring, Solid, stave_count
 def surface(sizes, x, y, z, out):
     """See ``compiled.Wall``. Sizes: radius, length, m."""
     away = math.sqrt(x * x + y * y)
+    # On the axis the gradient is undefined: any unit vector across the bore will do.
     if away < 1e-12:
         put(out, -1.0, 0.0, 0.0, FACE)
         return sizes[0]
@@ -30,6 +31,7 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
     """See ``compiled.Wall``: between the port planes; the wall carries a line by its two ends."""
     clip(out, -pz, -az, ends[0])
     clip(out, pz - sizes[1], az, ends[1])
+    # The distance to a cylinder is concave along any line, so it has no minimum between the ends.
     return 0.0
 
 
@@ -37,6 +39,7 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
 def clear(sizes, px, py, pz, ax, ay, az):
     """See ``compiled.Wall``: up to the cylinder."""
     low, high = in_bore(px, py, ax, ay, sizes[0])
+    # A start in the wall has no clear length; the tracing then goes on by distances.
     return high if low < 0.0 < high else 0.0
 
 

@@ -66,6 +66,7 @@ def surface(sizes, x, y, z, out):
     fillet = sizes[3]
     rho = sizes[0] + fillet
     from_run, from_branch = math.sqrt(x * x + y * y), math.sqrt(y * y + z * z)
+    # Only the half x > 0 of the branch's cylinder bounds the bore; behind it the run is whole.
     beside = x < 0.0
     # Within the wall, deeper than the fillet.
     if from_run >= rho and (beside or from_branch >= rho):
@@ -76,6 +77,7 @@ def surface(sizes, x, y, z, out):
         return rho - from_branch - fillet
     best = math.inf
     gx = gy = gz = 0.0
+    # The second condition asks whether the foot on the run's cylinder lies outside the branch.
     if from_run <= rho and (beside or abs(z) * from_run >= rho * x):
         best = rho - from_run
         if from_run > 1e-12:
@@ -93,6 +95,7 @@ def surface(sizes, x, y, z, out):
     if best < math.inf:
         put(out, gx, gy, gz, FACE)
         return best - fillet
+    # No cylinder's foot lies on the wall: the rounded edge is nearest.
     ex, ey, ez = _onto_edge(x, y, z, rho)
     dx, dy, dz = x - ex, y - ey, z - ez
     away = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -107,10 +110,12 @@ def _onto_edge(x, y, z, rho):
     The root of g(t) = a u sin t - b v cos t - (a^2 - b^2) sin t cos t in the first quadrant, by
     Newton's method kept in a bracket; (u, v) is the point along the ellipse's axes.
     """
+    # By symmetry the problem is that of one half ellipse in the quadrant y, z >= 0.
     root2 = math.sqrt(2.0)
     u, v = max(x + abs(z), 0.0) / root2, abs(y)
     a, b = root2 * rho, rho
     low, high = 0.0, math.pi / 2
+    # The direction towards the point in the ellipse's own coordinates is close to the root.
     t = math.atan2(a * v, b * u) if u + v > 0 else 0.0
     sin, cos = math.sin(t), math.cos(t)
     for _ in range(60):
@@ -120,6 +125,7 @@ def _onto_edge(x, y, z, rho):
             low = t
         else:
             high = t
+        # Where the slope is not positive Newton's step leads away: the bracket is halved instead.
         new = t - g / slope if slope > 0.0 else low - 1.0
         if not low <= new <= high:
             new = 0.5 * (low + high)
@@ -148,6 +154,7 @@ def clear(sizes, px, py, pz, ax, ay, az):
     more."""
     low, high = in_bore(px, py, ax, ay, sizes[0])
     branch_low, branch_high = in_bore(py, pz, ay, az, sizes[0])
+    # The branch exists on the side x > 0 only, so the line's part at x < 0 is cut off.
     if ax > 0.0:
         branch_low = max(branch_low, -px / ax)
     elif ax < 0.0:
@@ -225,11 +232,14 @@ class Tee(Fitting):
         tangent, half = -start.rotation[:, 2], self.run_length / 2
         if "branch" not in (enter, leave):
             return AxisCurve(start.position, tangent, X, ((self.run_length, 0.0),))
+        # The arc depends on the direction: out of a branch a wide arc passes more often (see
+        # `Arcs`).
         wanted, first, last = (
             (arcs.turn, half, self.branch_length)
             if leave == "branch"
             else (arcs.merge, self.branch_length, half)
         )
+        # A right-angled arc takes as much of either axis as its radius is long.
         radius = min(wanted, half, self.branch_length)
         normal = self.ports[leave].rotation[:, 2]
         lines = ((first - radius, 0.0), (radius * math.pi / 2, 1 / radius), (last - radius, 0.0))
@@ -281,6 +291,8 @@ class Tee(Fitting):
         """See ``Fitting``: staves of run and branch up to the rim's fillet, strips of boxes along
         it, capsules as the fillet itself. Within 10 mm of the rim the wall is within 0.5 mm of the
         exact surface at a tolerance of 0.1 mm."""
+        # Staves end square, the rim is curved: each is cut where its farthest edge meets the
+        # fillet.
         staves = staves or stave_count(self.radius, tolerance)
         ring = Ring.of(self.radius, staves)
         rho = self.radius + self.fillet_radius
@@ -297,6 +309,7 @@ class Tee(Fitting):
                 for side in (1, -1):
                     middle = ring.face * out + side * Z * (run + cut) / 2
                     pieces.facet(middle, out, Z, width, (run - cut) / 2)
+            # Staves of the branch: around the x axis, from the rim to the port.
             out = np.array([0.0, math.sin(u), math.cos(u)])
             cut = rho * np.abs(edges).max()
             middle = ring.face * out + X * (branch + cut) / 2
@@ -384,10 +397,13 @@ def _add_strips(pieces: Pieces, edge: Array, away: Array, across: Array, radius:
         tangent = unit((b - a) - out * ((b - a) @ out))
         beyond = np.cross(out, tangent)
         beyond = beyond if beyond @ away > 0 else -beyond
+        # A fifth longer than the chord, so that neighbouring boxes overlap where the edge bends.
         half_length = 0.6 * float(np.linalg.norm(b - a))
         for strip in range(2):
             point = middle + beyond * RIM_STRIP * (strip + 0.5)
             normal = unit(point * across)
+            # A strip lies askew on the cylinder; its bulge is taken as that of half its diagonal at
+            # 45 degrees.
             bent = sagitta(radius, math.hypot(RIM_STRIP / 2, half_length) / radius / math.sqrt(2))
             face = point * (1 - across) + normal * (radius - bent / 2)
             along = unit(tangent - normal * (tangent @ normal))

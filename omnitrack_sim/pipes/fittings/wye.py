@@ -120,6 +120,7 @@ class Wye(Fitting):
             run_length=positive(self.run_length),
             branch_length=positive(self.branch_length),
         )
+        # In a second check, since the lengths follow from an angle and radii that are valid by now.
         half, far = self.least_lengths
         check(
             self.kind,
@@ -190,13 +191,16 @@ class Wye(Fitting):
         p = np.asarray(points, float)
         x, y, z = np.moveaxis(p, -1, 0)
         out = self.branch_axis
+        # Coordinates along the branch and across it in the plane of the axes.
         t, w = x * out[0] + z * out[2], x * out[2] - z * out[0]
         in_branch = (t > 0) & (np.hypot(y, w) - self.branch_radius < np.hypot(x, y) - self.radius)
         return np.where(in_branch, self.branch_length - t, self.run_length / 2 - np.abs(z))
 
     def turn_angle(self, enter: str, leave: str) -> float:
-        """By how much the way from port ``enter`` to port ``leave`` turns, rad: 0, the angle, or
-        180 degrees less it."""
+        """Angle between the axes of ports ``enter`` and ``leave``, rad.
+
+        It is 0 over the run, else the branch's angle or 180 degrees less it.
+        """
         if "branch" not in (enter, leave):
             return 0.0
         return self.angle if "run_start" in (enter, leave) else math.pi - self.angle
@@ -246,6 +250,7 @@ class Wye(Fitting):
 
         if is_clear(radius):
             return radius
+        # Arcs shrink towards the corner of the axes, so clearance grows: bisection finds its limit.
         low, high = 0.0, radius
         for _ in range(24):
             low, high = (middle, high) if is_clear(middle := (low + high) / 2) else (low, middle)
@@ -350,6 +355,7 @@ class Wye(Fitting):
             lengths = np.linalg.norm(chords, axis=1)
             turns = np.linalg.norm(np.diff(unit(chords), axis=0), axis=1)
             curvature = np.pad(turns / lengths[1:], (0, 1), mode="edge")
+            # A chord of length c leaves an arc of curvature k by the sagitta k c² / 8.
             step = np.minimum(RIM_STEP, np.sqrt(8 * RIM_SAGITTA / np.maximum(curvature, 1e-9)))
             count = np.concatenate([[0.0], np.cumsum(lengths / step)])
             # An even number of steps puts corners at heel and crotch.
@@ -370,12 +376,14 @@ class Wye(Fitting):
         for u in ring.azimuths:
             out = np.array([math.cos(u), math.sin(u), 0.0])
             middle = math.remainder(u, 2 * math.pi)
+            # Beyond `limit` the mouth of a smaller branch does not reach around the run.
             first, last = max(middle - half_angle, -limit), min(middle + half_angle, limit)
             if last - first <= 1e-9:
                 pieces.facet(ring.face * out, out, z, ring.half_width, half, THICKNESS)
                 continue
             around = np.linspace(first, last, _CUT_SAMPLES)
             root = np.sqrt(np.maximum(small**2 - (big * np.sin(around)) ** 2, 0.0))
+            # The edge's two heights z at an azimuth of the run; between them is the mouth.
             low, high = ((big * np.cos(around) * cos + side * root) / sin for side in (-1.0, 1.0))
             for a, b in ((-half, low.min()), (high.max(), half)):
                 if b - a > 1e-5:
@@ -422,6 +430,7 @@ class Wye(Fitting):
         )
         outward = [unit(edge - np.outer(edge @ axis, axis)) for axis, _, _ in axes]
         for (axis, radius, ring), mine, other in zip(axes, outward, reversed(outward), strict=True):
+            # A tenth wider than a share of a stave, so that rows overlap instead of leaving gaps.
             strip = 1.1 * 2 * radius * math.tan(np.pi / len(ring.azimuths)) / STRIP_ROWS
             self._add_strips(
                 pieces, edge - self.fillet_radius * mine, axis, radius, other, strip, depth
@@ -456,6 +465,8 @@ class Wye(Fitting):
         mitre = (before + after) / (1 + (before * after).sum(axis=1))[:, None]
         for i, (middle, tangent, side) in enumerate(zip(middles, tangents, beyond, strict=True)):
             for row in range(STRIP_ROWS):
+                # A mitred row is a trapezium: the longer of its two edges decides, so that no gap
+                # is left.
                 longest = max(
                     abs((chords[i] + d * strip * (mitre[i + 1] - mitre[i])) @ tangent)
                     for d in (row, row + 1)
@@ -468,6 +479,7 @@ class Wye(Fitting):
                 face = axis * (point @ axis) + normal * (
                     radius - sagitta(radius, reach / radius) / 2
                 )
+                # Beyond a port the neighbour's wall takes over.
                 if self.extent(face) < 0:
                     continue
                 along = unit(tangent - normal * (tangent @ normal))
@@ -493,6 +505,7 @@ class Wye(Fitting):
         along = self.branch_axis
         turned = Pose(np.stack([np.cross(Y, along), Y, along], axis=-1))
         solid += kit.moved(kit.cylinder(self.branch_length + longer, branch_radius), turned)
+        # The outer wall is parallel to the bore, so its ball is smaller by the wall's thickness.
         fillet = self.fillet_radius - more
         if fillet > 2 * kit.overcut:
             for q in self._solid_rim_angles(kit.sections):
@@ -511,6 +524,7 @@ class Wye(Fitting):
         # Where the edge bends sharply, even steps along the hyperbola as well; see
         # ``wye_surface``.
         big, small = self.radius + self.fillet_radius, self.branch_radius + self.fillet_radius
+        # Half axis of the hyperbola (x + w)(x - w) = A² - B² that the edge is when seen along y.
         gap = math.sqrt(big**2 - small**2)
         along = gap / small * np.sinh(np.linspace(-3, 3, 25))
         bend = np.arccos(along[np.abs(along) < 1])
@@ -536,6 +550,7 @@ class Wye(Fitting):
         count = max(6, math.ceil(between.max() / ARC_STEP))
         weight = np.linspace(0.0, 1.0, count + 1)[:, None, None]
         turn = np.maximum(between, 1e-9)[:, None]
+        # Spherical interpolation: unit vectors at even angles between the two normals.
         arc = (np.sin((1 - weight) * turn) * to_run + np.sin(weight * turn) * to_branch) / np.sin(
             turn
         )
@@ -548,6 +563,7 @@ class Wye(Fitting):
                 (arc[0] - kit.overcut * to_run)[None],
             ]
         ).transpose(1, 0, 2)
+        # Equal bores give two open lofts that need end caps, a smaller branch one closed ring.
         hub = None if self.radius - self.branch_radius >= EQUAL else rings.shape[1] - 2
         return kit.loft(rings, hub)
 

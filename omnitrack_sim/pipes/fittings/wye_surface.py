@@ -58,6 +58,7 @@ def surface(sizes, x, y, z, out):
     if from_run >= big and (
         t <= 0.0 or from_branch >= small
     ):  # within the wall, deeper than the fillet
+        # Deep in the wall the nearest face is that of the cylinder whose wall is less deep.
         if t > 0.0 and from_branch - small < from_run - big:
             out[0], out[1], out[2] = -w * cos / from_branch, -y / from_branch, w * sin / from_branch
             return small - from_branch - fillet
@@ -74,6 +75,7 @@ def surface(sizes, x, y, z, out):
         if from_branch > 0.0:
             ow, oy = w / from_branch, y / from_branch
         else:
+            # On the branch's axis all feet are equally far: the one farthest from the run counts.
             ow = min(1.0, t * cos / (sin * small))
             oy = math.sqrt(1.0 - ow * ow)
         foot_x, foot_y = t * sin + small * ow * cos, small * oy
@@ -88,6 +90,7 @@ def _from_edge(big, small, sin, cos, x, y, z, out):
     """Distance m to the edge; gradient and face to ``out``."""
     v = abs(y)
     if big - small < EQUAL:
+        # Equal bores: the half ellipses lie in the planes that halve the angles between the axes.
         half_cos = math.sqrt(0.5 * (1.0 + cos))
         half_sin = 0.5 * sin / half_cos
         # Along the two half ellipses; one of the two is positive where x is.
@@ -153,6 +156,8 @@ def _step(g, slope, k, l, low_k, low_l, high_k, high_l):
     """One step of Newton's method from the direction (k, l), or of bisection; whether it is a last,
     small one."""
     if slope > 0.0:
+        # Half of Newton's step as the tangent of the half angle: a rational rotation without a
+        # sine.
         h = -0.5 * g / slope
         if abs(h) < 1.0:
             scale = 1.0 / (1.0 + h * h)
@@ -160,6 +165,7 @@ def _step(g, slope, k, l, low_k, low_l, high_k, high_l):
             new_k, new_l = even * k - odd * l, even * l + odd * k
             if low_k * new_l - low_l * new_k >= 0.0 and new_k * high_l - new_l * high_k >= 0.0:
                 return new_k, new_l, abs(h) < _CLOSE
+    # The sum of two unit vectors halves the angle between them.
     k, l = low_k + high_k, low_l + high_l
     size = math.sqrt(k * k + l * l)
     return k / size, l / size, low_k * high_l - low_l * high_k < 1e-15
@@ -174,6 +180,7 @@ def _on_curve(big, small, sin, cos, x, v, z):
     lowest minima.
     """
     square = big * big - small * small
+    # Ratio of the largest p (heel) to the smallest (crotch); its 16th root is the step.
     factor = (big + small) / (big - small)
     for _ in range(_ROOTS):
         factor = math.sqrt(factor)
@@ -190,11 +197,13 @@ def _on_curve(big, small, sin, cos, x, v, z):
     for i in range(count + 2):
         k2, l2, d2 = k1, l1, math.inf
         if i <= count:
+            # The last sample is set to the crotch itself, since rounding may miss it.
             w = 0.5 * (p - side) if i < count else -small
             edge_x, y = 0.5 * (p + side), math.sqrt(max(small * small - w * w, 0.0))
             dx, dy, dz = edge_x - x, y - v, (edge_x * cos - w) / sin - z
             k2, l2, d2 = w / small, y / small, dx * dx + dy * dy + dz * dz
             p, side = p * shrink, side * factor
+        # The middle of three samples is lowest: they bracket a minimum.
         if d1 <= d0 and d1 < d2:
             if d1 < best:
                 other, ck0, cl0, ck1, cl1, ck2, cl2 = best, bk0, bl0, bk1, bl1, bk2, bl2
@@ -258,11 +267,13 @@ def _clip(sizes, px, py, pz, ax, ay, az, value, slope, ends, of_branch, out):
     low, high = out[LOW], out[HIGH]
     if high < low:
         return
+    # A line parallel to the plane is either wholly inside or wholly outside.
     s = -value / slope if abs(slope) >= 1e-14 else (math.inf if value <= 0.0 else -math.inf)
     rising = slope >= 0.0 or abs(slope) < 1e-14
     if (rising and s >= high) or (not rising and s <= low):
         return
     outside = (rising and s <= low) or (not rising and s >= high)
+    # Where nothing of the span is inside there is no cut, and its middle tells which leg it is in.
     at = 0.5 * (low + high) if outside else s
     if in_branch(sizes, px + at * ax, py + at * ay, pz + at * az) != of_branch:
         return
