@@ -46,6 +46,7 @@ def _show(message: Warning | str, *_: object) -> None:
 
 def main() -> None:
     """Entry point: every error that the user can mend ends with status 2 and says what to mend."""
+    # Before anything is loaded that may warn.
     warnings.showwarning = _show
     for stream in (sys.stdout, sys.stderr):
         # A terminal that lacks a character gets its code, not a traceback.
@@ -57,8 +58,10 @@ def main() -> None:
         _tell(str(error))
         status = 2
     except (KeyboardInterrupt, typer.Abort):
+        # 128 plus the number of SIGINT, as shells have it.
         status = 130
     except Exception as error:
+        # Typer's errors have no public class in common.
         if not hasattr(error, "format_message"):
             raise
         status = _tell_usage(error)

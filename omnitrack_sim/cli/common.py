@@ -1,4 +1,4 @@
-"""What the commands share: the application, consoles, scenarios from arguments, progress."""
+"""Parts that commands share: application, consoles, scenarios from arguments, progress."""
 
 from __future__ import annotations
 
@@ -62,8 +62,7 @@ err = Screen(stderr=True, highlight=False, emoji=False)
 
 
 def plain(text: str) -> str:
-    """``text`` as it is printed in one line and as it is: without control characters, and with its
-    markup characters escaped."""
+    """Escape control and markup characters, so that ``text`` is printed literally in one line."""
     return escape(printable(text))
 
 
@@ -102,7 +101,7 @@ SetOption = Annotated[
 
 
 def load(source: str, assignments: Sequence[str] | None) -> Scenario:
-    """The scenario of a file or name, with the values of ``--set``."""
+    """Load the scenario of a file or name, with the values of ``--set``."""
     from omnitrack_sim.scenario import load_scenario
 
     return with_changes(lambda changes: load_scenario(source, changes), assignments)
@@ -111,7 +110,7 @@ def load(source: str, assignments: Sequence[str] | None) -> Scenario:
 def with_changes(
     load: Callable[[dict[str, Any]], _Loaded], assignments: Sequence[str] | None
 ) -> _Loaded:
-    """What ``load`` makes of the changes by path that ``--set`` asks for.
+    """Call ``load`` with the changes by path that ``--set`` asks for.
 
     Raises:
         InputError: every fault that ``load`` finds, and every text that is no assignment.
@@ -120,12 +119,14 @@ def with_changes(
     faults: list[Fault] = []
     for text in assignments or ():
         try:
+            # Later ones win, as options of a command line do.
             changes |= settings_of(text)
         except InputError as error:
             faults += error.faults
     try:
         loaded = load(changes)
     except InputError as error:
+        # Faults of the options and of the file are told together, by the error of the file's kind.
         raise type(error)([*faults, *error.faults]) from None
     if faults:
         raise InputError(faults)
@@ -133,7 +134,7 @@ def with_changes(
 
 
 def settings_of(text: str) -> dict[str, Any]:
-    """The values by path of one ``--set``: PATH=VALUE, or @FILE with many of them."""
+    """Parse one ``--set`` into values by path: PATH=VALUE, or @FILE with many of them."""
     if text.startswith("@"):
         return _settings_in(Path(text[1:]), f"--set {text}")
     path, value = assignment(text)
@@ -162,7 +163,7 @@ def _leaves(table: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any]]:
 
 
 def assignment(text: str) -> tuple[str, Any]:
-    """Path and value of PATH=VALUE. The value is read as in TOML, a bare word as a string."""
+    """Parse PATH=VALUE. The value is read as TOML, a bare word as a string."""
     from omnitrack_sim.base.reading import parsed
 
     path, equals, value = (part.strip() for part in text.partition("="))
@@ -182,11 +183,10 @@ def assignment(text: str) -> tuple[str, Any]:
 
 @contextmanager
 def progress(title: str, quiet: bool) -> Iterator[Any]:
-    """How far something is, on standard error: a bar, or a line now and then where that is no
-    terminal.
+    """Show progress on standard error: a bar, or occasional lines where that is no terminal.
 
-    Yields the function that is told, called with the fraction done and a text; None if ``quiet``.
-    What it is told at the fraction 0 is how much work there is.
+    Yields the function to call with the fraction done and a text; None if ``quiet``. The text at
+    fraction 0 states the amount of work.
     """
     if quiet:
         yield None
@@ -202,6 +202,7 @@ def progress(title: str, quiet: bool) -> Iterator[Any]:
         TextColumn("{task.percentage:3.0f} %"),
         TimeRemainingColumn(),
     )
+    # On standard error, since standard output may be JSON for another program.
     with Progress(*columns, console=err, transient=True) as bar:
         task = bar.add_task(plain(title), total=1.0)
         yield lambda part, text="": bar.update(
@@ -220,7 +221,7 @@ def _in_lines(lines: Lines) -> Callable[..., None]:
 
 
 class Lines:
-    """Tells how far something is, in a line now and then.
+    """Progress in occasional lines.
 
     Args:
         title: stands before every line.

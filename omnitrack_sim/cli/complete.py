@@ -1,4 +1,4 @@
-"""What a shell completes: names of what is shipped, files, cameras and paths of `--set`."""
+"""Shell completion: names of shipped files, paths of files, cameras and paths of `--set`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
 Choices = list[tuple[str, str]]
-"""Words that may stand there, each with what a shell may show beside it."""
+"""Completions, each with a help text that a shell may show beside it."""
 
 
 def scenarios(incomplete: str) -> Choices:
@@ -107,6 +107,7 @@ def _paths() -> Iterator[tuple[str, str]]:
     from omnitrack_sim.scenario import Scenario
     from omnitrack_sim.scenario.tables import ControlTable, Pipe
 
+    # Without validation, which would ask for pipes.
     scenario = Scenario.model_construct()
     for name, table in scenario:
         if name == "robot":
@@ -115,6 +116,7 @@ def _paths() -> Iterator[tuple[str, str]]:
             yield from _below(name, table)
     controller = parameters_model(controller_of(ControlTable().kind))
     yield from _below("control.parameters", controller())
+    # Keys that several fittings have are offered once.
     keys = {
         key: meaning
         for kind in shipped_fittings()

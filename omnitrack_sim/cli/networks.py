@@ -90,6 +90,7 @@ def _network(source: str | None, seed: int | None, fittings: int | None) -> Netw
     from omnitrack_sim.pipes.network import load_network
     from omnitrack_sim.pipes.random import random_network
 
+    # Exactly one of the two says where the network comes from.
     if (source is None) == (seed is None):
         raise NetworkError(
             Fault("NETWORK", "give a file or name, or --random", tuple(shipped_networks()))
@@ -104,7 +105,7 @@ def _network(source: str | None, seed: int | None, fittings: int | None) -> Netw
 def _asked_route(
     net: Network, start: str | None, goal: str | None, avoid: list[str]
 ) -> Route | None:
-    """The route that the options ask for; None where they ask for none."""
+    """Plan the route that the options ask for; None where they ask for none."""
     from omnitrack_sim.pipes.planning import shortest_route
 
     if (start is None) != (goal is None):
@@ -113,6 +114,7 @@ def _asked_route(
         raise NetworkError(Fault("--avoid", "is for a route: give --from and --to as well"))
     if start is None or goal is None:
         return None
+    # Faults name arguments of the Python function; here they go by the option.
     options = {"start": "--from", "goal": "--to", "avoid": "--avoid"}
     try:
         return shortest_route(net, start, goal, avoid)
@@ -221,6 +223,7 @@ def _sizes(part: NetworkFitting) -> str:
     from omnitrack_sim.base.table import units_of
 
     fitting = part.fitting()
+    # Twice the radius in mm; equal bores are named once.
     bores = list(dict.fromkeys(2e3 * fitting.port_radius(port) for port in fitting.port_names))
     sizes = [f"D {' to '.join(f'{bore:.4g}' for bore in bores)} mm"]
     for key, unit in units_of(type(part)).items():

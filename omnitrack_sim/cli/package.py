@@ -1,5 +1,4 @@
-"""scenarios, parameters, models, new, policies: what the package comes with, and what a user begins
-with."""
+"""scenarios, parameters, models, new, policies: contents of the package, and new scenario files."""
 
 from __future__ import annotations
 
@@ -14,8 +13,6 @@ from omnitrack_sim.base.errors import Fault, InputError, OutputError, ScenarioEr
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import app, load, out, plain, print_json, table_of
 
-if TYPE_CHECKING:
-    pass
 if TYPE_CHECKING:
     from omnitrack_sim.robots.omnitrack.policy import Policy
 
@@ -133,6 +130,7 @@ def new(
 
     target = _target(name)
     check_file(target)
+    # A link that leads nowhere counts, too: writing would follow it.
     if os.path.lexists(target):
         raise OutputError(f"{target}: exists already; choose another name or take it away")
     write_file(target, _text(target, source).encode())
@@ -173,6 +171,7 @@ def _moved(data: dict[str, Any], path: Path, target: Path) -> dict[str, Any]:
     place = beside(path.parent, network)
     if isinstance(place, str):
         return data  # the name of a shipped one
+    # Relative to the new file, so that both can be moved together.
     return data | {"network": os.path.relpath(place, target.parent)}
 
 

@@ -23,9 +23,8 @@ from omnitrack_sim.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from omnitrack_sim.robots.omnitrack.singularity import TurnCase
-if TYPE_CHECKING:
     from omnitrack_sim.paper.claim import Claim
+    from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 
 
 MOST_DEGREES = 1e6
@@ -91,7 +90,7 @@ def _case(
     sector_deg: float | None,
     options: dict[str, Any],
 ) -> TurnCase:
-    """The robot and the tee of the options.
+    """Turn case, robot and tee, of the options.
 
     Args:
         pipe_radius: m.
@@ -101,6 +100,7 @@ def _case(
     """
     from omnitrack_sim.robots.omnitrack.singularity import TurnCase, reach_from_sector
 
+    # Options that are left out take the defaults of `TurnCase`, which are the robot's.
     fields = {name: value for name, value in options.items() if value is not None}
     if sector_deg is not None:
         if "reach" in fields:
@@ -118,6 +118,7 @@ def _orientation(case: TurnCase, theta5_deg: float, roll_deg: float) -> dict[str
     from omnitrack_sim.robots.omnitrack.singularity import is_singular
 
     theta5, roll = math.radians(theta5_deg), math.radians(roll_deg)
+    # A module that rolls on the wall by phi turns the robot by -phi r / R.
     radius_ratio = Robot().lug_radius / case.pipe_radius
     plan = plan_roll(theta5, roll, case.best, case.margin, radius_ratio, modules=case.modules)
     return {
@@ -261,6 +262,7 @@ def reproduce(
         if claim.difference:
             mark = "[red]changed[/]" if claim.changed else "[yellow]not decided[/]"
             err.print(f"{mark}: {plain(claim.difference)}", soft_wrap=True)
+    # Only a changed verdict fails; one that few trials could not decide does not.
     raise typer.Exit(1 if any(claim.changed for claim in claims) else 0)
 
 

@@ -1,4 +1,4 @@
-"""run, render, replay, compare: one scenario, and what is made of saved runs."""
+"""run, render, replay, compare: running one scenario, and showing saved runs."""
 
 from __future__ import annotations
 
@@ -77,6 +77,7 @@ def run(
     camera = camera or ("side" if loaded.mission is None else "follow")
     if video:
         check_camera(camera)
+    # Places and cameras are checked before the run, which may take minutes.
     target = folder or Path("out") / loaded.name
     check_folder(target, RESULT_FILE)
     with progress(f"run {loaded.name}", as_json) as report:
@@ -103,6 +104,7 @@ def draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
         again = f"{called}({str(target)!r}, path={str(file)!r})"
         attempt(name, lambda: plot(result, path=file), again)
 
+    # After the run has been saved: a plot that fails costs nothing of it.
     picture("summary.png", plot_summary, "ot.plot_summary")
     if needs_map(result.routes()):
         picture("map.png", plot_mission, "ot.plot_mission")
@@ -152,7 +154,7 @@ def print_result(result: Result, target: Path) -> None:
 
 
 def _map_in_words(difference: MapDifference) -> str:
-    """How good the map of a robot that explores is."""
+    """Text of the quality of an explorer's map."""
     pairs = {
         "kind": difference.kinds,
         "size": difference.wrong_sizes,
@@ -302,6 +304,7 @@ def render(
     times = None if at is None else _times(at)
     if strip is not None and times is not None and strip != len(times):
         raise InputError(Fault("--strip", f"is {strip}, but --at has {len(times)} times"))
+    # Loaded this late, since faults of the options should not wait for a renderer.
     from omnitrack_sim.show.film.render import FRAMES, render_strip
 
     target = file or run_dir / "strip.png"
@@ -326,6 +329,7 @@ def _film(
     format = film_format(target)
     wanted = dict(GIF if format == "gif" else FILM)
     wanted |= size | ({} if fps is None else {"fps": fps})
+    # Before the run is read, whose trajectory may take seconds.
     check_request(camera, **wanted, format=format, processes=1 if processes is None else processes)
     if file is not None:
         check_file(file)

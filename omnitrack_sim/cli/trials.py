@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.trials.sweep_run import SweepResult
 
 LISTED = 10
-"""How many trials of a sweep --list shows."""
+"""Number of trials of a sweep that --list shows."""
 _LONGEST = 1000
 """Characters of the values of a trial that it shows."""
 WorkersOption = Annotated[
@@ -227,6 +227,7 @@ def worker_options(workers: int | None, dask: str | None) -> WorkerOptions:
         InputError: both are asked for.
     """
     if dask is None:
+        # The cores that this process may use, which may be fewer than the machine has.
         return {"workers": workers or len(os.sched_getaffinity(0)), "executor": None}
     if workers is not None:
         raise InputError(Fault("--workers, --dask", "give one of the two"))
@@ -301,46 +302,47 @@ def _bar(
 def _lines(
     title: str, words: Callable[[Status, str], tuple[str, ...]]
 ) -> Iterator[Callable[[Status], None]]:
-    """First how many trials there are, then the pace when the first of them are done, if the others
-    take a while, and in the end how many are done."""
+    """Print the number of trials, then the pace when the first are done, and the end."""
     lines = Lines(title, err)
-    seen: list[Status] = []
+    last: list[Status] = []
     pace_is_known = False
 
     def show(status: Status) -> None:
         nonlocal pace_is_known
-        is_first = not seen
-        seen[:] = [status]
+        is_first = not last
+        last[:] = [status]
         if is_first:
             many = "all" if status.found == status.total else str(status.found)
-            found = f", {many} of them done before" if status.found else ""
-            lines.say(f"{counted(status.total, 'trial')}{found}")
+            earlier = f", {many} of them done before" if status.found else ""
+            lines.say(f"{counted(status.total, 'trial')}{earlier}")
             return
         text = _line(status, _behind(status, words, lines.elapsed))
         if not pace_is_known and status.done > status.found:
             pace_is_known = True
+            # Work that is over soon needs no forecast.
             if _seconds_left(status, lines.elapsed) > WAIT:
                 lines.say(text)
         lines.tell(status.done / max(status.total, 1), text)
 
     yield show
-    if seen:
-        lines.say(_line(seen[0], _behind(seen[0], words, 0.0)))
+    if last:
+        lines.say(_line(last[0], _behind(last[0], words, 0.0)))
 
 
 def _line(status: Status, text: str) -> str:
-    """How many trials are done, and what else there is to say."""
+    """Line with the number of trials done, and a further text."""
     return ", ".join(filter(None, (f"{status.done} of {counted(status.total, 'trial')}", text)))
 
 
 def _behind(status: Status, words: Callable[[Status, str], tuple[str, ...]], elapsed: float) -> str:
-    """What stands behind a bar or in a line; without a pace after 0 s."""
+    """Text after a bar or in a line; without a pace after 0 s."""
     lost = f"workers lost {counted(status.lost, 'time')}" if status.lost else ""
     return ", ".join(filter(None, (*words(status, _pace(status, elapsed)), lost)))
 
 
 def _pace(status: Status, elapsed: float) -> str:
     """Trials in a second, and the time that the others take; empty before the first trial."""
+    # Trials of an earlier run took no time now and would make the pace look better than it is.
     ran = status.done - status.found
     if not ran or not elapsed:
         return ""
@@ -432,19 +434,19 @@ def _rate(row: dict[str, Any]) -> list[str]:
 
 
 def _print_plan(study: Study) -> None:
-    """What is varied, what is asked for, and how much work that is."""
+    """Print variables and objectives of a study, and the amount of work."""
     varied = table_of("variable", "from", "to", "scale", "start")
     for one in study.variables:
         varied.add_row(
             plain(one.name), f"{one.low:g}", f"{one.high:g}", one.scale, f"{one.start:g}"
         )
-    asked = table_of("objective", "goal", "of", "trials", "limit")
+    objectives = table_of("objective", "goal", "of", "trials", "limit")
     for name, one in zip(study.columns, study.objectives, strict=True):
         of = "" if one.metric == "success_rate" else one.aggregate or "mean"
         limit = "" if one.limit is None else f"{one.limit:g}"
-        asked.add_row(plain(name), one.goal, of, plain(one.trials or "all"), limit)
+        objectives.add_row(plain(name), one.goal, of, plain(one.trials or "all"), limit)
     out.print(varied)
-    out.print(asked)
+    out.print(objectives)
     searches, candidates = study.search_count, study.candidate_count
     out.print(
         f"search: the start, {searches} x {counted(study.generations, 'generation')} x "
@@ -456,6 +458,7 @@ def _print_plan(study: Study) -> None:
     if not most:
         out.print("check: none")
         return
+    # At most, since directions may share their best candidates.
     checked = min(1 + searches * (most + 1), candidates)
     size = sum(sweep.size for sweep in study.unseen)
     out.print(
@@ -467,13 +470,13 @@ def _print_plan(study: Study) -> None:
 
 
 def _work(candidates: int, trials: int) -> str:
-    """How many trials so many candidates are, each in so many."""
+    """Text of the number of trials of candidates."""
     total = counted(candidates * trials, "trial")
     return f"{counted(candidates, 'candidate')} of {counted(trials, 'trial')}, {total} in all"
 
 
 def _print_study(result: StudyResult, target: Path) -> None:
-    """The start and the best beside each other."""
+    """Print the start and the best candidate side by side."""
     from omnitrack_sim.trials.study_run import BEST_FILE
 
     summary, study = result.summary, result.study

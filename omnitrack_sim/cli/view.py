@@ -1,5 +1,4 @@
-"""view and drive: a scenario in MuJoCo's window, as it runs or driven by keyboard; a saved run
-again."""
+"""view and drive: scenarios in MuJoCo's window, running or driven by keyboard, and saved runs."""
 
 from __future__ import annotations
 
@@ -73,7 +72,7 @@ def view(
 
 
 def _is_folder(source: str) -> bool:
-    """Whether a folder is meant, and no shipped scenario of the same name."""
+    """Return whether a source is a folder, and not the name of a shipped scenario."""
     from omnitrack_sim.base.naming import shipped_scenarios
 
     try:

@@ -103,7 +103,7 @@ class Centreline:
 
     @property
     def is_straight(self) -> bool:
-        """Whether the line has no arc."""
+        """True if the line has no arc."""
         return not np.count_nonzero(self._rows[:, _CURVATURE])
 
     def at(
@@ -244,7 +244,7 @@ _COLUMNS = 18
 
 
 def _along(rows: Array, u: Array) -> tuple[Array, Array, Array, Array]:
-    """What ``Centreline.at`` gives, ``u`` (n,) m into segments (n, columns)."""
+    """Result of ``Centreline.at``, ``u`` (n,) m into segments (n, columns)."""
     inside = np.minimum(np.maximum(u, 0.0), rows[:, _LENGTH])
     t, n, curvature = rows[:, _TANGENT], rows[:, _NORMAL], rows[:, _CURVATURE]
     along = inside[:, None]

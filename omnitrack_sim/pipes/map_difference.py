@@ -58,12 +58,12 @@ class MapDifference:
 
     @property
     def complete(self) -> bool:
-        """Whether every part that can be reached is in the map, joined as it is."""
+        """True if the map has every part that can be reached, joined as it is."""
         return not (self.missing or self.kinds or self.loose)
 
     @property
     def same(self) -> bool:
-        """Whether the map is complete, has nothing else, and all its sizes are right."""
+        """True if the map is complete, has nothing else, and all its sizes are right."""
         return self.complete and not (self.extra or self.wrong_sizes or self.angles)
 
     def figures(self) -> dict[str, float]:

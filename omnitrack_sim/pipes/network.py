@@ -172,8 +172,7 @@ class NetworkFitting(FittingEntry):
 
 
 class Origin(Table):
-    """Where the first port of the first fitting is, and how the pipe runs from there, world
-    frame."""
+    """Position of the first port of the first fitting, and direction of the pipe, world frame."""
 
     axis: Direction = (0.0, 0.0, 1.0)  # direction into the pipe
     turn_deg: Angle = 0.0  # rotation of the whole network about that axis

@@ -157,12 +157,12 @@ class Passage:
 
     @property
     def words(self) -> str:
-        """What is passed, for people; see ``pipes.fittings.Description``."""
+        """The passage in words; see ``pipes.fittings.Description``."""
         return self.description.words
 
     @property
     def manoeuvre(self) -> Manoeuvre | None:
-        """What a robot has to do; None where it drives on as it is."""
+        """Manoeuvre that a robot needs; None where it drives on as it is."""
         return self.description.manoeuvre
 
     @property

@@ -1,1 +1,1 @@
-"""What a run leaves behind as values: trajectory, timeline, metrics, outcome."""
+"""Records of runs as values: channels, trajectory, timeline, metrics, events, outcome."""

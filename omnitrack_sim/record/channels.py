@@ -36,7 +36,7 @@ _SHAPES: Mapping[str, tuple[tuple[int, ...], ...]] = {
 
 @dataclass(frozen=True)
 class Display:
-    """How figures, the replay page, films and the window show a channel.
+    """Appearance of a channel in figures, the replay page, films and the window.
 
     Attributes:
         title: name for people.
@@ -113,7 +113,7 @@ class Channel:
 
     @property
     def display(self) -> Display:
-        """How the channel is shown; of a channel of a user's own by its name and unit."""
+        """Appearance of the channel; of a user's own channel by its name and unit."""
         known = DISPLAYS.get(self.name)
         if known is not None:
             return known

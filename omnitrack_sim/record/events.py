@@ -318,7 +318,7 @@ class LostItself(Event):
 
     @property
     def text(self) -> str:
-        """What it does."""
+        """Behaviour of the lost robot."""
         return "does not know where it is: stops and looks"
 
 
@@ -328,7 +328,7 @@ class FoundItself(Event):
 
     @property
     def text(self) -> str:
-        """What it does."""
+        """Behaviour of the robot from here on."""
         return "knows where it is again: goes on"
 
 

@@ -50,7 +50,7 @@ class ComparedValue:
 
     @property
     def differs(self) -> bool:
-        """Whether a and b differ: numbers by more than ``NOISE`` of the larger; NaN equals NaN."""
+        """True if a and b differ: numbers by more than ``NOISE`` of the larger; NaN equals NaN."""
         if self.difference is not None and math.isfinite(self.difference):
             return abs(self.difference) > NOISE * max(abs(self.a), abs(self.b))
         # Only NaN differs from itself.

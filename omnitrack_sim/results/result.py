@@ -101,13 +101,12 @@ class Result:
 
     @property
     def success(self) -> bool:
-        """Whether the robot reached the goal."""
+        """True if the robot reached the goal."""
         return self.outcome is Outcome.REACHED_GOAL
 
     @property
     def as_expected(self) -> bool | None:
-        """Whether the outcome is the scenario's ``run.expected_outcome``; None where it expects
-        nothing."""
+        """True if the outcome is the scenario's ``run.expected_outcome``; None without one."""
         expected = self.scenario.run.expected_outcome
         return None if expected is None else self.outcome is expected
 

@@ -1,4 +1,4 @@
-"""The axes of a sweep: what is varied, over which values; and how random values are drawn."""
+"""Axes of a sweep: the varied values, as lists, grids or random draws."""
 
 from __future__ import annotations
 
@@ -38,6 +38,8 @@ def unit_points(count: int, dimensions: int, sampling: Sampling, seed: int) -> A
         if sampling == "latin_hypercube":
             points = qmc.LatinHypercube(dimensions, rng=seed).random(count)
         else:
+            # Sobol points are balanced in powers of two only; the first `count` of such a set are
+            # taken.
             exponent = max(0, (count - 1).bit_length())
             points = qmc.Sobol(dimensions, scramble=True, rng=seed).random_base2(exponent)[:count]
     least = 2.0**-53  # half of the finest step below 1: 0 and 1 have no normal value
@@ -61,7 +63,7 @@ class PathTable(Table):
 
 
 class AxisTable(PathTable):
-    """What all axes have in common."""
+    """Base of all axes."""
 
     dimensions: ClassVar[int] = 0
     """How many coordinates of a sampling point the axis takes.
@@ -112,6 +114,7 @@ class ListAxis(AxisTable):
     def _one_a_value(
         cls, labels: tuple[str, ...] | None, info: ValidationInfo
     ) -> tuple[str, ...] | None:
+        # Values with a fault of their own are missing here; their number is then unknown.
         count = len(info.data.get("values", ()))
         if labels is not None and count and (len(labels) != count or len(set(labels)) != count):
             raise ValueError(f"needs {count} different labels, one for each value")
@@ -147,6 +150,7 @@ class UniformAxis(AxisTable):
     def draw(self, points: Array) -> list[Any]:
         """Return values made of points (n, 1) of the unit interval."""
         values = self.low + (self.high - self.low) * points[:, 0]
+        # Rounding may lead past an end, which a limit of the scenario may refuse.
         return np.clip(values, self.low, self.high).tolist()
 
 
@@ -172,6 +176,8 @@ class NormalAxis(AxisTable):
         mirrored = a > 0
         if mirrored:
             a, b, u = -b, -a, 1 - u
+        # The inverse of the distribution function maps uniform points to normal ones, one to one,
+        # so that points of a low-discrepancy set stay evenly spread.
         z = np.clip(ndtri(ndtr(a) + (ndtr(b) - ndtr(a)) * u), a, b)
         return (self.mean + self.std * (-z if mirrored else z)).tolist()
 

@@ -1,4 +1,4 @@
-"""Batches: trials that share a model and run together, and what a worker makes of them."""
+"""Batches: trials that share a model and run together, and the rows that a worker returns."""
 
 from __future__ import annotations
 
@@ -102,6 +102,7 @@ def value_at(data: Any, path: str) -> Any:
 
 def fitted(value: Any, present: Any) -> Any:
     """Return ``value`` as the kind of number that it replaces, so that 1 and 1.0 are one trial."""
+    # JSON writes 1 and 1.0 differently, and the hash of a batch is made of JSON.
     if type(value) is int and isinstance(present, float):
         return float(value)
     if isinstance(value, float) and value.is_integer() and type(present) is int:
@@ -145,6 +146,8 @@ def batched(
         groups.setdefault(keys[group], []).append(one)
     batches: list[Batch] = []
     for key, members in groups.items():
+        # Consecutive trials in fixed numbers: the batches do not depend on workers or
+        # interruptions, so that their files are found again.
         for start in range(0, len(members), size):
             chosen = tuple(members[start : start + size])
             used = {name: texts[name] for name in sorted({one.base for one in chosen})}
@@ -166,6 +169,7 @@ def run_trials(batch: Batch) -> tuple[list[Row], dict[str, Any]]:
     plain = {name: json.loads(text) for name, text in batch.bases.items()}
     for trial in batch.trials:
         try:
+            # In the worker, so that the checks of many scenarios are shared among the cores.
             scenarios[trial.index] = validate(changed(plain[trial.base], trial.changes))
         except ScenarioError as error:
             rows[trial.index] = failed_row(trial.index, INVALID, "; ".join(str(error).splitlines()))
@@ -187,6 +191,7 @@ def _rows_of(scenarios: dict[int, Scenario]) -> dict[int, Row]:
             index: _row(index, result) for index, result in zip(scenarios, results, strict=True)
         }
     except Exception as error:
+        # A fault of one trial would otherwise cost all those that share its batch.
         if len(scenarios) == 1:
             (index,) = scenarios
             return {index: failed_row(index, ERROR, f"{type(error).__name__}: {error}")}
@@ -214,6 +219,7 @@ def _row(index: int, result: Result) -> Row:
         if isinstance(value, list):
             row |= {f"{metric.name}_{i}": _finite(item) for i, item in enumerate(value, start=1)}
         elif metric.in_tables:
+            # Tables have one number a cell: metrics that are tables are not in them.
             assert not isinstance(value, dict)
             row[metric.name] = _finite(value)
     return row

@@ -75,14 +75,16 @@ _SHIPPED = (
 
 
 def shipped_entries() -> dict[str, Entry]:
-    """The shipped ways to drive, and the shipped policies, by name; the default one first."""
+    """Return the shipped entries and policies by name, the default one first."""
     entries = {entry.name: entry for entry in _SHIPPED}
     return entries | {name: _of_policy(name, name) for name in shipped_policies()}
 
 
 def entry_of(source: str) -> Entry:
-    """The entry that is meant: a shipped one by name, a kind of controller, ``module:Object``, or
-    the path of a policy file; ``NAME=`` before it gives it another name.
+    """Return the entry for a source.
+
+    A source is the name of a shipped entry, a kind of controller, ``module:Object``, or the path
+    of a policy file; ``NAME=`` before it gives it another name.
 
     Raises:
         InputError: there is no such thing, or it cannot be used.
@@ -101,6 +103,7 @@ def entry_of(source: str) -> Entry:
 def _of_policy(name: str, source: str) -> Entry:
     policy = load_policy(source)
     words = f"policy, {policy.acting.name}"
+    # Workers may run in another folder.
     path = str(Path(source).resolve()) if Path(source).is_file() else source
     changes = {"control.kind": "policy", "control.parameters.policy": path}
     return Entry(_fit(name, source), words, changes)
@@ -110,12 +113,13 @@ def _of_controller(kind: str, shipped: Sequence[str]) -> Entry:
     if kind not in CONTROLLERS and ":" not in kind:
         choices = (*dict.fromkeys((*shipped, *CONTROLLERS)), "module:Object", "FILE.npz")
         raise InputError(Fault("--entry", f"is {kind!r}", choices, given=kind))
+    # Refuse a class that cannot be imported before any trial of another entry is run.
     controller_of(kind)
     return Entry(_fit(kind.replace(":", "."), kind), f"controller {kind}", {"control.kind": kind})
 
 
 def _fit(name: str, source: str) -> str:
-    """A name that a folder may have."""
+    """Check that a name can be that of a folder."""
     if re.match(NAME_PATTERN, name.replace(".", "_")) and len(name) <= 100:
         return name
     raise InputError(Fault(f"--entry {source}", "has no name for a folder; write NAME= before it"))
@@ -183,10 +187,12 @@ def _networks(trials: int, changes: Changes) -> Sweep:
 
 
 def _mission(seed: int, changes: Changes) -> Scenario:
-    """A mission between two ends of a random network with 6 to 12 fittings, all from ``seed``."""
+    """Draw a mission between two ends of a random network with 6 to 12 fittings."""
+    # A generator apart from that of the network, whose draws may become more in a later version.
     draw = np.random.default_rng([seed, 1])
     network = random_network(seed)
     start, goal = draw.choice(network.open_ends, 2, replace=False)
+    # Normal components have no preferred direction; normalised they are uniform on the sphere.
     gravity = draw.normal(size=3)
     data = {
         "name": f"network_{seed}",
@@ -272,7 +278,7 @@ class Bench:
 
     @property
     def extent(self) -> str:
-        """How many trials there are, in words."""
+        """Number of trials in words."""
         if self.quick:
             return "a few trials of each"
         return "all trials" if self.trials is None else f"{counted(self.trials, 'trial')} of each"

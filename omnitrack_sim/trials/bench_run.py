@@ -1,4 +1,4 @@
-"""Runs benchmarks: sweeps over tasks and entries as one, and the tables of the whole."""
+"""Benchmark runs: the sweeps of all tasks and entries on one engine, and their tables."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ FILES = (BENCH_FILE, f"{RESULTS}.parquet", f"{RESULTS}.csv", TRIALS_TABLE, PAGE,
 
 @dataclass(frozen=True, eq=False)
 class BenchResult:
-    """What a benchmark leaves.
+    """Result of a benchmark.
 
     Attributes:
         bench: that was run.
@@ -92,6 +92,8 @@ def run_bench(
     if folder is not None and not (folder / BENCH_FILE).is_file():
         with told(folder):
             folder.mkdir(parents=True, exist_ok=True)
+        # The record marks the folder as a benchmark's before the first batch, in case this is
+        # killed.
         write_file(folder / BENCH_FILE, b"{}\n")
     jobs = []
     stores = {}
@@ -101,6 +103,7 @@ def run_bench(
         jobs.append([(store, batch) for batch in sweep.batches()])
     with Engine(workers, executor, progress) as engine:
         engine.begin(sum(sweep.size for sweep in sweeps.values()))
+        # All sweeps as one list, so that workers stay busy from one task to the next.
         parts = iter(engine.run([job for own in jobs for job in own]))
     tables = {}
     for (key, sweep), own in zip(sweeps.items(), jobs, strict=True):
@@ -148,7 +151,7 @@ MEASURES = (
     _of_modules("torque_change_nm_s", "N m/s", "torque change"),
     BenchMeasure("tilt_max_deg", "deg", "largest tilt", ("tilt_max_deg",)),
 )
-"""What is measured of the trials that an entry passed."""
+"""Measures of the trials that an entry passed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +172,7 @@ class EntryTrials:
 
     @classmethod
     def of(cls, table: pa.Table) -> EntryTrials:
-        """The trials of a sweep's table."""
+        """Return the trials of a sweep's table."""
         outcomes = table["outcome"].to_pylist()
         figures = {
             measure.name: np.mean([_numbers(table, name) for name in measure.columns], axis=0)
@@ -224,7 +227,7 @@ def _rates(trials: EntryTrials) -> dict[str, Any]:
 
 
 def _spread(name: str, values: Array) -> dict[str, Any]:
-    """The mean of values with its interval, None where there is none."""
+    """Mean of values with its interval; None where there is none."""
     low, high = mean_interval(values.tolist())
     ends = (float(np.mean(values)) if len(values) else math.nan, low, high)
     keys = (name, f"{name}_low", f"{name}_high")
@@ -232,6 +235,7 @@ def _spread(name: str, values: Array) -> dict[str, Any]:
 
 
 def _differences(trials: EntryTrials, default: EntryTrials) -> dict[str, Any]:
+    # Both entries have the same draws, so differences trial by trial cancel what the draws do.
     both = trials.ran & default.ran
     gained = int((both & trials.passed & ~default.passed).sum())
     lost = int((both & ~trials.passed & default.passed).sum())
@@ -284,6 +288,7 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
 
 
 def _unit(name: str) -> str:
+    # Means, their ends and their differences share the measure's name as a prefix.
     return next((m.unit for m in MEASURES if name.startswith(m.name)), "1")
 
 
@@ -293,6 +298,8 @@ def _all_trials(tables: Mapping[tuple[str, str], pa.Table]) -> pa.Table:
 
     parts = []
     for (task, entry), table in tables.items():
+        # Each sweep's table has its own hash in the metadata; tables with different ones do not
+        # join.
         plain = table.replace_schema_metadata(None)
         for name, value in (("entry", entry), ("task", task)):
             plain = plain.add_column(0, name, pa.array([value] * len(plain), pa.string()))

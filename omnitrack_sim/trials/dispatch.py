@@ -1,4 +1,4 @@
-"""The engine of trials: hands out batches, keeps what comes back, survives workers that die."""
+"""Engine of trials: hands out batches, stores their rows, and survives workers that die."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 DEATHS = 3
-"""How often a batch may lose its worker before its trials are run one by one.
+"""Number of times that a batch may lose its worker before its trials are run one by one.
 
 A trial that loses its worker as often on its own counts as the cause.
 """
@@ -125,6 +125,7 @@ class Engine:
             OutputError: a store cannot keep a batch; those that are finished stay.
             WorkersLost: the given executor has broken; the same call goes on from there.
         """
+        # By identity: batches of two sweeps may be equal, and each has its own store.
         tables = {id(batch): store.read(batch) for store, batch in jobs}
         missing = [(store, batch) for store, batch in jobs if tables[id(batch)] is None]
         for table in tables.values():
@@ -158,8 +159,10 @@ class Engine:
 
 
 class Pool:
-    """A given executor, or executors that a callable makes, the first when it is needed and the
-    next when its workers are lost; or this process, where there is neither."""
+    """Executor of batches: a given one, one that a callable makes, or else this process.
+
+    A callable is called when the executor is needed first, and again when its workers are lost.
+    """
 
     def __init__(self, executor: Executor | MakeExecutor | None):
         self._now = executor if isinstance(executor, Executor) else None
@@ -178,6 +181,7 @@ class Pool:
 
     def close(self, wait: bool) -> None:
         """End the executor that was made here; without ``wait`` its tasks are given up."""
+        # An executor that was handed over belongs to the caller, who may still need it.
         if self._make is not None and self._now is not None:
             self._now.shutdown(wait=wait, cancel_futures=not wait)
             self._now = None
@@ -188,7 +192,7 @@ class Pool:
 
     @property
     def room(self) -> int | None:
-        """How many batches run at a time; None where the executor does not say.
+        """Number of batches that run at a time; None where the executor does not say.
 
         No more are handed out, so that only batches that ran are suspected when the executor
         breaks.
@@ -292,6 +296,8 @@ class _Dispatch:
                 rows, made_by = future.result()
             except (BrokenExecutor, CancelledError):
                 broken = True
+                # Any of the tasks in flight may be the cause: the broken executor does not say
+                # which.
                 self._bury(task, 1)
             except Exception as error:
                 if not killed_its_worker(error):
@@ -304,7 +310,7 @@ class _Dispatch:
         return broken
 
     def _bury(self, task: _Task, deaths: int) -> None:
-        """Note that a task has lost its worker ``deaths`` times, and decide what becomes of it."""
+        """Count ``deaths`` of a task's workers, and repeat, split or give up the task."""
         task.deaths += deaths
         alone = task.batch is not task.whole.job[1]
         if task.deaths < DEATHS:
@@ -320,6 +326,7 @@ class _Dispatch:
         whole, trials = task.whole, task.whole.job[1].trials
         whole.rows |= {row["trial"]: row for row in rows}
         whole.made_by = made_by or whole.made_by
+        # A batch is stored as a whole, also when its trials have come back one by one.
         if len(whole.rows) == len(trials):
             ordered = [whole.rows[trial.index] for trial in trials]
             self.keep(whole.job, ordered, whole.made_by, self.lost)

@@ -1,4 +1,4 @@
-"""From the trials of candidates to the values of their objectives."""
+"""Values of the objectives of candidates, from the tables of their trials."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
 _OF_MODULES = {"mean": np.mean, "max": np.max, "min": np.min, "sum": np.sum}
 LEAVE_OUT = "leave_out"
-"""What becomes of trials that failed where an objective does not say."""
+"""Default treatment of failed trials."""
 LOST = (Outcome.DIVERGED.value, ERROR)
 """Outcomes of trials that ran and have no figures to be trusted."""
 
 
 class Measure:
-    """Makes the values of the objectives from a table of trials.
+    """Evaluation of the objectives on a table of trials.
 
     Args:
         plan: with the objectives.
@@ -47,7 +47,7 @@ class Measure:
             self._part_of[objective.trials] = of_all | (owner == objective.trials)
 
     def __call__(self, table: pa.Table, count: int) -> list[Measured]:
-        """What ``count`` candidates have shown in their trials, which stand one after the other."""
+        """Evaluate ``count`` candidates, whose trials stand one after the other."""
         outcome = np.array(table["outcome"].to_pylist()).reshape(count, -1)
         passed = np.array(table["success"].to_pylist(), bool).reshape(count, -1)
         invalid, lost = outcome == INVALID, np.isin(outcome, LOST)
@@ -76,11 +76,12 @@ class Measure:
         passed: NDArray[np.bool_],
         without: NDArray[np.bool_],
     ) -> Array:
-        """The values (C,) of one objective; ``passed`` and ``without`` figures are (C, T)."""
+        """Values (C,) of one objective; ``passed`` and ``without`` (figures) are (C, T)."""
         part = self._part_of[objective.trials]
         if objective.metric == SUCCESS_RATE:
             return passed[:, part].mean(axis=1)
         figures = figures_of(objective, table).reshape(passed.shape)
+        # A trial that broke must not help its candidate, as it would if it were left out.
         worst = without | ~np.isfinite(figures)
         if objective.failed == "worst":
             worst |= ~passed
@@ -94,8 +95,10 @@ class Measure:
         )
 
     def refuse_unmeasured(self, table: pa.Table) -> None:
-        """Refuse objectives that no trial gives, though trials have run to an outcome, and those
-        that count only trials that passed where none has: no candidate would have a value.
+        """Raise if an objective has no value in any completed trial.
+
+        That is so where no trial gives its metric, or where it counts only trials that passed and
+        none has: no candidate would have a value.
 
         Raises:
             StudyError: names each of them.
@@ -105,6 +108,7 @@ class Measure:
         passed = np.array(table["success"].to_pylist(), bool)
         faults = []
         for i, objective in enumerate(self.plan.objectives):
+            # The trials of one candidate repeat for each of them.
             part = np.resize(self._part_of[objective.trials], len(ran)) & ran
             if objective.metric == SUCCESS_RATE or not part.any():
                 continue
@@ -122,7 +126,7 @@ class Measure:
 
 
 def figures_of(objective: Objective, table: pa.Table) -> Array:
-    """The metric of an objective in each trial; not a number where a trial has none."""
+    """Metric of an objective in each trial; NaN where a trial has none."""
     name, module = objective.metric, objective.module
     if module is None or isinstance(module, int):
         return _column(table, name if module is None else f"{name}_{module}")
@@ -135,7 +139,7 @@ def _column(table: pa.Table, name: str) -> Array:
 
 
 def _aggregate(objective: Objective, figures: Array) -> float:
-    """One number of the values of the trials; the worst where there are none."""
+    """Aggregate the values of trials to one number; the worst value where there are none."""
     how = objective.aggregate or "mean"
     if not len(figures):
         return objective.worst_value

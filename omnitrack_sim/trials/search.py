@@ -1,4 +1,4 @@
-"""Asks for candidates and is told their values: CMA-ES in several directions at once.
+"""Multi-objective search by ask and tell: CMA-ES in several directions at once.
 
 Nothing here knows what a candidate is, or runs one. With several objectives there is no best value
 but a front, and CMA-ES minimises one number. So the front is searched in directions: each is a
@@ -57,29 +57,29 @@ class Searches:
         ]
 
     def tell(
-        self, asked: Sequence[tuple[int, Array]], losses: Array, violations: Array, last: slice
+        self, points: Sequence[tuple[int, Array]], losses: Array, violations: Array, last: slice
     ) -> None:
-        """Tell what ``ask`` has asked for.
+        """Update the searches with the losses of the candidates that ``ask`` returned.
 
         Args:
-            asked: as it was given.
+            points: as ``ask`` returned them.
             losses: (C, m) of all candidates so far, see ``losses_of``; infinite where there is no
                 value.
             violations: (C,) of the limits, 0 where all are kept.
-            last: where among them those that were asked for stand.
+            last: places of ``points`` among them.
         """
         scores = scores_of(losses, violations, self.weighings)[:, last]
         kept = violations[last]
-        numbers = np.array([number for number, _ in asked])
+        numbers = np.array([number for number, _ in points])
         for number in np.unique(numbers):
             (own,) = np.nonzero(numbers == number)
             ranked = own[np.lexsort((scores[number - 1, own], kept[own]))]
             # CMA-ES goes by order alone. Ranks are numbers even where a value is infinite.
-            pairs = [(asked[i][1], float(rank)) for rank, i in enumerate(ranked)]
+            pairs = [(points[i][1], float(rank)) for rank, i in enumerate(ranked)]
             self._searches[number - 1].tell(pairs)
 
     def centres(self) -> list[tuple[int, Array]]:
-        """The searches, from 1, and the point (n,) about which each asks in the end."""
+        """Return pairs of a search, from 1, and its mean (n,)."""
         return [
             (number, np.clip(search.mean, 0.0, 1.0))
             for number, search in enumerate(self._searches, start=1)
@@ -92,6 +92,7 @@ def _search(start: Array, plan: SearchPlan, number: int) -> CMA:
     except ImportError:
         problem = "needs the package cmaes: pip install 'omnitrack_sim[optimise]'"
         raise InputError(Fault("a study", problem)) from None
+    # Seeds that differ by one may give correlated streams; a seed sequence mixes them.
     seed = np.random.SeedSequence([plan.seed, number]).generate_state(1)[0]
     bounds = np.tile([0.0, 1.0], (len(start), 1))
     return CMA(start, plan.step, bounds, seed=int(seed), population_size=plan.asked_each)
@@ -118,8 +119,10 @@ def spread_weighings(objectives: int, count: int) -> Array:
     bars = itertools.combinations(range(_LATTICE + objectives - 1), objectives - 1)
     ends = np.array([[-1, *bar, _LATTICE + objectives - 1] for bar in bars])
     lattice = (np.diff(ends, axis=1) - 1) / _LATTICE
+    # The corners come first: each is the search for the best value of one objective alone.
     chosen = [*np.eye(objectives)][:count]
     while len(chosen) < count:
+        # Rounded below, so that of points that are equally far the first one wins on every machine.
         away = np.linalg.norm(lattice[:, None] - np.array(chosen), axis=2).min(axis=1)
         chosen.append(lattice[np.round(away, 9).argmax()])
     return np.array(chosen)
@@ -147,10 +150,12 @@ def scores_of(losses: Array, violations: Array, weighings: Array) -> Array:
 def _frame(losses: Array, violations: Array) -> tuple[Array, Array]:
     """Best value of each objective (m,), and the width of the front in it (m,)."""
     front = losses[front_of(losses, violations)]
+    # Without any candidate that has all values there is no front to measure distances in.
     known = losses[np.isfinite(losses).all(axis=1)]
     if not len(known):
         return np.zeros(losses.shape[1]), np.ones(losses.shape[1])
     of_front, of_all = np.ptp(front, axis=0), np.ptp(known, axis=0)
+    # A front of one point has no width; then the spread of all candidates sets the scale.
     width = np.where(of_front > 0, of_front, of_all)
     return front.min(axis=0), np.where(width > 0, width, 1.0)
 
@@ -181,6 +186,7 @@ def violations_of(plan: SearchPlan, values: Array) -> Array:
     for i, objective in enumerate(plan.objectives):
         if objective.limit is not None:
             excess = objective.sign * (values[:, i] - objective.limit)
+            # Relative to the limit, so that excesses of different units can be added.
             total += np.maximum(excess, 0.0) / (abs(objective.limit) or 1.0)
     return total
 
@@ -188,6 +194,7 @@ def violations_of(plan: SearchPlan, values: Array) -> Array:
 def losses_of(plan: SearchPlan, values: Array) -> Array:
     """Return the weighed ones of the values (C, objectives), smaller ones better (C, m)."""
     weighed = list(plan.weighed)
+    # An objective without a weight counts by its limit alone.
     return values[:, weighed] * [plan.objectives[i].sign for i in weighed]
 
 
@@ -214,7 +221,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a candidate has shown.
+    """Evaluation of a candidate.
 
     Attributes:
         values: of the objectives, in their order; infinite where there is none.
@@ -232,9 +239,9 @@ class Measured:
 
 
 Evaluate = Callable[[Sequence[Candidate]], Sequence[Measured]]
-"""Runs candidates of one generation and returns what they have shown, in their order."""
+"""Function that runs the candidates of a generation and returns their evaluations in order."""
 History = list[tuple[Candidate, Measured]]
-"""Candidates with what they have shown, in the order of their numbers."""
+"""Candidates with their evaluations, in the order of their numbers."""
 
 
 def explore(
@@ -254,14 +261,14 @@ def explore(
     history: History = []
     starts = tuple(variable.start for variable in plan.variables if variable.start is not None)
     for generation in range(1, plan.generations + 1):
-        asked = searches.ask()
-        if not asked:  # every search has converged
+        points = searches.ask()
+        if not points:  # every search has converged
             break
         first = [Candidate(0, generation, START, starts)] if not history else []
-        _try(plan, evaluate, history, generation, first, asked)
+        _try(plan, evaluate, history, generation, first, points)
         values = values_of(history)
-        last = slice(len(history) - len(asked), None)
-        searches.tell(asked, losses_of(plan, values), violations_of(plan, values), last)
+        last = slice(len(history) - len(points), None)
+        searches.tell(points, losses_of(plan, values), violations_of(plan, values), last)
         report(history)
     _try(plan, evaluate, history, plan.generations + 1, [], searches.centres())
     report(history)
@@ -274,11 +281,11 @@ def _try(
     history: History,
     generation: int,
     first: Sequence[Candidate],
-    asked: Sequence[tuple[int, Array]],
+    points: Sequence[tuple[int, Array]],
 ) -> None:
-    """Evaluate the candidates at the points that are asked for, and add them to the history."""
+    """Evaluate the candidates at the points that searches ask for, and add them to the history."""
     candidates = list(first)
-    for search, point in asked:
+    for search, point in points:
         values = tuple(
             variable.value_at(float(place))
             for variable, place in zip(plan.variables, point, strict=True)
@@ -321,8 +328,7 @@ def best_of(plan: SearchPlan, history: Sequence[tuple[Candidate, Measured]]) -> 
 def _orders(
     plan: SearchPlan, history: Sequence[tuple[Candidate, Measured]], weighings: Array
 ) -> list[list[int]]:
-    """For each weighing the places of all candidates, the best one first; those that keep all
-    limits before the others."""
+    """Places of all candidates by weighing, best first; those within all limits come first."""
     values = values_of(history)
     violations = violations_of(plan, values)
     scores = scores_of(losses_of(plan, values), violations, weighings)

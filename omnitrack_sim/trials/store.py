@@ -42,7 +42,7 @@ PARQUET: dict[str, Any] = {
 }
 """Settings of the files. They are fixed, so that the same rows give the same bytes."""
 _MOST_DIFFERENCES, _MOST_REASONS = 5, 3
-"""How many differences of two records, and reasons of invalid trials, a message names."""
+"""Largest numbers of differences of two records, and reasons of invalid trials, in a message."""
 
 
 class TrialColumns:
@@ -88,6 +88,8 @@ class TrialColumns:
                     batch.model if field.name == "model" else row.get(field.name) for row in rows
                 ]
             columns.append(pa.array(values, field.type))
+        # The hash makes sure that a part file is not of a batch with other values under the same
+        # number.
         metadata = {"part": batch.hash, "made_by": json.dumps(made_by, sort_keys=True)}
         return pa.Table.from_arrays(columns, schema=self.schema.with_metadata(metadata))
 
@@ -98,13 +100,15 @@ class TrialColumns:
         plain = [table.replace_schema_metadata(self.schema.metadata) for table in tables]
         if not plain:
             return self.schema.empty_table()
+        # In one piece, since the division into batches would show in the bytes of the file.
         return pa.concat_tables(plain).sort_by("trial").combine_chunks()
 
 
 def _result_columns(bases: Iterable[Scenario]) -> list[pa.Field]:
-    """The columns that say how trials of these scenarios ended."""
+    """Columns of the results of trials of these scenarios."""
     import pyarrow as pa
 
+    # A metric of several bases has one column.
     own = {metric.name: metric for base in bases for metric in base.own_metrics}
     return [
         column("model", pa.string()),
@@ -141,7 +145,7 @@ def column(name: str, kind: pa.DataType, unit: str | None = None) -> pa.Field:
 
 
 def _columns_of(name: str, values: Sequence[Any]) -> dict[str, Sequence[Any]]:
-    """The values of an axis as plain columns.
+    """Values of an axis as plain columns.
 
     Vectors become x, y and z; what is neither number, text nor truth value becomes JSON.
     """
@@ -226,6 +230,7 @@ class Memory:
 
     def read(self, batch: Batch) -> pa.Table | None:
         """Return the rows of a batch; None where it is not done."""
+        # By hash and not by number: studies number the batches of every generation anew.
         return self._tables.get(batch.hash)
 
     def write(self, batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
@@ -302,14 +307,18 @@ class Folder:
             versions = {name: version(name) for name in kind.packages}
             self._new_record = to_json(ours | environment() | versions)
             self._renamed = there is not None and there[kind.noun] != data
+            # The record of an earlier run stays until all is finished: names and groups may have
+            # changed.
             if there is None:
                 write_file(self.path / kind.record, self._new_record)
 
     def _record(self) -> dict[str, Any] | None:
-        """The contents of the record; None in a folder that holds nothing yet, or parts only."""
+        """Contents of the record; None in a folder that holds nothing yet, or parts only."""
         kind, file = self._kind, self.path / self._kind.record
         if not file.is_file():
             names = [path.name for path in self.path.iterdir()]
+            # A process may have been killed after it made the folders and before it wrote the
+            # record.
             strange = [n for n in names if n not in kind.folders and not is_workshop(n)]
             if strange:
                 raise OutputError(
@@ -392,7 +401,7 @@ class Folder:
 
     @contextlib.contextmanager
     def _keeping(self) -> Iterator[None]:
-        """Say what to do when something cannot be written."""
+        """Add to an error of writing that the same command continues the work."""
         try:
             with told(self.path):
                 yield
@@ -403,7 +412,7 @@ class Folder:
 
 
 def _all_differences(there: Any, ours: Any, free: Sequence[str]) -> str:
-    """Where two tables of plain data differ, as text; their own keys of ``free`` may differ."""
+    """Text of the differences of two tables of plain data, apart from their keys of ``free``."""
     first, second = ({k: v for k, v in table.items() if k not in free} for table in (there, ours))
     lines = list(_differences(first, second, ""))
     rest = len(lines) - _MOST_DIFFERENCES
@@ -425,7 +434,7 @@ def _differences(there: Any, ours: Any, path: str) -> Iterator[str]:
 
 
 class _Nothing:
-    """What stands where there is no such key."""
+    """Marker for a missing key."""
 
 
 def _shown(value: Any) -> str:

@@ -1,5 +1,4 @@
-"""Studies: plans of a search, from variables, objectives and trials; read from files and checked
-as a whole before anything runs."""
+"""Studies: plans of a search over variables by objectives; read from files, checked as a whole."""
 
 from __future__ import annotations
 
@@ -108,6 +107,7 @@ class Study(SearchPlan):
         sweeps = []
         for i, sweep in enumerate(self.trials):
             fields = {name: getattr(sweep, name) for name in Sweep.model_fields}
+            # A seed for each sweep, so that sweeps with the same axes do not share their draws.
             drawn = {"seed": self.final.seed + i, "samples": self.final.samples or sweep.samples}
             sweeps.append(Sweep.model_validate(fields | drawn))
         return tuple(sweeps)
@@ -118,7 +118,7 @@ class Study(SearchPlan):
         return tuple(objective.name or objective.metric for objective in self.objectives)
 
     def settings(self, values: tuple[float | int, ...]) -> dict[str, float | int]:
-        """The values of a candidate by path, as ``--set`` takes them."""
+        """Return the values of a candidate by path, as ``--set`` takes them."""
         return {
             path: value
             for variable, value in zip(self.variables, values, strict=True)
@@ -150,7 +150,7 @@ def load_study(source: str | Path, changes: Mapping[str, Any] | None = None) -> 
 def resolve(
     data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str, Any] | None = None
 ) -> Study:
-    """A study from plain data as read from TOML or JSON.
+    """Return a study from plain data as read from TOML or JSON.
 
     Args:
         data: of the file.
@@ -169,6 +169,7 @@ def resolve(
         # pydantic does not count a table with a fault, and calls the list too short as well.
         places = [fault.where for fault in error.faults]
         own = [f for f in error.faults if not any(one.startswith(f"{f.where}.") for one in places)]
+        # What is sound is still checked against the trials, so that all faults show at once.
         file, faults = None, [*own, *faults]
         variables = _sound(Variable, data.get("variables"), MOST_VARIABLES)
         objectives = _sound(Objective, data.get("objectives"), MOST_OBJECTIVES)
@@ -179,6 +180,7 @@ def resolve(
     if file is None or faults:
         raise StudyError(list(dict.fromkeys(faults)))
     fields = {name: getattr(file, name) for name in SearchPlan.model_fields}
+    # Variables start from the first base scenario: several may have different values.
     first = next(iter(next(iter(sweeps.values())).bases.values())).model_dump(mode="json")
     fields["variables"] = tuple(_started(variable, first) for variable in file.variables)
     fields["objectives"] = tuple(_named(objective) for objective in file.objectives)
@@ -188,8 +190,12 @@ def resolve(
 def _sweeps(
     tables: Any, folder: Path, changes: Mapping[str, Any]
 ) -> tuple[dict[int, Sweep], dict[int, Sweep], list[Fault]]:
-    """The sweeps of ``trials`` by their place in the file; the same with those that have a fault
-    but base scenarios that can be read, without their axes; and what is wrong with them."""
+    """Read the sweeps of ``trials``, by their place in the file.
+
+    Returns:
+        The valid sweeps; these and, without their axes, those with a fault whose base scenarios
+        can be read; and the faults.
+    """
     sweeps: dict[int, Sweep] = {}
     known: dict[int, Sweep] = {}
     faults: list[Fault] = []
@@ -216,8 +222,10 @@ def _sweeps(
 
 
 def _of_bases(table: Mapping[str, Any], folder: Path, changes: Mapping[str, Any]) -> Sweep | None:
-    """A sweep of nothing but the base scenarios of a table, if they can be read: to hold variables
-    and objectives against, where the rest of the table has a fault."""
+    """Sweep of the base scenarios of a table alone, where the rest of it has a fault.
+
+    Variables and objectives are checked against it. None where the base scenarios have a fault.
+    """
     name, base, own = table["name"], table.get("base"), table.get("set", {})
     sources = [base] if isinstance(base, str) else base
     if not isinstance(sources, list | tuple) or not 0 < len(sources) <= MOST_BASES:
@@ -235,28 +243,29 @@ def _of_bases(table: Mapping[str, Any], folder: Path, changes: Mapping[str, Any]
 
 
 def _sound(kind: type[_Table], tables: Any, most: int) -> dict[int, _Table]:
-    """The tables of a list that have no fault by themselves, by their place in it."""
-    found: dict[int, _Table] = {}
+    """Tables of a list that have no fault by themselves, by their place in it."""
+    sound: dict[int, _Table] = {}
     for i, table in enumerate(tables[:most] if isinstance(tables, list | tuple) else ()):
         with suppress(StudyError):
             if isinstance(table, Mapping):
-                found[i] = checked(kind, table, StudyError)
-    return found
+                sound[i] = checked(kind, table, StudyError)
+    return sound
 
 
 def _in_study(fault: Fault, number: int) -> Fault:
-    """A fault of a sweep, with its place in the study."""
+    """Fault of a sweep with its place in the study."""
     if fault.where.startswith("--set "):
         return fault
     return fault.at(f"trials.{number}.{fault.where}")
 
 
 def _started(variable: Variable, base: Mapping[str, Any]) -> Variable:
-    """A variable that knows where the search begins, and whether it takes whole numbers."""
+    """Variable with its start, and whether it takes whole numbers, filled in from a base."""
     present = value_at(base, matches(base, variable.name)[0])
     whole = type(present) is int if variable.whole is None else variable.whole
     start = variable.start
     if start is None and isinstance(present, int | float):
+        # A value outside of its bounds cannot be a start: then the middle is taken.
         start = float(present) if variable.low <= present <= variable.high else None
     if start is None:
         start = variable.value_at(0.5)
@@ -269,7 +278,7 @@ def _named(objective: Objective) -> Objective:
 
 
 def _fault(item: Mapping[str, Any]) -> Fault | None:
-    """Words for a path, which takes two kinds of value and has two of pydantic's errors."""
+    """Single fault of a path, for which pydantic reports an error for each of its two types."""
     places = [str(place) for place in item["loc"]]
     if places[:1] == ["variables"] and "path" in places:
         where = ".".join(places[: places.index("path") + 1])
@@ -290,7 +299,7 @@ def _table_faults(
     sweeps: Mapping[int, Sweep],
     all_trials: bool,
 ) -> list[Fault]:
-    """Every fault of variables and objectives in the light of the trials.
+    """Faults of variables and objectives in the light of the trials.
 
     Args:
         variables: those that are sound by themselves, by their place in the file.
@@ -315,7 +324,7 @@ def _table_faults(
 
 
 def _path_faults(number: int, variable: Variable, bases: Sequence[Scenario]) -> Iterator[Fault]:
-    """Paths that lead nowhere, or to something that is no number."""
+    """Faults of paths that lead nowhere, or to something that is no number."""
     for at, path in places_in_file(f"variables.{number}", variable.path):
         fault = path_fault(at, path, bases, partial(_misfit, path))
         if fault is not None:
@@ -323,7 +332,7 @@ def _path_faults(number: int, variable: Variable, bases: Sequence[Scenario]) -> 
 
 
 def _misfit(path: str, present: Any) -> str | None:
-    """Why no number can take the place of ``present``; None if one can."""
+    """Problem of replacing ``present`` by a number; None if there is none."""
     if isinstance(present, list):
         return f"is a list; name one of its numbers, as in {path}.0"
     is_word = isinstance(present, bool | str)
@@ -333,7 +342,7 @@ def _misfit(path: str, present: Any) -> str | None:
 def _clashes(
     number: int, variables: Mapping[int, Variable], sweeps: Mapping[int, Sweep]
 ) -> Iterator[Fault]:
-    """A value that something else sets as well: the first one found."""
+    """Fault of the first value that something else sets as well."""
     own = variables[number]
     for i, sweep in sweeps.items():
         data = next(iter(sweep.bases.values())).model_dump(mode="json")
@@ -351,7 +360,7 @@ def _clashes(
 def _bound_faults(
     number: int, variables: Mapping[int, Variable], bases: Sequence[Scenario]
 ) -> Iterator[Fault]:
-    """Bounds that the scenarios never take, wherever the other variables stand.
+    """Faults of bounds that are invalid at both ends of the other variables.
 
     A bound that only does not go with some values of the others is none: such candidates have
     invalid trials, which count as failed.
@@ -361,6 +370,8 @@ def _bound_faults(
     for end, bound in ends.items():
         for base in bases:
             faults = _refused(base, variable, bound, {})
+            # Only the two corners of the other variables are tried: all of them would be
+            # exponentially many.
             if faults and all(
                 _refused(base, variable, bound, _others(base, variables, number, other))
                 for other in _ENDS
@@ -411,7 +422,7 @@ def _objective_faults(
     names: Sequence[str],
     taken: Sequence[str],
 ) -> Iterator[Fault]:
-    """What is wrong with one objective.
+    """Faults of one objective.
 
     Args:
         number: its place in the file.
@@ -441,7 +452,7 @@ def _objective_faults(
 
 
 def _metric_faults(where: str, objective: Objective, sweeps: Sequence[Sweep]) -> Iterator[Fault]:
-    """A metric that does not exist, or that no trial gives; a module missing or too much."""
+    """Faults of a metric that is unknown or not measured, or of its module."""
     bases = [base for sweep in sweeps for base in sweep.bases.values()]
     known, name = metrics_of(bases), objective.metric
     metric = known.get(name)
@@ -473,7 +484,7 @@ def metrics_of(bases: Sequence[Scenario]) -> dict[str, Metric]:
 
 
 def _disagreements(file: StudyFile, sweeps: Mapping[int, Sweep]) -> Iterator[Fault]:
-    """Numbers that do not go together."""
+    """Faults of numbers that contradict each other."""
     weighed = len(file.weighed)
     for i, objective in enumerate(file.objectives):
         if objective.weight == 0 and objective.limit is None:
@@ -491,7 +502,7 @@ def _disagreements(file: StudyFile, sweeps: Mapping[int, Sweep]) -> Iterator[Fau
 
 
 def _excess(file: StudyFile, sweeps: Mapping[int, Sweep]) -> Iterator[Fault]:
-    """More candidates or trials than a study may have, or more samples than a batch."""
+    """Faults of too many candidates or trials, or of too many samples in a batch."""
     if not file.weighed:
         return
     if file.candidate_count > MOST_CANDIDATES:

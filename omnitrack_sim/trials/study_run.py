@@ -1,4 +1,4 @@
-"""Runs studies: the search, the check of its best candidates, and the files of both.
+"""Study runs: the search, the check of its best candidates, and the files of both.
 
 The trials are all that is kept of a search. With their values it takes the same way again, so it
 goes on from wherever it was killed.
@@ -81,7 +81,7 @@ STUDY_FOLDER = FolderKind(
 
 @dataclass(frozen=True, eq=False)
 class StudyResult:
-    """What a study leaves.
+    """Result of a study.
 
     Attributes:
         study: that was run.
@@ -146,7 +146,7 @@ def run_study(
 
 
 class CandidateTrials:
-    """The trials of candidates: an ``Evaluate``.
+    """Evaluation of candidates by their trials: an ``Evaluate``.
 
     Every candidate is put through the same trials: one with the same number has the same draws.
 
@@ -168,7 +168,7 @@ class CandidateTrials:
         self.makers: set[str] = set()
 
     def __call__(self, candidates: Sequence[Candidate]) -> list[Measured]:
-        """Return what the candidates have shown.
+        """Run the trials of candidates and evaluate the objectives.
 
         Raises:
             StudyError: no trial of the first generation could run, or gave an objective.
@@ -177,6 +177,7 @@ class CandidateTrials:
         tables = self._engine.run([(self._store, batch) for batch in batches])
         self.makers |= {made_by(table) for table in tables}
         table = self._store.columns.merged(tables)
+        # Only the first generation can tell a wrong set-up from candidates that are merely bad.
         if candidates[0].number == 0 and self._sweeps is self._study.trials:
             refuse_all_invalid(table, "variables", "the first ", StudyError)
             self._measure.refuse_unmeasured(table)
@@ -207,7 +208,7 @@ def batches_of(
 
 
 def _values(study: Study, candidate: Candidate, base: dict[str, Any]) -> dict[str, Any]:
-    """The values of a candidate by every single place of a plain scenario that takes them."""
+    """Values of a candidate by every single place of a plain scenario that takes them."""
     return {
         place: fitted(value, value_at(base, place))
         for path, value in study.settings(candidate.values).items()
@@ -229,13 +230,14 @@ class _StudyRun:
         self.ran = 0
 
     def result(self) -> StudyResult:
-        """Search, check, write."""
+        """Run search and check, write the files, and return the result."""
         study, engine = self.study, self.engine
         engine.begin(study.candidate_count * study.size, "generation 1")
         history = explore(study, self.search, self._after_generation)
         checked = self._checked(history)
         final = None if checked is None else final_table(study, checked)
         rows = history if checked is None else checked
+        # Judged by the check where there is one: the search favours candidates with lucky draws.
         best = rows[best_of(study, rows)][0]
         result = StudyResult(
             study=study,
@@ -259,12 +261,13 @@ class _StudyRun:
         number, last = history[-1][0].generation, self.study.generations
         stage = f"generation {number + 1} of {last}" if number < last else "centres of the searches"
         self.engine.enter(stage)
+        # A study that is resumed passes generations that are on the disk already.
         if self.folder is not None and self.ran > before:
             for name, data in _history_files(history_table(self.study, history)).items():
                 self.folder.put(name, data)
 
     def _checked(self, history: History) -> History | None:
-        """The best candidates on trials that the search has not seen."""
+        """Evaluate the best candidates on trials that the search has not used."""
         most = self.study.final.candidates
         if not most:
             return None
@@ -276,7 +279,7 @@ class _StudyRun:
     def _summary(
         self, history: History, checked: History | None, best: Candidate
     ) -> dict[str, Any]:
-        """The contents of ``summary.json``."""
+        """Contents of ``summary.json``."""
         study, makers = self.study, sorted(self.search.makers | self.check.makers)
         in_check = {one.number: own for one, own in checked or ()}
         compared = {}
@@ -319,6 +322,7 @@ def _files(
     """
     study = result.study
     values = {f"{VALUES}/{one.number}.toml": _settings(study, one) for one, _ in kept}
+    # Files of an earlier, shorter search go; those that are still valid follow below.
     stale = [path.name for path in (folder / VALUES).glob("*.toml")]
     return {
         **_history_files(result.table),
@@ -336,7 +340,7 @@ def _history_files(table: pa.Table) -> dict[str, bytes | None]:
 
 
 def _settings(study: Study, candidate: Candidate) -> bytes:
-    """The values of a candidate as ``--set @FILE`` takes them."""
+    """Values of a candidate as ``--set @FILE`` takes them."""
     lines = [f"# Candidate {candidate.number} of the study {study.name}. For --set @FILE."]
     settings = study.settings(candidate.values)
     lines += [f"{json.dumps(path)} = {value!r}" for path, value in settings.items()]
@@ -357,7 +361,7 @@ def front_table(study: Study, rows: History) -> pa.Table:
 
 
 def final_table(study: Study, rows: History) -> pa.Table:
-    """Return the candidates that were checked with what they have shown there.
+    """Return the candidates that were checked with their values in the check.
 
     Success rates have their Wilson intervals beside them, in columns that end in ``_low`` and
     ``_high``.
@@ -371,6 +375,7 @@ def final_table(study: Study, rows: History) -> pa.Table:
             ends = [wilson_interval(round(own.values[i] * count), count) for _, own in rows]
             for k, end in enumerate(("low", "high")):
                 columns.append((column(f"{name}_{end}", pa.float64()), [one[k] for one in ends]))
+    # Front and best are taken anew among the candidates in the check, by their values there.
     on_front, best = set(front(study, rows)), best_of(study, rows)
     places = range(len(rows))
     columns.append((column("on_front", pa.bool_()), [place in on_front for place in places]))

@@ -1,4 +1,4 @@
-"""The tables of a study file: what is varied, what is asked for, how long it is searched."""
+"""Tables of a study file: variables, objectives, and the extent of the search."""
 
 from __future__ import annotations
 
@@ -62,9 +62,11 @@ class Variable(PathTable):
     def value_at(self, place: float) -> float | int:
         """Return the value at a place between the bounds, 0 at ``low`` and 1 at ``high``."""
         if self.scale == "log":
+            # Equal steps of `place` are equal ratios.
             value = self.low * (self.high / self.low) ** place
         else:
             value = self.low + (self.high - self.low) * place
+        # Rounding to digits may lead beyond a bound that has more of them.
         value = min(max(float(f"{value:.{DIGITS}g}"), self.low), self.high)
         return round(value) if self.whole else value
 
@@ -76,7 +78,7 @@ class Variable(PathTable):
 
 
 class Objective(Table):
-    """What is asked of a candidate: a metric of its trials made one number, or its success rate.
+    """Objective of a search: a metric of trials made one number, or their success rate.
 
     Attributes:
         metric: a metric of runs, ``duration_s``, ``attempts`` or ``success_rate``.
@@ -117,7 +119,7 @@ class Objective(Table):
 
     @property
     def worst_value(self) -> float:
-        """What a trial without a value counts."""
+        """Value that a trial without one counts as."""
         return self.sign * math.inf if self.worst is None else self.worst
 
 
@@ -137,7 +139,7 @@ class Final(Table):
 
 
 class SearchPlan(Table):
-    """What is searched, and how long; all that a search knows of a study.
+    """Plan of a search, its variables, objectives and extent: all that it knows of a study.
 
     Attributes:
         variables: what is varied.

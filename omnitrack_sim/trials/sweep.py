@@ -1,5 +1,4 @@
-"""Sweeps: plans of trials, from axes over base scenarios; read from files and checked as a whole
-before anything runs."""
+"""Sweeps: plans of trials, from axes over base scenarios; read and checked as a whole."""
 
 from __future__ import annotations
 
@@ -54,7 +53,7 @@ from omnitrack_sim.trials.batches import (
 )
 
 MOST_LISTED, MOST_GRID = 12, 24
-"""Up to how many values a list or grid axis makes groups in the summary if the file names none."""
+"""Most values of a list or grid axis that makes groups in the summary if the file names none."""
 FOR_THE_RECORD = ("name", "group_by", "set")
 """Keys of a resolved sweep that its table does not depend on."""
 
@@ -141,6 +140,7 @@ class Sweep(_SweepTable):
     @property
     def hash(self) -> str:
         """SHA-256 of everything that the table depends on: all but name, groups and labels."""
+        # What only names things may be changed without running the trials again.
         left_out = dict.fromkeys(FOR_THE_RECORD, True) | {"axes": {"__all__": {"labels"}}}
         return sha256_of([FORMAT, self.model_dump(mode="json", exclude=left_out)])
 
@@ -152,6 +152,7 @@ class Sweep(_SweepTable):
     @cached_property
     def crossed(self) -> dict[str, list[Any]]:
         """The values of ``base``, where there are several, and of each crossed axis, by name."""
+        # All bases have every path of the axes; the first one decides between 1 and 1.0.
         first = next(iter(self.plain.values()))
         values: dict[str, list[Any]] = {BASE: list(self.bases)} if len(self.bases) > 1 else {}
         for axis in self.axes:
@@ -204,10 +205,12 @@ class Sweep(_SweepTable):
         """
         random = [axis for axis in self.axes if not axis.crossed]
         combinations = list(itertools.product(*self.crossed.values()))
+        # Without random axes a combination has nothing to draw: one trial of each.
         each = self.samples if random else 1
         sets = len(combinations) if self.draws == "independent" else 1
         dimensions = [axis.dimensions for axis in random]
         points = unit_points(each * sets, sum(dimensions), self.sampling, self.seed)
+        # One set of points for all axes together, since only that covers their product evenly.
         shares = np.split(points, np.cumsum(dimensions)[:-1], axis=1) if random else []
         drawn = {axis.name: axis.draw(own) for axis, own in zip(random, shares, strict=True)}
         names = [*([BASE] if len(self.bases) > 1 else []), *(axis.name for axis in self.axes)]
@@ -283,7 +286,7 @@ def resolve(
 
 
 def _fault(item: Mapping[str, Any]) -> Fault | None:
-    """One of pydantic's errors as a fault.
+    """Translate an error of pydantic into a fault.
 
     A key that takes two kinds of value has an error for each; they become the same fault.
     """
@@ -314,7 +317,7 @@ def _choices_at(places: list[str]) -> tuple[str, ...]:
 def _bases(
     file: SweepFile, folder: Path, changes: Mapping[str, Any]
 ) -> tuple[dict[str, Scenario], list[Fault]]:
-    """The base scenarios with all changes, by name, and what is wrong with them."""
+    """Base scenarios with all changes, by name, and their faults."""
     bases: dict[str, Scenario] = {}
     faults: list[Fault] = []
     many = not isinstance(file.base, str)
@@ -333,8 +336,10 @@ def _bases(
 def _base(
     source: str | Path, changes: Mapping[str, Any]
 ) -> tuple[Scenario | None, Sequence[Fault]]:
-    """A base scenario with the changes, and what is wrong. Where changes are, it comes without
-    them, so that the rest of the sweep can be looked at as well."""
+    """Base scenario with the changes, and its faults.
+
+    Invalid changes are left out, so that the rest of the sweep can be checked as well.
+    """
     try:
         return load_scenario(source, changes), ()
     except ScenarioError as error:
@@ -354,7 +359,7 @@ def _base(
 def _in_sweep(
     fault: Fault, base: str, of_file: Mapping[str, Any], of_call: Mapping[str, Any]
 ) -> Fault:
-    """A fault of a base scenario at the place that its value comes from: a change or the base."""
+    """Fault of a base scenario at the origin of its value: a change or the base."""
     for origin, changes in (("--set ", of_call), ("set.", of_file)):
         if any(_covers(path, fault.where) for path in changes):
             return fault.at(origin + fault.where)
@@ -372,7 +377,7 @@ def _covers(path: str, place: str) -> bool:
 def _axis_faults(
     number: int, axes: Sequence[AxisTable], bases: Mapping[str, Scenario]
 ) -> Iterator[Fault]:
-    """What is wrong with an axis in the light of the base scenarios."""
+    """Faults of an axis in the light of the base scenarios."""
     axis = axes[number]
     others = [other for other in axes if other is not axis and isinstance(other, ListAxis)]
     # A table that has names, such as the robot's motor, may be set by a list of these.
@@ -417,6 +422,7 @@ def path_fault(
         present = value_at(data, places[0])
         if isinstance(present, dict) and not named:
             return Fault(at, f"{path!r} is a table; name one value in it", tuple(present))
+        # A list of tables, such as `pipes`: an axis may set a key of one of them, or of all by `*`.
         if isinstance(present, list) and present and isinstance(present[0], dict):
             keys = (*map(str, range(len(present))), "*")
             return Fault(at, f"{path!r} is a table; name one value in it", keys)
@@ -427,7 +433,7 @@ def path_fault(
 
 
 def _missing(at: str, path: str, data: Mapping[str, Any], base: str | None) -> Fault:
-    """The fault of a path that leads nowhere: where it leaves the scenario, and what there is."""
+    """Fault of a path that leads nowhere, with the choices where it leaves the scenario."""
     keys = path.split(".")
     depth = next(i for i in range(len(keys)) if not matches(data, ".".join(keys[: i + 1])))
     before = matches(data, ".".join(keys[:depth])) if depth else [""]
@@ -440,7 +446,7 @@ def _missing(at: str, path: str, data: Mapping[str, Any], base: str | None) -> F
 
 
 def _misfit(axis: AxisTable, present: Any) -> str | None:
-    """Why an axis of numbers or vectors cannot set a value like ``present``; None if it can."""
+    """Problem of an axis that cannot set a value like ``present``; None if it can."""
     vector = isinstance(present, list)
     if isinstance(axis, DirectionAxis):
         return None if vector else "takes no vector"
@@ -457,7 +463,7 @@ def _misfit(axis: AxisTable, present: Any) -> str | None:
 def _misspelt(
     where: str, axis: ListAxis, scenario: Scenario, path: str, others: Sequence[ListAxis]
 ) -> Iterator[Fault]:
-    """Words and truth values that the scenario never takes, with any value of the ``others``.
+    """Faults of words and truth values that are invalid with every value of the ``others``.
 
     Numbers out of range, and values that do not go together, make invalid trials instead.
     """
@@ -481,6 +487,7 @@ def _misspelt(
         try:
             override(scenario, changes)
         except ScenarioError as error:
+            # Faults elsewhere are of the combination, not of this word.
             faults = [fault for fault in error.faults if fault.where in places]
             if faults and not _goes_with_another(scenario, changes, others):
                 refused += 1
@@ -506,7 +513,7 @@ def _goes_with_another(
 def _clashes(
     file: SweepFile, bases: Mapping[str, Scenario], changes: Mapping[str, Any]
 ) -> Iterator[Fault]:
-    """Values that are set twice, and groups that are no crossed axes."""
+    """Faults of values that are set twice, and of groups that are no crossed axes."""
     data = next(iter(bases.values())).model_dump(mode="json")
     owners: dict[str, str] = {}
     for i, axis in enumerate(file.axes):
@@ -531,7 +538,7 @@ def _clashes(
 
 
 def _excess(file: SweepFile, bases: Mapping[str, Scenario]) -> Iterator[Fault]:
-    """More trials than a sweep may have, or more samples than a batch may keep in memory."""
+    """Faults of too many trials, or of more samples in a batch than fit into memory."""
     size = trial_count(len(bases), file.axes, file.samples)
     if size > MOST_TRIALS:
         yield Fault("axes", f"make {size} trials; at most {MOST_TRIALS}")

@@ -1,4 +1,4 @@
-"""Runs sweeps: the trials that are missing, and then table, summary and figure of the whole."""
+"""Sweep runs: the missing trials, then table, summary and figure of the whole."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ CLASSES = ("against the run axis", "across", "along")
 
 @dataclass(frozen=True, eq=False)
 class SweepResult:
-    """What a sweep leaves.
+    """Result of a sweep.
 
     Attributes:
         sweep: that was run.
@@ -130,6 +130,7 @@ def run_sweep(
         problem = f"is {shard[0]}/{shard[1]}; it must be from 1/{shard[1]} to {shard[1]}/{shard[1]}"
         raise InputError(Fault("shard", problem))
     batches = sweep.batches()
+    # Every n-th batch, not a stretch: neighbouring trials take like times, so shares last as long.
     mine = batches if shard is None else batches[shard[0] - 1 :: shard[1]]
     with Engine(workers, executor, progress) as engine:
         store = sweep_store(sweep, out)
@@ -223,6 +224,7 @@ def _rate(outcomes: Collection[str]) -> dict[str, Any]:
     The rate is None if no trial counts.
     """
     counts = Counter(outcomes)
+    # They say nothing of the robot, only of the plan or the program.
     valid = len(outcomes) - counts[INVALID] - counts[ERROR]
     passed = counts[Outcome.REACHED_GOAL]
     low, high = wilson_interval(passed, valid)
@@ -281,7 +283,7 @@ def plot_sweep(
 
 
 def _chosen(axes: list[Spread], over: str | Sequence[str] | None) -> list[Spread]:
-    """The axes of one chart, by their names; all where none are named."""
+    """Axes of one chart, by their names; all where none are named."""
     by_name = {spread.name: spread for spread in axes}
     names = list(by_name) if over is None else [over] if isinstance(over, str) else [*over]
     for name in names:
@@ -302,7 +304,7 @@ def draw_map(sweep: Sweep, table: pa.Table) -> bytes:
 
 
 def _passed(table: pa.Table) -> Array:
-    """Of each trial 1 passed, 0 failed, not a number where it has no outcome of the robot."""
+    """1 for each trial that passed, 0 for failed ones, NaN without an outcome of the robot."""
     ends = zip(table["outcome"].to_pylist(), table["success"].to_pylist(), strict=True)
     return np.array(
         [np.nan if outcome in (INVALID, ERROR) else float(success) for outcome, success in ends]
@@ -318,6 +320,8 @@ def spreads(sweep: Sweep) -> list[Spread]:
         if isinstance(axis, DirectionAxis):
             axes.append(Spread(name, "", _classes(sweep, values), CLASSES))
         elif (
+            # By exact type, since a truth value is an integer to isinstance, and has no place on a
+            # scale.
             all(type(value) in (int, float) for value in values)
             and getattr(axis, "labels", None) is None
         ):
@@ -331,6 +335,7 @@ def spreads(sweep: Sweep) -> list[Spread]:
 def turn_case(sweep: Sweep) -> TurnCase | None:
     """Return robot and tee of the first base; None if its route does not turn in a tee."""
     scenario = next(iter(sweep.bases.values()))
+    # Missions are left out: they may turn in several tees.
     for passage in scenario.route.passages if scenario.pipes else ():
         if passage.manoeuvre == "tee_turn":
             return TurnCase(
@@ -344,7 +349,7 @@ def turn_case(sweep: Sweep) -> TurnCase | None:
 
 
 def _classes(sweep: Sweep, vectors: list[list[float]]) -> list[str]:
-    """The class of each vector by its angle to the run axis of the first base."""
+    """Class of each vector by its angle to the run axis of the first base."""
     axis: Array = direction_of(next(iter(sweep.bases.values())).start.axis)
     component = direction_of(vectors) @ axis
     return [CLASSES[k] for k in np.digitize(component, (-ALONG, ALONG))]

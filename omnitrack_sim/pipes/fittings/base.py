@@ -241,7 +241,7 @@ class Fitting(ABC):
 
     @property
     def is_axial(self) -> bool:
-        """Whether the fitting is symmetric under any rotation about its one straight axis."""
+        """True if the fitting is symmetric under any rotation about its one straight axis."""
         curvatures = [k for axis in self.axes for _, k in axis.curve.segments]
         return len(self.axes) == 1 and not any(curvatures)
 

@@ -211,10 +211,10 @@ def _on_curve(big, small, sin, cos, x, v, z):
             elif d1 < other:
                 other, ck0, cl0, ck1, cl1, ck2, cl2 = d1, k0, l0, k1, l1, k2, l2
         k0, l0, d0, k1, l1, d1 = k1, l1, d1, k2, l2, d2
-    k, l, found = _minimum(square, small, sin, cos, x, v, z, bk0, bl0, bk1, bl1, bk2, bl2)
+    k, l, least = _minimum(square, small, sin, cos, x, v, z, bk0, bl0, bk1, bl1, bk2, bl2)
     if other < math.inf:
         k1, l1, d1 = _minimum(square, small, sin, cos, x, v, z, ck0, cl0, ck1, cl1, ck2, cl2)
-        if d1 < found:
+        if d1 < least:
             k, l = k1, l1
     return k, l
 
