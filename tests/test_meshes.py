@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from trimesh import Trimesh
 
 from omnitrack_sim.pipes import Elbow, Reducer, Step, Straight, Tee, route
 from omnitrack_sim.robots.omnitrack.looks import coil, lug_row, triangular_prism
@@ -31,7 +32,7 @@ def genus(mesh):
 def test_wall_is_a_solid_with_open_bores(fitting):
     """A fitting is watertight, wound outward, and of genus openings - 1: a blocked branch would
     lower it."""
-    mesh = fitting_mesh(fitting)
+    mesh = Trimesh(*fitting_mesh(fitting), process=False)
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
     assert mesh.volume > 0
@@ -86,7 +87,7 @@ def test_joints_of_a_reducer_are_whole():
         Step("e", Straight(0.3, 0.1605), "start", "end"),
     ]
     network = route(steps).network
-    mesh = network_mesh(network)
+    mesh = Trimesh(*network_mesh(network), process=False)
     assert mesh.is_watertight
     assert mesh.body_count == 1
     assert genus(mesh) == 1
@@ -105,7 +106,8 @@ def test_fillet_takes_material_off_the_rim():
 def test_cut_halves_make_the_whole(fitting):
     """The half that stays and the half taken away are solids, and together have the volume of the
     fitting."""
-    halves = [cutaway_mesh(fitting, [0.3, 1.0, 0.2], keep=keep) for keep in (True, False)]
+    cut = [cutaway_mesh(fitting, [0.3, 1.0, 0.2], keep=keep) for keep in (True, False)]
+    halves = [Trimesh(*half, process=False) for half in cut]
     assert all(half.is_watertight for half in halves)
     assert sum(half.volume for half in halves) == pytest.approx(
         fitting_mesh(fitting).volume, rel=1e-6
@@ -125,7 +127,9 @@ def test_the_viewers_half_is_taken_away(towards):
 )
 def test_robot_parts_are_solids(part):
     """Chassis, lugs and springs are watertight with outward faces."""
-    assert part.is_watertight
+    solid = Trimesh(*part, process=False)
+    assert solid.is_watertight
+    assert solid.volume == pytest.approx(part.volume)
     assert part.volume > 0
 
 

@@ -79,7 +79,7 @@ def inner_mesh(fitting: Fitting, settings: BulletSettings) -> trimesh.Trimesh:
     if len(fitting.axes) == 1:
         mesh = _swept(fitting, n, settings.along)
     else:
-        solid = fitting_mesh(fitting, sections=n)
+        solid = trimesh.Trimesh(*fitting_mesh(fitting, sections=n), process=False)
         off = np.abs(fitting.signed_distance(solid.vertices)[0])
         keep = (off[solid.faces] < ON_SURFACE).all(axis=1)
         centre = solid.triangles_center[keep]

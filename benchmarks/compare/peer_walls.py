@@ -20,7 +20,7 @@ from omnitrack_sim.pipes import Assembly, Fitting
 from omnitrack_sim.pipes.shapes import sagitta
 from omnitrack_sim.robots.omnitrack.body import LUG_CONAFFINITY, LUG_CONTYPE
 from omnitrack_sim.walls.geoms import GROUP
-from omnitrack_sim.walls.meshes import fitting_mesh, manifold_to_trimesh
+from omnitrack_sim.walls.meshes import fitting_mesh, triangles_of
 
 NEAR = 1e-3
 """A mesh vertex this close to the exact inner surface lies on the bore, m.
@@ -55,12 +55,12 @@ def wall_solid(fitting: Fitting, settings: MeshSettings) -> trimesh.Trimesh:
     facets around: the exact surface then lies midway between a facet's nearest and farthest points,
     as with the package's own walls.
     """
-    solid = fitting_mesh(fitting, settings.thickness, settings.sections)
+    mesh = fitting_mesh(fitting, settings.thickness, settings.sections)
     if settings.edge is not None:
-        exact = Mesh(np.asarray(solid.vertices, np.float32), np.asarray(solid.faces, np.uint32))
-        solid = manifold_to_trimesh(Manifold(exact).refine_to_length(settings.edge))
+        exact = Mesh(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
+        mesh = triangles_of(Manifold(exact).refine_to_length(settings.edge))
     shift = sagitta(fitting.radius, math.pi / settings.sections) / 2
-    return _moved(solid, fitting, -shift)
+    return _moved(trimesh.Trimesh(*mesh, process=False), fitting, -shift)
 
 
 def bore_surface(fitting: Fitting, settings: MeshSettings, depth: float = 0.0) -> trimesh.Trimesh:

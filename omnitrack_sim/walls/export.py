@@ -9,12 +9,11 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from omnitrack_sim.base.writing import check_folder, write_files
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.walls.geoms import add_walls, new_spec
-from omnitrack_sim.walls.meshes import network_mesh
+from omnitrack_sim.walls.meshes import network_mesh, stl_bytes
 
 SPACING = 0.01
 """Greatest distance of neighbouring points of the centreline table, m."""
@@ -87,4 +86,4 @@ def network_stl(network: Assembly) -> bytes:
     Single precision folds slivers at the rims of tees, so the file, unlike ``network_mesh``, is not
     quite watertight.
     """
-    return trimesh.exchange.stl.export_stl(network_mesh(network))
+    return stl_bytes(network_mesh(network))

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
-import trimesh
 from manifold3d import CrossSection, Manifold, Mesh, OpType
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.pipes import Assembly, Fitting, Part
@@ -32,20 +31,50 @@ JOINT_DISC = 1e-3
 """Half the depth of the discs that unite neighbouring parts, m: as much as a loop may miss."""
 
 
+class TriangleMesh(NamedTuple):
+    """A surface of triangles. ``trimesh.Trimesh(*mesh, process=False)`` makes it one of trimesh,
+    which is imported for exports alone: it takes half a second.
+
+    Attributes:
+        vertices: (n, 3) m.
+        faces: (m, 3) indices of vertices, anticlockwise as seen from outside.
+    """
+
+    vertices: Array
+    faces: NDArray[np.int64]
+
+    @property
+    def volume(self) -> float:
+        """Volume inside, m³; negative where the faces look inward."""
+        a, b, c = (self.vertices[corner] for corner in self.faces.T)
+        return float((a * np.cross(b, c)).sum() / 6)
+
+    @property
+    def face_normals(self) -> Array:
+        """Unit normals (m, 3) of the faces; zero where a face has no area."""
+        a, b, c = (self.vertices[corner] for corner in self.faces.T)
+        normals = np.cross(b - a, c - a)
+        return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+
+    def outward(self) -> TriangleMesh:
+        """The same surface with its faces looking outward."""
+        return self if self.volume >= 0 else TriangleMesh(self.vertices, self.faces[:, ::-1])
+
+
 def fitting_mesh(
     fitting: Fitting, thickness: float = THICKNESS, sections: int = SECTIONS
-) -> trimesh.Trimesh:
+) -> TriangleMesh:
     """Return the wall of a fitting as a watertight solid of genus openings - 1, m, fitting frame.
 
     The bore is inscribed: corners lie on the exact surface, faces up to R (1 - cos(pi / sections))
     inside it.
     """
-    return manifold_to_trimesh(_wall(fitting, thickness, sections))
+    return triangles_of(_wall(fitting, thickness, sections))
 
 
 def network_mesh(
     network: Assembly, thickness: float = THICKNESS, sections: int = SECTIONS
-) -> trimesh.Trimesh:
+) -> TriangleMesh:
     """Return the walls of a whole network as one watertight solid, m, world frame: open at its
     open ends and nowhere else.
 
@@ -70,7 +99,7 @@ def network_mesh(
         matrix = np.column_stack([place.rotation, place.position])
         disc = Manifold.cylinder(2 * OVERCUT, radius, circular_segments=sections, center=True)
         bores.append(disc.transform(matrix))
-    return manifold_to_trimesh(
+    return triangles_of(
         Manifold.batch_boolean(outer, OpType.Add) - Manifold.batch_boolean(bores, OpType.Add)
     )
 
@@ -81,7 +110,7 @@ def cutaway_mesh(
     thickness: float = THICKNESS,
     sections: int = SECTIONS,
     keep: bool = True,
-) -> trimesh.Trimesh:
+) -> TriangleMesh:
     """Half of a fitting: the half facing ``towards`` is taken away, so that one looks into the
     bore.
 
@@ -94,19 +123,18 @@ def cutaway_mesh(
         keep: True for the half that stays, False for the one taken away.
     """
     side = np.asarray(cut_normal(fitting, towards)) * (-1.0 if keep else 1.0)
-    return manifold_to_trimesh(_wall(fitting, thickness, sections).trim_by_plane(tuple(side), 0.0))
+    return triangles_of(_wall(fitting, thickness, sections).trim_by_plane(tuple(side), 0.0))
 
 
-def inside_mesh(fitting: Fitting, sections: int = SECTIONS) -> trimesh.Trimesh:
+def inside_mesh(fitting: Fitting, sections: int = SECTIONS) -> TriangleMesh:
     """Return the inner surface of a fitting alone, m, fitting frame; its faces look into the
     bore."""
     # Half of the wall's thickness separates the inner surface from the outer one and survives the
     # inscribed bore's error.
-    mesh = fitting_mesh(fitting, sections=sections)
-    within = fitting.signed_distance(np.asarray(mesh.vertices))[0] > -THICKNESS / 2
-    mesh.update_faces(within[mesh.faces].all(axis=1))
-    mesh.remove_unreferenced_vertices()
-    return mesh
+    vertices, faces = fitting_mesh(fitting, sections=sections)
+    within = fitting.signed_distance(vertices)[0] > -THICKNESS / 2
+    kept, faces = np.unique(faces[within[faces].all(axis=1)], return_inverse=True)
+    return TriangleMesh(vertices[kept], faces.reshape(-1, 3))
 
 
 def cut_normal(fitting: Fitting, towards: ArrayLike) -> Array:
@@ -158,13 +186,9 @@ class ManifoldKit:
 
     def loft(self, rings: Array, hub: int | None) -> Manifold:
         """See ``Kit``."""
-        solid = trimesh.Trimesh(*_loft(rings, hub), process=False)
         # The order of the rings decides which way the faces look; the kernel needs them outward.
-        if solid.volume < 0:
-            solid.invert()
-        return Manifold(
-            Mesh(np.asarray(solid.vertices, np.float32), np.asarray(solid.faces, np.uint32))
-        )
+        vertices, faces = TriangleMesh(*_loft(rings, hub)).outward()
+        return Manifold(Mesh(vertices.astype(np.float32), faces.astype(np.uint32)))
 
     def moved(self, solid: Manifold, pose: Pose) -> Manifold:
         """See ``Kit``."""
@@ -223,10 +247,16 @@ def _loft(rings: Array, hub: int | None) -> tuple[Array, np.ndarray]:
     return rings.reshape(-1, 3), np.concatenate(faces)
 
 
-def manifold_to_trimesh(solid: Manifold) -> trimesh.Trimesh:
-    """Return the same solid, vertices (n, 3) and faces (m, 3) in the order of the boolean
-    kernel."""
+def stl_bytes(mesh: TriangleMesh) -> bytes:
+    """Return a mesh as a binary STL file."""
+    import trimesh  # half a second, and only exports need it
+
+    return trimesh.exchange.stl.export_stl(trimesh.Trimesh(*mesh, process=False))
+
+
+def triangles_of(solid: Manifold) -> TriangleMesh:
+    """Vertices and faces of a solid, in the order of the boolean kernel."""
     mesh = solid.to_mesh()
-    return trimesh.Trimesh(
-        np.asarray(mesh.vert_properties[:, :3], float), np.asarray(mesh.tri_verts), process=False
+    return TriangleMesh(
+        np.asarray(mesh.vert_properties[:, :3], float), np.asarray(mesh.tri_verts, np.int64)
     )

@@ -6,7 +6,6 @@ import math
 
 import mujoco
 import numpy as np
-import trimesh
 from manifold3d import CrossSection, Manifold
 from numpy.typing import ArrayLike
 
@@ -14,7 +13,13 @@ from omnitrack_sim.base.rotations import Array, quaternion_from_matrix, unit
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.record.channels import MODULE_COLOURS, TRACKS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
-from omnitrack_sim.walls.meshes import THICKNESS, cutaway_mesh, inside_mesh, manifold_to_trimesh
+from omnitrack_sim.walls.meshes import (
+    THICKNESS,
+    TriangleMesh,
+    cutaway_mesh,
+    inside_mesh,
+    triangles_of,
+)
 
 ROBOT_GROUP = 2
 PIPE_GROUP = 1
@@ -91,8 +96,7 @@ def add_robot_looks(spec: mujoco.MjSpec, robot: Robot, coarse: bool = False) -> 
         ),
     }
     for name, mesh in meshes.items():
-        mesh.vertices *= size
-        _add_mesh(spec, name, mesh)
+        _add_mesh(spec, name, TriangleMesh(size * mesh.vertices, mesh.faces))
     _dress_chassis(spec, robot, shaft)
     for number in range(1, len(MODULE_ANGLES) + 1):
         _dress_arm(spec.body(f"arm_{number}"), robot, number, shaft)
@@ -327,7 +331,7 @@ def _add_materials(spec: mujoco.MjSpec) -> None:
         spec.add_material(name=name, rgba=[*colour, 1.0], specular=specular, shininess=shininess)
 
 
-def _add_mesh(spec: mujoco.MjSpec, name: str, mesh: trimesh.Trimesh) -> None:
+def _add_mesh(spec: mujoco.MjSpec, name: str, mesh: TriangleMesh) -> None:
     spec.add_mesh(
         name=name,
         uservert=np.asarray(mesh.vertices, np.float32).ravel(),
@@ -336,9 +340,7 @@ def _add_mesh(spec: mujoco.MjSpec, name: str, mesh: trimesh.Trimesh) -> None:
     )
 
 
-def _add_pipe(
-    spec: mujoco.MjSpec, name: str, mesh: trimesh.Trimesh, part: Part, group: int
-) -> None:
+def _add_pipe(spec: mujoco.MjSpec, name: str, mesh: TriangleMesh, part: Part, group: int) -> None:
     """Show ``mesh``, in the frame of a fitting, where that part of the network lies."""
     _add_mesh(spec, name, mesh)
     position, quaternion = part.pose.position, part.pose.quaternion
@@ -382,7 +384,7 @@ LUG_ARC_DEG = 164.0
 """Arc of a half-round lug about the module axis; the rest is the gap between the two tracks."""
 
 
-def triangular_prism(inradius: float, length: float, corner: float = 0.003) -> trimesh.Trimesh:
+def triangular_prism(inradius: float, length: float, corner: float = 0.003) -> TriangleMesh:
     """Prism along z, centred, with a face towards each module (0, +-120 degrees) and rounded edges.
 
     Args:
@@ -393,12 +395,10 @@ def triangular_prism(inradius: float, length: float, corner: float = 0.003) -> t
     angles = math.pi + np.arange(3) * 2 * math.pi / 3
     points = 2 * (inradius - corner) * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     section = CrossSection.hull_points(points).offset(corner, circular_segments=24)
-    return manifold_to_trimesh(Manifold.extrude(section, length).translate((0.0, 0.0, -length / 2)))
+    return triangles_of(Manifold.extrude(section, length).translate((0.0, 0.0, -length / 2)))
 
 
-def lug_row(
-    radius: float, depth: float, pitch: float, count: int, steps: int = 36
-) -> trimesh.Trimesh:
+def lug_row(radius: float, depth: float, pitch: float, count: int, steps: int = 36) -> TriangleMesh:
     """A row of half-round lugs along z, centred, on the +x side of the module axis.
 
     Args:
@@ -422,14 +422,12 @@ def lug_row(
     )
     lug = lug.rotate((0.0, 0.0, -LUG_ARC_DEG / 2))
     places = (np.arange(count) - (count - 1) / 2) * pitch
-    return manifold_to_trimesh(
-        Manifold.compose([lug.translate((0.0, 0.0, float(z))) for z in places])
-    )
+    return triangles_of(Manifold.compose([lug.translate((0.0, 0.0, float(z))) for z in places]))
 
 
 def coil(
     radius: float, wire: float, length: float, turns: float, steps: int = 14, sides: int = 6
-) -> trimesh.Trimesh:
+) -> TriangleMesh:
     """A helical spring along x from the origin, m.
 
     Args:
@@ -461,7 +459,4 @@ def coil(
     )
     fan = np.array([(0, i, i + 1) for i in range(1, sides - 1)])
     faces = np.concatenate([faces, index[0][fan][:, ::-1], index[-1][fan]])
-    mesh = trimesh.Trimesh(vertices, faces, process=False)
-    if mesh.volume < 0:
-        mesh.invert()
-    return mesh
+    return TriangleMesh(vertices, faces).outward()

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-import trimesh
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Pose
@@ -29,7 +28,7 @@ from omnitrack_sim.robots.omnitrack.body import spring_free_length
 from omnitrack_sim.robots.omnitrack.looks import add_cameras, add_pipe_looks, add_robot_looks
 from omnitrack_sim.robots.omnitrack.turning import add_turning_robot
 from omnitrack_sim.walls.geoms import add_walls, new_spec
-from omnitrack_sim.walls.meshes import fitting_mesh
+from omnitrack_sim.walls.meshes import fitting_mesh, stl_bytes
 
 FITTINGS: Mapping[str, Fitting] = {
     "straight": Straight(0.5),
@@ -109,7 +108,7 @@ def _files(models_dir: Path, assets_dir: Path) -> dict[Path, bytes]:
         assets |= {content: file for file, content in meshes.items()}
     for name, fitting in FITTINGS.items():
         mesh = fitting_mesh(fitting)
-        files[assets_dir / f"{name}.stl"] = trimesh.exchange.stl.export_stl(mesh)
+        files[assets_dir / f"{name}.stl"] = stl_bytes(mesh)
         files[assets_dir / f"{name}.obj"] = _obj(mesh.vertices, mesh.faces)
     return files
 

@@ -9,13 +9,20 @@ from typing import Self
 
 import mujoco
 import numpy as np
-import trimesh
+from manifold3d import Manifold
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.rotations import Array, Pose, matrix_from_quaternion, unit
 from omnitrack_sim.pipes import Part
 from omnitrack_sim.robots.omnitrack.looks import ROBOT_GROUP
-from omnitrack_sim.walls.meshes import THICKNESS, cut_normal, cutaway_mesh, inside_mesh
+from omnitrack_sim.walls.meshes import (
+    THICKNESS,
+    TriangleMesh,
+    cut_normal,
+    cutaway_mesh,
+    inside_mesh,
+    triangles_of,
+)
 
 PIPE, SECTION, JOINT = (0.64, 0.705, 0.775), (0.93, 0.95, 0.97), (0.36, 0.41, 0.47)
 """Red, green, blue of a pipe's wall, of where it is cut, and of the seams between parts."""
@@ -148,7 +155,7 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[Array, Array, Faces]:
 
 @cache
 def _unit_box() -> tuple[Array, Array, Faces]:
-    box = trimesh.creation.box((2.0, 2.0, 2.0))
+    box = triangles_of(Manifold.cube((2.0, 2.0, 2.0), center=True))
     corners = np.asarray(box.vertices)[box.faces].reshape(-1, 3)
     return (
         corners,
@@ -210,7 +217,7 @@ def pipe_inside(part: Part) -> Surface:
     return _wall(part, inside_mesh(part.fitting, _SECTIONS_INSIDE), np.zeros(3))
 
 
-def _wall(part: Part, mesh: trimesh.Trimesh, cut: Array) -> Surface:
+def _wall(part: Part, mesh: TriangleMesh, cut: Array) -> Surface:
     """A mesh of a part, world frame: smooth with the normals of the exact surface, and flat where
     it is cut or ends."""
     corners = np.asarray(mesh.vertices)[mesh.faces]  # (F, 3, 3)

@@ -9,7 +9,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import trimesh
+from manifold3d import Manifold
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array, unit
@@ -35,7 +35,7 @@ from omnitrack_sim.show.film.surfaces import geom_colour
 from omnitrack_sim.show.playback import belt_travel
 from omnitrack_sim.show.replay.packing import Pack, rounded
 from omnitrack_sim.walls.geoms import add_plates, new_spec
-from omnitrack_sim.walls.meshes import THICKNESS, cut_normal
+from omnitrack_sim.walls.meshes import THICKNESS, cut_normal, triangles_of
 
 CREASE_DEG = 35.0
 """Angle between neighbouring faces from which on an edge is sharp, degrees: bends are made of
@@ -98,25 +98,24 @@ def _triangles(model: mujoco.MjModel, geom: int) -> tuple[Array, NDArray[np.int6
         face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
         vertices = np.array(model.mesh_vert[first : first + count], float)
         return vertices, np.array(model.mesh_face[face : face + faces], np.int64)
-    shape = _shape(kind, np.array(model.geom_size[geom], float))
-    return np.asarray(shape.vertices, float), np.asarray(shape.faces, np.int64)
+    return triangles_of(_shape(kind, np.array(model.geom_size[geom], float)))
 
 
-def _shape(kind: int, size: Array) -> trimesh.Trimesh:
+def _shape(kind: int, size: Array) -> Manifold:
     """A shape about its own centre, along z; ``size`` as MuJoCo has it."""
-    kinds, creation = mujoco.mjtGeom, trimesh.creation
+    kinds = mujoco.mjtGeom
     if kind == kinds.mjGEOM_BOX:
-        return creation.box(extents=2 * size)
+        return Manifold.cube(2 * size, center=True)
     if kind == kinds.mjGEOM_CYLINDER:
-        return creation.cylinder(radius=size[0], height=2 * size[1], sections=SECTIONS)
+        return Manifold.cylinder(2 * size[1], size[0], circular_segments=SECTIONS, center=True)
     if kind == kinds.mjGEOM_CAPSULE:
-        around = [SECTIONS // 2, SECTIONS // 2]
-        shape = creation.capsule(radius=size[0], height=2 * size[1], count=around)
-        return shape.apply_translation(-shape.bounds.mean(axis=0))
-    if kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
-        ball = creation.uv_sphere(radius=1.0, count=[SECTIONS // 2, SECTIONS])
-        ball.vertices *= size if kind == kinds.mjGEOM_ELLIPSOID else size[0]
-        return ball
+        cap = Manifold.sphere(size[0], SECTIONS)
+        ends = [cap.translate((0.0, 0.0, side * size[1])) for side in (-1, 1)]
+        return Manifold.batch_hull(ends)
+    if kind == kinds.mjGEOM_SPHERE:
+        return Manifold.sphere(size[0], SECTIONS)
+    if kind == kinds.mjGEOM_ELLIPSOID:
+        return Manifold.sphere(1.0, SECTIONS).scale(size)
     raise ValueError(f"geoms of type {kind} are not drawn")
 
 
