@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnitrack_sim.autonomy.recognition.forms import SURE
+from omnitrack_sim.autonomy.recognition.settings import RECOGNISER
 from omnitrack_sim.record.statistics import wilson_interval
 from recognising.approaches import CASES, TURNED
 
@@ -60,7 +60,7 @@ def summary(runs: dict[str, list[Found]]) -> str:
     )
     rows = []
     for name, found in runs.items():
-        sure = [f for f in found if f.sure >= SURE]
+        sure = [f for f in found if f.sure >= RECOGNISER.sure]
         turned = [f for f in found if f.case in TURNED and f.right]
         rows.append(
             (

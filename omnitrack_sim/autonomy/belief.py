@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -19,19 +19,36 @@ from omnitrack_sim.pipes import Elbow, Fitting, Part, Straight
 from omnitrack_sim.pipes.network import CLOSES, End, Joint, Network, Origin, both_ways
 from omnitrack_sim.pipes.planning import port_graph
 
-SHORTEST = 1e-3
-"""Least length of a straight, m."""
-NO_STRAIGHT = 5e-3
-"""Gap, m, between two fittings that follow right on each other: sight is no better."""
-MISS, MISS_PART = 0.1, 0.02
-"""How far the two ends of a loop may miss each other, m, and as a part of its length in
-addition."""
-MISS_ANGLE = math.radians(10)
-"""How far their directions may miss being opposite, rad."""
-SQUARE = 0.2
-"""Part of what a loop's straights can take up in their best direction from which on one counts."""
-DIGITS = 6
-"""Decimals of lengths in m, and of angles in degrees less one, that are kept."""
+
+@dataclass(frozen=True)
+class BeliefSettings:
+    """Tolerances of a robot's map.
+
+    Attributes:
+        shortest: m, least length of a straight: none may vanish.
+        least_straight: m, gap between two fittings up to which they are joined without a straight:
+            sight is no better.
+        miss: m, by which the two ends of a loop may miss each other.
+        miss_share: the same in addition, as a part of the loop's length.
+        miss_angle: rad, by which their directions may miss being opposite.
+        least_share: part of what a loop's straights can take up in their best direction below which
+            a direction is left alone: nearly square to all of them, tiny gaps would ask for huge
+            changes of length.
+        digits: decimals that are kept of lengths in m and, less one, of angles in degrees.
+    """
+
+    shortest: float = 1e-3
+    least_straight: float = 5e-3
+    miss: float = 0.1
+    miss_share: float = 0.02
+    miss_angle: float = math.radians(10)
+    least_share: float = 0.2
+    digits: int = 6
+
+
+BELIEF = BeliefSettings()
+
+
 Noted = Literal["open", "closed", "impassable"]
 """What is known of an end: it is open, or closed, or the robot could not get to it."""
 
@@ -57,7 +74,7 @@ class Belief:
         px, py, pz = port.position.tolist()
         # The turn from what a file takes for x to the port's own.
         right, up, _ = port.rotation[:, 0] @ frame_along((x, y, z), 0.0)
-        turn = round(math.degrees(math.atan2(up, right)), DIGITS) + 0.0
+        turn = round(math.degrees(math.atan2(up, right)), BELIEF.digits) + 0.0
         self._place = Origin(axis=(x, y, z), turn_deg=turn, position=(px, py, pz))
         self._fittings: dict[str, Fitting] = {}
         self._joints: list[Joint] = []
@@ -151,7 +168,7 @@ class Belief:
         """A straight is ``more`` m longer than was known; its length then, m."""
         name, fitting = list(self._fittings.items())[part]
         assert isinstance(fitting, Straight)
-        length = max(round(fitting.length + more, DIGITS), SHORTEST)
+        length = max(round(fitting.length + more, BELIEF.digits), BELIEF.shortest)
         self._set(name, replace(fitting, length=length))
         return length
 
@@ -178,7 +195,7 @@ class Belief:
     def straight_beyond(self, end: End, length: float) -> int:
         """Join a straight of ``length`` m to a port; its index."""
         bore = 2 * self.fitting(end[0]).port_radius(end[1])
-        part = self._add(Straight(max(round(length, DIGITS), SHORTEST), bore))
+        part = self._add(Straight(max(round(length, BELIEF.digits), BELIEF.shortest), bore))
         self._join(end, (part, "start"), 0.0)
         return part
 
@@ -258,9 +275,14 @@ class Belief:
         for other in self.unexplored:
             there = self.port(other)
             miss = float(np.linalg.norm(there.position - here.position))
-            if other[0] == end[0] or miss > MISS + MISS_PART * self._around(end, other):
+            if other[0] == end[0] or miss > BELIEF.miss + BELIEF.miss_share * self._around(
+                end, other
+            ):
                 continue
-            if float(angle_between(here.rotation[:, 2], -there.rotation[:, 2])) <= MISS_ANGLE:
+            if (
+                float(angle_between(here.rotation[:, 2], -there.rotation[:, 2]))
+                <= BELIEF.miss_angle
+            ):
                 yield miss, other
 
     def _around(self, end: End, other: End) -> float:
@@ -289,7 +311,7 @@ class Belief:
         # The least changes, each in parts of its length, that move ``end`` by ``miss``. What lies
         # square to all straights, or nearly, they cannot take up.
         weighted = ahead.T * np.sqrt(lengths)
-        changes = np.sqrt(lengths) * (np.linalg.pinv(weighted, rcond=SQUARE) @ miss)
+        changes = np.sqrt(lengths) * (np.linalg.pinv(weighted, rcond=BELIEF.least_share) @ miss)
         for (part, *_), change in zip(straights, changes.tolist(), strict=True):
             self.lengthen(part, change)
 
@@ -303,7 +325,7 @@ class Belief:
         self._network = None
 
     def _join(self, end: End, other: End, turn_deg: float) -> None:
-        turn = round(float(wrap_angle(turn_deg, 360.0)), DIGITS - 1) + 0.0
+        turn = round(float(wrap_angle(turn_deg, 360.0)), BELIEF.digits - 1) + 0.0
         self._joints.append(Joint(ports=(self.name(end), self.name(other)), turn_deg=turn))
         self._network = None
 

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.recognition import Recogniser, Sighting
-from omnitrack_sim.autonomy.recognition.forms import (
-    DISTANCE,
-    PLACES,
-    STILL,
-    SURE,
-    TURN,
-    cameras,
-    forms,
-)
+from omnitrack_sim.autonomy.recognition.forms import DISTANCE, PLACES, STILL, TURN, cameras, forms
+from omnitrack_sim.autonomy.recognition.settings import RECOGNISER
 from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array
@@ -26,17 +20,30 @@ from omnitrack_sim.senses.optics import Eyes
 from omnitrack_sim.senses.settings import SensingTable, camera_of
 from omnitrack_sim.walls.rays import RayWalls
 
-TRUSTED = 2.2
-"""How far from the lens what is seen is believed, in bores: 0.35 m in the bore of 0.16 m, up to
-which the recogniser has been right in 100 of 100 trials with the depth camera."""
-NEAREST = 0.15
-"""How near to the lens the port of a fitting is believed, in bores: a lens in a bend sees a bend
-begin where it is."""
-BORE_STEP = 1e-3
-"""Bores, m, that differ by less have one recogniser: to make one takes seconds."""
-LOOKS = 1_000_000
-"""Pictures of looks are counted from here on, those of the estimate from 0: each has noise of its
-own."""
+
+@dataclass(frozen=True)
+class CameraSightSettings:
+    """Which sightings of a camera count.
+
+    Attributes:
+        reach: bores, from the lens up to which a fitting is believed: 0.35 m in a bore of 0.16 m,
+            to which the recogniser was right in 100 of 100 trials with the depth camera.
+        nearest: bores, from the lens up to which a fitting is ignored: a lens within a bend takes
+            the bend to begin where the lens is.
+        bore_step: m, bores that differ by less share a recogniser: making one takes seconds.
+        first_picture: number of a look's first picture. The estimate counts its own from 0; each
+            number has noise of its own.
+    """
+
+    reach: float = 2.2
+    nearest: float = 0.15
+    bore_step: float = 1e-3
+    first_picture: int = 1_000_000
+
+
+CAMERA_SIGHT = CameraSightSettings()
+
+
 ENDS = {"open end": "open", "closed end": "closed"}
 
 
@@ -58,7 +65,7 @@ class CameraSight:
 
     def look(self, robot: int, position: Array, frame: Array) -> Ahead | None:
         """See ``Sight``."""
-        bore = round(self._bore(robot) / BORE_STEP) * BORE_STEP
+        bore = round(self._bore(robot) / CAMERA_SIGHT.bore_step) * CAMERA_SIGHT.bore_step
         picture = self._picture(robot, position, frame)
         return ahead_of(
             _recogniser(self._table, bore).single(picture), bore, self._eyes.mount.ahead
@@ -66,7 +73,7 @@ class CameraSight:
 
     def _picture(self, robot: int, position: Array, frame: Array) -> Array:
         """A picture (pixels²,) from the end of a robot that leads."""
-        number = LOOKS + int(self._looks[robot])
+        number = CAMERA_SIGHT.first_picture + int(self._looks[robot])
         self._looks[robot] += 1
         ahead, every = np.ones(1, int), np.arange(len(self._eyes.mount.rays))
         at = position[None], frame[None], ahead
@@ -79,7 +86,7 @@ def ahead_of(seen: Sighting, bore: float, lens: float) -> Ahead | None:
     Args:
         bore: m, of the pipe. lens: m, from the robot's centre to the lens.
     """
-    if seen.confidence < SURE:
+    if seen.confidence < RECOGNISER.sure:
         return None
     numbers = np.zeros((1, PLACES))
     numbers[0, :DISTANCE] = *seen.aside, *seen.tilt
@@ -87,7 +94,7 @@ def ahead_of(seen: Sighting, bore: float, lens: float) -> Ahead | None:
     # The robot's frame in that of the port plane, z on into the fitting and x as of the port.
     frame = cameras(numbers, [STILL])[1][0, 0]
     centre = lens * float(frame[2, 2])
-    reach = TRUSTED * bore
+    reach = CAMERA_SIGHT.reach * bore
     distance, spread, axis = centre + seen.distance, np.sqrt(np.diag(seen.covariance)), frame[2]
     if seen.kind == "straight" or seen.distance > reach:
         return Ahead(
@@ -102,7 +109,7 @@ def ahead_of(seen: Sighting, bore: float, lens: float) -> Ahead | None:
             confidence=seen.confidence,
             axis=axis,
         )
-    if seen.distance < NEAREST * bore:
+    if seen.distance < CAMERA_SIGHT.nearest * bore:
         return None
     form = next(form for form in forms(bore) if (form.kind, form.enter) == (seen.kind, seen.enter))
     assert form.make is not None

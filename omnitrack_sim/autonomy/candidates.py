@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +14,52 @@ from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
 from omnitrack_sim.senses.optics import LIT, NORMAL, RANGE, Mount, Walls
 from omnitrack_sim.senses.settings import FilterTable
 
-STEEPEST = 0.03
-"""Least sine of the angle between a ray and the wall that it meets."""
+
+@dataclass(frozen=True)
+class CandidateSettings:
+    """How poses are compared with pictures, arms and gravity.
+
+    Attributes:
+        least_incidence: sine of the angle between a ray and its wall below which the wall's tangent
+            plane is no guide: the range would change without bound.
+        nearest, farthest: bounds of a range in a picture from close by, as parts of the range
+            before: tangent planes hold close to each hit only.
+        huber: residual, in standard deviations, from which on it is down-weighted (Huber).
+        stop_margin: m, from its outer stop at which an arm may touch no wall.
+        least_share: part of a picture's pixels that have to be comparable for a misfit of the map.
+        most_error: residual, in standard deviations, at which the cost of a pixel stays: at an edge
+            between near and far wall a pixel is as wrong as it can be.
+        shift: m, between the pictures whose differences are the gradients of a picture.
+        tilt: rad, the same of rotations.
+        distinct_turn: rad, rotation from which on two poses are different answers.
+        distinct_place: m, the same of positions.
+        blur: factor of the pixels' standard deviations where candidates are far apart: that much a
+            pixel differs between two of them.
+        blurs: the same of each improvement of the best candidates, from far apart to exact.
+        finalists: number of candidates that are improved and compared again.
+        longest_shift: m, by which an improvement moves a candidate at most: gradients hold nearby.
+        longest_turn: rad, the same of its rotation.
+    """
+
+    least_incidence: float = 0.03
+    nearest: float = 0.7
+    farthest: float = 1.4
+    huber: float = 2.0
+    stop_margin: float = 0.0005
+    least_share: float = 0.1
+    most_error: float = 3.0
+    shift: float = 5e-4
+    tilt: float = 5e-4
+    distinct_turn: float = 0.3
+    distinct_place: float = 0.06
+    blur: float = 4.0
+    blurs: tuple[float, ...] = (4.0, 4.0, 4.0, 2.0, 2.0, 1.0)
+    finalists: int = 8
+    longest_shift: float = 0.03
+    longest_turn: float = 0.2
+
+
+CANDIDATES = CandidateSettings()
 
 
 def nearby(
@@ -39,9 +84,11 @@ def nearby(
     before = np.einsum("nij,kj->nki", frame, rays)
     after = np.einsum("nij,kj->nki", turned, rays)
     ahead = reach * _dot(normal, before) + _dot(normal, (place - other)[:, None])
-    far = ahead / np.minimum(_dot(normal, after), -STEEPEST)
+    far = ahead / np.minimum(_dot(normal, after), -CANDIDATES.least_incidence)
     found = hits.copy()
-    found[..., RANGE] = np.where(met, np.clip(far, 0.7 * reach, 1.4 * reach), np.inf)
+    found[..., RANGE] = np.where(
+        met, np.clip(far, CANDIDATES.nearest * reach, CANDIDATES.farthest * reach), np.inf
+    )
     if lamp is not None:
         reach = np.where(met, found[..., RANGE], 1.0)
         to_lamp = np.einsum("nij,j->ni", turned, lamp)[:, None] - reach[..., None] * after
@@ -54,12 +101,6 @@ def _dot(a: Array, b: Array) -> Array:
     return (a * b).sum(axis=-1)
 
 
-HUBER = 2.0
-"""Errors beyond so many standard deviations count less."""
-AT_STOP = 0.0005
-"""Distance from its outer stop, m, at which an arm may have no wall."""
-FEW = 0.1
-"""Part of the pixels of a picture with which it tells whether the map is right."""
 _ARMS = np.stack([np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES), np.zeros(3)], axis=-1)
 
 
@@ -86,7 +127,7 @@ def of_arms(
     Returns:
         Information and evidence, see ``normal``.
     """
-    outermost = robot.slide_range[1] - AT_STOP
+    outermost = robot.slide_range[1] - CANDIDATES.stop_margin
     reach = robot.nominal_pipe_radius + slide  # (n, 3) m
     lever = np.einsum("nij,nkj->nki", rotation, reach[..., None] * _ARMS)
     distance, gradient, part = walls.nearest(which, position[:, None] + lever)
@@ -138,7 +179,7 @@ def moments(values: Array, chances: Array) -> tuple[Array, Array]:
 
 def huber(error: Array) -> Array:
     """Weights of errors counted in standard deviations."""
-    return np.minimum(1.0, HUBER / np.maximum(np.abs(error), 1e-12))
+    return np.minimum(1.0, CANDIDATES.huber / np.maximum(np.abs(error), 1e-12))
 
 
 def median(size: Array, said: NDArray[np.bool_]) -> Array:
@@ -146,22 +187,7 @@ def median(size: Array, said: NDArray[np.bool_]) -> Array:
     ordered = np.sort(np.where(said, size, np.inf), axis=1)
     count = said.sum(axis=1)
     middle = np.take_along_axis(ordered, (count // 2 % size.shape[1])[:, None], axis=1)[:, 0]
-    return np.where(count > FEW * size.shape[1], middle, 0.0)
-
-
-WORST = 3.0
-"""Errors beyond so many standard deviations count as so many where poses are compared: at an edge
-between near and far wall a pixel is as wrong as it can be."""
-SHIFT, TILT = 5e-4, 5e-4
-"""Steps, m and rad, between the pictures that the slopes of a picture are taken from."""
-DISTINCT, APART = 0.3, 0.06
-"""Turns, rad, and places, m, that differ by more are two answers."""
-BLUR = 4.0
-"""Between candidates that are far apart a pixel differs by so many standard deviations."""
-FINALISTS = 8
-"""Candidates that are improved and compared again."""
-NEAR_BY, NEAR_TURN = 0.03, 0.2
-"""By how much a candidate is moved at most at once, m and rad."""
+    return np.where(count > CANDIDATES.least_share * size.shape[1], middle, 0.0)
 
 
 class Shot(NamedTuple):
@@ -277,17 +303,17 @@ class Candidates:
         """The best of candidates (m, c, 3) m and (m, c, 3, 3), after the best few have been
         improved."""
         rows = np.arange(len(robots))[:, None]
-        cost = self.cost(robots, shot, places, frames, BLUR)
-        best = np.argsort(cost, axis=1, kind="stable")[:, :FINALISTS]
+        cost = self.cost(robots, shot, places, frames, CANDIDATES.blur)
+        best = np.argsort(cost, axis=1, kind="stable")[:, : CANDIDATES.finalists]
         places, frames = places[rows, best], frames[rows, best]
-        for blur in (BLUR, BLUR, BLUR, 2.0, 2.0, 1.0):
+        for blur in CANDIDATES.blurs:
             places, frames = self._improved(robots, shot, places, frames, blur)
         cost = self.cost(robots, shot, places, frames)
         first = cost.argmin(axis=1)
         place, frame = places[rows[:, 0], first], frames[rows[:, 0], first]
         cosine = ((frame[:, None] * frames).sum(axis=(2, 3)) - 1) / 2
         aside = np.sqrt(((places - place[:, None]) ** 2).sum(axis=-1))
-        apart = (cosine < np.cos(DISTINCT)) | (aside > APART)
+        apart = (cosine < np.cos(CANDIDATES.distinct_turn)) | (aside > CANDIDATES.distinct_place)
         other = np.where(apart, cost, np.inf).min(axis=1)
         return Best(place, frame, cost[rows[:, 0], first], other)
 
@@ -314,11 +340,11 @@ class Candidates:
         error = (measured - expected) / camera.spread(expected) / blur
         # Where one of both sees something and the other nothing, they differ by much.
         nothing = np.isnan(measured) != np.isnan(expected)
-        error = np.where(nothing, WORST, np.nan_to_num(error))
+        error = np.where(nothing, CANDIDATES.most_error, np.nan_to_num(error))
         size = np.abs(error)
         # Beyond what is on the map anything is as well as what is expected.
         beyond = np.isnan(hits[..., RANGE]).reshape(m, c, -1)
-        loss = np.where(beyond, 0.5, np.minimum(size, WORST) ** 2 / 2)
+        loss = np.where(beyond, 0.5, np.minimum(size, CANDIDATES.most_error) ** 2 / 2)
         picture = self.share * len(self.pixels) / len(pixels)
         held = np.einsum("mcij,mi->mcj", frames, -self._gravity[robots])
         force = (held - self.held[robots, None]) / self._table.force_std
@@ -335,12 +361,14 @@ class Candidates:
         measured = np.repeat(shot.picture[robots][:, self._coarse], c, axis=0)
         rays = self._rays[self._coarse]
         error, said, slopes = self._difference(which, flat, turned, facing, measured, rays, blur)
-        near = said & (np.abs(error) < 2 * WORST)
+        near = said & (np.abs(error) < 2 * CANDIDATES.most_error)
         information, evidence = normal(slopes, error, near.astype(float))
-        stiff = np.diag(1 / np.array([NEAR_BY] * 3 + [NEAR_TURN] * 3) ** 2)
+        stiff = np.diag(
+            1 / np.array([CANDIDATES.longest_shift] * 3 + [CANDIDATES.longest_turn] * 3) ** 2
+        )
         change = np.linalg.solve(information + stiff, evidence[..., None])[..., 0]
-        size = np.sqrt((change[:, :3] ** 2).sum(axis=-1)) / NEAR_BY
-        turn = np.sqrt((change[:, 3:] ** 2).sum(axis=-1)) / NEAR_TURN
+        size = np.sqrt((change[:, :3] ** 2).sum(axis=-1)) / CANDIDATES.longest_shift
+        turn = np.sqrt((change[:, 3:] ** 2).sum(axis=-1)) / CANDIDATES.longest_turn
         change = change / np.maximum(1.0, np.maximum(size, turn))[:, None]
         moved = flat + change[:, :3]
         rotated = orthonormal(turned_by(change[:, 3:]) @ turned)
@@ -389,7 +417,7 @@ class Candidates:
         """Slopes from the pictures of neighbouring poses, which see the same pieces of wall."""
         slopes = np.empty((*expected.shape, POSE))
         for axis in range(POSE):
-            place, turned, step = position, frame, SHIFT if axis < 3 else TILT
+            place, turned, step = position, frame, CANDIDATES.shift if axis < 3 else CANDIDATES.tilt
             change = np.zeros((len(position), 3))
             change[:, axis % 3] = step
             if axis < 3:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from omnitrack_sim.autonomy.belief import Belief
-from omnitrack_sim.autonomy.explorer import CREEP, Explorer
+from omnitrack_sim.autonomy.explorer import EXPLORER, Explorer
 from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.rotations import Array, Pose, length
@@ -75,7 +75,7 @@ class Exploration:
         port = self._port(self.ends[0])
         fitting = self.network.pipes.parts[self.ends[0][0]].fitting
         into = Pose(port.rotation * [1, -1, -1], port.position)
-        free = self._distance + self.robot.length / 2 + CREEP
+        free = self._distance + self.robot.length / 2 + EXPLORER.creep
         belief = Belief(into, fitting.inner_diameter, free)
         goals = list(self.mission.goals)
         return Explorer(self.robot, number, self.arcs, belief, goals, self._distance, falls)

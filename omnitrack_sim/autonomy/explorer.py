@@ -17,17 +17,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from omnitrack_sim.autonomy.belief import NO_STRAIGHT, Belief
+from omnitrack_sim.autonomy.belief import BELIEF, Belief
 from omnitrack_sim.autonomy.leg_planner import NOSE_ROOM, LegPlanner
 from omnitrack_sim.autonomy.pilots import Decision
-from omnitrack_sim.autonomy.sight import (
-    LOOKS,
-    Ahead,
-    Look,
-    LookingBack,
-    LookingCloser,
-    side_of,
-)
+from omnitrack_sim.autonomy.sight import LOOKS, Ahead, Look, LookingBack, LookingCloser, side_of
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, angle_between
 from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Route
@@ -48,23 +41,35 @@ from omnitrack_sim.record.events import (
 )
 from omnitrack_sim.robots.omnitrack import Robot
 
-CREEP = 0.1
-"""How far a robot goes on, m, where it should see on and does not: it takes so much pipe for
-free."""
-LOOK_STEP = 0.1
-"""Travel between two looks along a pipe whose end is not in sight, m."""
-LOOK_BEFORE = 0.015
-"""How far before the end of a leg, m, a robot looks on."""
-LEAST_BEND = math.radians(5)
-"""No elbow bends by less."""
-BENT = math.radians(0.5)
-"""Angle, rad, by which an elbow has to bend otherwise than was seen for the map to be changed."""
-SETTLE = 0.05
-"""Travel after such a change in which a robot finds its place on the new map, m."""
-SURE = 0.5
-"""Probability from which on a robot believes what it sees."""
-TOUCH = 0.05
-"""How far before an end that it has seen a robot may hang, m, for it to have come to that end."""
+
+@dataclass(frozen=True)
+class ExplorerSettings:
+    """When a robot that explores looks, and what it takes to believe what it observes.
+
+    Attributes:
+        creep: m, of free pipe that a robot assumes where it should see on and does not.
+        look_step: m, travel between two looks along a pipe whose end is not in sight.
+        look_before: m, before the end of a leg where a robot looks on, so that it need not stop.
+        least_bend: rad, least angle of an elbow: a smaller one is an error of the gyro.
+        bend_tolerance: rad, error of an elbow's angle from which on the map is changed.
+        settling: m, travel after such a change in which a robot relocalises on the new map.
+        confidence: probability from which on a robot believes an observation.
+        touch: m, before an observed end from which on a robot without progress has come to it.
+    """
+
+    creep: float = 0.1
+    look_step: float = 0.1
+    look_before: float = 0.015
+    least_bend: float = math.radians(5)
+    bend_tolerance: float = math.radians(0.5)
+    settling: float = 0.05
+    confidence: float = 0.5
+    touch: float = 0.05
+
+
+EXPLORER = ExplorerSettings()
+
+
 Replan = Callable[[LegPlanner, int, Closed], list[Leg] | None]
 """Plans legs to a goal through a map."""
 
@@ -104,7 +109,7 @@ class Explorer:
     def __post_init__(self) -> None:
         self._explores = not self.goals
         half = self.robot.length / 2
-        self._back = LookingBack(self.belief, half, SURE)
+        self._back = LookingBack(self.belief, half, EXPLORER.confidence)
         self._closer = LookingCloser(self.belief, half)
         self.ways = self._through([])
         self.leg = self._longer(Leg(((0, "start", "end"),), 1, self.distance, 0.0, 0, ""))
@@ -140,7 +145,7 @@ class Explorer:
         """It has looked to where its way goes on."""
         ahead, distance = look.ahead, look.distance
         route = self.route()
-        if ahead is None or ahead.confidence < SURE:
+        if ahead is None or ahead.confidence < EXPLORER.confidence:
             self.look_at = distance + LOOKS.again
             if self._closer.too_late(self.look_at, route):
                 self._rely()
@@ -154,14 +159,16 @@ class Explorer:
         path = self._reached(distance + ahead.distance - self.route().length)
         if measured:  # what is beyond is measured when it knows its place on the new map
             self._go_on(path)
-            self.look_at = max(distance, min(distance + SETTLE, self.leg.end - LOOK_BEFORE))
+            self.look_at = max(
+                distance, min(distance + EXPLORER.settling, self.leg.end - EXPLORER.look_before)
+            )
             return Decision(self.leg, True, ())
         if ahead.fitting is not None:
             return self._comes_to(ahead.fitting, ahead, path, look)
         if ahead.end == "open" or ahead.end == "closed":
             self.belief.note(_end_of(path), ahead.end)
         self._go_on(path)
-        self.look_at = math.inf if ahead.end else distance + LOOK_STEP
+        self.look_at = math.inf if ahead.end else distance + EXPLORER.look_step
         if ahead.end:
             self._look_closer(ahead, path, distance)
         return Decision(self.leg, True, ())
@@ -174,7 +181,7 @@ class Explorer:
         if end == self.belief.start:
             return Decision(None, False, ())
         if end not in self.belief.ends:  # it should see on, and does not
-            self._go_on(self._reached(CREEP))
+            self._go_on(self._reached(EXPLORER.creep))
             self.look_at = distance
             return Decision(self.leg, True, ())
         return self._inspected(time, distance, end, goal)
@@ -186,7 +193,7 @@ class Explorer:
             return self._given_up(time, [], f"no headway as it {leg.note}")
         end, port = _end_of(leg.path), self.ways.obstacle(leg, distance)
         ahead = self.route().length - distance - self.robot.length / 2
-        if port == end and end in self.belief.ends and ahead < TOUCH:
+        if port == end and end in self.belief.ends and ahead < EXPLORER.touch:
             return self._inspected(time, distance, end, goal)
         told = [TakenForClosed(self.number, time, self.belief.name(port), distance)]
         self._closed.append(port)
@@ -239,7 +246,7 @@ class Explorer:
         """Take what has been seen from afar for what is there."""
         self.belief.settle()
         end = _end_of(self.leg.path)
-        self.look_at = math.inf if end in self.belief.ends else self.leg.end - LOOK_BEFORE
+        self.look_at = math.inf if end in self.belief.ends else self.leg.end - EXPLORER.look_before
 
     def _forget_what_was_far(self) -> None:
         """It is close to what it has seen from afar, and looks at it as if for the first time."""
@@ -259,10 +266,10 @@ class Explorer:
         path, end = self.leg.path, _end_of(self.leg.path)
         if self.belief.fitting(end[0]).is_plain:
             left = self.belief.lengthen(end[0], more)
-            if left <= NO_STRAIGHT and self.belief.drop(end[0]):
+            if left <= BELIEF.least_straight and self.belief.drop(end[0]):
                 return path[:-1]
             return path
-        if more <= NO_STRAIGHT:
+        if more <= BELIEF.least_straight:
             return path
         return (*path, (self.belief.straight_beyond(end, more), "start", "end"))
 
@@ -301,7 +308,7 @@ class Explorer:
         if onward is None:
             return self._next(time, told, self._from_leg(distance))
         self._go_on(onward)
-        self.look_at = self.leg.end - LOOK_BEFORE
+        self.look_at = self.leg.end - EXPLORER.look_before
         if belief.is_last(part):
             self._look_closer(ahead, path, distance)
         return Decision(self.leg, True, told)
@@ -320,7 +327,7 @@ class Explorer:
         angle = float(angle_between(self._bends.pop(part), axis))
         elbow = self.belief.fitting(part)
         assert isinstance(elbow, Elbow)
-        if angle < LEAST_BEND or abs(angle - elbow.angle) < BENT:
+        if angle < EXPLORER.least_bend or abs(angle - elbow.angle) < EXPLORER.bend_tolerance:
             return False
         self.belief.bend(part, angle)
         self.ways = self._through([])
@@ -421,7 +428,7 @@ class Explorer:
         self.leg, *self._to_come = legs
         end = _end_of(self.leg.path)
         blind = self.leg.goal < 0 or end == self.belief.start or end in self.belief.ends
-        self.look_at = math.inf if blind else self.leg.end - LOOK_BEFORE
+        self.look_at = math.inf if blind else self.leg.end - EXPLORER.look_before
         if self.leg.gear == before.gear and self.leg.path[: len(before.path)] == before.path:
             self.leg = replace(self.leg, begin=before.begin)
             return Decision(self.leg, True, told)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.candidates import (
-    DISTINCT,
+    CANDIDATES,
     Candidates,
     Shot,
     chances,
@@ -19,7 +20,15 @@ from omnitrack_sim.autonomy.candidates import (
     of_arms,
     of_gravity,
 )
-from omnitrack_sim.autonomy.pose_filter import PLACE, POSE, TURN, PoseFilter, beginning, outer
+from omnitrack_sim.autonomy.pose_filter import (
+    PLACE,
+    POSE,
+    POSE_FILTER,
+    TURN,
+    PoseFilter,
+    beginning,
+    outer,
+)
 from omnitrack_sim.base.rotations import (
     Array,
     Pose,
@@ -35,34 +44,61 @@ from omnitrack_sim.senses.optics import Mount, Walls
 from omnitrack_sim.senses.proprioception import Felt
 from omnitrack_sim.senses.settings import SensingTable
 
-FEELING = 0.1
-"""Time between two uses of arms and accelerometer, s."""
-ROLLS = 36
-"""Turns about the pipe's axis that a robot that does not know its own compares."""
-CONVINCED = 4.0
-"""By how much the cost of any other answer has to be higher."""
-FOUND_TURN, FOUND_AT = 0.1, 0.02
-"""Standard deviations of a turn, rad, and of a place along the pipe, m, that were found among
-candidates that far apart."""
-CHECKED = 0.01
-"""How far along its axis a robot looks that checks its turn, m."""
-GOOD = 2.0
-"""Cost, for each pixel that counts, up to which a pose explains its picture."""
-DOUBT = 1e-3
-"""Probability of all other turns together below which a robot takes the best."""
-VAGUE, VAGUE_TURN = 0.01, 0.02
-"""Standard deviations of its place, m, and of its turn about its axis, rad, from which on a robot
-compares places and turns."""
-RESTING = 1
-"""Pictures of one end that a robot lets pass after one that told it nothing."""
-WITHIN, FARTHEST = 3.0, 0.2
-"""How far it looks, in standard deviations and at most in m."""
-PLACES, FEW_PLACES, FEW_TURNS = 13, 3, 9
-"""At how many places, at how many for all turns, and at how many turns."""
-MIN_VARIANCE_DROP = 0.85
-"""A picture counts as informative if the variance falls below this fraction."""
-LOOSE_PLACE, LOOSE_TURN = 0.015, 0.03
-"""Standard deviations, m and rad, that are added where a bend of the map is measured anew."""
+
+@dataclass(frozen=True)
+class LocaliserSettings:
+    """When a localiser compares poses, how many, and what it takes to believe the best of them.
+
+    Attributes:
+        touch_period: s, time between two updates by arms and accelerometer: they change slowly.
+        all_turns: number of rotations about the axis that a robot of unknown rotation compares, 10
+            degrees apart.
+        few_places: number of positions at which each of these is compared: the rotation is sought
+            there, the position only has to be near.
+        most_doubt: probability of all other rotations together below which it takes the best.
+        margin: cost by which any other answer has to be worse for one to be taken.
+        most_pixel_cost: cost of each independent pixel up to which a pose explains a picture.
+        relocated_turn_std: rad, standard deviation of a rotation taken from such candidates.
+        relocated_place_std: m, the same of a position along the pipe.
+        verified_reach: m, to which positions on both sides are compared where a robot verifies its
+            rotation.
+        least_place_std: m, standard deviation of its position from which on a robot compares poses:
+            farther from the truth the linear update leads astray, as gradients see no edges.
+        least_turn_std: rad, the same of its rotation about its axis.
+        reach: standard deviations to either side within which poses are compared.
+        most_reach: m, bound of that reach for positions.
+        places: number of positions compared along the direction of largest uncertainty.
+        turns: number of rotations about the axis compared.
+        variance_drop: part of its prior variance below which an update has to bring the posterior:
+            where all candidates look alike, a smaller gain is chance.
+        pause: pictures of one end that are not compared after one without information, as comparing
+            takes time.
+        remapped_place_std: m, standard deviation that is added where a bend of the map changes.
+        remapped_turn_std: rad, the same of each rotation.
+    """
+
+    touch_period: float = 0.1
+    all_turns: int = 36
+    few_places: int = 3
+    most_doubt: float = 1e-3
+    margin: float = 4.0
+    most_pixel_cost: float = 2.0
+    relocated_turn_std: float = 0.1
+    relocated_place_std: float = 0.02
+    verified_reach: float = 0.01
+    least_place_std: float = 0.01
+    least_turn_std: float = 0.02
+    reach: float = 3.0
+    most_reach: float = 0.2
+    places: int = 13
+    turns: int = 9
+    variance_drop: float = 0.85
+    pause: int = 1
+    remapped_place_std: float = 0.015
+    remapped_turn_std: float = 0.03
+
+
+LOCALISER = LocaliserSettings()
 
 
 class Localiser:
@@ -102,9 +138,11 @@ class Localiser:
         self._felt, self._clock = np.zeros(n, int), 0
         # Pictures of each end, tail and nose, to come until poses are compared again.
         self._rest = np.zeros((n, 2), np.intp)
-        self._against = np.zeros((n, ROLLS))  # what pictures have said against each turn
+        self._against = np.zeros(
+            (n, LOCALISER.all_turns)
+        )  # what pictures have said against each turn
         self._puzzled = np.zeros(n)  # s, how long pictures have not been those of the map
-        self._steps = max(1, round(FEELING / period))
+        self._steps = max(1, round(LOCALISER.touch_period / period))
         self._slide = np.zeros((n, 3))
         self._arriving: deque[tuple[int, Shot]] = deque()
         self.shot: Shot | None = None
@@ -193,8 +231,8 @@ class Localiser:
     def loosen(self, robot: int) -> None:
         """A robot's map has changed around it: it is less sure of its pose."""
         covariance = self.filter.covariance.copy()
-        covariance[robot, PLACE, PLACE] += LOOSE_PLACE**2 * np.eye(3)
-        covariance[robot, TURN, TURN] += LOOSE_TURN**2 * np.eye(3)
+        covariance[robot, PLACE, PLACE] += LOCALISER.remapped_place_std**2 * np.eye(3)
+        covariance[robot, TURN, TURN] += LOCALISER.remapped_turn_std**2 * np.eye(3)
         self.filter.covariance = covariance
 
     def doubt(self, robot: int) -> None:
@@ -270,10 +308,13 @@ class Localiser:
             return
         axis = self.filter.rotation[robots, :, 2]
         std = self.filter.std_along(self.filter.rotation[:, :, 2])[robots]
-        turns = np.arange(ROLLS) * 2 * np.pi / ROLLS
-        steps = WITHIN * std[:, None] * np.linspace(-1.0, 1.0, FEW_PLACES)  # (m, p)
+        turns = np.arange(LOCALISER.all_turns) * 2 * np.pi / LOCALISER.all_turns
+        steps = (
+            LOCALISER.reach * std[:, None] * np.linspace(-1.0, 1.0, LOCALISER.few_places)
+        )  # (m, p)
         prior = np.broadcast_to(
-            0.5 * (steps / std[:, None])[:, None] ** 2, (len(robots), ROLLS, FEW_PLACES)
+            0.5 * (steps / std[:, None])[:, None] ** 2,
+            (len(robots), LOCALISER.all_turns, LOCALISER.few_places),
         )
         every = np.tile(turns, (len(robots), 1))
         cost = prior + self._candidates.around(
@@ -284,7 +325,9 @@ class Localiser:
         of_turn = chances(self._against[robots])
         best = of_turn.argmax(axis=1)
         apart = wrap_angle(turns - turns[best, None])  # (m, ROLLS)
-        sure = (of_turn * (np.abs(apart) > DISTINCT)).sum(axis=1) < DOUBT
+        sure = (of_turn * (np.abs(apart) > CANDIDATES.distinct_turn)).sum(
+            axis=1
+        ) < LOCALISER.most_doubt
         if not np.count_nonzero(sure):
             return
         mean_turn, turn_variance = moments(apart, of_turn)
@@ -296,8 +339,8 @@ class Localiser:
             shot,
             (shot.position[robots] + mean_step[:, None] * axis)[sure],
             (shot.rotation[robots] @ turned_by(turn))[sure],
-            (turn_variance + (2 * np.pi / ROLLS) ** 2)[sure],
-            (step_variance + (WITHIN * std / FEW_PLACES) ** 2)[sure],
+            (turn_variance + (2 * np.pi / LOCALISER.all_turns) ** 2)[sure],
+            (step_variance + (LOCALISER.reach * std / LOCALISER.few_places) ** 2)[sure],
         )
 
     def verify(self, robots: NDArray[np.intp]) -> None:
@@ -305,13 +348,16 @@ class Localiser:
         one that finds a better one does not know its turn any more."""
         shot = self.shot
         assert shot is not None
-        turns = np.arange(ROLLS) * 2 * np.pi / ROLLS
+        turns = np.arange(LOCALISER.all_turns) * 2 * np.pi / LOCALISER.all_turns
         every = np.tile(turns, (len(robots), 1))
         axis = self.filter.rotation[robots, :, 2]
-        steps = np.tile(np.linspace(-CHECKED, CHECKED, FEW_PLACES), (len(robots), 1))
+        steps = np.tile(
+            np.linspace(-LOCALISER.verified_reach, LOCALISER.verified_reach, LOCALISER.few_places),
+            (len(robots), 1),
+        )
         cost = self._candidates.around(robots, shot, axis, steps, every).min(axis=2)
-        apart = np.abs(wrap_angle(turns)) > DISTINCT
-        wrong = cost[:, apart].min(axis=1) < cost[:, ~apart].min(axis=1) - CONVINCED
+        apart = np.abs(wrap_angle(turns)) > CANDIDATES.distinct_turn
+        wrong = cost[:, apart].min(axis=1) < cost[:, ~apart].min(axis=1) - LOCALISER.margin
         self.unknown[robots] |= wrong
 
     def _narrow_down(self, shot: Shot, rested: NDArray[np.bool_]) -> None:
@@ -325,16 +371,20 @@ class Localiser:
         axis, std = self.filter.vaguest()
         forward = self.filter.rotation[:, :, 2]
         turn_std = self.filter.std_about(forward)
-        vague = ((std > VAGUE) | (turn_std > VAGUE_TURN)) & ~self.unknown
+        vague = (
+            (std > LOCALISER.least_place_std) | (turn_std > LOCALISER.least_turn_std)
+        ) & ~self.unknown
         robots = np.flatnonzero(vague & rested)
         if len(robots) == 0:
             return
         information = np.zeros((len(axis), POSE, POSE))
         evidence = np.zeros((len(axis), POSE))
         nowhere, as_is = np.zeros((len(robots), 1)), np.zeros((len(robots), 1))
-        reach = np.minimum(WITHIN * std[robots], FARTHEST)
-        steps = reach[:, None] * np.linspace(-1.0, 1.0, PLACES)  # (m, p)
-        turns = WITHIN * turn_std[robots, None] * np.linspace(-1.0, 1.0, FEW_TURNS)  # (m, t)
+        reach = np.minimum(LOCALISER.reach * std[robots], LOCALISER.most_reach)
+        steps = reach[:, None] * np.linspace(-1.0, 1.0, LOCALISER.places)  # (m, p)
+        turns = (
+            LOCALISER.reach * turn_std[robots, None] * np.linspace(-1.0, 1.0, LOCALISER.turns)
+        )  # (m, t)
         told = np.zeros(len(robots), bool)
         for values, spread, at, direction, cost in (
             (
@@ -359,14 +409,14 @@ class Localiser:
             _, known = moments(values, chances(prior))
             variance = variance + (values[:, 1] - values[:, 0]) ** 2 / 4
             # Where all poses look alike, what seems to be gained is chance.
-            more = variance < MIN_VARIANCE_DROP * known
+            more = variance < LOCALISER.variance_drop * known
             gained = np.where(more, 1 / variance - 1 / known, 0.0)
             along = direction[robots]
             information[robots, at, at] += gained[:, None, None] * outer(along, along)
             evidence[robots, at] += np.where(more, mean / variance, 0.0)[:, None] * along
             told |= more
         end = (shot.facing[robots] > 0).astype(np.intp)
-        self._rest[robots, end] = np.where(told, 0, RESTING)
+        self._rest[robots, end] = np.where(told, 0, LOCALISER.pause)
         change = self.filter.correct(information, evidence, shot.position)
         self._move_later_shots(change, shot.position)
         turn = turned_by(change[:, TURN])
@@ -389,7 +439,9 @@ class Localiser:
         """
         found = self._candidates.best(robots, shot, places, frames)
         pixels = self._candidates.share * len(self.pixels)
-        sure = (found.other - found.cost > CONVINCED) & (found.cost < GOOD * pixels)
+        sure = (found.other - found.cost > LOCALISER.margin) & (
+            found.cost < LOCALISER.most_pixel_cost * pixels
+        )
         if np.count_nonzero(sure):
             count = int(np.count_nonzero(sure))
             self._put(
@@ -397,8 +449,8 @@ class Localiser:
                 shot,
                 found.place[sure],
                 found.frame[sure],
-                np.full(count, FOUND_TURN**2),
-                np.full(count, FOUND_AT**2),
+                np.full(count, LOCALISER.relocated_turn_std**2),
+                np.full(count, LOCALISER.relocated_place_std**2),
             )
         return sure
 
@@ -424,8 +476,8 @@ class Localiser:
         axis = rotation[:, :, 2]
         along = outer(axis, axis)
         covariance = np.zeros((len(found), POSE, POSE))
-        covariance[:, :3, :3] = 0.003**2 * np.eye(3)
-        covariance[:, 3:, 3:] = 0.03**2 * np.eye(3)
+        covariance[:, :3, :3] = POSE_FILTER.across_std**2 * np.eye(3)
+        covariance[:, 3:, 3:] = POSE_FILTER.tilt_std**2 * np.eye(3)
         covariance[robots, :3, :3] += step_variance[:, None, None] * along[robots]
         covariance[robots, 3:, 3:] += turn_variance[:, None, None] * along[robots]
         pose.put(found, position, rotation, covariance)

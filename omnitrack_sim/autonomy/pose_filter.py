@@ -8,6 +8,8 @@ docs/how-to/autonomy.md.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,26 @@ from omnitrack_sim.senses.settings import FilterTable, ImuTable, SensingTable
 
 PLACE, TURN, BIAS, SLIP = slice(0, 3), slice(3, 6), slice(6, 9), 9
 SIZE, POSE = 10, 6
+
+
+@dataclass(frozen=True)
+class PoseFilterSettings:
+    """Uncertainty of a robot that stands in a pipe, other than along and about the pipe's axis.
+
+    Attributes:
+        across_std: m, standard deviation of its position across the pipe: three arms centre it.
+        tilt_std: rad, of its rotation about every axis.
+        known_turn_std: rad, in addition about the pipe's axis, where that rotation is known.
+        least_travel: m, travel of a control step below which ratios to it are bounded.
+    """
+
+    across_std: float = 0.003
+    tilt_std: float = 0.03
+    known_turn_std: float = 0.02
+    least_travel: float = 1e-6
+
+
+POSE_FILTER = PoseFilterSettings()
 
 
 class PoseFilter:
@@ -75,8 +97,8 @@ class PoseFilter:
         self.slip = kept * self.slip
         way = np.abs(travel)
         across = np.sqrt(turned[:, 0] ** 2 + turned[:, 1] ** 2)
-        sharp = np.minimum(1.0, across * self._radius / np.maximum(way, 1e-6))
-        differ = np.minimum(1.0, skid / np.maximum(way, 1e-6))
+        sharp = np.minimum(1.0, across * self._radius / np.maximum(way, POSE_FILTER.least_travel))
+        differ = np.minimum(1.0, skid / np.maximum(way, POSE_FILTER.least_travel))
         slip_std = table.slip_std + table.slip_turning * sharp + table.slip_noticed * differ
         noise = np.empty((len(way), SIZE))
         loose = np.maximum(sharp, differ)
@@ -173,9 +195,11 @@ def beginning(table: SensingTable, direction: Array) -> Array:
     n = len(direction)
     covariance = np.zeros((n, SIZE, SIZE))
     along = outer(direction, direction)
-    covariance[:, PLACE, PLACE] = 0.003**2 * np.eye(3) + table.start.distance_std**2 * along
-    turn = 0.02 if table.start.theta5_known else np.pi / np.sqrt(3)
-    covariance[:, TURN, TURN] = 0.03**2 * np.eye(3) + turn**2 * along
+    covariance[:, PLACE, PLACE] = (
+        POSE_FILTER.across_std**2 * np.eye(3) + table.start.distance_std**2 * along
+    )
+    turn = POSE_FILTER.known_turn_std if table.start.theta5_known else np.pi / np.sqrt(3)
+    covariance[:, TURN, TURN] = POSE_FILTER.tilt_std**2 * np.eye(3) + turn**2 * along
     bias = np.radians(table.imu.gyro_bias_deg)
     covariance[:, BIAS, BIAS] = bias**2 * np.eye(3)
     covariance[:, SLIP, SLIP] = table.filter.slip_std**2

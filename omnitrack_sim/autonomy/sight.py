@@ -21,6 +21,24 @@ from omnitrack_sim.robots.omnitrack import Robot
 
 
 @dataclass(frozen=True)
+class SightSettings:
+    """Reach and tolerances of error-free sight.
+
+    Attributes:
+        reach: bores that the robot is made for, seen beyond its nose: 0.96 m in 0.16 m.
+        port: m, from its nose to the port by which it leaves a fitting, up to which it sees on.
+        same_place: m, distance up to which an observation and the truth are of the same thing.
+    """
+
+    reach: float = 6.0
+    port: float = 0.02
+    same_place: float = 0.1
+
+
+SIGHT = SightSettings()
+
+
+@dataclass(frozen=True)
 class Ahead:
     """What a robot sees ahead of it in its pipe, at one moment.
 
@@ -102,13 +120,6 @@ class Sight(Protocol):
         ...
 
 
-RANGE = 6.0
-"""How far a robot sees beyond its nose, in bores that it is made for: 0.96 m."""
-AT_PORT = 0.02
-"""How far before the port by which a robot leaves a fitting its nose has to be, m, for it to see
-what is beyond."""
-
-
 class _Port(NamedTuple):
     """A port ahead of a robot.
 
@@ -142,7 +153,7 @@ class TrueSight:
         reach: float | None = None,
     ) -> None:
         self._pipes, self._half, self._arcs = pipes, robot.length / 2, arcs
-        self._reach = RANGE * robot.nominal_bore if reach is None else reach
+        self._reach = SIGHT.reach * robot.nominal_bore if reach is None else reach
         self._joined = both_ways(pipes.joints)
         closed = set(plates)
         self._closed = closed | {self._joined[end] for end in closed if end in self._joined}
@@ -165,7 +176,7 @@ class TrueSight:
                 line = part.axis(enter, leave, self._arcs)
                 at = line.locate(centre)
                 left = line.length - float(at[0])
-                if fitting.is_plain or left <= self._half + AT_PORT:
+                if fitting.is_plain or left <= self._half + SIGHT.port:
                     beside = float(length(centre - line.at(at)[0])[0])
                     yield _Port(beside, left, (index, leave))
 
@@ -199,16 +210,12 @@ def _turn(part: Part, enter: str, frame: Array) -> float:
     return math.atan2(float(x @ np.cross(ahead, side)), float(x @ side))
 
 
-SAME_PLACE = 0.1
-"""Distance, m, within which what is seen and what is there count as the same thing."""
-
-
 def is_right(seen: Ahead, there: Ahead) -> bool:
     """Return whether what is seen is of the kind of what is there: a fitting, an end, or, as far as
     is seen, nothing. Which of a fitting's ports is nearer counts where the ports differ."""
     if seen.fitting is None and not seen.end:
-        return there.distance > seen.distance - SAME_PLACE
-    if abs(seen.distance - there.distance) > SAME_PLACE or seen.end != there.end:
+        return there.distance > seen.distance - SIGHT.same_place
+    if abs(seen.distance - there.distance) > SIGHT.same_place or seen.end != there.end:
         return False
     if seen.fitting is None or there.fitting is None:
         return seen.fitting is there.fitting

@@ -18,10 +18,9 @@ from omnitrack_sim.autonomy.recognition.forms import (
     WallMaker,
     cameras,
 )
+from omnitrack_sim.autonomy.recognition.settings import RECOGNISER
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.senses.optics import JOINT, RANGE, Camera, Walls, rays_of
-
-_PLACES = 4000
 
 
 class Scale:
@@ -34,7 +33,7 @@ class Scale:
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
         self.top = max(camera.optics.far, 1.0)
-        self._values = np.linspace(0.0, self.top, _PLACES)
+        self._values = np.linspace(0.0, self.top, RECOGNISER.scale_values)
         spread = camera.spread(self._values[None])[0]
         steps = (1 / spread[1:] + 1 / spread[:-1]) / 2 * np.diff(self._values)
         self._steps = np.concatenate([[0.0], np.cumsum(steps)])
@@ -140,30 +139,6 @@ def merged(better: NDArray[np.bool_], first: Tries, second: Tries) -> Tries:
     return Tries(first.forms, **values)
 
 
-EXPECTED = np.array([0.004, 0.004, 0.03, 0.03, 10.0, 10.0])
-"""Standard deviations of where a camera stands, m and rad, before it has seen anything."""
-GAIN = 0.02
-"""Of the brightness, or the distances, of a picture as a whole, as a part."""
-JOINTS = (0.02, 0.6, 0.004)
-"""Distances, m, that a joint is looked for at: from, to, step."""
-CLEAR, MOST_JOINTS = 15.0, 4
-"""Least cost that a joint must spare to be followed, and how many are."""
-FIXED = 1e12
-"""Weight of a number that is not sought."""
-NUDGE = np.array([0.0005, 0.0005, 0.005, 0.005, 0.001, 0.01])
-"""By which a camera is moved, m and rad, to see what that does to its picture."""
-LONGEST = np.array([0.003, 0.003, 0.03, 0.03, 0.04, 0.3])
-"""Longest step of the search, m and rad."""
-FARTHEST = 0.85
-"""Distance of a port plane, m, to which the search goes."""
-GRAIN, MOST_KEPT = 8, 2000
-"""Sizes are sought in parts of their step, and walls of so many are kept."""
-DAMPINGS = (1e-3, 0.3, 5.0)
-"""Marquardt's numbers that are tried in each step."""
-LONGEST_SIZE = 8
-"""The same of a size, in its steps."""
-
-
 class Fit:
     """Fits forms to the pictures of a camera in pipes of a bore."""
 
@@ -183,7 +158,7 @@ class Fit:
             side = -1.0 if number % 2 else 1.0  # edges may be on either side
             normal, gradient = self._equations(best, views, level, side)
             best = replace(best, normal=normal)
-            rows = [best, *(_stepped(best, gradient, damping) for damping in DAMPINGS)]
+            rows = [best, *(_stepped(best, gradient, damping) for damping in RECOGNISER.dampings)]
             tried = [self.costs(row, views, level) for row in rows[1:]]
             least = np.argmin([best.cost, *(row.cost for row in tried)], axis=0)
             for i, row in enumerate(tried, 1):
@@ -211,7 +186,11 @@ class Fit:
             weight = level.weight * level.rough**2
             cost[rows] = (weight * missed / (1 + missed)).sum(axis=(1, 2))
         weights, off = _beforehand(at, level)
-        return replace(at, cost=cost + (np.where(weights < FIXED, weights, 0) * off**2).sum(axis=1))
+        return replace(
+            at,
+            cost=cost
+            + (np.where(weights < RECOGNISER.fixed_weight, weights, 0) * off**2).sum(axis=1),
+        )
 
     def scores(self, at: Tries, level: Level, alike: float) -> Array:
         """Twice the negative logarithm of the evidence (n,) for each row, without what all share.
@@ -223,10 +202,10 @@ class Fit:
             alike: pixels of which the errors are alike.
         """
         weights, _ = _beforehand(at, level)
-        for place, width in ((DISTANCE, FARTHEST), (TURN, 2 * np.pi)):
-            sought = weights[:, place] < FIXED
+        for place, width in ((DISTANCE, RECOGNISER.farthest), (TURN, 2 * np.pi)):
+            sought = weights[:, place] < RECOGNISER.fixed_weight
             weights[sought, place] = 2 * np.pi / width**2
-        sought = (weights < FIXED).sum(axis=1)
+        sought = (weights < RECOGNISER.fixed_weight).sum(axis=1)
         known = np.linalg.slogdet(at.normal)[1] - sought * np.log(alike)
         return at.cost / alike + known - np.log(weights).sum(axis=1)
 
@@ -245,7 +224,7 @@ class Fit:
         rays = self._rays[level.pixels]
         expected = np.empty((n, v, k))
         slopes = np.zeros((n, v, k, PLACES + SIZES + v))
-        rows = [at.numbers, *(at.numbers + nudge for nudge in np.diag(NUDGE))]
+        rows = [at.numbers, *(at.numbers + nudge for nudge in np.diag(RECOGNISER.nudge))]
         poses = [cameras(row, views.motions) for row in rows]
         place, rotation = (np.stack(column) for column in zip(*poses, strict=True))
         for j in range(n):
@@ -258,7 +237,7 @@ class Fit:
                 )
                 seen = self._expected(near, rays, level)
                 expected[j, i] = seen[0]
-                slopes[j, i][:, free] = ((seen[1:] - seen[0]) / NUDGE[free, None]).T
+                slopes[j, i][:, free] = ((seen[1:] - seen[0]) / RECOGNISER.nudge[free, None]).T
             if self._camera.lamp is not None:
                 # What a lamp leaves in the dark tells most, and its edges move.
                 for i in {DISTANCE, TURN}.intersection(free):
@@ -291,7 +270,7 @@ class Fit:
         place, rotation = cameras(pose[None], views.motions[-1:])
         hits = self._traced(self._walls_of(straight, np.zeros(SIZES)), place[0], rotation[0], rays)
         along = hits[0, :, RANGE] * (rays @ rotation[0, 0].T)[:, 2]
-        where = np.arange(*JOINTS)
+        where = np.arange(*RECOGNISER.joint_range)
         other = np.repeat(hits, len(where) + 1, axis=0)
         other[1:, :, JOINT] = np.abs(along - where[:, None])
         expected = self._scale.of(self._expected(other, rays, level))
@@ -299,8 +278,8 @@ class Fit:
         cost = level.rough**2 * (missed / (1 + missed)).sum(axis=1)
         less = cost[0] - cost[1:]
         least = np.r_[True, less[1:] >= less[:-1]] & np.r_[less[:-1] >= less[1:], True]
-        found = np.flatnonzero(least & (less > CLEAR))
-        return where[found[np.argsort(-less[found])]][:MOST_JOINTS].tolist()
+        found = np.flatnonzero(least & (less > RECOGNISER.joint_cost))
+        return where[found[np.argsort(-less[found])]][: RECOGNISER.joints].tolist()
 
     def _walls_of(self, form: Form, sizes: Array) -> Walls:
         """Walls of a form, which are kept: many steps come by the same sizes."""
@@ -309,7 +288,7 @@ class Fit:
         if found is None:
             parts, closed = form.map(_sizes(form, sizes), self._bore)
             found = self._walls([parts], [closed])
-            if len(self._kept) >= MOST_KEPT:
+            if len(self._kept) >= RECOGNISER.kept_walls:
                 self._kept.pop(next(iter(self._kept)))
             self._kept[key] = found
         return found
@@ -362,13 +341,16 @@ def _beforehand(at: Tries, level: Level) -> tuple[Array, Array]:
     """How much (n, p) what is expected before anything is seen weighs, and how far (n, p) the
     numbers are from it."""
     n, v = at.gains.shape
-    weights = np.full((n, PLACES + SIZES + v), FIXED)
+    weights = np.full((n, PLACES + SIZES + v), RECOGNISER.fixed_weight)
     off = np.zeros(weights.shape)
-    weights[:, PLACES + SIZES :], off[:, PLACES + SIZES :] = 1 / GAIN**2, at.gains - 1
+    weights[:, PLACES + SIZES :], off[:, PLACES + SIZES :] = (
+        1 / RECOGNISER.gain_std**2,
+        at.gains - 1,
+    )
     for j, form in enumerate(at.forms):
         for i in range(PLACES):
             if level.free[i] and _sought(form, i):
-                weights[j, i] = 1 / EXPECTED[i] ** 2
+                weights[j, i] = 1 / RECOGNISER.camera_std[i] ** 2
                 off[j, i] = at.numbers[j, i] if i < DISTANCE else 0.0
         for s, size in enumerate(form.sizes):
             weights[j, PLACES + s] = 1 / size.spread**2
@@ -381,15 +363,15 @@ def _stepped(at: Tries, gradient: Array, damping: float) -> Tries:
     p = at.normal.shape[1]
     scale = np.eye(p) * np.diagonal(at.normal, axis1=1, axis2=2)[:, None]
     step = np.linalg.solve(at.normal + damping * scale, gradient[..., None])[..., 0]
-    moved = np.clip(step[:, :PLACES], -LONGEST, LONGEST)
+    moved = np.clip(step[:, :PLACES], -RECOGNISER.longest, RECOGNISER.longest)
     sizes = at.sizes.copy()
     for j, form in enumerate(at.forms):
         for s, size in enumerate(form.sizes):
-            most = LONGEST_SIZE * size.step
+            most = RECOGNISER.longest_size * size.step
             changed = sizes[j, s] + np.clip(step[j, PLACES + s], -most, most)
-            grain = size.step / GRAIN
+            grain = size.step / RECOGNISER.size_grain
             sizes[j, s] = np.clip(round(changed / grain) * grain, size.low, size.high)
     numbers = at.numbers + moved
-    numbers[:, DISTANCE] = np.clip(numbers[:, DISTANCE], 0.0, FARTHEST)
+    numbers[:, DISTANCE] = np.clip(numbers[:, DISTANCE], 0.0, RECOGNISER.farthest)
     gains = np.clip(at.gains + step[:, PLACES + SIZES :], 0.8, 1.25)
     return replace(at, numbers=numbers, sizes=sizes, gains=gains)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from omnitrack_sim.autonomy.recognition.settings import RECOGNISER
 from omnitrack_sim.base.rotations import Array, Pose, rotation_about
 from omnitrack_sim.pipes import Elbow, Fitting, Part, Reducer, Straight, Tee, attached
 from omnitrack_sim.pipes.fittings.wye import Wye
@@ -63,10 +64,6 @@ class Motion(NamedTuple):
     position: Array
 
 
-SURE = 0.95
-"""Probability from which a sighting is unambiguous."""
-
-
 ASIDE, TILT, DISTANCE, TURN, PLACES = slice(0, 2), slice(2, 4), 4, 5, 6
 """Places in a row of numbers: m and rad, as of a ``Sighting``."""
 
@@ -106,8 +103,6 @@ STILL = Motion(np.eye(3), np.zeros(3))
 """Of the last picture itself."""
 
 
-BEHIND, BEYOND = 0.9, 1.6
-"""Length, m, of the straight before a fitting and of those beyond it."""
 Map = tuple[tuple[Part, ...], tuple[tuple[int, str], ...]]
 """Parts, and the ports of them that a plate closes."""
 WallMaker = Callable[[Sequence[Sequence[Part]], Sequence[Sequence[tuple[int, str]]]], Walls]
@@ -163,16 +158,20 @@ class Form:
         """Its parts where the port plane is z = 0, the robot comes along +z, and the x axis of the
         port is x."""
         if self.make is None and not self.ends:
-            middle = Pose(np.eye(3), np.array([0, 0, -BEYOND]))
-            return (Part("straight", Straight(2 * BEYOND, bore), middle),), ()
-        lead = Part("before", Straight(BEHIND, bore), Pose(np.eye(3), np.array([0, 0, -BEHIND])))
+            middle = Pose(np.eye(3), np.array([0, 0, -RECOGNISER.beyond]))
+            return (Part("straight", Straight(2 * RECOGNISER.beyond, bore), middle),), ()
+        lead = Part(
+            "before",
+            Straight(RECOGNISER.behind, bore),
+            Pose(np.eye(3), np.array([0, 0, -RECOGNISER.behind])),
+        )
         if self.make is None:
             return (lead,), (((0, "end"),) if self.closed else ())
         fitting = self.make(**dict(zip([size.key for size in self.sizes], sizes, strict=True)))
         part = _joined(lead, "end", fitting, self.enter)
         others = [port for port in fitting.port_names if port != self.enter]
         after = [
-            _joined(part, port, Straight(BEYOND, 2 * fitting.port_radius(port)), "start")
+            _joined(part, port, Straight(RECOGNISER.beyond, 2 * fitting.port_radius(port)), "start")
             for port in others
         ]
         return (lead, part, *after), ()
@@ -200,7 +199,7 @@ def forms(bore: float) -> tuple[Form, ...]:
     leans = ((half / 4,), (half / 3,))
     return (
         Form("straight", "straight"),
-        Form("joint", "straight", "start", partial(Straight, BEYOND, bore)),
+        Form("joint", "straight", "start", partial(Straight, RECOGNISER.beyond, bore)),
         Form("elbow", "elbow", "start", elbow, sizes=(radius, angle), starts=bends, period=whole),
         Form("tee over", "tee", "run_start", tee, period=whole),
         Form("tee into", "tee", "branch", tee, period=half),

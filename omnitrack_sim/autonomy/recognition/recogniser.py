@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.recognition.fit import (
-    FARTHEST,
     SIZES,
     Fit,
     Level,
@@ -37,24 +36,12 @@ from omnitrack_sim.autonomy.recognition.forms import (
     forms,
     straightened,
 )
+from omnitrack_sim.autonomy.recognition.settings import RECOGNISER
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Part
 from omnitrack_sim.senses.optics import Camera, OpticsTable, Walls, rays_of
 
 Coarse = NDArray[np.float32]
-RING_RAYS = 16
-"""Rays of a ring, and turns of a form."""
-RINGS = np.array(
-    [0.05, 0.08, 0.11, 0.14, 0.17, 0.21, 0.25, 0.3, 0.36, 0.43, 0.52, 0.63, 0.76, 0.88]
-)
-"""Angles of the rings from the axis, as parts of half the field of view."""
-DISTANCES = np.arange(0.15, 3.8, 0.1875)
-"""Of the port plane, in bores."""
-BLUR = 3.0
-"""Standard deviations by which a coarse picture is off besides the steps of the library: the pose
-of the camera is roughly known, and sizes are only those of the starts."""
-CAP = 9.0
-"""Most that a ray can cost."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +67,9 @@ class Library:
         self._camera, self._scale, self._radius = camera, scale, bore / 2
         self._half = np.radians(camera.optics.field_of_view_deg) / 2
         angle, around = np.meshgrid(
-            RINGS * self._half, 2 * np.pi * np.arange(RING_RAYS) / RING_RAYS, indexing="ij"
+            RECOGNISER.rings * self._half,
+            2 * np.pi * np.arange(RECOGNISER.ring_rays) / RECOGNISER.ring_rays,
+            indexing="ij",
         )
         self.rays = np.stack(
             [np.sin(angle) * np.cos(around), np.sin(angle) * np.sin(around), np.cos(angle)], axis=-1
@@ -100,11 +89,11 @@ class Library:
         for which, form in enumerate(forms):
             made = walls(*_maps([form.map(sizes, bore) for sizes in form.starts]))
             turns = (
-                np.arange(0, form.period - 1e-9, 2 * np.pi / RING_RAYS)
+                np.arange(0, form.period - 1e-9, 2 * np.pi / RECOGNISER.ring_rays)
                 if form.period
                 else np.zeros(1)
             )
-            places = DISTANCES * bore if form.parameters else np.zeros(1)
+            places = RECOGNISER.library_distances * bore if form.parameters else np.zeros(1)
             start, place, turn = (
                 grid.ravel()
                 for grid in np.meshgrid(np.arange(len(form.starts)), places, turns, indexing="ij")
@@ -142,13 +131,13 @@ class Library:
         """How badly each entry (m,) agrees with a look (k,)."""
         apart = (self.pictures - look.astype(np.float32)) * self._sharp
         apart *= apart
-        return self._level + (apart / (1 + apart / np.float32(CAP))).sum(axis=1)
+        return self._level + (apart / (1 + apart / np.float32(RECOGNISER.library_cap))).sum(axis=1)
 
 
 def _sharpness(pictures: Array) -> Array:
     """One over the standard deviation of each ray of pictures (starts, distances, turns, k), whose
     true distance and turn lie up to half a step beside."""
-    spread = np.full(pictures.shape, BLUR**2)
+    spread = np.full(pictures.shape, RECOGNISER.library_blur**2)
     count = pictures.shape[1]
     if count > 1:
         steps = np.abs(np.diff(pictures, axis=1)) / 2
@@ -188,45 +177,6 @@ def interpolated(picture: Array, directions: Array, optics: OpticsTable) -> Arra
     )
 
 
-HORIZON = 3.5
-"""Distance, in bores, up to which a fitting is told; beyond it a pipe counts as straight."""
-STARTS = 3
-"""Starting values of a form that are followed, besides those at joints that show."""
-KEPT = (14, 7, 3)
-"""Most rows that are followed: first roughly, then closely, then to the end."""
-APART = (400.0, 200.0, 100.0)
-"""Rows whose cost is larger than the least by more than this are not followed."""
-SCAN = np.radians([0, -65, -45, -30, -18, -8, 8, 18, 30, 45, 65])
-CLOSE = np.radians([0, -8, -5, -2.5, 2.5, 5, 8])
-"""Turns that are tried beside the one that was found; and in the end."""
-BESIDE = np.arange(-0.04, 0.0401, 0.002)
-"""Distances, m, that are compared beside the one found of an end, which slopes say nothing of."""
-AROUND = np.arange(-0.06, 0.0601, 0.012)
-"""Distances, m, beside the one found at which the search for a form of many sizes begins again."""
-AGAIN = 3
-"""How many of these searches are followed."""
-FAR_OFF = np.arange(0.5, 2.35, 0.15)
-"""Distances, in bores, at which fittings that are dim by a lamp are looked for on their own."""
-TURNS, MANY = 16, 9
-"""At how many turns; and forms with more starting sizes than these have another search."""
-FEW = 3
-"""Starting sizes of a form up to which all are tried once more."""
-ALIKE = {False: 1.0, True: 2.0}
-"""Pixels of which the errors are alike, so many count as one; for cameras with a lamp: dirt of the
-wall covers several."""
-SHARP = 3.0
-"""How many times the errors are larger than the normal equations say, as measured: edges that fall
-between pixels have no slope."""
-SEEN = 0.2
-"""Least part of a picture's pixels that must say something."""
-MISFIT = 3.0
-"""Cost of a pixel, on average, from which nothing that is known looks like the picture."""
-UNSURE = 0.5
-"""Most that is given to such a picture."""
-EXCLUDED = 25.0
-"""Cost, in the library, from which a fitting would have been seen."""
-
-
 class Recogniser:
     """Tells what lies ahead of a robot in straight pipe of a known bore.
 
@@ -237,7 +187,7 @@ class Recogniser:
     def __init__(self, camera: Camera, bore: float, walls: WallMaker) -> None:
         self._forms = forms(bore)
         self._dim = camera.lamp is not None
-        self._bore, self._alike = bore, ALIKE[self._dim]
+        self._bore, self._alike = bore, RECOGNISER.lamp_alike if self._dim else 1.0
         self._scale = Scale(camera)
         self._fit = Fit(camera, bore, walls, self._scale)
         self._library = Library(camera, bore, self._forms, walls, self._scale)
@@ -271,7 +221,7 @@ class Recogniser:
             pictures: (v, pixels²), of one approach.
             motions: how the camera stood at each of them, seen from the last one.
         """
-        if np.isfinite(pictures).mean(axis=1).min() < SEEN:
+        if np.isfinite(pictures).mean(axis=1).min() < RECOGNISER.least_valid:
             return _nothing()
         views = Views(self._scale.of(pictures), list(motions))
         found, straight = self._ranked(views)
@@ -302,9 +252,9 @@ class Recogniser:
 
     def _turned(self, found: Tries, views: Views, level: Level) -> Tries:
         """Rows with the best of some turns close to their own."""
-        n, m = len(found.forms), len(CLOSE)
+        n, m = len(found.forms), len(RECOGNISER.fine_turns)
         rows = found.take(np.repeat(np.arange(n), m).tolist())
-        rows.numbers[:, TURN] += np.tile(CLOSE, n)
+        rows.numbers[:, TURN] += np.tile(RECOGNISER.fine_turns, n)
         cost = self._fit.costs(rows, views, level).cost.reshape(n, m)
         return rows.take((np.arange(n) * m + cost.argmin(axis=1)).tolist())
 
@@ -322,7 +272,7 @@ class Recogniser:
         for row, form in enumerate(found.forms):
             sizes = [found.sizes[row], *(_row(start) for start in _few(form))]
             places = [found.numbers[row, DISTANCE], *(joints[:1] if form.parameters else ())]
-            turns = SCAN if form.period else SCAN[:1]
+            turns = RECOGNISER.rough_turns if form.period else RECOGNISER.rough_turns[:1]
             beside = list(product(sizes, places, turns))
             part = found.take([row] * len(beside))
             for i, (size, place, turn) in enumerate(beside):
@@ -340,12 +290,12 @@ class Recogniser:
         alike, and a search that errs in one of them does not come out of it."""
         rows = []
         for row, form in enumerate(found.forms):
-            if len(form.starts) <= FEW:
+            if len(form.starts) <= RECOGNISER.few_starts:
                 continue
             about = found.numbers[row, DISTANCE]
-            places = [*(about + AROUND), *joints]
+            places = [*(about + RECOGNISER.restart_offsets), *joints]
             stands = pose[:DISTANCE], 0 * pose[:DISTANCE]
-            within = [place for place in places if 0 < place < FARTHEST]
+            within = [place for place in places if 0 < place < RECOGNISER.farthest]
             beside = list(product(form.starts, within, stands))
             part = found.take([row] * len(beside))
             part.gains[:] = 1.0
@@ -356,7 +306,7 @@ class Recogniser:
             each = part.cost.reshape(len(form.starts), -1).argmin(axis=1)
             each += np.arange(len(form.starts)) * (len(beside) // len(form.starts))
             best = self._fit.refined(part.take(each.tolist()), views, self._level(0, 5.0), 2)
-            best = best.take(np.argsort(best.cost, kind="stable")[:AGAIN].tolist())
+            best = best.take(np.argsort(best.cost, kind="stable")[: RECOGNISER.restarts].tolist())
             rows.append(self._fit.refined(best, views, self._level(0, 5.0), 2))
         return rows
 
@@ -366,10 +316,20 @@ class Recogniser:
         coarse looks pass over."""
         rows = []
         for form in self._forms:
-            if form.make is None or form.kind == "straight" or len(form.starts) > MANY:
+            if (
+                form.make is None
+                or form.kind == "straight"
+                or len(form.starts) > RECOGNISER.dim_starts
+            ):
                 continue
-            turns = np.arange(0.0, form.period, form.period / TURNS) if form.period else [0.0]
-            beside = list(product(form.starts or ((),), FAR_OFF * self._bore, turns))
+            turns = (
+                np.arange(0.0, form.period, form.period / RECOGNISER.dim_turns)
+                if form.period
+                else [0.0]
+            )
+            beside = list(
+                product(form.starts or ((),), RECOGNISER.dim_distances * self._bore, turns)
+            )
             numbers, sizes = np.zeros((len(beside), PLACES)), np.zeros((len(beside), SIZES))
             numbers[:, :DISTANCE] = pose[:DISTANCE]
             for i, (size, place, turn) in enumerate(beside):
@@ -390,8 +350,8 @@ class Recogniser:
     def _kept(self, found: Tries, stage: int) -> Tries:
         """The best rows, and the straight pipe."""
         rows = np.argsort(found.cost, kind="stable")
-        near = found.cost[rows] < found.cost[rows[0]] + APART[stage]
-        kept = rows[near][: KEPT[stage]].tolist()
+        near = found.cost[rows] < found.cost[rows[0]] + RECOGNISER.follow_cost[stage]
+        kept = rows[near][: RECOGNISER.followed[stage]].tolist()
         straight = [i for i in rows.tolist() if found.forms[i] is self._forms[0]]
         return found.take(kept + [i for i in straight if i not in kept])
 
@@ -407,7 +367,7 @@ class Recogniser:
             for row in rows[np.argsort(cost[rows])]:
                 if all(self._apart(row, other) for other in kept):
                     kept.append(int(row))
-                if len(kept) == STARTS:
+                if len(kept) == RECOGNISER.starts:
                     break
             chosen += kept
             places += entries.numbers[kept, DISTANCE].tolist()
@@ -426,8 +386,10 @@ class Recogniser:
         ):
             sizes[row, : len(form.sizes)] = form.starts[at]
         plain = np.array([form.kind == "straight" for form in self._forms])[entries.form]
-        possible = ~plain & (cost < cost[plain].min() + EXCLUDED)
-        straight = float(np.min(entries.numbers[possible, DISTANCE], initial=HORIZON * self._bore))
+        possible = ~plain & (cost < cost[plain].min() + RECOGNISER.excluded_cost)
+        straight = float(
+            np.min(entries.numbers[possible, DISTANCE], initial=RECOGNISER.horizon * self._bore)
+        )
         return tries(chosen_forms, numbers, sizes, 1), straight
 
     def _apart(self, row: int, other: int) -> bool:
@@ -447,15 +409,21 @@ class Recogniser:
     def _placed(self, found: Tries, views: Views, level: Level) -> tuple[Tries, float]:
         """A row of an end, at the mean of the distances beside its own, each as likely as the
         picture is then; and the variance, m²."""
-        rows = found.take([0] * len(BESIDE))
-        rows.numbers[:, DISTANCE] = np.clip(rows.numbers[:, DISTANCE] + BESIDE, 0.0, None)
-        cost = self._fit.costs(rows, views, level).cost / (2 * SHARP**2 * self._alike)
+        rows = found.take([0] * len(RECOGNISER.end_offsets))
+        rows.numbers[:, DISTANCE] = np.clip(
+            rows.numbers[:, DISTANCE] + RECOGNISER.end_offsets, 0.0, None
+        )
+        cost = self._fit.costs(rows, views, level).cost / (
+            2 * RECOGNISER.error_scale**2 * self._alike
+        )
         chance = np.exp(cost.min() - cost)
         chance /= chance.sum()
         distance = rows.numbers[:, DISTANCE]
         mean = float(chance @ distance)
         found.numbers[0, DISTANCE] = mean
-        return found, float(chance @ (distance - mean) ** 2) + (BESIDE[1] - BESIDE[0]) ** 2 / 12
+        return found, float(chance @ (distance - mean) ** 2) + (
+            RECOGNISER.end_offsets[1] - RECOGNISER.end_offsets[0]
+        ) ** 2 / 12
 
     def _told(self, found: Tries, straight: float, views: Views) -> Sighting:
         """The likeliest of the forms, and how sure that is."""
@@ -467,8 +435,8 @@ class Recogniser:
         }
         best = int(np.argmin(score))
         confidence = 1 / sum(math.exp((score[best] - other) / 2) for other in least.values())
-        if found.cost[best] > MISFIT * len(level.pixels) * found.gains.shape[1]:
-            confidence = min(confidence, UNSURE)
+        if found.cost[best] > RECOGNISER.misfit_cost * len(level.pixels) * found.gains.shape[1]:
+            confidence = min(confidence, RECOGNISER.misfit_confidence)
         row, variance = found.take([best]), None
         if row.forms[0].ends:
             row, variance = self._placed(row, views, level)
@@ -476,13 +444,13 @@ class Recogniser:
 
     def _name(self, form: Form, numbers: Array) -> tuple[str, str]:
         """Kind and port that a form stands for: beyond the horizon a pipe is straight."""
-        straight = form.kind == "straight" or numbers[DISTANCE] > HORIZON * self._bore
+        straight = form.kind == "straight" or numbers[DISTANCE] > RECOGNISER.horizon * self._bore
         return ("straight", "") if straight else (form.kind, form.enter)
 
 
 def _few(form: Form) -> tuple[tuple[float, ...], ...]:
     """Sizes that a search begins with, where they are few."""
-    return form.starts if form.sizes and len(form.starts) <= FEW else ()
+    return form.starts if form.sizes and len(form.starts) <= RECOGNISER.few_starts else ()
 
 
 def _row(sizes: Sequence[float]) -> Array:
@@ -501,7 +469,7 @@ def _sighting(
     """What a row says; ``variance``, m², of the distance of an end."""
     form, numbers, at = found.forms[0], found.numbers[0], [DISTANCE, TURN]
     plain = name[0] == "straight"
-    covariance = SHARP**2 * alike * np.linalg.inv(found.normal[0])
+    covariance = RECOGNISER.error_scale**2 * alike * np.linalg.inv(found.normal[0])
     if variance is not None:
         covariance[DISTANCE] = covariance[:, DISTANCE] = 0.0
         covariance[DISTANCE, DISTANCE] = variance

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from omnitrack_sim.autonomy.sight import AT_PORT
+from omnitrack_sim.autonomy.sight import SIGHT
 from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.pipes import Assembly, Route
 from omnitrack_sim.record.channels import MODULE_COLOURS
@@ -396,7 +396,7 @@ def known_from(
         front = trajectory["distance"][rows] + half
         corner = -np.inf  # end of the last fitting; what lies beyond is not seen from before it
         for passage in route.passages:
-            in_sight = (front + sight >= passage.s_enter) & (front + AT_PORT >= corner)
+            in_sight = (front + sight >= passage.s_enter) & (front + SIGHT.port >= corner)
             if in_sight.any():
                 first[passage.index] = min(first[passage.index], rows[np.argmax(in_sight)])
             if not route.network.parts[passage.index].fitting.is_plain:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from omnitrack_sim.autonomy.camera_sight import TRUSTED
-from omnitrack_sim.autonomy.sight import RANGE
+from omnitrack_sim.autonomy.camera_sight import CAMERA_SIGHT
+from omnitrack_sim.autonomy.sight import SIGHT
 from omnitrack_sim.base.errors import RenderError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly
@@ -230,7 +230,7 @@ class Stage:
             return None
         if result.map is not None and result.scenario.exploration is not None:
             robot, by_camera = result.scenario.robot, result.scenario.sensing.kind == "onboard"
-            sight = (TRUSTED if by_camera else RANGE) * robot.nominal_bore
+            sight = (CAMERA_SIGHT.reach if by_camera else SIGHT.reach) * robot.nominal_bore
             known = known_from(self.trajectory, routes, robot.length / 2, sight)
         goals, plates = result.goal_points(), result.plate_rims()
         return MapPanel(self.trajectory, routes, goals, plates, width, height, known)

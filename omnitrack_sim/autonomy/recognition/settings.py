@@ -1,0 +1,128 @@
+"""Tuned constants of recognition."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from omnitrack_sim.base.rotations import Array
+
+
+@dataclass(frozen=True, eq=False)
+class RecogniserSettings:
+    """Extent of the library, of the search and of the fit, and what makes a sighting sure.
+
+    Costs are squared residuals in standard deviations, bounded by the robust loss.
+
+    Attributes:
+        behind: m, length of the modelled straight before a fitting.
+        beyond: m, length of the straights beyond it; the robust loss absorbs what follows.
+        scale_values: pixel values at which the scale of equal noise is tabulated.
+        ring_rays: rays of each ring of a coarse picture, and directions of a form in the library.
+        rings: (14,) angles of the rings from the axis, as parts of half the field of view; denser
+            at the middle, where distant things are.
+        library_distances: (20,) bores, distances of a form in the library.
+        library_blur: standard deviations by which a coarse picture is off besides the library's
+            steps: the camera's pose is roughly known, and sizes are those of the starts.
+        library_cap: most that a ray of a coarse picture can cost.
+        starts: starting values of each form that are followed, besides those at visible joints.
+        excluded_cost: cost in the library from which on a fitting would have been visible.
+        followed: most rows that are followed: roughly, closely, to the end.
+        follow_cost: cost above the least from which on rows are not followed, for the same stages.
+        rough_turns: (11,) rad, directions tried beside that of each row, its own first.
+        fine_turns: (7,) rad, the same in the end.
+        few_starts: starting sizes of a form up to which the rough search tries all once more; forms
+            with more begin again on their own.
+        restart_offsets: (11,) m, positions beside the first at which the search for a bend begins
+            again: its start, its radius and the camera's tilt are nearly confounded.
+        restarts: number of these searches that are followed.
+        dim_distances: (13,) bores, at which fittings that a lamp lights dimly have a search of
+            their own: the coarse looks pass over the few pixels at the middle of the picture.
+        dim_turns: number of directions of that search.
+        dim_starts: starting sizes from which on a form has no such search.
+        end_offsets: (41,) m, positions of an end that are compared beside the fitted one: gradients
+            do not see its edge.
+        horizon: bores, beyond which a fitting is not reported.
+        least_valid: part of the pixels that have to be valid.
+        error_scale: factor of the errors that the normal equations give, as measured: edges that
+            fall between pixels have no gradient.
+        lamp_alike: pixels that count as one by a lamp: patches of dirt cover several.
+        misfit_cost: mean cost of a pixel from which on no form explains the picture.
+        misfit_confidence: most probability of a form in such a picture.
+        sure: probability from which on a sighting is unambiguous.
+        camera_std: (6,) m and rad, prior standard deviations of the camera's six numbers; distance
+            and direction are unknown.
+        gain_std: prior standard deviation of the gain of a whole picture, its exposure.
+        joint_range: m, distances at which a joint is looked for: from, to, step.
+        joint_cost: cost that a joint must spare to be followed.
+        joints: most joints that are followed.
+        fixed_weight: weight of a number that is not sought: large enough to keep it, small enough
+            for the normal equations.
+        nudge: (6,) m and rad, steps of the differences that the Jacobian is made of.
+        longest: (6,) m and rad, longest step of the search: linearisation holds nearby.
+        longest_size: the same of a size, in its steps.
+        farthest: m, bound of the distance of a port plane.
+        size_grain: parts of its step to which a size is rounded, so that walls are reused.
+        kept_walls: most walls that are kept for reuse, which bounds the memory.
+        dampings: Marquardt's factors, all tried in each step.
+    """
+
+    behind: float = 0.9
+    beyond: float = 1.6
+    # Library
+    scale_values: int = 4000
+    ring_rays: int = 16
+    rings: Array = field(
+        default_factory=lambda: np.array(
+            [0.05, 0.08, 0.11, 0.14, 0.17, 0.21, 0.25, 0.3, 0.36, 0.43, 0.52, 0.63, 0.76, 0.88]
+        )
+    )
+    library_distances: Array = field(default_factory=lambda: np.arange(0.15, 3.8, 0.1875))
+    library_blur: float = 3.0
+    library_cap: float = 9.0
+    # Search
+    starts: int = 3
+    excluded_cost: float = 25.0
+    followed: tuple[int, int, int] = (14, 7, 3)
+    follow_cost: tuple[float, float, float] = (400.0, 200.0, 100.0)
+    rough_turns: Array = field(
+        default_factory=lambda: np.radians([0, -65, -45, -30, -18, -8, 8, 18, 30, 45, 65])
+    )
+    fine_turns: Array = field(default_factory=lambda: np.radians([0, -8, -5, -2.5, 2.5, 5, 8]))
+    few_starts: int = 3
+    restart_offsets: Array = field(default_factory=lambda: np.arange(-0.06, 0.0601, 0.012))
+    restarts: int = 3
+    dim_distances: Array = field(default_factory=lambda: np.arange(0.5, 2.35, 0.15))
+    dim_turns: int = 16
+    dim_starts: int = 9
+    end_offsets: Array = field(default_factory=lambda: np.arange(-0.04, 0.0401, 0.002))
+    # Decision
+    horizon: float = 3.5
+    least_valid: float = 0.2
+    error_scale: float = 3.0
+    lamp_alike: float = 2.0
+    misfit_cost: float = 3.0
+    misfit_confidence: float = 0.5
+    sure: float = 0.95
+    # Fit
+    camera_std: Array = field(
+        default_factory=lambda: np.array([0.004, 0.004, 0.03, 0.03, 10.0, 10.0])
+    )
+    gain_std: float = 0.02
+    joint_range: tuple[float, float, float] = (0.02, 0.6, 0.004)
+    joint_cost: float = 15.0
+    joints: int = 4
+    fixed_weight: float = 1e12
+    nudge: Array = field(
+        default_factory=lambda: np.array([0.0005, 0.0005, 0.005, 0.005, 0.001, 0.01])
+    )
+    longest: Array = field(default_factory=lambda: np.array([0.003, 0.003, 0.03, 0.03, 0.04, 0.3]))
+    longest_size: int = 8
+    farthest: float = 0.85
+    size_grain: int = 8
+    kept_walls: int = 2000
+    dampings: tuple[float, ...] = (1e-3, 0.3, 5.0)
+
+
+RECOGNISER = RecogniserSettings()
