@@ -75,8 +75,13 @@ def nearby(
     rays: the wall is taken to be flat about each hit. Edges and shadows stay at their pixels.
 
     Args:
-        hits: of rays (k, 3). place: (n, 3) m and frame: (n, 3, 3) of their cameras.
-        other, turned: the same of the others. lamp: (3,) m, camera frame.
+        hits: (n, k, 8) of the cameras close to them.
+        rays: (k, 3), camera frame.
+        place: (n, 3) m, of the cameras of the hits.
+        frame: (n, 3, 3), the same.
+        other: (n, 3) m, of the other cameras.
+        turned: (n, 3, 3), the same.
+        lamp: (3,) m, camera frame.
     """
     normal, reach = hits[..., NORMAL], hits[..., RANGE]
     met = np.isfinite(reach)
@@ -85,16 +90,16 @@ def nearby(
     after = np.einsum("nij,kj->nki", turned, rays)
     ahead = reach * _dot(normal, before) + _dot(normal, (place - other)[:, None])
     far = ahead / np.minimum(_dot(normal, after), -CANDIDATES.least_incidence)
-    found = hits.copy()
-    found[..., RANGE] = np.where(
+    near = hits.copy()
+    near[..., RANGE] = np.where(
         met, np.clip(far, CANDIDATES.nearest * reach, CANDIDATES.farthest * reach), np.inf
     )
     if lamp is not None:
-        reach = np.where(met, found[..., RANGE], 1.0)
+        reach = np.where(met, near[..., RANGE], 1.0)
         to_lamp = np.einsum("nij,j->ni", turned, lamp)[:, None] - reach[..., None] * after
         facing = _dot(to_lamp, normal) / np.sqrt(_dot(to_lamp, to_lamp))
-        found[..., LIT] = np.where(hits[..., LIT] > 0, np.maximum(facing, 0.0), 0.0)
-    return found
+        near[..., LIT] = np.where(hits[..., LIT] > 0, np.maximum(facing, 0.0), 0.0)
+    return near
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -111,18 +116,21 @@ def of_arms(
     position: Array,
     rotation: Array,
     slide: Array,
-    spread: float,
+    std: float,
 ) -> tuple[Array, Array]:
-    """Where an arm's module is pressed to the wall, the wall is as far as the arm reaches.
+    """Measurement that pressed modules touch the wall where their arms reach.
 
     Where the wall is not along the robot's axis, one end of the track touches it, and the middle
     may be off it by half of the track times the slope.
 
     Args:
-        robot: shared by all. walls: of the maps. which: (n,) map of each robot.
-        position: (n, 3) m. rotation: (n, 3, 3). Where the robots take themselves to be.
-        slide: (n, 3) m, of the arms. spread: m, standard deviation where the wall is along the
-            axis.
+        robot: shared by all.
+        walls: of the maps.
+        which: (n,) map of each robot.
+        position: (n, 3) m, estimate.
+        rotation: (n, 3, 3), estimate.
+        slide: (n, 3) m, of the arms.
+        std: m, standard deviation where the wall is along the axis.
 
     Returns:
         Information and evidence, see ``normal``.
@@ -133,19 +141,22 @@ def of_arms(
     distance, gradient, part = walls.nearest(which, position[:, None] + lever)
     held = (slide < outermost) & (part >= 0)
     slope = np.abs((gradient * rotation[:, None, :, 2]).sum(axis=-1))
-    spreads = spread + robot.contact_length / 2 * slope
-    weight = held * huber(distance / spreads) / spreads**2
+    std_sloped = std + robot.contact_length / 2 * slope
+    weight = held * huber(distance / std_sloped) / std_sloped**2
     return normal(wall_slopes(gradient, lever), -distance, weight)
 
 
 def of_gravity(
-    gravity: Array, force: Array, rotation: Array, spread: float, asked: NDArray[np.bool_]
+    gravity: Array, force: Array, rotation: Array, std: float, valid: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """At rest the accelerometer measures the direction of what holds the robot up.
+    """Measurement of gravity by accelerometers, which at rest measure what holds a robot up.
 
     Args:
-        gravity: (n, 3) m/s², world frame. force: (n, 3) m/s², measured, robot frame.
-        rotation: (n, 3, 3). spread: m/s², standard deviation. asked: (n,) of whom it counts.
+        gravity: (n, 3) m/s², world frame.
+        force: (n, 3) m/s², measured, robot frame.
+        rotation: (n, 3, 3), estimate.
+        std: m/s², standard deviation.
+        valid: (n,) robots that it is taken for.
 
     Returns:
         Information and evidence, see ``normal``.
@@ -154,12 +165,12 @@ def of_gravity(
     error = gravity - held
     slopes = np.zeros((len(held), 3, POSE))
     slopes[:, :, 3:] = -skew(held)
-    weight = np.where(asked, 1.0 / spread**2, 0.0)
+    weight = np.where(valid, 1.0 / std**2, 0.0)
     return normal(slopes, error, np.repeat(weight[:, None], 3, axis=1))
 
 
 def normal(slopes: Array, error: Array, weight: Array) -> tuple[Array, Array]:
-    """Information (n, 6, 6) and evidence (n, 6) of errors (n, k) with slopes (n, k, 6)."""
+    """Information (n, 6, 6) and evidence (n, 6) of residuals (n, k) with slopes (n, k, 6)."""
     weighted = slopes * weight[..., None]
     return np.swapaxes(weighted, 1, 2) @ slopes, np.einsum("nki,nk->ni", weighted, error)
 
@@ -178,21 +189,29 @@ def moments(values: Array, chances: Array) -> tuple[Array, Array]:
 
 
 def huber(error: Array) -> Array:
-    """Weights of errors counted in standard deviations."""
+    """Weights of residuals in standard deviations."""
     return np.minimum(1.0, CANDIDATES.huber / np.maximum(np.abs(error), 1e-12))
 
 
-def median(size: Array, said: NDArray[np.bool_]) -> Array:
-    """Median (n,) of those ``size`` (n, k) that are ``said``; 0 where hardly any are."""
-    ordered = np.sort(np.where(said, size, np.inf), axis=1)
-    count = said.sum(axis=1)
+def median(size: Array, valid: NDArray[np.bool_]) -> Array:
+    """Median (n,) of the ``valid`` ones of ``size`` (n, k); 0 where hardly any are."""
+    # The others are sorted behind them as infinite, so one sort serves all rows.
+    ordered = np.sort(np.where(valid, size, np.inf), axis=1)
+    count = valid.sum(axis=1)
     middle = np.take_along_axis(ordered, (count // 2 % size.shape[1])[:, None], axis=1)[:, 0]
     return np.where(count > CANDIDATES.least_share * size.shape[1], middle, 0.0)
 
 
 class Shot(NamedTuple):
-    """What is known of a picture when it is taken: where the robots took themselves to be, and
-    which end it was taken from, 1 for the nose, -1 for the tail; which robots took one (n,)."""
+    """Pictures of n robots and their poses at exposure.
+
+    Attributes:
+        picture: (n, k).
+        position: (n, 3) m, estimate.
+        rotation: (n, 3, 3), estimate.
+        facing: (n,) end that it was taken from, 1 for the nose, -1 for the tail.
+        taken: (n,) robots that took one.
+    """
 
     picture: Array
     position: Array
@@ -202,26 +221,28 @@ class Shot(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """What pictures have other than expected.
+    """Residuals of pictures.
 
     Attributes:
-        error: (n, k) of the pixels, in their standard deviations; 0 where nothing is said.
-        said: (n, k) bool, pixels that can be compared.
-        slopes: (n, k, 6) of what is expected with the robots' poses, in standard deviations for
-            each m and rad, world frame; 0 where nothing is said.
+        residual: (n, k) of the pixels, in their standard deviations; 0 where not valid.
+        valid: (n, k) bool, pixels that can be compared.
+        slopes: (n, k, 6) Jacobian of the expected pixels to the robots' poses, in standard
+            deviations for each m and rad, world frame; 0 where not valid.
     """
 
-    error: Array
-    said: NDArray[np.bool_]
+    residual: Array
+    valid: NDArray[np.bool_]
     slopes: Array
 
 
 class Best(NamedTuple):
-    """The best one of each robot's candidates.
+    """Best candidate of each robot.
 
     Attributes:
-        place: (m, 3) m. frame: (m, 3, 3). cost: (m,). other: (m,) the least cost of one that is
-            another answer.
+        place: (m, 3) m.
+        frame: (m, 3, 3).
+        cost: (m,).
+        other: (m,) least cost of a candidate that is another answer.
     """
 
     place: Array
@@ -234,11 +255,14 @@ class Candidates:
     """Compares poses of n robots with their pictures, on the maps that they know.
 
     Args:
-        table: of the filter. mount: the cameras. walls: of the maps. which: (n,) map of each robot.
-        gravity: (n, 3) m/s², world frame, as the maps say; the localiser's own array.
+        table: of the filter.
+        mount: the cameras.
+        walls: of the maps.
+        which: (n,) map of each robot.
+        gravity: (n, 3) m/s², world frame, by the maps; the localiser's own array.
 
     Attributes:
-        held: (n, 3) m/s², what the accelerometers have measured last, robot frame.
+        held: (n, 3) m/s², last mean of the accelerometers, robot frame.
         pixels: (k,) those of a picture that are compared with the map, counted row by row.
         few: some of these, for a first look.
         share: part of them that counts as independent.
@@ -264,12 +288,9 @@ class Candidates:
         self.few = np.flatnonzero((row % 2 == 0) & (column % 2 == 0))
 
     def difference(self, robots: NDArray[np.intp], shot: Shot) -> Difference:
-        """What the pictures of robots (m,) have other than they expect where they took themselves
-        to be.
-
-        What tells a turn about the lens's axis are edges and shadows, of which slopes know nothing:
-        such turns have none here, and are left to the comparison of turns.
-        """
+        """Return the residuals of the pictures of robots (m,) at their estimated poses."""
+        # Edges and shadows show a rotation about the lens, and gradients do not see them: these
+        # rotations are left to the comparison of whole pictures.
         at = shot.position[robots], shot.rotation[robots], shot.facing[robots]
         which, picture = self._which[robots], shot.picture[robots]
         return self._difference(which, *at, picture, self._rays, about_lens=False)
@@ -283,8 +304,16 @@ class Candidates:
         turns: Array,
         pixels: NDArray[np.intp] | None = None,
     ) -> Array:
-        """``cost`` (m, t, p) of poses around those of the picture: ``steps`` (m, p) m along
-        ``axis`` (m, 3), ``turns`` (m, t) rad about the robots' own."""
+        """Return the cost (m, t, p) of poses around those of the picture.
+
+        Args:
+            robots: (m,).
+            shot: the picture.
+            axis: (m, 3) unit vectors.
+            steps: (m, p) m, along ``axis``.
+            turns: (m, t) rad, about the robots' own axis.
+            pixels: see ``cost``.
+        """
         m, t, p = len(robots), turns.shape[1], steps.shape[1]
         about = np.zeros((m, t, 3))
         about[..., 2] = turns
@@ -300,8 +329,8 @@ class Candidates:
         return cost.reshape(m, t, p)
 
     def best(self, robots: NDArray[np.intp], shot: Shot, places: Array, frames: Array) -> Best:
-        """The best of candidates (m, c, 3) m and (m, c, 3, 3), after the best few have been
-        improved."""
+        """Return the best of candidates at positions (m, c, 3) m and rotations (m, c, 3, 3), after
+        the best few have been improved."""
         rows = np.arange(len(robots))[:, None]
         cost = self.cost(robots, shot, places, frames, CANDIDATES.blur)
         best = np.argsort(cost, axis=1, kind="stable")[:, : CANDIDATES.finalists]
@@ -326,8 +355,16 @@ class Candidates:
         blur: float = 1.0,
         pixels: NDArray[np.intp] | None = None,
     ) -> Array:
-        """Half of the squared errors of each robot's candidates (m, c), of picture and gravity;
-        those of pixels are less by ``blur``, where candidates are far apart."""
+        """Return half of the squared residuals of candidates (m, c), of picture and gravity.
+
+        Args:
+            robots: (m,).
+            shot: the picture.
+            places: (m, c, 3) m.
+            frames: (m, c, 3, 3).
+            blur: divides the residuals of pixels, where candidates are far apart.
+            pixels: places in ``pixels`` of those compared; None: every other one.
+        """
         pixels = self._coarse if pixels is None else pixels
         camera, rays = self._camera, self._rays[pixels]
         m, c = frames.shape[:2]
@@ -337,12 +374,12 @@ class Candidates:
         hits = self._walls.trace(which, position, lens, rays, camera.optics.far, camera.lamp)
         expected = camera.expected(hits, rays).reshape(m, c, -1)
         measured = shot.picture[robots][:, None, pixels]
-        error = (measured - expected) / camera.spread(expected) / blur
-        # Where one of both sees something and the other nothing, they differ by much.
+        residual = (measured - expected) / camera.spread(expected) / blur
+        # Where only one of both has a value, they differ as much as can be.
         nothing = np.isnan(measured) != np.isnan(expected)
-        error = np.where(nothing, CANDIDATES.most_error, np.nan_to_num(error))
-        size = np.abs(error)
-        # Beyond what is on the map anything is as well as what is expected.
+        residual = np.where(nothing, CANDIDATES.most_error, np.nan_to_num(residual))
+        size = np.abs(residual)
+        # Beyond the end of the map every value is as probable: the cost of one standard deviation.
         beyond = np.isnan(hits[..., RANGE]).reshape(m, c, -1)
         loss = np.where(beyond, 0.5, np.minimum(size, CANDIDATES.most_error) ** 2 / 2)
         picture = self.share * len(self.pixels) / len(pixels)
@@ -353,16 +390,18 @@ class Candidates:
     def _improved(
         self, robots: NDArray[np.intp], shot: Shot, places: Array, frames: Array, blur: float
     ) -> tuple[Array, Array]:
-        """Candidates (m, c, 3) and (m, c, 3, 3), each moved to where it fits the picture better: a
-        step of Gauss and Newton."""
+        """Return candidates (m, c, 3) and (m, c, 3, 3) after one Gauss-Newton step each."""
         m, c = places.shape[:2]
         facing, which = np.repeat(shot.facing[robots], c), np.repeat(self._which[robots], c)
         flat, turned = places.reshape(-1, 3), frames.reshape(-1, 3, 3)
         measured = np.repeat(shot.picture[robots][:, self._coarse], c, axis=0)
         rays = self._rays[self._coarse]
-        error, said, slopes = self._difference(which, flat, turned, facing, measured, rays, blur)
-        near = said & (np.abs(error) < 2 * CANDIDATES.most_error)
-        information, evidence = normal(slopes, error, near.astype(float))
+        residual, valid, slopes = self._difference(
+            which, flat, turned, facing, measured, rays, blur
+        )
+        near = valid & (np.abs(residual) < 2 * CANDIDATES.most_error)
+        information, evidence = normal(slopes, residual, near.astype(float))
+        # A prior of the longest step keeps directions that no pixel shows where they are.
         stiff = np.diag(
             1 / np.array([CANDIDATES.longest_shift] * 3 + [CANDIDATES.longest_turn] * 3) ** 2
         )
@@ -386,35 +425,31 @@ class Candidates:
         *,
         about_lens: bool = True,
     ) -> Difference:
-        """What pictures (n, k) have other than expected of robots at poses (n, 3) m, (n, 3, 3);
-        ``blur`` as in ``cost``; without ``about_lens`` turns about the lens's axis change
-        nothing."""
+        """Return the residuals of pictures (n, k) of robots at poses (n, 3) m, (n, 3, 3); ``blur``
+        as in ``cost``; without ``about_lens`` rotations about the lens's axis change nothing."""
         place, frame = self._mount.lens(position, rotation, facing)
-        expected, slopes = self._expected(which, place, frame, rays)
-        spread = self._camera.spread(expected) * blur
-        error = (measured - expected) / spread
-        said = np.isfinite(error) & np.isfinite(slopes).all(axis=-1)
-        if not about_lens:
-            slopes[..., POSE - 1] = 0.0
-        slopes = np.where(said[..., None], slopes / np.where(said, spread, 1.0)[..., None], 0.0)
-        error = np.where(said, error, 0.0)
-        return Difference(error, said, _of_robot(slopes, frame, place - position))
-
-    def _expected(
-        self, which: NDArray[np.intp], position: Array, frame: Array, rays: Array
-    ) -> tuple[Array, Array]:
-        """Expected pictures (n, k) and their slopes (n, k, 6), see ``Camera.slopes``."""
         camera, far = self._camera, self._camera.optics.far
-        hits = self._walls.trace(which, position, frame, rays, far, camera.lamp)
+        hits = self._walls.trace(which, place, frame, rays, far, camera.lamp)
         expected, slopes = camera.expected(hits, rays), camera.slopes(hits, rays, frame)
         if slopes is None:
-            slopes = self._slopes(hits, position, frame, rays, expected)
-        return expected, slopes
+            slopes = self._slopes(hits, place, frame, rays, expected)
+        spread = camera.spread(expected) * blur
+        residual = (measured - expected) / spread
+        valid = np.isfinite(residual) & np.isfinite(slopes).all(axis=-1)
+        if not about_lens:
+            slopes[..., POSE - 1] = 0.0
+        slopes = np.where(valid[..., None], slopes / np.where(valid, spread, 1.0)[..., None], 0.0)
+        residual = np.where(valid, residual, 0.0)
+        # From the camera's pose to the robot's, in the world frame.
+        turns = np.einsum("nij,nkj->nki", frame, slopes[..., 3:])
+        turns = turns + cross((place - position)[:, None], slopes[..., :3])
+        return Difference(residual, valid, np.concatenate([slopes[..., :3], turns], axis=-1))
 
     def _slopes(
         self, hits: Array, position: Array, frame: Array, rays: Array, expected: Array
     ) -> Array:
-        """Slopes from the pictures of neighbouring poses, which see the same pieces of wall."""
+        """Jacobian (n, k, 6) by differences of pictures from neighbouring poses, which see the same
+        pieces of wall; see ``Camera.slopes``."""
         slopes = np.empty((*expected.shape, POSE))
         for axis in range(POSE):
             place, turned, step = position, frame, CANDIDATES.shift if axis < 3 else CANDIDATES.tilt
@@ -427,11 +462,3 @@ class Candidates:
             seen = nearby(hits, rays, position, frame, place, turned, self._camera.lamp)
             slopes[..., axis] = (self._camera.expected(seen, rays) - expected) / step
         return slopes
-
-
-def _of_robot(slopes: Array, frame: Array, arm: Array) -> Array:
-    """Slopes (n, k, 6) of a camera's picture as those of its robot's pose; ``frame`` (n, 3, 3) of
-    the lens; ``arm`` (n, 3) m, from the robot's centre to the lens, world frame."""
-    turns = np.einsum("nij,nkj->nki", frame, slopes[..., 3:])
-    turns = turns + cross(arm[:, None], slopes[..., :3])
-    return np.concatenate([slopes[..., :3], turns], axis=-1)

@@ -1,4 +1,4 @@
-"""From what n robots feel and see to their poses in pipes that are on their map."""
+"""Localisation of n robots in pipes that are on their maps."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from omnitrack_sim.autonomy.pose_filter import (
     POSE_FILTER,
     TURN,
     PoseFilter,
-    beginning,
+    initial_covariance,
     outer,
 )
 from omnitrack_sim.base.rotations import (
@@ -50,7 +50,7 @@ class LocaliserSettings:
     """When a localiser compares poses, how many, and what it takes to believe the best of them.
 
     Attributes:
-        touch_period: s, time between two updates by arms and accelerometer: they change slowly.
+        touch_period: s, time between two updates by arms and accelerometer.
         all_turns: number of rotations about the axis that a robot of unknown rotation compares, 10
             degrees apart.
         few_places: number of positions at which each of these is compared: the rotation is sought
@@ -71,8 +71,7 @@ class LocaliserSettings:
         turns: number of rotations about the axis compared.
         variance_drop: part of its prior variance below which an update has to bring the posterior:
             where all candidates look alike, a smaller gain is chance.
-        pause: pictures of one end that are not compared after one without information, as comparing
-            takes time.
+        pause: pictures of one end that are not compared after one without information.
         remapped_place_std: m, standard deviation that is added where a bend of the map changes.
         remapped_turn_std: rad, the same of each rotation.
     """
@@ -102,17 +101,20 @@ LOCALISER = LocaliserSettings()
 
 
 class Localiser:
-    """Where n robots are, on maps that they know.
+    """Pose estimates of n robots on maps that they know.
 
     Args:
-        table: ``[sensing]``. robot: shared by all. mount: its cameras.
-        walls: of the maps. which: (n,) map of each robot.
-        period: s between two control steps.
+        table: ``[sensing]``.
+        robot: shared by all.
+        mount: its cameras.
+        walls: of the maps.
+        which: (n,) map of each robot.
+        period: s, between two control steps.
 
     Attributes:
         filter: the estimate; set by ``reset``, as all that is kept for a robot.
-        misfit: (n,) median error of the last picture's pixels, in their standard deviations.
-        unknown: (n,) bool, robots that do not know how they are turned about their axis.
+        misfit: (n,) median residual of the last picture's pixels, in their standard deviations.
+        unknown: (n,) bool, robots of unknown rotation about their axis.
         shot: the last picture that has arrived.
         pixels: (k,) those of a picture that are compared with the map, counted row by row.
     """
@@ -138,10 +140,9 @@ class Localiser:
         self._felt, self._clock = np.zeros(n, int), 0
         # Pictures of each end, tail and nose, to come until poses are compared again.
         self._rest = np.zeros((n, 2), np.intp)
-        self._against = np.zeros(
-            (n, LOCALISER.all_turns)
-        )  # what pictures have said against each turn
-        self._puzzled = np.zeros(n)  # s, how long pictures have not been those of the map
+        self._turns = np.arange(LOCALISER.all_turns) * 2 * np.pi / LOCALISER.all_turns
+        self._evidence = np.zeros((n, LOCALISER.all_turns))  # of all pictures against each turn
+        self._mismatch = np.zeros(n)  # s, for which pictures have not matched the map
         self._steps = max(1, round(LOCALISER.touch_period / period))
         self._slide = np.zeros((n, 3))
         self._arriving: deque[tuple[int, Shot]] = deque()
@@ -153,29 +154,33 @@ class Localiser:
         """Begin anew for robots ``rows`` (k,) that stand along their pipes.
 
         Args:
-            rows: numbers of the robots.
-            gravity: (k, 3) m/s², world frame, as the maps say.
-            position: (k, 3) m, where they take themselves to be.
-            rotation: (k, 3, 3), the same.
+            rows: indices of the robots.
+            gravity: (k, 3) m/s², world frame, by the maps.
+            position: (k, 3) m, estimate.
+            rotation: (k, 3, 3), estimate.
         """
-        self.filter.reset(rows, position, rotation, beginning(self._table, rotation[:, :, 2]))
+        covariance = initial_covariance(self._table, rotation[:, :, 2])
+        self.filter.reset(rows, position, rotation, covariance)
         self._gravity[rows] = gravity
         held = -np.einsum("nji,nj->ni", rotation, gravity)
         set_rows(self._candidates, rows, held=held)
-        set_rows(self, rows, unknown=not self._table.start.theta5_known, misfit=0.0, _puzzled=0.0)
-        set_rows(self, rows, _force=0.0, _felt=0, _slide=0.0, _rest=0, _against=0.0)
+        set_rows(self, rows, unknown=not self._table.start.theta5_known, misfit=0.0, _mismatch=0.0)
+        set_rows(self, rows, _force=0.0, _felt=0, _slide=0.0, _rest=0, _evidence=0.0)
+        # Pictures that a robot took before its reset must not reach it afterwards.
         if self.shot is not None:
             self.shot = _without(self.shot, rows)
         self._arriving = deque((due, _without(shot, rows)) for due, shot in self._arriving)
 
     def feel(self, felt: Felt) -> None:
-        """Take in what the robots feel, at every control step."""
+        """Predict the poses by belts and gyro, at every control step, and correct them by arms and
+        accelerometer when these are due."""
         at_wall = felt.travel * belt_sign(felt.roll)
         radius = self._robot.nominal_pipe_radius
         by_belts = angular_velocity(at_wall, 0.0, radius)
         differ = (by_belts - felt.turned)[:, :2] * radius
         skid = np.sqrt((differ**2).sum(axis=-1))
         self.filter.advance(at_wall.mean(axis=1), felt.turned, skid, self._period)
+        # Mean of the accelerometer over the period until its next use.
         self._force = self._force + felt.force / self._steps
         self._slide = felt.slide
         self._felt, self._clock = self._felt + 1, self._clock + 1
@@ -188,7 +193,7 @@ class Localiser:
             self._force = np.where(due[:, None], 0.0, self._force)
 
     def _correct_by_touch(self, due: NDArray[np.bool_]) -> None:
-        """Correct the poses of robots that are ``due`` (n,) by the arms and by gravity."""
+        """Correct the poses of robots that are ``due`` (n,) by arms and gravity."""
         pose, table = self.filter, self._table.filter
         information, evidence = of_arms(
             self._robot,
@@ -207,13 +212,12 @@ class Localiser:
         pose.correct(information, evidence, pose.position.copy())
 
     @property
-    def puzzled(self) -> NDArray[np.bool_]:
-        """Robots (n,) whose pictures have not been those of their map for a while."""
-        return self._puzzled > self._table.filter.misfit_time
+    def inconsistent(self) -> NDArray[np.bool_]:
+        """Robots (n,) whose pictures have not matched their map for ``misfit_time``."""
+        return self._mismatch > self._table.filter.misfit_time
 
     def move(self, robot: int, before: Pose, after: Pose) -> None:
-        """What stood at a pose ``before`` in a robot's map stands at ``after`` now, and the robot
-        with it."""
+        """Move a robot with a part of its map, from pose ``before`` to pose ``after``."""
         moved = after @ before.inverse()
 
         def with_it(position: Array, rotation: Array) -> tuple[Array, Array]:
@@ -228,24 +232,30 @@ class Localiser:
             position, rotation = with_it(shot.position, shot.rotation)
             self._arriving[i] = due, shot._replace(position=position, rotation=rotation)
 
-    def loosen(self, robot: int) -> None:
-        """A robot's map has changed around it: it is less sure of its pose."""
+    def inflate(self, robot: int) -> None:
+        """Inflate the covariance of a robot whose map has changed around it."""
         covariance = self.filter.covariance.copy()
         covariance[robot, PLACE, PLACE] += LOCALISER.remapped_place_std**2 * np.eye(3)
         covariance[robot, TURN, TURN] += LOCALISER.remapped_turn_std**2 * np.eye(3)
         self.filter.covariance = covariance
 
-    def doubt(self, robot: int) -> None:
-        """What a robot takes for its pose cannot be: it is to look for itself."""
-        self._puzzled[robot] = 2 * self._table.filter.misfit_time
+    def reject(self, robot: int) -> None:
+        """Reject the estimate of a robot, which is impossible: the robot is to relocalise."""
+        self._mismatch[robot] = 2 * self._table.filter.misfit_time
 
     # Pictures
 
     def shoot(
         self, picture: Array, facing: NDArray[np.int_], latency: int, taken: NDArray[np.bool_]
     ) -> None:
-        """Pictures (n, k) are taken now by the robots ``taken`` (n,) and arrive ``latency`` control
-        steps later."""
+        """Expose pictures, which arrive later.
+
+        Args:
+            picture: (n, k).
+            facing: (n,) 1 from the nose, -1 from the tail.
+            latency: control steps until they arrive.
+            taken: (n,) robots that take one.
+        """
         due = self._clock + latency
         shot = Shot(picture, self.filter.position, self.filter.rotation, facing, taken)
         if self._arriving and self._arriving[-1][0] == due:
@@ -256,7 +266,7 @@ class Localiser:
         self._arriving.append((due, shot))
 
     def see(self, active: NDArray[np.bool_]) -> bool:
-        """Have ``active`` robots (n,) take in the pictures that arrive now, where there are any."""
+        """Correct ``active`` robots (n,) by the pictures that arrive now; return whether any do."""
         if not self._arriving or self._arriving[0][0] > self._clock:
             return False
         _, shot = self._arriving.popleft()
@@ -267,192 +277,157 @@ class Localiser:
         self._rest[end] -= shot.taken
         rested = (self._rest[end] < 0) & active
         if np.count_nonzero(self.unknown):
-            self._find_turn(shot, rested)
+            self._seek_turn(shot, rested)
+        # Whole pictures first: gradients converge only from close to the truth.
         self._narrow_down(shot, rested)
         self._compare(self.shot, np.flatnonzero(active))
         return True
 
     def _compare(self, shot: Shot, robots: NDArray[np.intp]) -> None:
-        """Correct the poses of robots (m,) by what the picture has other than expected."""
-        error, said, slopes = self._candidates.difference(robots, shot)
+        """Correct the poses of robots (m,) by the gradients of their pictures' residuals."""
+        residual, valid, slopes = self._candidates.difference(robots, shot)
         self.misfit = self.misfit.copy()
-        self.misfit[robots] = median(np.abs(error), said)
+        self.misfit[robots] = median(np.abs(residual), valid)
         wrong = self.misfit > self._table.filter.misfit
-        puzzled = (self._puzzled + 1 / self._rate) * wrong
-        self._puzzled = np.where(shot.taken, puzzled, self._puzzled)
-        weight = self._candidates.share * huber(error)
+        mismatch = (self._mismatch + 1 / self._rate) * wrong
+        self._mismatch = np.where(shot.taken, mismatch, self._mismatch)
+        weight = self._candidates.share * huber(residual)
         weight = np.where(self.unknown[robots, None], 0.0, weight)
         n = len(self.unknown)
         information, evidence = np.zeros((n, POSE, POSE)), np.zeros((n, POSE))
-        information[robots], evidence[robots] = normal(slopes, error, weight)
-        change = self.filter.correct(information, evidence, shot.position)
-        self._move_later_shots(change, shot.position)
+        information[robots], evidence[robots] = normal(slopes, residual, weight)
+        self._correct(information, evidence, shot)
 
-    def _move_later_shots(self, change: Array, pivot: Array) -> None:
-        """Pictures that are on their way were taken where the robots now know better."""
+    def _correct(self, information: Array, evidence: Array, shot: Shot) -> Shot:
+        """Correct the poses by a picture, and those of all pictures that are on their way; return
+        the picture with its pose corrected."""
+        pivot = shot.position
+        change = self.filter.correct(information, evidence, pivot)
         turn, moves = turned_by(change[:, TURN]), np.any(change != 0, axis=1)[:, None]
-        moved: deque[tuple[int, Shot]] = deque()
-        for due, shot in self._arriving:
-            since = (turn @ (shot.position - pivot)[..., None])[..., 0]
-            position = np.where(moves, pivot + change[:, PLACE] + since, shot.position)
-            moved.append((due, shot._replace(position=position, rotation=turn @ shot.rotation)))
-        self._arriving = moved
+        for i, (due, later) in enumerate(self._arriving):
+            since = (turn @ (later.position - pivot)[..., None])[..., 0]
+            position = np.where(moves, pivot + change[:, PLACE] + since, later.position)
+            rotation = turn @ later.rotation
+            self._arriving[i] = due, later._replace(position=position, rotation=rotation)
+        return shot._replace(position=pivot + change[:, PLACE], rotation=turn @ shot.rotation)
 
-    # Finding a pose among many
+    # Comparing many poses
 
-    def _find_turn(self, shot: Shot, rested: NDArray[np.bool_]) -> None:
-        """Have robots that do not know how they are turned about their axis compare all turns, at
-        some places along it, and take the best where no other turn is nearly as good."""
+    def _seek_turn(self, shot: Shot, rested: NDArray[np.bool_]) -> None:
+        """Compare all rotations about the axes of robots of unknown rotation, at some positions
+        along them, and take the best where all others together are improbable."""
         robots = np.flatnonzero(self.unknown & rested)
         if len(robots) == 0:
             return
+        turns, few = self._turns, LOCALISER.few_places
         axis = self.filter.rotation[robots, :, 2]
         std = self.filter.std_along(self.filter.rotation[:, :, 2])[robots]
-        turns = np.arange(LOCALISER.all_turns) * 2 * np.pi / LOCALISER.all_turns
-        steps = (
-            LOCALISER.reach * std[:, None] * np.linspace(-1.0, 1.0, LOCALISER.few_places)
-        )  # (m, p)
-        prior = np.broadcast_to(
-            0.5 * (steps / std[:, None])[:, None] ** 2,
-            (len(robots), LOCALISER.all_turns, LOCALISER.few_places),
-        )
+        steps = LOCALISER.reach * std[:, None] * np.linspace(-1.0, 1.0, few)  # (m, p)
+        prior = 0.5 * (steps / std[:, None])[:, None] ** 2  # (m, 1, p), the same for all turns
         every = np.tile(turns, (len(robots), 1))
         cost = prior + self._candidates.around(
             robots, shot, axis, steps, every, self._candidates.few
         )
-        weight = chances(cost)  # (m, ROLLS, p)
-        self._against[robots] -= np.log(np.maximum(weight.sum(axis=2), 1e-300))
-        of_turn = chances(self._against[robots])
+        weight = chances(cost)  # (m, t, p)
+        # Pictures are taken as independent, so their evidence adds up; none rules a turn out.
+        self._evidence[robots] -= np.log(np.maximum(weight.sum(axis=2), 1e-300))
+        of_turn = chances(self._evidence[robots])
         best = of_turn.argmax(axis=1)
-        apart = wrap_angle(turns - turns[best, None])  # (m, ROLLS)
-        sure = (of_turn * (np.abs(apart) > CANDIDATES.distinct_turn)).sum(
-            axis=1
-        ) < LOCALISER.most_doubt
-        if not np.count_nonzero(sure):
+        apart = wrap_angle(turns - turns[best, None])  # (m, t)
+        doubt = (of_turn * (np.abs(apart) > CANDIDATES.distinct_turn)).sum(axis=1)
+        unique = doubt < LOCALISER.most_doubt
+        if not np.count_nonzero(unique):
             return
         mean_turn, turn_variance = moments(apart, of_turn)
         mean_step, step_variance = moments(steps, weight.sum(axis=1))
         turn = np.zeros((len(robots), 3))
         turn[:, 2] = turns[best] + mean_turn
         self._put(
-            robots[sure],
+            robots[unique],
             shot,
-            (shot.position[robots] + mean_step[:, None] * axis)[sure],
-            (shot.rotation[robots] @ turned_by(turn))[sure],
-            (turn_variance + (2 * np.pi / LOCALISER.all_turns) ** 2)[sure],
-            (step_variance + (LOCALISER.reach * std / LOCALISER.few_places) ** 2)[sure],
+            (shot.position[robots] + mean_step[:, None] * axis)[unique],
+            (shot.rotation[robots] @ turned_by(turn))[unique],
+            (turn_variance + (2 * np.pi / LOCALISER.all_turns) ** 2)[unique],
+            (step_variance + (LOCALISER.reach * std / few) ** 2)[unique],
         )
 
     def verify(self, robots: NDArray[np.intp]) -> None:
-        """Have robots compare their turn about their axis with all others, by the last picture:
-        one that finds a better one does not know its turn any more."""
+        """Compare the rotation of robots (m,) about their axis with all others, by the last
+        picture; where another one fits better, their rotation becomes unknown."""
         shot = self.shot
         assert shot is not None
-        turns = np.arange(LOCALISER.all_turns) * 2 * np.pi / LOCALISER.all_turns
-        every = np.tile(turns, (len(robots), 1))
-        axis = self.filter.rotation[robots, :, 2]
-        steps = np.tile(
-            np.linspace(-LOCALISER.verified_reach, LOCALISER.verified_reach, LOCALISER.few_places),
-            (len(robots), 1),
-        )
+        every = np.tile(self._turns, (len(robots), 1))
+        axis, reach = self.filter.rotation[robots, :, 2], LOCALISER.verified_reach
+        steps = np.tile(np.linspace(-reach, reach, LOCALISER.few_places), (len(robots), 1))
         cost = self._candidates.around(robots, shot, axis, steps, every).min(axis=2)
-        apart = np.abs(wrap_angle(turns)) > CANDIDATES.distinct_turn
+        apart = np.abs(wrap_angle(self._turns)) > CANDIDATES.distinct_turn
         wrong = cost[:, apart].min(axis=1) < cost[:, ~apart].min(axis=1) - LOCALISER.margin
         self.unknown[robots] |= wrong
 
     def _narrow_down(self, shot: Shot, rested: NDArray[np.bool_]) -> None:
-        """Have robots that are not sure of their place, or of their turn about their axis, compare
-        poses around their own: places along the direction in which they know theirs least (mostly
-        along their pipe), and turns.
+        """Compare poses around those of robots of large covariance: positions along the direction
+        of largest uncertainty (mostly along the pipe), and rotations about their axis.
 
-        Close to the truth the slopes of the picture say more; farther off they lead astray, and
-        where pixels begin or cease to see something, as at an open end, they say nothing.
+        Close to the truth the gradients of the picture tell more; farther off they lead astray, and
+        where pixels begin or cease to see something, as at an open end, they tell nothing.
         """
-        axis, std = self.filter.vaguest()
+        axis, std = self.filter.least_certain()
         forward = self.filter.rotation[:, :, 2]
         turn_std = self.filter.std_about(forward)
-        vague = (
-            (std > LOCALISER.least_place_std) | (turn_std > LOCALISER.least_turn_std)
-        ) & ~self.unknown
-        robots = np.flatnonzero(vague & rested)
+        large = (std > LOCALISER.least_place_std) | (turn_std > LOCALISER.least_turn_std)
+        robots = np.flatnonzero(large & ~self.unknown & rested)
         if len(robots) == 0:
             return
+        reach, still = LOCALISER.reach, np.zeros((len(robots), 1))
+        most = np.minimum(reach * std[robots], LOCALISER.most_reach)
+        steps = most[:, None] * np.linspace(-1.0, 1.0, LOCALISER.places)  # (m, p)
+        turns = reach * turn_std[robots, None] * np.linspace(-1.0, 1.0, LOCALISER.turns)  # (m, t)
+        around, few = self._candidates.around, self._candidates.few
+        step_cost = around(robots, shot, axis[robots], steps, still, few)[:, 0]
+        turn_cost = around(robots, shot, axis[robots], still, turns)[..., 0]
         information = np.zeros((len(axis), POSE, POSE))
         evidence = np.zeros((len(axis), POSE))
-        nowhere, as_is = np.zeros((len(robots), 1)), np.zeros((len(robots), 1))
-        reach = np.minimum(LOCALISER.reach * std[robots], LOCALISER.most_reach)
-        steps = reach[:, None] * np.linspace(-1.0, 1.0, LOCALISER.places)  # (m, p)
-        turns = (
-            LOCALISER.reach * turn_std[robots, None] * np.linspace(-1.0, 1.0, LOCALISER.turns)
-        )  # (m, t)
-        told = np.zeros(len(robots), bool)
-        for values, spread, at, direction, cost in (
-            (
-                steps,
-                std,
-                PLACE,
-                axis,
-                self._candidates.around(
-                    robots, shot, axis[robots], steps, as_is, self._candidates.few
-                ),
-            ),
-            (
-                turns,
-                turn_std,
-                TURN,
-                forward,
-                self._candidates.around(robots, shot, axis[robots], nowhere, turns),
-            ),
+        informative = np.zeros(len(robots), bool)
+        for block, direction, gain, pull in (
+            (PLACE, axis[robots], *_gain(steps, std[robots], step_cost)),
+            (TURN, forward[robots], *_gain(turns, turn_std[robots], turn_cost)),
         ):
-            prior = 0.5 * (values / spread[robots, None]) ** 2
-            mean, variance = moments(values, chances(prior + cost.reshape(prior.shape)))
-            _, known = moments(values, chances(prior))
-            variance = variance + (values[:, 1] - values[:, 0]) ** 2 / 4
-            # Where all poses look alike, what seems to be gained is chance.
-            more = variance < LOCALISER.variance_drop * known
-            gained = np.where(more, 1 / variance - 1 / known, 0.0)
-            along = direction[robots]
-            information[robots, at, at] += gained[:, None, None] * outer(along, along)
-            evidence[robots, at] += np.where(more, mean / variance, 0.0)[:, None] * along
-            told |= more
+            information[robots, block, block] += gain[:, None, None] * outer(direction, direction)
+            evidence[robots, block] += pull[:, None] * direction
+            informative |= gain > 0
         end = (shot.facing[robots] > 0).astype(np.intp)
-        self._rest[robots, end] = np.where(told, 0, LOCALISER.pause)
-        change = self.filter.correct(information, evidence, shot.position)
-        self._move_later_shots(change, shot.position)
-        turn = turned_by(change[:, TURN])
-        self.shot = shot._replace(
-            position=shot.position + change[:, PLACE], rotation=turn @ shot.rotation
-        )
+        self._rest[robots, end] = np.where(informative, 0, LOCALISER.pause)
+        self.shot = self._correct(information, evidence, shot)
 
     def seek(
         self, robots: NDArray[np.intp], shot: Shot, places: Array, frames: Array
     ) -> NDArray[np.bool_]:
-        """Put robots to that of their candidates that their picture fits best, where no other one
-        is nearly as good.
+        """Put robots to the candidate that fits their picture best, where it is unambiguous.
 
         Args:
-            robots: (m,). shot: the picture, and where the robots took themselves to be.
-            places: (m, c, 3) m. frames: (m, c, 3, 3), robot frames in the world.
+            robots: (m,).
+            shot: the picture, and the robots' estimates at it.
+            places: (m, c, 3) m.
+            frames: (m, c, 3, 3), robot frames in the world.
 
         Returns:
-            (m,) those that have found themselves.
+            (m,) robots that have relocalised.
         """
-        found = self._candidates.best(robots, shot, places, frames)
+        best = self._candidates.best(robots, shot, places, frames)
         pixels = self._candidates.share * len(self.pixels)
-        sure = (found.other - found.cost > LOCALISER.margin) & (
-            found.cost < LOCALISER.most_pixel_cost * pixels
-        )
-        if np.count_nonzero(sure):
-            count = int(np.count_nonzero(sure))
+        unique = best.other - best.cost > LOCALISER.margin
+        unique &= best.cost < LOCALISER.most_pixel_cost * pixels
+        count = int(np.count_nonzero(unique))
+        if count:
             self._put(
-                robots[sure],
+                robots[unique],
                 shot,
-                found.place[sure],
-                found.frame[sure],
+                best.place[unique],
+                best.frame[unique],
                 np.full(count, LOCALISER.relocated_turn_std**2),
                 np.full(count, LOCALISER.relocated_place_std**2),
             )
-        return sure
+        return unique
 
     def _put(
         self,
@@ -466,8 +441,8 @@ class Localiser:
         """Put robots (m,) to poses (m, 3), (m, 3, 3) that they had when the picture was taken; they
         have moved on. The variances (m,) rad² and m² are those about and along the axis."""
         pose = self.filter
-        found = np.zeros(len(self.unknown), bool)
-        found[robots] = True
+        chosen = np.zeros(len(self.unknown), bool)
+        chosen[robots] = True
         position, rotation = pose.position.copy(), pose.rotation.copy()
         turn = frame @ np.swapaxes(shot.rotation[robots], 1, 2)
         since = position[robots] - shot.position[robots]
@@ -475,15 +450,34 @@ class Localiser:
         rotation[robots] = orthonormal(turn @ rotation[robots])
         axis = rotation[:, :, 2]
         along = outer(axis, axis)
-        covariance = np.zeros((len(found), POSE, POSE))
+        covariance = np.zeros((len(chosen), POSE, POSE))
         covariance[:, :3, :3] = POSE_FILTER.across_std**2 * np.eye(3)
         covariance[:, 3:, 3:] = POSE_FILTER.tilt_std**2 * np.eye(3)
         covariance[robots, :3, :3] += step_variance[:, None, None] * along[robots]
         covariance[robots, 3:, 3:] += turn_variance[:, None, None] * along[robots]
-        pose.put(found, position, rotation, covariance)
-        self.unknown = self.unknown & ~found
-        self._against[robots] = 0.0
-        self._puzzled = np.where(found, 0.0, self._puzzled)
+        pose.put(chosen, position, rotation, covariance)
+        self.unknown = self.unknown & ~chosen
+        self._evidence[robots] = 0.0
+        self._mismatch = np.where(chosen, 0.0, self._mismatch)
+
+
+def _gain(values: Array, std: Array, cost: Array) -> tuple[Array, Array]:
+    """Information (m,) that pictures add to the normal prior of a scalar, and evidence (m,).
+
+    Args:
+        values: (m, c) evenly spaced around 0.
+        std: (m,) of the prior.
+        cost: (m, c) of the picture at each value.
+    """
+    prior = 0.5 * (values / std[:, None]) ** 2
+    mean, variance = moments(values, chances(prior + cost))
+    _, before = moments(values, chances(prior))
+    # Between two values the picture has not been compared: half of their spacing is unknown.
+    variance = variance + (values[:, 1] - values[:, 0]) ** 2 / 4
+    # Where all poses look alike, an apparent gain is chance.
+    informative = variance < LOCALISER.variance_drop * before
+    gain = np.where(informative, 1 / variance - 1 / before, 0.0)
+    return gain, np.where(informative, mean / variance, 0.0)
 
 
 def _without(shot: Shot, rows: NDArray[np.intp]) -> Shot:

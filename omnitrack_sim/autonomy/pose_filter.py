@@ -1,9 +1,9 @@
-"""The estimate of n poses and what it is worth: an extended Kalman filter on errors.
+"""Error-state extended Kalman filter of n poses.
 
-State: place p in the world, rotation R of the robot, gyro bias b, slip k of the belts as a part of
+State: position p in the world, rotation R of the robot, gyro bias b, slip k of the belts as a part of
 their travel. The errors of p (m, world frame), of R (rad, a rotation about world axes on the left
 of R), of b (rad/s) and of k are normal with one covariance (10, 10) a robot. Derivation:
-docs/how-to/autonomy.md.
+docs/explanation/localisation.md.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class PoseFilterSettings:
     """Uncertainty of a robot that stands in a pipe, other than along and about the pipe's axis.
 
     Attributes:
-        across_std: m, standard deviation of its position across the pipe: three arms centre it.
+        across_std: m, standard deviation of its position across the pipe.
         tilt_std: rad, of its rotation about every axis.
         known_turn_std: rad, in addition about the pipe's axis, where that rotation is known.
         least_travel: m, travel of a control step below which ratios to it are bounded.
@@ -75,18 +75,21 @@ class PoseFilter:
         set_rows(self, rows, bias=0.0, slip=0.0, _transition=np.eye(SIZE), _noise=0.0)
 
     def advance(self, travel: Array, turned: Array, skid: Array, period: float) -> None:
-        """One control step on.
+        """Predict the poses after one control step.
 
         Args:
-            travel: (n,) m, of the belts. turned: (n, 3) rad, by the gyro.
-            skid: (n,) m, at the wall, by which belts and gyro differ. period: s.
+            travel: (n,) m, of the belts.
+            turned: (n, 3) rad, by the gyro.
+            skid: (n,) m, at the wall, by which belts and gyro differ.
+            period: s.
         """
-        table, imu = self._table, self._imu
+        table, imu, least = self._table, self._imu, POSE_FILTER.least_travel
         turned = turned - self.bias * period
+        # The belts drive along the axis that the robot has in the middle of the step.
         middle = self.rotation @ turned_by(turned / 2)
         ahead = middle[:, :, 2]
         step = (travel * (1 - self.slip))[:, None] * ahead
-        transition = self._identity()
+        transition = np.tile(np.eye(SIZE), (len(travel), 1, 1))
         transition[:, PLACE, TURN] = -skew(step)
         transition[:, PLACE, SLIP] = -travel[:, None] * ahead
         transition[:, TURN, BIAS] = -self.rotation * period
@@ -97,8 +100,8 @@ class PoseFilter:
         self.slip = kept * self.slip
         way = np.abs(travel)
         across = np.sqrt(turned[:, 0] ** 2 + turned[:, 1] ** 2)
-        sharp = np.minimum(1.0, across * self._radius / np.maximum(way, POSE_FILTER.least_travel))
-        differ = np.minimum(1.0, skid / np.maximum(way, POSE_FILTER.least_travel))
+        sharp = np.minimum(1.0, across * self._radius / np.maximum(way, least))
+        differ = np.minimum(1.0, skid / np.maximum(way, least))
         slip_std = table.slip_std + table.slip_turning * sharp + table.slip_noticed * differ
         noise = np.empty((len(way), SIZE))
         loose = np.maximum(sharp, differ)
@@ -118,11 +121,11 @@ class PoseFilter:
         f, each = self._transition, robots[:, None, None]
         settled = f @ self.covariance @ np.swapaxes(f, 1, 2) + self._noise
         self.covariance = np.where(each, settled, self.covariance)
-        self._transition = np.where(each, self._identity(), f)
+        self._transition = np.where(each, np.eye(SIZE), f)
         self._noise = np.where(each, 0.0, self._noise)
 
     def correct(self, information: Array, evidence: Array, pivot: Array) -> Array:
-        """Take in measurements of the pose.
+        """Correct the pose by measurements.
 
         Args:
             information: (n, 6, 6), sum over measurements of H'H / variance, H the slopes to errors
@@ -160,15 +163,13 @@ class PoseFilter:
         self.bias = self.bias + change[:, BIAS]
         self.slip = self.slip + change[:, SLIP]
 
-    def _identity(self) -> Array:
-        return np.tile(np.eye(SIZE), (len(self.position), 1, 1))
-
     def put(self, robots: NDArray[np.bool_], position: Array, rotation: Array, pose: Array) -> None:
-        """Put ``robots`` (n,) to poses (n, 3), (n, 3, 3), with covariances (n, 6, 6), where they
-        have found themselves."""
+        """Put ``robots`` (n,) that have relocalised to poses (n, 3), (n, 3, 3) with covariances
+        (n, 6, 6)."""
         each = robots[:, None]
         self.position = np.where(each, position, self.position)
         self.rotation = np.where(each[..., None], rotation, self.rotation)
+        # Old correlations of the pose with bias and slip belong to the pose that was wrong.
         fresh = self.covariance.copy()
         fresh[:, :POSE] = 0.0
         fresh[:, :, :POSE] = 0.0
@@ -179,18 +180,18 @@ class PoseFilter:
         """Standard deviation (n,) rad of the rotation about unit vectors (n, 3), world frame."""
         return np.sqrt(np.maximum(spread_along(self.covariance[:, TURN, TURN], axis), 0.0))
 
-    def vaguest(self) -> tuple[Array, Array]:
-        """The direction (n, 3), world frame, along which the place is least known, and its standard
-        deviation (n,) m there."""
+    def least_certain(self) -> tuple[Array, Array]:
+        """Direction (n, 3), world frame, of largest uncertainty of the position, and the standard
+        deviation (n,) m along it."""
         values, vectors = np.linalg.eigh(self.covariance[:, PLACE, PLACE])
         return vectors[:, :, 2], np.sqrt(np.maximum(values[:, 2], 0.0))
 
     def std_along(self, axis: Array) -> Array:
-        """Standard deviation (n,) m of the place along unit vectors (n, 3), world frame."""
+        """Standard deviation (n,) m of the position along unit vectors (n, 3), world frame."""
         return np.sqrt(np.maximum(spread_along(self.covariance[:, PLACE, PLACE], axis), 0.0))
 
 
-def beginning(table: SensingTable, direction: Array) -> Array:
+def initial_covariance(table: SensingTable, direction: Array) -> Array:
     """Covariance (n, 10, 10) of robots that begin in pipes of directions (n, 3)."""
     n = len(direction)
     covariance = np.zeros((n, SIZE, SIZE))
@@ -207,11 +208,11 @@ def beginning(table: SensingTable, direction: Array) -> Array:
 
 
 def wall_slopes(gradient: Array, lever: Array) -> Array:
-    """How the distance of a robot's point from the wall changes with its pose, (n, k, 6).
+    """Jacobian (n, k, 6) of the distance of points of a robot from the wall to its pose.
 
     Args:
-        gradient: (n, k, 3) of the distance there, world frame. lever: (n, k, 3) m, from the robot's
-            centre to the point, world frame.
+        gradient: (n, k, 3) of the distance there, world frame.
+        lever: (n, k, 3) m, from the robot's centre to the point, world frame.
     """
     return np.concatenate([gradient, cross(lever, gradient)], axis=-1)
 

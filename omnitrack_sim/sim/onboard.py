@@ -178,7 +178,7 @@ class Onboard:
             shot = self.localiser.shot
             assert shot is not None
             seeing = active & shot.taken
-            if np.count_nonzero(self.localiser.puzzled & seeing):
+            if np.count_nonzero(self.localiser.inconsistent & seeing):
                 self._look_along_the_way(self.location, gear, seeing)
             self._check_turns(self.location, gear, seeing)
         self.readings = self._observed(felt)
@@ -210,7 +210,7 @@ class Onboard:
     ) -> None:
         """Have robots whose pictures are not those of the map compare all poses around."""
         localiser, routes = self.localiser, self._legs.routes
-        robots = np.flatnonzero(localiser.puzzled & active)
+        robots = np.flatnonzero(localiser.inconsistent & active)
         shot = localiser.shot
         assert shot is not None
         reach, spacing = SETTINGS.reach, SETTINGS.spacing
@@ -250,7 +250,7 @@ class Onboard:
             location,
             distance_std=pose.std_along(location.tangent),
             theta5_std=theta5_std,
-            sure=sure & ~self.localiser.puzzled,
+            sure=sure & ~self.localiser.inconsistent,
             tilt_std=across,
         )
 
@@ -281,7 +281,7 @@ class Onboard:
         assert self.location.sure is not None
         unsure = ~self.location.sure
         # Stepping back from the fitting does not make it know more.
-        self._lost = self.localiser.puzzled | (unsure & (before | self._lost))
+        self._lost = self.localiser.inconsistent | (unsure & (before | self._lost))
         return self._lost
 
     def look(self, robot: int, back: bool) -> Look:
@@ -325,7 +325,7 @@ class Onboard:
 
     def doubt(self, robot: int) -> bool:
         """See ``Senses``: it looks for itself."""
-        self.localiser.doubt(robot)
+        self.localiser.reject(robot)
         return True
 
     def pictures(self) -> Sequence[Pictures | None]:
@@ -506,7 +506,7 @@ class OwnMaps:
         both that and the bend."""
         before, after = self._on_the_route(robot, location, int(self._legs.route[robot]), 0.0)
         localiser.move(robot, before, Pose(before.rotation, after.position))
-        localiser.loosen(robot)
+        localiser.inflate(robot)
 
     def _on_the_route(
         self, robot: int, location: Location, route: int, more: float
