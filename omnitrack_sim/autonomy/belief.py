@@ -25,7 +25,7 @@ class BeliefSettings:
     """Tolerances of a robot's map.
 
     Attributes:
-        shortest: m, least length of a straight: none may vanish.
+        shortest: m, least length of a straight.
         least_straight: m, gap between two fittings up to which they are joined without a straight:
             sight is no better.
         miss: m, by which the two ends of a loop may miss each other.
@@ -50,23 +50,24 @@ BELIEF = BeliefSettings()
 
 
 Noted = Literal["open", "closed", "impassable"]
-"""What is known of an end: it is open, or closed, or the robot could not get to it."""
+"""State of an end: open, closed, or out of the robot's reach."""
 
 
 class Belief:
     """The map of one robot.
 
     Args:
-        port: where the robot began, z into the pipe. bore: m.
+        port: where the robot began, z into the pipe.
+        bore: m.
         length: m, of the first pipe as far as it is known to be free.
 
     Attributes:
-        ends: what has been seen of ports that nothing follows.
+        ends: observed state of ports that nothing follows.
         explored: of these ports, those that have been inspected, or cannot be.
-        found: names of goals by the ports where they were found.
+        goals: names of goals by the ports where they are.
         start: the port where it began.
-        provisional: a straight of which what is at its end has only been seen from afar: there may
-            be something else, and somewhere else; None where there is none.
+        provisional: a straight whose end has only been observed from afar: kind and position of
+            what is there may be wrong; None where there is none.
     """
 
     def __init__(self, port: Pose, bore: float, length: float) -> None:
@@ -81,7 +82,7 @@ class Belief:
         self._counts: dict[str, int] = {}
         self.ends: dict[End, Noted] = {}
         self.explored: set[End] = set()
-        self.found: dict[End, str] = {}
+        self.goals: dict[End, str] = {}
         self.provisional: int | None = None
         self._network: Network | None = None
         self._add(Straight(length, bore))
@@ -112,34 +113,21 @@ class Belief:
     @property
     def unexplored(self) -> list[End]:
         """Ports that have not been looked into, the latest first, and of a fitting its branch."""
-        joined = self.joined
-        free = [
-            (i, port)
-            for i, fitting in enumerate(self._fittings.values())
-            for port in fitting.port_names
-            if (i, port) not in joined and (i, port) != self.start
-        ]
-        return [end for end in free[::-1] if end not in self.explored]
+        return [end for end in self._free()[::-1] if end not in self.explored]
 
-    @property
-    def closed(self) -> list[End]:
-        """Ports that it has seen to be closed."""
-        return [end for end, noted in self.ends.items() if noted == "closed"]
-
-    @property
-    def unknown(self) -> list[End]:
-        """Ports beyond which nothing is known: a straight may go on, a fitting may follow."""
+    def _free(self) -> list[End]:
+        """Return the ports, other than the start, that nothing is joined to."""
         joined, parts = self.joined, enumerate(self._fittings.values())
         every = [(i, port) for i, fitting in parts for port in fitting.port_names]
-        free = [end for end in every if end not in joined and end != self.start]
-        return [end for end in free if self.ends.get(end) not in ("open", "closed")]
+        return [end for end in every if end not in joined and end != self.start]
 
     def compared(self) -> tuple[list[Part], list[End], list[End]]:
-        """What pictures may be compared with: parts that the robot can rely on, those of their
-        ports that are closed, and those beyond which nothing is known. Numbers are those of the
-        parts returned."""
+        """Return the part of the map that pictures may be compared with: reliable parts, those of
+        their ports that are closed, and those beyond which nothing is known. Numbers are those of
+        the parts returned."""
         parts, joined = list(self.network.pipes.parts), self.joined
-        closed, unknown = self.closed, self.unknown
+        closed = [end for end, state in self.ends.items() if state == "closed"]
+        unknown = [end for end in self._free() if self.ends.get(end) not in ("open", "closed")]
         if self.provisional is not None:
             end = self.provisional, "end"
             beyond = joined.get(end)
@@ -165,7 +153,7 @@ class Belief:
     # How it grows
 
     def lengthen(self, part: int, more: float) -> float:
-        """A straight is ``more`` m longer than was known; its length then, m."""
+        """Make a straight ``more`` m longer; return its new length, m."""
         name, fitting = list(self._fittings.items())[part]
         assert isinstance(fitting, Straight)
         length = max(round(fitting.length + more, BELIEF.digits), BELIEF.shortest)
@@ -173,13 +161,13 @@ class Belief:
         return length
 
     def bend(self, part: int, angle: float) -> None:
-        """An elbow bends by ``angle`` rad, and not as was seen."""
+        """Change the angle of an elbow to ``angle`` rad."""
         name, fitting = list(self._fittings.items())[part]
         assert isinstance(fitting, Elbow)
         self._set(name, replace(fitting, angle=angle))
 
     def is_last(self, part: int) -> bool:
-        """Whether nothing is joined to a part but what it hangs on."""
+        """Return whether a part has no joint but the one it hangs on."""
         return sum(end[0] == part for end in self.joined) == (part > 0)
 
     def drop(self, part: int) -> bool:
@@ -193,17 +181,19 @@ class Belief:
         return True
 
     def straight_beyond(self, end: End, length: float) -> int:
-        """Join a straight of ``length`` m to a port; its index."""
+        """Join a straight of ``length`` m to a port; return its index."""
         bore = 2 * self.fitting(end[0]).port_radius(end[1])
         part = self._add(Straight(max(round(length, BELIEF.digits), BELIEF.shortest), bore))
         self._join(end, (part, "start"), 0.0)
         return part
 
     def attach(self, end: End, fitting: Fitting, enter: str, side: Array) -> int:
-        """Join a fitting to a port; its index.
+        """Join a fitting to a port; return its index.
 
         Args:
-            end: the port. fitting: as seen. enter: its port there.
+            end: the port.
+            fitting: as observed.
+            enter: its port there.
             side: (3,) direction of the x axis of that port, world frame.
         """
         x, y, _ = side @ self.port(end).rotation
@@ -213,8 +203,8 @@ class Belief:
         return part
 
     def known_at(self, end: End, fitting: Fitting, enter: str) -> End | None:
-        """The port of a known fitting that is seen at a port: nothing is joined to it, its kind is
-        the right one, and it is in the right place; None where there is none."""
+        """Return the free port of a known fitting that agrees with one observed at a port, in kind
+        and position; None where there is none."""
         places = [
             (miss, other)
             for miss, other in self._near(end)
@@ -223,13 +213,13 @@ class Belief:
         return min(places, default=(0.0, None))[1]
 
     def meeting(self, part: int) -> list[tuple[End, End]]:
-        """Ports of a new part that lie where other unexplored ports do, with these."""
+        """Return the ports of a new part that lie where other unexplored ports do, with these."""
         free = [end for end in self.unexplored if end[0] == part]
-        found = [(end, min(self._near(end), default=(0.0, None))[1]) for end in free]
-        return [(end, other) for end, other in found if other is not None]
+        pairs = [(end, min(self._near(end), default=(0.0, None))[1]) for end in free]
+        return [(end, other) for end, other in pairs if other is not None]
 
     def close(self, end: End, other: End) -> float:
-        """Join two ports that a loop closes at; by how much they missed each other, m."""
+        """Join two ports at which a loop closes; return their distance before, m."""
         a, b = self.port(end), self.port(other)
         miss = b.position - a.position
         if np.linalg.norm(miss) > CLOSES / 2:
@@ -241,14 +231,13 @@ class Belief:
         return float(np.linalg.norm(miss))
 
     def settle(self, part: int | None = None) -> None:
-        """What is at the end of the straight ``part`` has only been seen from afar; None: what is
-        on the map can be relied on."""
+        """Make the end of the straight ``part`` provisional; None: the whole map is reliable."""
         if part != self.provisional:
             self.provisional, self._network = part, None
 
     def take_back(self, part: int) -> int | None:
-        """Forget what has been seen from afar at the end of a straight: the part that was taken to
-        be there, None where there was none."""
+        """Remove what was observed from afar at the end of a straight; return the part that was
+        there, None where there was none."""
         end = part, "end"
         beyond, _ = self.joined.get(end, (None, ""))
         if beyond is not None:
@@ -258,36 +247,34 @@ class Belief:
         return beyond
 
     def note(self, end: End, noted: Noted) -> None:
-        """Something has been seen of a port that nothing follows."""
+        """Note the state of a port that nothing follows."""
         self.ends[end] = noted
         self._network = None
 
-    def done(self, end: End, found: str = "") -> None:
-        """A port has been inspected, or is given up; ``found``: the goal that is there."""
+    def done(self, end: End, goal: str = "") -> None:
+        """Mark a port as inspected, or as given up; ``goal``: name of the one that is there."""
         self.explored.add(end)
-        if found:
-            self.found[end] = found
+        if goal:
+            self.goals[end] = goal
         self._network = None
 
     def _near(self, end: End) -> Iterator[tuple[float, End]]:
-        """Other unexplored ports that may be the same as one, with how far they are from it, m."""
+        """Yield the other unexplored ports that may be the same as one, with their distances, m."""
         here = self.port(end)
         for other in self.unexplored:
+            if other[0] == end[0]:
+                continue
             there = self.port(other)
             miss = float(np.linalg.norm(there.position - here.position))
-            if other[0] == end[0] or miss > BELIEF.miss + BELIEF.miss_share * self._around(
-                end, other
-            ):
+            # The error of the position grows with the way around the loop.
+            around = sum(length for *_, length in self._loop(end, other))
+            if miss > BELIEF.miss + BELIEF.miss_share * around:
                 continue
             if (
                 float(angle_between(here.rotation[:, 2], -there.rotation[:, 2]))
                 <= BELIEF.miss_angle
             ):
                 yield miss, other
-
-    def _around(self, end: End, other: End) -> float:
-        """Length, m, of the way from one port to another through the map."""
-        return sum(length for *_, length in self._loop(end, other))
 
     def _loop(self, end: End, other: End) -> list[tuple[int, str, str, float]]:
         """The parts from one port to another, with the ports between which they are passed and
@@ -333,26 +320,21 @@ class Belief:
         """Names of the ports that nothing is joined to: what is known of each."""
         counts: dict[str, int] = {}
         named = {"start": self.name(self.start)}
-        joined = self.joined
-        for i, fitting in enumerate(self._fittings.values()):
-            for port in fitting.port_names:
-                end = i, port
-                if end in joined or end == self.start:
-                    continue
-                word = self.ends.get(end, "") if end in self.explored else ""
-                word = "goal" if end in self.found else word or "unexplored"
-                counts[word] = counts.get(word, 0) + 1
-                goal = self.found.get(end, "")
-                plain = goal and "." not in goal and goal not in named
-                named[goal if plain else f"{word}_{counts[word]}"] = self.name(end)
+        for end in self._free():
+            word = self.ends.get(end, "") if end in self.explored else ""
+            word = "goal" if end in self.goals else word or "unexplored"
+            counts[word] = counts.get(word, 0) + 1
+            goal = self.goals.get(end, "")
+            # A name with a dot is a port of the true network, which means nothing on this map.
+            plain = goal and "." not in goal and goal not in named
+            named[goal if plain else f"{word}_{counts[word]}"] = self.name(end)
         return named
 
 
 def alike(fitting: Fitting, enter: str, port: str) -> bool:
-    """Whether two ports of fittings of a kind may be the same: both on the run, or both not."""
-    return fitting.describe(*_both(fitting, enter)) == fitting.describe(*_both(fitting, port))
-
-
-def _both(fitting: Fitting, port: str) -> tuple[str, str]:
-    """A port and the first other one of a fitting."""
-    return port, next(name for name in fitting.port_names if name != port)
+    """Return whether two ports of fittings of a kind may be the same: both on the run, or not."""
+    one, other = (
+        fitting.describe(name, next(other for other in fitting.port_names if other != name))
+        for name in (enter, port)
+    )
+    return one == other

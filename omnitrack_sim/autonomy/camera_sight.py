@@ -23,7 +23,7 @@ from omnitrack_sim.walls.rays import RayWalls
 
 @dataclass(frozen=True)
 class CameraSightSettings:
-    """Which sightings of a camera count.
+    """Range of sightings by camera, and the cost of making them.
 
     Attributes:
         reach: bores, from the lens up to which a fitting is believed: 0.35 m in a bore of 0.16 m,
@@ -51,8 +51,9 @@ class CameraSight:
     """See ``Sight``; of n robots with cameras at both ends.
 
     Args:
-        eyes: of the robots. table: ``[sensing]``.
-        bore: what a robot takes for the bore that it looks along, m.
+        eyes: of the robots.
+        table: ``[sensing]``.
+        bore: m, of the pipe that a robot looks along, by its map.
     """
 
     def __init__(self, eyes: Eyes, table: SensingTable, bore: Callable[[int], float]) -> None:
@@ -66,67 +67,71 @@ class CameraSight:
     def look(self, robot: int, position: Array, frame: Array) -> Ahead | None:
         """See ``Sight``."""
         bore = round(self._bore(robot) / CAMERA_SIGHT.bore_step) * CAMERA_SIGHT.bore_step
-        picture = self._picture(robot, position, frame)
-        return ahead_of(
-            _recogniser(self._table, bore).single(picture), bore, self._eyes.mount.ahead
-        )
-
-    def _picture(self, robot: int, position: Array, frame: Array) -> Array:
-        """A picture (pixels²,) from the end of a robot that leads."""
         number = CAMERA_SIGHT.first_picture + int(self._looks[robot])
         self._looks[robot] += 1
-        ahead, every = np.ones(1, int), np.arange(len(self._eyes.mount.rays))
-        at = position[None], frame[None], ahead
-        return self._eyes.take(np.array([robot]), *at, number, every)[0]
+        nose, every = np.ones(1, int), np.arange(len(self._eyes.mount.rays))
+        pose = position[None], frame[None], nose
+        picture = self._eyes.take(np.array([robot]), *pose, number, every)[0]
+        recogniser = _recogniser(self._table.model_dump_json(), bore)
+        return ahead_of(recogniser.single(picture), bore, self._eyes.mount.ahead)
 
 
-def ahead_of(seen: Sighting, bore: float, lens: float) -> Ahead | None:
-    """What a robot takes a sighting for; None where that is not sure.
+def ahead_of(sighting: Sighting, bore: float, lens: float) -> Ahead | None:
+    """Return a sighting as seen from the robot's centre; None where it is ambiguous.
 
     Args:
-        bore: m, of the pipe. lens: m, from the robot's centre to the lens.
+        sighting: from the lens.
+        bore: m, of the pipe.
+        lens: m, from the robot's centre to the lens.
     """
-    if seen.confidence < RECOGNISER.sure:
+    if sighting.confidence < RECOGNISER.sure:
         return None
     numbers = np.zeros((1, PLACES))
-    numbers[0, :DISTANCE] = *seen.aside, *seen.tilt
-    numbers[0, TURN] = seen.turn
+    numbers[0, :DISTANCE] = *sighting.aside, *sighting.tilt
+    numbers[0, TURN] = sighting.turn
     # The robot's frame in that of the port plane, z on into the fitting and x as of the port.
     frame = cameras(numbers, [STILL])[1][0, 0]
     centre = lens * float(frame[2, 2])
     reach = CAMERA_SIGHT.reach * bore
-    distance, spread, axis = centre + seen.distance, np.sqrt(np.diag(seen.covariance)), frame[2]
-    if seen.kind == "straight" or seen.distance > reach:
+    distance, spread, axis = (
+        centre + sighting.distance,
+        np.sqrt(np.diag(sighting.covariance)),
+        frame[2],
+    )
+    if sighting.kind == "straight" or sighting.distance > reach:
         return Ahead(
-            distance=centre + min(seen.distance, reach), confidence=seen.confidence, axis=axis
+            distance=centre + min(sighting.distance, reach),
+            confidence=sighting.confidence,
+            axis=axis,
         )
-    if seen.kind in ENDS:
-        end = ENDS[seen.kind]
+    if sighting.kind in ENDS:
+        end = ENDS[sighting.kind]
         return Ahead(
             end=end,
             distance=distance,
             distance_std=spread[0],
-            confidence=seen.confidence,
+            confidence=sighting.confidence,
             axis=axis,
         )
-    if seen.distance < CAMERA_SIGHT.nearest * bore:
+    if sighting.distance < CAMERA_SIGHT.nearest * bore:
         return None
-    form = next(form for form in forms(bore) if (form.kind, form.enter) == (seen.kind, seen.enter))
+    form = next(
+        form for form in forms(bore) if (form.kind, form.enter) == (sighting.kind, sighting.enter)
+    )
     assert form.make is not None
     try:
-        fitting = form.make(**seen.sizes)
+        fitting = form.make(**sighting.sizes)
     except GeometryError:
         return None
     turn = math.atan2(-float(frame[1, 0]), float(frame[0, 0])) if form.period else 0.0
     along, about = spread.tolist()
-    return Ahead(fitting, seen.enter, "", distance, turn, along, about, seen.confidence, axis)
+    return Ahead(
+        fitting, sighting.enter, "", distance, turn, along, about, sighting.confidence, axis
+    )
 
 
-def _recogniser(table: SensingTable, bore: float) -> Recogniser:
-    return _made(table.model_dump_json(), bore)
-
-
+# Keyed by text, as tables are no keys: a recogniser takes seconds to make.
 @lru_cache(maxsize=8)
-def _made(table: str, bore: float) -> Recogniser:
-    """The recogniser of a table's camera in pipes of a bore, m."""
+def _recogniser(table: str, bore: float) -> Recogniser:
+    """Return the recogniser of a table's camera (as JSON) in pipes of a bore, m."""
     return Recogniser(camera_of(SensingTable.model_validate_json(table)), bore, RayWalls)

@@ -17,13 +17,13 @@ from omnitrack_sim.senses.settings import FilterTable
 
 @dataclass(frozen=True)
 class CandidateSettings:
-    """How poses are compared with pictures, arms and gravity.
+    """Tolerances of comparing poses with pictures, arms and gravity.
 
     Attributes:
         least_incidence: sine of the angle between a ray and its wall below which the wall's tangent
-            plane is no guide: the range would change without bound.
+            plane is no guide; bounds the change of a range.
         nearest, farthest: bounds of a range in a picture from close by, as parts of the range
-            before: tangent planes hold close to each hit only.
+            before.
         huber: residual, in standard deviations, from which on it is down-weighted (Huber).
         stop_margin: m, from its outer stop at which an arm may touch no wall.
         least_share: part of a picture's pixels that have to be comparable for a misfit of the map.
@@ -37,7 +37,7 @@ class CandidateSettings:
             pixel differs between two of them.
         blurs: the same of each improvement of the best candidates, from far apart to exact.
         finalists: number of candidates that are improved and compared again.
-        longest_shift: m, by which an improvement moves a candidate at most: gradients hold nearby.
+        longest_shift: m, by which an improvement moves a candidate at most.
         longest_turn: rad, the same of its rotation.
     """
 
@@ -459,6 +459,6 @@ class Candidates:
                 place = position + change
             else:
                 turned = frame @ turned_by(change)
-            seen = nearby(hits, rays, position, frame, place, turned, self._camera.lamp)
-            slopes[..., axis] = (self._camera.expected(seen, rays) - expected) / step
+            image = nearby(hits, rays, position, frame, place, turned, self._camera.lamp)
+            slopes[..., axis] = (self._camera.expected(image, rays) - expected) / step
         return slopes

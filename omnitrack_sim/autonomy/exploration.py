@@ -54,16 +54,17 @@ class Exploration:
     def in_sight(self) -> tuple[list[Part], list[End]]:
         """Parts that can be seen from any place that the robot can get to, and those of their
         ports that a plate closes: numbers are those of the parts returned."""
+        # A plate closes both ports of its joint, and hides all that lies behind it.
         parts, joined = self.network.pipes.parts, both_ways(self.network.pipes.joints)
         plates = {*self.plates, *(joined[end] for end in self.plates if end in joined)}
-        found, todo = {self.ends[0][0]}, [self.ends[0][0]]
+        reachable, todo = {self.ends[0][0]}, [self.ends[0][0]]
         while todo:
             part = todo.pop()
             ends = {(part, port) for port in parts[part].fitting.port_names} - plates
-            new = {joined[end][0] for end in ends if end in joined} - found
-            found |= new
+            new = {joined[end][0] for end in ends if end in joined} - reachable
+            reachable |= new
             todo += new
-        numbers = {part: i for i, part in enumerate(sorted(found))}
+        numbers = {part: i for i, part in enumerate(sorted(reachable))}
         return (
             [parts[part] for part in numbers],
             [(numbers[part], port) for part, port in sorted(plates) if part in numbers],
@@ -74,6 +75,7 @@ class Exploration:
         ``falls`` times. It knows where it stands, and the pipe that it stands in up to its nose."""
         port = self._port(self.ends[0])
         fitting = self.network.pipes.parts[self.ends[0][0]].fitting
+        # Ports point outward; the robot's map begins with the z axis into the pipe.
         into = Pose(port.rotation * [1, -1, -1], port.position)
         free = self._distance + self.robot.length / 2 + EXPLORER.creep
         belief = Belief(into, fitting.inner_diameter, free)
@@ -82,32 +84,32 @@ class Exploration:
 
     def goal_at(self, nose: Array) -> str:
         """The name of the goal that a robot has its nose (3,) m at, world frame; "" at none."""
-        found = zip(self.mission.goals, self.ends[1:], strict=True)
-        return next((name for name, end in found if self._is_at(end, nose)), "")
+        goals = zip(self.mission.goals, self.ends[1:], strict=True)
+        return next((name for name, end in goals if self._is_at(end, nose)), "")
 
     def holds(self, position: Array) -> bool:
-        """Whether a robot with its centre at ``position`` (3,) m, world frame, is in a pipe."""
+        """Return whether the centre of a robot, ``position`` (3,) m, world frame, is in a pipe."""
         return float(self.network.pipes.signed_distance(position[None])[0][0]) > 0
 
     def is_home(self, position: Array, axis: Array) -> bool:
-        """Whether a robot with its centre at ``position`` (3,) m, world frame, stands at the
+        """Return whether a robot with its centre at ``position`` (3,) m, world frame, stands at the
         start, with either end; ``axis`` (3,) is a unit vector to its nose."""
         half = self.robot.length / 2 * axis
         return any(self._is_at(self.ends[0], position + side * half) for side in (1.0, -1.0))
 
-    def difference(self, found: Network) -> MapDifference:
-        """How a map differs from what can be reached of the network."""
+    def difference(self, believed: Network) -> MapDifference:
+        """Return the differences of a map from the reachable part of the network."""
         plates = [self.network.port_name(end) for end in self.plates]
-        return compare_maps(found, self.network, self.network.port_name(self.ends[0]), plates)
+        return compare_maps(believed, self.network, self.network.port_name(self.ends[0]), plates)
 
     def points(self) -> Sequence[Array]:
-        """Where the robot has to get to, (3,) m each: the goals, or else the start."""
+        """Return the positions (3,) m of the goals, or else of the start."""
         return [self._port(end).position for end in self.ends[1:] or self.ends]
 
     def _port(self, end: End) -> Pose:
         return self.network.pipes.parts[end[0]].port(end[1])
 
     def _is_at(self, end: End, tip: Array) -> bool:
-        """Whether a tip of the robot is within a bore's radius of a port."""
+        """Return whether a tip of the robot is within a bore's radius of a port."""
         radius = self.network.pipes.parts[end[0]].fitting.port_radius(end[1])
         return float(length(self._port(end).position - tip)) < radius

@@ -49,8 +49,8 @@ class ExplorerSettings:
     Attributes:
         creep: m, of free pipe that a robot assumes where it should see on and does not.
         look_step: m, travel between two looks along a pipe whose end is not in sight.
-        look_before: m, before the end of a leg where a robot looks on, so that it need not stop.
-        least_bend: rad, least angle of an elbow: a smaller one is an error of the gyro.
+        look_before: m, before the end of a leg where a robot looks on.
+        least_bend: rad, least angle of an elbow.
         bend_tolerance: rad, error of an elbow's angle from which on the map is changed.
         settling: m, travel after such a change in which a robot relocalises on the new map.
         confidence: probability from which on a robot believes an observation.

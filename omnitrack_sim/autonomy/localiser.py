@@ -47,7 +47,7 @@ from omnitrack_sim.senses.settings import SensingTable
 
 @dataclass(frozen=True)
 class LocaliserSettings:
-    """When a localiser compares poses, how many, and what it takes to believe the best of them.
+    """Extent of the comparisons of a localiser, and thresholds for believing the best pose.
 
     Attributes:
         touch_period: s, time between two updates by arms and accelerometer.

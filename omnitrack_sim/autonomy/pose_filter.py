@@ -1,8 +1,8 @@
 """Error-state extended Kalman filter of n poses.
 
-State: position p in the world, rotation R of the robot, gyro bias b, slip k of the belts as a part of
-their travel. The errors of p (m, world frame), of R (rad, a rotation about world axes on the left
-of R), of b (rad/s) and of k are normal with one covariance (10, 10) a robot. Derivation:
+State: position p in the world, rotation R of the robot, gyro bias b, slip k of the belts as a part
+of their travel. The errors of p (m, world frame), of R (rad, a rotation about world axes on the
+left of R), of b (rad/s) and of k are normal with one covariance (10, 10) a robot. Derivation:
 docs/explanation/localisation.md.
 """
 

@@ -1,5 +1,5 @@
-"""What a robot does that does not know where it is: it stands, looks, steps back, rolls, and gives
-up in the end. It never drives on blindly."""
+"""Search of robots that are lost: stand, look, step back, roll, and give up in the end. A lost
+robot never drives on blindly."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Guarded(NamedTuple):
 
 
 class Search:
-    """Which of n robots search for their place, and what they do.
+    """Search of n robots for their pose.
 
     Args:
         table: ``[sensing.search]``.
@@ -52,7 +52,7 @@ class Search:
         set_rows(self, rows, _speed=speed / 2, _back=back, _round=whole, _since=np.nan, _roll=0.0)
 
     def step(self, command: Command, lost: NDArray[np.bool_], time: Array, roll: Array) -> Guarded:
-        """Return what robots do now; those that search tell nothing of what they were asked.
+        """Return the commands with those of lost robots replaced, and without their events.
 
         Args:
             command: of the controller.
@@ -81,17 +81,18 @@ class Search:
         self, command: Command, lost: NDArray[np.bool_], time: Array, roll: Array
     ) -> Command:
         elapsed = np.where(lost, time - self._since, 0.0)
+        # A round: look, step back (in the second half of the rounds), look, roll.
         number, phase = np.divmod(elapsed, self._round)
         look = self._table.look
         backing = (phase > look) & (phase < look + self._back) & (number >= self._table.tries / 2)
         rolled = number + np.clip((phase - 2 * look - self._back) / self._rolling, 0.0, 1.0)
         each = lost[:, None]
         back = -np.where(backing, self._speed, 0.0)[:, None] * belt_sign(roll)
-        asked = self._roll + (rolled * self._turn)[:, None]
+        target = self._roll + (rolled * self._turn)[:, None]
         before = roll if command.roll is None else command.roll
         resting = lost if command.resting is None else command.resting | lost
         return command._replace(
             belt_speed=np.where(each, back, command.belt_speed),
-            roll=np.where(each, asked, before),
+            roll=np.where(each, target, before),
             resting=resting,
         )

@@ -40,7 +40,7 @@ SIGHT = SightSettings()
 
 @dataclass(frozen=True)
 class Ahead:
-    """What a robot sees ahead of it in its pipe, at one moment.
+    """Sighting of the pipe ahead of a robot, at one moment.
 
     "Ahead" is where the robot drives to: beyond its nose in gear 1, beyond its tail in gear -1. Its
     frame is that of the gear, which has z ahead and x towards module 1 in both
@@ -92,9 +92,11 @@ class Look(NamedTuple):
     """A robot has looked ahead, and maybe back.
 
     Attributes:
-        time: s. distance: m, arc length of its centre on its leg, as it takes it to be.
-        ahead, behind: what it has seen; None where it cannot tell, or has not looked.
-        frame: (3, 3) of the robot in its gear, world frame, as it takes it to be.
+        time: s.
+        distance: m, arc length of its centre on its leg, estimate.
+        ahead: sighting; None where it is ambiguous.
+        behind: the same back; None also where the robot has not looked.
+        frame: (3, 3) of the robot in its gear, world frame, estimate.
         turned: (3, 3) the same by the gyro alone, in any frame that stands still.
     """
 
@@ -110,7 +112,7 @@ class Sight(Protocol):
     """Tells what robots see ahead of them."""
 
     def look(self, robot: int, position: Array, frame: Array) -> Ahead | None:
-        """What one robot sees now; None where it cannot tell, such as within a bend.
+        """Return the sighting of one robot now; None where it is ambiguous, such as within a bend.
 
         Args:
             robot: index in its batch.
@@ -138,7 +140,8 @@ class TrueSight:
     """Tells robots of one network what is ahead, without error.
 
     Args:
-        pipes: the network. plates: ports that a plate closes.
+        pipes: the network.
+        plates: ports that a plate closes.
         robot: its length, and the bore that it is made for.
         arcs: of the centreline in tees, along which distances are measured.
         reach: m, how far it sees beyond its nose; None: ``RANGE``.
@@ -181,7 +184,7 @@ class TrueSight:
                     yield _Port(beside, left, (index, leave))
 
     def _from(self, port: _Port, frame: Array) -> Ahead:
-        """What is seen through a port."""
+        """Return the sighting through a port."""
         _, distance, end = port
         axis = frame.T @ self._pipes.parts[end[0]].port(end[1]).rotation[:, 2]
         reach = self._half + self._reach
@@ -210,22 +213,22 @@ def _turn(part: Part, enter: str, frame: Array) -> float:
     return math.atan2(float(x @ np.cross(ahead, side)), float(x @ side))
 
 
-def is_right(seen: Ahead, there: Ahead) -> bool:
-    """Return whether what is seen is of the kind of what is there: a fitting, an end, or, as far as
-    is seen, nothing. Which of a fitting's ports is nearer counts where the ports differ."""
-    if seen.fitting is None and not seen.end:
-        return there.distance > seen.distance - SIGHT.same_place
-    if abs(seen.distance - there.distance) > SIGHT.same_place or seen.end != there.end:
+def is_right(observed: Ahead, truth: Ahead) -> bool:
+    """Return whether a sighting agrees with the truth: a fitting, an end, or, as far as is seen,
+    nothing. Which of a fitting's ports is nearer counts where the ports differ."""
+    if observed.fitting is None and not observed.end:
+        return truth.distance > observed.distance - SIGHT.same_place
+    if abs(observed.distance - truth.distance) > SIGHT.same_place or observed.end != truth.end:
         return False
-    if seen.fitting is None or there.fitting is None:
-        return seen.fitting is there.fitting
-    same = seen.fitting.kind == there.fitting.kind
-    return same and alike(there.fitting, seen.enter, there.enter)
+    if observed.fitting is None or truth.fitting is None:
+        return observed.fitting is truth.fitting
+    same = observed.fitting.kind == truth.fitting.kind
+    return same and alike(truth.fitting, observed.enter, truth.enter)
 
 
 @dataclass(frozen=True)
 class LookSettings:
-    """When a robot that explores looks again at what it has seen or passed.
+    """Conditions in which a robot that explores looks again at what it has observed or passed.
 
     Attributes:
         behind: m, from its rear to a fitting behind it when it looks back at that.

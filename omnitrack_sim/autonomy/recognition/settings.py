@@ -20,8 +20,7 @@ class RecogniserSettings:
         beyond: m, length of the straights beyond it; the robust loss absorbs what follows.
         scale_values: pixel values at which the scale of equal noise is tabulated.
         ring_rays: rays of each ring of a coarse picture, and directions of a form in the library.
-        rings: (14,) angles of the rings from the axis, as parts of half the field of view; denser
-            at the middle, where distant things are.
+        rings: (14,) angles of the rings from the axis, as parts of half the field of view.
         library_distances: (20,) bores, distances of a form in the library.
         library_blur: standard deviations by which a coarse picture is off besides the library's
             steps: the camera's pose is roughly known, and sizes are those of the starts.
@@ -57,14 +56,13 @@ class RecogniserSettings:
         joint_range: m, distances at which a joint is looked for: from, to, step.
         joint_cost: cost that a joint must spare to be followed.
         joints: most joints that are followed.
-        fixed_weight: weight of a number that is not sought: large enough to keep it, small enough
-            for the normal equations.
+        fixed_weight: weight of a number that is not sought, which keeps it where it is.
         nudge: (6,) m and rad, steps of the differences that the Jacobian is made of.
-        longest: (6,) m and rad, longest step of the search: linearisation holds nearby.
+        longest: (6,) m and rad, longest step of the search.
         longest_size: the same of a size, in its steps.
         farthest: m, bound of the distance of a port plane.
         size_grain: parts of its step to which a size is rounded, so that walls are reused.
-        kept_walls: most walls that are kept for reuse, which bounds the memory.
+        kept_walls: most walls that are kept for reuse.
         dampings: Marquardt's factors, all tried in each step.
     """
 
