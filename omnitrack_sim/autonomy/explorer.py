@@ -1,12 +1,12 @@
-"""What a robot does that explores: where it looks, what it adds to its map, which way it goes next.
+"""Pilot of a robot that explores: it looks ahead, extends its map, and chooses the next leg.
 
-Nothing here moves a robot. It drives on legs through the pipes as it believes them to be. A leg
-leads to a port that it has not looked into yet; when its nose is there and it sees on, the leg is
-made longer. Among the ports of a fitting that it comes to, it takes the one with the shortest way
-there, which is the branch of a tee; among all others, at an end or where its way is blocked, the
-one that asks for the least travel, back and on. As whatever is ahead asks for less than anything
-that it would have to back out for, it explores depth first, and it never backs out of a pipe that
-it has not seen the end of. When nothing is left it goes back to where it began.
+Its legs lead through the pipes of its map. A leg leads to an unexplored port; when the robot's nose
+is there and it sees on, the leg is extended. Among the ports of a fitting that it comes to, it
+takes the one with the shortest way there, which is the branch of a tee; among all others, at an end
+or where its way is blocked, the one that asks for the least travel, back and on. As whatever is
+ahead asks for less than anything that it would have to back out for, it explores depth first, and
+it never backs out of a pipe that it has not seen the end of. When nothing is left it goes back to
+where it began.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from omnitrack_sim.robots.omnitrack import Robot
 
 @dataclass(frozen=True)
 class ExplorerSettings:
-    """When a robot that explores looks, and what it takes to believe what it observes.
+    """Conditions in which a robot that explores looks, and thresholds for changes of its map.
 
     Attributes:
         creep: m, of free pipe that a robot assumes where it should see on and does not.
@@ -79,14 +79,16 @@ class Explorer:
     """Pilot of one robot that explores; see ``Pilot``.
 
     Attributes:
-        robot: the robot. number: its index in the batch, for events. arcs: of the centreline in
-            tees.
+        robot: the robot.
+        number: its index in the batch, for events.
+        arcs: of the centreline in tees.
         belief: its map.
-        goals: names of ends that it is to find, and has not found yet; with none, it explores all.
+        goals: names of the goals that are still to be reached; with none, it explores all.
         distance: m, from the port where it began to its centre then.
         falls: how often it may fall off its way.
-        leg: at hand. look_at: m, arc length on it where the robot looks ahead next.
-        ways: through its map.
+        leg: at hand.
+        look_at: m, arc length on it where the robot looks ahead next.
+        ways: planner of legs through its map.
     """
 
     robot: Robot
@@ -103,7 +105,7 @@ class Explorer:
     _closed: list[End] = field(default_factory=list)
     _fallen_off: list[Edge] = field(default_factory=list)
     _bends: dict[int, Array] = field(default_factory=dict)
-    _told: set[str] = field(default_factory=set)
+    _named: set[str] = field(default_factory=set)
     _complete: bool = False
 
     def __post_init__(self) -> None:
@@ -117,7 +119,7 @@ class Explorer:
 
     @property
     def missed(self) -> tuple[str, ...]:
-        """Goals that have not been found."""
+        """Goals that have not been reached."""
         return tuple(self.goals)
 
     def route(self) -> Route:
@@ -132,17 +134,17 @@ class Explorer:
     # What happens to it
 
     def on_look(self, look: Look) -> Decision:
-        """See ``Pilot``: it has looked ahead, and back where it ``looks_back``."""
-        placed = look.distance
-        if self.looks_back(placed):
-            placed = self._back.located(self.route(), placed, look.behind)
-        shift = placed - look.distance
+        """See ``Pilot``; the look goes back as well where the robot ``looks_back``."""
+        distance = look.distance
+        if self.looks_back(distance):
+            distance = self._back.located(self.route(), distance, look.behind)
+        shift = distance - look.distance
         if look.distance < self.look_at:
             return Decision(self.leg, True, (), shift)
-        return self._look_on(look._replace(distance=placed))._replace(shift=shift)
+        return self._look_on(look._replace(distance=distance))._replace(shift=shift)
 
     def _look_on(self, look: Look) -> Decision:
-        """It has looked to where its way goes on."""
+        """Decide after a look ahead from the corrected position."""
         ahead, distance = look.ahead, look.distance
         route = self.route()
         if ahead is None or ahead.confidence < EXPLORER.confidence:
@@ -157,7 +159,8 @@ class Explorer:
         self._forget_what_was_far()
         measured = self._measure_bend(look.turned @ ahead.axis)
         path = self._reached(distance + ahead.distance - self.route().length)
-        if measured:  # what is beyond is measured when it knows its place on the new map
+        if measured:
+            # The map has moved under the robot: it relocalises before it measures what is beyond.
             self._go_on(path)
             self.look_at = max(
                 distance, min(distance + EXPLORER.settling, self.leg.end - EXPLORER.look_before)
@@ -180,7 +183,8 @@ class Explorer:
         end = _end_of(self.leg.path)
         if end == self.belief.start:
             return Decision(None, False, ())
-        if end not in self.belief.ends:  # it should see on, and does not
+        if end not in self.belief.ends:
+            # It should see on and does not: a little free pipe is assumed, and it looks again.
             self._go_on(self._reached(EXPLORER.creep))
             self.look_at = distance
             return Decision(self.leg, True, ())
@@ -195,61 +199,57 @@ class Explorer:
         ahead = self.route().length - distance - self.robot.length / 2
         if port == end and end in self.belief.ends and ahead < EXPLORER.touch:
             return self._inspected(time, distance, end, goal)
-        told = [TakenForClosed(self.number, time, self.belief.name(port), distance)]
+        events = [TakenForClosed(self.number, time, self.belief.name(port), distance)]
         self._closed.append(port)
         if port in self.belief.unexplored:
             if self.belief.fitting(port[0]).is_plain:
                 self.belief.lengthen(port[0], -ahead)
             self.belief.note(port, "impassable")
             self.belief.done(port)
-        return self._next(time, told, self._from_leg(distance))
+        return self._next(time, events, self._from_leg(distance))
 
     def on_fall(self, time: float, position: Array, axis: Array) -> Decision:
-        """See ``Pilot``: it may lie somewhere else in its map."""
+        """See ``Pilot``: the robot may lie somewhere else in its map."""
         where = self.ways.locate(position, axis)
         if where is None:
             return Decision(None)
         part, port = where.part, (where.part, where.ahead)
         name = self.belief.network.fittings[part].name
-        told = [FellOff(self.number, time, name, self.belief.name(port))]
+        events = [FellOff(self.number, time, name, self.belief.name(port))]
         if self.falls == 0:
-            return self._given_up(time, told, "has fallen too often")
+            return self._given_up(time, events, "has fallen too often")
         self.falls -= 1
         self._fallen_off += self.ways.turn_in(self.leg, part)
         return self._next(
-            time, told, lambda ways, goal, closed: ways.replan_from(where, goal, closed)
+            time, events, lambda ways, goal, closed: ways.replan_from(where, goal, closed)
         )
 
     # Looking once more
 
     @property
     def looks_at(self) -> float:
-        """Arc length on its leg, m, where it looks next."""
-        return min(self.look_at, self._back_at)
+        """Arc length on its leg, m, of the next look."""
+        return min(self.look_at, self._back.at(self.route()))
 
     def looks_back(self, distance: float) -> bool:
-        """Whether it looks back, too, at arc length ``distance`` m of its leg."""
-        close = bool(self._closer.index(self.route())) and distance >= self.look_at
-        return close or distance >= self._back_at
-
-    @property
-    def _back_at(self) -> float:
-        return self._back.at(self.route())
+        """Return whether a look at arc length ``distance`` m of its leg goes back as well."""
+        route = self.route()
+        close = bool(self._closer.index(route)) and distance >= self.look_at
+        return close or distance >= self._back.at(route)
 
     def _look_closer(self, ahead: Ahead, path: tuple[Edge, ...], distance: float) -> None:
-        """Look once more at what has just been seen at the end of a path, where that is still far
-        away."""
+        """Plan another look at the end of a path from close by, where that is still far away."""
         close = self._closer.begin(ahead, self.ways.route(path), distance)
         self.look_at = self.look_at if close is None else close
 
     def _rely(self) -> None:
-        """Take what has been seen from afar for what is there."""
+        """Rely on what was observed from afar."""
         self.belief.settle()
         end = _end_of(self.leg.path)
         self.look_at = math.inf if end in self.belief.ends else self.leg.end - EXPLORER.look_before
 
     def _forget_what_was_far(self) -> None:
-        """It is close to what it has seen from afar, and looks at it as if for the first time."""
+        """Remove from the map what was observed from afar, now that the robot is close to it."""
         i = self._closer.index(self.route())
         if i is None:
             return
@@ -262,7 +262,7 @@ class Explorer:
     # How the map grows
 
     def _reached(self, more: float) -> tuple[Edge, ...]:
-        """The path at hand with ``more`` m of free pipe at its end."""
+        """Return the path at hand with ``more`` m of free pipe at its end."""
         path, end = self.leg.path, _end_of(self.leg.path)
         if self.belief.fitting(end[0]).is_plain:
             left = self.belief.lengthen(end[0], more)
@@ -280,15 +280,15 @@ class Explorer:
         path: tuple[Edge, ...],
         look: Look,
     ) -> Decision:
-        """A fitting is seen at the end of a path."""
+        """Decide at the sight of a fitting at the end of a path: extend the map and the leg."""
         belief, end, enter = self.belief, _end_of(path), ahead.enter
         time, distance = look.time, look.distance
         fitting = _fitted(fitting, enter, 2 * belief.fitting(end[0]).port_radius(end[1]))
         known = belief.known_at(end, fitting, enter)
         if known is not None:
-            told = [self._closes(time, end, known)]
+            events = [self._closes(time, end, known)]
             self._go_on(path)
-            return self._next(time, told, self._from_leg(distance))
+            return self._next(time, events, self._from_leg(distance))
         axis = belief.port(end).rotation[:, 2]
         side = side_of(look.frame, axis)
         side = math.cos(ahead.turn) * side + math.sin(ahead.turn) * np.cross(axis, side)
@@ -296,27 +296,27 @@ class Explorer:
         if isinstance(fitting, Elbow):
             self._bends[part] = look.turned @ ahead.axis
         name = belief.network.fittings[part].name
-        told: list[Event] = []
-        if name not in self._told:
-            self._told.add(name)
-            told.append(FittingFound(self.number, time, name, ahead.distance))
+        events: list[Event] = []
+        if name not in self._named:
+            self._named.add(name)
+            events.append(FittingFound(self.number, time, name, ahead.distance))
         for port, other in belief.meeting(part):
             if {port, other} <= set(belief.unexplored):
-                told.append(self._closes(time, port, other))
+                events.append(self._closes(time, port, other))
         self._go_on(path)
         onward = self._through_new(part, enter, distance)
         if onward is None:
-            return self._next(time, told, self._from_leg(distance))
+            return self._next(time, events, self._from_leg(distance))
         self._go_on(onward)
         self.look_at = self.leg.end - EXPLORER.look_before
         if belief.is_last(part):
             self._look_closer(ahead, path, distance)
-        return Decision(self.leg, True, told)
+        return Decision(self.leg, True, events)
 
     def _measure_bend(self, axis: Array) -> bool:
-        """It may have come out of an elbow, into a pipe along ``axis`` (3,), in the frame of
-        ``turned``: how much the elbow bends was hidden before it. Whether it bends by more or less
-        than was seen."""
+        """Measure the elbow that the robot has come out of, into a pipe along ``axis`` (3,), in the
+        frame of ``turned``; return whether its angle on the map has changed."""
+        # Before an elbow its far end is hidden, so a picture shows its angle badly.
         path = self.leg.path
         last = len(path) - 1
         if last > 0 and self.belief.fitting(path[last][0]).is_plain:
@@ -338,7 +338,7 @@ class Explorer:
         return LoopClosed(self.number, time, self.belief.name(end), self.belief.name(other), miss)
 
     def _through_new(self, part: int, enter: str, distance: float) -> tuple[Edge, ...] | None:
-        """The path at hand, extended to the nearest unexplored port of a new fitting; None
+        """Return the path at hand, extended to the nearest unexplored port of a new fitting; None
         where there is none, or where the robot has come too far to stand before it: fittings that
         follow closely are prepared for together, before the first of them."""
         unexplored = self.belief.unexplored
@@ -352,49 +352,50 @@ class Explorer:
         return path if distance <= self.ways.latest_stand(path, len(path) - 1) else None
 
     def _inspected(self, time: float, distance: float, end: End, goal: str) -> Decision:
-        """It stands at an end that it has seen."""
-        belief, found = self.belief, goal if goal in self.goals else ""
-        belief.done(end, found)
-        told: list[Event] = [
+        """Decide at an observed end: note it as explored, and go on."""
+        belief, reached = self.belief, goal if goal in self.goals else ""
+        belief.done(end, reached)
+        events: list[Event] = [
             EndInspected(self.number, time, belief.name(end), belief.ends[end]),
         ]
-        if found:
-            told.append(GoalReached(self.number, time, found))
-            self.goals.remove(found)
+        if reached:
+            events.append(GoalReached(self.number, time, reached))
+            self.goals.remove(reached)
         if not (self._explores or self.goals):
-            return Decision(None, False, told)
-        return self._next(time, told, self._from_leg(distance))
+            return Decision(None, False, events)
+        return self._next(time, events, self._from_leg(distance))
 
     # Where it goes
 
     def _from_leg(self, distance: float) -> Replan:
-        """Legs to a goal from arc length ``distance`` m on the leg at hand."""
+        """Return a planner of legs to a goal from arc length ``distance`` m on the leg at hand."""
         leg = self.leg
 
         def onward(ways: LegPlanner, goal: int, closed: Closed) -> list[Leg] | None:
-            found = [ways.extend(leg, distance, goal, closed)]
-            found.append(ways.replan(leg, distance, goal, closed))
+            options = [
+                ways.extend(leg, distance, goal, closed),
+                ways.replan(leg, distance, goal, closed),
+            ]
             if ways.ends[goal + 1] == self.belief.start:
                 # It is behind; after a loop it may be nearer ahead.
-                found.append(ways.replan_from(ways.location(leg, distance), goal, closed))
-            return min((legs for legs in found if legs), key=_travel, default=None)
+                options.append(ways.replan_from(ways.location(leg, distance), goal, closed))
+            return min((legs for legs in options if legs), key=_travel, default=None)
 
         return onward
 
-    def _next(self, time: float, told: Sequence[Event], onward: Replan) -> Decision:
-        """The unexplored port that asks for the least travel, or else the start."""
-        told = list(told)
+    def _next(self, time: float, events: Sequence[Event], onward: Replan) -> Decision:
+        """Go to the unexplored port that asks for the least travel, or else to the start."""
+        events = list(events)
         legs = self._least(self.belief.unexplored, onward)
         if legs is None:
-            told += self._completed(time)
+            events += self._completed(time)
             legs = self._least([self.belief.start], onward)
         if legs is None:
-            return self._given_up(time, told, "no other way")
-        return self._onto(time, legs, told)
+            return self._given_up(time, events, "no other way")
+        return self._onto(time, legs, events)
 
     def _completed(self, time: float) -> list[Event]:
-        """There is no port left that it could look into; those that it cannot get to are noted.
-        What is told of it, once."""
+        """Note the ports that are out of reach, as no other is left; return the event, once."""
         if self._complete:
             return []
         self._complete, belief = True, self.belief
@@ -406,22 +407,23 @@ class Explorer:
         return [ExplorationComplete(self.number, time, fittings, len(belief.explored))]
 
     def _least(self, goals: Sequence[End], onward: Replan) -> list[Leg] | None:
-        """Legs to the one of some ports that asks for the least travel; None where no way leads to
-        any. A turn that the robot has fallen off it takes only where there is no other way."""
+        """Return legs to the one of some ports that asks for the least travel; None where no way
+        leads to any. A turn that the robot has fallen off is taken only without another way."""
         ways = self._through(goals)
         for closed in ([*self._closed, *self._fallen_off], self._closed):
-            found = [
+            # Rounded, so that equal ways do not swap by the last bit of a length.
+            options = [
                 (round(_travel(legs), 6), goal, legs)
                 for goal in range(len(goals))
                 if (legs := onward(ways, goal, tuple(closed)))
             ]
-            if found:
+            if options:
                 self.ways = ways
-                return min(found, key=lambda option: option[:2])[2]
+                return min(options, key=lambda option: option[:2])[2]
         return None
 
-    def _onto(self, time: float, legs: Sequence[Leg], told: Sequence[Event] = ()) -> Decision:
-        """Drive the first of ``legs``, the others being kept for later."""
+    def _onto(self, time: float, legs: Sequence[Leg], events: Sequence[Event] = ()) -> Decision:
+        """Begin the first of ``legs`` and keep the others for later."""
         before = self.leg
         self.belief.settle()
         self._back.begin()
@@ -431,31 +433,31 @@ class Explorer:
         self.look_at = math.inf if blind else self.leg.end - EXPLORER.look_before
         if self.leg.gear == before.gear and self.leg.path[: len(before.path)] == before.path:
             self.leg = replace(self.leg, begin=before.begin)
-            return Decision(self.leg, True, told)
-        return Decision(self.leg, False, [*told, LegBegan(self.number, time, self.leg.note)])
+            return Decision(self.leg, True, events)
+        return Decision(self.leg, False, [*events, LegBegan(self.number, time, self.leg.note)])
 
     def _go_on(self, path: tuple[Edge, ...]) -> None:
-        """The leg at hand goes on to the end of a path that begins as its own does."""
+        """Extend the leg at hand to the end of a path that begins as its own does."""
         self.ways = self._through([])
         self.leg = self._longer(replace(self.leg, path=path))
 
     def _longer(self, leg: Leg) -> Leg:
-        """A leg that ends where its path does."""
+        """Return a leg that ends where its path does."""
         end = self.ways.route(leg.path).length - self.robot.length / 2 - NOSE_ROOM
         return replace(leg, end=end, note=f"to {self.belief.name(_end_of(leg.path))}")
 
     def _through(self, goals: Sequence[End]) -> LegPlanner:
-        """Ways through the map as it is now, to some of its ports."""
+        """Return the planner of legs through the present map, to some of its ports."""
         names = ["the start" if g == self.belief.start else self.belief.name(g) for g in goals]
         ends = [self.belief.start, *goals]
         return LegPlanner(self.belief.network, ends, names, self.robot, self.arcs)
 
-    def _given_up(self, time: float, told: Sequence[Event], cause: str) -> Decision:
-        return Decision(None, False, [*told, GaveUp(self.number, time, cause)])
+    def _given_up(self, time: float, events: Sequence[Event], cause: str) -> Decision:
+        return Decision(None, False, [*events, GaveUp(self.number, time, cause)])
 
 
 def _end_of(path: Sequence[Edge]) -> End:
-    """The port that a path ends at."""
+    """Return the port that a path ends at."""
     part, _, leave = path[-1]
     return part, leave
 
@@ -465,7 +467,7 @@ def _travel(legs: Sequence[Leg]) -> float:
 
 
 def _fitted(fitting: Fitting, enter: str, bore: float) -> Fitting:
-    """A fitting as seen, with the bore of the pipe that it is joined to."""
+    """Return a fitting as observed, with the bore of the pipe that it is joined to."""
     if abs(2 * fitting.port_radius(enter) - bore) <= BORE_TOLERANCE:
         return fitting
     try:

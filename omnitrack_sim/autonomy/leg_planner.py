@@ -41,7 +41,7 @@ NOSE_ROOM = 0.005
 ROUNDING = 1e-9
 """Difference of two lengths, m, that may come from rounding."""
 AT_THE_NOSE = 0.02
-"""How far behind the nose an obstacle may seem to be that stops a robot, m."""
+"""Distance behind the nose up to which an obstacle may seem to be that stops a robot, m."""
 LIES_ALONG = math.radians(30)
 """Angle between a robot and the axis of its pipe, rad, up to which it lies along the pipe; beyond
 it the robot lies across."""

@@ -18,12 +18,12 @@ from omnitrack_sim.robots.omnitrack import Robot
 
 
 class Mission(Table):
-    """Where to go in a network."""
+    """Start, goals and task in a network."""
 
     start: str
     """Open end where the robot begins, such as "inlet" or "riser.start"."""
     map: Literal["known", "unknown"] = "known"
-    """Whether the robot knows the network; with "unknown" it makes a map of it."""
+    """Map that the robot has: "known", or "unknown" where it makes one of its own."""
     task: Literal["explore", "find"] | None = None
     """With an unknown map: "explore" all of it and come back, or "find" the goals."""
     goals: Annotated[tuple[str, ...], Field(max_length=MOST_GOALS)] = ()

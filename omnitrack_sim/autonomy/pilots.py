@@ -31,7 +31,7 @@ from omnitrack_sim.record.events import (
 
 
 class Decision(NamedTuple):
-    """What a robot does from now on.
+    """Decision on the leg that a robot drives from now on.
 
     Attributes:
         leg: the leg to drive; None: there is none.

@@ -1,4 +1,4 @@
-"""What lies ahead in the pipe, found in pictures of the camera at the robot's nose."""
+"""Recognition of what lies ahead in the pipe, from pictures of the camera at the robot's nose."""
 
 from omnitrack_sim.autonomy.recognition.forms import Motion, Sighting
 from omnitrack_sim.autonomy.recognition.recogniser import Recogniser

@@ -12,6 +12,7 @@ from omnitrack_sim.autonomy.candidates import nearby
 from omnitrack_sim.autonomy.recognition.forms import (
     DISTANCE,
     PLACES,
+    SIZES,
     TURN,
     Form,
     Motion,
@@ -49,8 +50,6 @@ class Scale:
         return np.where(np.isnan(expected), 0.0, 1 / spread)
 
 
-SIZES = 2
-"""Most sizes of a form."""
 _COLUMNS = ("numbers", "sizes", "gains", "cost", "normal")
 
 
@@ -59,7 +58,8 @@ class Views:
     """Pictures of one approach.
 
     Attributes:
-        pictures: (v, pixels²) on the scale. motions: of the v cameras.
+        pictures: (v, pixels²) on the scale.
+        motions: of the v cameras.
     """
 
     pictures: Array
@@ -68,7 +68,7 @@ class Views:
 
 @dataclass(frozen=True)
 class Level:
-    """How closely is looked.
+    """Resolution and robustness of a fit.
 
     Attributes:
         pixels: (k,) numbers of the pixels.
@@ -96,7 +96,10 @@ class Tries:
     """Forms that are fitted, n rows.
 
     Attributes:
-        forms: of each row. numbers: (n, 6), see ``poses``. sizes: (n, SIZES). gains: (n, v).
+        forms: of each row.
+        numbers: (n, 6), see ``cameras``.
+        sizes: (n, SIZES).
+        gains: (n, v).
         cost: (n,) twice the negative logarithm of the likelihood, without what all share.
         normal: (n, p, p) matrix of the normal equations, of numbers, sizes, gains.
     """
@@ -181,11 +184,11 @@ class Fit:
                 walls, place[rows].reshape(-1, 3), rotation[rows].reshape(-1, 3, 3), rays
             )
             expected = self._expected(hits, rays, level).reshape(len(rows), v, k)
-            seen = self._scale.of(expected * at.gains[rows][..., None])
-            missed = ((views.pictures[:, level.pixels] - seen) / level.rough) ** 2
+            image = self._scale.of(expected * at.gains[rows][..., None])
+            missed = ((views.pictures[:, level.pixels] - image) / level.rough) ** 2
             weight = level.weight * level.rough**2
             cost[rows] = (weight * missed / (1 + missed)).sum(axis=(1, 2))
-        weights, off = _beforehand(at, level)
+        weights, off = _prior(at, level)
         return replace(
             at,
             cost=cost
@@ -201,7 +204,7 @@ class Fit:
         Args:
             alike: pixels of which the errors are alike.
         """
-        weights, _ = _beforehand(at, level)
+        weights, _ = _prior(at, level)
         for place, width in ((DISTANCE, RECOGNISER.farthest), (TURN, 2 * np.pi)):
             sought = weights[:, place] < RECOGNISER.fixed_weight
             weights[sought, place] = 2 * np.pi / width**2
@@ -214,7 +217,7 @@ class Fit:
         residual, slopes = self._seen(at, views, level, side)
         weight = np.tile(level.weight, at.gains.shape[1])
         weighted = slopes * (weight / (1 + (residual / level.rough) ** 2) ** 2)[..., None]
-        weights, off = _beforehand(at, level)
+        weights, off = _prior(at, level)
         normal = weighted.swapaxes(1, 2) @ slopes + np.eye(off.shape[1]) * weights[:, None]
         return normal, (weighted * residual[..., None]).sum(axis=1) - weights * off
 
@@ -235,21 +238,21 @@ class Fit:
                 near = _nearby(
                     hits[i], rays, place[which, j, i], rotation[which, j, i], self._camera.lamp
                 )
-                seen = self._expected(near, rays, level)
-                expected[j, i] = seen[0]
-                slopes[j, i][:, free] = ((seen[1:] - seen[0]) / RECOGNISER.nudge[free, None]).T
+                image = self._expected(near, rays, level)
+                expected[j, i] = image[0]
+                slopes[j, i][:, free] = ((image[1:] - image[0]) / RECOGNISER.nudge[free, None]).T
             if self._camera.lamp is not None:
-                # What a lamp leaves in the dark tells most, and its edges move.
+                # The edges of shadows tell most, and they move: hits from close by do not show it.
                 for i in {DISTANCE, TURN}.intersection(free):
                     reach = side * level.reach[i - DISTANCE]
                     moved = replace(at, numbers=at.numbers + reach * np.eye(PLACES)[i])
-                    seen = self._expected(self._hits(moved, j, views, rays), rays, level)
-                    slopes[j, ..., i] = (seen - expected[j]) / reach
+                    image = self._expected(self._hits(moved, j, views, rays), rays, level)
+                    slopes[j, ..., i] = (image - expected[j]) / reach
             for i, size in enumerate(at.forms[j].sizes):
                 nudge = -size.step if at.sizes[j, i] + size.step > size.high else size.step
                 changed = replace(at, sizes=at.sizes + nudge * np.eye(SIZES)[i])
-                seen = self._expected(self._hits(changed, j, views, rays), rays, level)
-                slopes[j, ..., PLACES + i] = (seen - expected[j]) / nudge
+                image = self._expected(self._hits(changed, j, views, rays), rays, level)
+                slopes[j, ..., PLACES + i] = (image - expected[j]) / nudge
         gained = expected * at.gains[..., None]
         residual = views.pictures[None, :, level.pixels] - self._scale.of(gained)
         slopes *= at.gains[..., None, None]
@@ -264,7 +267,10 @@ class Fit:
         first; none where a joint does not show.
 
         Args:
-            straight: the form. pose: (6,) of the camera. level: how closely is looked.
+            straight: the form.
+            pose: (6,) of the camera.
+            views: the pictures.
+            level: of the comparison.
         """
         rays = self._rays[level.pixels]
         place, rotation = cameras(pose[None], views.motions[-1:])
@@ -278,20 +284,21 @@ class Fit:
         cost = level.rough**2 * (missed / (1 + missed)).sum(axis=1)
         less = cost[0] - cost[1:]
         least = np.r_[True, less[1:] >= less[:-1]] & np.r_[less[:-1] >= less[1:], True]
-        found = np.flatnonzero(least & (less > RECOGNISER.joint_cost))
-        return where[found[np.argsort(-less[found])]][: RECOGNISER.joints].tolist()
+        visible = np.flatnonzero(least & (less > RECOGNISER.joint_cost))
+        return where[visible[np.argsort(-less[visible])]][: RECOGNISER.joints].tolist()
 
     def _walls_of(self, form: Form, sizes: Array) -> Walls:
         """Walls of a form, which are kept: many steps come by the same sizes."""
-        key = (form.name, *sizes[: len(form.sizes)].tolist())
-        found = self._kept.get(key)
-        if found is None:
-            parts, closed = form.map(_sizes(form, sizes), self._bore)
-            found = self._walls([parts], [closed])
+        values = sizes[: len(form.sizes)].tolist()
+        key = (form.name, *values)
+        walls = self._kept.get(key)
+        if walls is None:
+            parts, closed = form.map(values, self._bore)
+            walls = self._walls([parts], [closed])
             if len(self._kept) >= RECOGNISER.kept_walls:
                 self._kept.pop(next(iter(self._kept)))
-            self._kept[key] = found
-        return found
+            self._kept[key] = walls
+        return walls
 
     def _expected(self, hits: Array, rays: Array, level: Level) -> Array:
         """Pictures (n, k) that are expected, exposed as whole ones."""
@@ -301,7 +308,7 @@ class Fit:
         return whole[:, level.own]
 
     def _hits(self, at: Tries, row: int, views: Views, rays: Array) -> Array:
-        """What the cameras of a row see (v, k, 8)."""
+        """Return the hits (v, k, 8) of the cameras of a row."""
         place, rotation = cameras(at.numbers[row : row + 1], views.motions)
         return self._traced(
             self._walls_of(at.forms[row], at.sizes[row]), place[0], rotation[0], rays
@@ -317,29 +324,24 @@ def _nearby(hits: Array, rays: Array, place: Array, rotation: Array, lamp: Array
     port plane, z = 0, stays where it is."""
     m = len(place)
     first = np.repeat(place[:1], m, axis=0), np.repeat(rotation[:1], m, axis=0)
-    found = nearby(np.repeat(hits[None], m, axis=0), rays, *first, place, rotation, lamp)
-    reach = np.where(np.isfinite(found[..., RANGE]), found[..., RANGE], 0.0)
+    near = nearby(np.repeat(hits[None], m, axis=0), rays, *first, place, rotation, lamp)
+    reach = np.where(np.isfinite(near[..., RANGE]), near[..., RANGE], 0.0)
     along = place[:, 2, None] + reach * (rotation[:, 2] @ rays.T)
     beside = np.where(np.isfinite(hits[:, JOINT]), hits[:, JOINT], -1.0)
     at_plane = np.abs(np.abs(along[0]) - beside) < 1e-6
-    found[..., JOINT] = np.where(at_plane, np.abs(along), hits[:, JOINT])
-    return found
-
-
-def _sizes(form: Form, row: Array) -> list[float]:
-    return row[: len(form.sizes)].tolist()
+    near[..., JOINT] = np.where(at_plane, np.abs(along), hits[:, JOINT])
+    return near
 
 
 def _sought(form: Form, place: int) -> bool:
-    """Whether a number of the camera means anything before a form."""
+    """Return whether a number of the camera is a parameter before a form."""
     if place == DISTANCE:
         return form.ends or form.make is not None
     return place != TURN or form.period > 0
 
 
-def _beforehand(at: Tries, level: Level) -> tuple[Array, Array]:
-    """How much (n, p) what is expected before anything is seen weighs, and how far (n, p) the
-    numbers are from it."""
+def _prior(at: Tries, level: Level) -> tuple[Array, Array]:
+    """Return the weights (n, p) of the priors, and the deviations (n, p) from their means."""
     n, v = at.gains.shape
     weights = np.full((n, PLACES + SIZES + v), RECOGNISER.fixed_weight)
     off = np.zeros(weights.shape)

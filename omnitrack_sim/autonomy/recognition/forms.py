@@ -1,4 +1,4 @@
-"""What a recogniser gives, and what it is told of the robot's motion."""
+"""Sightings, and the forms of what may lie ahead with the numbers that describe them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from omnitrack_sim.senses.optics import Walls
 
 @dataclass(frozen=True)
 class Sighting:
-    """What lies ahead in a straight pipe.
+    """Sighting of what lies ahead in a straight pipe.
 
     The robot frame has its origin at the lens, z forward and x towards module 1. Where two
     directions are the same, as from the branch of a tee, the turn is one of them.
@@ -54,16 +54,19 @@ class Sighting:
 
 
 class Motion(NamedTuple):
-    """How the camera stood when an earlier picture was taken, in its frame at the last one.
+    """Pose of the camera at an earlier picture, in its frame at the last one.
 
     Attributes:
-        rotation: (3, 3). position: (3,) m.
+        rotation: (3, 3).
+        position: (3,) m.
     """
 
     rotation: Array
     position: Array
 
 
+SIZES = 2
+"""Most sizes of a form."""
 ASIDE, TILT, DISTANCE, TURN, PLACES = slice(0, 2), slice(2, 4), 4, 5, 6
 """Places in a row of numbers: m and rad, as of a ``Sighting``."""
 
@@ -106,7 +109,7 @@ STILL = Motion(np.eye(3), np.zeros(3))
 Map = tuple[tuple[Part, ...], tuple[tuple[int, str], ...]]
 """Parts, and the ports of them that a plate closes."""
 WallMaker = Callable[[Sequence[Sequence[Part]], Sequence[Sequence[tuple[int, str]]]], Walls]
-"""Makes walls of maps and the ports that plates close, such as ``model.rays.RayWalls``."""
+"""Makes walls of maps and the ports that plates close, such as ``walls.rays.RayWalls``."""
 
 
 @dataclass(frozen=True)
@@ -114,8 +117,12 @@ class Size:
     """A size of a fitting that is sought.
 
     Attributes:
-        key: of the fitting's constructor. low, high: its bounds. step: by which it is changed to
-            see what that does to a picture. middle, spread: what is expected of it beforehand.
+        key: of the fitting's constructor.
+        low: lower bound.
+        high: upper bound.
+        step: of its finite differences.
+        middle: mean of its prior.
+        spread: standard deviation of its prior.
     """
 
     key: str
@@ -128,13 +135,17 @@ class Size:
 
 @dataclass(frozen=True)
 class Form:
-    """What may lie ahead.
+    """Hypothesis of what lies ahead.
 
     Attributes:
-        name: of its own. kind, enter: as of a ``Sighting``.
+        name: of its own.
+        kind: see ``Sighting``.
+        enter: see ``Sighting``.
         make: the fitting of given sizes; none: the pipe ends, or goes on.
-        closed: whether a plate closes the pipe. ends: whether the pipe ends.
-        sizes: that are sought. starts: their values that the search begins with.
+        closed: a plate closes the pipe.
+        ends: the pipe ends.
+        sizes: that are sought.
+        starts: their values that the search begins with.
         period: rad, turn after which it looks the same; 0 for what is round about the axis.
     """
 
@@ -150,9 +161,14 @@ class Form:
 
     @property
     def parameters(self) -> int:
-        """How many numbers describe it, besides where the camera stands in the straight pipe."""
+        """Number of parameters besides the camera's pose across the straight pipe."""
         placed = self.ends or self.make is not None
         return placed + (self.period > 0) + len(self.sizes)
+
+    @property
+    def padded_starts(self) -> Array:
+        """Starting sizes (s, SIZES), filled up with zeros."""
+        return np.array([[*start, *[0.0] * (SIZES - len(start))] for start in self.starts])
 
     def map(self, sizes: Sequence[float], bore: float) -> Map:
         """Its parts where the port plane is z = 0, the robot comes along +z, and the x axis of the

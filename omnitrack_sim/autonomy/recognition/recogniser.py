@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.recognition.fit import (
-    SIZES,
     Fit,
     Level,
     Scale,
@@ -25,6 +24,7 @@ from omnitrack_sim.autonomy.recognition.forms import (
     ASIDE,
     DISTANCE,
     PLACES,
+    SIZES,
     STILL,
     TILT,
     TURN,
@@ -49,8 +49,9 @@ class Entries:
     """Rows of the library.
 
     Attributes:
-        form: (m,) numbers of the forms. start: (m,) of their starting sizes.
-        numbers: (m, 6) where the camera stands.
+        form: (m,) indices of the forms.
+        start: (m,) indices of their starting sizes.
+        numbers: (m, 6) of the camera.
     """
 
     form: NDArray[np.intp]
@@ -85,7 +86,7 @@ class Library:
     def _filled(
         self, forms: Sequence[Form], bore: float, walls: WallMaker
     ) -> tuple[Entries, Coarse, Coarse, Coarse]:
-        rows, found, sharp = [], [], []
+        rows, images, sharp = [], [], []
         for which, form in enumerate(forms):
             made = walls(*_maps([form.map(sizes, bore) for sizes in form.starts]))
             turns = (
@@ -102,13 +103,13 @@ class Library:
             numbers[:, DISTANCE], numbers[:, TURN] = place, turn
             pictures = self._picture(made, start.astype(np.intp), numbers)
             rows.append((np.full(len(start), which), start, numbers))
-            found.append(pictures.astype(np.float32))
+            images.append(pictures.astype(np.float32))
             shape = (len(form.starts), len(places), len(turns), -1)
             sharp.append(_sharpness(pictures.reshape(shape)).reshape(len(start), -1))
         which, start, numbers = (np.concatenate(column) for column in zip(*rows, strict=True))
         weight = np.concatenate(sharp).astype(np.float32)
         level = -2 * np.log(weight).sum(axis=1)
-        return Entries(which, start, numbers), np.concatenate(found), weight, level
+        return Entries(which, start, numbers), np.concatenate(images), weight, level
 
     def _picture(self, walls: Walls, which: NDArray[np.intp], numbers: Array) -> Array:
         place, rotation = cameras(numbers, [STILL])
@@ -117,18 +118,19 @@ class Library:
         return self._scale.of(self._camera.expected(hits, self._rays)[:, : len(self.rays)])
 
     def look(self, picture: Array, numbers: Array) -> Array:
-        """What a picture (pixels²,), on the scale, of a camera at ``numbers`` (6,) would be from
-        the axis (k,), as if the wall were that of straight pipe."""
-        seen = straightened(numbers, self.rays, self._radius)
+        """Return the coarse picture (k,) from the axis for a picture (pixels²,), on the scale, of a
+        camera at ``numbers`` (6,), as if the wall were that of straight pipe."""
+        directions = straightened(numbers, self.rays, self._radius)
         place, rotation = cameras(numbers[None], [STILL])
-        rays = np.concatenate([seen, self._rays[len(seen) :]])
+        rays = np.concatenate([directions, self._rays[len(directions) :]])
         far, lamp = self._camera.optics.far, self._camera.lamp
         hits = self._straight.trace(np.zeros(1, int), place[:, 0], rotation[:, 0], rays, far, lamp)
-        there = self._scale.of(self._camera.expected(hits, rays)[:, : len(seen)])[0]
-        return interpolated(picture, seen, self._camera.optics) + self.straight - there
+        there = self._scale.of(self._camera.expected(hits, rays)[:, : len(directions)])[0]
+        return interpolated(picture, directions, self._camera.optics) + self.straight - there
 
     def costs(self, look: Array) -> Array:
-        """How badly each entry (m,) agrees with a look (k,)."""
+        """Return the cost of each entry (m,) for a coarse picture (k,)."""
+        # The costs only choose where fits start, so single precision is enough.
         apart = (self.pictures - look.astype(np.float32)) * self._sharp
         apart *= apart
         return self._level + (apart / (1 + apart / np.float32(RECOGNISER.library_cap))).sum(axis=1)
@@ -178,10 +180,12 @@ def interpolated(picture: Array, directions: Array, optics: OpticsTable) -> Arra
 
 
 class Recogniser:
-    """Tells what lies ahead of a robot in straight pipe of a known bore.
+    """Recognises the fitting ahead of a robot in straight pipe of a known bore.
 
     Args:
-        camera: at the robot's nose. bore: m. walls: makes what rays meet, ``model.rays.RayWalls``.
+        camera: at the robot's nose.
+        bore: m.
+        walls: makes the walls that rays meet, such as ``walls.rays.RayWalls``.
     """
 
     def __init__(self, camera: Camera, bore: float, walls: WallMaker) -> None:
@@ -194,7 +198,7 @@ class Recogniser:
         rays, count = rays_of(camera.optics), camera.optics.pixels
         grid = np.arange(count * count).reshape(count, count)
         half = np.radians(camera.optics.field_of_view_deg) / 2
-        corners = grid[[0, 0, -1, -1], [0, -1, 0, -1]]  # vignetting is told by them
+        corners = grid[[0, 0, -1, -1], [0, -1, 0, -1]]  # they show the vignetting
         inner = rays[:, 2] > math.cos(0.56 * half)
         self._grids = []
         for within, without in ((2, 4), (1, 3)):
@@ -211,24 +215,26 @@ class Recogniser:
         self._edge = (rays[self._grids[0][0], 2] < math.cos(0.75 * half)).astype(float)
 
     def single(self, picture: Array) -> Sighting:
-        """What is ahead, from one picture (pixels²,)."""
+        """Return the sighting in one picture (pixels²,)."""
         return self.approach(picture[None], [STILL])
 
     def approach(self, pictures: Array, motions: Sequence[Motion]) -> Sighting:
-        """What is ahead of the camera at the last of some pictures.
+        """Return the sighting at the last of some pictures.
 
         Args:
             pictures: (v, pixels²), of one approach.
-            motions: how the camera stood at each of them, seen from the last one.
+            motions: poses of the camera at each of them, in its frame at the last one.
         """
         if np.isfinite(pictures).mean(axis=1).min() < RECOGNISER.least_valid:
-            return _nothing()
+            unknown = np.full((2, 2), np.inf)
+            none = np.zeros(2)
+            return Sighting("straight", "", {}, 0.0, 0.0, unknown, {}, 0.0, none, none)
         views = Views(self._scale.of(pictures), list(motions))
-        found, straight = self._ranked(views)
-        return self._told(found, straight, views)
+        fits, straight = self._ranked(views)
+        return self._sighting(fits, straight, views)
 
     def _ranked(self, views: Views) -> tuple[Tries, float]:
-        """Forms that may be ahead, the likeliest first; and how far the pipe may be straight, m."""
+        """Return fits of the forms that may be ahead, and the free distance in straight pipe, m."""
         last = Views(views.pictures[-1:], [STILL])
         pose = self._pose(last)
         joints = self._fit.joints(self._forms[0], pose, last, self._level(1, 4.0))
@@ -241,6 +247,7 @@ class Recogniser:
         best = int(rough.cost.argmin())
         if self._dim and self._name(rough.forms[best], rough.numbers[best])[0] == "straight":
             rough = joined([rough, *self._dim_ones(pose, last)])
+        # All pictures from here on: of one every pixel near the axis, of several every other one.
         many = len(views.motions)
         grid = 1 if many == 1 else 0
         start = tries(rough.forms, rough.numbers, rough.sizes, many)
@@ -250,10 +257,10 @@ class Recogniser:
         fine = self._turned(fine, views, level)
         return self._fit.refined(fine, views, level, 3), straight
 
-    def _turned(self, found: Tries, views: Views, level: Level) -> Tries:
-        """Rows with the best of some turns close to their own."""
-        n, m = len(found.forms), len(RECOGNISER.fine_turns)
-        rows = found.take(np.repeat(np.arange(n), m).tolist())
+    def _turned(self, fits: Tries, views: Views, level: Level) -> Tries:
+        """Return rows with the best of some directions close to their own."""
+        n, m = len(fits.forms), len(RECOGNISER.fine_turns)
+        rows = fits.take(np.repeat(np.arange(n), m).tolist())
         rows.numbers[:, TURN] += np.tile(RECOGNISER.fine_turns, n)
         cost = self._fit.costs(rows, views, level).cost.reshape(n, m)
         return rows.take((np.arange(n) * m + cost.argmin(axis=1)).tolist())
@@ -265,16 +272,17 @@ class Recogniser:
         reach = ((0.004, 0.09), (0.002, 0.05))[grid]
         return Level(pixels, stand, own, rough, which, weight, reach)
 
-    def _scanned(self, found: Tries, joints: Sequence[float], views: Views, level: Level) -> Tries:
-        """Rows with the best of what lies beside them: other turns, the sizes that the search
-        begins with, and the place of the joint that shows best."""
+    def _scanned(self, fits: Tries, joints: Sequence[float], views: Views, level: Level) -> Tries:
+        """Return rows with the best of other directions, starting sizes, and the distance of the
+        joint that shows best."""
         rows = []
-        for row, form in enumerate(found.forms):
-            sizes = [found.sizes[row], *(_row(start) for start in _few(form))]
-            places = [found.numbers[row, DISTANCE], *(joints[:1] if form.parameters else ())]
+        for row, form in enumerate(fits.forms):
+            few = form.sizes and len(form.starts) <= RECOGNISER.few_starts
+            sizes = [fits.sizes[row], *(form.padded_starts if few else ())]
+            places = [fits.numbers[row, DISTANCE], *(joints[:1] if form.parameters else ())]
             turns = RECOGNISER.rough_turns if form.period else RECOGNISER.rough_turns[:1]
             beside = list(product(sizes, places, turns))
-            part = found.take([row] * len(beside))
+            part = fits.take([row] * len(beside))
             for i, (size, place, turn) in enumerate(beside):
                 part.sizes[i], part.numbers[i, DISTANCE] = size, place
                 part.numbers[i, TURN] += turn
@@ -283,24 +291,25 @@ class Recogniser:
         return joined(rows)
 
     def _begun_again(
-        self, found: Tries, pose: Array, joints: Sequence[float], views: Views
+        self, fits: Tries, pose: Array, joints: Sequence[float], views: Views
     ) -> list[Tries]:
-        """Rows of forms with many starting sizes, begun again where the best of all sizes and
-        places around is: where a bend begins, how narrow it is and how the camera leans look much
-        alike, and a search that errs in one of them does not come out of it."""
+        """Return rows of forms with many starting sizes, begun again from the best of all sizes and
+        nearby distances."""
+        # Start and radius of a bend and the tilt of the camera are nearly confounded: a search that
+        # errs in one of them does not come out of it.
         rows = []
-        for row, form in enumerate(found.forms):
+        for row, form in enumerate(fits.forms):
             if len(form.starts) <= RECOGNISER.few_starts:
                 continue
-            about = found.numbers[row, DISTANCE]
+            about = fits.numbers[row, DISTANCE]
             places = [*(about + RECOGNISER.restart_offsets), *joints]
             stands = pose[:DISTANCE], 0 * pose[:DISTANCE]
             within = [place for place in places if 0 < place < RECOGNISER.farthest]
-            beside = list(product(form.starts, within, stands))
-            part = found.take([row] * len(beside))
+            beside = list(product(form.padded_starts, within, stands))
+            part = fits.take([row] * len(beside))
             part.gains[:] = 1.0
             for i, (size, place, stand) in enumerate(beside):
-                part.sizes[i], part.numbers[i, DISTANCE] = _row(size), place
+                part.sizes[i], part.numbers[i, DISTANCE] = size, place
                 part.numbers[i, :DISTANCE] = stand
             part = self._fit.costs(part, views, self._level(0, 6.0))
             each = part.cost.reshape(len(form.starts), -1).argmin(axis=1)
@@ -311,9 +320,9 @@ class Recogniser:
         return rows
 
     def _dim_ones(self, pose: Array, views: Views) -> list[Tries]:
-        """Rows of fittings that a search of their own finds in what seems to be straight pipe: by a
-        lamp, what is far off is dim, a few pixels at the middle of the picture, which the library's
-        coarse looks pass over."""
+        """Return rows of fittings in what seems straight pipe, each from a search of its own."""
+        # By a lamp, distant things are dim and cover a few pixels at the middle of the picture,
+        # which the coarse pictures of the library pass over.
         rows = []
         for form in self._forms:
             if (
@@ -327,13 +336,11 @@ class Recogniser:
                 if form.period
                 else [0.0]
             )
-            beside = list(
-                product(form.starts or ((),), RECOGNISER.dim_distances * self._bore, turns)
-            )
+            beside = list(product(form.padded_starts, RECOGNISER.dim_distances * self._bore, turns))
             numbers, sizes = np.zeros((len(beside), PLACES)), np.zeros((len(beside), SIZES))
             numbers[:, :DISTANCE] = pose[:DISTANCE]
             for i, (size, place, turn) in enumerate(beside):
-                sizes[i], numbers[i, DISTANCE], numbers[i, TURN] = _row(size), place, turn
+                sizes[i], numbers[i, DISTANCE], numbers[i, TURN] = size, place, turn
             part = tries([form] * len(beside), numbers, sizes, 1)
             part = self._fit.costs(part, views, self._level(0, 6.0))
             best = part.take([int(part.cost.argmin())])
@@ -341,22 +348,23 @@ class Recogniser:
         return rows
 
     def _pose(self, views: Views) -> Array:
-        """Where the camera stands in the pipe, (6,), from what the edge of its picture sees."""
+        """Return the numbers (6,) of the camera in the pipe, from the edge of its picture, which
+        shows straight wall."""
         begin = tries([self._forms[0]], np.zeros((1, PLACES)), np.zeros((1, SIZES)), 1)
         wide = self._fit.refined(begin, views, self._level(0, 12.0, free="at", edge=True), 2)
         edge = self._fit.refined(wide, views, self._level(0, 5.0, free="at", edge=True), 2)
         return self._fit.refined(edge, views, self._level(1, 4.0, free="at"), 2).numbers[0]
 
-    def _kept(self, found: Tries, stage: int) -> Tries:
-        """The best rows, and the straight pipe."""
-        rows = np.argsort(found.cost, kind="stable")
-        near = found.cost[rows] < found.cost[rows[0]] + RECOGNISER.follow_cost[stage]
+    def _kept(self, fits: Tries, stage: int) -> Tries:
+        """Return the best rows, and the straight pipe, which all others have to beat."""
+        rows = np.argsort(fits.cost, kind="stable")
+        near = fits.cost[rows] < fits.cost[rows[0]] + RECOGNISER.follow_cost[stage]
         kept = rows[near][: RECOGNISER.followed[stage]].tolist()
-        straight = [i for i in rows.tolist() if found.forms[i] is self._forms[0]]
-        return found.take(kept + [i for i in straight if i not in kept])
+        straight = [i for i in rows.tolist() if fits.forms[i] is self._forms[0]]
+        return fits.take(kept + [i for i in straight if i not in kept])
 
     def _begin(self, views: Views, pose: Array, joints: Sequence[float]) -> tuple[Tries, float]:
-        """Starting values of every form; and how far the pipe may be straight, m."""
+        """Return starting values of every form, and the free distance in straight pipe, m."""
         library, entries = self._library, self._library.entries
         cost = library.costs(library.look(views.pictures[0], pose))
         chosen: list[int] = []
@@ -376,15 +384,12 @@ class Recogniser:
                 if len(near):
                     chosen.append(int(near[np.argmin(cost[near])]))
                     places.append(joint)
-        numbers = library.entries.numbers[chosen].copy()
+        numbers = entries.numbers[chosen].copy()
         numbers[:, :DISTANCE] = pose[:DISTANCE]
         numbers[:, DISTANCE] = places
-        chosen_forms = [self._forms[i] for i in library.entries.form[chosen]]
-        sizes = np.zeros((len(chosen), SIZES))
-        for row, (form, at) in enumerate(
-            zip(chosen_forms, library.entries.start[chosen], strict=True)
-        ):
-            sizes[row, : len(form.sizes)] = form.starts[at]
+        chosen_forms = [self._forms[i] for i in entries.form[chosen]]
+        starts = zip(chosen_forms, entries.start[chosen], strict=True)
+        sizes = np.array([form.padded_starts[at] for form, at in starts])
         plain = np.array([form.kind == "straight" for form in self._forms])[entries.form]
         possible = ~plain & (cost < cost[plain].min() + RECOGNISER.excluded_cost)
         straight = float(
@@ -393,23 +398,23 @@ class Recogniser:
         return tries(chosen_forms, numbers, sizes, 1), straight
 
     def _apart(self, row: int, other: int) -> bool:
-        """Whether two entries of the library are not just neighbours."""
+        """Return whether two entries of the library are more than neighbours."""
         entries = self._library.entries
         a, b = entries.numbers[row], entries.numbers[other]
         turned = abs((a[TURN] - b[TURN] + math.pi) % (2 * math.pi) - math.pi)
         far = abs(a[DISTANCE] - b[DISTANCE]) > 0.4 * self._bore
         return turned > 0.8 or far
 
-    def _best_of_each(self, found: Tries) -> Tries:
+    def _best_of_each(self, fits: Tries) -> Tries:
         best: dict[int, int] = {}
-        for i in np.argsort(found.cost):
-            best.setdefault(id(found.forms[i]), int(i))
-        return found.take(list(best.values()))
+        for i in np.argsort(fits.cost):
+            best.setdefault(id(fits.forms[i]), int(i))
+        return fits.take(list(best.values()))
 
-    def _placed(self, found: Tries, views: Views, level: Level) -> tuple[Tries, float]:
-        """A row of an end, at the mean of the distances beside its own, each as likely as the
-        picture is then; and the variance, m²."""
-        rows = found.take([0] * len(RECOGNISER.end_offsets))
+    def _placed(self, fits: Tries, views: Views, level: Level) -> tuple[Tries, float]:
+        """Return a row of an end at its posterior mean distance, and the variance, m²."""
+        # Gradients do not see the edge of an end; positions around it are weighed by likelihood.
+        rows = fits.take([0] * len(RECOGNISER.end_offsets))
         rows.numbers[:, DISTANCE] = np.clip(
             rows.numbers[:, DISTANCE] + RECOGNISER.end_offsets, 0.0, None
         )
@@ -420,63 +425,53 @@ class Recogniser:
         chance /= chance.sum()
         distance = rows.numbers[:, DISTANCE]
         mean = float(chance @ distance)
-        found.numbers[0, DISTANCE] = mean
-        return found, float(chance @ (distance - mean) ** 2) + (
+        fits.numbers[0, DISTANCE] = mean
+        return fits, float(chance @ (distance - mean) ** 2) + (
             RECOGNISER.end_offsets[1] - RECOGNISER.end_offsets[0]
         ) ** 2 / 12
 
-    def _told(self, found: Tries, straight: float, views: Views) -> Sighting:
-        """The likeliest of the forms, and how sure that is."""
-        level = self._level(0 if found.gains.shape[1] > 1 else 1, 4.0)
-        score = self._fit.scores(found, level, self._alike)
-        names = [self._name(form, at) for form, at in zip(found.forms, found.numbers, strict=True)]
+    def _sighting(self, fits: Tries, straight: float, views: Views) -> Sighting:
+        """Return the most probable of the forms, with its confidence."""
+        level = self._level(0 if fits.gains.shape[1] > 1 else 1, 4.0)
+        score = self._fit.scores(fits, level, self._alike)
+        names = [self._name(form, at) for form, at in zip(fits.forms, fits.numbers, strict=True)]
         least = {
             name: min(s for s, n in zip(score, names, strict=True) if n == name) for name in names
         }
         best = int(np.argmin(score))
         confidence = 1 / sum(math.exp((score[best] - other) / 2) for other in least.values())
-        if found.cost[best] > RECOGNISER.misfit_cost * len(level.pixels) * found.gains.shape[1]:
+        if fits.cost[best] > RECOGNISER.misfit_cost * len(level.pixels) * fits.gains.shape[1]:
             confidence = min(confidence, RECOGNISER.misfit_confidence)
-        row, variance = found.take([best]), None
+        row, variance = fits.take([best]), None
         if row.forms[0].ends:
             row, variance = self._placed(row, views, level)
-        return _sighting(row, names[best], straight, confidence, self._alike, variance)
+        return _reported(row, names[best], straight, confidence, self._alike, variance)
 
     def _name(self, form: Form, numbers: Array) -> tuple[str, str]:
-        """Kind and port that a form stands for: beyond the horizon a pipe is straight."""
+        """Return the kind and port of a form: beyond the horizon a pipe is straight."""
         straight = form.kind == "straight" or numbers[DISTANCE] > RECOGNISER.horizon * self._bore
         return ("straight", "") if straight else (form.kind, form.enter)
 
 
-def _few(form: Form) -> tuple[tuple[float, ...], ...]:
-    """Sizes that a search begins with, where they are few."""
-    return form.starts if form.sizes and len(form.starts) <= RECOGNISER.few_starts else ()
-
-
-def _row(sizes: Sequence[float]) -> Array:
-    """Sizes (SIZES,), filled up with zeros."""
-    return np.array([*sizes, *[0.0] * (SIZES - len(sizes))])
-
-
-def _sighting(
-    found: Tries,
+def _reported(
+    fits: Tries,
     name: tuple[str, str],
     straight: float,
     confidence: float,
     alike: float,
     variance: float | None,
 ) -> Sighting:
-    """What a row says; ``variance``, m², of the distance of an end."""
-    form, numbers, at = found.forms[0], found.numbers[0], [DISTANCE, TURN]
+    """Return the sighting of a row; ``variance``, m², of the distance of an end."""
+    form, numbers, at = fits.forms[0], fits.numbers[0], [DISTANCE, TURN]
     plain = name[0] == "straight"
-    covariance = RECOGNISER.error_scale**2 * alike * np.linalg.inv(found.normal[0])
+    covariance = RECOGNISER.error_scale**2 * alike * np.linalg.inv(fits.normal[0])
     if variance is not None:
         covariance[DISTANCE] = covariance[:, DISTANCE] = 0.0
         covariance[DISTANCE, DISTANCE] = variance
     sizes = () if plain else form.sizes
     return Sighting(
         *name,
-        {size.key: float(found.sizes[0, i]) for i, size in enumerate(sizes)},
+        {size.key: float(fits.sizes[0, i]) for i, size in enumerate(sizes)},
         straight if plain else float(numbers[DISTANCE]),
         0.0
         if plain or not form.period
@@ -490,9 +485,3 @@ def _sighting(
         numbers[ASIDE],
         numbers[TILT],
     )
-
-
-def _nothing() -> Sighting:
-    """Of a picture that says nothing."""
-    unknown = np.full((2, 2), np.inf)
-    return Sighting("straight", "", {}, 0.0, 0.0, unknown, {}, 0.0, np.zeros(2), np.zeros(2))
