@@ -212,6 +212,7 @@ def progress(title: str, quiet: bool) -> Iterator[Any]:
 
 def _in_lines(lines: Lines) -> Callable[..., None]:
     def tell(part: float, text: str = "") -> None:
+        # The amount of work is worth a line of its own, and comes before there is any pace.
         if part == 0 and text:
             lines.say(text)
         words = (f"{100 * part:.0f} %", time_left(part, lines.elapsed))
@@ -245,6 +246,7 @@ class Lines:
         told by ``end``."""
         since = time.monotonic() - self._told_at
         far = abs(part - self._told) >= STEP  # the check of a study begins anew at 0
+        # Logs of long runs stay short: a line a tenth of the work, or every five minutes.
         if part < 1 and since >= WAIT and (self._first or far or since >= LONGEST):
             self._told, self._first = part, False
             self.say(words)

@@ -94,6 +94,7 @@ def _files(incomplete: str, endings: tuple[str, ...] = (".toml", ".json")) -> li
         f"{head}{slash}{path.name}{'/' if path.is_dir() else ''}"
         for path in paths
         if path.name.startswith(tail)
+        # Hidden files are offered only to who has typed the dot, as shells do.
         and (tail or not path.name.startswith("."))
         and (path.is_dir() or path.suffix in endings)
     ]

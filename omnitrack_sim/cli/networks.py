@@ -61,6 +61,7 @@ def network(
 ) -> None:
     """A pipe network: its parts and open ends, the shortest route between two of these, figures and
     exports."""
+    # A random network may take seconds: places that cannot be written are refused before.
     _check_outputs(to_file, plot, export)
     net = _network(source, random, fittings)
     route = _asked_route(net, start, goal, avoid or [])

@@ -365,6 +365,7 @@ def filmed(
 
 def _size(text: str) -> dict[str, int]:
     """Width and height of WxH."""
+    # At most six digits each: int() refuses numbers of thousands of digits with words of its own.
     numbers = re.fullmatch(r"([0-9]{1,6})x([0-9]{1,6})", text)
     if numbers is None:
         raise InputError(Fault("--size", f"is {text!r}; it is WIDTHxHEIGHT, such as 1280x720"))
@@ -398,6 +399,7 @@ def replay(
     from omnitrack_sim.results.result import load_result
     from omnitrack_sim.show.replay.document import pipes_mismatch, render_replay
 
+    # A run that cannot be read is the clearer message of the two.
     result = load_result(run_dir)  # before the place of the page, which may be in its folder
     other = None if compare is None else load_result(compare)
     if other is not None and (problem := pipes_mismatch(result, other)):
@@ -475,6 +477,7 @@ def _save_comparison(comparison: Comparison, target: Path | None) -> list[Path]:
     if _is_figure(target):
         save_figure(figure, target)
         return [target]
+    # Drawn before anything is written, so that the folder gets both files or none.
     picture = io.BytesIO()
     save_figure(figure, picture, "png")
     table = strict_json(comparison.summary()) + "\n"

@@ -76,6 +76,7 @@ def _is_folder(source: str) -> bool:
     from omnitrack_sim.base.naming import shipped_scenarios
 
     try:
+        # Otherwise a folder that happens to have the name of a shipped scenario would hide it.
         return Path(source).is_dir() and source not in shipped_scenarios()
     except OSError:  # too long, no permission; told by whoever reads it
         return False
@@ -143,6 +144,7 @@ def _speed(text: str) -> float:
     try:
         speed = float(text)
     except ValueError:
+        # A number that fails every comparison leads to the same message as one out of range.
         speed = math.nan
     if not SLOWEST <= speed <= FASTEST:
         problem = f"is {text!r}; it must be a number from {SLOWEST:g} to {FASTEST:g}, or max"

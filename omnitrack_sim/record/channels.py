@@ -127,6 +127,7 @@ class Channel:
         """Names of the columns of the table, in the order of the flattened sample."""
         if self.shape == ():
             return (self.name,)
+        # The last axis varies fastest, as in a flattened sample.
         labels: list[str] = [""]
         for axis, size in enumerate(self.shape):
             inner = _labels(size, axis, self.shape)

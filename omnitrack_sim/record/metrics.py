@@ -149,6 +149,7 @@ def _torque_change(run: Run) -> list[float]:
     # A run of one sample has no time to divide by.
     if run.duration == 0:
         return [0.0] * run.trajectory["motor_torque"].shape[1]
+    # Sizes add up, so that a torque that swings counts and one that merely grows counts once.
     steps = np.abs(np.diff(run.trajectory["motor_torque"], axis=0))
     return (steps.sum(axis=0) / run.duration).tolist()
 
@@ -337,17 +338,15 @@ def summarise(
 
 
 def _figure(metric: Metric, run: Run) -> Figure:
-    value = _plain(metric.compute(run))
+    value: Any = metric.compute(run)
+    # Files hold plain numbers and lists; a user's own metric may return NumPy's.
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
     # Tables of sweeps need to know beforehand how many columns a metric takes.
     if isinstance(value, list) != metric.per_module:
         kind, wanted = type(value).__name__, metric.per_module
         raise ValueError(f"metric {metric.name!r} gives a {kind}, and per_module is {wanted}")
     return value
-
-
-def _plain(value: Any) -> Figure:
-    """Convert NumPy numbers and arrays to plain ones, which a file can hold."""
-    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
 
 
 if __name__ == "__main__":
@@ -397,6 +396,7 @@ def _position_error(run: Run) -> np.ndarray:
 
 
 def _localisation_error(run: Run) -> float:
+    # Dead reckoning errs in proportion to the path, so the error is stated as a part of it.
     way = _travelled(run)
     return float(np.percentile(_position_error(run), 95) / way) if way > 0 else float("nan")
 
@@ -404,6 +404,8 @@ def _localisation_error(run: Run) -> float:
 def _theta5_error(run: Run) -> float:
     channels = run.trajectory.channels
     error = np.abs(wrap_angle(channels["theta5_estimate"] - channels["theta5"]))
+    # In a round pipe nothing tells theta5: only what the robot claims to know can be held against
+    # it.
     known = channels["theta5_std"] < KNOWN
     return float(np.degrees(np.percentile(error[known], 95))) if known.any() else float("nan")
 

@@ -143,6 +143,8 @@ def passage_indices(trajectory: Trajectory, routes: Sequence[Route]) -> NDArray[
     for index, route in enumerate(routes):
         planes = [passage.s_leave for passage in route.passages[:-1]]
         on = leg == index
+        # The end of the last passage is left out, so that a robot beyond it is still in the last
+        # one.
         place[on] = np.searchsorted(planes, distance[on], side="right")
     return place
 

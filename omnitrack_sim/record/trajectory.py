@@ -55,6 +55,8 @@ class Trajectory(Mapping[str, NDArray]):
             differ = sorted(set(self.channels) ^ set(self.schema))
             raise ValueError(f"channels and schema differ by {', '.join(differ)}")
         for name, values in self.channels.items():
+            # Checked once here, so that readers of saved files and of runs need no checks of their
+            # own.
             expected = (len(self.time), *self.schema[name].shape)
             if values.shape != expected:
                 raise ValueError(f"{name} has shape {values.shape}, expected {expected}")
@@ -99,6 +101,7 @@ class Trajectory(Mapping[str, NDArray]):
         A channel has a column for each of its numbers.
         """
         for name, channel in self.schema.items():
+            # Codes and counts are kept as numbers like all else while a run is recorded.
             kind = np.int32 if channel.whole else np.float64
             flat = np.asarray(self[name]).reshape(len(self.time), -1).astype(kind)
             for column, values in zip(channel.columns, flat.T, strict=True):

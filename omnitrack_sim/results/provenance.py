@@ -50,6 +50,7 @@ def _git_commit() -> str | None:
     """Commit of the checkout that the package runs from, with ``+changes`` where files differ; None
     outside one."""
     root = Path(__file__).parents[2]
+    # An installed package may lie inside somebody's repository, whose commit is not ours.
     if not (root / ".git").exists():
         return None
     try:

@@ -142,6 +142,7 @@ class Result:
 
     def routes(self) -> tuple[Route, ...]:
         """The route of each leg, in the order of the trajectory's ``leg``."""
+        # An explorer's legs lead through its own map, in which parts have other numbers.
         planner = self.scenario.planner
         if self.map is not None:
             arcs = self.scenario.control.arcs
@@ -318,6 +319,7 @@ def load_result(directory: str | Path) -> Result:
     with reading(folder / RESULT_FILE):
         _check_legs(result)
         routes = len(result.routes())
+    # Only now: the legs' routes tell which values of the channel `leg` can be right.
     with _advised(folder), reading(folder / TRAJECTORY_FILE):
         _check_trajectory(result, routes)
     return result

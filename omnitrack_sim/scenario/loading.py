@@ -34,6 +34,7 @@ def set_value(data: Any, path: str, value: Any) -> Fault | None:
     Returns:
         None; or the fault where there is no such place, and then the data is unchanged.
     """
+    # Parameters of one controller mean nothing to another.
     if path == "control.kind":
         # Before the kind is set, since the earlier one decides whether the parameters still apply.
         _other_controller(data, value)
@@ -90,6 +91,7 @@ def spread(data: Any, path: str) -> list[str]:
         place = inside(place, key)
     if not star or not isinstance(place, list):
         return [path]
+    # Recursively, since a path may hold several stars.
     every = [one for i in range(len(place)) for one in spread(data, f"{head}.{i}{tail}")]
     return [one for one in every if _may_stand(data, one)] or [path]
 

@@ -288,6 +288,7 @@ class Scenario(Table):
         except InputError:
             pass  # the name leads nowhere here; the class has been handed over instead
         defaults = parameters_model(controller)().model_dump(mode="json")
+        # By name, so that the scenario can be saved and sent to other processes.
         changes = {"kind": name_of(controller), "parameters": defaults}
         return self.model_copy(update={"control": self.control.model_copy(update=changes)})
 

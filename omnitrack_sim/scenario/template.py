@@ -52,6 +52,7 @@ def template(name: str, title: str, data: Mapping[str, Any], scenario: Scenario)
     Returns:
         TOML that is read as the same scenario of another name.
     """
+    # A saved scenario.json writes every key, also those that nothing was given for.
     data = _without_none(data) | {"name": name}
     has_pipes = bool(data.get("pipes"))
     meanings = meanings_of(Scenario)
@@ -88,9 +89,10 @@ def _key(
 
     A meaning that does not fit into the line stands above it.
     """
-    pair = f"{mark}{key} = {_default_text(default)}"
     if key in values:
         pair = f"{key} = {as_toml(values[key])}"
+    else:
+        pair = f"{mark}{key} = {_default_text(default)}"
     unit = "" if unit == "1" else unit
     whole = f"{pair}  # {': '.join(filter(None, (unit, meaning)))}"
     if len(whole) <= WIDTH:
@@ -112,6 +114,7 @@ def _keys(
     meanings = meanings_of(model)
     for key, info in model.model_fields.items():
         default = info.get_default(call_default_factory=True)
+        # Tables have heads of their own; which parameters there are, the controller decides.
         if not isinstance(default, BaseModel) and key != "parameters":
             unit = symbol_of(model, key)
             yield key, _key(key, meanings.get(key, ""), unit, default, values, mark)
@@ -120,6 +123,7 @@ def _keys(
 def _table(path: str, model: type[BaseModel], above: Mapping[str, Any]) -> list[str]:
     """Lines of a table, and of those in it; ``above`` is the table that it stands in."""
     values = above.get(path.rpartition(".")[2], {})
+    # The first paragraph of a table's docstring is written for users of files.
     first = (model.__doc__ or "").partition("\n\n")[0].replace("``", "`")
     lines = ["", *_comment(first), f"[{path}]"]
     lines += [line for _, rows in _keys(model, values) for line in rows]
