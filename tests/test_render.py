@@ -165,12 +165,12 @@ def test_still_pipes_painted_once_are_those_painted_each_time(result, fine):
     that is painted as a whole, to the bit, wherever the robot is."""
     with Stage(result, SIZE, "side", fine=fine) as stage:
         for row in (0, 17, 34, 50):
-            kept = stage._seen(row)
-            view = stage._camera.view(row, *stage._chassis())
-            region = stage._changed(view)
-            assert region is not None
-            assert region.width * region.height < 0.7 * SIZE[0] * SIZE[1]
-            assert (kept == stage._painted(view)).all()
+            kept = stage.paint(row, stage._qpos[row])
+            shot = stage._camera.shot(row, *stage._chassis())
+            changed = stage._changed(shot)
+            assert changed is not None
+            assert changed.width * changed.height < 0.7 * SIZE[0] * SIZE[1]
+            assert (kept == stage._painted(shot)).all()
 
 
 def test_a_strip_has_its_stills_letters_and_times(result, tmp_path):
