@@ -41,6 +41,7 @@ def scenarios(
         for kind, files in kinds.items()
     }
     if as_json:
+        # Scenarios go by their bare names, as `run` takes them; the others behind their folder.
         rows = dict(comments.pop("scenario"))
         for folder, kind in (("sweeps", "sweep"), ("studies", "study"), ("networks", "network")):
             rows |= {f"{folder}/{name}": text for name, text in comments[kind].items()}
@@ -93,6 +94,7 @@ def models(
     """Check or write the published MJCF models and meshes."""
     from omnitrack_sim.robots.omnitrack.published import check_models, write_models
 
+    # Neither is the default: one of them changes files, the other one only reads.
     if check == write:
         raise ScenarioError(
             Fault("omnitrack models", "say one of --check and --write", ("--check", "--write"))

@@ -165,6 +165,7 @@ def _check_output(plot: Path | None, figure: str) -> None:
     from omnitrack_sim.paper.plots.region import FIGURES
     from omnitrack_sim.show.plots.style import figure_format
 
+    # The place of the figure may be valid and the figure not: both are asked before any work.
     if figure not in ("all", *FIGURES):
         raise InputError(Fault("--figure", f"is {figure!r}", ("all", *FIGURES)))
     if plot is not None:
@@ -250,6 +251,7 @@ def reproduce(
     from omnitrack_sim.paper.reproduce import reproduce as reproduce_paper
     from omnitrack_sim.show.plots.style import FORMATS
 
+    # Refused before claims are measured, which takes minutes.
     if format not in FORMATS:
         raise InputError(Fault("--format", f"is {format!r}", FORMATS, given=format))
     with progress("reproduce", False) as report:

@@ -123,6 +123,7 @@ def print_result(result: Result, target: Path) -> None:
     out.print(f"  {plain(result.reason)}", soft_wrap=True)
     for event in result.events:
         out.print(f"  {plain(str(event))}", soft_wrap=True)
+    # It is None where the scenario expects nothing, which is no reason to warn.
     if result.as_expected is False:
         out.print(f"  [yellow]expected {result.scenario.run.expected_outcome}[/]")
     if _is_mission(result):
@@ -437,6 +438,7 @@ def compare(
     else:
         _print_comparison(comparison)
     files = _save_comparison(comparison, target)
+    # JSON on standard output stays alone, for the program that reads it.
     for path in files if not as_json else ():
         print_saved(path)
 

@@ -121,8 +121,7 @@ def add_exact_walls(spec: mujoco.MjSpec, network: Assembly) -> int:
         name = f"wall_{part.name}"
         spec.add_hfield(
             name=name,
-            # The least field that MuJoCo accepts: its shape is never used, only the box that bounds
-            # it.
+            # A single cell: the field's shape is never used, only the box that bounds it.
             nrow=2,
             ncol=2,
             size=[half[0], half[1], half[2], half[2]],
