@@ -48,6 +48,7 @@ class Mission(Table):
         ]:
             try:
                 ends.append(network.end(where, port))
+                # The same goal may come twice, but a leg between equal ports has no length.
                 if len(ends) > 1 and ends[-1] == ends[-2]:
                     faults.append(Fault(where, f"{port!r} is where the robot is already"))
             except NetworkError as error:
@@ -117,6 +118,7 @@ class MissionPlanner(LegPlanner):
         Raises:
             NetworkError: a goal cannot be reached from the one before it.
         """
+        # Legs are planned once and kept: each one starts where the one before it ends.
         for goal in range(self._planned[-1].goal + 1, len(self.mission.goals)):
             legs = self.replan(self._planned[-1], self._planned[-1].end, goal, ())
             if legs is None:

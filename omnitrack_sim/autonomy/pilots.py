@@ -219,6 +219,7 @@ class Planned(Pilot):
         if self._falls == 0:
             return self._give_up(time, events, "has fallen too often")
         self._falls -= 1
+        # Legs that only back out have no goal; the next one of those to come has.
         goal = next(leg.goal for leg in (self.leg, *self._to_come) if leg.goal >= 0)
         self._turns += planner.turn_in(self.leg, where.part)
         legs = self._plan(lambda closed: planner.replan_from(where, goal, closed))

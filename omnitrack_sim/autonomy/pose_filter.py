@@ -111,6 +111,7 @@ class PoseFilter:
         scale = (imu.gyro_scale * np.sqrt((turned**2).sum(axis=-1))) ** 2
         noise[:, TURN] = (gyro + scale)[:, None]
         noise[:, BIAS] = np.radians(imu.gyro_walk_deg) ** 2 * period
+        # Stationary: with this noise the slip keeps its standard deviation for ever.
         noise[:, SLIP] = slip_std**2 * (1 - kept**2)
         self._transition = transition @ self._transition
         self._noise = transition @ self._noise @ np.swapaxes(transition, 1, 2)
@@ -147,6 +148,7 @@ class PoseFilter:
         # depend on its neighbours.
         touched: NDArray[np.bool_] = np.any(information != 0, axis=(1, 2))[:, None]
         change = np.where(touched, change, 0.0)
+        # Rounding would make it asymmetric in the long run.
         covariance = (covariance + np.swapaxes(covariance, 1, 2)) / 2
         self.covariance = np.where(touched[..., None], covariance, self.covariance)
         self.shift(change, pivot)

@@ -179,6 +179,7 @@ class TrueSight:
                 line = part.axis(enter, leave, self._arcs)
                 at = line.locate(centre)
                 left = line.length - float(at[0])
+                # Within a fitting its walls hide what is beyond, until the nose is at the port.
                 if fitting.is_plain or left <= self._half + SIGHT.port:
                     beside = float(length(centre - line.at(at)[0])[0])
                     yield _Port(beside, left, (index, leave))
@@ -198,6 +199,7 @@ class TrueSight:
             if not part.fitting.is_plain:
                 turn = _turn(part, enter, frame)
                 return Ahead(part.fitting, enter, distance=distance, turn=turn, axis=axis)
+            # A straight of the same bore looks like more of the pipe: sight goes on through it.
             distance += part.fitting.length_of_axes
             end = index, next(name for name in part.fitting.port_names if name != enter)
         return Ahead(distance=reach, axis=axis)
@@ -306,6 +308,7 @@ class LookingBack:
         located = here.s_enter + behind.distance
         shift, before = located - distance, self._shift
         self._shift = shift
+        # One wrong look must not move the robot far along its map.
         if abs(shift) > LOOKS.most_shift and abs(shift - before) > LOOKS.agreement:
             return distance
         self._done.add(here.index)

@@ -36,6 +36,7 @@ class Scale:
         self.top = max(camera.optics.far, 1.0)
         self._values = np.linspace(0.0, self.top, RECOGNISER.scale_values)
         spread = camera.spread(self._values[None])[0]
+        # The trapezoidal rule for the integral of one over the standard deviation.
         steps = (1 / spread[1:] + 1 / spread[:-1]) / 2 * np.diff(self._values)
         self._steps = np.concatenate([[0.0], np.cumsum(steps)])
 
@@ -177,6 +178,7 @@ class Fit:
         groups: dict[tuple[str | float, ...], list[int]] = {}
         for j, form in enumerate(at.forms):
             key = (form.name, *at.sizes[j, : len(form.sizes)].tolist())
+            # Rows of equal walls are traced together.
             groups.setdefault(key, []).append(j)
         for rows in groups.values():
             walls = self._walls_of(at.forms[rows[0]], at.sizes[rows[0]])
@@ -187,6 +189,7 @@ class Fit:
             image = self._scale.of(expected * at.gains[rows][..., None])
             missed = ((views.pictures[:, level.pixels] - image) / level.rough) ** 2
             weight = level.weight * level.rough**2
+            # The loss of Geman and McClure: a pixel that misses by far costs a constant.
             cost[rows] = (weight * missed / (1 + missed)).sum(axis=(1, 2))
         weights, off = _prior(at, level)
         return replace(
@@ -249,6 +252,7 @@ class Fit:
                     image = self._expected(self._hits(moved, j, views, rays), rays, level)
                     slopes[j, ..., i] = (image - expected[j]) / reach
             for i, size in enumerate(at.forms[j].sizes):
+                # Inwards at the upper bound, where larger sizes do not exist.
                 nudge = -size.step if at.sizes[j, i] + size.step > size.high else size.step
                 changed = replace(at, sizes=at.sizes + nudge * np.eye(SIZES)[i])
                 image = self._expected(self._hits(changed, j, views, rays), rays, level)
@@ -295,7 +299,7 @@ class Fit:
         if walls is None:
             parts, closed = form.map(values, self._bore)
             walls = self._walls([parts], [closed])
-            if len(self._kept) >= RECOGNISER.kept_walls:
+            if len(self._kept) >= RECOGNISER.kept_walls:  # the oldest ones go first
                 self._kept.pop(next(iter(self._kept)))
             self._kept[key] = walls
         return walls
@@ -371,7 +375,7 @@ def _stepped(at: Tries, gradient: Array, damping: float) -> Tries:
         for s, size in enumerate(form.sizes):
             most = RECOGNISER.longest_size * size.step
             changed = sizes[j, s] + np.clip(step[j, PLACES + s], -most, most)
-            grain = size.step / RECOGNISER.size_grain
+            grain = size.step / RECOGNISER.size_grain  # equal sizes share their walls
             sizes[j, s] = np.clip(round(changed / grain) * grain, size.low, size.high)
     numbers = at.numbers + moved
     numbers[:, DISTANCE] = np.clip(numbers[:, DISTANCE], 0.0, RECOGNISER.farthest)

@@ -80,6 +80,7 @@ def cameras(numbers: Array, motions: list[Motion]) -> tuple[Array, Array]:
     back = np.stack([cos, sin, zero, -sin, cos, zero, zero, zero, one], axis=-1).reshape(-1, 3, 3)
     lean = np.hypot(tilt[:, 0], tilt[:, 1])
     axis = np.stack([-tilt[:, 1], tilt[:, 0], zero], axis=-1)
+    # Without a tilt any axis will do, but not the zero vector.
     leaning = rotation_about(np.where(lean[:, None] > 0, axis, [0.0, 0.0, 1.0]), lean)
     rotation = back @ leaning.transpose(0, 2, 1)  # (n, 3, 3) camera to port
     lens = -np.concatenate([numbers[:, ASIDE], numbers[:, DISTANCE, None]], axis=1)
@@ -209,6 +210,7 @@ def forms(bore: float) -> tuple[Form, ...]:
     elbow, reducer = partial(Elbow, inner_diameter=bore), partial(_reducer, bore)
     tee = partial(Tee, inner_diameter=bore)
     wye = partial(Wye, inner_diameter=bore, branch_diameter=bore)
+    # The search starts from bends of 45 and 90 degrees and five radii, wyes of 45 and 60 degrees.
     bends = tuple(
         (r * bore, a) for r in (0.5625, 0.75, 1.0, 1.4, 1.9) for a in (half / 4, half / 2)
     )

@@ -38,7 +38,6 @@ from omnitrack_sim.autonomy.recognition.forms import (
 )
 from omnitrack_sim.autonomy.recognition.settings import RECOGNISER
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes import Part
 from omnitrack_sim.senses.optics import Camera, OpticsTable, Walls, rays_of
 
 Coarse = NDArray[np.float32]
@@ -79,8 +78,10 @@ class Library:
         # What the edge of a picture sees is nearly straight pipe; the exposure depends on it.
         edge = every[every[:, 2] < np.cos(0.9 * self._half)]
         self._rays = np.concatenate([self.rays, edge[:: max(1, len(edge) // 150)]])
-        self._straight = walls(*_maps([forms[0].map((), bore)]))
-        self.straight = self._picture(self._straight, np.zeros(1, int), np.zeros((1, PLACES)))[0]
+        parts, closed = forms[0].map((), bore)
+        self._straight = walls([parts], [closed])
+        one, centred = np.zeros(1, int), np.zeros((1, PLACES))
+        self.straight = self._picture(self._straight, one, centred, self._rays)[0]
         self.entries, self.pictures, self._sharp, self._level = self._filled(forms, bore, walls)
 
     def _filled(
@@ -88,7 +89,8 @@ class Library:
     ) -> tuple[Entries, Coarse, Coarse, Coarse]:
         rows, images, sharp = [], [], []
         for which, form in enumerate(forms):
-            made = walls(*_maps([form.map(sizes, bore) for sizes in form.starts]))
+            maps = [form.map(sizes, bore) for sizes in form.starts]
+            made = walls([parts for parts, _ in maps], [closed for _, closed in maps])
             turns = (
                 np.arange(0, form.period - 1e-9, 2 * np.pi / RECOGNISER.ring_rays)
                 if form.period
@@ -101,31 +103,30 @@ class Library:
             )
             numbers = np.zeros((len(start), PLACES))
             numbers[:, DISTANCE], numbers[:, TURN] = place, turn
-            pictures = self._picture(made, start.astype(np.intp), numbers)
+            pictures = self._picture(made, start.astype(np.intp), numbers, self._rays)
             rows.append((np.full(len(start), which), start, numbers))
             images.append(pictures.astype(np.float32))
             shape = (len(form.starts), len(places), len(turns), -1)
             sharp.append(_sharpness(pictures.reshape(shape)).reshape(len(start), -1))
         which, start, numbers = (np.concatenate(column) for column in zip(*rows, strict=True))
         weight = np.concatenate(sharp).astype(np.float32)
+        # Normalisation of the normal distribution: blurred entries do not win by their blur.
         level = -2 * np.log(weight).sum(axis=1)
         return Entries(which, start, numbers), np.concatenate(images), weight, level
 
-    def _picture(self, walls: Walls, which: NDArray[np.intp], numbers: Array) -> Array:
+    def _picture(self, walls: Walls, which: NDArray[np.intp], numbers: Array, rays: Array) -> Array:
         place, rotation = cameras(numbers, [STILL])
         far, lamp = self._camera.optics.far, self._camera.lamp
-        hits = walls.trace(which, place[:, 0], rotation[:, 0], self._rays, far, lamp)
-        return self._scale.of(self._camera.expected(hits, self._rays)[:, : len(self.rays)])
+        hits = walls.trace(which, place[:, 0], rotation[:, 0], rays, far, lamp)
+        return self._scale.of(self._camera.expected(hits, rays)[:, : len(self.rays)])
 
     def look(self, picture: Array, numbers: Array) -> Array:
         """Return the coarse picture (k,) from the axis for a picture (pixels²,), on the scale, of a
         camera at ``numbers`` (6,), as if the wall were that of straight pipe."""
         directions = straightened(numbers, self.rays, self._radius)
-        place, rotation = cameras(numbers[None], [STILL])
         rays = np.concatenate([directions, self._rays[len(directions) :]])
-        far, lamp = self._camera.optics.far, self._camera.lamp
-        hits = self._straight.trace(np.zeros(1, int), place[:, 0], rotation[:, 0], rays, far, lamp)
-        there = self._scale.of(self._camera.expected(hits, rays)[:, : len(directions)])[0]
+        there = self._picture(self._straight, np.zeros(1, int), numbers[None], rays)[0]
+        # The same walls from the axis and from the camera: their difference corrects the picture.
         return interpolated(picture, directions, self._camera.optics) + self.straight - there
 
     def costs(self, look: Array) -> Array:
@@ -149,12 +150,6 @@ def _sharpness(pictures: Array) -> Array:
         steps = np.abs(pictures - np.roll(pictures, 1, axis=2)) / 2
         spread += np.maximum(steps, np.roll(steps, -1, axis=2)) ** 2
     return 1 / np.sqrt(spread)
-
-
-def _maps(
-    maps: Sequence[tuple[tuple[Part, ...], tuple[tuple[int, str], ...]]],
-) -> tuple[list[tuple[Part, ...]], list[tuple[tuple[int, str], ...]]]:
-    return [parts for parts, _ in maps], [closed for _, closed in maps]
 
 
 def interpolated(picture: Array, directions: Array, optics: OpticsTable) -> Array:
@@ -421,7 +416,7 @@ class Recogniser:
         cost = self._fit.costs(rows, views, level).cost / (
             2 * RECOGNISER.error_scale**2 * self._alike
         )
-        chance = np.exp(cost.min() - cost)
+        chance = np.exp(cost.min() - cost)  # the least cost is subtracted against underflow
         chance /= chance.sum()
         distance = rows.numbers[:, DISTANCE]
         mean = float(chance @ distance)
