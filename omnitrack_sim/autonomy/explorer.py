@@ -150,7 +150,10 @@ class Explorer:
         if ahead is None or ahead.confidence < EXPLORER.confidence:
             self.look_at = distance + LOOKS.again
             if self._closer.too_late(self.look_at, route):
-                self._rely()
+                # The robot has to rely on what it observed from afar.
+                self.belief.settle()
+                observed = _end_of(self.leg.path) in self.belief.ends
+                self.look_at = math.inf if observed else self.leg.end - EXPLORER.look_before
             return Decision(self.leg, True, ())
         again = self._closer.doubted(ahead, route, distance)
         if again is not None:
@@ -241,12 +244,6 @@ class Explorer:
         """Plan another look at the end of a path from close by, where that is still far away."""
         close = self._closer.begin(ahead, self.ways.route(path), distance)
         self.look_at = self.look_at if close is None else close
-
-    def _rely(self) -> None:
-        """Rely on what was observed from afar."""
-        self.belief.settle()
-        end = _end_of(self.leg.path)
-        self.look_at = math.inf if end in self.belief.ends else self.leg.end - EXPLORER.look_before
 
     def _forget_what_was_far(self) -> None:
         """Remove from the map what was observed from afar, now that the robot is close to it."""

@@ -4,8 +4,8 @@ a library of coarse pictures, computed once, then by fitting the best forms."""
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -236,11 +236,14 @@ class Recogniser:
         begin, straight = self._begin(last, pose, joints)
         begin = self._fit.costs(begin, last, self._level(0, 8.0))
         rough = self._fit.refined(self._kept(begin, 0), last, self._level(0, 8.0), 2)
-        rough = self._kept(self._best_of_each(rough), 1)
+        best: dict[int, int] = {}
+        for i in np.argsort(rough.cost):
+            best.setdefault(id(rough.forms[i]), int(i))  # of each form
+        rough = self._kept(rough.take(list(best.values())), 1)
         rough = self._scanned(rough, joints, last, self._level(0, 6.0))
         rough = joined([rough, *self._begun_again(rough, pose, joints, last)])
-        best = int(rough.cost.argmin())
-        if self._dim and self._name(rough.forms[best], rough.numbers[best])[0] == "straight":
+        first = int(rough.cost.argmin())
+        if self._dim and self._name(rough.forms[first], rough.numbers[first])[0] == "straight":
             rough = joined([rough, *self._dim_ones(pose, last)])
         # All pictures from here on: of one every pixel near the axis, of several every other one.
         many = len(views.motions)
@@ -272,17 +275,17 @@ class Recogniser:
         joint that shows best."""
         rows = []
         for row, form in enumerate(fits.forms):
+            numbers = fits.numbers[row]
             few = form.sizes and len(form.starts) <= RECOGNISER.few_starts
-            sizes = [fits.sizes[row], *(form.padded_starts if few else ())]
-            places = [fits.numbers[row, DISTANCE], *(joints[:1] if form.parameters else ())]
-            turns = RECOGNISER.rough_turns if form.period else RECOGNISER.rough_turns[:1]
-            beside = list(product(sizes, places, turns))
-            part = fits.take([row] * len(beside))
-            for i, (size, place, turn) in enumerate(beside):
-                part.sizes[i], part.numbers[i, DISTANCE] = size, place
-                part.numbers[i, TURN] += turn
-            costs = self._fit.costs(part, views, level).cost
-            rows.append(part.take([int(costs.argmin())]))
+            part = _combined(
+                fits.take([row]),
+                sizes=[fits.sizes[row], *(form.padded_starts if few else ())],
+                distances=[numbers[DISTANCE], *(joints[:1] if form.parameters else ())],
+                turns=numbers[TURN] + RECOGNISER.rough_turns[: None if form.period else 1],
+                stands=[numbers[:DISTANCE]],
+            )
+            best = self._fit.costs(part, views, level).cost.argmin()
+            rows.append(part.take([int(best)]))
         return joined(rows)
 
     def _begun_again(
@@ -294,21 +297,21 @@ class Recogniser:
         # errs in one of them does not come out of it.
         rows = []
         for row, form in enumerate(fits.forms):
-            if len(form.starts) <= RECOGNISER.few_starts:
+            many = len(form.starts)
+            if many <= RECOGNISER.few_starts:
                 continue
-            about = fits.numbers[row, DISTANCE]
-            places = [*(about + RECOGNISER.restart_offsets), *joints]
-            stands = pose[:DISTANCE], 0 * pose[:DISTANCE]
-            within = [place for place in places if 0 < place < RECOGNISER.farthest]
-            beside = list(product(form.padded_starts, within, stands))
-            part = fits.take([row] * len(beside))
-            part.gains[:] = 1.0
-            for i, (size, place, stand) in enumerate(beside):
-                part.sizes[i], part.numbers[i, DISTANCE] = size, place
-                part.numbers[i, :DISTANCE] = stand
+            numbers = fits.numbers[row]
+            places = [*(numbers[DISTANCE] + RECOGNISER.restart_offsets), *joints]
+            part = _combined(
+                replace(fits.take([row]), gains=np.ones((1, fits.gains.shape[1]))),
+                sizes=form.padded_starts,
+                distances=[place for place in places if 0 < place < RECOGNISER.farthest],
+                turns=[numbers[TURN]],
+                stands=[pose[:DISTANCE], 0 * pose[:DISTANCE]],
+            )
             part = self._fit.costs(part, views, self._level(0, 6.0))
-            each = part.cost.reshape(len(form.starts), -1).argmin(axis=1)
-            each += np.arange(len(form.starts)) * (len(beside) // len(form.starts))
+            each = part.cost.reshape(many, -1).argmin(axis=1)
+            each += np.arange(many) * (len(part.forms) // many)
             best = self._fit.refined(part.take(each.tolist()), views, self._level(0, 5.0), 2)
             best = best.take(np.argsort(best.cost, kind="stable")[: RECOGNISER.restarts].tolist())
             rows.append(self._fit.refined(best, views, self._level(0, 5.0), 2))
@@ -320,23 +323,17 @@ class Recogniser:
         # which the coarse pictures of the library pass over.
         rows = []
         for form in self._forms:
-            if (
-                form.make is None
-                or form.kind == "straight"
-                or len(form.starts) > RECOGNISER.dim_starts
-            ):
+            few = len(form.starts) <= RECOGNISER.dim_starts
+            if form.make is None or form.kind == "straight" or not few:
                 continue
-            turns = (
-                np.arange(0.0, form.period, form.period / RECOGNISER.dim_turns)
-                if form.period
-                else [0.0]
+            step = form.period / RECOGNISER.dim_turns
+            part = _combined(
+                tries([form], np.zeros((1, PLACES)), np.zeros((1, SIZES)), 1),
+                sizes=form.padded_starts,
+                distances=RECOGNISER.dim_distances * self._bore,
+                turns=np.arange(0.0, form.period, step) if form.period else [0.0],
+                stands=[pose[:DISTANCE]],
             )
-            beside = list(product(form.padded_starts, RECOGNISER.dim_distances * self._bore, turns))
-            numbers, sizes = np.zeros((len(beside), PLACES)), np.zeros((len(beside), SIZES))
-            numbers[:, :DISTANCE] = pose[:DISTANCE]
-            for i, (size, place, turn) in enumerate(beside):
-                sizes[i], numbers[i, DISTANCE], numbers[i, TURN] = size, place, turn
-            part = tries([form] * len(beside), numbers, sizes, 1)
             part = self._fit.costs(part, views, self._level(0, 6.0))
             best = part.take([int(part.cost.argmin())])
             rows.append(self._fit.refined(best, views, self._level(0, 5.0), 2))
@@ -400,12 +397,6 @@ class Recogniser:
         far = abs(a[DISTANCE] - b[DISTANCE]) > 0.4 * self._bore
         return turned > 0.8 or far
 
-    def _best_of_each(self, fits: Tries) -> Tries:
-        best: dict[int, int] = {}
-        for i in np.argsort(fits.cost):
-            best.setdefault(id(fits.forms[i]), int(i))
-        return fits.take(list(best.values()))
-
     def _placed(self, fits: Tries, views: Views, level: Level) -> tuple[Tries, float]:
         """Return a row of an end at its posterior mean distance, and the variance, m²."""
         # Gradients do not see the edge of an end; positions around it are weighed by likelihood.
@@ -446,6 +437,23 @@ class Recogniser:
         """Return the kind and port of a form: beyond the horizon a pipe is straight."""
         straight = form.kind == "straight" or numbers[DISTANCE] > RECOGNISER.horizon * self._bore
         return ("straight", "") if straight else (form.kind, form.enter)
+
+
+def _combined(
+    start: Tries,
+    *,
+    sizes: Iterable[Array],
+    distances: Iterable[float],
+    turns: Iterable[float],
+    stands: Iterable[Array],
+) -> Tries:
+    """Return copies of the only row of ``start`` at all combinations of sizes (SIZES,), distances,
+    m, directions, rad, and poses (4,) of the camera across the pipe."""
+    every = list(product(sizes, distances, turns, stands))
+    rows = start.take([0] * len(every))
+    for i, (size, distance, turn, stand) in enumerate(every):
+        rows.sizes[i], rows.numbers[i] = size, [*stand, distance, turn]
+    return rows
 
 
 def _reported(
