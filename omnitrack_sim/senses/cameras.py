@@ -55,6 +55,7 @@ class DepthCamera:
         table = self._table
         reach = hits[..., RANGE]
         seen = np.isfinite(reach) & (uniform(keys, "dropouts", number, pixels) > table.dropouts)
+        # Any finite number where nothing came back: these pixels are masked in the end.
         reach = np.where(seen, reach, 1.0)
         scale = 1.0 + table.scale_error * normal(keys, "scale", 0, 1)
         spread = np.hypot(table.noise * reach, table.noise_floor)
@@ -76,6 +77,7 @@ class DepthCamera:
         directions = np.einsum("nij,kj->nki", rotation, rays)
         normals = hits[..., NORMAL]
         across = (normals * directions).sum(axis=-1)
+        # Normals face the camera, so ``across`` is negative; near 0 the slope would have no bound.
         steep = np.minimum(across, -self._least_sine)
         moved = -normals / steep[..., None]  # (n, k, 3) world
         reach = np.where(np.isfinite(hits[..., RANGE]), hits[..., RANGE], 0.0)[..., None]
@@ -172,5 +174,6 @@ class HeadlightCamera:
         seen = light * (1 - table.vignetting * (1 - rays[:, 2]) / self._corner)
         meter = seen if metered is None else seen[:, metered]
         level = np.quantile(meter, EXPOSED, axis=1, keepdims=True)
+        # BRIGHT is a pixel's value: to the power of gamma it is light.
         exposed = BRIGHT**table.gamma * seen / np.maximum(level, 1e-12)
         return np.clip(exposed, 0.0, 1.0) ** (1 / table.gamma)

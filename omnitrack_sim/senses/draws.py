@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
 
+# The increment of SplitMix64, 2^64 over the golden ratio, and its two multipliers.
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 Keys = NDArray[np.uint64]
@@ -41,6 +42,7 @@ def uniform(
         start = _mixed(keys ^ np.array([_stream(name, number) for number in numbers], np.uint64))
         places = np.arange(which) if isinstance(which, int) else which
         z = _mixed(start[:, None] + (places + 1).astype(np.uint64) * _GOLDEN)
+    # 53 bits fill a double; half a step keeps out 0, of which there is no logarithm.
     return ((z >> np.uint64(11)).astype(float) + 0.5) * 2.0**-53
 
 

@@ -64,6 +64,7 @@ def rays_of(optics: OpticsTable) -> Array:
     x, y = np.meshgrid(middle, middle)
     size = np.hypot(x, y)
     edge = np.radians(optics.field_of_view_deg) / 2
+    # Scaled so that the edge of the picture sees half of the field of view, whatever the lens.
     wanted = size * edge * (1 + optics.distortion * edge**2)
     angle = wanted
     for _ in range(20):  # of a (1 + k a²), which is monotone for the distortions that are taken

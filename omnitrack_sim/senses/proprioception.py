@@ -139,6 +139,7 @@ class Proprioception:
         moved = moved - self._pitch * np.rint(moved / self._pitch)
         self._way = self._way + moved * self._wear
         step = 2 * np.pi * self._radius / self._table.encoders.counts
+        # The whole way is rounded, not each step of it, so that errors do not add up.
         counted = np.round(self._way / step) * step
         before, self._counted = self._counted, counted
         return counted - before
@@ -148,6 +149,7 @@ class Proprioception:
         imu, period = self._table.imu, self._period
         true = rotation_vector(np.swapaxes(self._rotation, 1, 2) @ rotation)
         self._bias = self._bias + np.radians(imu.gyro_walk_deg) * np.sqrt(period) * walk
+        # White noise added up over a time grows with its root.
         density = np.radians(imu.gyro_noise_deg) * np.sqrt(period)
         self._rotation = rotation
         return self._scale * true + self._bias * period + density * noise
@@ -158,5 +160,6 @@ class Proprioception:
         before, self._velocity = self._velocity, velocity
         in_world = (velocity - before) / self._period - self._gravity
         in_robot = np.einsum("nij,ni->nj", state["rotation"], in_world)
+        # A mean of white noise over a time falls with its root.
         density = imu.force_noise / np.sqrt(self._period)
         return in_robot + self._force_bias + density * noise

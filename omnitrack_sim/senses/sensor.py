@@ -200,6 +200,7 @@ def _normal_force(state: State) -> Array:
 
 def _contact_position(state: State) -> Array:
     contact, force = _contact(state), _force(state)
+    # Weighted by force: a track that hardly touches hardly moves the centre.
     weight = np.sqrt(dot(force, force))  # (n, 3, 2)
     total = weight[..., 0] + weight[..., 1]
     places = weight[..., :1] * contact[:, :, 0, 4:7] + weight[..., 1:] * contact[:, :, 1, 4:7]
@@ -211,6 +212,7 @@ def _contact_position(state: State) -> Array:
 
 
 def _module_speed(state: State) -> Array:
+    # A module that pitches or turns moves otherwise at the contact than at its centre.
     arm = state["contact_position"] - state.xpos.take(state.at.places, axis=1)
     velocity = state.sensordata.take(state.at.velocity, axis=1)
     return dot(velocity + cross(state.sensordata.take(state.at.spin, axis=1), arm), _forward(state))
@@ -218,6 +220,7 @@ def _module_speed(state: State) -> Array:
 
 def _slip_velocity(state: State) -> Array:
     count = state["contact_count"]
+    # Off the wall there is nothing to slip on.
     touching = np.maximum(count[..., 0], count[..., 1]) > 0
     return np.where(touching, state["wall_speed"] - state["module_speed"], 0.0)
 

@@ -62,7 +62,9 @@ def batch_key(data: Mapping[str, Any]) -> str:
         *tables, key = path.split(".")
         for table in tables:
             place = place.setdefault(table, {})
+        # None marks a key to be left out; what stands above it are tables.
         place[key] = None
+    # Sorted, so that the order of keys in a file does not part what belongs together.
     return json.dumps(_without(data, own), sort_keys=True)
 
 
@@ -123,6 +125,7 @@ def settings_of(
     cruise, notes = [], []
     highest = np.array([s.robot.feasible_belt_speed for s in scenarios])
     for scenario, w, most in zip(scenarios, route, highest.tolist(), strict=True):
+        # The outer module's way is longer than the centre's by this factor.
         factor = 1 + _sharpest_bend(scenario, routes.routes[w])
         cruise.append(min(scenario.control.cruise_speed, most / factor))
         notes.append(_speed_note(scenario, most, factor))

@@ -73,11 +73,13 @@ class Monitor:
         monitor."""
         patience = self._patience_length / cruise_speed
         self._patience[rows] = np.maximum(self.limits.patience_time * self._scale, patience)
+        # Times are sums of steps: 1e-9 s keeps their rounding from adding a step.
         self._time_limit[rows], self._farthest[rows] = time_limit - 1e-9, start
         self._waiting[rows], self._steps[rows], self._mean[rows] = 0.0, 0, 0.0
 
     def sent_on(self, robot: int, seconds: float) -> None:
         """Count headway anew for a robot that drives another leg, and give it more time."""
+        # Arc length begins elsewhere on another leg: any value is headway.
         self._farthest[robot], self._waiting[robot] = -np.inf, 0.0
         self.goes_on(robot, seconds)
 
@@ -172,7 +174,10 @@ class Monitor:
         """Why a robot makes no headway."""
         mean, limits, passage = self._mean[robot], self.limits, int(location.passage[robot])
         running = limits.stalled_speed * mean[BELT_COMMAND]
+        # At its limit and slower than asked: a motor that only works hard is not stalled.
         stalled = (mean[SATURATED] > 0.5) & (mean[BELT_SPEED] < running)
+        # First, for there both tracks of a module work against each other: motors may stall, belts
+        # slip.
         if (mean[ROLL_COSINE] < limits.no_motion_cosine).all():
             return Outcome.NO_MOTION_LINE
         routes = self.routes
@@ -182,6 +187,7 @@ class Monitor:
             return Outcome.MOTION_SINGULARITY
         if stalled.any():
             return Outcome.STALLED
+        # The median of the three: one module alone may spin without a wall.
         if np.sort(mean[SLIP_RATIO])[1] > limits.slipping_ratio:
             return Outcome.SLIPPING
         return Outcome.STUCK

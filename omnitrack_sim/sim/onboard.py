@@ -145,6 +145,7 @@ class Onboard:
         """Positions (k, 3) m and rotations (k, 3, 3) at which robots take themselves to begin."""
         start = self._table.start
         distance = each(scenarios, "distance").astype(float)
+        # The robot stands where the scenario says; its belief about that is off by a draw.
         distance = distance + start.distance_std * normal(key, "start", 0, 1)[:, 0]
         theta5 = np.radians(each(scenarios, "theta5_deg").astype(float))
         if not start.theta5_known:
@@ -172,6 +173,7 @@ class Onboard:
         bias = self.localiser.filter.bias
         self.turned = self.turned @ turned_by(felt.turned - bias * self._period)
         if self.can_look:
+            # The ends take turns, the leading one first.
             behind = (self._pictures % 2 == 1) & self._table.both_ends
             self._shoot(np.where(behind, -gear, gear), self._due, active)
         if self.localiser.see(active):
@@ -237,6 +239,7 @@ class Onboard:
         location = legs.routes.locate(self.readings["position"], frames, legs.route, self._near())
         axis = location.frame[:, :, 2]
         about = pose.std_about(axis)
+        # Root mean square over the two directions across the axis.
         across = np.sqrt(
             (
                 pose.std_about(location.frame[:, :, 0]) ** 2
@@ -244,6 +247,7 @@ class Onboard:
             )
             / 2
         )
+        # Nothing is known of the turn about the axis: half a turn either way.
         theta5_std = np.where(self.localiser.unknown, np.pi, about)
         sure = theta5_std <= np.radians(self._table.filter.sure_deg)
         self.location = replace(
@@ -345,10 +349,13 @@ class Onboard:
         """Have robots that are ``due`` (n,) and ``active`` (n,) take a picture of the pipes as they
         are; ``facing`` (n,): 1 from the nose, -1 from the tail."""
         state, compared = self._state, self.localiser.pixels
+        # A recorded picture has all pixels. Noise belongs to a pixel, so the compared ones are the
+        # same.
         pixels = np.arange(len(self.eyes.mount.rays)) if self._records else compared
         metered = np.searchsorted(pixels, compared)
         robots = np.flatnonzero(due & active)
         numbers = self._pictures[robots]
+        # One number for all robots is drawn faster, with the same result.
         number = int(numbers[0]) if np.ptp(self._pictures) == 0 else numbers
         position, rotation = state["position"][robots], state["rotation"][robots]
         taken = self.eyes.take(robots, position, rotation, facing[robots], number, pixels, metered)

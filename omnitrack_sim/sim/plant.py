@@ -157,6 +157,7 @@ class Plant:
         self._force_range[each, at.roll_motors] = torque
         self.qpos[robots, :3], self.qpos[robots, 3:7] = start.position, start.quaternion
         self.qpos[each, at.slide], self.qpos[each, at.roll] = start.slide, start.roll
+        # The servos' set points are where the modules stand: nothing rolls at the start.
         self._ctrl[each, at.roll_motors] = start.roll
 
     def _seat_arms(self, robots: NDArray[np.intp]) -> None:
@@ -174,6 +175,7 @@ class Plant:
         for _ in range(SEATING_HALVINGS):
             self.qpos[slides] = middle = (low + high) / 2
             self._batch.forward(robots)
+            # Pushed outward, the springs prevail, and the equilibrium lies farther out.
             outward = acceleration[dofs] > 0
             low, high = np.where(outward, middle, low), np.where(outward, high, middle)
         self.qpos[slides] = high  # on the side where the wall carries
@@ -184,8 +186,10 @@ class Plant:
 
         Forces and velocities are those of the last physics step.
         """
+        # The engine writes into its arrays again; a state stays what it was.
         arrays = {name: array.copy() for name, array in self._arrays.items()}
         self._last = State(arrays, self._at, self.robot, self._sensors, self._last)
+        # A user's own sensor may add up what it sees, so it is read at every step.
         for name in self._own:
             self._last[name]
         return self._last
@@ -225,6 +229,7 @@ class Plant:
             back = self._pitch_of_lugs * pitches
             self.qpos[:, self._belts] = travel - back
             if not self._drive.direct:
+                # Shafts are tied to their belts and have to be moved back with them.
                 self.qpos[:, self._shafts] -= self._drive.motor_values(back[..., 0])
         self._leave_out_far_tracks()
         try:
@@ -256,6 +261,7 @@ class Plant:
         at_wall = np.empty((self.n, 3, 2), bool)
         np.greater(cosine, -BOTH_TRACKS_COSINE, out=at_wall[..., 0])
         np.less(cosine, BOTH_TRACKS_COSINE, out=at_wall[..., 1])
+        # Modules roll rarely: in most steps there is nothing to write.
         if at_wall.tobytes() == self._at_wall.tobytes():
             return
         self._at_wall = at_wall

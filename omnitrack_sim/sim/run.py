@@ -108,6 +108,7 @@ def run_batch(
         report = (
             None
             if progress is None
+            # Bound as defaults: the loop changes both before the last report.
             else (lambda part, text, d=done, s=share: progress(d + s * part, text))
         )
         batch = [scenarios[i] for i in indices]
@@ -128,6 +129,7 @@ def no_load_slips(scenarios: Sequence[Scenario], sensors: Sequence[Sensor] = ())
     look at them.
     """
     bare = [_unloaded(scenario) for scenario in scenarios]
+    # Robots that are alike in friction, speed and physics share one measurement.
     texts = [scenario.model_dump_json() for scenario in bare]
     distinct = dict(zip(texts, bare, strict=True))
     names, runs = list(distinct), list(distinct.values())

@@ -322,6 +322,7 @@ class Simulation:
         speed, roll, phase, resting, _, brake, over = command
         roll = self._roll_command if roll is None else roll
         phase = self._phase if phase is None else phase
+        # Robots whose run is over keep what they were asked last.
         if np.count_nonzero(self.active) < self.n:
             each, active = self.active[:, None], self.active
             speed = np.where(each, speed, self._belt_command)
@@ -342,19 +343,23 @@ class Simulation:
         legs, truth = self.legs, self._readings
         frames = heading(truth["rotation"], legs.gear)
         self._location = legs.routes.locate(truth["position"], frames, legs.route, self._near)
+        # The next search starts from here: a route may pass the same pipe twice.
         self._near = self._location.distance
         self.senses.locate(self._location)
         legs.near = self.senses.location.distance
 
     def _settle(self, robots: NDArray[np.bool_]) -> None:
         """Judge where ``robots`` (n,) are now, send on who is due, record."""
+        # Averages first: the cause of a failure is read from them.
         due = robots & ((self._tick - self._begun) % self._record_every == 0)
         if np.count_nonzero(due):
             self.monitor.average(self._readings, self._belt_command, self.motors.saturated, due)
+        # Before the verdicts: a look may lengthen the leg at whose end the robot seems to be.
         self._look_ahead(robots)
         verdicts = self._verdicts(robots)
         if verdicts:
             self._dispatch(verdicts)
+        # Last, and by the truth: who was sent on is judged on the new route.
         self._end_those_outside(robots)
         if self._recording and (self._tick % self._record_every == 0 or not self.active.any()):
             self._record()
@@ -391,6 +396,7 @@ class Simulation:
         end the runs of others."""
         sent: list[int] = []
         for robot, outcome in verdicts:
+            # A robot may have several verdicts: the first one counts.
             if robot in sent or not self.active[robot]:
                 continue
             decision = self._decision(robot, outcome)
@@ -439,6 +445,7 @@ class Simulation:
         self.events[robot] += decision.events
         scenario = self.scenarios[robot]
         if decision.goes_on:
+            # The fixed part of the time was granted when the leg began.
             self.monitor.goes_on(robot, scenario.time_for(length) - scenario.time_for(0.0))
         else:
             self.monitor.sent_on(robot, scenario.time_for(length))
@@ -457,6 +464,7 @@ class Simulation:
         missed = self.legs.pilots[robot].missed
         error = float(self.senses.location.distance[robot] - location.distance[robot])
         if outcome is Outcome.REACHED_GOAL:
+            # A robot that localises itself may take itself to be where it is not.
             if not self.scenarios[robot].is_done_at(*self._pose(robot), error):
                 outcome, reason = Outcome.LOST, f"took itself to be at the goal; {reason}"
             elif missed:
@@ -615,6 +623,7 @@ class Recorder:
         for i, end in enumerate(end_time):
             # A robot whose run has ended stands still in time: keep the samples up to the first
             # one at the end.
+            # 1e-9 s: times are sums of steps, and rounded.
             count = int(np.searchsorted(time[:, i], end - 1e-9)) + 1
             channels = {name: values[:count, i] for name, values in stacked.items()}
             trajectories.append(

@@ -132,6 +132,7 @@ def add_module(arm: mujoco.MjsBody, robot: Robot, number: int) -> mujoco.MjsBody
         name=f"roll_{number}",
         type=mujoco.mjtJoint.mjJNT_HINGE,
         axis=[0, 0, 1],
+        # Behind its gears the rotor is a hundred times as hard to turn as the module itself.
         armature=robot.rotary_motor.reflected_inertia,
     )
     return module
@@ -155,6 +156,7 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, lin
         name=f"belt_{name}",
         type=mujoco.mjtJoint.mjJNT_SLIDE,
         axis=[0, 0, -side],
+        # The two runs of a chain are tied, so that each carries half of the inertia.
         armature=output_inertia(robot) / 2,
     )
     places, radius = lug_places(robot), robot.lug_radius - robot.track_offset
@@ -163,6 +165,7 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, lin
             name=f"line_{name}",
             pos=[side * robot.track_offset, 0, 0],
             type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            # MuJoCo measures a capsule without its caps: half of the way from first to last lug.
             size=[radius, places[-1], 0],
             solimp=impedance(*LINE_IMPEDANCE, robot.contact_depth),
             userdata=line_record(lug_pitch(robot), robot.scale),
@@ -186,9 +189,12 @@ def contact_of_lugs(robot: Robot) -> dict[str, Any]:
         "contype": LUG_CONTYPE,
         "conaffinity": LUG_CONAFFINITY,
         "condim": 3,
+        # With the higher priority the lug's friction and stiffness count, not a mixture with the
+        # wall's.
         "priority": 1,
         "friction": [FRICTION, 0, 0],
         "solref": [robot.contact_time, 1.0],
+        # The mass stands on the body: it must not change with the number of lugs.
         "mass": 0,
         "group": COLLISION_GROUP,
     }
@@ -224,9 +230,13 @@ def add_springs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
     """
     for end, side in (("front", 1.0), ("rear", -1.0)):
         spring = spec.add_tendon(name=f"spring_{end}_{number}")
+        # As long as the arm has moved at these shafts; linear in the pitch, which stays below 4
+        # degrees.
         spring.wrap_joint(f"slide_{number}", 1.0)
         spring.wrap_joint(f"pitch_{number}", side * robot.shaft_spacing / 2)
         spring.stiffness = [robot.module_stiffness / 2, 0, 0]
+        # MuJoCo leaves a tendon alone between both lengths: from the free length on the spring is
+        # slack.
         free = spring_free_length(robot, robot.preload)
         spring.springlength = [free, sized(robot, FREE_SPRING_LENGTH, "m")]
 
@@ -246,6 +256,7 @@ def _add_roll_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
         forcerange=[-robot.roll_torque, robot.roll_torque],
     )
     stiffness, inertia = robot.roll_stiffness, robot.rotary_motor.reflected_inertia
+    # Critically damped for the rotor's inertia.
     motor.set_to_position(kp=stiffness, kv=2 * math.sqrt(stiffness * inertia))
 
 
@@ -287,6 +298,7 @@ def add_contact_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
     wanted = sum(
         1 << int(f) for f in (fields.mjCONDATA_FOUND, fields.mjCONDATA_FORCE, fields.mjCONDATA_POS)
     )
+    # MuJoCo's reduction 3 sums all contacts of the body into one, which takes one slot.
     net_force, slots = 3, 1
     spec.add_sensor(
         name=name,
@@ -306,6 +318,7 @@ def _add_touch_sensor(spec: mujoco.MjSpec, robot: Robot, name: str) -> None:
     zone = spec.body(f"track_{name}").add_site(
         name=f"touch_{name}",
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        # A touch sensor counts the contacts inside its site: large enough for all of the track's.
         size=[robot.length, 0, 0],
         group=COLLISION_GROUP,
         rgba=[0, 0, 0, 0],
@@ -382,6 +395,7 @@ def _add_shaft(spec: mujoco.MjSpec, robot: Robot, number: int, row: np.ndarray) 
     """A motor's shaft, geared to belts with coefficients (3,); the name of its joint."""
     joint, inertia = f"shaft_{number}", drive_of(robot.drive).size * belt_inertia(robot)
     body = spec.worldbody.add_body(name=joint, mass=inertia, inertia=[inertia] * 3)
+    # A shaft stands for gears inside the robot: gravity must not drive it.
     body.explicitinertial, body.gravcomp = True, 1.0
     body.add_joint(name=joint, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
     _add_tendon(spec, f"belts_{number}", row)

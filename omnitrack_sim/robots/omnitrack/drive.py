@@ -56,6 +56,7 @@ class Drive:
         matrix = self.matrix
         if matrix.ndim != 2 or matrix.shape[1] != MODULES or not np.isfinite(matrix).all():
             raise ValueError(f"gears of drive {self.name!r} are no rows of {MODULES} numbers")
+        # Motors of the same motion would leave it undecided which of them gives how much force.
         if np.linalg.matrix_rank(matrix) < len(matrix):
             raise ValueError(f"gears of drive {self.name!r}: its motors are not independent")
         if not self.size > 0:
@@ -96,12 +97,16 @@ class Drive:
     @cached_property
     def relative(self) -> Array:
         """Projection (3, 3) of the belts' speeds onto those with all motors at rest."""
+        # pinv(B) B projects onto the motions that turn a motor; the rest is what the gears leave
+        # free.
         free = np.eye(MODULES) - np.linalg.pinv(self.matrix) @ self.matrix
         return np.where(np.abs(free) > _NOTHING, free, 0.0)
 
     @cached_property
     def _inverse(self) -> Array:
         """Forces of the motors for those of the belts, (m, 3)."""
+        # Least squares: where motors are shared, the belts' forces need not be ones that they can
+        # give.
         return np.asarray(np.linalg.pinv(self.matrix.T), float)
 
     def motor_values(self, belts: Array) -> Array:
@@ -178,9 +183,12 @@ class SpeedLoop:
         wanted, speed = drive.motor_values(command), drive.motor_values(belt_speed)
         given = drive.motor_forces(torque) / size  # N m, of one robot.motor
         lowest, highest = self._torque_range(speed / self.lug_radius)
+        # A thousandth below the limit counts as at it: forces come back through gears, rounded.
         saturated = (given <= 0.999 * lowest) | (given >= 0.999 * highest)
         # The integral grows only where the motor can follow (no wind-up in a stall).
         excess = given - _mean(given)
+        # Only what differs from the mean gives way: belts that work against each other relax, and a
+        # climb keeps its speed.
         droop = self.motor.speed_droop * self.lug_radius * excess
         error = wanted - droop - speed
         self._correction = np.where(

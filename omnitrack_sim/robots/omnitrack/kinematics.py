@@ -144,6 +144,8 @@ def jacobian(lug_radius: ArrayLike, lever: ArrayLike) -> Array:
     """
     r, l = np.broadcast_arrays(np.asarray(lug_radius, float), np.asarray(lever, float))
     j = np.zeros((*r.shape, 4, 4))
+    # Rows: omega_x, omega_y, omega_z, V_cz. Modules 2 and 3 are exchanged against the printed
+    # matrix.
     j[..., 0, :3] = (r / l)[..., None] * np.array([0.0, _ROOT3 / 3, -_ROOT3 / 3])
     j[..., 1, :3] = (r / l)[..., None] * np.array([-2.0, 1.0, 1.0]) / 3
     j[..., 2, 3] = 1.0
@@ -209,6 +211,7 @@ def path_radius(speeds: ArrayLike, omega: ArrayLike) -> Array:
 
 
 def _ratio(speed: Array, rate: Array) -> Array:
+    # Without rotation a straight line has an infinite radius, and rest has none.
     moving = np.where(speed > 0, np.inf, np.nan)
     return np.where(rate > 0, speed / np.where(rate > 0, rate, 1.0), moving)
 
@@ -299,4 +302,5 @@ def belt_speed(wall_speed: ArrayLike, roll: ArrayLike, module: Module = "two_tra
     """
     factor = wall_per_belt(roll, module)
     moves = factor != 0
+    # Divided by 1 where the factor is 0, so that no warning arises from values that are not used.
     return np.where(moves, np.asarray(wall_speed, float) / np.where(moves, factor, 1.0), 0.0)

@@ -250,6 +250,8 @@ def add_cameras(spec: mujoco.MjSpec, network: Assembly, size: float = 1.0) -> No
         chassis.add_camera(
             name="follow", pos=0.48 * size * back, quat=quaternion, fovy=FIELD_OF_VIEW, mode=track
         )
+        # Cameras look along their -z: turned onto the robot's z, with module 1 upward in the
+        # picture.
         forward = quaternion_from_matrix(np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]))
         chassis.add_camera(name="onboard", pos=[0, 0, 0.086 * size], quat=forward, fovy=88.0)
         lamp = chassis.add_light(
@@ -459,4 +461,5 @@ def coil(
     )
     fan = np.array([(0, i, i + 1) for i in range(1, sides - 1)])
     faces = np.concatenate([faces, index[0][fan][:, ::-1], index[-1][fan]])
+    # Faces have to look outward, whichever way the rings were joined: back faces are not drawn.
     return TriangleMesh(vertices, faces).outward()

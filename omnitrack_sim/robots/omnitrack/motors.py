@@ -177,6 +177,7 @@ def _motor_of(given: Any) -> Any:
                 type="literal_error", loc=("like",), input=like, ctx={"expected": _CHOICES}
             )
             raise ValidationError.from_exception_data("Motor", [fault])
+        # Name and source belong to the shipped figures, which the table is about to change.
         start = MOTORS[like].model_dump(exclude={"name", "source"})
         return start | {key: value for key, value in given.items() if key != "like"}
     return given

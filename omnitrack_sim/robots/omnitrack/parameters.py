@@ -260,6 +260,7 @@ class Robot(QuantityModel):
                 else similar(value, quantity_of(info).unit, stated.scale / origin)
             )
         values["values_at_scale"] = stated.scale
+        # What was scaled has to pass the checks of its own size.
         robot = stated if values == dict(stated) else handler(values)
         faults = [
             InitErrorDetails(

@@ -143,6 +143,7 @@ def _robot_spec() -> mujoco.MjSpec:
         xyaxes=[1, 0, 0, 0, 0, 1],
         mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
     )
+    # With a high preload the arm meets its stop before the springs are free.
     free = min(spring_free_length(robot, robot.preload), robot.slide_range[1])
     _add_start(spec, Pose(), free)
     return spec
@@ -193,6 +194,7 @@ def _settled_slide(spec: mujoco.MjSpec) -> float:
     while data.time < SETTLING_TIME:
         mujoco.mj_step(model, data)
     travel = [data.joint(f"slide_{number}").qpos[0] for number in range(1, MODULES + 1)]
+    # Further digits would be noise in files that are compared byte by byte.
     return round(float(np.mean(travel)), 6)
 
 
@@ -240,6 +242,7 @@ def _published(
 
 def _obj(vertices: np.ndarray, faces: np.ndarray) -> bytes:
     """Wavefront OBJ: m, seven digits, faces counted from 1."""
+    # Adding 0.0 makes negative zeros positive: they would differ in the file alone.
     lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in np.asarray(vertices, float) + 0.0]
     lines += [f"f {a} {b} {c}" for a, b, c in np.asarray(faces) + 1]
     return ("\n".join(lines) + "\n").encode()

@@ -118,6 +118,8 @@ def parameter_rows(model: BaseModel, prefix: str = "") -> list[Parameter]:
 SCALES = (0.1, 20.0)
 """Smallest and largest robot: for pipes of 16 mm and of 3.2 m. In a smaller one the inertia of a
 run of lugs, which falls with the fifth power, is no longer a number that MuJoCo takes."""
+# At equal gravity and density times grow with the root of lengths, masses and forces with their
+# cube.
 _EXPONENTS = {"1": 0.0, "rad": 0.0, "m": 1.0, "kg": 3.0, "s": 0.5, "N": 3.0}
 _POWERS = {"": 1, "²": 2, "³": 3}
 _Value = TypeVar("_Value")

@@ -82,6 +82,7 @@ def mitre_intersection(
         _turn_angle(turn_angle) / 2,
     )
     meets = (rho >= radius) & (rho * np.cos(half) <= radius)
+    # A product instead of a difference of squares: nothing cancels where rho is just above R.
     u = np.sqrt(np.where(meets, (rho - radius) * (rho + radius), np.nan)) / np.sin(half)
     return u, np.sqrt(np.maximum(rho * rho - u * u, 0.0))
 
@@ -119,6 +120,7 @@ def sector_angle(
         _positive(reach, "reach"),
         _turn_angle(turn_angle) / 2,
     )
+    # Below rho = R nothing touches: the formulas begin there, and the last line puts in 2 pi.
     ratio = np.maximum(rho / radius, 1.0)
     if definition not in DEFINITIONS:
         raise InputError(Fault("definition", f"is {definition!r}", DEFINITIONS, definition))
@@ -130,6 +132,7 @@ def sector_angle(
             cosine = np.sqrt((ratio - 1.0) * (ratio + 1.0)) / np.tan(half)
         else:
             cosine = (2 * c * ratio - 1.0 - c * c) / np.sin(half) ** 2
+        # A cosine above 1 belongs to a reach at which all directions touch: no sector.
         half_sector = np.arccos(np.clip(cosine, -1.0, 1.0))
     return np.where(rho < radius, 2 * np.pi, 2 * half_sector)
 
@@ -154,6 +157,7 @@ def reach_from_sector(
         np.asarray(sector, float) / 2,
         _turn_angle(turn_angle) / 2,
     )
+    # At rho = R; in units of R the bound is the same for all pipes.
     largest = sector_angle(1.0, 1.0, 2 * half, definition)
     low = half_sector > 0 if definition == "strip" else half_sector >= 0
     wanted = (
@@ -309,6 +313,7 @@ class TurnCase:
         if not 1 <= self.modules <= MOST_MODULES:
             wanted = f"it must be a whole number from 1 to {MOST_MODULES}"
             faults.append(Fault("modules", f"is {self.modules:g}; {wanted}"))
+        # The formulas divide by the sine of half the angle.
         if 0 < self.turn_angle < LEAST_TURN:
             faults.append(Fault("turn_angle", "is too small for a turn"))
         if faults:

@@ -75,6 +75,7 @@ def turn_path(bend_radius: float, turn_angle: float = np.pi / 2, poses: int = 72
     zero = np.zeros(poses)
     inward = np.stack([np.cos(turned), zero, -np.sin(turned)], axis=-1)
     axis = np.stack([np.sin(turned), zero, np.cos(turned)], axis=-1)
+    # The arc touches both axes at bend_radius tan(delta / 2) from where they meet.
     pivot = bend_radius * np.array([1.0, 0.0, -np.tan(turn_angle / 2)])
     return TeePath(pivot - bend_radius * inward, axis, turn_angle)
 
@@ -263,6 +264,7 @@ class _Bores:
         """Distances at which rays enter and leave the branch's half of its cylinder."""
         enter, leave = _through_cylinder(start, direction, self.across_branch)
         height, slope = start @ self.branch, direction @ self.branch
+        # A ray across the branch never crosses its end plane: inside for ever, or never.
         safe = np.where(slope == 0, 1.0, slope)
         crossing = np.where(slope == 0, np.where(height >= 0, -np.inf, np.inf), -height / safe)
         rising = slope >= 0
@@ -286,6 +288,7 @@ class _Bores:
             # q outward) = 0.
             a, b, c = axis @ normal, outward @ normal, centre @ normal
             size = a * a + b * b
+            # Parallel planes have no line in common; 1e-24 is rounding of unit vectors, squared.
             ok = size > 1e-24
             size = np.where(ok, size, 1.0)
             s0, q0, ds, dq = -a * c / size, -b * c / size, -b, a
@@ -295,6 +298,7 @@ class _Bores:
                 met = ok & np.isfinite(t)
                 t = np.where(met, t, 0.0)
                 at = start + t[..., None] * direction
+                # The branch is half a cylinder: what lies behind its end is no edge.
                 met &= at @ self.branch >= 0
                 crossings.append(
                     (np.where(met, s0 + t * ds, np.inf), np.where(met, q0 + t * dq, np.inf))
@@ -310,6 +314,7 @@ def _through_cylinder(start: Array, direction: Array, across: Array) -> tuple[Ar
     """
     sx, sy, dx, dy = start @ across, start[..., 1], direction @ across, direction[..., 1]
     a, b, c = dx * dx + dy * dy, sx * dx + sy * dy, sx * sx + sy * sy - 1.0
+    # A line along the axis has no crossing to solve for: it is inside for ever, or never.
     along = a < 1e-24
     root = np.sqrt(np.maximum(b * b - a * c, 0.0))
     safe = np.where(along, 1.0, a)

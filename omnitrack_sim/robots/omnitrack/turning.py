@@ -69,6 +69,7 @@ def _add_lugs(spec: mujoco.MjSpec, module: mujoco.MjsBody, robot: Robot, number:
     places = lug_places(robot)
     belt = spec.add_tendon(name=f"belt_{number}")
     mass = len(TRACKS) * robot.track_mass / len(places)
+    # The belt's inertia about a lug's axis, in equal shares.
     inertia = belt_inertia(robot) * robot.lug_radius**2 / len(places)
     for index, z in enumerate(places):
         name = f"lug_{number}_{index}"
@@ -82,8 +83,10 @@ def _add_lugs(spec: mujoco.MjSpec, module: mujoco.MjsBody, robot: Robot, number:
             solimp=impedance(*LUG_IMPEDANCE, robot.contact_depth),
             **contact_of_lugs(robot),
         )
+        # The tendon is the mean of the lugs' angles times their radius: the travel of the belt.
         belt.wrap_joint(name, robot.lug_radius / len(places))
         if index:
+            # All lugs follow the first one, so that errors of the ties do not add up along the row.
             tie_joints(spec, robot, f"chain_{name}", name, f"lug_{number}_0")
 
 

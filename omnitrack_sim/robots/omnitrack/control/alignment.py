@@ -248,6 +248,7 @@ def _shortest_roll(
         [
             np.zeros((*error.shape, 1)),
             _safe_borders(error, margin, ratio, turn_limit, period),
+            # The smallest ratio asks for the longest roll: one set of candidates serves all robots.
             _line_borders(roll, clearance, turn_limit / float(ratio.min(initial=np.inf))),
         ],
         axis=-1,
@@ -461,6 +462,8 @@ class Aligner:
         together: list[tuple[int, Manoeuvre]] = [(q, manoeuvre)]
         for p in range(q + 1, len(asked)):
             following = asked[p]
+            # With less room between, a robot that stands before the later fitting is still in the
+            # earlier.
             room = self.robot.length + self.robot.standing_room
             if following is None or self._room_between(p - 1) >= room:
                 break
@@ -480,6 +483,8 @@ class Aligner:
             assert found is not None
             entry = np.array([found.s_enter])
             frame = routes.centreline.frame(entry, routes.route_of[[q]])[0]
+            # The frame is carried along the centreline without twist, as a robot that does not roll
+            # is.
             x, y, _ = routes.directions[q] @ frame
             angles.append(np.arctan2(y, x))
         return float(angles[0] - angles[1])
@@ -492,6 +497,7 @@ class Aligner:
     def begin_leg(self, robot: int, turned: bool, route: int) -> None:
         """A robot drives another way from now on; ``turned``: in the other gear."""
         if turned:
+            # Subtracted, not negated: a roll of 0 must not become a negative zero in the record.
             self.roll[robot] = 0.0 - self.roll[robot, SWAPPED]
             self.roll_target[robot] = -self.roll_target[robot, SWAPPED]
             self._belt_sign[robot] = self._belt_sign[robot, SWAPPED]
@@ -533,6 +539,7 @@ class Aligner:
         due = (self.aligned <= location.passage) & (room <= self.robot.standing_room)
         if not np.count_nonzero(due):
             return Standing(due, ())
+        # An infinite deadline says that nothing has been tried for this fitting yet.
         new = due & np.isinf(self.deadline)
         self.deadline = np.where(new, observation.time + self._patience, self.deadline)
         settled = np.abs(observation.roll - self.roll_target).max(axis=-1) < self._settled
@@ -563,9 +570,11 @@ class Aligner:
         location = observation.location
         theta5 = location.theta5[robots]
         plan = self._cheapest(robots, theta5, location.passage[robots])
+        # All modules roll alike: against each other they would scrub instead of turning the robot.
         self.roll_target[robots] += plan.change[:, None]
         rolls = np.abs(plan.change) > self._settled[robots]
         most = self._most_attempts[robots]
+        # Where no roll is needed, or none helps, no further attempt is worth the time.
         self.attempts[robots] = np.where(rolls, self.attempts[robots] + 1, most)
         rolling = np.abs(plan.change) / self.robot.roll_rate
         self.deadline[robots] = observation.time[robots] + rolling + self._patience[robots]

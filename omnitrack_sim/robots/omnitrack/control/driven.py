@@ -157,6 +157,7 @@ class DrivenController:
         self._steered = np.zeros(n, bool)  # robots that have a heading
         self.by_hand, self._over = np.ones(n, bool), np.zeros(n, bool)
         bore = setup.robot.nominal_bore
+        # Rotation per metre is given for 160 mm and falls as the robot, and so its way, grows.
         self._gain = setup.each("gain") * REFERENCE_BORE / bore
         self._limit = setup.each("rotation_limit") * REFERENCE_BORE / bore
         self._damping = setup.each("damping")
@@ -277,6 +278,7 @@ class DrivenController:
         headings."""
         nose = gear[:, None] * observation.rotation[:, :, 2]
         angle = angle_between(nose, self._heading) * self._steered
+        # The rate is this times the speed: backward, the sign changes so that the nose turns alike.
         size = np.minimum(self._gain * angle, self._limit) * np.sign(gear * self._speed)
         return unit(cross(nose, self._heading)) * size[:, None]
 

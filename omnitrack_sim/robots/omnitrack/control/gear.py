@@ -62,6 +62,7 @@ def _mirrored(values: Array, back: NDArray[np.bool_], how: str) -> Array:
         turned = values * TURNED
     elif how == "behind":
         w, x, y, z = values.T
+        # The quaternion times that of a half turn about x, (0, 1, 0, 0).
         turned = np.stack([-x, w, z, -y], axis=-1)
     elif values.ndim == 1:
         turned = -values

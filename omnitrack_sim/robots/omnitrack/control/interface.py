@@ -55,6 +55,7 @@ class Observation:
 
     def __getattr__(self, name: str) -> Array:
         try:
+            # Kept as an attribute: Python comes here only where there is none yet.
             value = self.__dict__[name] = self.__dict__["_readings"][name]
         except KeyError:
             known = list(self.__dict__.get("_readings", ()))

@@ -138,6 +138,7 @@ class JacobianController:
         self._turn_speed = setup.each("tracking.turn_speed")
         self._damping = {name: setup.each(f"damping.{name}") for name in DampingTable.model_fields}
         time = self._damping["rate_filter"] * setup.robot.time_scale
+        # A low pass of first order by the backward Euler rule, which is stable for any period.
         self._smoothing = (setup.period / (time + setup.period))[:, None]
         self._forward = np.ones(setup.n)
         self.resting = self.resting.copy()  # the last command holds the array
@@ -166,6 +167,8 @@ class JacobianController:
             self.aligner.begin_leg(robot, turned, int(observation.location.route[robot]))
             self.recovery.begin_leg(robot)
             if turned:
+                # The same rotation, in the frame of a robot that drives the other way round from
+                # now on.
                 self.angular_velocity[robot] *= TURNED
 
     def step(self, observation: Observation) -> Command:
@@ -173,6 +176,7 @@ class JacobianController:
         self._follow_legs(observation)
         location, s = observation.location, self.settings
         room = self.routes.nose_room(location, self.robot.length)
+        # Recovery first: it may have the aligner plan anew, in this very step.
         backing, retried = self.recovery.step(observation, self.resting, room, self.aligner)
         standing, rolled = self.aligner.step(observation, room)
         aligning = standing & ~backing

@@ -81,6 +81,7 @@ class Recovery:
 
     def begin_leg(self, rows: int | NDArray[np.intp]) -> None:
         """Forget the progress and the retries of robots ``rows``, which begin a leg."""
+        # Arc length begins elsewhere on another leg: any value is headway.
         self.farthest[rows], self.waiting[rows] = -np.inf, 0.0
         self.backing[rows], self.retries[rows], self.passage[rows] = False, 0, -1
 
@@ -158,6 +159,7 @@ class Recovery:
             aligner.align_inside(hanging, passage)
 
     def _end(self, distance: Array, aligner: Aligner) -> None:
+        # While a robot backs off, ``waiting`` counts the time of that.
         given_up = self.waiting > self._back_off
         start = self.routes.start[self.passage]
         before = start - self.robot.length / 2 - self.robot.standing_room  # m, a retry begins here

@@ -96,6 +96,7 @@ class Tracking:
         """
         axis = rotation[:, :, 2]
         ahead = location.distance[:, None] + direction[:, None] * self.leads  # (n, leads) m
+        # Index 0 is the lookahead point; on a straight stretch all points have its tangent.
         nearest = self._rows * 0
         target = self.routes.straight(ahead[:, 0], ahead[:, -1], location.route)
         if target is None:
@@ -104,6 +105,7 @@ class Tracking:
             target = tangents[self._rows, nearest]
         if np.count_nonzero(centring):
             slope = centring[:, None] * location.aside
+            # On the centreline the slope is 0 and has no direction: nothing to divide by.
             steepness = np.maximum(length(slope), 1e-12)
             share = direction * np.minimum(1.0, self.steepest / steepness)
             back = target - share[:, None] * slope
@@ -113,6 +115,7 @@ class Tracking:
             leans = (lean.most > 0)[:, None]
             target = np.where(leans, unit(target + lean.aside), target)
         angle = angle_between(axis, target)
+        # In proportion to the angle, not to its sine, which would fade beyond 90 degrees.
         wanted = unit(cross(axis, target)) * (direction * self.gain * angle)[:, None]
         if np.count_nonzero(location.curvature):
             # A robot that has turned ahead of the bend goes straight until the bend has caught up.
@@ -145,6 +148,8 @@ def wall_speeds(
     """
     across = dot(wanted[:, None], rotation.transpose(0, 2, 1)[:, :2])  # (n, 2) rad/m about x and y
     omega = across * speed[:, None]
+    # The rate loop (docs/explanation/control.md): between walls that do not hold it, a robot is
+    # turned by its springs as much as by its belts.
     omega = omega + rate_gain[:, None] * (omega - angular_velocity[:, :2])
     speeds = module_speeds(speed, omega[:, 0], omega[:, 1], lever)
     limit = speed_limit[:, None]
@@ -224,6 +229,7 @@ class Sway:
         """Begin anew with robots ``rows``; ``setup`` is that of all robots."""
         self.routes, self.period = setup.routes, setup.period
         each = {name: setup.each(f"{self._path}.{name}") for name in SwayTable.model_fields}
+        # Added across a unit vector, a tangent turns it by the angle.
         self._most = np.tan(np.radians(each["lean_deg"]))  # (n,)
         self._slip, self._slip_range = each["slip"], each["slip_range"]
         self._side[rows], self.by_belts[rows], self.turned[rows] = 1.0, 0.0, 0.0
@@ -259,6 +265,7 @@ class Sway:
         progress = heading / self.routes.turn.take(passage)
         in_robot = dot(normal[:, None], rotation.transpose(0, 2, 1))
         radius = self.routes.radius.take(passage)
+        # The lever is the pipe's radius: tracks act at the wall (docs/explanation/kinematics.md).
         belts = dot(angular_velocity(observation.wall_speed, 0.0, radius), in_robot)
         gyro = dot(observation.angular_velocity, in_robot)
         elapsed = np.where(turning & (progress < SWAY.judged), self.period, 0.0)

@@ -144,6 +144,7 @@ class Decisions:
         base = self._base.step(observation)
         rests = np.zeros(setup.n, bool) if base.resting is None else base.resting
         self._lean(turned, rests)
+        # A base that stands to roll or backs off follows a plan, which no decision may disturb.
         speed = np.where(rests[:, None], base.belt_speed, base.belt_speed + speed)
         speed = np.minimum(np.maximum(speed, -limit), limit)
         roll = setup.roll if base.roll is None else base.roll

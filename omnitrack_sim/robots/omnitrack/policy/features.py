@@ -139,8 +139,10 @@ class Feature:
         if values.shape != (source.setup.n, self.size):
             expected = (source.setup.n, self.size)
             raise ValueError(f"feature {self.name!r} reads {values.shape}, not {expected}")
+        # What is infinite lies beyond the range and ends at its border; only NaN is unknown.
         values = np.nan_to_num(values, nan=0.0, posinf=self.high, neginf=self.low)
         scaled = np.minimum(np.maximum(values, self.low), self.high) / self.scale
+        # Learners compute in single precision: runs hand out the same numbers.
         return scaled.astype(np.float32)
 
 

@@ -79,6 +79,7 @@ def _relu(x: Array) -> Array:
 
 
 def _elu(x: Array) -> Array:
+    # Both sides are computed for all x: without the minimum, expm1 would overflow.
     return np.where(x > 0, x, np.expm1(np.minimum(x, 0.0)))
 
 
@@ -500,6 +501,7 @@ def _arrays(data: bytes) -> dict[str, NDArray]:
             entries = archive.infolist()
             if len(entries) > 2 * MOST_LAYERS + 3:
                 raise ValueError(f"holds {len(entries)} arrays; at most {2 * MOST_LAYERS + 3}")
+            # Before anything is unpacked: a small archive may hold more than the memory.
             if sum(entry.file_size for entry in entries) > MOST_POLICY_BYTES:
                 raise ValueError(f"unpacks to more than {MOST_POLICY_BYTES} bytes")
             return {e.filename.removesuffix(".npy"): _array(archive.read(e)) for e in entries}
@@ -516,6 +518,7 @@ def _array(data: bytes) -> NDArray:
     if version != (1, 0):
         raise ValueError(f"holds an array of format {version}; expected (1, 0)")
     shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+    # An array of objects would be unpickled, which executes what the file says.
     if dtype.kind not in "fu" or dtype.hasobject:
         raise ValueError(f"holds an array of {dtype}, no plain numbers; it is not read")
     if math.prod(shape) * dtype.itemsize != len(data) - file.tell():
