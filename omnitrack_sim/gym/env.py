@@ -221,6 +221,7 @@ class RobotVectorEnv(VectorEnv):
             return
         for robot in np.flatnonzero(mask).tolist():
             if seeds[robot] is not None:
+                # A generator of each robot's own: its episodes do not depend on the others.
                 self._rngs[robot] = seeding.np_random(seeds[robot])[0]
 
     def step(self, actions: Any) -> tuple[Observed, Array, NDArray, NDArray, dict[str, Any]]:
@@ -233,6 +234,7 @@ class RobotVectorEnv(VectorEnv):
         if not episodes.batches or (self._mode is AutoresetMode.DISABLED and over.any()):
             raise gymnasium.error.ResetNeeded("an episode is over; call reset")
         actions = actions_of(actions, (self.num_envs, len(ACTIONS)))
+        # A robot whose episode is over is reset in this step, and its action counts for nothing.
         transition = episodes.advance(np.where(over[:, None], 0.0, actions))
         ended = transition.terminated | transition.truncated
         if self._mode is AutoresetMode.SAME_STEP and ended.any():
@@ -241,7 +243,9 @@ class RobotVectorEnv(VectorEnv):
             info = _ended(episodes.outcomes(), ended) | _terms(transition, ~over)
             if self._mode is AutoresetMode.NEXT_STEP and over.any():
                 episodes.reset(np.flatnonzero(over), self._rngs)
+        # After the resets, so that time and distance are those of the observation.
         info |= _masked(episodes.info(), np.ones(self.num_envs, bool))
+        # In SAME_STEP the next episode has already begun.
         self._over = ended & (self._mode is not AutoresetMode.SAME_STEP)
         return (
             episodes.observe(),
@@ -254,6 +258,7 @@ class RobotVectorEnv(VectorEnv):
     def _follow(self, transition: Transition, ended: NDArray[np.bool_]) -> dict[str, Any]:
         """Begin the episodes after those that have ended in this step, and return ``info`` with the
         last observations of the latter."""
+        # Before the reset: the final observation is of the episode that has ended.
         episodes, rows, last = self._episodes, np.flatnonzero(ended), self._episodes.observe()
         observed = np.full(self.num_envs, None, object)
         for robot in rows.tolist():

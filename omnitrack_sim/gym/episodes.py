@@ -60,6 +60,7 @@ class EpisodeSampler:
         self._options, self.alike = options, options.scenario != RANDOM
         changes: dict[str, Any] = {"sensing.kind": options.senses}
         if options.picture:
+            # Cameras at both ends would take turns: the picture would jump from one to the other.
             changes["sensing.both_ends"] = False
         self._changes = changes | options.changes
         if self.alike:
@@ -79,6 +80,7 @@ class EpisodeSampler:
                 f"changes make sensing.kind {kind!r}; use the option, and leave out the change"
             )
             raise InputError(Fault("sensing", problem))
+        # Raises where a decision is no whole number of control steps, before the first episode.
         steps_of(DECISION_PERIOD, self.example.physics.control_period)
         if options.picture and self.example.sensing.camera != "depth":
             raise InputError(Fault("picture", "is that of the camera 'depth'", ("depth",)))
@@ -90,9 +92,12 @@ class EpisodeSampler:
             path: float(rng.uniform(low, high)) for path, (low, high) in options.drawn.items()
         }
         if options.gravity == "any":
+            # Three normal numbers have no preferred direction.
             direction = rng.normal(size=3)
             direction *= GRAVITY / np.linalg.norm(direction)
             values["world.gravity"] = tuple(direction.tolist())
+        # Sensors draw their errors from the whole scenario: the seed makes those of each episode
+        # new.
         values["seed"] = int(rng.integers(2**63))
         if self.alike:
             return with_values(self._base, values)
@@ -132,7 +137,9 @@ def _changed(
             own[key] = value
     own |= {key: _changed(getattr(table, key), below) for key, below in inner.items()}
     fields = {key: own.get(key, getattr(table, key)) for key in type(table).model_fields}
+    # Not validated: both ends of each range were, and what lies between them is valid, too.
     copy = table.model_construct(_fields_set=set(table.model_fields_set) | set(own), **fields)
+    # A cached property holds what old values gave; only those that no value changes are kept.
     copy.__dict__.update({key: table.__dict__[key] for key in kept if key in table.__dict__})
     return copy
 
@@ -177,6 +184,7 @@ class EpisodeBatch:
         """
         simulation, decisions = self.simulation, self.decisions
         running, tally = simulation.active, Tally(simulation)
+        # Whatever the caller gives for an episode that is over, it must not be refused.
         decisions.decide(np.where(running[:, None], actions, 0.0))
         for _ in range(decisions.hold):
             simulation.step(decisions.command(simulation.observation))
@@ -260,6 +268,7 @@ class Episodes:
         if not self.batches:
             if len(rows) < self.n:
                 raise gymnasium.error.ResetNeeded("the first reset has to be of all robots")
+            # Robots in the same pipes share a batch; other pipes are another model.
             groups = [drawn] if self.sampler.alike else [[scenario] for scenario in drawn]
             self.batches = [EpisodeBatch(group, self._options) for group in groups]
         elif self.sampler.alike:
@@ -304,6 +313,7 @@ class Episodes:
         """The batch of a robot, and its row there."""
         if not self.batches:
             raise gymnasium.error.ResetNeeded("call reset first")
+        # All batches are equally large: one of all robots, or one for each.
         size = self.n // len(self.batches)
         return self.batches[robot // size], robot % size
 

@@ -90,16 +90,17 @@ class EnvOptions(Table):
     @property
     def senses(self) -> str:
         """The scenario's ``sensing.kind``."""
+        # Features of the truth need it; any other set can be had from the robot's own sensors.
         truth = self.sensing or ("truth" if self.observation == "truth" else "onboard")
         return str(truth)
 
     @property
     def drawn(self) -> dict[str, Range]:
         """Least and largest value of what each trial draws, by dotted path."""
-        asked = {**RANGES, **self.ranges}
+        ranges = {**RANGES, **self.ranges}
         return {
             path: value if isinstance(value, tuple) else (value, value)
-            for path, value in asked.items()
+            for path, value in ranges.items()
             if value is not None
         }
 
@@ -155,11 +156,11 @@ def _of_another_type(given: Mapping[str, Any], place: Sequence[str], right: str)
 def _unseen(options: EnvOptions) -> Sequence[Fault]:
     """Features that there are not, or not for these robots."""
     try:
-        asked = {feature.name for feature in options.features}
+        names = {feature.name for feature in options.features}
     except InputError as error:
         return error.faults
-    told = {feature.name for feature in FEATURE_SETS["preview"]}
-    only_true = [name for name in FEATURES if name in asked and name not in told]
+    observable = {feature.name for feature in FEATURE_SETS["preview"]}
+    only_true = [name for name in FEATURES if name in names and name not in observable]
     if options.senses == "truth" or not only_true:
         return []
     problem = f'asks for {", ".join(only_true)}, which are there with sensing = "truth" alone'

@@ -57,6 +57,7 @@ class EpisodeScreen:
     def show(self, lane: EpisodeBatch, robot: int) -> None:
         """Show a robot in the window, not faster than it drives; not any more where the window has
         been closed."""
+        # Not at the top: a window needs GLFW, which pictures do not.
         from omnitrack_sim.show.viewer.window import Window, require_screen
 
         scenario = lane.simulation.scenarios[robot]
@@ -108,6 +109,7 @@ class EpisodeStage(Stage):
         if _is_sound(qpos) or self._live is None:
             self._live = np.nan_to_num(qpos)
             show_belts(self.model, self._live, travel, self._pitch)
+        # The camera is that of the nearest place on the route.
         near = ((self._places - self._live[:3]) ** 2).sum(axis=1).argmin()
         return self.paint(int(near), self._live)
 
@@ -126,6 +128,7 @@ def _along_the_route(scenario: Scenario) -> Result:
     channels["quaternion"] = quaternion_from_matrix(route.centreline.frame(distance))
     channels["distance"], channels["gear"] = distance, np.ones(samples)
     qpos = np.zeros((samples, 7 + _joints(scenario)))
+    # Cameras are set up by the poses alone: the joints may stay at 0.
     qpos[:, :3], qpos[:, 3:7] = channels["position"], channels["quaternion"]
     when = distance / scenario.control.cruise_speed
     trajectory = Trajectory(when - when[0], channels, ("drive",), qpos)

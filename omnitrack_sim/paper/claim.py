@@ -55,7 +55,7 @@ def judged(holds: bool, other_holds: bool = False) -> ClaimVerdict:
 
 
 class Sample(StrEnum):
-    """What the runs of the quick form, which are some of those of the full form, can decide."""
+    """Kind of sample, which says whether the fewer runs of the quick form can decide a claim."""
 
     SAME = "both forms take the same runs"
     EVERY = "it is about every run: one that fails in the quick form fails in the full form, too"
@@ -153,6 +153,7 @@ class Claim:
         """Why the claim does not hold; empty where it does, and of a study."""
         if self.verdict in (ClaimVerdict.HOLDS, ClaimVerdict.STUDY):
             return ""
+        # The reason given is that of the expected verdict and of no other.
         known = self.verdict is self.expected
         return self.why if known else f"Not known; expected was: {self.expected}."
 

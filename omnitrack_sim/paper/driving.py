@@ -16,7 +16,9 @@ def climb(runs: Runs) -> Claim:
     """100 mm/s up a vertical pipe."""
     (result,) = runs["vertical_climb"]
     trajectory = result.trajectory
+    # The first second is the start-up, in which the belts come up to speed.
     steady = trajectory.time > 1.0
+    # The slope of all samples: single lugs shake the robot too much for two of them.
     speed = float(np.polyfit(trajectory.time[steady], trajectory["distance"][steady], 1)[0])
     load = float(trajectory["traction"][steady].sum(axis=-1).mean())
     return Claim(
@@ -66,6 +68,7 @@ def no_motion_line(runs: Runs) -> Claim:
     (result,) = runs["no_motion_line"]
     trajectory = result.trajectory
     moved = float(np.ptp(trajectory["distance"]))
+    # Both tracks of all three modules at once.
     both = float((trajectory["contact_count"] > 0).all(axis=(1, 2)).mean())
     wobble = float(np.degrees(trajectory["tilt"].max()))
     return Claim(
@@ -89,7 +92,9 @@ def no_motion_line(runs: Runs) -> Claim:
 def holonomic(runs: Runs) -> Claim:
     """Alignment from any orientation."""
     results = runs["holonomic"]
+    # Modulo a third of a turn: the modules are alike.
     errors = np.array([abs(wrap_angle(r.trajectory["theta5"][-1], 2 * np.pi / 3)) for r in results])
+    # Safe on either side by Section IV, degrees: half of what a sector of 96.54 leaves of 120.
     margin = 11.73
     within = int((np.degrees(errors) <= margin).sum())
     return Claim(
@@ -113,10 +118,12 @@ def sign_change(runs: Runs) -> Claim:
     trajectory = result.trajectory
     spans = trajectory.phase_spans()
     rolls = [(start, end) for name, start, end in spans if name == "align"]
+    # Alignment may take several rolls: before the first one, and after the last one.
     start, end = rolls[0][0], rolls[-1][1]
     before = float(
         trajectory["belt_speed"][(trajectory.time > 0.5) & (trajectory.time < start)].mean()
     )
+    # Not at once: the belts need a moment to change their direction.
     after_end = (trajectory.time > end + 0.15) & (trajectory.time < end + 0.4)
     after = float(trajectory["belt_speed"][after_end].mean())
     roll = float(np.degrees(trajectory["roll"][after_end].mean()))
@@ -140,10 +147,11 @@ def preload(runs: Runs) -> Claim:
     climbed = np.array([_climbs(r) for r in runs["preload"]]).reshape(
         len(FRICTIONS), len(PRELOAD_FACTORS)
     )
+    # By the law exactly the preloads above the least one climb.
     needed = np.array([f > 1 for f in PRELOAD_FACTORS])
     robot = runs["preload"][0].scenario.robot
     least = ", ".join(f"{least_preload(robot, mu):.1f} N at {mu}" for mu in FRICTIONS)
-    found = [
+    factors = [
         f"{PRELOAD_FACTORS[int(np.argmax(row))]:.2f}" if row.any() else "none" for row in climbed
     ]
     return Claim(
@@ -153,7 +161,7 @@ def preload(runs: Runs) -> Claim:
         statement=(
             "climbs if and only if the preload is over m g / (3 mu), within 5 %, at three frictions"
         ),
-        measured=f"least factor that climbs: {', '.join(found)}; law: {least}",
+        measured=f"least factor that climbs: {', '.join(factors)}; law: {least}",
         uncertainty=f"preloads of {', '.join(str(f) for f in PRELOAD_FACTORS)} times the law's",
         verdict=judged((climbed == needed).all()),
         expected=ClaimVerdict.HOLDS,
@@ -164,6 +172,7 @@ def preload(runs: Runs) -> Claim:
 def _climbs(result: Result) -> bool:
     """True if the robot gains at least 50 mm in the last second, half of its cruise speed."""
     late = result.trajectory.time > result.trajectory.time[-1] - 1.0
+    # Sliding down is travel, too: the sign tells it from a climb.
     gained = np.ptp(result.trajectory["distance"][late]) * np.sign(
         result.trajectory["distance"][-1] - result.trajectory["distance"][late][0]
     )
@@ -172,12 +181,13 @@ def _climbs(result: Result) -> bool:
 
 def motors(runs: Runs) -> Claim:
     """Load and stall with the published motor."""
-    told, stalled = [], []
+    loads, stalled = [], []
     for result in runs["pololu"]:
         limit = result.scenario.robot.motor.torque_limit
+        # A high quantile in place of the maximum: short peaks of single contacts are not its load.
         steady = np.quantile(np.abs(result.trajectory["motor_torque"]), 0.9, axis=0).max()
         stall = max(result.metrics["stall_time_s"])  # type: ignore[arg-type]
-        told.append(
+        loads.append(
             f"{result.scenario.name} {steady / limit:.2f} ({stall:.1f} s stalled, "
             f"{result.outcome.value})"
         )
@@ -193,8 +203,9 @@ def motors(runs: Runs) -> Claim:
             "with the published motor no module stalls in the climb, and one does in at least one "
             "elbow or tee"
         ),
-        measured="torque (90 % quantile of the largest module) over the limit: " + "; ".join(told),
+        measured="torque (90 % quantile of the largest module) over the limit: " + "; ".join(loads),
         uncertainty="one run each",
+        # The first run is the climb.
         verdict=judged(stalled[0] == 0 and max(stalled[1:]) > 0),
         expected=ClaimVerdict.HOLDS,
         how=(

@@ -95,6 +95,7 @@ def short_elbow(runs: Runs) -> Claim:
 def preferred(runs: Runs) -> Claim:
     """One module on the innermost curve is smoother than two."""
     by_angle = {round(r.scenario.start.theta5_deg): r for r in runs["elbow_90_paper"]}
+    # -60 and 60 degrees are the same orientation, a third of a turn apart.
     best, worst = by_angle[0], by_angle[-60]
     slips = [1e3 * slip_of(r) for r in (best, worst)]
     tilts = [largest(r, "tilt_max_deg") for r in (best, worst)]
@@ -135,6 +136,7 @@ def differential(runs: Runs) -> Claim:
         f"{name} {slip['240', kind]:.0f} and {slip['90', kind]:.0f} mm"
         for kind, name in names.items()
     )
+    # In each elbow by itself: the one with more slip would decide a sum.
     less = all(slip[radius, "differential"] < slip[radius, "equal"] for radius in ("240", "90"))
     return Claim(
         id="differential_slips_less",

@@ -63,6 +63,7 @@ def scenarios(quick: bool) -> dict[str, list[Scenario]]:
 def _elbows_and_tees(quick: bool) -> dict[str, list[Scenario]]:
     """Turns over the start orientation, random tee turns, and straight over a tee."""
     tee, trials = load_scenario("tee_turn"), 24 if quick else 200
+    # A third of a turn holds all orientations: the modules are alike.
     turn = np.arange(-60, 60, 10 if quick else 2)
     lists = {
         f"map_{kind}": _orientations(tee, turn, _UNAIDED | {"control.kind": kind})
@@ -78,6 +79,7 @@ def _elbows_and_tees(quick: bool) -> dict[str, list[Scenario]]:
         lists[f"straight_over_{state}"] = [
             override(base, {"world.gravity": list(g)}) for g in GRAVITIES.values()
         ]
+    # The hardest case: the inner module slips, and the weight carries the robot past the branch.
     downward = {"world.gravity": [0.0, 0.0, 9.81], "world.friction": 0.65, "control.retry": False}
     lists["slippery_downward"] = [override(tee, downward)]
     return lists
@@ -91,6 +93,7 @@ def _elbows(theta5_deg: np.ndarray) -> dict[str, list[Scenario]]:
         for kind, changes in ELBOW_DRIVES.items()
     }
     half = Robot().length / 2  # from the head to the centre, m
+    # Eq. 20 begun with the robot's centre at the bend, to show why it fails with the head there.
     late = _UNAIDED | {"control.kind": "paper", "control.parameters.elbow_delay": half}
     lists["elbow_240_paper_late"] = _orientations(load_scenario("elbow"), theta5_deg, late)
     return lists
@@ -133,6 +136,7 @@ def random_tee_turns(
 
     Start orientation and friction are uniform, gravity is one of ``GRAVITIES``.
     """
+    # One generator for all trials, in this order of draws: other lists would be other trials.
     rng = np.random.default_rng(SEED)
     base, gravities = (
         override(load_scenario("tee_turn"), dict(changes or {})),
@@ -170,6 +174,7 @@ def _preloads(base: Scenario) -> list[Scenario]:
             {
                 "world.friction": friction,
                 "robot.preload": factor * least_preload(base.robot, friction),
+                # Enough for a start-up and the second in which the climb is judged.
                 "run.time_limit": 3.0,
             },
         )

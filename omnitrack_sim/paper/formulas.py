@@ -35,6 +35,7 @@ def mean_speed(runs: Runs) -> Claim:
     steady = trajectory.time > 1.0
     mean = float(trajectory["wall_speed"][steady].mean())
     climbed = float(np.polyfit(trajectory.time[steady], trajectory["distance"][steady], 1)[0])
+    # Unequal speeds and a turn about the axis: with equal arms nothing may be left across it.
     across = float(
         np.abs(mean_velocity([0.1, 0.12, 0.08], 0.6, np.full(3, Robot().module_distance))[:2]).max()
     )
@@ -58,12 +59,14 @@ def unequal_arms(runs: Runs) -> Claim:
     spreads, arms = {}, {}
     for name in ("rolling_upright", "rolling_flat"):
         trajectory = runs[name][0].trajectory
+        # All modules are asked for the same roll, and it changes: they roll together.
         rolling = np.ptp(trajectory["roll_command"], axis=-1) < 1e-9
         rolling &= np.gradient(trajectory["roll_command"][:, 0]) != 0
         spreads[name] = float(np.ptp(trajectory["normal_force"][rolling], axis=-1).mean())
         arms[name] = trajectory["slide"][rolling]
     robot = runs["rolling_flat"][0].scenario.robot
     lengths = robot.module_distance + arms["rolling_flat"]
+    # Modules that roll on the inside of the pipe turn the robot by r / R of their roll.
     rate = robot.roll_rate * robot.lug_radius / robot.nominal_pipe_radius
     scrub = float(
         np.linalg.norm(cross_velocity(np.full(len(lengths), rate), lengths), axis=-1).mean()
@@ -94,6 +97,7 @@ def lever_of(results: list[Result]) -> tuple[float, float]:
     for slipping in (True, False):
         asked, turned = zip(*(_rotations(r, slipping) for r in results), strict=True)
         w, omega = np.concatenate(asked), np.concatenate(turned)
+        # Least squares: the lever l for which w / l comes nearest to omega.
         found.append(float((w * w).sum() / (w * omega).sum()))
     return found[0], found[1]
 
@@ -108,15 +112,18 @@ def _rotations(result: Result, slipping: bool) -> tuple[Array, Array]:
     rotation, k = matrix_from_quaternion(trajectory["quaternion"]), _WINDOW
     relative = np.einsum("tji,tjk->tik", rotation[:-k], rotation[k:])
     span = (trajectory.time[k:] - trajectory.time[:-k])[:, None]
+    # The antisymmetric part of a small rotation is its rotation vector.
     omega = (
         np.stack([relative[:, 2, 1] - relative[:, 1, 2], relative[:, 0, 2] - relative[:, 2, 0]], -1)
         / 2
         / span
     )
     speeds = trajectory["wall_speed"] - (0.0 if slipping else trajectory["slip_velocity"])
+    # Differences of a running sum are means over the same windows as omega's.
     total = np.cumsum(speeds, axis=0)
     mean = (total[k:] - total[:-k]) / k
     by_jacobian = angular_velocity(mean, np.zeros(len(mean)), 1.0)[:, :2]
+    # Where the robot hardly turns, the ratio of both rotations is noise.
     turning = np.linalg.norm(omega, axis=-1) > _TURNING
     return by_jacobian[turning], omega[turning]
 
@@ -127,6 +134,7 @@ def jacobian(runs: Runs) -> Claim:
     robot = results[0].scenario.robot
     centre, wall = robot.module_distance, robot.nominal_pipe_radius
     lever, less_slip = lever_of(results)
+    # At most half way between both levers, so that the verdict cannot be for both.
     near = abs(wall - centre) / 2
     return Claim(
         id="eq18_jacobian",

@@ -81,6 +81,7 @@ class PaperController:
         self.mark = np.array([np.inf if p is None else p.mark for p in passages])
         way = routes.route_of
         longest = routes.lengths[way]
+        # A passage without a bend has no finite start and end; tangents are looked up on the route.
         start, end = np.clip(routes.start, 0, longest), np.clip(routes.end, 0, longest)
         self.way_in = routes.centreline.at(start, way)[1]  # (Q, 3) tangents before the turns
         self.way_out = routes.centreline.at(end, way)[1]  # (Q, 3) and behind them
@@ -93,6 +94,7 @@ class PaperController:
             self.aligner.learn()
         for robot, shift in self._legs.extended:
             self.aligner.extend_leg(robot, shift)
+            # -1, which stands for no passage, has to stay.
             self.turning[robot] += shift * (self.turning[robot] >= 0)
             self.turned[robot] += shift * (self.turned[robot] >= 0)
         for robot, turned in changes:
@@ -120,6 +122,7 @@ class PaperController:
 
     def _mark(self, location: Location, axis: Array, resting: NDArray[np.bool_]) -> None:
         """Begin turns whose mark the head has passed, end those that are complete."""
+        # The paper's marks are passed by the head, half a length before the centre.
         head = location.distance + self.robot.length / 2
         new = (self.turning < 0) & (location.passage > self.turned)
         new &= self.routes.is_turn[location.passage]
@@ -132,6 +135,7 @@ class PaperController:
             self.turn_speeds = np.where(begins[:, None], speeds, self.turn_speeds)
         way_in, way_out = self.way_in[self.turning], self.way_out[self.turning]
         about = unit(cross(way_in, way_out))  # the bend's axis
+        # Signed about the bend's axis: a turn that has gone too far is complete, too.
         turned = np.arctan2(dot(cross(way_in, axis), about), dot(way_in, axis))
         left = angle_between(way_in, way_out) - turned
         past = location.passage > self.turning
@@ -145,6 +149,7 @@ class PaperController:
         bend_radius = np.nan_to_num(self.routes.bend_radius[location.passage], nan=1.0)
         radius = self.routes.radius[location.passage]
         elbow = elbow_speeds(speed, location.theta5, bend_radius, radius)
+        # The modules of the half that faces the branch, one or two of them.
         inner: NDArray[np.bool_] = np.cos(location.theta5[:, None] + np.array(MODULE_ANGLES)) > 0
         tee = np.where(inner, -1.0, 1.0) * speed[:, None]
         return np.where((self.kind[location.passage] == ELBOW)[:, None], elbow, tee)

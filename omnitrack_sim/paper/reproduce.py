@@ -114,12 +114,14 @@ def reproduce(
     Raises:
         OutputError: ``directory`` holds something else, or cannot be written.
     """
+    # Before the runs, which take long: a folder that may not be replaced is refused at once.
     check_folder(directory, CLAIMS_FILE)
     lists = scenarios(quick)
     runs = run_all(lists, progress)
     claims = measure(runs, quick)
     provenance = _provenance(runs, quick)
     rows = {"provenance": provenance, "claims": [claim.row() for claim in claims]}
+    # Before anything is drawn: a figure that fails must not cost the claims.
     with whole_folder(directory, CLAIMS_FILE) as folder:
         (folder / FIGURES).mkdir()
         (folder / CLAIMS_FILE).write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
@@ -150,11 +152,11 @@ def _draw(figures: _Figures, folder: Path, format: str) -> tuple[list[ReportFigu
 
 def measure(runs: Runs, quick: bool) -> list[Claim]:
     """All claims, from the runs of the quick or of the full form."""
-    found: list[Claim] = []
+    claims: list[Claim] = []
     for function in MEASURES:
         claim = function(runs)
-        found.extend(claim if isinstance(claim, list) else [claim])
-    return [replace(claim, quick=quick) for claim in found]
+        claims.extend(claim if isinstance(claim, list) else [claim])
+    return [replace(claim, quick=quick) for claim in claims]
 
 
 def figures(runs: Runs) -> _Figures:
@@ -191,6 +193,7 @@ def _success_figures(runs: Runs) -> _Figures:
     passed = {
         kind: np.array([r.success for r in runs[f"map_{kind}"]]) for kind in ("jacobian", "paper")
     }
+    # Safe on either side in the exact geometry, as ``safe_margin`` is by the formula.
     margin = float(np.degrees((2 * np.pi / 3 - case.real_sector) / 2))
     groups = [
         (label, sum(r.success for r in runs[name]), len(runs[name]))
@@ -284,6 +287,7 @@ def _by_friction(results: Sequence[Result], step: float = 0.05) -> list[tuple[st
     """Label, passed and total by range of friction."""
     bins: dict[int, list[bool]] = {}
     for result in results:
+        # 1e-9: a friction on a border must not fall below it by rounding.
         bins.setdefault(int(result.scenario.world.friction / step + 1e-9), []).append(
             result.success
         )
@@ -431,8 +435,8 @@ def page(
         provenance: versions, commit, platform, runs.
         remarks: sentences below the title.
     """
-    told = [*remarks, *(f"{c.difference}." for c in claims if c.difference)]
-    head = "".join(f'<p class="lead">{_text(r)}</p>' for r in told)
+    sentences = [*remarks, *(f"{c.difference}." for c in claims if c.difference)]
+    head = "".join(f'<p class="lead">{_text(r)}</p>' for r in sentences)
     counts = "".join(f"<div><b>{n}</b>{verdict}</div>" for verdict, n in tally(claims).items())
     body = [
         "<h1>Omnidirectional Tractable Three Module Robot, reproduced</h1>",
@@ -482,11 +486,11 @@ def _small(text: str) -> str:
 
 
 def _article(claim: Claim) -> str:
-    asked = "asked" if claim.verdict is ClaimVerdict.STUDY else "true if"
+    question = "asked" if claim.verdict is ClaimVerdict.STUDY else "true if"
     rows = (
         ("source", claim.source),
         ("paper", claim.paper),
-        (asked, claim.statement),
+        (question, claim.statement),
         ("measured", claim.measured),
         ("how sure", claim.uncertainty),
         ("expected", claim.expected),

@@ -17,6 +17,7 @@ def compression(runs: Runs) -> Claim:
     """Front and rear springs differ in turns."""
     turn = max(largest(r, "pitch_max_deg") for r in runs["tee_turn_misaligned"])
     straight = max(largest(r, "pitch_max_deg") for r in runs["vertical_climb"])
+    # Both springs of an arm differ by the spacing of the shafts times the sine of its pitch.
     spacing = runs["vertical_climb"][0].scenario.robot.shaft_spacing
     return Claim(
         id="asymmetrical_compression",
@@ -92,6 +93,7 @@ def towards_worst(runs: Runs) -> Claim:
     results = runs["map_jacobian"]
     off = np.array([abs(r.scenario.start.theta5_deg) for r in results])
     passed = np.array([r.success for r in results])
+    # Half way from the best orientation, at 0, to the worst, at 60 degrees.
     near, far = passed[off <= 30].mean(), passed[off > 30].mean()
     return Claim(
         id="tee_worse_towards_60",
@@ -135,6 +137,7 @@ def falls_into_place(runs: Runs) -> Claim:
 
 
 def _contacts_at_end(result: Result) -> int:
+    # Over five samples: a row of lugs may leave the wall for a single one.
     return int((result.trajectory["normal_force"][-5:].mean(axis=0) > 1.0).sum())
 
 
@@ -163,6 +166,7 @@ def slippery(runs: Runs) -> Claim:
     results = runs["slippery"]
     text = rate(results)[2]
     failed = [r for r in results if not r.success]
+    # The run leads along +z, so there gravity pulls the robot forward.
     down = sum(r.scenario.world.gravity[2] > 0 for r in failed)
     lowest = max((r.scenario.world.friction for r in failed), default=float("nan"))
     return Claim(
@@ -248,6 +252,7 @@ def straight_over(runs: Runs) -> Claim:
 
 def _tilt_over_opening(result: Result) -> float:
     """Largest tilt, degrees, while the robot passes the opening."""
+    # Tilt elsewhere, such as of the start, is not that of the opening.
     over = result.trajectory["phase"] == result.trajectory.phases.index("tee_straight")
     return float(np.degrees(result.trajectory["tilt"][over].max(initial=0.0)))
 
@@ -257,7 +262,9 @@ def as_written(runs: Runs) -> Claim:
     (result,) = runs["tee_turn_as_written"]
     trajectory = result.trajectory
     turning = trajectory["phase"] == trajectory.phases.index("tee_turn")
+    # As the turn begins, which is when the controller reads it.
     theta5 = trajectory["theta5"][turning][0]
+    # The module that points most nearly into the turn.
     inner = int(np.argmax(np.cos(theta5 + np.array(MODULE_ANGLES))))
     shaft = trajectory["wall_speed"][turning].mean(axis=0) / result.scenario.robot.lug_radius
     outer = np.delete(shaft, inner)

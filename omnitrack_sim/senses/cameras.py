@@ -125,6 +125,7 @@ class HeadlightCamera:
 
     def __init__(self, table: HeadlightTable) -> None:
         self.optics, self._table = table, table
+        # The ray of the corner is the farthest from the axis: there vignetting is in full.
         self._corner = max(1 - float(np.min(rays_of(table)[:, 2])), 1e-9)
         self.lamp = np.array([table.lamp_aside, 0.0, 0.0])
 

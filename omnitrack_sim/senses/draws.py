@@ -48,7 +48,7 @@ def uniform(
 
 @functools.lru_cache(4096)
 def _stream(name: str, draw: int) -> int:
-    """What all robots' draws of one name and number begin with."""
+    """Stream number that the draws of one name and number have in common."""
     return int.from_bytes(hashlib.sha256(f"{name} {draw}".encode()).digest()[:8], "little")
 
 

@@ -1,4 +1,4 @@
-"""What a camera is, and how cameras stand at both ends of robots among pipes."""
+"""Interface of cameras, and cameras at both ends of robots among pipes."""
 
 from __future__ import annotations
 
@@ -117,9 +117,9 @@ class Camera(Protocol):
         ...
 
     def slopes(self, hits: Array, rays: Array, rotation: Array) -> Array | None:
-        """How the expected picture changes with the camera's pose, (n, k, 6): for each metre along
-        the world's axes, and each rad about the camera's own; None where this has to be found from
-        pictures of neighbouring poses."""
+        """Jacobian (n, k, 6) of the expected picture: for each metre along the world's axes, and
+        each rad about the camera's own; None where it has to be found from pictures of neighbouring
+        poses."""
         ...
 
 

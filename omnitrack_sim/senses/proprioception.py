@@ -1,4 +1,4 @@
-"""What n robots feel of themselves: encoders, arms, currents, gyro and accelerometer."""
+"""Proprioception of n robots: encoders, arms, currents, gyro and accelerometer."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ class Proprioception:
         return counted - before
 
     def _turned(self, rotation: Array, walk: Array, noise: Array) -> Array:
-        """What the gyro adds up over the period, rad; ``walk`` and ``noise`` (n, 3): draws."""
+        """Rotation by the gyro over the period, rad; ``walk`` and ``noise`` (n, 3): draws."""
         imu, period = self._table.imu, self._period
         true = rotation_vector(np.swapaxes(self._rotation, 1, 2) @ rotation)
         self._bias = self._bias + np.radians(imu.gyro_walk_deg) * np.sqrt(period) * walk

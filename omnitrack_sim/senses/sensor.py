@@ -43,7 +43,7 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Addresses:
-    """Where the parts of the robot are in MuJoCo's arrays; modules first, then tracks.
+    """Addresses of the robot's parts in MuJoCo's arrays; modules first, then tracks.
 
     Attributes:
         slide, pitch, roll: (3,) in ``qpos``.
@@ -83,7 +83,7 @@ in memory."""
 
 
 class State(dict[str, Array]):
-    """What the physics knows of n robots at one moment. Sensors read it, and each other by name.
+    """State of the physics of n robots at one moment. Sensors read it, and each other by name.
 
     ``state["motor_torque"]`` is the value of that sensor at this moment. It is computed when it is
     first asked for, and once however often; a state stays what it was when the physics has moved

@@ -165,7 +165,7 @@ def camera_of(table: SensingTable) -> Camera:
     Raises:
         InputError: there is no such camera.
     """
-    found = named(table.camera, "sensing.camera", CAMERAS)
+    camera = named(table.camera, "sensing.camera", CAMERAS)
     if table.camera in CAMERAS:
-        return found(getattr(table, table.camera))
-    return found(found.Table(**table.camera_parameters))
+        return camera(getattr(table, table.camera))
+    return camera(camera.Table(**table.camera_parameters))

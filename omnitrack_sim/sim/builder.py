@@ -37,7 +37,7 @@ EACH: Mapping[str, str] = {
     "parameters": "control.parameters",
     "time_limit": "run.time_limit",
 }
-"""What the builder takes of every scenario of a batch on its own, by name and dotted path."""
+"""Values that may differ between the scenarios of a batch, by name and dotted path."""
 CARRIED = (
     "name",
     "seed",
@@ -47,11 +47,11 @@ CARRIED = (
     "mission.goals",
     "mission.avoid",
 )
-"""What a scenario brings to its own legs and result without the batch knowing."""
+"""Keys that may differ within a batch but do not affect stepping."""
 
 
 def batch_key(data: Mapping[str, Any]) -> str:
-    """What scenarios must share to run in one batch: all that is not taken from each on its own.
+    """Return the text that scenarios of one batch have in common: all values but each one's own.
 
     Args:
         data: a scenario as plain data with every key. It need not be valid, and no route is built.
@@ -70,7 +70,7 @@ def batch_key(data: Mapping[str, Any]) -> str:
 
 @functools.cache
 def is_shared(path: str) -> bool:
-    """Whether a value at a dotted path is among those that the scenarios of a batch share."""
+    """Return True if the scenarios of a batch share the value at a dotted path."""
     return not any(f"{path}.".startswith(f"{own}.") for own in (*EACH.values(), *CARRIED))
 
 
@@ -141,8 +141,7 @@ def settings_of(
 
 
 def _speed_note(scenario: Scenario, most: float, factor: float) -> str | None:
-    """What keeps a robot from its cruise speed, and which key would raise it; None where nothing
-    does.
+    """Cause that keeps a robot from its cruise speed, and the key that would raise it, or None.
 
     Args:
         scenario: of the robot.

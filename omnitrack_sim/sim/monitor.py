@@ -20,7 +20,7 @@ NORMAL_FORCE, SLIP_RATIO, SATURATED, BELT_SPEED, BELT_COMMAND, ROLL_COSINE = ran
 
 
 class Verdict(NamedTuple):
-    """What the monitor finds of one robot: an outcome, or None where it makes no headway."""
+    """Judgement of one robot: an outcome, or None where it makes no headway."""
 
     robot: int
     outcome: Outcome | None
@@ -113,7 +113,7 @@ class Monitor:
         waiting = (self._waiting + self.period) * ~headway
         self._waiting = np.where(robots, waiting, self._waiting)
         hanging = (self._waiting > self._patience) | (distance < self._farthest - self._slide_back)
-        found = (
+        judgements = (
             (diverged, Outcome.DIVERGED),
             (arrived, Outcome.REACHED_GOAL),
             (self.outside(location), Outcome.LEFT_PIPE),
@@ -122,13 +122,13 @@ class Monitor:
         )
         return [
             Verdict(robot, outcome)
-            for flags, outcome in found
+            for flags, outcome in judgements
             if np.count_nonzero(flags)
             for robot in np.flatnonzero(flags & robots).tolist()
         ]
 
     def outside(self, location: Location) -> NDArray[np.bool_]:
-        """Which robots (n,) have left their route."""
+        """Return the robots (n,) that have left their route."""
         routes = self.routes
         if self._version != routes.version:
             self._version = routes.version
@@ -171,7 +171,7 @@ class Monitor:
         self._mean += weight * (sample - self._mean)
 
     def cause(self, robot: int, location: Location) -> Outcome:
-        """Why a robot makes no headway."""
+        """Return the cause for which a robot makes no headway."""
         mean, limits, passage = self._mean[robot], self.limits, int(location.passage[robot])
         running = limits.stalled_speed * mean[BELT_COMMAND]
         # At its limit and slower than asked: a motor that only works hard is not stalled.
@@ -193,7 +193,7 @@ class Monitor:
         return Outcome.STUCK
 
     def reason(self, robot: int, location: Location, goal: float, time: float) -> str:
-        """Where a robot's run ended, and what was measured there, in words.
+        """Describe the end of a robot's run: its location, and the measurements there.
 
         ``goal`` is where the leg at hand is over, m, and ``time`` how long the run took, s.
         """

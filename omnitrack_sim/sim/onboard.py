@@ -45,7 +45,7 @@ from omnitrack_sim.walls.rays import RayWalls
 
 @dataclass(frozen=True)
 class RelocalisationSettings:
-    """When and where robots compare other poses than their own with a picture. Chosen so that a
+    """Poses beside its own that a robot compares with a picture, and times. Chosen so that a
     robot that has slipped in a tee is found again; none is sharp."""
 
     reach: float = 1.0
@@ -223,12 +223,12 @@ class Onboard:
         distance = np.clip(distance, 0.0, longest)
         places, frames = [], []
         for turn in np.arange(SETTINGS.turns) * 2 * np.pi / SETTINGS.turns:
-            found, frame = routes.poses(route, distance.ravel(), np.full(len(route), turn))
-            places.append(found.reshape(len(robots), -1, 3))
+            points, frame = routes.poses(route, distance.ravel(), np.full(len(route), turn))
+            places.append(points.reshape(len(robots), -1, 3))
             frames.append(frame.reshape(len(robots), -1, 3, 3))
         frame = heading(np.concatenate(frames, axis=1), gear[robots][:, None])
-        found = localiser.seek(robots, shot, np.concatenate(places, axis=1), frame)
-        self._relocated = robots[found].tolist()
+        relocated = localiser.seek(robots, shot, np.concatenate(places, axis=1), frame)
+        self._relocated = robots[relocated].tolist()
 
     def locate(self, truth: Location) -> None:
         """See ``Senses``: the location on the route of the estimate, with its standard
@@ -418,7 +418,7 @@ def _at_rest(state: State) -> Felt:
 
 
 def _table(scenario: Scenario) -> SensingTable:
-    """What robots know of themselves. The frame of a map that a robot makes begins where it stands:
+    """Return ``[sensing]``. The frame of a map that a robot makes begins where it stands:
     it knows its place by definition."""
     table = scenario.sensing
     if scenario.exploration is None:
@@ -428,7 +428,7 @@ def _table(scenario: Scenario) -> SensingTable:
 
 
 def _true_walls(scenario: Scenario) -> RayWalls:
-    """The pipes as they are."""
+    """Return the walls of the true pipes."""
     parts, plates = scenario.route.network.parts, scenario.plates
     if scenario.exploration is not None:
         parts, plates = scenario.exploration.in_sight()
@@ -436,8 +436,7 @@ def _true_walls(scenario: Scenario) -> RayWalls:
 
 
 def _drawn_from(scenario: Scenario) -> str:
-    """What a robot's random numbers are drawn from: its scenario, but for whether its pictures are
-    recorded."""
+    """Key of a robot's random numbers: its scenario, apart from the recording of pictures."""
     text = scenario.model_dump_json(exclude={"record": {"pictures"}})
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -472,7 +471,7 @@ class OwnMaps:
             self._renew(robot)
 
     def _renew(self, robot: int) -> bool:
-        """Compare pictures with a robot's map as it is now; whether it has changed."""
+        """Compare pictures with a robot's map as it is now; return True if it has changed."""
         belief = self._legs.pilots[robot].belief
         if belief is None or belief.network is self._networks[robot]:
             return False
@@ -527,6 +526,6 @@ class OwnMaps:
 
 
 def _bent(old: Sequence[Part], new: Sequence[Part]) -> bool:
-    """Whether a fitting other than a plain straight has another form than it had."""
+    """Return True if a fitting other than a plain straight has changed its form."""
     both = zip(old, new, strict=False)
     return any(a.fitting != b.fitting and not a.fitting.is_plain for a, b in both)

@@ -30,7 +30,7 @@ BOTH_TRACKS_COSINE = 0.5
 wall is left out."""
 
 SEATING_ROOM = 0.1
-"""How far an arm is moved at most before the first step, in radii of a lug."""
+"""Largest movement of an arm before the first step, in radii of a lug."""
 SEATING_HALVINGS = 20
 """Halvings of that room: a lug of 28 mm is placed to 5 nm. Much finer, rounding would decide, and
 robots of different sizes would not start alike."""
@@ -38,7 +38,7 @@ robots of different sizes would not start alike."""
 
 @dataclass(frozen=True)
 class Start:
-    """What differs between the n robots of one batch, as the physics has to know it.
+    """Start values and physical constants that differ between the n robots of one batch.
 
     Attributes:
         position, quaternion: (n, 3) m and (n, 4), start pose of the robot in the world.
@@ -60,7 +60,7 @@ class Start:
 
 
 def _sleeps(model: mujoco.MjModel) -> bool:
-    """Whether MuJoCo passes over what never moves; it then needs an MjData a simulation."""
+    """Return True if MuJoCo passes over what never moves; each robot then needs an MjData."""
     return bool(model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP)
 
 
@@ -281,9 +281,9 @@ class Plant:
 def _slice(indices: NDArray[np.intp]) -> slice:
     """Equally spaced addresses as a slice, through which NumPy writes faster."""
     step = int(indices[1] - indices[0]) if len(indices) > 1 else 1
-    found = slice(int(indices[0]), int(indices[-1]) + 1, step)
-    assert np.array_equal(np.arange(found.stop)[found], indices)
-    return found
+    addresses = slice(int(indices[0]), int(indices[-1]) + 1, step)
+    assert np.array_equal(np.arange(addresses.stop)[addresses], indices)
+    return addresses
 
 
 def _addresses(model: mujoco.MjModel) -> Addresses:

@@ -1,4 +1,4 @@
-"""What controllers and pilots receive of n robots: ``Senses``, and the ground truth as such."""
+"""Observations for controllers and pilots of n robots: ``Senses``, and the ground truth."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from omnitrack_sim.sim.legs import Legs
 
 
 class Senses(Protocol):
-    """What controllers and pilots receive of n robots; the plant, the monitor and all metrics know
-    the truth.
+    """Observations for controllers and pilots of n robots; the plant, the monitor and all metrics
+    know the truth.
 
     A class of a user's own takes the three arguments of ``MakeSenses``. It may inherit from
     ``Truth`` and change what ``readings`` and ``location`` hold, such as by adding noise.

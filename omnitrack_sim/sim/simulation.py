@@ -50,7 +50,7 @@ REPORT_EVERY = 50
 
 @dataclass(frozen=True)
 class Ending:
-    """How one robot's run ended."""
+    """Outcome of one robot's run, and the reason."""
 
     outcome: Outcome
     reason: str
@@ -244,20 +244,20 @@ class Simulation:
 
     @property
     def observation(self) -> Observation:
-        """What the robots measure now, as their controllers see it."""
+        """Measurements of the robots now, as their controllers receive them."""
         gear, senses = self.legs.gear, self.senses
         readings = seen(senses.readings, gear, senses.channels)
         return Observation(readings, senses.location, self.legs.number, gear)
 
     @property
     def readings(self) -> Mapping[str, Array]:
-        """What is true of the robots now, each in its own frame whatever its gear, by the names of
-        the channels."""
+        """True values of all channels now, by name, each robot in its own frame whatever its
+        gear."""
         return self._readings
 
     @property
     def location(self) -> Location:
-        """Where the robots truly are along their routes."""
+        """True locations of the robots along their routes."""
         return self._location
 
     @property
@@ -365,8 +365,8 @@ class Simulation:
             self._record()
 
     def _verdicts(self, robots: NDArray[np.bool_]) -> list[Verdict]:
-        """What the monitor finds of ``robots`` (n,), who has given up, and whom the controller has
-        stopped, in the order in which they count."""
+        """Verdicts on ``robots`` (n,) by the monitor, by their search, and by the controller, in
+        the order in which they count."""
         location = self.senses.location
         arrived = location.distance >= self.legs.end
         resting, diverged = self._resting, self.plant.diverged
@@ -410,7 +410,7 @@ class Simulation:
         self._locate_again(sent)
 
     def _decision(self, robot: int, outcome: Outcome | None) -> Decision:
-        """What a robot's pilot decides on a verdict."""
+        """Return the decision of a robot's pilot on a verdict."""
         pilot, senses, time = self.legs.pilots[robot], self.senses, float(self.time[robot])
         if outcome is Outcome.LEFT_PIPE:
             position, rotation = (senses.readings[k][robot] for k in ("position", "rotation"))

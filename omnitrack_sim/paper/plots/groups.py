@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from omnitrack_sim.results.result import Result
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 SERIES_COLOURS = ("#2f6db3", "#d1591f", "#1c9a72", "#a8478f", "#22262b", "#b8901c")
@@ -64,6 +61,7 @@ def _from_zero(axis: Axes) -> None:
 
 def _series(axis: Axes, k: int, runs: Sequence[Result], value: Callable[[Result], float]) -> None:
     """Draw one line of ``elbow_figure``, in the order of theta5."""
+    # The line joins neighbours in theta5, whatever the order of the runs.
     ordered = sorted(runs, key=lambda run: run.scenario.start.theta5_deg)
     colour, marker = SERIES_COLOURS[k % len(SERIES_COLOURS)], _MARKERS[k % len(_MARKERS)]
     theta5 = [run.scenario.start.theta5_deg for run in ordered]
@@ -152,11 +150,13 @@ def _bars(axis: Axes, groups: Sequence[tuple[str, int, int]]) -> None:
                 marker="|",
                 ms=7,
                 mew=1.1,
+                # Whiskers that end at 0 or 100 % are drawn whole.
                 clip_on=False,
             )
         text = f"{100 * rate:.1f} %  ({passed} of {total})" if total else "none tried"
         axis.text(1.03, k, text, transform=axis.get_yaxis_transform(), va="center", color=INK)
     axis.set_yticks(range(len(groups)), [name for name, _, _ in groups])
+    # Downward: the first group stands at the top.
     axis.set_ylim(max(len(groups), 1) - 0.4, -0.6)
     axis.set_xlim(0, 100)
     axis.tick_params(axis="y", length=0)

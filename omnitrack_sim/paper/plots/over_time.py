@@ -17,16 +17,6 @@ from omnitrack_sim.show.plots.style import GREY, INK, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from omnitrack_sim.record.trajectory import Trajectory
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from omnitrack_sim.record.trajectory import Trajectory
-    from omnitrack_sim.results.result import Result
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from omnitrack_sim.pipes import Route
@@ -235,10 +225,12 @@ def _head(figure: Figure, trajectory: Trajectory, commanded: bool = False) -> No
     rows = [row for row in (lines, phase_patches(trajectory)) if row]
     height = figure.get_figheight()
     for k, row in enumerate(rows):
+        # In inches from the top, so that the rows stand alike above figures of any height.
         place = (0.0, 1 - (0.02 + 0.22 * k) / height)
         figure.legend(
             handles=row, loc="upper left", bbox_to_anchor=place, ncols=len(row), borderaxespad=0.2
         )
+    # The panels get what the legend leaves.
     room = 1 - (0.12 + 0.22 * len(rows)) / height
     figure.get_layout_engine().set(rect=(0.0, 0.0, 1.0, room))  # type: ignore[union-attr]
 
@@ -297,6 +289,7 @@ def _contacts(axis: Axes, trajectory: Trajectory) -> None:
         label="no contact",
         zorder=4,
     )
+    # At least 1 N: the colour bar needs a range where nothing touches, too.
     top = max(1.0, float(force[on].max(initial=0.0)))
     points = axis.scatter(
         distance[on],
@@ -330,6 +323,7 @@ def _unrolled(axis: Axes, trajectory: Trajectory) -> None:
     """Axes and legend of the contact map."""
     from matplotlib.lines import Line2D
 
+    # Somewhat beyond half a turn, so that marks at 180 degrees are whole.
     axis.set_ylim(-188, 188)
     axis.set_yticks(range(-180, 181, 60))
     axis.set_xlabel("arc length of the robot's centre [m]")

@@ -105,6 +105,7 @@ def _sections(figure: Figure | SubFigure, case: TurnCase) -> None:
     half, radius = case.turn_angle / 2, case.pipe_radius * _MM
     tilts = np.linspace(0, half, 4)
     colours = matplotlib.colormaps["viridis"](np.linspace(0.05, 0.85, len(tilts)))
+    # The inner corner of the mitre, about which the robot turns.
     crotch = radius * np.array([1.0, -np.tan(half)])
     _draw_tee(cut, radius, case.turn_angle)
     for tilt, colour in zip(tilts, colours, strict=True):
@@ -156,12 +157,15 @@ def _orientations(figure: Figure | SubFigure, case: TurnCase) -> None:
     section.
     """
     best, worst = case.best, float(worst_theta5(case.modules))
+    # Steps of half a degree in a right angle are enough for a picture.
     path = turn_path(case.path_radius, case.turn_angle, poses=181)
     outer = wall_distance(path, np.pi, case.pipe_radius, case.contact_length)
     lost = np.flatnonzero(outer > case.reach)
+    # Where the outer wall is never missing, the middle of the turn.
     pose = int(np.median(lost)) if len(lost) else len(outer) // 2
     there = TeePath(path.centre[[pose]], path.axis[[pose]], path.turn_angle)
     section = (
+        # Through the open branch the section has no end: it is drawn up to 2.6 R.
         np.minimum(wall_distance(there, _CIRCLE, case.pipe_radius, 0.0)[0], 2.6 * case.pipe_radius)
         * _MM
     )
@@ -192,6 +196,7 @@ def _orientations(figure: Figure | SubFigure, case: TurnCase) -> None:
 def _draw_module(axis: Axes, angle: float, wall: float, reach: float, colour: Any) -> None:
     """A module at its reach, or at the wall if that is nearer, with the gap marked."""
     outward = np.array([np.cos(angle), np.sin(angle)])
+    # A module stops at the wall, or where its springs end.
     tip, size = min(wall, reach), 0.25 * reach
     axis.plot(*np.outer(outward, [0, tip - size]), color=GREY, lw=3, solid_capstyle="round")
     middle = outward * (tip - size)
@@ -248,8 +253,10 @@ def _definitions(figure: Figure | SubFigure, case: TurnCase) -> None:
     """Sector over reach: the three definitions and the real geometry."""
     axis = figure.subplots()
     radius = case.pipe_radius
+    # To beyond R / cos(delta / 2), from which on the ellipse has no sector.
     rho = radius * np.linspace(1.0, max(1.45, 1.05 / np.cos(case.turn_angle / 2)), 241)
     path = turn_path(case.path_radius, case.turn_angle)
+    # A point and the robot's own contact line: the length of the modules makes the difference.
     for length, colour in ((0.0, "#8fb6dc"), (case.contact_length, MODULE_COLOURS[1])):
         real = outer_sector(path, rho, radius, length)
         axis.plot(
@@ -285,12 +292,13 @@ def _definitions(figure: Figure | SubFigure, case: TurnCase) -> None:
 
 
 def _map(figure: Figure | SubFigure, case: TurnCase) -> None:
-    """How far the wall is beyond the reach of the worst module, over theta5 and the turned angle.
+    """Distance of the wall beyond the reach of the worst module, over theta5 and the turned angle.
 
     In the real geometry, with modules of finite length.
     """
     axis = figure.subplots()
     state = case.real_map()
+    # Where a module looks through an open end the wall is infinitely far: the scale ends at 20 mm.
     beyond = np.clip((state.distance.max(axis=-1) - state.reach) * _MM, -20, 20)  # (T, M)
     theta5, turned = np.degrees(state.theta5), np.degrees(state.path.turned)
     mesh = axis.pcolormesh(

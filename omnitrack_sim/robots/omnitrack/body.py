@@ -423,5 +423,6 @@ def _add_tendon(spec: mujoco.MjSpec, name: str, row: np.ndarray) -> mujoco.MjsTe
     tendon = spec.add_tendon(name=name)
     for belt, coefficient in enumerate(row, start=1):
         if coefficient:
+            # The upper run stands for the whole belt: the lower one is tied to it.
             tendon.wrap_joint(f"belt_upper_{belt}", float(coefficient))
     return tendon

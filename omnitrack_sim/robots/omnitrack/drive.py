@@ -181,12 +181,12 @@ class SpeedLoop:
         """
         drive, size = self.drive, self.drive.size
         wanted, speed = drive.motor_values(command), drive.motor_values(belt_speed)
-        given = drive.motor_forces(torque) / size  # N m, of one robot.motor
+        moment = drive.motor_forces(torque) / size  # N m, of one robot.motor
         lowest, highest = self._torque_range(speed / self.lug_radius)
         # A thousandth below the limit counts as at it: forces come back through gears, rounded.
-        saturated = (given <= 0.999 * lowest) | (given >= 0.999 * highest)
+        saturated = (moment <= 0.999 * lowest) | (moment >= 0.999 * highest)
         # The integral grows only where the motor can follow (no wind-up in a stall).
-        excess = given - _mean(given)
+        excess = moment - _mean(moment)
         # Only what differs from the mean gives way: belts that work against each other relax, and a
         # climb keeps its speed.
         droop = self.motor.speed_droop * self.lug_radius * excess
@@ -258,8 +258,8 @@ def drive_of(name: str) -> Drive:
     Raises:
         InputError: there is no such drive.
     """
-    found = named(name, "robot.drive", DRIVES)
-    if not isinstance(found, Drive):
+    drive = named(name, "robot.drive", DRIVES)
+    if not isinstance(drive, Drive):
         problem = f"is {name!r}, which is no ot.Drive"
         raise InputError(Fault("robot.drive", problem, (*DRIVES, "module:Object")))
-    return found
+    return drive

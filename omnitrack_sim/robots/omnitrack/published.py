@@ -105,6 +105,7 @@ def _files(models_dir: Path, assets_dir: Path) -> dict[Path, bytes]:
         text, meshes = _published(spec, name, assets)
         files[models_dir / f"{name}.xml"] = text
         files |= {assets_dir / file: content for file, content in meshes.items()}
+        # Equal meshes are written once, by the first model that has them.
         assets |= {content: file for file, content in meshes.items()}
     for name, fitting in FITTINGS.items():
         mesh = fitting_mesh(fitting)

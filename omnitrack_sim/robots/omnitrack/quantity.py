@@ -86,6 +86,7 @@ def quantity(
     **constraints: Any,
 ) -> Any:
     """Declare a field of a ``QuantityModel``; ``constraints`` are those of ``pydantic.Field``."""
+    # pydantic carries a field's extra along: unit and source stand in one place with the value.
     about: dict[str, Any] = vars(Quantity(unit, provenance, source, within))
     return Field(default, json_schema_extra=about, **constraints)
 
@@ -110,8 +111,8 @@ def parameter_rows(model: BaseModel, prefix: str = "") -> list[Parameter]:
             rows += parameter_rows(value, f"{prefix}{name}.")
         else:
             within = quantity.range_at(getattr(model, "values_at_scale", 1.0))
-            told = replace(quantity, within=within)
-            rows.append(Parameter(prefix + name, value, **vars(told)))
+            scaled = replace(quantity, within=within)
+            rows.append(Parameter(prefix + name, value, **vars(scaled)))
     return rows
 
 

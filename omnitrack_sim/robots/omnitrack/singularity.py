@@ -225,8 +225,8 @@ def _require(holds: Any, name: str, value: Any, wanted: str, *, angle: bool = Fa
     """Raise an error about the first value that is out of range; angles are told in degrees."""
     if not np.all(holds):
         first = np.broadcast_to(value, np.shape(holds))[~np.asarray(holds)].flat[0]
-        told = f"{np.degrees(first):g} degrees" if angle else f"{first:g}"
-        raise InputError(Fault(name, f"is {told}; it {wanted}"))
+        text = f"{np.degrees(first):g} degrees" if angle else f"{first:g}"
+        raise InputError(Fault(name, f"is {text}; it {wanted}"))
 
 
 def _positive(value: ArrayLike, name: str) -> Array:

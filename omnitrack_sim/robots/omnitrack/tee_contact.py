@@ -178,6 +178,7 @@ def outer_sector(
     """
     rho = np.asarray(reach, float)
     _require_positive("reach", rho)
+    # The pose in which the wall is farthest away decides for the whole path.
     needed = wall_distance(path, np.pi - _OFFSETS, pipe_radius, contact_length).max(axis=0)
     # Going out from the outer direction, the sector ends where the needed reach first falls to rho.
     least = np.minimum.accumulate(np.minimum(needed, 1e6 * pipe_radius))

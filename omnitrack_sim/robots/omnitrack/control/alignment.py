@@ -200,8 +200,8 @@ def plan_roll(
     Raises:
         InputError: a radius ratio is not positive, or the turn limit negative.
     """
-    given = (theta5, roll, best, margin, radius_ratio, no_motion_margin)
-    arrays = (np.asarray(value, float) for value in given)
+    values = (theta5, roll, best, margin, radius_ratio, no_motion_margin)
+    arrays = (np.asarray(value, float) for value in values)
     theta5, roll, best, margin, ratio, clearance = np.broadcast_arrays(*arrays)
     if not np.all(ratio > 0):
         raise InputError(Fault("radius_ratio", "must be positive"))
@@ -277,6 +277,7 @@ def _safe_borders(
 
     There is a range about each of the equal orientations.
     """
+    # All ranges within the limit, and one more, as the robot begins between two of them.
     reached = int(np.ceil(turn_limit / period)) + 1
     centres = error[..., None] + period * np.arange(-reached, reached + 1)
     # The far border of a range is needed too: the near one may lie at the no-motion line.
@@ -424,9 +425,9 @@ class Aligner:
         (docs/studies/wye.md).
         """
         routes, asked = self.routes, manoeuvres(self.routes)
-        given = self.settings.safe_margin[:, None]
+        fixed = self.settings.safe_margin[:, None]
         sector = sector_angle(routes.corner_radius, self.settings.reach[:, None], np.pi / 2)
-        margin = np.where(np.isnan(given), safe_margin(sector), given)  # (n, Q) rad
+        margin = np.where(np.isnan(fixed), safe_margin(sector), fixed)  # (n, Q) rad
         self.best = np.zeros((AIMS, SIDES, *margin.shape))  # (AIMS, SIDES, n, Q) rad
         self.aim = np.zeros(self.best.shape)  # rad, half-width of the range about it
         # (Q,) goes with any orientation
@@ -451,6 +452,7 @@ class Aligner:
         if not self.routes.into_branch[q]:
             return wish, wish
         aside = np.minimum(self._aside[:, aim] * margin[:, q], wish.margin)
+        # A side reaches from ``aside`` to the margin.
         middle = np.where(aside > 0, (wish.margin + aside) / 2, 0.0)
         half = wish.margin - middle
         return Wish(wish.best + middle, half), Wish(wish.best - middle, half)
@@ -468,6 +470,7 @@ class Aligner:
             if following is None or self._room_between(p - 1) >= room:
                 break
             together.append((p, following))
+        # The first wish always counts (``agreed``): that of the most important passage.
         together.sort(key=lambda passage: _BY_IMPORTANCE.index(passage[1]))
         return together
 
@@ -479,9 +482,9 @@ class Aligner:
         """Increase of theta5, rad, from the passage ``first`` to ``later`` without twist."""
         routes, angles = self.routes, []
         for q in (first, later):
-            found = routes.passages[q]
-            assert found is not None
-            entry = np.array([found.s_enter])
+            passage = routes.passages[q]
+            assert passage is not None
+            entry = np.array([passage.s_enter])
             frame = routes.centreline.frame(entry, routes.route_of[[q]])[0]
             # The frame is carried along the centreline without twist, as a robot that does not roll
             # is.

@@ -32,11 +32,11 @@ def controller_of(kind: str) -> type[Controller]:
     """
     if kind in CONTROLLERS:
         return named(CONTROLLERS[kind], "control.kind", {})
-    found = named(kind, "control.kind", CONTROLLERS)
-    if not (isinstance(found, type) and callable(getattr(found, "step", None))):
+    controller = named(kind, "control.kind", CONTROLLERS)
+    if not (isinstance(controller, type) and callable(getattr(controller, "step", None))):
         problem = f"is {kind!r}, which is no class with a step"
         raise InputError(Fault("control.kind", problem, (*CONTROLLERS, "module:Object")))
-    return found
+    return controller
 
 
 def parameters_model(controller: type[Controller]) -> type[BaseModel]:

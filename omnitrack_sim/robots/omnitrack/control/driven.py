@@ -101,8 +101,8 @@ class DrivenTable(Table):
         try:
             parameters = self.autopilot_model(**self.autopilot_parameters)
         except InputError as error:
-            told = "; ".join(str(fault.at("autopilot")) for fault in error.faults)
-            raise ValueError(told) from None
+            text = "; ".join(str(fault.at("autopilot")) for fault in error.faults)
+            raise ValueError(text) from None
         except ValidationError as error:
             fault = error.errors()[0]
             where = ".".join(map(str, ("autopilot_parameters", *fault["loc"])))
@@ -188,9 +188,9 @@ class DrivenController:
         command = self._driven(observation)
         for robot in np.flatnonzero(~self.by_hand).tolist():
             command = self._piloted(command, robot, observation)
-        asked = carried_out(command, observation.gear).roll
-        assert asked is not None
-        self.roll = np.array(asked)
+        roll = carried_out(command, observation.gear).roll
+        assert roll is not None
+        self.roll = np.array(roll)
         return command._replace(events=[*events, *command.events], over=self._over.copy())
 
     def _obey(self, observation: Observation) -> list[Event]:
@@ -244,8 +244,8 @@ class DrivenController:
 
     def _roll_in_gear(self, observation: Observation) -> Array:
         """``roll`` as robots are told it that drive in the gear of their legs."""
-        asked = Command(np.zeros((self.setup.n, 3)), self.roll)
-        roll = carried_out(asked, observation.gear).roll
+        command = Command(np.zeros((self.setup.n, 3)), self.roll)
+        roll = carried_out(command, observation.gear).roll
         assert roll is not None
         return np.array(roll)
 

@@ -102,12 +102,12 @@ class Command(NamedTuple):
     over: NDArray[np.bool_] | None = None
 
     def __repr__(self) -> str:
-        given = [name for name, value in zip(self._fields, self, strict=True) if value is not None]
+        names = [name for name, value in zip(self._fields, self, strict=True) if value is not None]
         try:
             robots = f"{len(self.belt_speed)} robots"
         except TypeError:  # no array yet, and refused where it is used
             robots = f"belt_speed {shown(self.belt_speed)}, which is no (n, 3)"
-        return f"Command({robots}: {', '.join(given)})"
+        return f"Command({robots}: {', '.join(names)})"
 
     def checked(self, n: int) -> Command:
         """The same with arrays for ``n`` robots.
@@ -118,6 +118,7 @@ class Command(NamedTuple):
         changes = {}
         for name, columns in _COLUMNS.items():
             value, shape = getattr(self, name), (n, *columns)
+            # The usual case passes without a copy: commands come at every control step.
             if value is None or (isinstance(value, np.ndarray) and value.shape == shape):
                 continue
             array = np.asarray(value)

@@ -124,6 +124,7 @@ class Recovery:
         if not np.count_nonzero(turning):
             return []
         merging = routes.out_of_branch[location.passage]
+        # Out of a branch most robots that hang for a while get through: they get more time.
         hanging = self.waiting > np.where(merging, self._merge_patience, self._patience)
         fallen = location.distance < self.farthest - self._fallen
         # Out of a branch there is nothing to go past: the far wall stands across the way.

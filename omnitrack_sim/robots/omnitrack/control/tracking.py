@@ -274,5 +274,6 @@ class Sway:
         share = np.clip((self.slip - self._slip) / self._slip_range, 0.0, 1.0)
         share = np.where(full, 1.0, share)
         most = np.where(turning, self._most * share, 0.0)
+        # Back at 0 before the turn ends: the robot has to leave it in its plane.
         size = self._side * most * np.interp(progress, SWAY.progress, SWAY.lean)
         return Lean(size[:, None] * normal, most)

@@ -88,6 +88,7 @@ class Decisions:
         self._forward[rows] = belt_sign(setup.roll[rows])
         self._offset[rows], self._tick[rows] = 0.0, 0
         self._leg = self._leg.copy()  # an observation's own array
+        # No leg so far: the first observation is no change of legs.
         self._leg[rows] = -1
         if self._base is not None:
             self._base.reset(rows, replace(setup, parameters=self._defaults))
@@ -212,10 +213,10 @@ class PolicyTable(Table):
     def _is_that_file(cls, sha256: str | None, info: ValidationInfo) -> str | None:
         if "policy" not in info.data:
             return sha256  # a fault that is told already
-        found = load_policy(info.data["policy"]).sha256
-        if sha256 not in (None, found):
-            raise ValueError(f"the file has changed: it has {found}")
-        return found
+        digest = load_policy(info.data["policy"]).sha256
+        if sha256 not in (None, digest):
+            raise ValueError(f"the file has changed: it has {digest}")
+        return digest
 
 
 class PolicyController:

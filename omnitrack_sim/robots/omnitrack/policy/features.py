@@ -34,7 +34,7 @@ FARTHEST = 4.0
 """Distance from which on a fitting ahead counts as far, D: more than a robot rolls over on its
 way."""
 AHEAD = (0.25, 0.75, 1.5)
-"""How far ahead of the robot's centre the preview takes the centreline's direction, D: where the
+"""Distances ahead of the robot's centre of the preview of the centreline's direction, D: where the
 default controller looks, the robot's nose, and a robot's length ahead."""
 
 FloatRows = NDArray[np.float32]
