@@ -210,6 +210,7 @@ class RobotVectorEnv(VectorEnv):
         """Seed the robots' random numbers; those without a seed go on with theirs."""
         n = self.num_envs
         if isinstance(seed, int | np.integer):
+            # Gymnasium's own generator is seeded, too, though no robot draws from it.
             super().reset(seed=int(seed))
             seeds: Sequence[int | None] = [int(seed) + robot for robot in range(n)]
         else:
@@ -217,7 +218,7 @@ class RobotVectorEnv(VectorEnv):
         if len(seeds) != n:
             raise InputError(Fault("seed", f"is a list of {len(seeds)}; {n} robots need as many"))
         if not self._rngs:
-            self._rngs = [seeding.np_random(given)[0] for given in seeds]
+            self._rngs = [seeding.np_random(number)[0] for number in seeds]
             return
         for robot in np.flatnonzero(mask).tolist():
             if seeds[robot] is not None:

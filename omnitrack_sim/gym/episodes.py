@@ -255,6 +255,7 @@ class Episodes:
             table = self.sampler.example.sensing
             stride = table.filter.stride  # robots look at every so many rows and columns
             side = len(range(stride // 2, camera_of(table).optics.pixels, stride))
+            # Parts of the camera's range, see ``EpisodeBatch.pictures``.
             picture = gymnasium.spaces.Box(0.0, 1.0, (side, side), np.float32)
             self.observation_space = gymnasium.spaces.Dict(
                 entries=self.observation_space, picture=picture

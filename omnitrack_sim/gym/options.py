@@ -134,6 +134,7 @@ def options_of(given: Mapping[str, Any]) -> EnvOptions:
         faults.append(
             Fault("acting", f"is {options.acting!r}", tuple(ACTINGS), given=options.acting)
         )
+    # Robots that observe the truth have no camera.
     if options.picture and options.senses != "onboard":
         faults.append(Fault("picture", 'is there with sensing = "onboard" alone'))
     low, high = options.fittings

@@ -93,13 +93,13 @@ def lever_of(results: list[Result]) -> tuple[float, float]:
     Returns:
         The lever from the wall speeds, and the lever from the wall speeds less slip.
     """
-    found = []
+    levers = []
     for slipping in (True, False):
-        asked, turned = zip(*(_rotations(r, slipping) for r in results), strict=True)
-        w, omega = np.concatenate(asked), np.concatenate(turned)
+        by_jacobian, turned = zip(*(_rotations(r, slipping) for r in results), strict=True)
+        w, omega = np.concatenate(by_jacobian), np.concatenate(turned)
         # Least squares: the lever l for which w / l comes nearest to omega.
-        found.append(float((w * w).sum() / (w * omega).sum()))
-    return found[0], found[1]
+        levers.append(float((w * w).sum() / (w * omega).sum()))
+    return levers[0], levers[1]
 
 
 def _rotations(result: Result, slipping: bool) -> tuple[Array, Array]:

@@ -110,6 +110,7 @@ class PaperController:
         self._mark(location, observation.rotation[:, :, 2], resting)
         turning = self.turning >= 0
         wall_speed = np.where(turning[:, None], self.turn_speeds, s.cruise_speed[:, None])
+        # Eq. 20 may ask the outer modules for more than the belts are allowed.
         limit = s.speed_limit[:, None]
         wall_speed = np.minimum(np.maximum(wall_speed, -limit), limit)
         belt_sign = self.aligner.belt_sign(observation.roll)

@@ -292,8 +292,8 @@ def _by_friction(results: Sequence[Result], step: float = 0.05) -> list[tuple[st
             result.success
         )
     return [
-        (f"friction {step * k:.2f} to {step * (k + 1):.2f}", sum(found), len(found))
-        for k, found in sorted(bins.items())
+        (f"friction {step * k:.2f} to {step * (k + 1):.2f}", sum(passed), len(passed))
+        for k, passed in sorted(bins.items())
     ]
 
 

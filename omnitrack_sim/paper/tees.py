@@ -46,6 +46,7 @@ def inner_slip(runs: Runs) -> Claim:
         turning = trajectory["phase"] == trajectory.phases.index("tee_turn")
         slip = np.abs(trajectory["slip_ratio"][turning]).mean(axis=0)
         outer = np.delete(slip, inner or 0).mean()
+        # Mean slip ratios: 1 would say that all modules slip alike.
         ratios.append(float(slip[inner or 0] / outer))
     return Claim(
         id="inner_module_slips",

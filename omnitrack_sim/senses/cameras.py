@@ -54,13 +54,13 @@ class DepthCamera:
         """See ``Camera``."""
         table = self._table
         reach = hits[..., RANGE]
-        seen = np.isfinite(reach) & (uniform(keys, "dropouts", number, pixels) > table.dropouts)
+        returned = np.isfinite(reach) & (uniform(keys, "dropouts", number, pixels) > table.dropouts)
         # Any finite number where nothing came back: these pixels are masked in the end.
-        reach = np.where(seen, reach, 1.0)
+        reach = np.where(returned, reach, 1.0)
         scale = 1.0 + table.scale_error * normal(keys, "scale", 0, 1)
         spread = np.hypot(table.noise * reach, table.noise_floor)
         measured = scale * reach + spread * normal(keys, "depth", number, pixels)
-        return np.where(seen, np.round(measured / table.resolution) * table.resolution, np.nan)
+        return np.where(returned, np.round(measured / table.resolution) * table.resolution, np.nan)
 
     def expected(self, hits: Array, rays: Array) -> Array:
         """See ``Camera``."""
@@ -172,9 +172,9 @@ class HeadlightCamera:
     def _coded(self, light: Array, rays: Array, metered: NDArray[np.intp] | None = None) -> Array:
         """Pixels (n, k) of light, exposed by the picture's own brightness."""
         table = self._table
-        seen = light * (1 - table.vignetting * (1 - rays[:, 2]) / self._corner)
-        meter = seen if metered is None else seen[:, metered]
+        received = light * (1 - table.vignetting * (1 - rays[:, 2]) / self._corner)
+        meter = received if metered is None else received[:, metered]
         level = np.quantile(meter, EXPOSED, axis=1, keepdims=True)
         # BRIGHT is a pixel's value: to the power of gamma it is light.
-        exposed = BRIGHT**table.gamma * seen / np.maximum(level, 1e-12)
+        exposed = BRIGHT**table.gamma * received / np.maximum(level, 1e-12)
         return np.clip(exposed, 0.0, 1.0) ** (1 / table.gamma)

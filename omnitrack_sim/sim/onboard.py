@@ -45,7 +45,7 @@ from omnitrack_sim.walls.rays import RayWalls
 
 @dataclass(frozen=True)
 class RelocalisationSettings:
-    """Poses beside its own that a robot compares with a picture, and times. Chosen so that a
+    """Numbers of relocalisation by pictures. Chosen so that a
     robot that has slipped in a tee is found again; none is sharp."""
 
     reach: float = 1.0

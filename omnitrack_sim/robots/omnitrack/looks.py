@@ -62,6 +62,7 @@ def view_direction(network: Assembly) -> Array:
     Without a bend, across the first pipe's axis. Of two sides the one nearer to front and above
     (-y, +z).
     """
+    # A little of x as well, which decides for a normal along x.
     liking = np.array([0.1, -1.0, 0.4])
     for part in network.parts:
         if not part.fitting.is_axial:
@@ -104,8 +105,8 @@ def add_robot_looks(spec: mujoco.MjSpec, robot: Robot, coarse: bool = False) -> 
         for track, flip in zip(TRACKS, ([1, 0, 0, 0], [0, 0, 0, 1]), strict=True):
             body = spec.body(f"track_{track}_{number}") or spec.body(f"module_{number}")
             _look(body, f"lugs_{track}_{number}", f"{track}_{number}", mesh="lugs", quat=flip)
-    seen = [geom for geom in spec.body("chassis").find_all("geom") if geom.group == ROBOT_GROUP]
-    for geom in seen if size != 1 else ():
+    visible = [geom for geom in spec.body("chassis").find_all("geom") if geom.group == ROBOT_GROUP]
+    for geom in visible if size != 1 else ():
         for place in ("pos", "size", "fromto"):
             setattr(geom, place, size * getattr(geom, place))
 
@@ -312,10 +313,11 @@ def _fit(low: Array, high: Array, frame: Array) -> tuple[Array, float]:
         [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
     )
     middle = (low + high) / 2
-    seen = (corners - middle) @ frame  # (8, 3) right, up, back
+    in_view = (corners - middle) @ frame  # (8, 3) right, up, back
     half = math.tan(math.radians(FIELD_OF_VIEW / 2))
     wanted = (
-        np.maximum(np.abs(seen[:, 0]) / (half * ASPECT), np.abs(seen[:, 1]) / half) + seen[:, 2]
+        np.maximum(np.abs(in_view[:, 0]) / (half * ASPECT), np.abs(in_view[:, 1]) / half)
+        + in_view[:, 2]
     )
     return middle, 1.06 * float(wanted.max())
 

@@ -224,6 +224,7 @@ def _published(
     compiler = root.find("compiler")
     if compiler is None:
         raise RuntimeError(f"{model} has no compiler section")
+    # Relative to the file, so that a copy of both folders works anywhere.
     compiler.set("meshdir", "../assets")
     meshes: dict[str, bytes] = {}
     by_name = {mesh.name: mesh for mesh in spec.meshes}

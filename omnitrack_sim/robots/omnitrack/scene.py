@@ -48,6 +48,7 @@ def build_scene(
     else:
         add_walls(spec, network, tolerance=wall_tolerance, staves=staves)
     add_plates(spec, network, plates, looks)
+    # The compiled collider takes a row of lugs as one line; walls of primitives need each lug.
     add_robot(spec, robot, line_tracks=exact)
     if looks:
         from omnitrack_sim.robots.omnitrack.looks import (

@@ -147,9 +147,9 @@ class JacobianController:
 
     def _learn(self) -> None:
         """Look up what each passage of the routes asks for."""
-        asked, none = manoeuvres(self.routes), np.zeros(len(self._rows))
-        self.kind = np.array([_PHASES[m] for m in asked])  # (Q,) phase in each passage
-        gains = [none if m is None else self._damping[m] for m in asked]  # Q times (n,)
+        wanted, none = manoeuvres(self.routes), np.zeros(len(self._rows))
+        self.kind = np.array([_PHASES[m] for m in wanted])  # (Q,) phase in each passage
+        gains = [none if m is None else self._damping[m] for m in wanted]  # Q times (n,)
         merge = self._damping["merge"]
         merging = zip(gains, self.routes.out_of_branch, strict=True)
         self.rate_gain = np.array([merge if out else gain for gain, out in merging])  # (Q, n)

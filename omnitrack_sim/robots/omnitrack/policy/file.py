@@ -191,6 +191,7 @@ class Mlp:
         rows = np.asarray(entries, float)
         if rows.ndim != 2 or rows.shape[1] != self.inputs:
             raise ValueError(f"entries have shape {rows.shape}; needs (n, {self.inputs})")
+        # Tiles keep the products in the cache; rows do not depend on each other.
         tiles = [self._tile(rows[i : i + TILE]) for i in range(0, len(rows), TILE)]
         return np.concatenate(tiles).astype(np.float32)
 
@@ -234,15 +235,15 @@ class FeatureEntry(Table):
             ValueError: there is none, or it is another one by now.
         """
         try:
-            found = features_of([self.name])
+            features = features_of([self.name])
         except InputError as error:
             raise ValueError(str(error)) from None
-        if len(found) != 1:
+        if len(features) != 1:
             raise ValueError(f"features: {self.name!r} is a set of them, not one")
-        now = FeatureEntry.of(self.name, found[0])
+        now = FeatureEntry.of(self.name, features[0])
         if now != self:
             raise ValueError(f"features: was made for {self._told()}, which is now {now._told()}")
-        return found[0]
+        return features[0]
 
     def _told(self) -> str:
         numbers = "1 number" if self.size == 1 else f"{self.size} numbers"
@@ -408,15 +409,15 @@ def named_features(names: str | Sequence[str]) -> tuple[str, ...]:
         InputError: there is no such feature, or a list of a user's own is named: a file needs a
             name for each.
     """
-    found: list[str] = []
+    single: list[str] = []
     for name in [names] if isinstance(names, str | Feature) else names:
         several = features_of([name])
         shipped = [one.name for one in several if FEATURES.get(one.name) is one]
         if len(shipped) < len(several) > 1:
             problem = f"{name!r} is a list; name its features one by one, for a file to find them"
             raise InputError(Fault("features", problem))
-        found += shipped or [name]
-    return tuple(found)
+        single += shipped or [name]
+    return tuple(single)
 
 
 def load_policy(source: str | Path) -> Policy:
