@@ -23,11 +23,11 @@ from omnitrack_sim.autonomy.candidates import (
 from omnitrack_sim.autonomy.pose_filter import (
     PLACE,
     POSE,
-    POSE_FILTER,
     TURN,
     PoseFilter,
     initial_covariance,
     outer,
+    standing_covariance,
 )
 from omnitrack_sim.base.rotations import (
     Array,
@@ -441,24 +441,15 @@ class Localiser:
         """Put robots (m,) to poses (m, 3), (m, 3, 3) that they had when the picture was taken; they
         have moved on. The variances (m,) rad² and m² are those about and along the axis."""
         pose = self.filter
-        chosen = np.zeros(len(self.unknown), bool)
-        chosen[robots] = True
-        position, rotation = pose.position.copy(), pose.rotation.copy()
         turn = frame @ np.swapaxes(shot.rotation[robots], 1, 2)
-        since = position[robots] - shot.position[robots]
-        position[robots] = place + (turn @ since[..., None])[..., 0]
-        rotation[robots] = orthonormal(turn @ rotation[robots])
-        axis = rotation[:, :, 2]
-        along = outer(axis, axis)
-        covariance = np.zeros((len(chosen), POSE, POSE))
-        covariance[:, :3, :3] = POSE_FILTER.across_std**2 * np.eye(3)
-        covariance[:, 3:, 3:] = POSE_FILTER.tilt_std**2 * np.eye(3)
-        covariance[robots, :3, :3] += step_variance[:, None, None] * along[robots]
-        covariance[robots, 3:, 3:] += turn_variance[:, None, None] * along[robots]
-        pose.put(chosen, position, rotation, covariance)
-        self.unknown = self.unknown & ~chosen
+        since = pose.position[robots] - shot.position[robots]
+        position = place + (turn @ since[..., None])[..., 0]
+        rotation = orthonormal(turn @ pose.rotation[robots])
+        covariance = standing_covariance(rotation[:, :, 2], step_variance, turn_variance)
+        pose.put(robots, position, rotation, covariance)
+        self.unknown = with_rows(self.unknown, robots, False)
+        self._mismatch = with_rows(self._mismatch, robots, 0.0)
         self._evidence[robots] = 0.0
-        self._mismatch = np.where(chosen, 0.0, self._mismatch)
 
 
 def _gain(values: Array, std: Array, cost: Array) -> tuple[Array, Array]:

@@ -13,7 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import Array, cross, orthonormal, set_rows, skew, turned_by
+from omnitrack_sim.base.rotations import (
+    Array,
+    cross,
+    orthonormal,
+    set_rows,
+    skew,
+    turned_by,
+    with_rows,
+)
 from omnitrack_sim.senses.settings import FilterTable, ImuTable, SensingTable
 
 PLACE, TURN, BIAS, SLIP = slice(0, 3), slice(3, 6), slice(6, 9), 9
@@ -165,18 +173,25 @@ class PoseFilter:
         self.bias = self.bias + change[:, BIAS]
         self.slip = self.slip + change[:, SLIP]
 
-    def put(self, robots: NDArray[np.bool_], position: Array, rotation: Array, pose: Array) -> None:
-        """Put ``robots`` (n,) that have relocalised to poses (n, 3), (n, 3, 3) with covariances
-        (n, 6, 6)."""
-        each = robots[:, None]
-        self.position = np.where(each, position, self.position)
-        self.rotation = np.where(each[..., None], rotation, self.rotation)
+    def put(
+        self, rows: NDArray[np.intp], position: Array, rotation: Array, covariance: Array
+    ) -> None:
+        """Put robots ``rows`` (k,) that have relocalised to new poses.
+
+        Args:
+            rows: indices of the robots.
+            position: (k, 3) m.
+            rotation: (k, 3, 3).
+            covariance: (k, 6, 6), of the poses.
+        """
         # Old correlations of the pose with bias and slip belong to the pose that was wrong.
-        fresh = self.covariance.copy()
-        fresh[:, :POSE] = 0.0
-        fresh[:, :, :POSE] = 0.0
-        fresh[:, :POSE, :POSE] = pose
-        self.covariance = np.where(each[..., None], fresh, self.covariance)
+        whole = self.covariance.copy()
+        whole[rows, :POSE] = 0.0
+        whole[rows, :, :POSE] = 0.0
+        whole[rows, :POSE, :POSE] = covariance
+        self.position = with_rows(self.position, rows, position)
+        self.rotation = with_rows(self.rotation, rows, rotation)
+        self.covariance = whole
 
     def std_about(self, axis: Array) -> Array:
         """Standard deviation (n,) rad of the rotation about unit vectors (n, 3), world frame."""
@@ -195,17 +210,35 @@ class PoseFilter:
 
 def initial_covariance(table: SensingTable, direction: Array) -> Array:
     """Covariance (n, 10, 10) of robots that begin in pipes of directions (n, 3)."""
-    n = len(direction)
-    covariance = np.zeros((n, SIZE, SIZE))
-    along = outer(direction, direction)
-    covariance[:, PLACE, PLACE] = (
-        POSE_FILTER.across_std**2 * np.eye(3) + table.start.distance_std**2 * along
-    )
+    # Of an unknown rotation, that of a uniform distribution over the full turn.
     turn = POSE_FILTER.known_turn_std if table.start.theta5_known else np.pi / np.sqrt(3)
-    covariance[:, TURN, TURN] = POSE_FILTER.tilt_std**2 * np.eye(3) + turn**2 * along
+    covariance = np.zeros((len(direction), SIZE, SIZE))
+    pose = standing_covariance(direction, table.start.distance_std**2, turn**2)
+    covariance[:, :POSE, :POSE] = pose
     bias = np.radians(table.imu.gyro_bias_deg)
     covariance[:, BIAS, BIAS] = bias**2 * np.eye(3)
     covariance[:, SLIP, SLIP] = table.filter.slip_std**2
+    return covariance
+
+
+def standing_covariance(
+    direction: Array, step_variance: Array | float, turn_variance: Array | float
+) -> Array:
+    """Covariance (n, 6, 6) of the poses of robots that stand along pipes.
+
+    Args:
+        direction: (n, 3) unit vectors along the pipes, world frame.
+        step_variance: (n,) m², of the position along the pipe.
+        turn_variance: (n,) rad², of the rotation about its axis.
+    """
+    along = outer(direction, direction)
+    covariance = np.zeros((len(direction), POSE, POSE))
+    for block, std, variance in (
+        (PLACE, POSE_FILTER.across_std, step_variance),
+        (TURN, POSE_FILTER.tilt_std, turn_variance),
+    ):
+        axial = np.reshape(variance, (-1, 1, 1)) * along
+        covariance[:, block, block] = std**2 * np.eye(3) + axial
     return covariance
 
 
