@@ -38,8 +38,8 @@ class Walls(Protocol):
 
 
 class OpticsTable(Table):
-    """What all cameras have. The camera stands on the robot's axis at the end that leads, and looks
-    along it; x of the picture points to module 1."""
+    """Optics that all cameras have. The camera stands on the robot's axis at the end that leads,
+    and looks along it; x of the picture points to module 1."""
 
     pixels: Annotated[int, Field(ge=8, le=512), Unit("1")] = 48
     """Rows and columns of the picture."""

@@ -298,7 +298,7 @@ _BY_IMPORTANCE: tuple[Manoeuvre, ...] = ("tee_turn", "tee_straight", "elbow")
 
 
 class AlignmentTable(Table):
-    """When a robot rolls its modules before a fitting, and how far."""
+    """Conditions and ranges of the roll of the modules before a fitting."""
 
     roll_settled: Annotated[Part, Unit("rad")] = 0.02
     """Error of the roll at which it counts as done."""
@@ -424,18 +424,18 @@ class Aligner:
         while wyes are passed, at 60 degrees as at 135, by about the orientations that pass a tee
         (docs/studies/wye.md).
         """
-        routes, asked = self.routes, manoeuvres(self.routes)
+        routes, required = self.routes, manoeuvres(self.routes)
         fixed = self.settings.safe_margin[:, None]
         sector = sector_angle(routes.corner_radius, self.settings.reach[:, None], np.pi / 2)
         margin = np.where(np.isnan(fixed), safe_margin(sector), fixed)  # (n, Q) rad
         self.best = np.zeros((AIMS, SIDES, *margin.shape))  # (AIMS, SIDES, n, Q) rad
         self.aim = np.zeros(self.best.shape)  # rad, half-width of the range about it
         # (Q,) goes with any orientation
-        self.makes_do = np.array([m in ("elbow", "tee_straight") for m in asked])
-        for q, manoeuvre in enumerate(asked):
+        self.makes_do = np.array([m in ("elbow", "tee_straight") for m in required])
+        for q, manoeuvre in enumerate(required):
             if manoeuvre is None:
                 continue
-            together = self._together(q, manoeuvre, asked)
+            together = self._together(q, manoeuvre, required)
             centres = [
                 preferred_theta5(wanted) - self._turned_between(q, p) for p, wanted in together
             ]
@@ -458,12 +458,12 @@ class Aligner:
         return Wish(wish.best + middle, half), Wish(wish.best - middle, half)
 
     def _together(
-        self, q: int, manoeuvre: Manoeuvre, asked: Sequence[Manoeuvre | None]
+        self, q: int, manoeuvre: Manoeuvre, required: Sequence[Manoeuvre | None]
     ) -> list[tuple[int, Manoeuvre]]:
         """Passage ``q`` and those that follow it closely, the one that matters most first."""
         together: list[tuple[int, Manoeuvre]] = [(q, manoeuvre)]
-        for p in range(q + 1, len(asked)):
-            following = asked[p]
+        for p in range(q + 1, len(required)):
+            following = required[p]
             # With less room between, a robot that stands before the later fitting is still in the
             # earlier.
             room = self.robot.length + self.robot.standing_room
