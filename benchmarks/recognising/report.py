@@ -60,7 +60,7 @@ def summary(runs: dict[str, list[Found]]) -> str:
     )
     rows = []
     for name, found in runs.items():
-        sure = [f for f in found if f.sure >= RECOGNISER.sure]
+        sure = [f for f in found if f.sure >= RECOGNISER.confidence]
         turned = [f for f in found if f.case in TURNED and f.right]
         rows.append(
             (

@@ -1,4 +1,4 @@
-"""The map that a robot makes of a network that it has never seen: it only grows.
+"""Map that a robot makes of an unknown network; it only grows.
 
 A fitting is placed at the pose that follows from the joint that it hangs on, and a straight is as
 long as it has been measured, so an error of the robot's position does not tear the map. Where a

@@ -84,7 +84,7 @@ def ahead_of(sighting: Sighting, bore: float, lens: float) -> Ahead | None:
         bore: m, of the pipe.
         lens: m, from the robot's centre to the lens.
     """
-    if sighting.confidence < RECOGNISER.sure:
+    if sighting.confidence < RECOGNISER.confidence:
         return None
     numbers = np.zeros((1, PLACES))
     numbers[0, :DISTANCE] = *sighting.aside, *sighting.tilt

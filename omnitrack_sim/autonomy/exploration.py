@@ -1,5 +1,4 @@
-"""A mission through a network that the robot does not know, seen from outside: what is true, and
-what the robot is given to begin with."""
+"""A mission with an unknown map: the true network, and the first piece of the robot's own map."""
 
 from __future__ import annotations
 
@@ -52,8 +51,8 @@ class Exploration:
         )
 
     def in_sight(self) -> tuple[list[Part], list[End]]:
-        """Parts that can be seen from any place that the robot can get to, and those of their
-        ports that a plate closes: numbers are those of the parts returned."""
+        """Return the parts that are visible from any position that the robot can reach, and those
+        of their ports that a plate closes: numbers are those of the parts returned."""
         # A plate closes both ports of its joint, and hides all that lies behind it.
         parts, joined = self.network.pipes.parts, both_ways(self.network.pipes.joints)
         plates = {*self.plates, *(joined[end] for end in self.plates if end in joined)}

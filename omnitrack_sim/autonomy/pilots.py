@@ -138,7 +138,7 @@ class FixedRoute(Pilot):
     """
 
     def __init__(self, route: Route, begin: float, end: float) -> None:
-        # A leg of no parts: nothing has been planned, so the result tells of no leg.
+        # A leg of no parts: nothing has been planned, so the result lists no leg.
         self.leg = Leg((), 1, begin, end, 0, "")
         self._route = route
 

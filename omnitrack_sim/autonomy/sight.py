@@ -15,7 +15,7 @@ import numpy as np
 from omnitrack_sim.autonomy.belief import Belief, alike
 from omnitrack_sim.autonomy.leg_planner import LIES_ALONG
 from omnitrack_sim.base.rotations import Array, length, unit
-from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part, Route
+from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Route
 from omnitrack_sim.pipes.network import End, both_ways
 from omnitrack_sim.robots.omnitrack import Robot
 
@@ -77,7 +77,7 @@ class Ahead:
 
     @property
     def kind(self) -> tuple[str, str]:
-        """Kind of the fitting, and the end: what is seen, without its place and sizes."""
+        """Kind of the fitting, and the end, without position and sizes."""
         return "" if self.fitting is None else self.fitting.kind, self.end
 
 
@@ -109,7 +109,7 @@ class Look(NamedTuple):
 
 
 class Sight(Protocol):
-    """Tells what robots see ahead of them."""
+    """Sight of the pipe ahead of robots."""
 
     def look(self, robot: int, position: Array, frame: Array) -> Ahead | None:
         """Return the sighting of one robot now; None where it is ambiguous, such as within a bend.
@@ -137,7 +137,7 @@ class _Port(NamedTuple):
 
 
 class TrueSight:
-    """Tells robots of one network what is ahead, without error.
+    """Error-free sight of one network.
 
     Args:
         pipes: the network.
@@ -325,7 +325,7 @@ class LookingBack:
 
 
 class LookingCloser:
-    """Looks of one robot, from close by, at the end of a straight that it has seen from afar.
+    """Looks of one robot, from close by, at the end of a straight that it has observed from afar.
 
     From afar both cameras measure distances to centimetres, and may take one fitting for another.
     So the end of a straight is provisional (``Belief.provisional``) until the robot is near.
@@ -346,8 +346,8 @@ class LookingCloser:
         return None if part is None or part not in parts else parts.index(part)
 
     def begin(self, ahead: Ahead, route: Route, distance: float) -> float | None:
-        """Make the end of a route provisional, as it has just been seen from ``distance`` m, where
-        the route ends in a straight and the robot is not close to its end yet.
+        """Make the end of a route provisional, as it was observed from ``distance`` m, where the
+        route ends in a straight and the robot is not close to its end yet.
 
         Returns:
             Arc length, m, from which the robot looks at it again; None if it is not provisional.
@@ -360,9 +360,9 @@ class LookingCloser:
         return close
 
     def doubted(self, ahead: Ahead, route: Route, distance: float) -> float | None:
-        """Return the arc length, m, of another look by a robot that sees something else from close
-        by than from afar, until it has seen one thing twice; None where it is sure, or where it is
-        too late for that."""
+        """Return the arc length, m, of another look by a robot that observes something else from
+        close by than from afar, until it has observed one thing twice; None where the look is
+        unambiguous, or where it is too late for another."""
         if self.index(route) is None:
             return None
         self._kinds[ahead.kind] += 1

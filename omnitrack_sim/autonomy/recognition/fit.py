@@ -217,14 +217,16 @@ class Fit:
 
     def _equations(self, at: Tries, views: Views, level: Level, side: float) -> tuple[Array, Array]:
         """Matrix (n, p, p) of the normal equations and the gradient (n, p)."""
-        residual, slopes = self._seen(at, views, level, side)
+        residual, slopes = self._linearised(at, views, level, side)
         weight = np.tile(level.weight, at.gains.shape[1])
         weighted = slopes * (weight / (1 + (residual / level.rough) ** 2) ** 2)[..., None]
         weights, off = _prior(at, level)
         normal = weighted.swapaxes(1, 2) @ slopes + np.eye(off.shape[1]) * weights[:, None]
         return normal, (weighted * residual[..., None]).sum(axis=1) - weights * off
 
-    def _seen(self, at: Tries, views: Views, level: Level, side: float) -> tuple[Array, Array]:
+    def _linearised(
+        self, at: Tries, views: Views, level: Level, side: float
+    ) -> tuple[Array, Array]:
         """Residuals (n, v k) and Jacobian (n, v k, p) of the pictures."""
         n, v, k = len(at.forms), len(views.motions), len(level.pixels)
         rays = self._rays[level.pixels]

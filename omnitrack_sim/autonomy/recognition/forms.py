@@ -27,7 +27,7 @@ class Sighting:
     Attributes:
         kind: "straight", "elbow", "tee", "wye", "reducer", "open end" or "closed end".
         enter: port by which the fitting is entered, "" without one. An elbow and a reducer are
-            told as entered by `start`, which describes them whichever way they lie.
+            reported as entered by `start`, which describes them whichever way they lie.
         sizes: keys of the fitting's constructor in SI units.
         distance: m, from the lens along the pipe's axis to the port plane; of "straight": how far
             is seen to be straight.
@@ -36,7 +36,8 @@ class Sighting:
             entered, along the run (of a wye: to its `run_end`). 0 for what is round about the axis.
         covariance: (2, 2) of distance and turn, m and rad; infinite for a straight pipe.
         size_spread: standard deviation of each of the sizes.
-        confidence: probability of the kind and the port; below `SURE` the sighting is ambiguous.
+        confidence: probability of the kind and the port; below
+            ``RECOGNISER.confidence`` the sighting is ambiguous.
         aside: (2,) m, where the pipe's axis lies in the robot's frame, nearest to the lens.
         tilt: (2,) rad, by which the pipe's axis leans from the robot's towards its x and y.
     """
@@ -99,8 +100,8 @@ def straightened(numbers: Array, directions: Array, radius: float) -> Array:
     points = points + np.array([*numbers[ASIDE], 0.0])
     row = np.concatenate([numbers[:TURN], [0.0]])[None]
     rotation = cameras(row, [STILL])[1][0, 0]
-    seen = points @ rotation  # port to camera
-    return seen / np.linalg.norm(seen, axis=-1, keepdims=True)
+    rays = points @ rotation  # port to camera
+    return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
 
 
 STILL = Motion(np.eye(3), np.zeros(3))

@@ -11,7 +11,7 @@ from omnitrack_sim.base.rotations import Array
 
 @dataclass(frozen=True, eq=False)
 class RecogniserSettings:
-    """Extent of the library, of the search and of the fit, and what makes a sighting sure.
+    """Extent of the library, of the search and of the fit, and thresholds of a sighting.
 
     Costs are squared residuals in standard deviations, bounded by the robust loss.
 
@@ -49,7 +49,7 @@ class RecogniserSettings:
         lamp_alike: pixels that count as one by a lamp: patches of dirt cover several.
         misfit_cost: mean cost of a pixel from which on no form explains the picture.
         misfit_confidence: most probability of a form in such a picture.
-        sure: probability from which on a sighting is unambiguous.
+        confidence: probability from which on a sighting is unambiguous.
         camera_std: (6,) m and rad, prior standard deviations of the camera's six numbers; distance
             and direction are unknown.
         gain_std: prior standard deviation of the gain of a whole picture, its exposure.
@@ -102,7 +102,7 @@ class RecogniserSettings:
     lamp_alike: float = 2.0
     misfit_cost: float = 3.0
     misfit_confidence: float = 0.5
-    sure: float = 0.95
+    confidence: float = 0.95
     # Fit
     camera_std: Array = field(
         default_factory=lambda: np.array([0.004, 0.004, 0.03, 0.03, 10.0, 10.0])
