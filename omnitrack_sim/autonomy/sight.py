@@ -15,7 +15,7 @@ import numpy as np
 from omnitrack_sim.autonomy.belief import Belief, alike
 from omnitrack_sim.autonomy.leg_planner import LIES_ALONG
 from omnitrack_sim.base.rotations import Array, length, unit
-from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Route
+from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part, Route
 from omnitrack_sim.pipes.network import End, both_ways
 from omnitrack_sim.robots.omnitrack import Robot
 
@@ -60,9 +60,14 @@ class Ahead:
             ``enter`` (``Fitting.ports``), about the pipe's axis ahead. It is the turn of
             ``pipes.attached`` for a placed port whose x axis is that projection (``side_of``). 0
             for a fitting that is round about its axis.
-        distance_std, turn_std: m and rad, standard deviations.
+        distance_std: m, standard deviation of the distance.
+        turn_std: rad, standard deviation of the turn.
         confidence: probability that the kind of ``fitting``, or of the end, is right.
         axis: (3,) unit vector along the pipe ahead, in the robot's frame.
+
+    Example:
+        >>> ot.Ahead(end="open", distance=0.4).kind  # an open end, 0.4 m ahead
+        ('', 'open')
     """
 
     fitting: Fitting | None = None
