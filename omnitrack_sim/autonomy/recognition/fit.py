@@ -381,5 +381,5 @@ def _stepped(at: Tries, gradient: Array, damping: float) -> Tries:
             sizes[j, s] = np.clip(round(changed / grain) * grain, size.low, size.high)
     numbers = at.numbers + moved
     numbers[:, DISTANCE] = np.clip(numbers[:, DISTANCE], 0.0, RECOGNISER.farthest)
-    gains = np.clip(at.gains + step[:, PLACES + SIZES :], 0.8, 1.25)
+    gains = np.clip(at.gains + step[:, PLACES + SIZES :], *RECOGNISER.gain_range)
     return replace(at, numbers=numbers, sizes=sizes, gains=gains)

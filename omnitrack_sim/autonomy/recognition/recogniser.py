@@ -372,7 +372,8 @@ class Recogniser:
             chosen += kept
             places += entries.numbers[kept, DISTANCE].tolist()
             for joint in joints if self._forms[which].parameters else ():
-                near = rows[np.abs(entries.numbers[rows, DISTANCE] - joint) < 0.12 * self._bore]
+                off = np.abs(entries.numbers[rows, DISTANCE] - joint)
+                near = rows[off < RECOGNISER.joint_distance * self._bore]
                 if len(near):
                     chosen.append(int(near[np.argmin(cost[near])]))
                     places.append(joint)
@@ -394,8 +395,8 @@ class Recogniser:
         entries = self._library.entries
         a, b = entries.numbers[row], entries.numbers[other]
         turned = abs((a[TURN] - b[TURN] + math.pi) % (2 * math.pi) - math.pi)
-        far = abs(a[DISTANCE] - b[DISTANCE]) > 0.4 * self._bore
-        return turned > 0.8 or far
+        far = abs(a[DISTANCE] - b[DISTANCE]) > RECOGNISER.distinct_distance * self._bore
+        return turned > RECOGNISER.distinct_turn or far
 
     def _placed(self, fits: Tries, views: Views, level: Level) -> tuple[Tries, float]:
         """Return a row of an end at its posterior mean distance, and the variance, m²."""

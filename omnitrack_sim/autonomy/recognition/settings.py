@@ -26,6 +26,9 @@ class RecogniserSettings:
             steps: the camera's pose is roughly known, and sizes are those of the starts.
         library_cap: most that a ray of a coarse picture can cost.
         starts: starting values of each form that are followed, besides those at visible joints.
+        distinct_distance: bores, from which on two starts of a form differ.
+        distinct_turn: rad, the same of directions.
+        joint_distance: bores, from a visible joint to an entry of the library that it may be.
         excluded_cost: cost in the library from which on a fitting would have been visible.
         followed: most rows that are followed: roughly, closely, to the end.
         follow_cost: cost above the least from which on rows are not followed, for the same stages.
@@ -53,6 +56,7 @@ class RecogniserSettings:
         camera_std: (6,) m and rad, prior standard deviations of the camera's six numbers; distance
             and direction are unknown.
         gain_std: prior standard deviation of the gain of a whole picture, its exposure.
+        gain_range: bounds of that gain: from, to.
         joint_range: m, distances at which a joint is looked for: from, to, step.
         joint_cost: cost that a joint must spare to be followed.
         joints: most joints that are followed.
@@ -81,6 +85,9 @@ class RecogniserSettings:
     library_cap: float = 9.0
     # Search
     starts: int = 3
+    distinct_distance: float = 0.4
+    distinct_turn: float = 0.8
+    joint_distance: float = 0.12
     excluded_cost: float = 25.0
     followed: tuple[int, int, int] = (14, 7, 3)
     follow_cost: tuple[float, float, float] = (400.0, 200.0, 100.0)
@@ -108,6 +115,7 @@ class RecogniserSettings:
         default_factory=lambda: np.array([0.004, 0.004, 0.03, 0.03, 10.0, 10.0])
     )
     gain_std: float = 0.02
+    gain_range: tuple[float, float] = (0.8, 1.25)
     joint_range: tuple[float, float, float] = (0.02, 0.6, 0.004)
     joint_cost: float = 15.0
     joints: int = 4
