@@ -8,7 +8,6 @@ import pytest
 import omnitrack_sim as ot
 
 WITHOUT: set[str] = {
-    "Ahead",
     "Assembly",
     "Command",
     "ControlSetup",
