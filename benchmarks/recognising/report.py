@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnitrack_sim.autonomy.recognition.settings import RECOGNISER
+from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.record.statistics import wilson_interval
 from recognising.approaches import CASES, TURNED
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.recognition import Recogniser, Sighting
 from omnitrack_sim.autonomy.recognition.forms import DISTANCE, PLACES, STILL, TURN, cameras, forms
-from omnitrack_sim.autonomy.recognition.settings import RECOGNISER
+from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array

@@ -19,7 +19,7 @@ from omnitrack_sim.autonomy.recognition.forms import (
     WallMaker,
     cameras,
 )
-from omnitrack_sim.autonomy.recognition.settings import RECOGNISER
+from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.senses.optics import JOINT, RANGE, Camera, Walls, rays_of
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnitrack_sim.autonomy.recognition.settings import RECOGNISER
+from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.base.rotations import Array, Pose, rotation_about
 from omnitrack_sim.pipes import Elbow, Fitting, Part, Reducer, Straight, Tee, attached
 from omnitrack_sim.pipes.fittings.wye import Wye

@@ -36,7 +36,7 @@ from omnitrack_sim.autonomy.recognition.forms import (
     forms,
     straightened,
 )
-from omnitrack_sim.autonomy.recognition.settings import RECOGNISER
+from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.senses.optics import Camera, OpticsTable, Walls, rays_of
 
