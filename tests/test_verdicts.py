@@ -90,7 +90,7 @@ def test_the_quick_form_changes_only_what_its_runs_decide(sample, changed):
 
 def _printed(claims, monkeypatch, *options):
     """Exit status, output and messages of the command where these claims come out."""
-    monkeypatch.setattr("omnitrack_sim.paper.reproduce", lambda *_, **__: claims)
+    monkeypatch.setattr("omnitrack_sim.paper.reproduce.reproduce", lambda *_, **__: claims)
     done = CliRunner().invoke(app, ["reproduce", *options])
     return done.exit_code, done.stdout, done.stderr.strip()
 
