@@ -117,7 +117,14 @@ def rewrite(run: Path, **changes) -> None:
     (run / "result.json").write_text(json.dumps(data | changes))
 
 
-LEG = {"way": [[0, "start", "end"]], "gear": 1, "begin": 0.1, "end": 0.4, "goal": 0, "note": "to b"}
+LEG = {
+    "path": [[0, "start", "end"]],
+    "gear": 1,
+    "begin": 0.1,
+    "end": 0.4,
+    "goal": 0,
+    "note": "to b",
+}
 
 
 @pytest.mark.parametrize(
@@ -139,8 +146,8 @@ LEG = {"way": [[0, "start", "end"]], "gear": 1, "begin": 0.1, "end": 0.4, "goal"
         ({"events": [{"kind": "Remark", "time": "soon", "words": "a"}]}, "damaged"),
         ({"events": [{"kind": [], "time": 1.0, "text": ""}]}, "damaged"),
         ({"legs": [LEG | {"gear": 2}]}, "gear"),
-        ({"legs": [LEG | {"way": []}]}, "way"),
-        ({"legs": [LEG | {"way": [[0, "start"]]}]}, "way"),
+        ({"legs": [LEG | {"path": []}]}, "path"),
+        ({"legs": [LEG | {"path": [[0, "start"]]}]}, "path"),
         ({"legs": [LEG | {"begin": None}]}, "begin"),
     ],
 )
@@ -157,9 +164,9 @@ def test_a_leg_of_no_way_is_refused(tmp_path):
     saved = sample_result(scenario=scenario, provenance=provenance_of(scenario), legs=(leg,))
     folder = saved.save(tmp_path / "run")
     assert load_result(folder).legs == (leg,)
-    rewrite(folder, legs=[LEG | {"way": [[999, "start", "end"]]}])
+    rewrite(folder, legs=[LEG | {"path": [[999, "start", "end"]]}])
     assert refused(folder, "result.json")
-    rewrite(folder, legs=[LEG | {"way": [[0, "start", "nowhere"]]}])
+    rewrite(folder, legs=[LEG | {"path": [[0, "start", "nowhere"]]}])
     assert refused(folder, "result.json")
     rewrite(folder, legs=[])
     assert refused(folder, "trajectory.parquet", "legs")

@@ -105,7 +105,7 @@ def test_every_axis_has_a_unit(name):
 
 def test_import_leaves_matplotlib_out():
     """Importing the module does not import matplotlib."""
-    code = "import sys, omnitrack_sim.show.plots.manoeuvres; sys.exit('matplotlib' in sys.modules)"
+    code = "import sys, omnitrack_sim.paper.plots.over_time; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 

@@ -36,7 +36,7 @@ def place(tmp_path, monkeypatch) -> Path:
         "omnitrack_sim.pipes.network.load_network",
         "omnitrack_sim.robots.omnitrack.singularity.TurnCase",
         "omnitrack_sim.sim.run.run",
-        "omnitrack_sim.results.loading.load_result",
+        "omnitrack_sim.results.result.load_result",
         "omnitrack_sim.paper.reproduce.run_all",
         "omnitrack_sim.trials.dispatch.run_trials",
     ):

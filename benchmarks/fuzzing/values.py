@@ -136,6 +136,9 @@ def _of(model: type[BaseModel]) -> Iterator[float]:
     """Limits of one table and those in it."""
     for info in model.model_fields.values():
         yield from _inside(info.annotation)
+        about = info.json_schema_extra  # a robot's fields say their range there
+        if isinstance(about, dict):
+            yield from about.get("within") or ()
         for item in info.metadata:
             yield from _bounds(item)
 
@@ -149,7 +152,6 @@ def _inside(annotation: Any) -> Iterator[float]:
 
 
 def _bounds(item: Any) -> Iterator[float]:
-    yield from getattr(item, "within", None) or ()
     for key in ("ge", "gt", "le", "lt"):
         for holder in (item, *getattr(item, "metadata", ())):
             bound = getattr(holder, key, None)
