@@ -114,8 +114,8 @@ def test_every_picture_takes_a_result_or_its_folder(tmp_path):
     result = sample_result()
     folder = result.save(tmp_path / "run")
     for number, plot in enumerate((ot.plot_summary, ot.plot_mission)):
-        plot(result, tmp_path / f"a{number}.png")
-        plot(str(folder), tmp_path / f"b{number}.png")
+        plot(result, path=tmp_path / f"a{number}.png")
+        plot(str(folder), path=tmp_path / f"b{number}.png")
         made, again = (tmp_path / f"{name}{number}.png" for name in "ab")
         assert made.read_bytes() == again.read_bytes()
 

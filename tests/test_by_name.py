@@ -67,7 +67,7 @@ def test_what_is_printed_of_a_thing_is_a_line_or_two():
         (simulation.observation.location, "3 robots"),
         (ot.Command(np.zeros((3, 3))), "3 robots", "belt_speed"),
         (load_network("fig14"), "fig14", "fittings"),
-        (tee.route, "3 fittings"),
+        (tee.route, "3 passages"),
         (tee.route.network, "3 parts"),
         (tee.route.network.parts[0], "Straight"),
         (ot.load_sweep("tee_lugs"), "tee_lugs", "robot.lugs_per_track"),
