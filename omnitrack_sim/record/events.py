@@ -82,27 +82,27 @@ _ADVICE = {
 class Event:
     """Something that one robot did or met.
 
-    A new kind of event is a frozen dataclass that inherits from this one and has a ``text``; it is
-    written to ``result.json`` with its fields, and read back by the name of its class.
+    A new kind of event is a frozen dataclass that inherits from this one and has a ``sentence``; it
+    is written to ``result.json`` with its fields, and read back by the name of its class.
 
     Attributes:
         robot: index of the robot in its batch; not written to files and not compared.
         time: s of simulated time.
+        sentence: the event in words, a format string over the fields.
 
     Example:
         >>> from dataclasses import dataclass
         >>> @dataclass(frozen=True)
         ... class Knocked(ot.Event):
         ...     force: float
-        ...     @property
-        ...     def text(self):
-        ...         return f"knocked by {self.force:.0f} N"
+        ...     sentence = "knocked by {force:.0f} N"
         >>> print(Knocked(robot=0, time=1.5, force=20.0))
         1.50 s, knocked by 20 N
     """
 
     robot: int = field(compare=False)
     time: float
+    sentence: ClassVar[str] = ""
     kinds: ClassVar[dict[str, type[Event]]] = {}
 
     def __init_subclass__(cls) -> None:
@@ -111,8 +111,8 @@ class Event:
 
     @property
     def text(self) -> str:
-        """The event in words."""
-        return type(self).__name__
+        """The event in words, without its time."""
+        return self.sentence.format(**vars(self)) or type(self).__name__
 
     def __str__(self) -> str:
         return f"{self.time:.2f} s, {self.text}"
@@ -133,11 +133,7 @@ class Remark(Event):
     """
 
     words: str
-
-    @property
-    def text(self) -> str:
-        """The words themselves."""
-        return self.words
+    sentence = "{words}"
 
 
 @dataclass(frozen=True)
@@ -156,14 +152,10 @@ class Rolled(Event):
     roll_deg: float
     theta5_from_deg: float
     theta5_to_deg: float
-
-    @property
-    def text(self) -> str:
-        """The roll and what it does to theta5."""
-        return (
-            f"before {self.fitting}: rolls the modules by {self.roll_deg:.1f} deg, theta5 from "
-            f"{self.theta5_from_deg:.1f} to {self.theta5_to_deg:.1f} deg"
-        )
+    sentence = (
+        "before {fitting}: rolls the modules by {roll_deg:.1f} deg, theta5 from "
+        "{theta5_from_deg:.1f} to {theta5_to_deg:.1f} deg"
+    )
 
 
 @dataclass(frozen=True)
@@ -173,11 +165,7 @@ class NotAligned(Event):
     fitting: str
     theta5_deg: float
     cause: str
-
-    @property
-    def text(self) -> str:
-        """The orientation and the cause."""
-        return f"before {self.fitting}: theta5 {self.theta5_deg:.1f} deg, not aligned: {self.cause}"
+    sentence = "before {fitting}: theta5 {theta5_deg:.1f} deg, not aligned: {cause}"
 
 
 @dataclass(frozen=True)
@@ -187,14 +175,10 @@ class BackedOff(Event):
     fitting: str
     distance: float
     tilt_deg: float
-
-    @property
-    def text(self) -> str:
-        """Fitting, distance and tilt at which the robot gave up the attempt."""
-        return (
-            f"in {self.fitting}: no headway at {self.distance:.3f} m, tilt {self.tilt_deg:.1f} "
-            "deg: backs off and tries again"
-        )
+    sentence = (
+        "in {fitting}: no headway at {distance:.3f} m, tilt {tilt_deg:.1f} deg: backs "
+        "off and tries again"
+    )
 
 
 @dataclass(frozen=True)
@@ -202,11 +186,7 @@ class Driven(Event):
     """Somebody else drives the robot from here on: a driver, or a controller."""
 
     who: str
-
-    @property
-    def text(self) -> str:
-        """Who drives."""
-        return f"driven by {self.who} from here on"
+    sentence = "driven by {who} from here on"
 
 
 @dataclass(frozen=True)
@@ -214,11 +194,7 @@ class GoalReached(Event):
     """A goal of a mission is reached, and there is another one to follow."""
 
     goal: str
-
-    @property
-    def text(self) -> str:
-        """The goal."""
-        return f"reached {self.goal}"
+    sentence = "reached {goal}"
 
 
 @dataclass(frozen=True)
@@ -227,11 +203,7 @@ class TakenForClosed(Event):
 
     port: str
     distance: float
-
-    @property
-    def text(self) -> str:
-        """Distance at which the robot hangs, and the port that it takes for closed."""
-        return f"no headway at {self.distance:.3f} m: takes {self.port} for closed"
+    sentence = "no headway at {distance:.3f} m: takes {port} for closed"
 
 
 @dataclass(frozen=True)
@@ -240,11 +212,7 @@ class FellOff(Event):
 
     fitting: str
     port: str
-
-    @property
-    def text(self) -> str:
-        """Fitting that it lies in, and port that its nose points to."""
-        return f"in {self.fitting}: fell off its way, nose towards {self.port}"
+    sentence = "in {fitting}: fell off its way, nose towards {port}"
 
 
 @dataclass(frozen=True)
@@ -253,11 +221,7 @@ class FittingFound(Event):
 
     fitting: str
     distance: float
-
-    @property
-    def text(self) -> str:
-        """The fitting, and its distance ahead of the robot's centre, m."""
-        return f"found {self.fitting}, {self.distance:.3f} m ahead"
+    sentence = "found {fitting}, {distance:.3f} m ahead"
 
 
 @dataclass(frozen=True)
@@ -266,11 +230,7 @@ class EndInspected(Event):
 
     port: str
     what: str
-
-    @property
-    def text(self) -> str:
-        """The port of its map, and whether it is open."""
-        return f"inspected {self.port}: {self.what}"
+    sentence = "inspected {port}: {what}"
 
 
 @dataclass(frozen=True)
@@ -280,11 +240,7 @@ class LoopClosed(Event):
     port: str
     other: str
     miss: float
-
-    @property
-    def text(self) -> str:
-        """The two ports of its map that are one place, and how far apart they lay there, m."""
-        return f"closed a loop: {self.port} is {self.other}, they missed by {self.miss:.4f} m"
+    sentence = "closed a loop: {port} is {other}, they missed by {miss:.4f} m"
 
 
 @dataclass(frozen=True)
@@ -293,11 +249,7 @@ class ExplorationComplete(Event):
 
     fittings: int
     ends: int
-
-    @property
-    def text(self) -> str:
-        """Contents of the map."""
-        return f"explored all: {self.fittings} fittings, {self.ends} ends"
+    sentence = "explored all: {fittings} fittings, {ends} ends"
 
 
 @dataclass(frozen=True)
@@ -305,31 +257,21 @@ class LegBegan(Event):
     """A robot sets out on its next leg."""
 
     what: str
-
-    @property
-    def text(self) -> str:
-        """Purpose of the leg."""
-        return self.what
+    sentence = "{what}"
 
 
 @dataclass(frozen=True)
 class LostItself(Event):
     """A robot that localises itself by onboard sensors is lost, and stops."""
 
-    @property
-    def text(self) -> str:
-        """Behaviour of the lost robot."""
-        return "does not know where it is: stops and looks"
+    sentence = "does not know where it is: stops and looks"
 
 
 @dataclass(frozen=True)
 class FoundItself(Event):
     """A lost robot has localised itself again."""
 
-    @property
-    def text(self) -> str:
-        """Behaviour of the robot from here on."""
-        return "knows where it is again: goes on"
+    sentence = "knows where it is again: goes on"
 
 
 @dataclass(frozen=True)
@@ -337,11 +279,7 @@ class GaveUp(Event):
     """A robot that hangs has no other way left."""
 
     cause: str
-
-    @property
-    def text(self) -> str:
-        """Cause."""
-        return f"{self.cause}: gives up"
+    sentence = "{cause}: gives up"
 
 
 def event_of(table: Mapping[str, Any]) -> Event:
