@@ -11,7 +11,9 @@ from samples import sample_result, sample_trajectory
 
 from omnitrack_sim.paper.plots.groups import elbow_figure, rates_figure
 from omnitrack_sim.paper.plots.over_time import (
-    PHASE_COLOURS,
+    PHASES as SHADED,
+)
+from omnitrack_sim.paper.plots.over_time import (
     along_figure,
     angular_velocity_figure,
     contact_map_figure,
@@ -114,26 +116,17 @@ def test_angular_velocity_is_belt_speed_over_lug_radius():
     colours."""
     command = np.full((201, 3), 0.05)
     result = _result(belt_speed_command=command)
-    axis = angular_velocity_figure(result, lug_radius=0.02).axes[0]
+    radius = result.scenario.robot.lug_radius
+    axis = angular_velocity_figure(result).axes[0]
     lines = {line.get_label(): line for line in axis.lines}
     for i, side in enumerate(("inner", "outer", "outer")):
         solid, dashed = lines[f"module {i + 1}, {side}"], lines[f"module {i + 1}, commanded"]
         assert to_rgb(solid.get_color()) == MODULE_COLOURS[i] == to_rgb(dashed.get_color())
         assert (solid.get_linestyle(), dashed.get_linestyle()) == ("-", "--")
-        np.testing.assert_allclose(solid.get_ydata(), result.trajectory["belt_speed"][:, i] / 0.02)
-        np.testing.assert_allclose(dashed.get_ydata(), 2.5)
-
-
-def test_lug_radius_is_the_robots():
-    """Without a lug radius the scenario's robot gives it."""
-    result = _result()
-    line = next(
-        li
-        for li in angular_velocity_figure(result).axes[0].lines
-        if li.get_label() == "module 1, inner"
-    )
-    radius = result.scenario.robot.lug_radius
-    np.testing.assert_allclose(line.get_ydata(), result.trajectory["belt_speed"][:, 0] / radius)
+        np.testing.assert_allclose(
+            solid.get_ydata(), result.trajectory["belt_speed"][:, i] / radius
+        )
+        np.testing.assert_allclose(dashed.get_ydata(), 0.05 / radius)
 
 
 def test_second_panel_is_the_roll():
@@ -153,7 +146,7 @@ def test_align_is_yellow_and_the_turn_green():
         assert _spans(axis, "holonomic motion") == [pytest.approx(spans["align"])]
         assert _spans(axis, "turn") == [pytest.approx(spans["tee_turn"])]
     faces = {p.get_label(): to_hex(p.get_facecolor()) for p in figure.axes[0].patches}
-    assert faces == {"holonomic motion": PHASE_COLOURS["align"], "turn": PHASE_COLOURS["tee_turn"]}
+    assert faces == {name: colour for colour, name in (SHADED["align"], SHADED["tee_turn"])}
     assert _legend(figure)[-2:] == ["holonomic motion", "turn"]
 
 
@@ -215,7 +208,7 @@ def test_contact_map_places_the_modules():
     force."""
     result = _result(np.radians(100))
     axis = contact_map_figure(result).axes[0]
-    points = next(c for c in axis.collections if c.get_label() == "contact")
+    points = next(c for c in axis.collections if c.get_array() is not None)
     where = np.asarray(points.get_offsets())
     assert sorted(set(np.round(where[:, 1], 6))) == [-140, -20, 100]
     np.testing.assert_allclose(where[::3, 0], result.trajectory["distance"])
@@ -229,24 +222,23 @@ def test_contact_map_marks_lost_contact():
     force = np.full((201, 3), 20.0)
     force[:10, 1], force[10:13, 2] = 0.49, np.nan
     axis = contact_map_figure(_result(normal_force=force)).axes[0]
-    marks = {c.get_label(): c for c in axis.collections if isinstance(c, PathCollection)}
-    assert len(marks["no contact"].get_offsets()) == 13
-    assert len(marks["contact"].get_offsets()) == 603 - 13
-    assert to_rgba(marks["no contact"].get_facecolor()[0]) == to_rgba("white")
+    ring, mark = (c for c in axis.collections if isinstance(c, PathCollection))
+    assert (len(ring.get_offsets()), len(mark.get_offsets())) == (13, 603 - 13)
+    assert to_rgba(ring.get_facecolor()[0]) == to_rgba("white")
 
 
 def test_contact_map_shades_fittings_only():
     """Elbow and tee are shaded, the roll before them is not."""
     figure = contact_map_figure(_result(codes=(1, 2, 3, 4)))
-    assert _legend(figure)[1:] == ["turn", "elbow", "tee, straight on"]
+    assert _legend(figure)[1:] == ["elbow", "turn", "tee, straight on"]
     assert {p.get_label() for p in figure.axes[0].patches} == {"turn", "elbow", "tee, straight on"}
 
 
 def test_contact_map_names_the_route_fittings():
-    """With a route the ends of its elbow are marked, with the elbow's name."""
+    """The ends of the elbow of the route are marked, with the elbow's name."""
     (run,) = _elbow_runs((0,))
     route = run.scenario.route
-    axis = contact_map_figure(run, route).axes[0]
+    axis = contact_map_figure(run).axes[0]
     elbow = route.passages[1]
     lines = [line.get_xdata()[0] for line in axis.lines]
     assert lines == pytest.approx([elbow.s_bend_start, elbow.s_bend_end])

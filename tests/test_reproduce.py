@@ -23,7 +23,7 @@ from omnitrack_sim.paper.experiments import (
     scenarios,
 )
 from omnitrack_sim.paper.plots.region import plot_singularity
-from omnitrack_sim.paper.reproduce import FrameStrip, ReportFigure, _at, _by_friction, page
+from omnitrack_sim.paper.reproduce import ReportFigure, by_friction, page, preferred
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import PictureWarning
@@ -133,17 +133,16 @@ class _Links(html.parser.HTMLParser):
 
 def test_page_needs_no_network_and_escapes_text():
     """Pictures are inside, links lead within the page, the paper's words are not markup."""
-    picture = ReportFigure("x", "A caption", b"<svg/>", "svg")
-    strip = FrameStrip("A run", [np.zeros((4, 6, 3), np.uint8)] * 2, [0.0, 1.5])
-    text = page([CLAIM], [picture], [strip], {"seed": 7}, ["A remark."])
+    figure = ReportFigure("x", "A caption", b"<svg/>", "svg+xml")
+    stills = ReportFigure("y", "A run", b"not shown", "jpeg")
+    text = page([CLAIM], [figure, stills], {"seed": 7}, ["A remark."])
     links = _Links()
     links.feed(text)
-    assert len(links.sources) == 3
+    assert len(links.sources) == 2
     assert all(source.startswith("data:image/") for source in links.sources)
     assert [anchor.lstrip("#") for anchor in links.anchors] == links.ids == ["a_b"]
     assert "says &lt;b&gt; &amp;" in text
     assert "http" not in text.replace("http-equiv", "")
-    assert "1.5 s" in text
 
 
 def test_a_foreign_folder_is_refused_before_anything_runs(tmp_path, monkeypatch):
@@ -155,25 +154,26 @@ def test_a_foreign_folder_is_refused_before_anything_runs(tmp_path, monkeypatch)
     assert (tmp_path / "thesis.tex").read_text() == "mine"
 
 
-def fails():
+def fails(runs):
     raise ValueError("no such colour")
 
 
 def test_pictures_that_fail_cost_no_claim(tmp_path, monkeypatch):
     """Claims, page and the other figures are there; the page says what is missing."""
-    good = partial(plot_singularity, TurnCase(), figure="sector")
-    drawn = {"good": ("A sector.", good), "bad": ("Nothing.", fails)}
+    good = partial(plot_singularity, figure="sector")
+    drawn = {"good": ("A sector.", lambda runs: good(TurnCase())), "bad": ("Nothing.", fails)}
     monkeypatch.setattr(command, "run_all", lambda *_: {})
     monkeypatch.setattr(command, "measure", lambda *_: [CLAIM])
     monkeypatch.setattr(command, "_provenance", lambda *_: {"seed": 7})
-    monkeypatch.setattr(command, "figures", lambda _: drawn)
-    with pytest.warns(PictureWarning, match="no figure bad: no such colour"):
+    monkeypatch.setattr(command, "FIGURES", drawn)
+    monkeypatch.setattr(command, "STRIPS", {"unknown": "Stills of no run."})
+    no_stills = pytest.warns(PictureWarning, match="no stills unknown")
+    with no_stills, pytest.warns(PictureWarning, match="no figure bad: no such colour"):
         assert command.reproduce(tmp_path / "paper", quick=True) == [CLAIM]
     found = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.*")}
     assert found == {"paper/claims.json", "paper/figures/good.svg", "paper/report.html"}
     text = (tmp_path / "paper" / "report.html").read_text()
-    assert "could not be drawn: bad." in text
-    assert "No frames" in text
+    assert "could not be drawn: bad, unknown." in text
 
 
 def _results(**changes):
@@ -185,9 +185,9 @@ def _results(**changes):
     ]
 
 
-def test_trials_are_counted_by_friction():
+def test_trials_are_countedby_friction():
     """A range holds its lower end and not its upper one."""
-    groups = _by_friction(_results(friction=[0.6, 0.62, 0.65, 0.9]))
+    groups = by_friction(_results(friction=[0.6, 0.62, 0.65, 0.9]))
     assert [(name, total) for name, _, total in groups] == [
         ("friction 0.60 to 0.65", 2),
         ("friction 0.65 to 0.70", 1),
@@ -195,6 +195,6 @@ def test_trials_are_counted_by_friction():
     ]
 
 
-def test_nearest_orientation_is_found():
-    """Of -60, 0 and 30 degrees 5 is nearest to 0."""
-    assert _at(_results(theta5=[-60.0, 0.0, 30.0]), 5.0).scenario.start.theta5_deg == 0.0
+def test_the_preferred_orientation_is_the_nearest_to_zero():
+    """Of -60, 5 and 30 degrees 5 is nearest to 0."""
+    assert preferred(_results(theta5=[-60.0, 5.0, 30.0])).scenario.start.theta5_deg == 5.0

@@ -147,8 +147,10 @@ def test_the_page_shows_verdicts_with_reasons_and_figures_with_their_claims():
         sample_claim(HOLDS, FAILS, id="turns"),
         sample_claim(STUDY, id="asks"),
     ]
-    pictures = [ReportFigure(name, name, b"<svg/>", "svg") for name in ("elbow_90", "elbow_240")]
-    text = page(claims, pictures, [], {}, [])
+    pictures = [
+        ReportFigure(name, name, b"<svg/>", "svg+xml") for name in ("elbow_90", "elbow_240")
+    ]
+    text = page(claims, pictures, {}, [])
     chip = '<span class="chip fails">does not come out</span>'
     assert text.count(chip) == 3
     assert f'<figcaption>elbow_90<br>{chip}<a href="#slips">slips</a></figcaption>' in text

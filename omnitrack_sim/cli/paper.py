@@ -285,4 +285,4 @@ def _print_claims(claims: Sequence[Claim], folder: Path) -> None:
 
 
 def _verdict(claim: Claim) -> str:
-    return f"[{COLOURS[claim.verdict.name]}]{claim.told}[/]"
+    return f"[{COLOURS[claim.verdict.name]}]{claim.label}[/]"

@@ -42,12 +42,12 @@ class ClaimVerdict(StrEnum):
 
 
 def judged(holds: bool, other_holds: bool = False) -> ClaimVerdict:
-    """The verdict of a measurement.
+    """Return the verdict of a measurement.
 
     Args:
-        holds: whether the paper's statement comes out.
-        other_holds: whether another statement of the paper does, which says something else about
-            the same thing. The paper contradicts itself where only the other one comes out.
+        holds: the paper's statement comes out.
+        other_holds: another statement of the paper does, which says something else about the same
+            thing. The paper contradicts itself where only the other one comes out.
     """
     if holds:
         return ClaimVerdict.HOLDS
@@ -84,17 +84,17 @@ class Claim:
         paper: the paper's value or wording.
         statement: what is measured and when it counts as true, with tolerance and unit; of a study,
             what is asked.
-        measured: the figure found, with its unit.
-        uncertainty: how sure it is: interval, number of trials, or "exact".
-        verdict: what the measurement says.
-        expected: what the full form of the package as it stands says; another one is a change.
+        measured: the measured figure, with its unit.
+        verdict: result of the measurement.
         how: scenarios and number of runs, or the function.
+        uncertainty: of the measurement: interval, number of trials, or "exact".
+        expected: verdict of the full form of the package as it stands; another one is a change.
         why: the reason of the expected verdict, as far as it is known, where the claim is not
             expected to hold.
-        note: what else was seen.
+        note: further observations.
         figures: those that show it.
-        sample: what the runs of the quick form can decide.
-        quick: whether these are the runs of the quick form.
+        sample: verdicts that the runs of the quick form can decide.
+        quick: these are the runs of the quick form.
 
     Raises:
         ValueError: a claim that is not expected to hold gives no reason, or a study has a verdict.
@@ -105,10 +105,10 @@ class Claim:
     paper: str
     statement: str
     measured: str
-    uncertainty: str
     verdict: ClaimVerdict
-    expected: ClaimVerdict
     how: str
+    uncertainty: str = "one run"
+    expected: ClaimVerdict = ClaimVerdict.HOLDS
     why: str = ""
     note: str = ""
     figures: tuple[FigureName, ...] = ()
@@ -124,11 +124,8 @@ class Claim:
     @property
     def decided(self) -> bool:
         """True if there are enough runs for the verdict; there always are in the full form."""
-        return (
-            not self.quick
-            or self.verdict is ClaimVerdict.STUDY
-            or self.sample.decides(self.verdict)
-        )
+        study = self.verdict is ClaimVerdict.STUDY
+        return not self.quick or study or self.sample.decides(self.verdict)
 
     @property
     def changed(self) -> bool:
@@ -136,7 +133,7 @@ class Claim:
         return self.decided and self.verdict is not self.expected
 
     @property
-    def told(self) -> str:
+    def label(self) -> str:
         """The verdict, and whether the runs are too few for it."""
         return self.verdict if self.decided else f"{self.verdict}, few runs"
 
@@ -150,7 +147,7 @@ class Claim:
 
     @property
     def reason(self) -> str:
-        """Why the claim does not hold; empty where it does, and of a study."""
+        """Reason for which the claim does not hold; empty where it does, and of a study."""
         if self.verdict in (ClaimVerdict.HOLDS, ClaimVerdict.STUDY):
             return ""
         # The reason given is that of the expected verdict and of no other.
@@ -169,24 +166,18 @@ def tally(claims: Sequence[Claim]) -> dict[ClaimVerdict, int]:
 
 
 def rate(results: Sequence[Result]) -> tuple[int, int, str]:
-    """Passed, total, and both as text with the Wilson 95 % interval."""
+    """Return passed, total, and both as text with the Wilson 95 % interval."""
     passed, total = sum(r.success for r in results), len(results)
-    low, high = wilson_interval(passed, total)
-    return (
-        passed,
-        total,
-        (
-            f"{passed} of {total} ({100 * passed / total:.1f} %, 95 % interval {100 * low:.1f} to "
-            f"{100 * high:.1f})"
-        ),
-    )
+    low, high = (100 * end for end in wilson_interval(passed, total))
+    percent = f"{100 * passed / total:.1f} %, 95 % interval {low:.1f} to {high:.1f}"
+    return passed, total, f"{passed} of {total} ({percent})"
 
 
 def slip_of(result: Result) -> float:
-    """Slip distance, m, summed over the modules."""
+    """Return the slip distance, m, summed over the modules."""
     return float(np.sum(np.asarray(result.metrics["slip_distance_m"])))
 
 
 def largest(result: Result, name: str) -> float:
-    """A metric of a run, or the largest of its modules' values, in the metric's unit."""
+    """Return a metric of a run, or the largest of its modules' values, in the metric's unit."""
     return float(np.max(result.metrics[name]))  # type: ignore[arg-type]

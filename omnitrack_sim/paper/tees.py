@@ -32,7 +32,6 @@ def compression(runs: Runs) -> Claim:
             spacing * np.sin(np.radians(turn)) > 1e-3
             and spacing * np.sin(np.radians(straight)) < 5e-4
         ),
-        expected=ClaimVerdict.HOLDS,
         how="paper/tee_turn_misaligned, vertical_climb",
     )
 
@@ -57,7 +56,6 @@ def inner_slip(runs: Runs) -> Claim:
         measured=f"inner over outer: {ratios[0]:.2f} with feedback, {ratios[1]:.2f} as written",
         uncertainty="one run each",
         verdict=judged(min(ratios) > 1),
-        expected=ClaimVerdict.HOLDS,
         how="paper/tee_turn_misaligned, paper/tee_turn_as_written",
         figures=("fig13_as_written", "forces_along_the_way"),
     )
@@ -78,7 +76,6 @@ def unaligned(runs: Runs) -> Claim:
         measured=f"feedback {text}; as written {written}",
         uncertainty="even steps over 120 degrees, one run each",
         verdict=judged(passed / total > 0.1955 and passed < total),
-        expected=ClaimVerdict.HOLDS,
         how="tee_turn, align = false, controllers jacobian and paper",
         note=f"Interval {100 * low:.0f} to {100 * high:.0f} %. At the reach of 96.1 mm the "
         "definitions say: ellipse 19.55 %, strip 6 %, crotch 0, real geometry 21 %. Springs tilt "
@@ -106,7 +103,6 @@ def towards_worst(runs: Runs) -> Claim:
         f"{'passes' if passed[off == 60].any() else 'fails'}",
         uncertainty=f"{len(results)} orientations",
         verdict=judged(near > far and not passed[off == 60].any()),
-        expected=ClaimVerdict.HOLDS,
         how="tee_turn, align = false",
         figures=("success_map",),
         sample=Sample.AVERAGE,
@@ -130,7 +126,6 @@ def falls_into_place(runs: Runs) -> Claim:
         measured=f"{text} of those in the region; {back} of the {passed} end on three modules",
         uncertainty="even steps of orientation",
         verdict=judged(0 < passed < total and back == passed),
-        expected=ClaimVerdict.HOLDS,
         how="tee_turn, align = false, theta5 in the singular range",
         figures=("success_map",),
         sample=Sample.AVERAGE,
@@ -155,7 +150,6 @@ def aligned(runs: Runs) -> Claim:
         measured=text,
         uncertainty="Wilson interval",
         verdict=judged(passed == total),
-        expected=ClaimVerdict.HOLDS,
         how="tee_turn with alignment; seed 7",
         figures=("success_rates", "success_by_friction"),
         sample=Sample.EVERY,
@@ -219,9 +213,7 @@ def climb_then_turn(runs: Runs) -> Claim:
         statement="reaches the goal, tilt at the end under 3 degrees",
         measured=f"{result.outcome.value} after {result.duration_s:.1f} s, "
         f"tilt {largest(result, 'tilt_exit_deg'):.2f} degrees",
-        uncertainty="one run",
         verdict=judged(result.success and largest(result, "tilt_exit_deg") < 3),
-        expected=ClaimVerdict.HOLDS,
         how="paper/orient_climb_turn",
     )
 
@@ -246,7 +238,6 @@ def straight_over(runs: Runs) -> Claim:
         verdict=judged(
             a < 1 and u > 5 * a and all(r.success for r in runs["straight_over_aligned"])
         ),
-        expected=ClaimVerdict.HOLDS,
         how="paper/straight_over_tee_aligned and _unaligned, six gravities",
     )
 
@@ -278,7 +269,6 @@ def as_written(runs: Runs) -> Claim:
         "outer ones positive",
         measured=f"{result.outcome.value} in {result.duration_s:.1f} s; inner {shaft[inner]:+.2f}, "
         f"outer {outer[0]:+.2f} and {outer[1]:+.2f} rad/s (mean, as seen at the wall)",
-        uncertainty="one run",
         verdict=judged(result.success and shaft[inner] < 0 < outer.min()),
         expected=ClaimVerdict.FAILS,
         how="paper/tee_turn_as_written",
