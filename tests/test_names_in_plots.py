@@ -51,7 +51,7 @@ def test_names_of_scenarios_parts_and_phases():
     found = texts(plot_summary(result))
     assert {"$a$", *(name.replace("_", " ") for name in NAMES[:3])} <= set(found)
     assert {"$a$", *NAMES} <= set(texts(plot_mission(result)))
-    texts(contact_map_figure(result, result.scenario.route))
+    texts(contact_map_figure(result))
 
 
 def test_names_of_networks_parts_and_ends():

@@ -47,7 +47,8 @@ def elbow_figure(results: Mapping[str, Sequence[Result]]) -> Figure:
         for axis in axes[-1]:
             axis.set_xlabel("theta5 at the start [deg]")
         figure.align_ylabels()
-        handles = axes[0, 0].get_legend_handles_labels()[0]
+        # Not by their labels: a name may begin with an underscore, which hides it.
+        handles = list(axes[0, 0].lines)
         for face, label in ((GREY, "passed"), ("white", "failed")):
             mark: dict[str, Any] = {"ls": "none", "marker": "o", "mec": GREY, "ms": 5}
             # Lines without data: the legend's own.
