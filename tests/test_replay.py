@@ -9,6 +9,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 import trimesh
@@ -24,8 +25,8 @@ from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.replay.contents import arrow_scales
 from omnitrack_sim.show.replay.document import LIBRARY, differences, replay_data
-from omnitrack_sim.show.replay.geometry import NORMAL_STEPS, creased
 from omnitrack_sim.show.replay.packing import STEPS, Pack
+from omnitrack_sim.show.surfaces import geoms_surface
 
 
 @pytest.fixture(scope="module")
@@ -147,15 +148,20 @@ def test_tables_keep_numbers_and_gaps():
 
 
 def test_edges_stay_sharp_and_round_things_round():
-    """A box has three normals at each corner; a ball one, which points away from its centre."""
-    box = trimesh.creation.box()
-    solid = creased(np.array(box.vertices), np.array(box.faces))
-    assert len(solid.vertices) == 24
-    assert set(np.abs(solid.normals).max(axis=1).tolist()) == {NORMAL_STEPS}
-    ball = trimesh.creation.icosphere(subdivisions=3)
-    solid = creased(np.array(ball.vertices), np.array(ball.faces))
-    assert len(solid.vertices) == len(ball.vertices)
-    np.testing.assert_allclose(solid.normals / NORMAL_STEPS, solid.vertices, atol=0.02)
+    """The normals of a box, also of one that is a mesh, are those of its faces; those of a ball
+    point away from its centre."""
+    spec, box = mujoco.MjSpec(), trimesh.creation.box()
+    spec.add_mesh(name="mesh", uservert=box.vertices.ravel(), userface=box.faces.ravel())
+    kinds = mujoco.mjtGeom
+    spec.worldbody.add_geom(type=kinds.mjGEOM_MESH, meshname="mesh")
+    spec.worldbody.add_geom(type=kinds.mjGEOM_BOX, size=[0.5, 0.5, 0.5])
+    spec.worldbody.add_geom(type=kinds.mjGEOM_SPHERE, size=[0.5, 0, 0])
+    mesh, primitive, ball = (geoms_surface(spec.compile(), [i], fine=True) for i in range(3))
+    for surface in (mesh, primitive):
+        corners, normals = surface.position[surface.faces], surface.normal[surface.faces]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        np.testing.assert_allclose(normals, np.repeat(across[:, None], 3, axis=1), atol=1e-6)
+    np.testing.assert_allclose(ball.normal, 2 * ball.position, atol=0.02)
 
 
 def test_arrows_are_as_long_as_half_a_bore_at_most():

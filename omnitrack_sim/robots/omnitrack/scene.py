@@ -68,16 +68,19 @@ def build_scene(
 
 
 def build_looks(
-    network: Assembly, robot: Robot, plates: Sequence[tuple[int, str]] = ()
+    network: Assembly,
+    robot: Robot,
+    plates: Sequence[tuple[int, str]] = (),
+    coarse: bool = True,
 ) -> mujoco.MjSpec:
     """The robot, and the plates that close ports of a network, as they are seen: without walls.
 
-    The joints are those of ``build_scene``.
+    The joints are those of ``build_scene``; ``coarse`` as in ``add_robot_looks``.
     """
     from omnitrack_sim.robots.omnitrack.looks import add_robot_looks
 
     spec = new_spec("omnitrack_looks")
     add_plates(spec, network, plates, looks=True)
     add_robot(spec, robot)
-    add_robot_looks(spec, robot, coarse=True)
+    add_robot_looks(spec, robot, coarse)
     return spec

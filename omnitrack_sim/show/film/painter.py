@@ -13,7 +13,7 @@ from OpenGL import GL
 
 from omnitrack_sim.show.film import shaders
 from omnitrack_sim.show.film.shots import Eye, Sun
-from omnitrack_sim.show.film.surfaces import Surface
+from omnitrack_sim.show.surfaces import Surface
 
 _SIZES = (3, 3, 4, 1)  # floats of position, normal, colour, body
 _FILLS_ITS_MAP = (1.5, 4.0)  # slope and units by which depths in a map lie behind

@@ -17,7 +17,7 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.record.timeline import passage_indices
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack.looks import look_pitch
+from omnitrack_sim.robots.omnitrack.looks import ROBOT_GROUP, look_pitch
 from omnitrack_sim.robots.omnitrack.scene import build_looks
 from omnitrack_sim.show.film.overlay import (
     BOTH_PANELS,
@@ -34,15 +34,9 @@ from omnitrack_sim.show.film.shots import (
     OnboardCamera,
     SideCamera,
 )
-from omnitrack_sim.show.film.surfaces import (
-    body_spheres,
-    cut_pipe,
-    pipe_inside,
-    robot_surface,
-    seam,
-)
 from omnitrack_sim.show.playback import smooth_belts, sound
 from omnitrack_sim.show.projection import needs_map
+from omnitrack_sim.show.surfaces import body_spheres, cut_pipe, geoms_surface, pipe_inside, seam
 
 if TYPE_CHECKING:
     from omnitrack_sim.show.film.painter import Image, Painter, PixelRect
@@ -83,7 +77,11 @@ class Stage:
         self.data = mujoco.MjData(self.model)
         self._qpos = smooth_belts(self.model, self.trajectory, look_pitch(scenario.robot))
         self._pose(self._qpos[0])
-        self._robot = robot_surface(self.model)
+        robot = np.flatnonzero(self.model.geom_group == ROBOT_GROUP)
+        self._robot = geoms_surface(self.model, robot)
+        # Light between the coils of a spring would be a row of dots.
+        solid = [i for i in robot if not self.model.geom(i).name.startswith("look_spring")]
+        self._casting = geoms_surface(self.model, solid)
         self._spheres = body_spheres(self._robot, self.model.nbody)
         self._bodies = np.flatnonzero(self._spheres[1] > 0)
         self._bodies = self._bodies[self._bodies > 0]  # plates belong to the world
@@ -204,7 +202,11 @@ class Stage:
         from omnitrack_sim.show.film.painter import Painter
 
         cut = self._camera.cut
-        pipes = [cut_pipe(p, cut) if cut.any() else pipe_inside(p) for p in network.parts]
+        pipes = []
+        for part in network.parts:
+            towards = part.pose.rotation.T @ cut
+            wall = cut_pipe(part.fitting, towards) if cut.any() else pipe_inside(part.fitting)
+            pipes.append(wall.placed(part.pose))
         self._joined = []
         for (i, port), (j, other) in network.joints:
             a, b = network.parts[i], network.parts[j]
@@ -213,8 +215,7 @@ class Stage:
             self._joined.append((i, j))
         return Painter(
             self._robot,
-            # Light between the coils of a spring would be a row of dots.
-            robot_surface(self.model, without="spring"),
+            self._casting,
             pipes,
             self.model.nbody,
             size,

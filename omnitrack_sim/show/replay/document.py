@@ -151,15 +151,21 @@ def _part_mismatch(one: Result, other: Result) -> str:
 def replay_data(runs: list[Result]) -> dict[str, Any]:
     """Collect the data of the page's runs, of which the first one brings the pipes."""
     # Imported late: they bring MuJoCo and trimesh, which a check of two runs' pipes needs not.
+    from omnitrack_sim.robots.omnitrack.scene import build_looks
     from omnitrack_sim.show.replay import geometry
 
     first, pack = runs[0], Pack()
     network, trajectory = first.pipes, sound(first.trajectory)
     shapes = geometry.Shapes(pack)
-    model = geometry.looks_model(first.scenario, network)
+    models = [
+        build_looks(run.pipes, run.scenario.robot, run.scenario.plates, coarse=False).compile()
+        for run in runs
+    ]
     return {
-        "runs": [_run_table(run, pack, shapes) for run in runs],
-        "pipes": geometry.pipes_table(network, model, shapes),
+        "runs": [
+            _run_table(run, model, pack, shapes) for run, model in zip(runs, models, strict=True)
+        ],
+        "pipes": geometry.pipes_table(network, models[0], shapes),
         "follow": geometry.follow_table(first, trajectory, pack),
         "map": contents.map_table(first),
         "pictures": contents.pictures_table(first.album, trajectory),
@@ -173,12 +179,11 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
     }
 
 
-def _run_table(result: Result, pack: Pack, shapes: Any) -> dict[str, Any]:
+def _run_table(result: Result, model: Any, pack: Pack, shapes: Any) -> dict[str, Any]:
     """Collect the data of one run, its robot included."""
     from omnitrack_sim.show.replay import geometry
 
     trajectory = sound(result.trajectory)
-    model = geometry.looks_model(result.scenario)
     with np.errstate(invalid="ignore", over="ignore"):  # of physics that has diverged
         return {
             "heading": heading_table(result),

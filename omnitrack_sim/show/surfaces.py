@@ -1,20 +1,20 @@
-"""What pictures are painted from: triangles with normals and colours, of the robot as it is
-compiled, and of pipes from their exact surface."""
+"""Triangles with normals and colours for films and replay pages: of the robot as it is compiled,
+and of pipes from their exact surface."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Self
 
 import mujoco
 import numpy as np
-from manifold3d import Manifold
+from manifold3d import Manifold, Mesh
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.rotations import Array, Pose, matrix_from_quaternion, unit
-from omnitrack_sim.pipes import Part
-from omnitrack_sim.robots.omnitrack.looks import ROBOT_GROUP
+from omnitrack_sim.pipes import Fitting
 from omnitrack_sim.walls.meshes import (
     THICKNESS,
     TriangleMesh,
@@ -28,9 +28,11 @@ PIPE, SECTION, JOINT = (0.64, 0.705, 0.775), (0.93, 0.95, 0.97), (0.36, 0.41, 0.
 """Red, green, blue of a pipe's wall, of where it is cut, and of the seams between parts."""
 SEAM_WIDTH, SEAM_HEIGHT = 0.005, 0.001
 """Of the weld between two parts, m: along the pipe, and into the bore."""
-_ROUND, _THIN, _THIN_RADIUS = (16, 4), (8, 2), 0.005
-"""Faces of a round primitive about its axis, and corners along a quarter circle; of one that is
-thinner than this, m."""
+_FINE, _ROUND, _THIN, _THIN_RADIUS = (24, 6), (16, 4), (8, 2), 0.005
+"""Faces of a round primitive about its axis, and corners along a quarter circle: where one comes
+near, in films, and in films of one that is thinner than this radius, m."""
+CREASE_DEG = 35.0
+"""Angle between neighbouring faces of a mesh from which on the edge is sharp, degrees."""
 _TO_CENTRE = 0.02  # of the way from a corner to its triangle's centre, where its normal is taken
 _SECTIONS_CUT, _SECTIONS_INSIDE = 72, 48  # corners of a pipe's cross-section
 _SAME = np.array(3 * [1e-5] + 3 * [0.03] + 4 * [0.01])  # m, and parts of unit vectors and colours
@@ -40,10 +42,11 @@ Faces = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles to paint.
+    """Triangles with what is seen of them.
 
     Attributes:
-        position, normal: (V, 3) m and unit, in the frame of the vertex's body.
+        position: (V, 3) m, in the frame of the vertex's body.
+        normal: (V, 3) unit vectors, in the same frame.
         colour: (V, 4) red, green, blue and gloss, each from 0 to 1.
         body: (V,) index of the body; 0 is the world.
         faces: (F, 3) vertices, counterclockwise from outside.
@@ -54,6 +57,11 @@ class Surface:
     colour: Array
     body: NDArray[np.int32]
     faces: Faces
+
+    def placed(self, pose: Pose) -> Surface:
+        """Return the surface in the frame in which its own has this pose."""
+        position, normal = pose.apply(self.position), self.normal @ pose.rotation.T
+        return replace(self, position=position, normal=normal)
 
     @classmethod
     def joined(cls, surfaces: list[Self]) -> Self:
@@ -68,14 +76,10 @@ class Surface:
         return cls(**arrays, faces=np.concatenate(faces).astype(np.int32))
 
 
-def robot_surface(model: mujoco.MjModel, without: str = "") -> Surface:
-    """The visible geoms of a model, of the robot and of plates, each in the frame of its body;
-    those of the mesh ``without`` are left out."""
-    shown = model.geom_group == ROBOT_GROUP
-    if without:
-        mesh = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_MESH, without)
-        shown &= (model.geom_type != mujoco.mjtGeom.mjGEOM_MESH) | (model.geom_dataid != mesh)
-    return Surface.joined([_geom(model, int(i)) for i in np.flatnonzero(shown)])
+def geoms_surface(model: mujoco.MjModel, geoms: Iterable[int], fine: bool = False) -> Surface:
+    """Return the surfaces of geoms of a model as one, each in the frame of its body; ``fine``: for
+    a viewer who may come near."""
+    return Surface.joined([_geom(model, int(geom), fine) for geom in geoms])
 
 
 def body_spheres(surface: Surface, bodies: int) -> tuple[Array, Array]:
@@ -95,8 +99,8 @@ def geom_colour(model: mujoco.MjModel, geom: int) -> Array:
     return (model.geom_rgba[geom] if material < 0 else model.mat_rgba[material])[:3]
 
 
-def _geom(model: mujoco.MjModel, geom: int) -> Surface:
-    position, normal, faces = _shape(model, geom)
+def _geom(model: mujoco.MjModel, geom: int, fine: bool) -> Surface:
+    position, normal, faces = _shape(model, geom, fine)
     rotation = matrix_from_quaternion(model.geom_quat[geom])
     material = int(model.geom_matid[geom])
     gloss = 0.25 if material < 0 else float(model.mat_specular[material])
@@ -123,12 +127,12 @@ def _painted(
     )
 
 
-def _shape(model: mujoco.MjModel, geom: int) -> tuple[Array, Array, Faces]:
+def _shape(model: mujoco.MjModel, geom: int, fine: bool) -> tuple[Array, Array, Faces]:
     """Positions, normals and faces of a geom in its own frame."""
     kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         return _mesh(model, int(model.geom_dataid[geom]))
-    detail = _THIN if size[0] < _THIN_RADIUS else _ROUND
+    detail = _FINE if fine else _THIN if size[0] < _THIN_RADIUS else _ROUND
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         position, normal, faces = _unit_box()
         return position * size, normal, faces
@@ -144,13 +148,16 @@ def _shape(model: mujoco.MjModel, geom: int) -> tuple[Array, Array, Faces]:
 
 
 def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[Array, Array, Faces]:
-    """A mesh with one vertex for each pair of point and normal that its faces use."""
-    rows = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
-    corners = np.stack([model.mesh_face[rows], model.mesh_facenormal[rows]], axis=-1)
-    pairs, index = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
-    position = model.mesh_vert[model.mesh_vertadr[mesh] + pairs[:, 0]].astype(float)
-    normal = model.mesh_normal[model.mesh_normaladr[mesh] + pairs[:, 1]].astype(float)
-    return position, unit(normal), index.reshape(-1, 3).astype(np.int32)
+    """Return a mesh with the mean normal of the faces that meet at a vertex, and with a vertex for
+    each side of an edge that is sharper than ``CREASE_DEG``."""
+    vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+    vertices = model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]]
+    faces = model.mesh_face[face : face + model.mesh_facenum[mesh]].astype(np.uint32)
+    # MuJoCo's own normals are those of another face at many a sharp edge.
+    solid = Manifold(Mesh(np.ascontiguousarray(vertices), faces))
+    smooth = solid.calculate_normals(0, CREASE_DEG).to_mesh()
+    corners = smooth.vert_properties.astype(float)
+    return corners[:, :3], unit(corners[:, 3:]), np.asarray(smooth.tri_verts, np.int32)
 
 
 @cache
@@ -203,35 +210,36 @@ def _strips(rows: int, columns: int, closed: bool) -> Faces:
     ).astype(np.int32)
 
 
-def cut_pipe(part: Part, towards: Array) -> Surface:
-    """The half of a part away from a viewer in direction ``towards`` (3,), world frame."""
-    local = part.pose.rotation.T @ towards
-    mesh = cutaway_mesh(part.fitting, local, sections=_SECTIONS_CUT)
-    cut = cut_normal(part.fitting, local)
-    return _wall(part, mesh, cut)
+def cut_pipe(
+    fitting: Fitting, towards: Array, sections: int = _SECTIONS_CUT, keep: bool = True
+) -> Surface:
+    """Return a half of a fitting, in its frame: the one away from a viewer in direction ``towards``
+    (3,), or without ``keep`` the one that is cut off."""
+    mesh = cutaway_mesh(fitting, towards, sections=sections, keep=keep)
+    return _wall(fitting, mesh, cut_normal(fitting, towards))
 
 
-def pipe_inside(part: Part) -> Surface:
-    """The inner surface of a part, which is seen from within only: painted without the faces that
-    look away, the pipe is open towards any viewer."""
-    return _wall(part, inside_mesh(part.fitting, _SECTIONS_INSIDE), np.zeros(3))
+def pipe_inside(fitting: Fitting, sections: int = _SECTIONS_INSIDE) -> Surface:
+    """Return the inner surface of a fitting, in its frame, which is seen from within only: painted
+    without the faces that look away, the pipe is open towards any viewer."""
+    return _wall(fitting, inside_mesh(fitting, sections), np.zeros(3))
 
 
-def _wall(part: Part, mesh: TriangleMesh, cut: Array) -> Surface:
-    """A mesh of a part, world frame: smooth with the normals of the exact surface, and flat where
-    it is cut or ends."""
+def _wall(fitting: Fitting, mesh: TriangleMesh, cut: Array) -> Surface:
+    """Return a mesh of a fitting: smooth with the normals of the exact surface, and flat where it
+    is cut or ends."""
     corners = np.asarray(mesh.vertices)[mesh.faces]  # (F, 3, 3)
     flat = np.asarray(mesh.face_normals)
     centre = corners.mean(axis=1, keepdims=True)
     near = corners + _TO_CENTRE * (centre - corners)
-    distance, inward = part.fitting.signed_distance(near)
+    distance, inward = fitting.signed_distance(near)
     inward = inward * np.where(distance > -THICKNESS / 2, 1.0, -1.0)[..., None]
     curved = (inward * flat[:, None]).sum(axis=-1).min(axis=1) > 0.7
     normal = np.where(curved[:, None, None], inward, flat[:, None])
     sectioned = ~curved & (flat @ cut > 0.99)
     colour = np.where(sectioned[:, None], (*SECTION, 0.0), (*PIPE, 0.0))
-    pose, wanted = part.pose, np.broadcast_to(colour[:, None], (len(colour), 3, 4))
-    corner = np.concatenate([corners, unit(normal), wanted], axis=-1).reshape(-1, 10)
+    colours = np.broadcast_to(colour[:, None], (len(colour), 3, 4))
+    corner = np.concatenate([corners, unit(normal), colours], axis=-1).reshape(-1, 10)
     # Corners that meet with nearly the same normal are one vertex, which is painted once.
     _, first, index = np.unique(
         np.round(corner / _SAME),
@@ -240,7 +248,7 @@ def _wall(part: Part, mesh: TriangleMesh, cut: Array) -> Surface:
         return_inverse=True,
     )
     position, normal, colours = np.split(corner[first], [3, 6], axis=1)
-    return _painted(pose.apply(position), normal @ pose.rotation.T, index.reshape(-1, 3), colours)
+    return _painted(position, normal, index.reshape(-1, 3), colours)
 
 
 def seam(port: Pose, radius: float, away: Array) -> Surface:
