@@ -32,9 +32,7 @@ from omnitrack_sim.robots.omnitrack.control.catalogue import (
     controller_of,
     parameters_model,
 )
-from omnitrack_sim.robots.omnitrack.control.driven import DrivenTable
 from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
-from omnitrack_sim.robots.omnitrack.policy.controller import PolicyTable
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario import validate as validate_scenario
 from omnitrack_sim.scenario.tables import (
@@ -235,29 +233,12 @@ TABLES = {
     "## `start`": [StartTable],
     "## `world`": [WorldTable],
     "## `control`": [ControlTable],
-    "### `control.parameters.tracking`": [type(FeedbackTable().tracking)],
-    "### `control.parameters.sway`": [type(FeedbackTable().sway)],
-    "### `control.parameters.damping`": [type(FeedbackTable().damping)],
-    "### `control.parameters.alignment`": [type(FeedbackTable().alignment)],
-    "### `control.parameters.recovery`": [type(FeedbackTable().recovery)],
-    '### `control.parameters` of "paper" and "equal"': [PaperTable],
-    '### `control.parameters` of "driven"': [DrivenTable],
-    '### `control.parameters` of "policy"': [PolicyTable],
     "## `sensing`": [SensingTable],
-    **{
-        f"### `sensing.{key}`": [type(value)]
-        for key, value in SensingTable()
-        if isinstance(value, BaseModel)
-    },
     "## `monitor`": [MonitorTable],
     "## `record`": [RecordTable],
     "## `physics`": [PhysicsTable],
     "## `run`": [RunTable],
 }
-
-
-CAMERAS = ("### `sensing.depth`", "### `sensing.headlight`")
-"""Sections whose common keys have one section of their own."""
 
 
 def test_channels_and_metrics_of_the_estimate_are_documented_as_they_are_declared():
@@ -282,8 +263,6 @@ def test_keys_are_documented_as_they_are_declared(heading, tables):
     the code has, and no other row."""
     text = page("scenarios")
     rows = rows_below(heading, text)
-    if heading in CAMERAS:
-        rows |= rows_below(" and ".join([CAMERAS[0], CAMERAS[1].removeprefix("### ")]), text)
     keys = {
         key: (table, info.get_default(call_default_factory=True))
         for table in tables
@@ -317,16 +296,23 @@ def test_keys_of_pipes_are_documented_as_they_are_declared():
         for key, (unit, meaning) in own.items():
             assert unit == symbol_of(table, key), key
             assert said(meaning) == meanings_of(table)[key], key
-    assert PaperTable().alignment == FeedbackTable().alignment
 
 
-def test_every_table_of_parameters_is_documented():
-    """The tables of the shipped controllers are the ones that scenarios.md has sections of."""
+def test_every_table_of_parameters_and_sensors_is_documented():
+    """scenarios.md has a section, with its table, for each table of the shipped controllers and of
+    the sensors."""
     text = page("scenarios")
     for controller in map(controller_of, CONTROLLERS):
         for key, info in parameters_model(controller).model_fields.items():
             value = info.get_default(call_default_factory=True)
-            assert not isinstance(value, BaseModel) or f"### `control.parameters.{key}`" in text
+            mark = f"\n<!-- keys: control.parameters.{key} -->\n"
+            assert not isinstance(value, BaseModel) or mark in text
+    for key, value in SensingTable():
+        mark = f"\n<!-- keys: sensing.{key} -->\n"
+        assert not isinstance(value, BaseModel) or mark in text
+    for name in ("paper", "driven", "policy"):
+        assert f"\n<!-- keys: {name} -->\n" in text
+    assert PaperTable().alignment == FeedbackTable().alignment
 
 
 def test_every_key_of_a_scenario_is_documented():

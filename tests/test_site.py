@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from pydantic import BaseModel
 
 import omnitrack_sim as ot
 from omnitrack_sim.cli import app
@@ -276,3 +277,15 @@ def test_the_page_that_is_about_it_is_found_first(site):
         browser.close()
     assert found.index("omnitrack_sim.Tee") < found.index("Changelog")
     assert found.index("Changelog") < found.index("omnitrack_sim.Drive.steers")
+
+
+def test_tables_of_keys_are_made_from_the_models(site, tools):
+    """The built page of scenarios has each key of the tables that its source only marks."""
+    import keys
+
+    html = (site / "scenarios.html").read_text(encoding="utf-8")
+    assert "<!-- keys" not in html
+    for model in keys.MODELS.values():
+        for key, info in model.model_fields.items():
+            table = isinstance(info.get_default(call_default_factory=True), BaseModel)
+            assert table or f">{key}</span>" in html, key

@@ -12,6 +12,7 @@ import shutil
 from pathlib import Path
 
 from commands import write_commands
+from keys import with_tables
 from reference import write_reference
 
 ROOT = Path(__file__).parents[2]
@@ -72,7 +73,7 @@ def stage(target: Path) -> list[str]:
     for source, page in pages().items():
         if source == CONTENTS:
             continue
-        text = _redirected(source, target, shown, broken)
+        text = with_tables(_redirected(source, target, shown, broken))
         if page == "index":
             text += _toctrees()
         (target / f"{page}{source.suffix}").write_text(text, encoding="utf-8")
