@@ -25,7 +25,7 @@ from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.plots.style import save_figure
-from omnitrack_sim.show.plots.success_figure import FAILED_COLOUR, PASSED_COLOUR, success_figure
+from omnitrack_sim.show.plots.success import FAILED_COLOUR, PASSED_COLOUR, success_figure
 
 PHASES = ("cruise", "align", "elbow", "tee_turn", "tee_straight")
 SECTOR, MARGIN = 96.54, (120 - 96.54) / 2

@@ -21,7 +21,7 @@ from omnitrack_sim.results.result import load_result
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.film.overlay import StatusPanel
 from omnitrack_sim.show.plots.style import PictureWarning, attempt, save_figure
-from omnitrack_sim.show.plots.sweep_chart import Spread, sweep_figure
+from omnitrack_sim.show.plots.success import Spread, sweep_figure
 
 NAMES = ("$", "a$b$c", r"$\frac$", "_x^2_$", r"50%_\&#{}", "日本", "\x07\x1b[31m\x85", "n" * 250)
 """Mathematics, TeX, letters that the font lacks, control characters, length."""

@@ -14,8 +14,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import save_figure
-from omnitrack_sim.show.plots.success_figure import SINGULAR_COLOUR
-from omnitrack_sim.show.plots.sweep_chart import THETA5, Spread, sweep_figure
+from omnitrack_sim.show.plots.success import SINGULAR_COLOUR, THETA5, Spread, sweep_figure
 from omnitrack_sim.trials.dispatch import Status
 from omnitrack_sim.trials.sweep import load_sweep, resolve
 from omnitrack_sim.trials.sweep_run import CLASSES, SweepResult, draw_map, spreads, turn_case

@@ -29,7 +29,7 @@ from omnitrack_sim.paper.plots.region import plot_singularity
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import attempt, save_figure
-from omnitrack_sim.show.plots.success_figure import success_figure
+from omnitrack_sim.show.plots.success import success_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

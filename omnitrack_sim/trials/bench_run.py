@@ -22,8 +22,8 @@ from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval, wilson_interval
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.robots.omnitrack import MODULES
-from omnitrack_sim.show.plots.bench_chart import Bar, bench_figure
 from omnitrack_sim.show.plots.style import attempt, save_figure
+from omnitrack_sim.show.plots.success import bench_figure
 from omnitrack_sim.trials.batches import ERROR, INVALID
 from omnitrack_sim.trials.bench import DEFAULT, Bench
 from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
@@ -353,16 +353,6 @@ def _more(row: Mapping[str, Any], name: str, factor: float = 1.0) -> str:
 
 
 def _figure(rows: Sequence[Mapping[str, Any]]) -> bytes:
-    bars = [
-        Bar(
-            row["task"],
-            row["entry"],
-            row["passed"],
-            row["trials"],
-            (row["success_low"], row["success_high"]),
-        )
-        for row in rows
-    ]
     picture = io.BytesIO()
-    save_figure(bench_figure(bars), picture, "png")
+    save_figure(bench_figure(rows), picture, "png")
     return picture.getvalue()

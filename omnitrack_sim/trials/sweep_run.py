@@ -22,7 +22,7 @@ from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.scenario.tables import unit_of
 from omnitrack_sim.show.plots.style import save_figure
-from omnitrack_sim.show.plots.sweep_chart import CHART, Spread, draw_chart, sweep_figure
+from omnitrack_sim.show.plots.success import CHART, Spread, draw_chart, sweep_figure
 from omnitrack_sim.trials.axes import DirectionAxis
 from omnitrack_sim.trials.batches import ERROR, INVALID
 from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status

@@ -10,7 +10,7 @@ import numpy as np
 
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.show.plots.style import ALARM, GREY, INK, new_figure, styled
-from omnitrack_sim.show.plots.success_figure import PASSED_COLOUR
+from omnitrack_sim.show.plots.success import PASSED_COLOUR
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

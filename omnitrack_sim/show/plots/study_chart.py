@@ -84,40 +84,32 @@ class Tried:
 
 
 def study_figure(scales: Sequence[ObjectiveAxis], tried: Tried) -> Figure:
-    """The candidates over each pair of objectives with the front between them; with one objective
-    over the course of the search."""
-    if len(scales) == 1:
-        return styled(lambda: _course(scales[0], tried))
-    return styled(lambda: _fronts(scales, tried))
+    """Plot the candidates over each pair of objectives with the front between them; with one
+    objective over the course of the search."""
+    return styled(lambda: _course(scales[0], tried) if len(scales) == 1 else _fronts(scales, tried))
 
 
 def _course(scale: ObjectiveAxis, tried: Tried) -> Figure:
     figure = new_figure((6.4, 4.2), layout="constrained")
-    axis = figure.subplots()
+    panel = figure.subplots()
     values = tried.values[:, 0]
-    number = np.arange(float(len(values)))
-    shown = np.isfinite(values) & tried.feasible
-    _dots(axis, number[shown], values[shown], number[~shown], values[~shown])
+    number, kept = np.arange(float(len(values))), np.isfinite(values) & tried.feasible
+    _draw_candidates(panel, number, values, tried.feasible)
     better = np.minimum if scale.goal == "minimise" else np.maximum
     worst = np.inf if scale.goal == "minimise" else -np.inf
-    so_far = better.accumulate(np.where(shown, values, worst))
-    axis.plot(
-        number, np.where(np.isfinite(so_far), so_far, np.nan),
-        drawstyle="steps-post", color=FRONT, label="best so far",
-    )  # fmt: skip
+    so_far = better.accumulate(np.where(kept, values, worst))
+    so_far = np.where(np.isfinite(so_far), so_far, np.nan)
+    panel.plot(number, so_far, drawstyle="steps-post", color=FRONT, label="best so far")
     if np.isfinite(values[0]):
-        axis.axhline(values[0], color=INK, lw=0.8, ls="--", label="start")
-    places = np.asarray(tried.places, int)
-    _checks(axis, places, (number, values), (number[places], tried.checked[:, 0]))
-    if shown[tried.best]:
-        _ring(axis, number[tried.best], values[tried.best], tried.best_label)
-    _limits(axis, scale, None)
-    told = [values[0], values[tried.best], *values[tried.front], *tried.checked[:, 0]]
-    _bulk(axis.set_ylim, values, told)
-    _note_outside(axis, number, values)
-    axis.set_xlabel("candidate")
-    axis.set_ylabel(scale.label)
-    _legend(figure, axis, 1)
+        panel.axhline(values[0], color=INK, lw=0.8, ls="--", label="start")
+    _draw_marks(panel, (number, number[list(tried.places)]), (values, tried.checked[:, 0]), tried)
+    if scale.limit is not None:
+        panel.axhline(scale.limit, color=ALARM, lw=0.8, ls=":")
+    panel.set_ylim(_bulk(tried, 0))
+    _note_outside(panel, number, values)
+    panel.set_xlabel("candidate")
+    panel.set_ylabel(scale.label)
+    _legend(figure, panel, 1)
     return figure
 
 
@@ -129,7 +121,7 @@ def _fronts(scales: Sequence[ObjectiveAxis], tried: Tried) -> Figure:
     figure = new_figure((size + 0.4, 3.6 * rows + 0.6), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False)
     for panel, (i, k) in zip(panels.flat, pairs, strict=False):
-        _pair(panel, scales[i], scales[k], tried, i, k)
+        _draw_pair(panel, scales, tried, i, k)
     for panel in panels.flat[len(pairs) :]:
         panel.set_visible(False)
     _legend(figure, panels.flat[0], columns)
@@ -143,64 +135,61 @@ def _legend(figure: Figure, axis: Axes, columns: int) -> None:
     figure.legend(handles, labels, loc="outside lower center", ncols=across, fontsize=8)
 
 
-def _pair(panel: Axes, x: ObjectiveAxis, y: ObjectiveAxis, tried: Tried, i: int, k: int) -> None:
-    """The candidates over two of the objectives."""
-    across, up = tried.values[:, i], tried.values[:, k]
-    shown = np.isfinite(across) & np.isfinite(up)
-    good, bad = shown & tried.feasible, shown & ~tried.feasible
-    _dots(panel, across[good], up[good], across[bad], up[bad])
+def _draw_pair(panel: Axes, scales: Sequence[ObjectiveAxis], tried: Tried, i: int, k: int) -> None:
+    """Draw the candidates over the objectives i, to the right, and k."""
+    x, y = tried.values[:, i], tried.values[:, k]
+    _draw_candidates(panel, x, y, tried.feasible)
     front = list(tried.front)
-    order = np.lexsort((up[front], across[front]))
-    style = "-o" if tried.values.shape[1] == 2 else "o"
-    panel.plot(across[front][order], up[front][order], style, ms=4, color=FRONT, label="front")
-    again = (tried.checked[:, i], tried.checked[:, k])
-    _checks(panel, np.asarray(tried.places, int), (across, up), again)
-    if shown[0]:
-        panel.plot(across[0], up[0], "s", ms=6, color=INK, label="start")
-    if shown[tried.best]:
-        _ring(panel, across[tried.best], up[tried.best], tried.best_label)
-    for own, scale, place in ((panel.set_xlim, across, i), (panel.set_ylim, up, k)):
-        told = [scale[0], scale[tried.best], *scale[front], *tried.checked[:, place]]
-        _bulk(own, scale, told)
-    _note_outside(panel, across, up)
-    _limits(panel, y, x)
-    panel.set_xlabel(x.label)
-    panel.set_ylabel(y.label)
+    order = np.lexsort((y[front], x[front]))
+    style = "-o" if len(scales) == 2 else "o"
+    panel.plot(x[front][order], y[front][order], style, ms=4, color=FRONT, label="front")
+    if np.isfinite([x[0], y[0]]).all():
+        panel.plot(x[0], y[0], "s", ms=6, color=INK, label="start")
+    _draw_marks(panel, (x, tried.checked[:, i]), (y, tried.checked[:, k]), tried)
+    for line, limit in ((panel.axvline, scales[i].limit), (panel.axhline, scales[k].limit)):
+        if limit is not None:
+            line(limit, color=ALARM, lw=0.8, ls=":")
+    panel.set_xlim(_bulk(tried, i))
+    panel.set_ylim(_bulk(tried, k))
+    _note_outside(panel, x, y)
+    panel.set_xlabel(scales[i].label)
+    panel.set_ylabel(scales[k].label)
 
 
-def _dots(axis: Axes, x: Array, y: Array, x_refused: Array, y_refused: Array) -> None:
-    """All candidates, those beyond a limit hollow."""
-    axis.plot(x, y, "o", ms=2.5, color=GREY, alpha=0.6, label="candidates")
-    if len(x_refused):
-        axis.plot(
-            x_refused, y_refused, "o", ms=2.5, mfc="none", mew=0.5, color=GREY, alpha=0.6,
-            label="beyond a limit",
-        )  # fmt: skip
+def _draw_candidates(axis: Axes, x: Array, y: Array, feasible: NDArray[np.bool_]) -> None:
+    """Draw all candidates, those beyond a limit hollow."""
+    look = {"ms": 2.5, "color": GREY, "alpha": 0.6}
+    known = np.isfinite(x) & np.isfinite(y)
+    kept, beyond = known & feasible, known & ~feasible
+    axis.plot(x[kept], y[kept], "o", label="candidates", **look)
+    if beyond.any():
+        hollow = {"mfc": "none", "mew": 0.5, "label": "beyond a limit"}
+        axis.plot(x[beyond], y[beyond], "o", **look, **hollow)
 
 
-def _checks(
-    axis: Axes, places: NDArray[np.intp], tried: tuple[Array, Array], again: tuple[Array, Array]
-) -> None:
-    """What the checked candidates have shown on other trials, each tied to what it had shown in
-    the search; the start, place 0, in its own colour."""
-    known = np.isfinite(again).all(axis=0)
+def _draw_marks(axis: Axes, x: tuple[Array, Array], y: tuple[Array, Array], tried: Tried) -> None:
+    """Draw what the checked candidates have shown on other trials, each tied to what it had shown
+    in the search, the start, place 0, in its own colour; and a ring about the best candidate.
+
+    Args:
+        axis: to draw on.
+        x: (C,) of the candidates, and (F,) of their checks, to the right.
+        y: the same upward.
+        tried: which of them were checked, and the best one.
+    """
+    places = np.asarray(tried.places, int)
+    known = np.isfinite([x[1], y[1]]).all(axis=0)
     for own, label, colour in (
         (known & (places != 0), "checked on other trials", CHECKED),
         (known & (places == 0), "start, checked", INK),
     ):
-        if not own.any():
-            continue
-        ends = [
-            np.stack([before[places[own]], after[own]])
-            for before, after in zip(tried, again, strict=True)
-        ]
-        axis.plot(*ends, color=colour, lw=0.8)
-        axis.plot(ends[0][1], ends[1][1], "D", ms=5, mfc="none", color=colour, label=label)
-
-
-def _ring(axis: Axes, x: float, y: float, label: str) -> None:
-    """A ring about the best one."""
-    axis.plot(x, y, "o", ms=10, mfc="none", color=ALARM, label=label)
+        if own.any():
+            ends = [np.stack([search[places[own]], check[own]]) for search, check in (x, y)]
+            axis.plot(*ends, color=colour, lw=0.8)
+            axis.plot(ends[0][1], ends[1][1], "D", ms=5, mfc="none", color=colour, label=label)
+    best = x[0][tried.best], y[0][tried.best]
+    if np.isfinite(best).all():
+        axis.plot(*best, "o", ms=10, mfc="none", color=ALARM, label=tried.best_label)
 
 
 def _note_outside(axis: Axes, x: Array, y: Array) -> None:
@@ -208,30 +197,22 @@ def _note_outside(axis: Axes, x: Array, y: Array) -> None:
     known = np.isfinite(x) & np.isfinite(y)
     (left, right), (low, high) = axis.get_xlim(), axis.get_ylim()
     inside = (x >= left) & (x <= right) & (y >= low) & (y <= high)
-    outside, without = int((known & ~inside).sum()), int((~known).sum())
-    told = [
-        f"{count} {where}"
-        for count, where in ((outside, "outside"), (without, "without a value"))
-        if count
-    ]
-    if told:
-        text = f"not shown of {counted(len(x), 'candidate')}: {', '.join(told)}"
+    counts = {"outside": int((known & ~inside).sum()), "without a value": int((~known).sum())}
+    parts = [f"{count} {where}" for where, count in counts.items() if count]
+    if parts:
+        text = f"not shown of {counted(len(x), 'candidate')}: {', '.join(parts)}"
         axis.set_title(text, loc="right", fontsize=8, color=INK)
 
 
-def _limits(axis: Axes, up: ObjectiveAxis, across: ObjectiveAxis | None) -> None:
-    """Lines at the limits."""
-    if up.limit is not None:
-        axis.axhline(up.limit, color=ALARM, lw=0.8, ls=":")
-    if across is not None and across.limit is not None:
-        axis.axvline(across.limit, color=ALARM, lw=0.8, ls=":")
-
-
-def _bulk(set_range, values: Array, told: Sequence[float]) -> None:
-    """Show the bulk of the values and all that are ``told``; single wild ones fall outside."""
+def _bulk(tried: Tried, objective: int) -> tuple[float | None, float | None]:
+    """Limits of an axis that shows the bulk of the values of an objective, and start, best, front
+    and checks in any case; single wild ones fall outside."""
+    values = tried.values[:, objective]
+    ends = [*values[[0, tried.best, *tried.front]], *tried.checked[:, objective]]
     known = values[np.isfinite(values)]
-    ends = [value for value in told if np.isfinite(value)]
     ends += np.percentile(known, _BULK).tolist() if len(known) else []
-    if ends:
-        room = 0.05 * (max(ends) - min(ends)) or 0.05 * max(abs(ends[0]), 1.0)
-        set_range(min(ends) - room, max(ends) + room)
+    ends = [end for end in ends if np.isfinite(end)]
+    if not ends:
+        return None, None
+    room = 0.05 * (max(ends) - min(ends)) or 0.05 * max(abs(ends[0]), 1.0)
+    return min(ends) - room, max(ends) + room
