@@ -77,7 +77,7 @@ class Stage:
         self.data = mujoco.MjData(self.model)
         self._qpos = smooth_belts(self.model, self.trajectory, look_pitch(scenario.robot))
         self._pose(self._qpos[0])
-        robot = np.flatnonzero(self.model.geom_group == ROBOT_GROUP)
+        robot = np.flatnonzero(self.model.geom_group == ROBOT_GROUP).tolist()
         self._robot = geoms_surface(self.model, robot)
         # Light between the coils of a spring would be a row of dots.
         solid = [i for i in robot if not self.model.geom(i).name.startswith("look_spring")]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes import Route
 from omnitrack_sim.record.events import FellOff
 from omnitrack_sim.record.timeline import (
     FORCE_WINDOW,
@@ -127,44 +126,260 @@ def plot_mission(
         7.16
     """
     run = as_result(result)
-    return page(lambda: _draw(run), path, format)
+    return page(lambda: _Mission(run).figure, path, format)
 
 
-def _draw(result: Result) -> Figure:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+class _Mission:
+    """The figure of one run: two columns of views, each with its colours, and the time chart.
 
-    trajectory, routes, explored = result.trajectory, result.routes(), result.map
-    pipes = routes[0].network if explored is None else result.pipes
-    faces = bore_faces(pipes)
-    marks, travel = marks_of(result), list(_travel_of(trajectory))
-    layout = MissionLayout(*extent(faces), len({leg.index for leg in travel}) > 1)
-    figure = new_figure((PAGE, layout.height), dpi=DPI)
-    renderer = FigureCanvasAgg(figure).get_renderer()  # measures the names as they are drawn
-    headline(figure, result.scenario.name, _outcome(result), _LEFT, result.success, _RIGHT)
-    columns = (
-        (
-            "slip ratio: mean magnitude of the modules over 10 mm",
-            "viridis",
-            [leg.slip for leg in travel],
-        ),
-        ("least normal force of a module [N]", "plasma", [leg.force for leg in travel]),
-    )
-    driven = np.concatenate([trajectory["position"][leg.rows] for leg in travel])
-    for column, (text, colours, values) in enumerate(columns):
-        scale = _colour_bar(figure, layout, column, text, colours, values)
+    Places are in inches from the lower left corner. The views are as large as their column can
+    hold.
+    """
+
+    def __init__(self, result: Result) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        self.result, self.trajectory, self.routes = result, result.trajectory, result.routes()
+        self.pipes = self.routes[0].network if result.map is None else result.pipes
+        self.faces = bore_faces(self.pipes)
+        self.marks, self.travel = marks_of(result), list(_travel_of(self.trajectory))
+        # Height of the row of the time chart that names the legs.
+        self.legs = 0.16 if len({leg.index for leg in self.travel}) > 1 else 0.0
+        self.legend = _CHART + 2 * _PANEL + _PANELS + self.legs + _STRIP + 0.38
+        top = self._place_views(self.legend + 0.40)
+        self.height = top + 0.44 + _HEAD
+        self.figure = new_figure((PAGE, self.height), dpi=DPI)
+        self.renderer = FigureCanvasAgg(self.figure).get_renderer()  # measures names as drawn
+        name, outcome = result.scenario.name, _outcome(result)
+        headline(self.figure, name, outcome, _LEFT, result.success, _RIGHT)
+        slip = [leg.slip for leg in self.travel]
+        text = "slip ratio: mean magnitude of the modules over 10 mm"
+        self._draw_column(_LEFT, top + 0.36, text, "viridis", slip)
+        force = [leg.force for leg in self.travel]
+        text = "least normal force of a module [N]"
+        self._draw_column(_LEFT + _COLUMN + _GUTTER, top + 0.36, text, "plasma", force)
+        self._draw_legend()
+        self._draw_time_chart()
+
+    def _place_views(self, bottom: float) -> float:
+        """Choose the scale of the views, and their places above ``bottom`` in a column; return
+        where they end."""
+        self._low, self._high = extent(self.faces)
+        size = self._high - self._low
+        elevation, _, plan = aligned(size)
+        self.views = (elevation, plan)
+        width, depth, tall = size[[*plan.columns, 2]]
+        stacked = min(_COLUMN / width, (_TALLEST - _STACKED) / (tall + depth))
+        aside = min((_COLUMN - _ASIDE) / (2 * width), _TALLEST / max(tall, depth))
+        self._aside = aside > 0.85 * stacked  # a little smaller, but the figure is much lower
+        scale = aside if self._aside else stacked  # inches a metre
+        wide, deep, high = scale * width, scale * depth, scale * tall
+        if self._aside:
+            top = max(high, deep)
+            margin = (_COLUMN - 2 * wide - _ASIDE) / 2
+            lefts, bottoms = (margin, margin + wide + _ASIDE), (top - high, top - deep)
+        else:
+            top = high + deep + _STACKED
+            margin = (_COLUMN - wide) / 2
+            lefts, bottoms = (margin, margin), (deep + _STACKED, 0.0)
+        self._boxes = [
+            (left, bottom + low, wide, size)
+            for left, low, size in zip(lefts, bottoms, (high, deep), strict=True)
+        ]
+        return bottom + top
+
+    def _add(self, left: float, bottom: float, width: float, height: float) -> Axes:
+        box = (left / PAGE, bottom / self.height, width / PAGE, height / self.height)
+        return self.figure.add_axes(box)
+
+    def _draw_column(
+        self, left: float, bar: float, text: str, colours: str, values: list[Array]
+    ) -> None:
+        """Draw a column of both views with its colour bar, whose bottom is at ``bar``."""
+        scale = self._draw_colour_bar(left, bar, text, colours, values)
         axes = []
-        for number, view in enumerate(layout.views):
-            axis = layout.add(figure, number, column)
-            draw_pipes(axis, pipes, view, faces)
-            if explored is not None:
-                draw_pipes(axis, explored.pipes, view, bore_faces(explored.pipes), EXPLORED)
-            _draw_path(axis, view, trajectory, routes, travel, values, scale)
-            _draw_signs(axis, view, result, marks)
+        for (x, *box), view in zip(self._boxes, self.views, strict=True):
+            axis = self._add(left + x, *box)
+            frame_view(axis, view, self._low, self._high)
+            # Few steps at round distances, the same in both views.
+            axis.locator_params(nbins=6, steps=(1, 2, 5, 10))
+            draw_pipes(axis, self.pipes, view, self.faces)
+            if self.result.map is not None:
+                explored = self.result.map.pipes
+                draw_pipes(axis, explored, view, bore_faces(explored), EXPLORED)
+            self._draw_path(axis, view, values, scale)
+            self._draw_signs(axis, list(view.columns))
             axes.append(axis)
-        draw_names(axes, layout.views, renderer, pipes, driven, _NAMES)
-    _sign_legend(figure, layout, marks, any(leg.tail_first for leg in travel), result)
-    _draw_time_chart(figure, layout, renderer, trajectory, routes, marks)
-    return figure
+        if not self._aside:
+            axes[0].set_xlabel("")
+            axes[0].tick_params(labelbottom=False)
+        driven = np.concatenate([self.trajectory["position"][leg.rows] for leg in self.travel])
+        draw_names(axes, self.views, self.renderer, self.pipes, driven, _NAMES)
+
+    def _draw_colour_bar(
+        self, left: float, bottom: float, text: str, colours: str, values: list[Array]
+    ) -> Any:
+        """Draw the colour scale of a column above it, from 0 to a round number that 98 % of the
+        pieces stay below."""
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
+        from matplotlib.ticker import MaxNLocator
+
+        every = np.concatenate([*values, np.zeros(0)])
+        every = every[np.isfinite(every)]
+        top = _round_up(float(np.quantile(every, 0.98)) if len(every) else 1.0)
+        scale = ScalarMappable(Normalize(0.0, top), colours)
+        axis = self._add(left + 0.19 * _COLUMN, bottom, 0.62 * _COLUMN, 0.07)
+        more = "max" if every.max(initial=0.0) > 1.001 * top else "neither"
+        bar = self.figure.colorbar(scale, cax=axis, orientation="horizontal", extend=more)
+        bar.locator = MaxNLocator(6)
+        bar.update_ticks()
+        bar.outline.set_linewidth(0.5)  # type: ignore[operator]
+        axis.tick_params(**TICKS)
+        axis.set_title(text, fontsize=7.5, color=INK, pad=3)
+        return scale
+
+    def _draw_path(self, axis: Axes, view: Projection, values: list[Array], scale: Any) -> None:
+        """Draw the path of the robot's centre on a dark edge, each piece in the colour of its
+        value."""
+        from matplotlib.collections import LineCollection
+
+        i, j = view.columns[::-1] if view.falls else view.columns
+        for leg, value in zip(self.travel, values, strict=True):
+            points, route = self.trajectory["position"][leg.rows], self.routes[leg.index]
+            if leg.tail_first:  # beside the axis, to the right of the direction of travel
+                tangent = route.centreline.at(self.trajectory["distance"][leg.rows])[1]
+                shift = np.zeros_like(tangent)
+                shift[:, i], shift[:, j] = tangent[:, j], -tangent[:, i]
+                points = points + BESIDE * route.passages[0].radius * shift
+            flat = points[:, list(view.columns)]
+            pieces = np.stack([flat[:-1], flat[1:]], axis=1)
+            axis.plot(*flat.T, color=INK, linewidth=3.0, solid_capstyle="round", zorder=3)
+            colours = {"array": value, "cmap": scale.cmap, "norm": scale.norm}
+            lines = LineCollection(list(pieces), zorder=3.1, **colours)
+            lines.set(linewidth=2.2, capstyle="projecting")
+            axis.add_collection(lines, autolim=False)
+            if leg.tail_first:
+                axis.plot(*flat.T, color="white", linewidth=0.7, linestyle=(0, (4, 4)), zorder=3.2)
+
+    def _draw_signs(self, axis: Axes, columns: list[int]) -> None:
+        """Draw plates, start, goals and events into one view."""
+        position = self.trajectory["position"]
+        for rim in self.result.plate_rims():
+            axis.fill(*rim[:, columns].T, **_PLATE, zorder=4)
+        axis.plot(*position[:1, columns].T, **_START, zorder=5)
+        axis.plot(*self.result.goal_points()[:, columns].T, **_GOAL, zorder=5)
+        for mark in self.marks:
+            for look in mark.looks():
+                axis.plot(*position[mark.rows][:, columns].T, **look, zorder=5.5)
+
+    def _draw_legend(self) -> None:
+        """Explain the signs of the map, in one row below it."""
+        from matplotlib.lines import Line2D
+
+        def line(**look: Any) -> Line2D:
+            return Line2D([], [], **look)
+
+        rows: list[tuple[str, Any]] = [("start", line(**_START)), ("goal", line(**_GOAL))]
+        if any(leg.tail_first for leg in self.travel):
+            core = line(color="white", lw=0.7, ls=(0, (2, 2)))
+            rows.append(("tail first", (line(color=INK, lw=3.0, solid_capstyle="butt"), core)))
+        if len(self.result.plate_rims()):
+            rows.append(("closed by a plate", line(color=ALARM, linewidth=_PLATE["linewidth"])))
+        if self.result.map is not None:
+            rows.append(("in its map", line(color=EXPLORED, linewidth=6.0, solid_capstyle="butt")))
+        rows += [(m.text, tuple(line(**look) for look in m.looks())) for m in self.marks]
+        texts, handles = zip(*rows, strict=True)
+        place = {"loc": "center", "bbox_to_anchor": (0.5, self.legend / self.height)}
+        gaps: dict[str, Any] = {"ncols": len(texts), "columnspacing": 1.8, "handletextpad": 0.4}
+        self.figure.legend(handles, texts, **gaps, **place)
+
+    def _draw_time_chart(self) -> None:
+        """Draw bands of the parts, tilt and speed over time, with the events at their times."""
+        width, time = PAGE - _LEFT - _RIGHT, self.trajectory.time
+        rows = ((_CHART, _PANEL), (_CHART + _PANEL + _PANELS, _PANEL))
+        rows += ((_CHART + 2 * _PANEL + _PANELS, self.legs + _STRIP),)
+        speed, tilt, strip = (self._add(_LEFT, low, width, height) for low, height in rows)
+        for axis in (speed, tilt, strip):
+            axis.set_xlim(time[0], time[-1] if time[-1] > time[0] else time[0] + 1.0)
+        for axis in (speed, tilt):
+            axis.tick_params(**TICKS)
+            axis.yaxis.set_label_coords(-0.05, 0.5)
+        self._draw_bands(strip, (speed, tilt))
+        degrees = np.degrees(self.trajectory["tilt"])
+        tilt.plot(time, degrees, color=INK)
+        top = max(1.0, 1.3 * _largest(degrees))
+        tilt.set_ylim(0, top)
+        tilt.set_ylabel("tilt [deg]")
+        tilt.tick_params(labelbottom=False)
+        shown = 1e3 * _speed(self.trajectory)
+        speed.plot(time, shown, color=INK)
+        speed.set_ylim(-1.15 * _largest(-shown) - 1.0, 1.15 * _largest(shown) + 1.0)
+        speed.axhline(0.0, color=GREY, linewidth=0.6)
+        speed.set_ylabel("speed [mm/s]")
+        speed.set_xlabel("time [s]")
+        for mark in self.marks:
+            at = np.full(len(mark.rows), 0.87 * top)
+            for look in mark.looks():
+                tilt.plot(time[mark.rows], at, **look, zorder=5, clip_on=False)
+
+    def _draw_bands(self, strip: Axes, panels: tuple[Axes, ...]) -> None:
+        """Name the parts that the robot's centre was in, and shade them behind the panels."""
+        from matplotlib.patches import Patch
+
+        top = self.legs + _STRIP
+        strip.set_axis_off()
+        strip.set_ylim(0, top)
+        leg, time = self.trajectory["leg"].astype(int), self.trajectory.time
+        passages = passage_indices(self.trajectory, self.routes)
+        shades: dict[str, str] = {}
+        for first, last in spans(leg, passages):
+            route = self.routes[leg[first]]
+            passage = route.passages[passages[first]]
+            shade = shades[passage.words] = SHADES.get(passage.words, SHADES["straight"])
+            start, end = float(time[first]), float(time[last])
+            for axis in panels:
+                axis.axvspan(start, end, color=shade, linewidth=0, zorder=0)
+            strip.fill_between([start, end], self.legs, top, color=shade, linewidth=0)
+            strip.plot([start, start], [self.legs, top], color="white", linewidth=1.2)
+            name = route.network.parts[passage.index].name
+            self._name_band(strip, name, (start, end), (self.legs, top))
+        if self.legs:
+            self._name_legs(strip, leg)
+        order = [words for words in dict.fromkeys([*SHADES, *shades]) if words in shades]
+        look = {"edgecolor": GREY, "linewidth": 0.4}
+        handles = [Patch(facecolor=shades[words], label=words, **look) for words in order]
+        gaps = {"borderpad": 0.1, "borderaxespad": 0.3, "columnspacing": 1.6, "fontsize": 6.5}
+        place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
+        strip.legend(handles=handles, ncols=len(handles), **place, **gaps)
+
+    def _name_band(
+        self, strip: Axes, name: str, across: tuple[float, float], up: tuple[float, float]
+    ) -> None:
+        """Write a name into its band, level or upright, as small as it must be; none without
+        room."""
+        room = np.ptp(strip.transData.transform(np.stack([across, up], axis=-1)), axis=0) - 2
+        x, y = sum(across) / 2, sum(up) / 2
+        text = strip.text(x, y, name, ha="center", va="center", color=INK)
+        for size in (6.5, 5.5, 4.5):
+            for angle in (0, 90):
+                text.set(fontsize=size, rotation=angle)
+                box = text.get_window_extent(self.renderer)
+                if box.width <= room[0] and box.height <= room[1]:
+                    return
+        text.remove()
+
+    def _name_legs(self, strip: Axes, leg: NDArray[np.intp]) -> None:
+        """Write number and gear of each leg into a row at the bottom of the strip."""
+        time, middle = self.trajectory.time, 0.5 * self.legs
+        line: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "marker": "|", "markersize": 6}
+        for first, last in spans(leg):
+            start, end = float(time[first]), float(time[last])
+            strip.plot([start, end], [middle] * 2, **line)
+            gear = ", tail first" if self.trajectory["gear"][first] < 0 else ""
+            text = f" leg {leg[first] + 1}{gear} "
+            name = strip.text((start + end) / 2, middle, text, ha="center", va="center", fontsize=6)
+            name.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
 
 
 def _outcome(result: Result) -> str:
@@ -178,83 +393,6 @@ def _outcome(result: Result) -> str:
     text = f"{outcome} after {result.duration_s:.2f} s, {travel:.2f} m driven"
     legs = len(result.routes())
     return text if legs == 1 else f"{text} on {int(leg.max()) + 1} of {legs} legs"
-
-
-class MissionLayout:
-    """Places of everything in the figure, in inches from the lower left corner. The views are as
-    large as their column can hold.
-
-    Args:
-        low: (3,) m, of the pipes.
-        high: (3,) m, of the pipes.
-        several_legs: the time chart names the legs.
-
-    Attributes:
-        views: elevation and plan.
-        legend: height of the middle of the legend of signs.
-        bar: bottom of the colour bars.
-        legs: height of the row that names the legs; 0 for none.
-        height: of the figure.
-    """
-
-    def __init__(self, low: Array, high: Array, several_legs: bool) -> None:
-        self._low, self._high = low, high
-        elevation, _, plan = aligned(high - low)
-        self.views = (elevation, plan)
-        width, depth, tall = (high - low)[[*plan.columns, 2]]
-        stacked = min(_COLUMN / width, (_TALLEST - _STACKED) / (tall + depth))
-        aside = min((_COLUMN - _ASIDE) / (2 * width), _TALLEST / max(tall, depth))
-        self._aside = aside > 0.85 * stacked  # a little smaller, but the figure is much lower
-        scale = aside if self._aside else stacked  # inches a metre
-        wide, deep, high_ = scale * width, scale * depth, scale * tall
-        if self._aside:
-            top = max(high_, deep)
-            margin = (_COLUMN - 2 * wide - _ASIDE) / 2
-            lefts, bottoms = (margin, margin + wide + _ASIDE), (top - high_, top - deep)
-        else:
-            top = high_ + deep + _STACKED
-            margin = (_COLUMN - wide) / 2
-            lefts, bottoms = (margin, margin), (deep + _STACKED, 0.0)
-        self.legs = 0.16 if several_legs else 0.0
-        self.legend = _CHART + 2 * _PANEL + _PANELS + self.legs + _STRIP + 0.38
-        pipes = self.legend + 0.40
-        self._boxes = [
-            (left, pipes + bottom, wide, size)
-            for left, bottom, size in zip(lefts, bottoms, (high_, deep), strict=True)
-        ]
-        self.bar = pipes + top + 0.36
-        self.height = self.bar + 0.08 + _HEAD
-
-    def left(self, column: int) -> float:
-        """Left edge of a column."""
-        return _LEFT + column * (_COLUMN + _GUTTER)
-
-    def box(
-        self, left: float, bottom: float, width: float, height: float
-    ) -> tuple[float, float, float, float]:
-        """A rectangle given in inches, as fractions of the figure."""
-        return left / PAGE, bottom / self.height, width / PAGE, height / self.height
-
-    def add(self, figure: Figure, view: int, column: int) -> Axes:
-        """The axes of one view in one column, both to the same scale."""
-        left, bottom, width, height = self._boxes[view]
-        axis: Axes = figure.add_axes(self.box(self.left(column) + left, bottom, width, height))
-        frame_view(axis, self.views[view], self._low, self._high)
-        for name, index in zip("xy", self.views[view].columns, strict=True):
-            length = float(self._high[index] - self._low[index])
-            getattr(axis, f"{name}axis").set_major_locator(_ticks(length))
-        if not self._aside and view == 0:
-            axis.set_xlabel("")
-            axis.tick_params(labelbottom=False)
-        return axis
-
-
-def _ticks(length: float) -> Any:
-    """Ticks at round distances, the same in every view of about this length, m."""
-    from matplotlib.ticker import MultipleLocator
-
-    steps = np.outer(10.0 ** np.arange(-1, 5), [1, 2, 5]).ravel()  # m; pipes are 10 km at most
-    return MultipleLocator(float(steps[np.argmax(length / steps <= 6)]))
 
 
 @dataclass(frozen=True)
@@ -296,38 +434,6 @@ def _travel_of(trajectory: Trajectory) -> Iterator[LegTravel]:
         )
 
 
-def _colour_bar(
-    figure: Figure,
-    layout: MissionLayout,
-    column: int,
-    text: str,
-    colours: str,
-    values: list[Array],
-) -> Any:
-    """Draw the colour scale of one column above it, from 0 to a round number that 98 % of the
-    pieces stay below."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-    from matplotlib.ticker import MaxNLocator
-
-    every = np.concatenate(values) if values else np.zeros(0)
-    every = every[np.isfinite(every)]
-    largest = float(every.max()) if len(every) else 1.0
-    top = _round_up(float(np.quantile(every, 0.98)) if len(every) else 1.0)
-    scale = ScalarMappable(Normalize(0.0, top), colours)
-    width = 0.62 * _COLUMN
-    left = layout.left(column) + (_COLUMN - width) / 2
-    axis = figure.add_axes(layout.box(left, layout.bar, width, 0.07))
-    more = "max" if largest > 1.001 * top else "neither"
-    bar = figure.colorbar(scale, cax=axis, orientation="horizontal", extend=more)
-    bar.locator = MaxNLocator(6)
-    bar.update_ticks()
-    bar.outline.set_linewidth(0.5)  # type: ignore[operator]
-    axis.tick_params(**TICKS)
-    axis.set_title(text, fontsize=7.5, color=INK, pad=3)
-    return scale
-
-
 def _round_up(value: float) -> float:
     """The next round number: 1, 1.5, 2, 2.5, ... times a power of ten; 1 if not positive."""
     if not value > 0:
@@ -335,38 +441,6 @@ def _round_up(value: float) -> float:
     power = 10.0 ** np.floor(np.log10(value))
     steps = (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10)
     return float(power * next((m for m in steps if m * power >= value * (1 - 1e-9)), 10))
-
-
-def _draw_path(
-    axis: Axes,
-    view: Projection,
-    trajectory: Trajectory,
-    routes: Sequence[Route],
-    travel: list[LegTravel],
-    values: list[Array],
-    scale: Any,
-) -> None:
-    """Draw the path of the robot's centre on a dark edge, each piece in the colour of its value."""
-    from matplotlib.collections import LineCollection
-
-    i, j = view.columns[::-1] if view.falls else view.columns
-    for leg, value in zip(travel, values, strict=True):
-        points = trajectory["position"][leg.rows]
-        if leg.tail_first:  # beside the axis, to the right of the direction of travel
-            line = routes[leg.index].centreline
-            tangent = line.at(trajectory["distance"][leg.rows])[1]
-            shift = np.zeros_like(tangent)
-            shift[:, i], shift[:, j] = tangent[:, j], -tangent[:, i]
-            points = points + BESIDE * routes[leg.index].passages[0].radius * shift
-        flat = points[:, list(view.columns)]
-        pieces = np.stack([flat[:-1], flat[1:]], axis=1)
-        axis.plot(*flat.T, color=INK, linewidth=3.0, solid_capstyle="round", zorder=3)
-        colours = {"array": value, "cmap": scale.cmap, "norm": scale.norm}
-        lines = LineCollection(list(pieces), zorder=3.1, **colours)
-        lines.set(linewidth=2.2, capstyle="projecting")
-        axis.add_collection(lines, autolim=False)
-        if leg.tail_first:
-            axis.plot(*flat.T, color="white", linewidth=0.7, linestyle=(0, (4, 4)), zorder=3.2)
 
 
 @dataclass(frozen=True)
@@ -418,106 +492,15 @@ def marks_of(result: Result) -> list[EventMark]:
     falls = [event.time for event in result.events if isinstance(event, FellOff)]
     last = np.flatnonzero(np.isfinite(trajectory["position"]).all(axis=1))[-1:]
     end = f"end: {result.outcome.value.replace('_', ' ')}"
+    rolls, retries = (begun(trajectory, phase) for phase in (ROLL_PHASE, RETRY_PHASE))
+    falls = np.minimum(np.searchsorted(trajectory.time, falls), len(trajectory.time) - 1)
     marks = [
-        EventMark(
-            "modules rolled",
-            "\N{ANTICLOCKWISE OPEN CIRCLE ARROW}",
-            INK,
-            begun(trajectory, ROLL_PHASE),
-        ),
-        EventMark(
-            "backs off to retry",
-            "\N{LEFTWARDS ARROW WITH HOOK}",
-            ALARM,
-            begun(trajectory, RETRY_PHASE),
-        ),
-        EventMark(
-            "falls off its way",
-            "\N{DOWNWARDS ARROW}",
-            ALARM,
-            np.minimum(np.searchsorted(trajectory.time, falls), len(trajectory.time) - 1),
-        ),
+        EventMark("modules rolled", "\N{ANTICLOCKWISE OPEN CIRCLE ARROW}", INK, rolls),
+        EventMark("backs off to retry", "\N{LEFTWARDS ARROW WITH HOOK}", ALARM, retries),
+        EventMark("falls off its way", "\N{DOWNWARDS ARROW}", ALARM, falls),
         EventMark(end, "X", ALARM, last[:0] if result.success else last),
     ]
     return [mark for mark in marks if len(mark.rows)]
-
-
-def _draw_signs(axis: Axes, view: Projection, result: Result, marks: list[EventMark]) -> None:
-    """Draw plates, start, goals and events into one view."""
-    columns, position = list(view.columns), result.trajectory["position"]
-    for rim in result.plate_rims():
-        axis.fill(*rim[:, columns].T, **_PLATE, zorder=4)
-    axis.plot(*position[:1, columns].T, **_START, zorder=5)
-    axis.plot(*result.goal_points()[:, columns].T, **_GOAL, zorder=5)
-    for mark in marks:
-        for look in mark.looks():
-            axis.plot(*position[mark.rows][:, columns].T, **look, zorder=5.5)
-
-
-def _sign_legend(
-    figure: Figure, layout: MissionLayout, marks: list[EventMark], tail_first: bool, result: Result
-) -> None:
-    """Explain the signs of the map, in one row below it."""
-    from matplotlib.lines import Line2D
-
-    def line(**look: Any) -> Line2D:
-        return Line2D([], [], **look)
-
-    rows: list[tuple[str, Any]] = [("start", line(**_START)), ("goal", line(**_GOAL))]
-    if tail_first:
-        core = line(color="white", lw=0.7, ls=(0, (2, 2)))
-        rows.append(("tail first", (line(color=INK, lw=3.0, solid_capstyle="butt"), core)))
-    if len(result.plate_rims()):
-        rows.append(("closed by a plate", line(color=ALARM, linewidth=_PLATE["linewidth"])))
-    if result.map is not None:
-        rows.append(("in its map", line(color=EXPLORED, linewidth=6.0, solid_capstyle="butt")))
-    rows += [(mark.text, tuple(line(**look) for look in mark.looks())) for mark in marks]
-    texts, handles = zip(*rows, strict=True)
-    place = {"loc": "center", "bbox_to_anchor": (0.5, layout.legend / layout.height)}
-    figure.legend(handles, texts, ncols=len(texts), columnspacing=1.8, handletextpad=0.4, **place)
-
-
-def _draw_time_chart(
-    figure: Figure,
-    layout: MissionLayout,
-    renderer: Any,
-    trajectory: Trajectory,
-    routes: Sequence[Route],
-    marks: list[EventMark],
-) -> None:
-    """Draw bands of the parts, tilt and speed over time, with the events at their times."""
-    tilt_bottom = _CHART + _PANEL + _PANELS
-    rows = (
-        (tilt_bottom + _PANEL, layout.legs + _STRIP),
-        (tilt_bottom, _PANEL),
-        (_CHART, _PANEL),
-    )
-    width, time = PAGE - _LEFT - _RIGHT, trajectory.time
-    ends = (float(time[0]), float(time[-1]) if time[-1] > time[0] else float(time[0]) + 1.0)
-    axes = [figure.add_axes(layout.box(_LEFT, low, width, height)) for low, height in rows]
-    for axis in axes:
-        axis.set_xlim(*ends)
-    strip, tilt, speed = axes
-    for axis in (tilt, speed):
-        axis.tick_params(**TICKS)
-        axis.yaxis.set_label_coords(-0.05, 0.5)
-    _draw_bands(strip, (speed, tilt), layout.legs, renderer, trajectory, routes)
-    degrees = np.degrees(trajectory["tilt"])
-    tilt.plot(time, degrees, color=INK)
-    top = max(1.0, 1.3 * _largest(degrees))
-    tilt.set_ylim(0, top)
-    tilt.set_ylabel("tilt [deg]")
-    tilt.tick_params(labelbottom=False)
-    shown = 1e3 * _speed(trajectory)
-    speed.plot(time, shown, color=INK)
-    speed.set_ylim(-1.15 * _largest(-shown) - 1.0, 1.15 * _largest(shown) + 1.0)
-    speed.axhline(0.0, color=GREY, linewidth=0.6)
-    speed.set_ylabel("speed [mm/s]")
-    speed.set_xlabel("time [s]")
-    for mark in marks:
-        at = np.full(len(mark.rows), 0.87 * top)
-        for look in mark.looks():
-            tilt.plot(time[mark.rows], at, **look, zorder=5, clip_on=False)
 
 
 def _largest(values: Array) -> float:
@@ -537,87 +520,3 @@ def _speed(trajectory: Trajectory) -> Array:
     # Each leg counts its distance from its own start.
     speed = np.where(np.diff(trajectory["leg"]) == 0, speed, 0.0)
     return running_mean(np.append(speed[:1], speed)[:, None], time, SPEED_WINDOW)[:, 0]
-
-
-def _draw_bands(
-    strip: Axes,
-    panels: tuple[Axes, ...],
-    legs: float,
-    renderer: Any,
-    trajectory: Trajectory,
-    routes: Sequence[Route],
-) -> None:
-    """Name the parts that the robot's centre was in, and shade them behind the panels."""
-    strip.set_axis_off()
-    strip.set_ylim(0, legs + _STRIP)
-    leg, passages = trajectory["leg"].astype(int), passage_indices(trajectory, routes)
-    time = trajectory.time
-    shown: dict[str, str] = {}
-    for first, last in spans(leg, passages):
-        route = routes[leg[first]]
-        passage = route.passages[passages[first]]
-        shade = shown[passage.words] = SHADES.get(passage.words, SHADES["straight"])
-        start, end = float(time[first]), float(time[last])
-        for axis in panels:
-            axis.axvspan(start, end, color=shade, linewidth=0, zorder=0)
-        strip.fill_between([start, end], legs, legs + _STRIP, color=shade, linewidth=0)
-        strip.plot([start, start], [legs, legs + _STRIP], color="white", linewidth=1.2)
-        name = route.network.parts[passage.index].name
-        _band_name(strip, renderer, name, (start, end), (legs, legs + _STRIP))
-    if legs:
-        _leg_row(strip, legs, trajectory)
-    _band_legend(strip, shown)
-
-
-def _leg_row(strip: Axes, height: float, trajectory: Trajectory) -> None:
-    """Number and gear of each leg, in a row of ``height`` at the bottom of the strip."""
-    leg, time = trajectory["leg"].astype(int), trajectory.time
-    middle = 0.5 * height
-    for first, last in spans(leg):
-        start, end = float(time[first]), float(time[last])
-        strip.plot([start, end], [middle] * 2, color=GREY, linewidth=0.8, marker="|", markersize=6)
-        gear = ", tail first" if trajectory["gear"][first] < 0 else ""
-        text = f" leg {leg[first] + 1}{gear} "
-        name = strip.text((start + end) / 2, middle, text, ha="center", va="center", fontsize=6)
-        name.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
-
-
-def _band_legend(strip: Axes, shown: dict[str, str]) -> None:
-    """Name the colours of the bands, by manoeuvre, above the strip."""
-    from matplotlib.patches import Patch
-
-    order = [manoeuvre for manoeuvre in dict.fromkeys([*SHADES, *shown]) if manoeuvre in shown]
-    handles = [
-        Patch(facecolor=shown[manoeuvre], edgecolor=GREY, linewidth=0.4, label=manoeuvre)
-        for manoeuvre in order
-    ]
-    strip.legend(
-        handles=handles,
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
-        ncols=len(handles),
-        borderpad=0.1,
-        borderaxespad=0.3,
-        columnspacing=1.6,
-        fontsize=6.5,
-    )
-
-
-def _band_name(
-    strip: Axes,
-    renderer: Any,
-    name: str,
-    across: tuple[float, float],
-    up: tuple[float, float],
-) -> None:
-    """Write a name into its band, level or upright, as small as it must be; none without room."""
-    room = np.ptp(strip.transData.transform(np.stack([across, up], axis=-1)), axis=0) - 2
-    x, y = sum(across) / 2, sum(up) / 2
-    text = strip.text(x, y, name, ha="center", va="center", color=INK)
-    for size in (6.5, 5.5, 4.5):
-        for angle in (0, 90):
-            text.set(fontsize=size, rotation=angle)
-            box = text.get_window_extent(renderer)
-            if box.width <= room[0] and box.height <= room[1]:
-                return
-    text.remove()

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -111,11 +110,11 @@ def plot_network(
         raise InputError(Fault("view", f"is {view!r}", VIEWS, str(view)))
     drawing = _Drawing(network, route)
     if view is None and ax is None:
-        return page(lambda: _draw(drawing), path, format)
+        return page(drawing.page, path, format)
     one = drawing.widest if view is None else view
     wide, tall = drawing.size[list(drawing.views[one].columns)]
     size = (PAGE, float(np.clip(PAGE * tall / wide, *_HEIGHTS)))
-    return chart(lambda axis: _draw_one(axis, drawing, one), size, path, ax, format)
+    return chart(lambda axis: drawing.draw_one(axis, one), size, path, ax, format)
 
 
 class _Drawing:
@@ -142,16 +141,6 @@ class _Drawing:
         areas = {name: np.prod(self.size[list(v.columns)]) for name, v in self.views.items()}
         return max(areas, key=lambda name: float(areas[name]))
 
-    @property
-    def head(self) -> str:
-        """The network in figures, in a line."""
-        pipes, ends = self.network.pipes.parts, self.network.open_ends
-        text = f"{len(pipes)} parts, {self.network.length:.2f} m, {len(ends)} open ends"
-        if self.route is not None:
-            length, passed = self.route.centreline.length, len(self.route.passages)
-            text += f"; route of {length:.2f} m through {passed} parts"
-        return text
-
     def _ends(self) -> list[tuple[str, Array, Any]]:
         """Name, position (3,) m and colour of each open end; the name is the user's, with "from"
         and "to" at the ends of a route, and empty where there is none."""
@@ -169,91 +158,89 @@ class _Drawing:
             ends.append((name, position, ALARM if word is None else ROUTE))
         return ends
 
+    def page(self) -> Figure:
+        """Return the figure of all views."""
+        plan = self.views["plan"]
+        wide, deep, tall = self.size[[*plan.columns, 2]]
+        scale = min(_ROOM[0] / (wide + deep), _ROOM[1] / (tall + deep))  # inches a metre
+        row, second = max(_LEAST[1], scale * deep), _LEFT + scale * wide + _BESIDE
+        above = _BELOW + row + _BETWEEN
+        height = above + scale * tall + _HEAD
+        figure = new_figure((PAGE, height), dpi=DPI)
+        places = {
+            "elevation": (_LEFT, above, wide, tall),
+            "side": (second, above, deep, tall),
+            "plan": (_LEFT, _BELOW + row - scale * deep, wide, deep),
+        }
+        axes = {}
+        for name, (x, y, w, h) in places.items():
+            box = (x / PAGE, y / height, scale * w / PAGE, scale * h / height)
+            axes[name] = figure.add_axes(box)
+            self._draw_view(axes[name], self.views[name])
+        self._name_parts(axes)
+        corner = (second / PAGE, 0.1 / height, 1 - second / PAGE, (row + _BELOW) / height)
+        self._draw_space(figure.add_axes(corner, projection="3d"))
+        parts, ends = self.network.pipes.parts, self.network.open_ends
+        text = f"{len(parts)} parts, {self.network.length:.2f} m, {len(ends)} open ends"
+        if self.route is not None:
+            length, passed = self.route.centreline.length, len(self.route.passages)
+            text += f"; route of {length:.2f} m through {passed} parts"
+        headline(figure, self.network.name, text, _LEFT)
+        return figure
+
+    def draw_one(self, axis: Axes, name: str) -> None:
+        """Draw one view, with the names of the parts that are not seen along their axis."""
+        self._draw_view(axis, self.views[name])
+        axis.set_aspect("equal", adjustable="box")
+        axis.get_figure(root=True).draw_without_rendering()  # type: ignore[union-attr]
+        self._name_parts({name: axis}, shown_only=True)
+
+    def _name_parts(self, axes: dict[str, Axes], shown_only: bool = False) -> None:
+        """Write the names of parts into the views, off the route and the open ends."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        figure = next(iter(axes.values())).get_figure(root=True)
+        renderer = FigureCanvasAgg(figure).get_renderer()  # measures the names as they are drawn
+        views = [self.views[name] for name in axes]
+        taken = np.concatenate([self.path, *(position[None] for _, position, _ in self.ends)])
+        pipes = self.network.pipes
+        draw_names([*axes.values()], views, renderer, pipes, taken, self.letters, shown_only)
+
+    def _draw_space(self, space: Any) -> None:
+        """Draw the network in space."""
+        from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+        space.set_proj_type("ortho")
+        space.set_axis_off()
+        alpha = 0.2 if self.route is not None else 0.3
+        colours = {"facecolors": "#7f93a8", "alpha": alpha, "edgecolors": "none"}
+        space.add_collection3d(Poly3DCollection(self.faces, **colours))
+        lines = [line for part in self.network.pipes.parts for line in axis_lines(part)]
+        space.add_collection3d(Line3DCollection(lines, colors=GREY, linewidths=0.5))
+        if self.route is not None:
+            space.plot(*self.path.T, color=ROUTE, linewidth=1.6)
+        for name, position, colour in self.ends:
+            space.plot(*position[:, None], "o", color=colour, markersize=2.5)
+            space.text(*position, name and f" {name}", fontsize=self.letters, color=colour)
+        space.set(**{f"{axis}lim": (self.low[i], self.high[i]) for i, axis in enumerate("xyz")})
+        space.set_box_aspect(self.size, zoom=1.25)
+        space.view_init(elev=24, azim=-58)
+
+    def _draw_view(self, axis: Axes, view: Projection) -> None:
+        columns = list(view.columns)
+        frame_view(axis, view, self.low, self.high)
+        draw_pipes(axis, self.network.pipes, view, self.faces)
+        if self.route is not None:
+            axis.plot(*self.path[:, columns].T, color=ROUTE, linewidth=1.6, alpha=0.85)
+        for _, position, colour in self.ends:
+            axis.plot(*position[columns, None], "o", color=colour, markersize=2.5, zorder=4)
+
 
 def extent(faces: Array) -> tuple[Array, Array]:
     """Lowest and highest coordinates (3,) m of pipes with these faces, with some room."""
     points = faces.reshape(-1, 3)
     room = 0.04 * np.ptp(points, axis=0).max()
     return points.min(axis=0) - room, points.max(axis=0) + room
-
-
-def _draw(drawing: _Drawing) -> Figure:
-    plan = drawing.views["plan"]
-    wide, deep, tall = drawing.size[[*plan.columns, 2]]
-    scale = min(_ROOM[0] / (wide + deep), _ROOM[1] / (tall + deep))  # inches a metre
-    row, second = max(_LEAST[1], scale * deep), _LEFT + scale * wide + _BESIDE
-    above = _BELOW + row + _BETWEEN
-    height = above + scale * tall + _HEAD
-    figure = new_figure((PAGE, height), dpi=DPI)
-    places = {
-        "elevation": (_LEFT, above, wide, tall),
-        "side": (second, above, deep, tall),
-        "plan": (_LEFT, _BELOW + row - scale * deep, wide, deep),
-    }
-    axes = {}
-    for name, (x, y, w, h) in places.items():
-        box = (x / PAGE, y / height, scale * w / PAGE, scale * h / height)
-        axes[name] = figure.add_axes(box)
-        _draw_view(axes[name], drawing, drawing.views[name])
-    _draw_names(axes, drawing)
-    _draw_space(figure, (second, 0.1, PAGE - second, row + _BELOW), drawing)
-    headline(figure, drawing.network.name, drawing.head, _LEFT)
-    return figure
-
-
-def _draw_one(axis: Axes, drawing: _Drawing, name: str) -> None:
-    """One view, with the names of the parts that are not seen along their axis."""
-    _draw_view(axis, drawing, drawing.views[name])
-    axis.set_aspect("equal", adjustable="box")
-    axis.get_figure(root=True).draw_without_rendering()  # type: ignore[union-attr]
-    _draw_names({name: axis}, drawing, shown_only=True)
-
-
-def _draw_names(axes: dict[str, Axes], drawing: _Drawing, shown_only: bool = False) -> None:
-    """Write the names of parts into the views, off the route and the open ends."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    figure = next(iter(axes.values())).get_figure(root=True)
-    renderer = FigureCanvasAgg(figure).get_renderer()  # measures the names as they are drawn
-    views = [drawing.views[name] for name in axes]
-    taken = np.concatenate([drawing.path, *(position[None] for _, position, _ in drawing.ends)])
-    pipes, letters = drawing.network.pipes, drawing.letters
-    draw_names([*axes.values()], views, renderer, pipes, taken, letters, shown_only)
-
-
-def _draw_space(
-    figure: Figure, corner: tuple[float, float, float, float], drawing: _Drawing
-) -> None:
-    """The network in space, in a rectangle of the figure given in inches."""
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
-
-    (x, y, w, h), height = corner, figure.get_figheight()
-    space: Any = figure.add_axes((x / PAGE, y / height, w / PAGE, h / height), projection="3d")
-    space.set_proj_type("ortho")
-    space.set_axis_off()
-    alpha = 0.2 if drawing.route is not None else 0.3
-    colours = {"facecolors": "#7f93a8", "alpha": alpha, "edgecolors": "none"}
-    space.add_collection3d(Poly3DCollection(drawing.faces, **colours))
-    lines = [line for part in drawing.network.pipes.parts for line in axis_lines(part)]
-    space.add_collection3d(Line3DCollection(lines, colors=GREY, linewidths=0.5))
-    if drawing.route is not None:
-        space.plot(*drawing.path.T, color=ROUTE, linewidth=1.6)
-    for name, position, colour in drawing.ends:
-        space.plot(*position[:, None], "o", color=colour, markersize=2.5)
-        space.text(*position, name and f" {name}", fontsize=drawing.letters, color=colour)
-    space.set(**{f"{axis}lim": (drawing.low[i], drawing.high[i]) for i, axis in enumerate("xyz")})
-    space.set_box_aspect(drawing.size, zoom=1.25)
-    space.view_init(elev=24, azim=-58)
-
-
-def _draw_view(axis: Axes, drawing: _Drawing, view: Projection) -> None:
-    columns = list(view.columns)
-    frame_view(axis, view, drawing.low, drawing.high)
-    draw_pipes(axis, drawing.network.pipes, view, drawing.faces)
-    if drawing.route is not None:
-        axis.plot(*drawing.path[:, columns].T, color=ROUTE, linewidth=1.6, alpha=0.85)
-    for _, position, colour in drawing.ends:
-        axis.plot(*position[columns, None], "o", color=colour, markersize=2.5, zorder=4)
 
 
 def frame_view(axis: Axes, view: Projection, low: Array, high: Array) -> None:
@@ -332,7 +319,8 @@ class _Crowd:
         self.pipes = self._covered(bores[:, columns])
 
     def write(self, part: Part) -> None:
-        """Write the name of a part where it costs least."""
+        """Write the name of a part on or beside it where it costs least, and tie it to a part that
+        is far from it."""
         text = self.axis.text(
             0, 0, part.name, fontsize=self.size, color=INK, ha="center", va="center", zorder=6
         )
@@ -340,22 +328,34 @@ class _Crowd:
         half = np.ptp(self._box(text), axis=0) / 2
         line, _, _ = part.axes[0]
         along = line.at(line.length * np.array(_ANCHORS))[0][:, self.columns]
+        anchors = self.axis.transData.transform(along)  # (a, 2) pixels
         lengths = self.axis.transData.transform([[0.0, 0.0], [part.fitting.radius, 0.0]])
         radius = float(np.ptp(lengths[:, 0]))
-        spots = _spots(self.axis.transData.transform(along), radius, half, self.point)
-        best = int(np.argmin(spots.costs + self._cost(spots, half)))
-        self._put(text, spots.places[best], half, spots.anchors[best], radius)
-
-    def _put(self, text: Any, spot: Array, half: Array, anchor: Array, radius: float) -> None:
-        """Put a name at its spot, pixels, and tie it to a part that is far from it."""
+        shifts, gaps = self._shifts(radius, half)
+        length = np.ptp(anchors[:, 0]) / np.ptp(_ANCHORS)  # as seen, to the right
+        fits = bool(half[1] < radius and 2 * half[0] < length)
+        away = _SHIFT / self.point * np.linalg.norm(anchors - anchors[0], axis=1)
+        places = (anchors[:, None] + shifts).reshape(-1, 2)
+        # A name that fits into its part covers nothing else there.
+        inside = np.tile(fits & (gaps == 0), len(anchors))
+        cost = (away[:, None] + _FAR * gaps).ravel() + self._cost(places, inside, half)
+        best = int(np.argmin(cost))
+        spot, anchor = places[best], anchors[best // len(shifts)]
         to_data = self.axis.transData.inverted().transform
-        x, y = to_data(spot).tolist()
-        text.set_position((x, y))
+        text.set_position(to_data(spot).tolist())
         self.boxes.append(np.stack([spot - half, spot + half]))
         nearest = np.clip(anchor, spot - half, spot + half)
         if np.linalg.norm(nearest - anchor) > radius + _TIED * self.point:
-            ends = to_data(np.stack([anchor, nearest]))
-            self.axis.plot(*ends.T, color=GREY, lw=0.5, zorder=5.9)
+            self.axis.plot(*to_data([anchor, nearest]).T, color=GREY, lw=0.5, zorder=5.9)
+
+    def _shifts(self, radius: float, half: Array) -> tuple[Array, Array]:
+        """Shifts (n, 2) pixels from a part's axis to the middle of a name of ``half`` its size, and
+        how far (n,) points it then stands beside a bore of ``radius`` pixels."""
+        angle = np.radians([90, 270, 0, 180, 45, 135, 225, 315, 67, 113, 247, 293])
+        direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        beside = [direction * (radius + half + self.point * gap) for gap in _GAPS]
+        gaps = np.append(0.0, np.repeat(_GAPS, len(angle)))
+        return np.concatenate([[[0.0, 0.0]], *beside]), gaps
 
     def _box(self, text: Any) -> Array:
         """Lower left and upper right corner (2, 2) of a text, pixels."""
@@ -371,72 +371,26 @@ class _Crowd:
         np.add.at(sums, tuple(inside.T + 1), 1)
         return sums.cumsum(axis=0).cumsum(axis=1)
 
-    def _cost(self, spots: _Spots, half: Array) -> Array:
-        """What names at spots cover (n,), the smaller the better; ``half`` (2,) is half their size,
-        pixels.
+    def _cost(self, places: Array, inside: NDArray[np.bool_], half: Array) -> Array:
+        """What names cover (n,), the smaller the better, with their middles at ``places`` (n, 2)
+        pixels, ``inside`` (n,) of their part or not; ``half`` (2,) is half their size, pixels.
 
         By far the worst is to cover another name, then to stick out of the view, then to cover the
         path or a pipe.
         """
         room = half + self.point * _MARGIN
-        low, high = spots.places - room, spots.places + room
+        low, high = places - room, places + room
         boxes = np.array(self.boxes).reshape(-1, 2, 2)
         beside = (low[:, None] >= boxes[:, 1]) | (high[:, None] <= boxes[:, 0])
         names = (~beside.any(axis=-1)).sum(axis=-1)
         outside = ((low < self.frame[0]) | (high > self.frame[1])).any(axis=-1)
-        pipes = np.where(spots.inside, 0, self._inside(self.pipes, low, high))
-        path = self._inside(self.path, low, high)
+        pipes = np.where(inside, 0, self._count(self.pipes, low, high))
+        path = self._count(self.path, low, high)
         return 1e6 * names + 1e5 * outside + _PATH * path + _PIPE * pipes
 
-    def _inside(self, sums: Array, low: Array, high: Array) -> Array:
+    def _count(self, sums: Array, low: Array, high: Array) -> Array:
         """How many of the points of ``_covered`` lie in boxes (n,)."""
-        (left, bottom), (right, top) = self._corners(sums, low), self._corners(sums, high)
-        return sums[right, top] - sums[left, top] - sums[right, bottom] + sums[left, bottom]
-
-    def _corners(self, sums: Array, places: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """The corners of pixels nearest to places (n, 2), as indices into ``sums``."""
         most = np.array(sums.shape) - 1
-        x, y = np.clip(np.rint(places - self.frame[0]), 0, most).astype(np.intp).T
-        return x, y
-
-
-@dataclass(frozen=True)
-class _Spots:
-    """Where a name may stand.
-
-    Attributes:
-        places: (n, 2) pixels, its middle.
-        anchors: (n, 2) pixels, what it stands beside: places on the axis of its part.
-        costs: (n,) of standing there and not on the middle of the part.
-        inside: (n,) whether it lies in its part and covers nothing else.
-    """
-
-    places: Array
-    anchors: Array
-    costs: Array
-    inside: NDArray[np.bool_]
-
-
-def _spots(anchors: Array, radius: float, half: Array, point: float) -> _Spots:
-    """Spots on and beside a part.
-
-    Args:
-        anchors: (a, 2) pixels, at ``_ANCHORS`` of its axis.
-        radius: of its bore, pixels.
-        half: (2,) half the size of the name, pixels.
-        point: pixels of a point.
-    """
-    angle = np.radians([90, 270, 0, 180, 45, 135, 225, 315, 67, 113, 247, 293])
-    direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    beside = [direction * (radius + half + point * gap) for gap in _GAPS]
-    shifts = np.concatenate([[[0.0, 0.0]], *beside])
-    gaps = np.append(0.0, np.repeat(_GAPS, len(angle)))  # points
-    length = np.ptp(anchors[:, 0]) / np.ptp(_ANCHORS)  # as seen, to the right
-    fits = bool(half[1] < radius and 2 * half[0] < length)
-    along = _SHIFT / point * np.linalg.norm(anchors - anchors[0], axis=1)
-    return _Spots(
-        places=(anchors[:, None] + shifts).reshape(-1, 2),
-        anchors=np.repeat(anchors, len(shifts), axis=0),
-        costs=(along[:, None] + _FAR * gaps).ravel(),
-        inside=np.tile(fits & (gaps == 0), len(anchors)),
-    )
+        corners = np.clip(np.rint([low, high] - self.frame[0]), 0, most).astype(np.intp)
+        (left, bottom), (right, top) = corners.transpose(0, 2, 1)
+        return sums[right, top] - sums[left, top] - sums[right, bottom] + sums[left, bottom]

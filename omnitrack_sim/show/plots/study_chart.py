@@ -105,7 +105,7 @@ def _course(scale: ObjectiveAxis, tried: Tried) -> Figure:
     _draw_marks(panel, (number, number[list(tried.places)]), (values, tried.checked[:, 0]), tried)
     if scale.limit is not None:
         panel.axhline(scale.limit, color=ALARM, lw=0.8, ls=":")
-    panel.set_ylim(_bulk(tried, 0))
+    panel.set_ylim(*_bulk(tried, 0))
     _note_outside(panel, number, values)
     panel.set_xlabel("candidate")
     panel.set_ylabel(scale.label)
@@ -149,8 +149,8 @@ def _draw_pair(panel: Axes, scales: Sequence[ObjectiveAxis], tried: Tried, i: in
     for line, limit in ((panel.axvline, scales[i].limit), (panel.axhline, scales[k].limit)):
         if limit is not None:
             line(limit, color=ALARM, lw=0.8, ls=":")
-    panel.set_xlim(_bulk(tried, i))
-    panel.set_ylim(_bulk(tried, k))
+    panel.set_xlim(*_bulk(tried, i))
+    panel.set_ylim(*_bulk(tried, k))
     _note_outside(panel, x, y)
     panel.set_xlabel(scales[i].label)
     panel.set_ylabel(scales[k].label)

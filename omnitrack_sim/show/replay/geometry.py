@@ -152,7 +152,7 @@ def pipes_table(network: Assembly, model: mujoco.MjModel, shapes: Shapes) -> dic
         }
         parts.append(table)
     world = np.flatnonzero((model.geom_bodyid == 0) & (model.geom_group == ROBOT_GROUP))
-    plates = [geoms_surface(model, [geom], fine=True) for geom in world]
+    plates = [geoms_surface(model, [geom], fine=True) for geom in world.tolist()]
     return {
         "parts": parts,
         "plates": [piece(p, Pose()) | {"colour": rounded(p.colour[0, :3], 4)} for p in plates],
