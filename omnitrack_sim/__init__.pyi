@@ -77,6 +77,9 @@ from .sim.run import run_batch as run_batch
 from .sim.sensing import Senses as Senses
 from .sim.sensing import Truth as Truth
 from .sim.simulation import Simulation as Simulation
+from .trials.bench import Bench as Bench
+from .trials.bench_run import BenchResult as BenchResult
+from .trials.bench_run import run_bench as run_bench
 from .trials.study import Study as Study
 from .trials.study import load_study as load_study
 from .trials.study_run import StudyResult as StudyResult

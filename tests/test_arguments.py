@@ -77,8 +77,9 @@ class NoController:
         (lambda: ANY.render_frame(STRAIGHT, time=0.0), "result: is Scenario"),
         (lambda: ANY.run_sweep("tee_lugs"), r"sweep: is .* ot.load_sweep\('tee_lugs'\) makes"),
         (lambda: ANY.run_study("robot_design"), "study: is .*load_study"),
+        (lambda: ANY.run_bench(["elbow"]), "bench: is .*Bench.of"),
         (lambda: ANY.shortest_route("fig14", "inlet", "low"), "network: is .*load_network"),
-        (lambda: ANY.plot_singularity("a", "a.png"), "case: is 'a', of type str; it must be"),
+        (lambda: ANY.plot_singularity("a", path="a.png"), "case: is 'a', of type str; it must be"),
     ],
 )
 def test_another_type_is_told_by_the_name_of_the_argument(call, told):

@@ -30,9 +30,7 @@ DRAWN = {
     "channel": lambda **where: ot.plot_channel(sample_result(), channel="slide", **where),
     "mission": lambda **where: ot.plot_mission(two_legs_result(), **where),
     "network": lambda **where: ot.plot_network(NETWORK, **where),
-    "singularity": lambda path=None, **where: ot.plot_singularity(
-        ot.TurnCase(), path, "sector", **where
-    ),
+    "singularity": lambda **where: ot.plot_singularity(ot.TurnCase(), figure="sector", **where),
     "compare": lambda **where: ot.plot_compare(sample_result(), sample_result(), **where),
 }
 """Every public function that plots, called with what it draws; ``plot_sweep`` has its own test."""

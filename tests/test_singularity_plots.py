@@ -92,14 +92,14 @@ def test_same_case_same_bytes(tmp_path, monkeypatch):
         for day, path in enumerate(paths):
             # What matplotlib takes for the time where it writes one.
             monkeypatch.setenv("SOURCE_DATE_EPOCH", str(86400 * day))
-            plot_singularity(CASE, path, "sector")
+            plot_singularity(CASE, path=path, figure="sector")
         assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
 def test_unknown_figures_are_refused(tmp_path):
     """With the names there are, before anything is written."""
     with pytest.raises(InputError, match="all, sections, orientations"):
-        plot_singularity(CASE, tmp_path / "a.png", "pie")
+        plot_singularity(CASE, path=tmp_path / "a.png", figure="pie")
     with pytest.raises(InputError, match="png, svg, pdf"):
-        plot_singularity(CASE, tmp_path / "a.bmp", "sector")
+        plot_singularity(CASE, path=tmp_path / "a.bmp", figure="sector")
     assert list(tmp_path.iterdir()) == []

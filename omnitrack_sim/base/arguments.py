@@ -24,6 +24,7 @@ _MAKERS = {
     "Study": "load_study",
     "Result": "load_result",
     "SweepResult": "run_sweep",
+    "Bench": "Bench.of",
 }
 """Functions of the package that make a thing from a file, a folder or a name, by its class."""
 

@@ -150,7 +150,7 @@ def _report(
     if orientation is not None:
         summary["orientation"] = orientation
     if plot is not None:
-        plot_singularity(case, plot, figure)
+        plot_singularity(case, path=plot, figure=figure)
     if as_json:
         print_json(summary)
     else:

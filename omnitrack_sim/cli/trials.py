@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypedDict
@@ -33,7 +33,6 @@ from omnitrack_sim.cli.common import (
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from omnitrack_sim.trials.bench import Task
     from omnitrack_sim.trials.bench_run import BenchResult
     from omnitrack_sim.trials.dispatch import Status
     from omnitrack_sim.trials.study import Study
@@ -197,11 +196,11 @@ def bench_control(
 ) -> None:
     """Put controllers and policies through the same held-out trials; the same command goes on after
     an interruption."""
-    from omnitrack_sim.trials.bench import Bench, entry_of, shipped_entries
+    from omnitrack_sim.trials.bench import Bench, shipped_entries
     from omnitrack_sim.trials.bench_run import run_bench
 
     names = [*(entries or shipped_entries()), *(policies or [])]
-    bench = Bench(_tasks(tasks), [entry_of(name) for name in names], quick, trials)
+    bench = Bench.of(tasks, names, quick=quick, trials=trials)
     kind = "_quick" if quick else "" if trials is None else f"_{trials}"
     target = folder or Path("out") / f"bench_control{kind}"
     options = worker_options(workers, dask)
@@ -364,15 +363,6 @@ def _share(text: str | None) -> tuple[int, int] | None:
             Fault("--shard", f"is {text!r}; write I/N with I from 1 to N, such as 1/4")
         )
     return int(numbers[1]), int(numbers[2])
-
-
-def _tasks(names: Sequence[str] | None) -> list[Task]:
-    from omnitrack_sim.trials.bench import TASKS
-
-    for name in names or ():
-        if name not in TASKS:
-            raise InputError(Fault("--task", f"is {name!r}", tuple(TASKS), given=name))
-    return [task for name, task in TASKS.items() if not names or name in names]
 
 
 def _print_trials(loaded: Sweep) -> None:

@@ -254,16 +254,43 @@ class Bench:
         entries: of the benchmark.
         quick: only a few trials of each, to see that everything runs.
         trials: of each task, other ones than without it; none: as many as each task has.
+        changes: of all scenarios by dotted path, after those of the entries.
 
     Raises:
         InputError: there is no task or no entry, two entries have one name, or the number of trials
             is given twice.
+
+    Example:
+        >>> bench = ot.Bench.of(tasks=["elbow"], entries=["feedback", "equal"], quick=True)
+        >>> {key: sweep.size for key, sweep in bench.sweeps().items()}
+        {('elbow', 'feedback'): 8, ('elbow', 'equal'): 8}
     """
 
     tasks: Sequence[Task]
     entries: Sequence[Entry]
     quick: bool = False
     trials: int | None = None
+    changes: Changes = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, tasks: Sequence[str] | None = None, entries: Sequence[str] | None = None, **options: Any
+    ) -> Bench:
+        """Return a benchmark by names.
+
+        Args:
+            tasks: names of tasks; none: all of them.
+            entries: sources, see ``entry_of``; none: the shipped entries and policies.
+            options: ``quick``, ``trials`` and ``changes``.
+
+        Raises:
+            InputError: there is no such task or entry.
+        """
+        for name in tasks or ():
+            if name not in TASKS:
+                raise InputError(Fault("--task", f"is {name!r}", tuple(TASKS), given=name))
+        chosen = [task for name, task in TASKS.items() if not tasks or name in tasks]
+        return cls(chosen, [entry_of(name) for name in entries or shipped_entries()], **options)
 
     def __post_init__(self) -> None:
         names = [entry.name for entry in self.entries]
@@ -293,5 +320,5 @@ class Bench:
         for task in self.tasks:
             for entry in self.entries:
                 count = task.quick if self.quick else self.trials or task.trials
-                sweeps[task.name, entry.name] = task.sweep(count, entry.changes)
+                sweeps[task.name, entry.name] = task.sweep(count, {**entry.changes, **self.changes})
         return sweeps

@@ -51,6 +51,13 @@ class BenchResult:
         folder: of the files; None if nothing was written.
         rows: of ``table``, each without the columns that it has no value for.
         trials: all trials of all entries.
+
+    Example:
+        >>> short = {"run.time_limit": 0.01}
+        >>> bench = ot.Bench.of(["elbow"], ["feedback", "equal"], trials=1, changes=short)
+        >>> result = ot.run_bench(bench)
+        >>> [(row["entry"], row["passed"], row["others"]) for row in result.rows]
+        [('feedback', 0, '1 timed_out'), ('equal', 0, '1 timed_out')]
     """
 
     bench: Bench
@@ -83,6 +90,11 @@ def run_bench(
         InputError: an entry cannot drive a task; no such number of workers.
         OutputError: the folder holds something else, or cannot be written; finished batches stay.
         WorkersLost: the given executor has broken; the same call goes on from there.
+
+    Example:
+        >>> bench = ot.Bench.of(["elbow"], ["equal"], trials=2, changes={"run.time_limit": 0.01})
+        >>> ot.run_bench(bench).trials.num_rows
+        2
     """
     check_is(Bench, "bench", bench)
     folder = None if out is None else Path(out)
@@ -259,6 +271,7 @@ def _write(result: BenchResult, folder: Path) -> None:
     record = {
         "quick": bench.quick,
         "trials": bench.trials,
+        "changes": dict(bench.changes),
         "tasks": {task.name: task.words for task in bench.tasks},
         "entries": {e.name: {"words": e.words, "changes": dict(e.changes)} for e in bench.entries},
         "rows": rows,

@@ -43,9 +43,9 @@ _MM = 1e3
 
 def plot_singularity(
     case: TurnCase,
+    *,
     path: str | Path | None = None,
     figure: str = "all",
-    *,
     format: str | None = None,
 ) -> Figure:
     """Draw the motion singularity region of a robot at a tee.

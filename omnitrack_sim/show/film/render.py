@@ -298,6 +298,11 @@ def render_video(
         InputError: unknown camera or format, or a size, frame rate or length that is out of range.
         RenderError: no offscreen OpenGL on this machine; the message says what to install.
         OutputError: the film cannot be written.
+
+    Example:
+        >>> result = ot.run(ot.load_scenario("straight", {"run.time_limit": 0.1}), no_load=False)
+        >>> ot.render_video(result, path="film.gif", width=160, height=90, fps=10).name
+        'film.gif'
     """
     from omnitrack_sim.results.result import as_result
 
@@ -337,6 +342,11 @@ def render_frame(
         InputError: unknown camera, a size that is out of range, or a time that is NaN.
         TypeError: ``time`` is no number.
         RenderError: no offscreen OpenGL on this machine; the message says what to install.
+
+    Example:
+        >>> result = ot.run(ot.load_scenario("straight", {"run.time_limit": 0.1}), no_load=False)
+        >>> ot.render_frame(result, time=0.05, width=160, height=90).shape
+        (90, 160, 3)
     """
     check_time("time", time)
     return render_frames(
@@ -400,6 +410,11 @@ def render_strip(
             outside of the run.
         RenderError: no offscreen OpenGL on this machine; the message says what to install.
         OutputError: the picture cannot be written.
+
+    Example:
+        >>> result = ot.run(ot.load_scenario("straight", {"run.time_limit": 0.1}), no_load=False)
+        >>> ot.render_strip(result, path="strip.png", count=2, width=160, height=120).name
+        'strip.png'
     """
     from omnitrack_sim.results.result import as_result
 
