@@ -274,7 +274,10 @@ class Bench:
 
     @classmethod
     def of(
-        cls, tasks: Sequence[str] | None = None, entries: Sequence[str] | None = None, **options: Any
+        cls,
+        tasks: Sequence[str] | None = None,
+        entries: Sequence[str] | None = None,
+        **options: Any,
     ) -> Bench:
         """Return a benchmark by names.
 
