@@ -19,7 +19,7 @@ from samples import (
 )
 
 from omnitrack_sim.pipes import Elbow, Route, Step, Straight, route
-from omnitrack_sim.record.metrics import summarise
+from omnitrack_sim.record.metrics import Run, summarise
 from omnitrack_sim.record.timeline import Visit, passage_indices, timeline
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import load_result
@@ -68,13 +68,7 @@ def test_durations_energy_and_slip_add_up_to_the_run(bend):
     wave = np.sin(WAY / 0.03)[:, None] * [1.0, 0.5, -2.0]
     trajectory = record(bend, motor_torque=wave, slip_velocity=0.01 * wave)
     rows = visits(trajectory, bend)
-    whole = summarise(
-        trajectory,
-        no_load_slip=0.0,
-        lug_radius=LUG_RADIUS,
-        torque_limit=TORQUE_LIMIT,
-        drive=DRIVES["three_motors"],
-    )
+    whole = summarise(Run(trajectory, 0.0, LUG_RADIUS, TORQUE_LIMIT, DRIVES["three_motors"]))
     assert sum(row.duration_s for row in rows) == pytest.approx(trajectory.time[-1])
     assert sum(row.energy_j for row in rows) == pytest.approx(whole["energy_j"])
     assert sum(row.slip_distance_m for row in rows) == pytest.approx(

@@ -316,24 +316,14 @@ def table(metrics: Iterable[Metric] = METRICS) -> str:
     return "\n".join(rows) + "\n"
 
 
-def summarise(
-    trajectory: Trajectory,
-    *,
-    no_load_slip: float,
-    lug_radius: float,
-    torque_limit: float,
-    drive: Transmission,
-    efficiency: float = 1.0,
-    metrics: Iterable[Metric] = METRICS,
-) -> Metrics:
-    """Compute the figures of a run by the names of ``metrics``; arguments as in ``Run``.
+def summarise(run: Run, metrics: Iterable[Metric] = METRICS) -> Metrics:
+    """Compute the figures of a run by the names of ``metrics``.
 
     Means are over time, by the trapezoidal rule. Slip counts only where a module touches the wall.
 
     Raises:
         ValueError: a metric gives a list and does not say ``per_module``, or the other way round.
     """
-    run = Run(trajectory, no_load_slip, lug_radius, torque_limit, drive, efficiency)
     return {metric.name: _figure(metric, run) for metric in metrics}
 
 

@@ -25,7 +25,8 @@ class Senses(Protocol):
     know the truth.
 
     A class of a user's own takes the three arguments of ``MakeSenses``. It may inherit from
-    ``Truth`` and change what ``readings`` and ``location`` hold, such as by adding noise.
+    ``Truth`` and change what ``readings`` and ``location`` hold, such as by adding noise. Where it
+    leaves out the others, its robots know their poses and can look at any time.
 
     Attributes:
         readings: (n, ...) by the names of the channels, each in its robot's own frame.
@@ -43,18 +44,18 @@ class Senses(Protocol):
 
     readings: Mapping[str, Array]
     channels: Sequence[Channel]
-    recorded: Sequence[Channel]
+    recorded: Sequence[Channel] = ()
     location: Location
 
     @property
     def distance_std(self) -> Array:
         """Standard deviation (n,) m of the distances of ``location``."""
-        ...
+        return np.zeros(len(self.location.distance))
 
     @property
     def can_look(self) -> bool:
         """True where robots that look ahead can do so at this control step."""
-        ...
+        return True
 
     def reset(self, rows: NDArray[np.intp], scenarios: Sequence[Scenario], state: State) -> None:
         """Begin anew for robots ``rows`` (k,) with ``scenarios`` (k).
@@ -81,7 +82,7 @@ class Senses(Protocol):
 
     def guard(self, command: Command) -> Guarded:
         """Return a command less what robots that do not know their pose may not do."""
-        ...
+        return Guarded(command, np.zeros(len(self.location.distance), bool))
 
     def look(self, robot: int, back: bool) -> Look:
         """Have a robot look ahead and, with ``back``, the other way too."""
@@ -89,35 +90,33 @@ class Senses(Protocol):
 
     def update_maps(self, robots: Collection[int]) -> None:
         """Take note that robots may have changed the maps that they make."""
-        ...
 
     def shift(self, robot: int, more: float) -> None:
         """Move a robot's estimate ``more`` m farther along its route."""
-        ...
 
     def doubt(self, robot: int) -> bool:
         """Discard the estimate of a robot whose pose lies in no pipe; False where the pose is no
         estimate, and the run is over."""
-        ...
+        return False
 
     def estimates(self) -> Mapping[str, NDArray]:
         """Return the values (n, ...) of the channels ``recorded``."""
-        ...
+        return {}
 
     def metrics(self, robot: int) -> Mapping[str, float]:
         """Return metrics of a robot's senses."""
-        ...
+        return {}
 
     def pictures(self) -> Sequence[Pictures | None]:
         """Return the pictures that each of the n robots has taken, where they are recorded."""
-        ...
+        return [None] * len(self.location.distance)
 
 
 MakeSenses = Callable[[Sequence[Scenario], Legs, State], Senses]
 """Makes the senses of n robots from their scenarios, legs, and the physics as they begin."""
 
 
-class Truth:
+class Truth(Senses):
     """Senses without error: controllers receive the ground truth. See ``Senses``.
 
     Example:
@@ -132,17 +131,14 @@ class Truth:
 
     def __init__(self, scenarios: Sequence[Scenario], legs: Legs, state: State) -> None:
         self._scenarios, self._legs = list(scenarios), legs
-        self.channels: Sequence[Channel] = [sensor.channel for sensor in state.sensors.values()]
-        self.recorded: Sequence[Channel] = ()
-        self.can_look = True
-        self._nobody, self.distance_std = np.zeros(len(scenarios), bool), np.zeros(len(scenarios))
+        self.channels = [sensor.channel for sensor in state.sensors.values()]
         self.reset(np.arange(len(scenarios)), scenarios, state)
 
     def reset(self, rows: NDArray[np.intp], scenarios: Sequence[Scenario], state: State) -> None:
         """See ``Senses``."""
         for row, scenario in zip(rows.tolist(), scenarios, strict=True):
             self._scenarios[row] = scenario
-        self.readings: Mapping[str, Array] = state
+        self.readings = state
 
     def read(self, state: State, active: NDArray[np.bool_]) -> None:
         """See ``Senses``."""
@@ -152,10 +148,6 @@ class Truth:
         """See ``Senses``."""
         self.location = truth
 
-    def guard(self, command: Command) -> Guarded:
-        """See ``Senses``: nobody has to search."""
-        return Guarded(command, self._nobody)
-
     def look(self, robot: int, back: bool) -> Look:
         """See ``Senses``."""
         gear = int(self._legs.gear[robot])
@@ -164,28 +156,6 @@ class Truth:
         frame = frame_ahead(self.readings["rotation"][robot], gear)
         time, distance = self.readings["time"][robot], self.location.distance[robot]
         return Look(float(time), float(distance), ahead, behind, frame, frame)
-
-    def update_maps(self, robots: Collection[int]) -> None:
-        """See ``Senses``: poses do not hang on any map."""
-
-    def shift(self, robot: int, more: float) -> None:
-        """See ``Senses``: there is nothing to correct."""
-
-    def doubt(self, robot: int) -> bool:
-        """See ``Senses``."""
-        return False
-
-    def estimates(self) -> Mapping[str, NDArray]:
-        """See ``Senses``."""
-        return {}
-
-    def metrics(self, robot: int) -> Mapping[str, float]:
-        """See ``Senses``."""
-        return {}
-
-    def pictures(self) -> Sequence[Pictures | None]:
-        """See ``Senses``."""
-        return [None] * len(self._scenarios)
 
 
 def both_ways(

@@ -17,7 +17,7 @@ from omnitrack_sim.base.text import shown
 from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.channels import CHANNELS, Channel
 from omnitrack_sim.record.events import Event, Note, Outcome
-from omnitrack_sim.record.metrics import METRICS, Metric, Metrics, summarise
+from omnitrack_sim.record.metrics import METRICS, Metric, Run, summarise
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.provenance import provenance_of
@@ -540,38 +540,25 @@ class Simulation:
         pictures: Pictures | None,
     ) -> Result:
         """The result of a robot that slips by ``slip`` m/s without load."""
-        scenario, ending = self.scenarios[robot], self.endings[robot]
+        scenario, ending, motors = self.scenarios[robot], self.endings[robot], self.motors
         assert ending is not None
+        limit, efficiency = float(motors.torque_limit[robot, 0]), scenario.robot.motor.efficiency
+        run = Run(trajectory, slip, scenario.robot.lug_radius, limit, motors.drive, efficiency)
+        values = summarise(run, (*METRICS, *scenario.own_metrics, *metrics))
+        network = self.legs.map(robot)
         return Result(
             scenario=scenario,
             outcome=ending.outcome,
             reason=ending.reason,
             duration_s=float(self.end_time[robot]),
-            metrics=self._metrics(robot, trajectory, slip, metrics),
+            metrics=values | scenario.map_metrics(network) | dict(self.senses.metrics(robot)),
             trajectory=trajectory,
             provenance=provenance_of(scenario),
             events=self.events[robot],
             legs=self.legs.begun(robot),
-            map=self.legs.map(robot),
+            map=network,
             album=pictures,
         )
-
-    def _metrics(
-        self, robot: int, trajectory: Trajectory, slip: float, metrics: Sequence[Metric]
-    ) -> Metrics:
-        """All metrics of a robot that slips by ``slip`` m/s without load."""
-        scenario, motors = self.scenarios[robot], self.motors
-        values = summarise(
-            trajectory,
-            no_load_slip=slip,
-            lug_radius=scenario.robot.lug_radius,
-            torque_limit=float(motors.torque_limit[robot, 0]),
-            drive=motors.drive,
-            efficiency=scenario.robot.motor.efficiency,
-            metrics=(*METRICS, *scenario.own_metrics, *metrics),
-        )
-        map_metrics = scenario.map_metrics(self.legs.map(robot))
-        return values | map_metrics | dict(self.senses.metrics(robot))
 
 
 class Recorder:
