@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from omnitrack_sim.autonomy.exploration import Exploration
+from omnitrack_sim.autonomy.explorer import Exploration
 from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.autonomy.sight import Ahead, Look, TrueSight
 from omnitrack_sim.base.rotations import TURNED, rotation_about
@@ -104,9 +104,9 @@ class Ghost:
         return None if ahead is None else self.erring(ahead)
 
     def _pose(self, distance: float):
-        leg, ways = self.explorer.leg, self.explorer.ways
-        if self._line is None or self._line[:2] != (leg, ways):
-            self._line = leg, ways, ways.route(leg.path).centreline
+        leg, planner = self.explorer.leg, self.explorer.planner
+        if self._line is None or self._line[:2] != (leg, planner):
+            self._line = leg, planner, planner.route(leg.path).centreline
         line = self._line[2]
         s = np.array([distance])
         # Turned about its axis by what it has driven: nothing may depend on how it is turned.

@@ -325,7 +325,7 @@ def test_a_robot_without_a_way_from_where_it_lies_gives_up() -> None:
     run = ot.Simulation([past_the_tee()], controller=Careless)
     pilot = run.legs.pilots[0]
     assert isinstance(pilot, Planned)
-    pilot._closed.append(pilot._planner.network.port("t.branch"))
+    pilot._closed.append(pilot.planner.network.port("t.branch"))
     run.advance()
     (result,) = run.results()
     assert result.outcome is ot.Outcome.LEFT_PIPE

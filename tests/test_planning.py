@@ -122,7 +122,7 @@ def up_the_tower(goals: list[str]) -> Planned:
 
 def hang_before(pilot: Planned, port: str) -> list[Any]:
     """The events of a robot that hangs, on the leg at hand, with its nose before a port."""
-    part, leave = pilot._planner.network.port(port)
+    part, leave = pilot.planner.network.port(port)
     at = next(i for i, s in enumerate(pilot.leg.path) if (s[0], s[2]) == (part, leave))
     nose = pilot.route().passages[at].s_leave
     return list(pilot.on_blockage(10.0, nose - LENGTH / 2, "").events)
@@ -154,7 +154,7 @@ def test_a_robot_that_finds_its_way_closed_sets_out_for_the_same_goal() -> None:
     arrive(pilot)
     arrive(pilot)
     assert pilot.leg.goal == 1
-    planner = pilot._planner
+    planner = pilot.planner
     blocked = "riser_2.end" if "riser_2" in names(planner, pilot.leg) else "shaft.end"
     hang_before(pilot, blocked)
     arrive(pilot)

@@ -1,43 +1,41 @@
-"""Pilot of a robot that explores: it looks ahead, extends its map, and chooses the next leg.
+"""Exploration of an unknown network.
 
-Its legs lead through the pipes of its map. A leg leads to an unexplored port; when the robot's nose
-is there and it sees on, the leg is extended. Among the ports of a fitting that it comes to, it
-takes the one with the shortest way there, which is the branch of a tee; among all others, at an end
-or where its way is blocked, the one that asks for the least travel, back and on. As whatever is
-ahead asks for less than anything that it would have to back out for, it explores depth first, and
-it never backs out of a pipe that it has not seen the end of. When nothing is left it goes back to
-where it began.
+The pilot looks ahead, extends its map, and chooses the next leg. Its legs lead through the pipes of
+its map. A leg leads to an unexplored port; when the robot's nose is there and it sees on, the leg
+is extended. Among the ports of a fitting that it comes to, it takes the one with the shortest way
+there, which is the branch of a tee; among all others, at an end or where its way is blocked, the
+one that asks for the least travel, back and on. As whatever is ahead asks for less than anything
+that it would have to back out for, it explores depth first, and it never backs out of a pipe that
+it has not seen the end of. When nothing is left it goes back to where it began.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from omnitrack_sim.autonomy.belief import BELIEF, Belief
 from omnitrack_sim.autonomy.leg_planner import NOSE_ROOM, LegPlanner
-from omnitrack_sim.autonomy.pilots import Decision
+from omnitrack_sim.autonomy.mission import Mission
+from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
 from omnitrack_sim.autonomy.sight import LOOKS, Ahead, Look, LookingBack, LookingCloser, side_of
-from omnitrack_sim.base.errors import GeometryError
-from omnitrack_sim.base.rotations import Array, angle_between
-from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Route
-from omnitrack_sim.pipes.network import End
+from omnitrack_sim.base.errors import Fault, GeometryError, NetworkError
+from omnitrack_sim.base.rotations import Array, Pose, angle_between, length
+from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Part
+from omnitrack_sim.pipes.map_difference import MapDifference, compare_maps
+from omnitrack_sim.pipes.network import End, Network, both_ways
 from omnitrack_sim.pipes.planning import Closed, Leg
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.events import (
     EndInspected,
     Event,
     ExplorationComplete,
-    FellOff,
     FittingFound,
-    GaveUp,
     GoalReached,
-    LegBegan,
     LoopClosed,
-    TakenForClosed,
 )
 from omnitrack_sim.robots.omnitrack import Robot
 
@@ -70,66 +68,54 @@ class ExplorerSettings:
 EXPLORER = ExplorerSettings()
 
 
-Replan = Callable[[LegPlanner, int, Closed], list[Leg] | None]
-"""Plans legs to a goal through a map."""
-
-
-@dataclass
-class Explorer:
+class Explorer(MapPilot):
     """Pilot of one robot that explores; see ``Pilot``.
 
-    Attributes:
+    Args:
         robot: the robot.
         number: its index in the batch, for events.
         arcs: of the centreline in tees.
         belief: its map.
-        goals: names of the goals that are still to be reached; with none, it explores all.
+        goals: names of the goals; with none, it explores all.
         distance: m, from the port where it began to its centre then.
-        falls: how often it may fall off its way.
-        leg: at hand.
-        look_at: m, arc length on it where the robot looks ahead next.
-        ways: planner of legs through its map.
+        falls: how often it may fall off its route.
+
+    Attributes:
+        goals: those that are still to be reached.
+        look_at: m, arc length on its leg where the robot looks ahead next.
     """
 
-    robot: Robot
-    number: int
-    arcs: Arcs
-    belief: Belief
-    goals: list[str]
-    distance: float
-    falls: int
-    leg: Leg = field(init=False)
-    look_at: float = field(init=False)
-    ways: LegPlanner = field(init=False)
-    _to_come: list[Leg] = field(default_factory=list)
-    _closed: list[End] = field(default_factory=list)
-    _fallen_off: list[Edge] = field(default_factory=list)
-    _bends: dict[int, Array] = field(default_factory=dict)
-    _named: set[str] = field(default_factory=set)
-    _complete: bool = False
+    def __init__(
+        self,
+        robot: Robot,
+        number: int,
+        arcs: Arcs,
+        belief: Belief,
+        goals: Sequence[str],
+        distance: float,
+        falls: int,
+    ) -> None:
+        super().__init__(number, falls)
+        self._robot, self._half, self._arcs = robot, robot.length / 2, arcs
+        self._belief, self.goals, self._explores = belief, list(goals), not goals
+        self._bends: dict[int, Array] = {}
+        self._named: set[str] = set()
+        self._complete = False
+        self._back = LookingBack(belief, self._half, EXPLORER.confidence)
+        self._closer = LookingCloser(belief, self._half)
+        self.planner = self._through([])
+        self.leg = self._longer(Leg(((0, "start", "end"),), 1, distance, 0.0, 0, ""))
+        self.look_at = distance
 
-    def __post_init__(self) -> None:
-        self._explores = not self.goals
-        half = self.robot.length / 2
-        self._back = LookingBack(self.belief, half, EXPLORER.confidence)
-        self._closer = LookingCloser(self.belief, half)
-        self.ways = self._through([])
-        self.leg = self._longer(Leg(((0, "start", "end"),), 1, self.distance, 0.0, 0, ""))
-        self.look_at = self.distance
+    @property
+    def belief(self) -> Belief:
+        """See ``Pilot``."""
+        return self._belief
 
     @property
     def missed(self) -> tuple[str, ...]:
         """Goals that have not been reached."""
         return tuple(self.goals)
-
-    def route(self) -> Route:
-        """See ``Pilot``: the leg at hand leads through the map."""
-        return self.ways.route(self.leg.path)
-
-    @property
-    def route_key(self) -> Hashable:
-        """See ``Pilot``: nobody else has its map."""
-        return object()
 
     # What happens to it
 
@@ -182,7 +168,7 @@ class Explorer:
     def on_arrival(self, time: float, distance: float, goal: str) -> Decision:
         """See ``Pilot``."""
         if self._to_come:
-            return self._onto(time, self._to_come)
+            return self._begin(time, [], self._to_come)
         end = _end_of(self.leg.path)
         if end == self.belief.start:
             return Decision(None, False, ())
@@ -195,37 +181,18 @@ class Explorer:
 
     def on_blockage(self, time: float, distance: float, goal: str) -> Decision:
         """See ``Pilot``."""
-        leg = self.leg
-        if leg.goal < 0:
-            return self._given_up(time, [], f"no headway as it {leg.note}")
-        end, port = _end_of(leg.path), self.ways.obstacle(leg, distance)
-        ahead = self.route().length - distance - self.robot.length / 2
-        if port == end and end in self.belief.ends and ahead < EXPLORER.touch:
-            return self._inspected(time, distance, end, goal)
-        events = [TakenForClosed(self.number, time, self.belief.name(port), distance)]
-        self._closed.append(port)
-        if port in self.belief.unexplored:
-            if self.belief.fitting(port[0]).is_plain:
-                self.belief.lengthen(port[0], -ahead)
-            self.belief.note(port, "impassable")
-            self.belief.done(port)
-        return self._next(time, events, self._from_leg(distance))
-
-    def on_fall(self, time: float, position: Array, axis: Array) -> Decision:
-        """See ``Pilot``: the robot may lie somewhere else in its map."""
-        where = self.ways.locate(position, axis)
-        if where is None:
-            return Decision(None)
-        part, port = where.part, (where.part, where.ahead)
-        name = self.belief.network.fittings[part].name
-        events = [FellOff(self.number, time, name, self.belief.name(port))]
-        if self.falls == 0:
-            return self._given_up(time, events, "has fallen too often")
-        self.falls -= 1
-        self._fallen_off += self.ways.turn_in(self.leg, part)
-        return self._next(
-            time, events, lambda ways, goal, closed: ways.replan_from(where, goal, closed)
-        )
+        port = self.planner.obstacle(self.leg, distance)
+        ahead = self.route().length - distance - self._half
+        if self.leg.goal >= 0:
+            end = _end_of(self.leg.path)
+            if port == end and end in self.belief.ends and ahead < EXPLORER.touch:
+                return self._inspected(time, distance, end, goal)
+            if port in self.belief.unexplored:
+                if self.belief.fitting(port[0]).is_plain:
+                    self.belief.lengthen(port[0], -ahead)
+                self.belief.note(port, "impassable")
+                self.belief.done(port)
+        return super().on_blockage(time, distance, goal)
 
     # Looking once more
 
@@ -242,7 +209,7 @@ class Explorer:
 
     def _look_closer(self, ahead: Ahead, path: tuple[Edge, ...], distance: float) -> None:
         """Plan another look at the end of a path from close by, where that is still far away."""
-        close = self._closer.begin(ahead, self.ways.route(path), distance)
+        close = self._closer.begin(ahead, self.planner.route(path), distance)
         self.look_at = self.look_at if close is None else close
 
     def _forget_what_was_far(self) -> None:
@@ -253,7 +220,7 @@ class Explorer:
         beyond = self.belief.take_back(self.leg.path[i][0])
         if beyond is not None:
             self._bends.pop(beyond, None)
-        self.ways = self._through([])
+        self.planner = self._through([])
         self.leg = replace(self.leg, path=self.leg.path[: i + 1])
 
     # How the map grows
@@ -285,7 +252,7 @@ class Explorer:
         if known is not None:
             events = [self._closes(time, end, known)]
             self._go_on(path)
-            return self._next(time, events, self._from_leg(distance))
+            return self._replan(time, events, self._onward(distance))
         axis = belief.port(end).rotation[:, 2]
         side = side_of(look.frame, axis)
         side = math.cos(ahead.turn) * side + math.sin(ahead.turn) * np.cross(axis, side)
@@ -296,14 +263,14 @@ class Explorer:
         events: list[Event] = []
         if name not in self._named:
             self._named.add(name)
-            events.append(FittingFound(self.number, time, name, ahead.distance))
+            events.append(FittingFound(self._number, time, name, ahead.distance))
         for port, other in belief.meeting(part):
             if {port, other} <= set(belief.unexplored):
                 events.append(self._closes(time, port, other))
         self._go_on(path)
         onward = self._through_new(part, enter, distance)
         if onward is None:
-            return self._next(time, events, self._from_leg(distance))
+            return self._replan(time, events, self._onward(distance))
         self._go_on(onward)
         self.look_at = self.leg.end - EXPLORER.look_before
         if belief.is_last(part):
@@ -327,12 +294,12 @@ class Explorer:
         if angle < EXPLORER.least_bend or abs(angle - elbow.angle) < EXPLORER.bend_tolerance:
             return False
         self.belief.bend(part, angle)
-        self.ways = self._through([])
+        self.planner = self._through([])
         return True
 
     def _closes(self, time: float, end: End, other: End) -> Event:
         miss = self.belief.close(end, other)
-        return LoopClosed(self.number, time, self.belief.name(end), self.belief.name(other), miss)
+        return LoopClosed(self._number, time, self.belief.name(end), self.belief.name(other), miss)
 
     def _through_new(self, part: int, enter: str, distance: float) -> tuple[Edge, ...] | None:
         """Return the path at hand, extended to the nearest unexplored port of a new fitting; None
@@ -343,53 +310,52 @@ class Explorer:
         if not leaves:
             return None
         leave = min(
-            leaves, key=lambda port: round(self.ways.route([(part, enter, port)]).length, 3)
+            leaves, key=lambda port: round(self.planner.route([(part, enter, port)]).length, 3)
         )
         path = (*self.leg.path, (part, enter, leave))
-        return path if distance <= self.ways.latest_stand(path, len(path) - 1) else None
+        return path if distance <= self.planner.latest_stand(path, len(path) - 1) else None
 
     def _inspected(self, time: float, distance: float, end: End, goal: str) -> Decision:
         """Decide at an observed end: note it as explored, and go on."""
         belief, reached = self.belief, goal if goal in self.goals else ""
         belief.done(end, reached)
         events: list[Event] = [
-            EndInspected(self.number, time, belief.name(end), belief.ends[end]),
+            EndInspected(self._number, time, belief.name(end), belief.ends[end]),
         ]
         if reached:
-            events.append(GoalReached(self.number, time, reached))
+            events.append(GoalReached(self._number, time, reached))
             self.goals.remove(reached)
         if not (self._explores or self.goals):
             return Decision(None, False, events)
-        return self._next(time, events, self._from_leg(distance))
+        return self._replan(time, events, self._onward(distance))
 
     # Where it goes
 
-    def _from_leg(self, distance: float) -> Replan:
-        """Return a planner of legs to a goal from arc length ``distance`` m on the leg at hand."""
+    def _onward(self, distance: float) -> Replan:
+        """Return what plans legs to a goal, ahead or back, from the leg at hand."""
         leg = self.leg
 
-        def onward(ways: LegPlanner, goal: int, closed: Closed) -> list[Leg] | None:
+        def onward(planner: LegPlanner, goal: int, closed: Closed) -> list[Leg] | None:
             options = [
-                ways.extend(leg, distance, goal, closed),
-                ways.replan(leg, distance, goal, closed),
+                planner.extend(leg, distance, goal, closed),
+                planner.replan(leg, distance, goal, closed),
             ]
-            if ways.ends[goal + 1] == self.belief.start:
+            if planner.ends[goal + 1] == self.belief.start:
                 # It is behind; after a loop it may be nearer ahead.
-                options.append(ways.replan_from(ways.location(leg, distance), goal, closed))
+                location = planner.location(leg, distance)
+                options.append(planner.replan_from(location, goal, closed))
             return min((legs for legs in options if legs), key=_travel, default=None)
 
         return onward
 
-    def _next(self, time: float, events: Sequence[Event], onward: Replan) -> Decision:
+    def _replan(self, time: float, events: Sequence[Event], plan: Replan) -> Decision:
         """Go to the unexplored port that asks for the least travel, or else to the start."""
         events = list(events)
-        legs = self._least(self.belief.unexplored, onward)
+        legs = self._least(self.belief.unexplored, plan)
         if legs is None:
             events += self._completed(time)
-            legs = self._least([self.belief.start], onward)
-        if legs is None:
-            return self._given_up(time, events, "no other way")
-        return self._onto(time, legs, events)
+            legs = self._least([self.belief.start], plan)
+        return self._begin(time, events, legs)
 
     def _completed(self, time: float) -> list[Event]:
         """Note the ports that are out of reach, as no other is left; return the event, once."""
@@ -401,56 +367,53 @@ class Explorer:
             belief.done(end)
         parts = belief.network.pipes.parts
         fittings = sum(not part.fitting.is_plain for part in parts)
-        return [ExplorationComplete(self.number, time, fittings, len(belief.explored))]
+        return [ExplorationComplete(self._number, time, fittings, len(belief.explored))]
 
-    def _least(self, goals: Sequence[End], onward: Replan) -> list[Leg] | None:
-        """Return legs to the one of some ports that asks for the least travel; None where no way
-        leads to any. A turn that the robot has fallen off is taken only without another way."""
-        ways = self._through(goals)
-        for closed in ([*self._closed, *self._fallen_off], self._closed):
-            # Rounded, so that equal ways do not swap by the last bit of a length.
+    def _least(self, goals: Sequence[End], plan: Replan) -> list[Leg] | None:
+        """Return legs to the one of some ports that asks for the least travel; None where no path
+        leads to any."""
+        planner = self._through(goals)
+        for closed in self._obstacles():
+            # Rounded, so that equal paths do not swap by the last bit of a length.
             options = [
                 (round(_travel(legs), 6), goal, legs)
                 for goal in range(len(goals))
-                if (legs := onward(ways, goal, tuple(closed)))
+                if (legs := plan(planner, goal, closed))
             ]
             if options:
-                self.ways = ways
+                self.planner = planner
                 return min(options, key=lambda option: option[:2])[2]
         return None
 
-    def _onto(self, time: float, legs: Sequence[Leg], events: Sequence[Event] = ()) -> Decision:
-        """Begin the first of ``legs`` and keep the others for later."""
-        before = self.leg
+    def _begin(self, time: float, events: Sequence[Event], legs: Sequence[Leg] | None) -> Decision:
+        before, decision = self.leg, super()._begin(time, events, legs)
+        if decision.leg is None:
+            return decision
         self.belief.settle()
         self._back.begin()
-        self.leg, *self._to_come = legs
         end = _end_of(self.leg.path)
         blind = self.leg.goal < 0 or end == self.belief.start or end in self.belief.ends
         self.look_at = math.inf if blind else self.leg.end - EXPLORER.look_before
-        if self.leg.gear == before.gear and self.leg.path[: len(before.path)] == before.path:
-            self.leg = replace(self.leg, begin=before.begin)
-            return Decision(self.leg, True, events)
-        return Decision(self.leg, False, [*events, LegBegan(self.number, time, self.leg.note)])
+        if self.leg.gear != before.gear or self.leg.path[: len(before.path)] != before.path:
+            return decision
+        self.leg = replace(self.leg, begin=before.begin)
+        return Decision(self.leg, True, events)
 
     def _go_on(self, path: tuple[Edge, ...]) -> None:
         """Extend the leg at hand to the end of a path that begins as its own does."""
-        self.ways = self._through([])
+        self.planner = self._through([])
         self.leg = self._longer(replace(self.leg, path=path))
 
     def _longer(self, leg: Leg) -> Leg:
         """Return a leg that ends where its path does."""
-        end = self.ways.route(leg.path).length - self.robot.length / 2 - NOSE_ROOM
+        end = self.planner.route(leg.path).length - self._half - NOSE_ROOM
         return replace(leg, end=end, note=f"to {self.belief.name(_end_of(leg.path))}")
 
     def _through(self, goals: Sequence[End]) -> LegPlanner:
         """Return the planner of legs through the present map, to some of its ports."""
         names = ["the start" if g == self.belief.start else self.belief.name(g) for g in goals]
         ends = [self.belief.start, *goals]
-        return LegPlanner(self.belief.network, ends, names, self.robot, self.arcs)
-
-    def _given_up(self, time: float, events: Sequence[Event], cause: str) -> Decision:
-        return Decision(None, False, [*events, GaveUp(self.number, time, cause)])
+        return LegPlanner(self.belief.network, ends, names, self._robot, self._arcs)
 
 
 def _end_of(path: Sequence[Edge]) -> End:
@@ -471,3 +434,101 @@ def _fitted(fitting: Fitting, enter: str, bore: float) -> Fitting:
         return replace(fitting, **{fitting.bore_key(enter): bore})  # type: ignore[type-var]
     except GeometryError:
         return fitting
+
+
+class Exploration:
+    """One mission with an unknown map.
+
+    Args:
+        network: the true one.
+        mission: start and what is to be found.
+        robot: see ``LegPlanner``.
+        distance: m, from the start port to the robot's centre as it begins.
+        arcs: of the centreline in tees.
+
+    Attributes:
+        ends: ports of the start and of the goals.
+        plates: ports closed by a plate.
+        path: the straight in which the robot begins.
+
+    Raises:
+        NetworkError: see ``Mission.ports_in``, or the robot does not begin in a straight.
+    """
+
+    def __init__(
+        self, network: Network, mission: Mission, robot: Robot, distance: float, arcs: Arcs
+    ) -> None:
+        self.network, self.mission, self.robot, self.arcs = network, mission, robot, arcs
+        self.ends, self.plates = mission.ports_in(network)
+        self._distance = distance
+        part, port = self.ends[0]
+        fitting = network.pipes.parts[part].fitting
+        if not fitting.is_plain:
+            problem = f"is in a {fitting.kind}; a robot begins to explore in a straight pipe"
+            raise NetworkError(Fault("start", problem))
+        self.path: tuple[Edge, ...] = tuple(
+            (part, port, leave) for leave in fitting.port_names if leave != port
+        )
+
+    def in_sight(self) -> tuple[list[Part], list[End]]:
+        """Return the parts that are visible from any position that the robot can reach, and those
+        of their ports that a plate closes: numbers are those of the parts returned."""
+        # A plate closes both ports of its joint, and hides all that lies behind it.
+        parts, joined = self.network.pipes.parts, both_ways(self.network.pipes.joints)
+        plates = {*self.plates, *(joined[end] for end in self.plates if end in joined)}
+        reachable, todo = {self.ends[0][0]}, [self.ends[0][0]]
+        while todo:
+            part = todo.pop()
+            ends = {(part, port) for port in parts[part].fitting.port_names} - plates
+            new = {joined[end][0] for end in ends if end in joined} - reachable
+            reachable |= new
+            todo += new
+        numbers = {part: i for i, part in enumerate(sorted(reachable))}
+        return (
+            [parts[part] for part in numbers],
+            [(numbers[part], port) for part, port in sorted(plates) if part in numbers],
+        )
+
+    def explorer(self, number: int, falls: int) -> Explorer:
+        """A robot that explores it, number ``number`` of its batch, which may fall off its way
+        ``falls`` times. It knows where it stands, and the pipe that it stands in up to its nose."""
+        port = self._port(self.ends[0])
+        fitting = self.network.pipes.parts[self.ends[0][0]].fitting
+        # Ports point outward; the robot's map begins with the z axis into the pipe.
+        into = Pose(port.rotation * [1, -1, -1], port.position)
+        free = self._distance + self.robot.length / 2 + EXPLORER.creep
+        belief = Belief(into, fitting.inner_diameter, free)
+        goals = list(self.mission.goals)
+        return Explorer(self.robot, number, self.arcs, belief, goals, self._distance, falls)
+
+    def goal_at(self, nose: Array) -> str:
+        """The name of the goal that a robot has its nose (3,) m at, world frame; "" at none."""
+        goals = zip(self.mission.goals, self.ends[1:], strict=True)
+        return next((name for name, end in goals if self._is_at(end, nose)), "")
+
+    def holds(self, position: Array) -> bool:
+        """Return whether the centre of a robot, ``position`` (3,) m, world frame, is in a pipe."""
+        return float(self.network.pipes.signed_distance(position[None])[0][0]) > 0
+
+    def is_home(self, position: Array, axis: Array) -> bool:
+        """Return whether a robot with its centre at ``position`` (3,) m, world frame, stands at the
+        start, with either end; ``axis`` (3,) is a unit vector to its nose."""
+        half = self.robot.length / 2 * axis
+        return any(self._is_at(self.ends[0], position + side * half) for side in (1.0, -1.0))
+
+    def difference(self, believed: Network) -> MapDifference:
+        """Return the differences of a map from the reachable part of the network."""
+        plates = [self.network.port_name(end) for end in self.plates]
+        return compare_maps(believed, self.network, self.network.port_name(self.ends[0]), plates)
+
+    def points(self) -> Sequence[Array]:
+        """Return the positions (3,) m of the goals, or else of the start."""
+        return [self._port(end).position for end in self.ends[1:] or self.ends]
+
+    def _port(self, end: End) -> Pose:
+        return self.network.pipes.parts[end[0]].port(end[1])
+
+    def _is_at(self, end: End, tip: Array) -> bool:
+        """Return whether a tip of the robot is within a bore's radius of a port."""
+        radius = self.network.pipes.parts[end[0]].fitting.port_radius(end[1])
+        return float(length(self._port(end).position - tip)) < radius

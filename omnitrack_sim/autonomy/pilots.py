@@ -9,16 +9,17 @@ shipped: ``FixedRoute`` through plain pipes, ``Planned`` for a mission whose map
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 from omnitrack_sim.autonomy.belief import Belief
+from omnitrack_sim.autonomy.leg_planner import LegPlanner
 from omnitrack_sim.autonomy.mission import MissionPlanner
 from omnitrack_sim.autonomy.sight import Look
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.pipes.network import End
-from omnitrack_sim.pipes.planning import Leg
+from omnitrack_sim.pipes.planning import Closed, Leg
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.events import (
     Event,
@@ -152,27 +153,102 @@ class FixedRoute(Pilot):
         return self.leg.path
 
 
-class Planned(Pilot):
-    """Drives a mission through a network whose map is known, and replans where the way is blocked
-    or the robot has fallen off it.
+Replan = Callable[[LegPlanner, int, Closed], list[Leg] | None]
+"""Plans legs to a goal around what is closed."""
+
+
+class MapPilot(Pilot):
+    """Drives legs through a network by a map, and replans where a leg is blocked or the robot has
+    fallen off it.
 
     Args:
-        planner: of the mission.
-        robot: index in its batch, for events.
+        number: of the robot in its batch, for events.
         falls: how often the robot may fall off its route.
+
+    Attributes:
+        planner: of legs through the map.
     """
 
-    def __init__(self, planner: MissionPlanner, robot: int, falls: int) -> None:
-        self.leg = planner.first
-        self._planner, self._robot, self._falls = planner, robot, falls
-        self._goal = self.leg.goal  # that the robot is on its way to
+    planner: LegPlanner
+
+    def __init__(self, number: int, falls: int) -> None:
+        self._number, self._falls = number, falls
         self._to_come: list[Leg] = []
         self._closed: list[End] = []
-        self._turns: list[Edge] = []  # that it has fallen off
+        self._turns: list[Edge] = []  # that the robot has fallen off
 
     def route(self) -> Route:
         """See ``Pilot``."""
-        return self._planner.route(self.leg.path)
+        return self.planner.route(self.leg.path)
+
+    def on_blockage(self, time: float, distance: float, goal: str) -> Decision:
+        """See ``Pilot``."""
+        if self.leg.goal < 0:
+            return self._give_up(time, [], f"no headway as it {self.leg.note}")
+        port = self.planner.obstacle(self.leg, distance)
+        self._closed.append(port)
+        name = self.planner.network.port_name(port)
+        events = [TakenForClosed(self._number, time, name, distance)]
+        return self._replan(time, events, self._onward(distance))
+
+    def on_fall(self, time: float, position: Array, axis: Array) -> Decision:
+        """See ``Pilot``."""
+        location = self.planner.locate(position, axis)
+        if location is None:
+            return Decision(None)
+        network, part = self.planner.network, location.part
+        port = network.port_name((part, location.ahead))
+        events = [FellOff(self._number, time, network.fittings[part].name, port)]
+        if self._falls == 0:
+            return self._give_up(time, events, "has fallen too often")
+        self._falls -= 1
+        self._turns += self.planner.turn_in(self.leg, part)
+        return self._replan(
+            time,
+            events,
+            lambda planner, goal, closed: planner.replan_from(location, goal, closed),
+        )
+
+    def _onward(self, distance: float) -> Replan:
+        """Return what plans legs to a goal from arc length ``distance`` m on the leg at hand."""
+        leg = self.leg
+        return lambda planner, goal, closed: planner.replan(leg, distance, goal, closed)
+
+    def _replan(self, time: float, events: Sequence[Event], plan: Replan) -> Decision:
+        """Decide on the legs from here, of which ``plan`` gives those to one goal."""
+        raise NotImplementedError
+
+    def _obstacles(self) -> Iterator[Closed]:
+        """Yield what is closed to a plan. A turn that the robot has fallen off is taken from the
+        other side, and tried again only where there is no other way."""
+        if self._turns:
+            yield (*self._closed, *self._turns)
+        yield tuple(self._closed)
+
+    def _begin(self, time: float, events: Sequence[Event], legs: Sequence[Leg] | None) -> Decision:
+        """Begin the first of ``legs`` and keep the others for later; give up without any."""
+        if not legs:
+            return self._give_up(time, events, "no other way")
+        self.leg, *self._to_come = legs
+        return Decision(self.leg, events=[*events, LegBegan(self._number, time, self.leg.note)])
+
+    def _give_up(self, time: float, events: Sequence[Event], cause: str) -> Decision:
+        return Decision(None, events=[*events, GaveUp(self._number, time, cause)])
+
+
+class Planned(MapPilot):
+    """Drives a mission through a network whose map is known.
+
+    Args:
+        planner: of the mission.
+        number: see ``MapPilot``.
+        falls: see ``MapPilot``.
+    """
+
+    def __init__(self, planner: MissionPlanner, number: int, falls: int) -> None:
+        super().__init__(number, falls)
+        self.leg, self.planner, self._goals = planner.first, planner, planner.mission.goals
+        self._goal = self.leg.goal  # the latest that a leg has led to
 
     @property
     def route_key(self) -> Hashable:
@@ -182,64 +258,28 @@ class Planned(Pilot):
     @property
     def missed(self) -> Sequence[str]:
         """See ``Pilot``."""
-        return self._planner.mission.goals[self._goal + 1 :]
+        return self._goals[self._goal + 1 :]
 
     def on_arrival(self, time: float, distance: float, goal: str) -> Decision:
         """See ``Pilot``."""
-        planner, leg = self._planner, self.leg
         if self._to_come:
             return self._begin(time, [], self._to_come)
-        goals, following = planner.mission.goals, leg.goal + 1
-        if following == len(goals):
+        following = self.leg.goal + 1
+        if following == len(self._goals):
             return Decision(None)
-        events = [GoalReached(self._robot, time, goals[leg.goal])]
-        legs = self._plan(lambda closed: planner.replan(leg, distance, following, closed))
-        return self._begin(time, events, legs)
+        events = [GoalReached(self._number, time, self._goals[self.leg.goal])]
+        return self._begin(time, events, self._plan(self._onward(distance), following))
 
-    def on_blockage(self, time: float, distance: float, goal: str) -> Decision:
-        """See ``Pilot``."""
-        planner, leg = self._planner, self.leg
-        if leg.goal < 0:
-            return self._give_up(time, [], f"no headway as it {leg.note}")
-        port = planner.obstacle(leg, distance)
-        self._closed.append(port)
-        name = planner.network.port_name(port)
-        legs = self._plan(lambda closed: planner.replan(leg, distance, leg.goal, closed))
-        return self._begin(time, [TakenForClosed(self._robot, time, name, distance)], legs)
-
-    def on_fall(self, time: float, position: Array, axis: Array) -> Decision:
-        """See ``Pilot``."""
-        planner = self._planner
-        where = planner.locate(position, axis)
-        if where is None:
-            return Decision(None)
-        part = planner.network.fittings[where.part].name
-        port = planner.network.port_name((where.part, where.ahead))
-        events = [FellOff(self._robot, time, part, port)]
-        if self._falls == 0:
-            return self._give_up(time, events, "has fallen too often")
-        self._falls -= 1
+    def _replan(self, time: float, events: Sequence[Event], plan: Replan) -> Decision:
         # Legs that only back out have no goal; the next one of those to come has.
         goal = next(leg.goal for leg in (self.leg, *self._to_come) if leg.goal >= 0)
-        self._turns += planner.turn_in(self.leg, where.part)
-        legs = self._plan(lambda closed: planner.replan_from(where, goal, closed))
-        return self._begin(time, events, legs)
+        return self._begin(time, events, self._plan(plan, goal))
 
-    def _plan(
-        self, plan: Callable[[Sequence[End | Edge]], list[Leg] | None]
-    ) -> Sequence[Leg] | None:
-        """Legs of ``plan`` around what is closed. A turn that the robot has fallen off it takes
-        from the other side, and tries again only where there is no other way."""
-        legs = plan([*self._closed, *self._turns])
-        return plan(self._closed) if legs is None and self._turns else legs
+    def _plan(self, plan: Replan, goal: int) -> list[Leg] | None:
+        plans = (plan(self.planner, goal, closed) for closed in self._obstacles())
+        return next((legs for legs in plans if legs is not None), None)
 
     def _begin(self, time: float, events: Sequence[Event], legs: Sequence[Leg] | None) -> Decision:
-        """Begin the first of ``legs`` and keep the others for later; give up without any."""
-        if not legs:
-            return self._give_up(time, events, "no other way")
-        self.leg, *self._to_come = legs
-        self._goal = self.leg.goal if self.leg.goal >= 0 else self._goal
-        return Decision(self.leg, events=[*events, LegBegan(self._robot, time, self.leg.note)])
-
-    def _give_up(self, time: float, events: Sequence[Event], cause: str) -> Decision:
-        return Decision(None, events=[*events, GaveUp(self._robot, time, cause)])
+        decision = super()._begin(time, events, legs)
+        self._goal = max(self._goal, self.leg.goal)
+        return decision

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 import numpy as np
 from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
 
-from omnitrack_sim.autonomy.exploration import Exploration
+from omnitrack_sim.autonomy.explorer import Exploration
 from omnitrack_sim.autonomy.leg_planner import NOSE_ROOM
 from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.autonomy.pilots import FixedRoute, Pilot, Planned
