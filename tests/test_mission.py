@@ -17,7 +17,7 @@ from omnitrack_sim import (
     override,
     shipped_scenarios,
 )
-from omnitrack_sim.autonomy.leg_planner import NOSE_ROOM
+from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
 from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.cli import app
 from omnitrack_sim.pipes.planning import Leg
@@ -47,7 +47,9 @@ def test_first_leg_goes_the_shortest_way_to_the_goal():
         *("riser", "tee_1", "shelf", "elbow_side", "link", "tee_3", "drop", "elbow_low", "low_arm")
     ]
     assert (leg.gear, leg.goal, leg.begin) == (1, 0, 0.1)
-    assert leg.end == pytest.approx(plan.route(leg.path).centreline.length - LENGTH / 2 - NOSE_ROOM)
+    assert leg.end == pytest.approx(
+        plan.route(leg.path).centreline.length - LENGTH / 2 - LEG_PLANNER.nose_room
+    )
 
 
 def test_goals_come_in_order_and_each_is_backed_out_of():
@@ -146,10 +148,10 @@ def test_back_to_the_start_goes_tail_first():
     assert (back.gear, back.goal) == (-1, 1)
     assert names(plan, back) == names(plan, there)[::-1]
     assert back.end == pytest.approx(
-        plan.route(back.path).centreline.length - LENGTH / 2 - NOSE_ROOM
+        plan.route(back.path).centreline.length - LENGTH / 2 - LEG_PLANNER.nose_room
     )
     assert (onward.gear, onward.goal) == (1, 2)
-    assert onward.begin == pytest.approx(LENGTH / 2 + NOSE_ROOM)
+    assert onward.begin == pytest.approx(LENGTH / 2 + LEG_PLANNER.nose_room)
 
 
 # What a user writes

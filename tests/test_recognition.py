@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from omnitrack_sim.autonomy.recognition import Motion, Recogniser
+from omnitrack_sim.autonomy.recognition import Recogniser
 from omnitrack_sim.autonomy.recognition.forms import STILL, cameras
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Elbow, Part, Reducer, Straight, Tee, attached
@@ -79,7 +79,7 @@ def pictures(camera, name, distances, turn=0.0, stands=(0.0, 0.0, 0.0, 0.0)):
     ]
     back = rotation[-1].T
     motions = [
-        Motion(back @ turned, back @ (at - place[-1]))
+        Pose(back @ turned, back @ (at - place[-1]))
         for at, turned in zip(place, rotation, strict=True)
     ]
     return np.concatenate(taken), motions

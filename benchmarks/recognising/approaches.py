@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnitrack_sim.autonomy.recognition import Motion, Sighting
+from omnitrack_sim.autonomy.recognition import Sighting
 from omnitrack_sim.autonomy.recognition.forms import STILL, cameras
 from omnitrack_sim.base.rotations import Array, Pose, rotation_about
 from omnitrack_sim.pipes import Elbow, Fitting, Part, Reducer, Straight, Tee, attached
@@ -62,7 +62,7 @@ class Approach:
     turn: float
     place: Array
     rotation: Array
-    motions: list[Motion]
+    motions: list[Pose]
 
     def pictures(self, camera: Camera) -> Array:
         """What the camera takes (v, pixels²)."""
@@ -108,12 +108,12 @@ def approach(seed: int, index: int) -> Approach:
 
 def _known(
     rng: np.random.Generator, place: Array, rotation: Array, last: Array, turned: Array
-) -> Motion:
+) -> Pose:
     """What odometry tells of a camera, seen from the last one."""
     slip = rng.normal(0, ODOMETRY[1])
     error = rotation_about(rng.normal(size=3), slip)
     way = turned.T @ (place - last) * (1 + rng.normal(0, ODOMETRY[0]))
-    return Motion(turned.T @ rotation @ error, way)
+    return Pose(turned.T @ rotation @ error, way)
 
 
 def _within(rng: np.random.Generator, most: float) -> Array:

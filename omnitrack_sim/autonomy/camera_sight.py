@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -91,43 +91,29 @@ def ahead_of(sighting: Sighting, bore: float, lens: float) -> Ahead | None:
     numbers[0, TURN] = sighting.turn
     # The robot's frame in that of the port plane, z on into the fitting and x as of the port.
     frame = cameras(numbers, [STILL])[1][0, 0]
-    centre = lens * float(frame[2, 2])
-    reach = CAMERA_SIGHT.reach * bore
-    distance, spread, axis = (
-        centre + sighting.distance,
-        np.sqrt(np.diag(sighting.covariance)),
-        frame[2],
+    centre, reach = lens * float(frame[2, 2]), CAMERA_SIGHT.reach * bore
+    ahead = Ahead(
+        distance=centre + min(sighting.distance, reach),
+        confidence=sighting.confidence,
+        axis=frame[2],
     )
     if sighting.kind == "straight" or sighting.distance > reach:
-        return Ahead(
-            distance=centre + min(sighting.distance, reach),
-            confidence=sighting.confidence,
-            axis=axis,
-        )
+        return ahead
+    along, about = np.sqrt(np.diag(sighting.covariance)).tolist()
     if sighting.kind in ENDS:
-        end = ENDS[sighting.kind]
-        return Ahead(
-            end=end,
-            distance=distance,
-            distance_std=spread[0],
-            confidence=sighting.confidence,
-            axis=axis,
-        )
+        return replace(ahead, end=ENDS[sighting.kind], distance_std=along)
     if sighting.distance < CAMERA_SIGHT.nearest * bore:
         return None
-    form = next(
-        form for form in forms(bore) if (form.kind, form.enter) == (sighting.kind, sighting.enter)
-    )
+    names = sighting.kind, sighting.enter
+    form = next(form for form in forms(bore) if (form.kind, form.enter) == names)
     assert form.make is not None
     try:
         fitting = form.make(**sighting.sizes)
     except GeometryError:
         return None
     turn = math.atan2(-float(frame[1, 0]), float(frame[0, 0])) if form.period else 0.0
-    along, about = spread.tolist()
-    return Ahead(
-        fitting, sighting.enter, "", distance, turn, along, about, sighting.confidence, axis
-    )
+    located = replace(ahead, distance_std=along, turn=turn, turn_std=about)
+    return replace(located, fitting=fitting, enter=sighting.enter)
 
 
 # Keyed by text, as tables are no keys: a recogniser takes seconds to make.

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import permutations
 from typing import NamedTuple
 
@@ -36,20 +36,31 @@ from omnitrack_sim.pipes.planning import (
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.robots.omnitrack import Robot
 
-NOSE_ROOM = 0.005
-"""Room between the robot's nose and the port of a goal when it arrives, m."""
-ROUNDING = 1e-9
-"""Difference of two lengths, m, that may come from rounding."""
-AT_THE_NOSE = 0.02
-"""Distance behind the nose up to which an obstacle may seem to be that stops a robot, m."""
-LIES_ALONG = math.radians(30)
-"""Angle between a robot and the axis of its pipe, rad, up to which it lies along the pipe; beyond
-it the robot lies across."""
-LIES_ACROSS = math.radians(80)
-"""Angle beyond which it is not known which way round the robot lies, rad."""
-BESIDE = 0.5
-"""Largest distance of the centre of a robot that lies in a pipe from the pipe's axis, in bore
-radii."""
+
+@dataclass(frozen=True)
+class LegPlannerSettings:
+    """Rooms and tolerances of planning legs.
+
+    Attributes:
+        nose_room: m, between the robot's nose and the port of a goal when it arrives.
+        rounding: m, difference of two lengths that may come from rounding.
+        at_nose: m, behind the nose up to which an obstacle may seem to be that stops a robot.
+        along: rad, angle between a robot and the axis of its pipe up to which it lies along the
+            pipe; beyond it the robot lies across.
+        across: rad, angle beyond which it is not known which way round the robot lies.
+        beside: bore radii, largest distance of the centre of a robot that lies in a pipe from the
+            pipe's axis.
+    """
+
+    nose_room: float = 0.005
+    rounding: float = 1e-9
+    at_nose: float = 0.02
+    along: float = math.radians(30)
+    across: float = math.radians(80)
+    beside: float = 0.5
+
+
+LEG_PLANNER = LegPlannerSettings()
 
 
 class PartLocation(NamedTuple):
@@ -112,7 +123,7 @@ class LegPlanner:
     def obstacle(self, leg: Leg, distance: float) -> End:
         """Return the port (part index, port) that stops a robot at arc length ``distance`` m of a
         leg."""
-        nose = distance + self.robot.length / 2 - AT_THE_NOSE
+        nose = distance + self.robot.length / 2 - LEG_PLANNER.at_nose
         part, _, leave = leg.path[self.route(leg.path).index_at(nose)]
         return part, leave
 
@@ -196,7 +207,7 @@ class LegPlanner:
             return self.replan_from(self.location(leg, distance), goal, closed)
         driven = self._driven(leg, distance)
         if self.ends[goal + 1] == leg.path[0][:2]:
-            return [self._back_out(driven, self.robot.length / 2 + NOSE_ROOM, goal)]
+            return [self._back_out(driven, self.robot.length / 2 + LEG_PLANNER.nose_room, goal)]
         plan = self._turn_off(driven, goal, closed)
         return None if plan is None else plan[1]
 
@@ -269,7 +280,7 @@ class LegPlanner:
         route, paths = self.route(leg.path), self._paths_to(goal, closed)
         best: tuple[tuple[float, int], tuple[Edge, ...], float] | None = None
         for least, behind, index in self._turns(leg, route, paths):
-            if best is not None and least > best[0][0] + ROUNDING:
+            if best is not None and least > best[0][0] + LEG_PLANNER.rounding:
                 break
             onward = paths.path(leg.path[index][:2]) or self._around(leg.path[index], goal, closed)
             if onward is None:
@@ -283,7 +294,7 @@ class LegPlanner:
             return None
         (travel, _), path, stand = best
         forward = self.leg_to(goal, path, stand, leg.gear)
-        if stand >= leg.end - ROUNDING:
+        if stand >= leg.end - LEG_PLANNER.rounding:
             return travel, [forward]
         return travel, [self._back_out(leg, stand), forward]
 
@@ -325,7 +336,7 @@ class LegPlanner:
         ``index`` of a path; infinite where that asks for no orientation."""
         if not self._passage(path[index]).asks_orientation:
             return math.inf
-        return self._stand(self.route(path), index, path[index]) + ROUNDING
+        return self._stand(self.route(path), index, path[index]) + LEG_PLANNER.rounding
 
     def _stand(self, route: Route, index: int, edge: Edge) -> float:
         """Arc length, m, where a robot stands clear before it passes ``edge`` in place of passage
@@ -339,7 +350,7 @@ class LegPlanner:
 
     def leg_to(self, goal: int, path: tuple[Edge, ...], begin: float, gear: int = 1) -> Leg:
         """Return the leg along a path that ends with the nose, in its gear, at a goal."""
-        end = self.route(path).length - self.robot.length / 2 - NOSE_ROOM
+        end = self.route(path).length - self.robot.length / 2 - LEG_PLANNER.nose_room
         tail_first = "" if gear > 0 else ", tail first"
         return Leg(path, gear, begin, end, goal, f"to {self._names[goal]}{tail_first}")
 
@@ -369,14 +380,14 @@ def _locations(
     angle by which it turns, rad."""
     fitting = part.fitting
     # In a pipe without a branch nothing turns a robot that lies across.
-    most = LIES_ACROSS if len(fitting.port_names) > 2 else LIES_ALONG
+    most = LEG_PLANNER.across if len(fitting.port_names) > 2 else LEG_PLANNER.along
     for behind, ahead in permutations(fitting.port_names, 2):
         line = part.axis(behind, ahead, arcs)
         along = line.locate(centre)
         point, tangent = line.at(along)[:2]
         beside = float(length(centre - point)[0]) / fitting.port_radius(behind)
         cosine = float(dot(axis, tangent)[0])
-        if beside <= BESIDE and cosine >= math.cos(most):
-            since, across = float(along[0]), cosine < math.cos(LIES_ALONG)
+        if beside <= LEG_PLANNER.beside and cosine >= math.cos(most):
+            since, across = float(along[0]), cosine < math.cos(LEG_PLANNER.along)
             location = PartLocation(index, behind, ahead, since, line.length - since, across)
             yield fitting.describe(behind, ahead).turn_angle, location

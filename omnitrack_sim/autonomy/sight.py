@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from omnitrack_sim.autonomy.belief import Belief, alike
-from omnitrack_sim.autonomy.leg_planner import LIES_ALONG
+from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
 from omnitrack_sim.base.rotations import Array, length, unit
 from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part, Route
 from omnitrack_sim.pipes.network import End, both_ways
@@ -127,20 +127,6 @@ class Sight(Protocol):
         ...
 
 
-class _Port(NamedTuple):
-    """A port ahead of a robot.
-
-    Attributes:
-        beside: m, the robot's centre from the axis that leads there.
-        distance: m, along that axis from the centre to the port plane.
-        end: the port.
-    """
-
-    beside: float
-    distance: float
-    end: End
-
-
 class TrueSight:
     """Error-free sight of one network.
 
@@ -168,18 +154,19 @@ class TrueSight:
 
     def look(self, robot: int, position: Array, frame: Array) -> Ahead | None:
         """See ``Sight``."""
-        ports = list(self._ports_ahead(position[None], frame[:, 2]))
-        return self._from(min(ports), frame) if ports else None
+        nearest = min(self._ports_ahead(position[None], frame[:, 2]), default=None)
+        return None if nearest is None else self._from(*nearest[1:], frame)
 
-    def _ports_ahead(self, centre: Array, axis: Array) -> Iterator[_Port]:
-        """Ports ahead of a robot with its centre (1, 3) m in a straight, or in another fitting with
-        its nose at the port."""
+    def _ports_ahead(self, centre: Array, axis: Array) -> Iterator[tuple[float, float, End]]:
+        """Yield the ports ahead of a robot with its centre (1, 3) m in a straight, or in another
+        fitting with its nose at the port: the distance of the centre from the axis that leads
+        there, and along it to the port plane, m, and the port."""
         for index, part in enumerate(self._pipes.parts):
             fitting = part.fitting
             if not part.holds(centre, 0.0):
                 continue
             for enter, leave in permutations(fitting.port_names, 2):
-                if float(axis @ part.port(leave).rotation[:, 2]) < math.cos(LIES_ALONG):
+                if float(axis @ part.port(leave).rotation[:, 2]) < math.cos(LEG_PLANNER.along):
                     continue
                 line = part.axis(enter, leave, self._arcs)
                 at = line.locate(centre)
@@ -187,11 +174,10 @@ class TrueSight:
                 # Within a fitting its walls hide what is beyond, until the nose is at the port.
                 if fitting.is_plain or left <= self._half + SIGHT.port:
                     beside = float(length(centre - line.at(at)[0])[0])
-                    yield _Port(beside, left, (index, leave))
+                    yield beside, left, (index, leave)
 
-    def _from(self, port: _Port, frame: Array) -> Ahead:
-        """Return the sighting through a port."""
-        _, distance, end = port
+    def _from(self, distance: float, end: End, frame: Array) -> Ahead:
+        """Return the sighting through a port at ``distance`` m."""
         axis = frame.T @ self._pipes.parts[end[0]].port(end[1]).rotation[:, 2]
         reach = self._half + self._reach
         while distance <= reach:

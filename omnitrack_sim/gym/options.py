@@ -55,15 +55,15 @@ class EnvOptions(Table):
     """A set of features (`onboard`, `preview`, `truth`), or a list of sets, of single features and
     of your own, `module:Object`."""
     sensing: Literal["onboard", "truth"] | None = None
-    """Whether the entries come from the robot's own sensors or from the truth. Left out: `truth`
+    """Source of the entries: the robot's own sensors or the truth. Left out: `truth`
     for the observation `truth`, otherwise `onboard`."""
     picture: bool = False
-    """Whether the observation has the depth picture, too."""
+    """The observation has the depth picture, too."""
     acting: str = "direct"
     """`direct`: actions are the command; `residual`: they are added to that of the feedback
     controller."""
     ranges: dict[str, Range | float | None] = Field(default_factory=dict)
-    """What each trial draws, by dotted path: least and largest value, a number for one value, or
+    """Draws of each trial, by dotted path: least and largest value, a number for one value, or
     None for that of the scenario."""
     gravity: Literal["any", "scenario"] = "any"
     """`any`: 9.81 m/s² in a random direction in each trial; `scenario`: as the scenario says."""

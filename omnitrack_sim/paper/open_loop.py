@@ -29,10 +29,10 @@ class PaperTable(Table):
     D = 160 mm and grow with the robot's bore."""
 
     elbow_delay: Annotated[float, Field(ge=0, le=10), Unit("m")] = 0.0
-    """How far the head is past the bend's start when an elbow begins; 0.0726 begins it with the
+    """Distance of the head past the bend's start when an elbow begins; 0.0726 begins it with the
     centre at the bend."""
     tee_trigger: Annotated[float, Field(ge=-10, le=10), Unit("m")] = 0.04
-    """How far the head is past the near edge of a tee's opening when a turn begins; half a pipe
+    """Distance of the head past the near edge of a tee's opening when a turn begins; half a pipe
     radius is published."""
     complete_deg: Annotated[float, Field(ge=0, le=90)] = 2.0
     """A turn is complete when the robot's axis, in the plane of the bend, is this near to the way

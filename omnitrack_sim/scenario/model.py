@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
 
 from omnitrack_sim.autonomy.explorer import Exploration
-from omnitrack_sim.autonomy.leg_planner import NOSE_ROOM
+from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
 from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.autonomy.pilots import FixedRoute, Pilot, Planned
 from omnitrack_sim.autonomy.sight import TrueSight
@@ -90,7 +90,7 @@ class Scenario(Table):
     network: Network | None = None
     """Instead of `pipes`: a network, as a file, a shipped one's name or a table."""
     mission: Mission | None = None
-    """Where to go in the network."""
+    """Start, goals and task in the network."""
     start: StartTable = StartTable()
     world: WorldTable = WorldTable()
     robot: Robot = Robot()
@@ -299,7 +299,7 @@ class Scenario(Table):
             return self.run.goal_distance
         if self.planner is not None:
             return self.planner.first.end
-        return self.route.centreline.length - self.robot.length / 2 - NOSE_ROOM
+        return self.route.centreline.length - self.robot.length / 2 - LEG_PLANNER.nose_room
 
     @property
     def plates(self) -> tuple[tuple[int, str], ...]:

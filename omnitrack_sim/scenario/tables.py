@@ -44,7 +44,7 @@ class Pipe(FittingEntry):
     """A fitting in the list ``pipes``, which is in the order of the route."""
 
     name: str | None = None
-    """What messages call it. Left out: its kind and number."""
+    """Name in messages. Left out: its kind and number."""
     enter: str
     """Port that is entered: `start` or `end`; of a tee or wye `run_start`, `run_end` or
     `branch`."""
@@ -91,7 +91,7 @@ class Pipe(FittingEntry):
 
 
 class StartTable(Table):
-    """Where and how the robot begins, and how the route lies in the world."""
+    """Pose of the robot at the start, and of the route in the world."""
 
     theta5_deg: Angle = 0.0
     """Module 1 from the turning direction of the next fitting: 0 points into the turn, or at a
@@ -243,8 +243,8 @@ class RunTable(Table):
 
 
 class RecordTable(Table):
-    """What is recorded. Sensors and metrics of a user's own go by the name ``module:Object``; see
-    docs/how-to/extending.md."""
+    """Contents of the record. Sensors and metrics of a user's own go by the name
+    ``module:Object``; see docs/how-to/extending.md."""
 
     period: Annotated[float, Field(gt=0, le=1), Unit("s")] = 0.02
     """Time between two samples: a whole number of `physics.control_period`."""

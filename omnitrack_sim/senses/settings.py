@@ -69,7 +69,7 @@ class BeginTable(Table):
     distance_std: Annotated[float, Field(ge=0, le=1), Unit("m")] = 0.01
     """Standard deviation of the assumed distance along its pipe."""
     theta5_known: bool = False
-    """Whether the rotation about the pipe's axis is known."""
+    """The rotation about the pipe's axis is known."""
 
 
 class FilterTable(Table):

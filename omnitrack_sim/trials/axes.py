@@ -66,7 +66,7 @@ class AxisTable(PathTable):
     """Base of all axes."""
 
     dimensions: ClassVar[int] = 0
-    """How many coordinates of a sampling point the axis takes.
+    """Number of coordinates of a sampling point that the axis takes.
 
     With 0 its values are crossed with those of the other axes.
     """

@@ -19,7 +19,7 @@ DIGITS = 9
 """Significant digits of the values that are tried, so that they read the same in every file."""
 Name = Annotated[str, Field(min_length=1)]
 Module = Literal[1, 2, 3, "mean", "max", "min", "sum"]
-"""Which module of a metric that has one value for each, or how the three become one number."""
+"""Module of a metric that has one value for each, or how the three become one number."""
 
 
 class Variable(PathTable):

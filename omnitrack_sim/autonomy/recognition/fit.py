@@ -15,12 +15,11 @@ from omnitrack_sim.autonomy.recognition.forms import (
     SIZES,
     TURN,
     Form,
-    Motion,
     WallMaker,
     cameras,
 )
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.senses.optics import JOINT, RANGE, Camera, Walls, rays_of
 
 
@@ -60,11 +59,11 @@ class Views:
 
     Attributes:
         pictures: (v, pixels²) on the scale.
-        motions: of the v cameras.
+        motions: poses of the v cameras, in the frame of the last one.
     """
 
     pictures: Array
-    motions: list[Motion]
+    motions: list[Pose]
 
 
 @dataclass(frozen=True)

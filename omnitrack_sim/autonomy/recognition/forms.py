@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -54,25 +53,13 @@ class Sighting:
     tilt: Array
 
 
-class Motion(NamedTuple):
-    """Pose of the camera at an earlier picture, in its frame at the last one.
-
-    Attributes:
-        rotation: (3, 3).
-        position: (3,) m.
-    """
-
-    rotation: Array
-    position: Array
-
-
 SIZES = 2
 """Most sizes of a form."""
 ASIDE, TILT, DISTANCE, TURN, PLACES = slice(0, 2), slice(2, 4), 4, 5, 6
 """Places in a row of numbers: m and rad, as of a ``Sighting``."""
 
 
-def cameras(numbers: Array, motions: list[Motion]) -> tuple[Array, Array]:
+def cameras(numbers: Array, motions: list[Pose]) -> tuple[Array, Array]:
     """Positions (n, v, 3) m and rotations (n, v, 3, 3) of v cameras, in the frame of the port plane
     (z on into the fitting, x as of the port), for rows of numbers (n, 6)."""
     turn, tilt = numbers[:, TURN], numbers[:, TILT]
@@ -104,8 +91,8 @@ def straightened(numbers: Array, directions: Array, radius: float) -> Array:
     return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
 
 
-STILL = Motion(np.eye(3), np.zeros(3))
-"""Of the last picture itself."""
+STILL = Pose(np.eye(3), np.zeros(3))
+"""Pose of the camera at the last picture, in its frame then."""
 
 
 Map = tuple[tuple[Part, ...], tuple[tuple[int, str], ...]]

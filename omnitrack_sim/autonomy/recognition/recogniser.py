@@ -29,7 +29,6 @@ from omnitrack_sim.autonomy.recognition.forms import (
     TILT,
     TURN,
     Form,
-    Motion,
     Sighting,
     WallMaker,
     cameras,
@@ -37,7 +36,7 @@ from omnitrack_sim.autonomy.recognition.forms import (
     straightened,
 )
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.senses.optics import Camera, OpticsTable, Walls, rays_of
 
 Coarse = NDArray[np.float32]
@@ -213,7 +212,7 @@ class Recogniser:
         """Return the sighting in one picture (pixels²,)."""
         return self.approach(picture[None], [STILL])
 
-    def approach(self, pictures: Array, motions: Sequence[Motion]) -> Sighting:
+    def approach(self, pictures: Array, motions: Sequence[Pose]) -> Sighting:
         """Return the sighting at the last of some pictures.
 
         Args:
