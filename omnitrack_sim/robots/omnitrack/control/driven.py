@@ -57,7 +57,7 @@ class Order(Table):
     speed: Annotated[float, Field(ge=-100, le=100), Unit("m/s")] = 0.0
     """Nose first; negative: tail first."""
     heading: tuple[Component, Component, Component] | None = None
-    """Direction in which the nose shall point, world frame. Left out: wherever the pipe leads it."""
+    """Direction of the nose, world frame. Left out: wherever the pipe leads it."""
     roll_deg: Angle | None = None
     """Of all modules. Left out: as it is."""
 
