@@ -20,7 +20,6 @@ from shares import Shares, timed
 from tee_turns import random_tee_turns
 
 from omnitrack_sim import Outcome, Simulation, load_scenario, override
-from omnitrack_sim.sim.builder import start_qpos
 
 
 def timed_batch(trials: int, threads: int, collider: str) -> tuple[Simulation, float, Shares]:
@@ -37,8 +36,7 @@ def physics_shares(collider: str, steps: int = 2000) -> dict[str, float]:
     """Shares of collision, constraint assembly and solver in a step of a robot in the tee's run."""
     scenario = override(load_scenario("tee_turn"), {"physics.collider": collider})
     model = scenario.to_spec().compile()
-    data = mujoco.MjData(model)
-    data.qpos[:] = start_qpos(scenario, model)
+    data = Simulation([scenario]).data(0)
     mujoco.mj_step(model, data, 200)
     data.timer.duration[:] = 0
     mujoco.mj_step(model, data, steps)

@@ -14,7 +14,6 @@ from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, 
 from omnitrack_sim.pipes.fittings import reducer
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
 from omnitrack_sim.pipes.native import NUMBER, NUMBERS, WORD, _digest, c_function, pointers
-from omnitrack_sim.sim.builder import start_qpos
 from omnitrack_sim.walls import track
 from omnitrack_sim.walls.collider import collide, install
 from omnitrack_sim.walls.geoms import add_exact_walls
@@ -329,7 +328,7 @@ def test_walls_stay_exact_under_a_turned_route():
     network = scenario.route.network
     model = scenario.to_spec().compile()
     data = mujoco.MjData(model)
-    data.qpos[:] = start_qpos(scenario, model)
+    data.qpos[:] = ot.Simulation([scenario]).data(0).qpos
     data.ctrl[:] = 0
     mujoco.mj_step(model, data, 100)
     assert data.ncon >= 6

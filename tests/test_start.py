@@ -4,8 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from omnitrack_sim import Outcome, load_scenario, override, run, run_batch
-from omnitrack_sim.sim.builder import start_qpos
+from omnitrack_sim import Outcome, Simulation, load_scenario, override, run, run_batch
 
 PRELOADS = (5.0, 25.0, 100.0, 1000.0)
 
@@ -49,7 +48,7 @@ def test_normal_force_adds_up_the_contacts():
     pressed and slides sideways on a sticky wall."""
     model = override(load_scenario("tee_turn"), {"world.friction": 5.0}).to_spec().compile()
     data = mujoco.MjData(model)
-    data.qpos[:] = start_qpos(load_scenario("tee_turn"), model)
+    data.qpos[:] = Simulation([load_scenario("tee_turn")]).data(0).qpos
     data.joint("robot").qpos[:2] += 0.002  # into the wall, off the axis
     data.joint("robot").qvel[:2] = 0.05, -0.03
     mujoco.mj_forward(model, data)

@@ -7,7 +7,6 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -173,14 +172,3 @@ def _sharpest_bend(scenario: Scenario, route: Route) -> float:
         return max((p.radius / p.bend_radius for p in route.passages if p.is_turn), default=0.0)
     fittings = [part.fitting for part in route.network.parts]
     return max((f.sharpest_bend(scenario.control.arcs) for f in fittings), default=0.0)
-
-
-def start_qpos(scenario: Scenario, model: mujoco.MjModel) -> NDArray:
-    """Joint positions (nq,) of a scenario's start."""
-    start = start_of([scenario], RouteMap([scenario.route]), np.zeros(1, np.intp))
-    data = mujoco.MjData(model)
-    data.joint("robot").qpos = np.concatenate([start.position[0], start.quaternion[0]])
-    for i in range(MODULES):
-        data.joint(f"slide_{i + 1}").qpos = start.slide[0, i]
-        data.joint(f"roll_{i + 1}").qpos = start.roll[0, i]
-    return data.qpos.copy()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,24 +45,27 @@ from omnitrack_sim.walls.rays import RayWalls
 
 @dataclass(frozen=True)
 class RelocalisationSettings:
-    """Numbers of relocalisation by pictures. Chosen so that a
-    robot that has slipped in a tee is found again; none is sharp."""
+    """Extent of relocalisation by pictures: a robot that has slipped in a tee is found again, and
+    no value is sharp.
+
+    Attributes:
+        reach: m, length of route before and behind a robot that is searched: it slips no farther.
+        spacing: m, between the positions compared: about what a pose is corrected by from there.
+        turns: turns about the axis compared at each position.
+        check_period: s, between two checks of a robot's turn about its axis before a fitting.
+        committed: m, depth of a robot's nose in a fitting from which on it goes on with it.
+        map_shift: m, by which a part of a map has to move: lengths are rounded to it.
+    """
 
     reach: float = 1.0
-    """Length of route before and behind a robot that is searched, m: it slips no farther."""
     spacing: float = 0.02
-    """Distance of the positions compared, m: about what a pose is corrected by from there."""
     turns: int = 24
-    """Turns about the axis compared at each position."""
     check_period: float = 1.0
-    """Time between two checks of a robot's turn about its axis before a fitting, s."""
     committed: float = 0.03
-    """Depth of a robot's nose in a fitting, m, from which on it goes on with it."""
     map_shift: float = 1e-6
-    """A part of a map that moves by less, m, has not moved: lengths are rounded to it."""
 
 
-SETTINGS = RelocalisationSettings()
+RELOCALISATION = RelocalisationSettings()
 
 
 class Onboard:
@@ -94,11 +97,20 @@ class Onboard:
         self._latency = round(optics.latency / period)
         self._records = first.record.pictures
         self._album = Album(coding_of(self.camera), n) if self._records else None
-        self.eyes = Eyes(mount, _true_walls(first), n)
+        exploration, pipes = first.exploration, (first.route.network.parts, first.plates)
+        parts, plates = pipes if exploration is None else exploration.in_sight()
+        self.eyes = Eyes(mount, RayWalls([parts], [plates]), n)
         self._proprioception = Proprioception(table, first.robot, period, lug_pitch(first.robot), n)
-        self._maps = OwnMaps(scenarios, legs)
-        walls, which = self._maps.walls, self._maps.which
-        self.localiser = Localiser(table, first.robot, mount, walls, which, period)
+        beliefs = [pilot.belief for pilot in legs.pilots]
+        self._networks = [None if belief is None else belief.network for belief in beliefs]
+        # Robots that make no map share the true one, less its plates.
+        which: NDArray[np.intp] = np.zeros(n, np.intp)
+        maps = [(first.route.network.parts, (), ())]
+        if any(self._networks):
+            maps = [maps[0] if belief is None else belief.compared() for belief in beliefs]
+            which = np.arange(n)
+        self._walls = RayWalls(*zip(*maps, strict=True), dirty=False)
+        self.localiser = Localiser(table, first.robot, mount, self._walls, which, period)
         self._sight = CameraSight(self.eyes, table, self._bore_ahead)
         self._true_sights = [scenario.sight for scenario in scenarios]
         self._comparable, self._right = np.zeros((2, n))  # looks that can be judged, and the right
@@ -115,14 +127,19 @@ class Onboard:
 
     def reset(self, rows: NDArray[np.intp], scenarios: Sequence[Scenario], state: State) -> None:
         """See ``Senses``."""
-        key = keys([_drawn_from(scenario) for scenario in scenarios])
+        # Whether pictures are recorded does not change what is drawn.
+        texts = [
+            scenario.model_dump_json(exclude={"record": {"pictures"}}) for scenario in scenarios
+        ]
+        key = keys([hashlib.sha256(text.encode()).hexdigest() for text in texts])
         gravity = each(scenarios, "gravity").astype(float)
         torque = np.array([scenario.robot.motor.torque_limit for scenario in scenarios])
         position, rotation = self._first_pose(rows, scenarios, key)
         self.eyes.reset(rows, key)
         self._proprioception.reset(rows, key, gravity, torque, state)
         self._search.reset(rows, each(scenarios, "cruise_speed"))
-        self._maps.reset(rows)
+        for row in rows.tolist():
+            self._renew(row)
         self.localiser.reset(rows, gravity, position, rotation)
         self._sight.reset(rows)
         for row, scenario in zip(rows.tolist(), scenarios, strict=True):
@@ -195,7 +212,10 @@ class Onboard:
         time, shot = self.readings["time"], self.localiser.shot
         assert shot is not None
         due = (
-            active & before & (time > self._checked + SETTINGS.check_period) & (shot.facing == gear)
+            active
+            & before
+            & (time > self._checked + RELOCALISATION.check_period)
+            & (shot.facing == gear)
         )
         robots = np.flatnonzero(due & ~self.localiser.unknown)
         if len(robots):
@@ -205,7 +225,7 @@ class Onboard:
     def _before(self, location: Location) -> NDArray[np.bool_]:
         """Robots (n,) that are about to enter a fitting."""
         room = self._legs.routes.nose_room(location, self._robot.length)
-        return (room <= self._robot.standing_room) & (room > -SETTINGS.committed)
+        return (room <= self._robot.standing_room) & (room > -RELOCALISATION.committed)
 
     def _look_along_the_way(
         self, location: Location, gear: NDArray[np.int_], active: NDArray[np.bool_]
@@ -215,14 +235,14 @@ class Onboard:
         robots = np.flatnonzero(localiser.inconsistent & active)
         shot = localiser.shot
         assert shot is not None
-        reach, spacing = SETTINGS.reach, SETTINGS.spacing
+        reach, spacing = RELOCALISATION.reach, RELOCALISATION.spacing
         steps = np.arange(-reach, reach + spacing / 2, spacing)
         distance = location.distance[robots, None] + steps  # (m, c)
         route = np.repeat(location.route[robots], len(steps))
         longest = routes.lengths[route].reshape(distance.shape)
         distance = np.clip(distance, 0.0, longest)
         places, frames = [], []
-        for turn in np.arange(SETTINGS.turns) * 2 * np.pi / SETTINGS.turns:
+        for turn in np.arange(RELOCALISATION.turns) * 2 * np.pi / RELOCALISATION.turns:
             points, frame = routes.poses(route, distance.ravel(), np.full(len(route), turn))
             places.append(points.reshape(len(robots), -1, 3))
             frames.append(frame.reshape(len(robots), -1, 3, 3))
@@ -240,13 +260,8 @@ class Onboard:
         axis = location.frame[:, :, 2]
         about = pose.std_about(axis)
         # Root mean square over the two directions across the axis.
-        across = np.sqrt(
-            (
-                pose.std_about(location.frame[:, :, 0]) ** 2
-                + pose.std_about(location.frame[:, :, 1]) ** 2
-            )
-            / 2
-        )
+        first, second = (pose.std_about(location.frame[:, :, i]) ** 2 for i in (0, 1))
+        across = np.sqrt((first + second) / 2)
         # Nothing is known of the turn about the axis: half a turn either way.
         theta5_std = np.where(self.localiser.unknown, np.pi, about)
         sure = theta5_std <= np.radians(self._table.filter.sure_deg)
@@ -266,7 +281,7 @@ class Onboard:
             near = near.copy()
         for robot in self._relocated:
             route = self._legs.route[robot]
-            along = np.arange(0.0, float(routes.lengths[route]), SETTINGS.spacing)
+            along = np.arange(0.0, float(routes.lengths[route]), RELOCALISATION.spacing)
             points = routes.poses(np.full(len(along), route), along, 0 * along)[0]
             aside = ((points - self.localiser.filter.position[robot]) ** 2).sum(axis=-1)
             near[robot] = along[aside.argmin()]
@@ -318,14 +333,58 @@ class Onboard:
         count = self._comparable[robot]
         return {"fitting_recognition_rate": float(self._right[robot] / count) if count else np.nan}
 
+    def _renew(self, robot: int) -> bool:
+        """Compare pictures with a robot's map as it is now; return True if it has changed."""
+        belief = self._legs.pilots[robot].belief
+        if belief is None or belief.network is self._networks[robot]:
+            return False
+        self._networks[robot] = belief.network
+        self._walls.replace(robot, *belief.compared())
+        return True
+
     def update_maps(self, robots: Collection[int]) -> None:
-        """See ``Senses``."""
+        """See ``Senses``. Where the part of the map moves that a robot is in, its estimate moves
+        along: it knows its pose by what is around it."""
         for robot in robots:
-            self._maps.update(robot, self.location, self.localiser)
+            before = self._networks[robot]
+            if not self._renew(robot):
+                continue
+            after = self._networks[robot]
+            assert before is not None
+            assert after is not None
+            self._move_along(robot, before.pipes.parts, after.pipes.parts)
+
+    def _move_along(self, robot: int, old: Sequence[Part], new: Sequence[Part]) -> None:
+        """Move the estimate of a robot with the part of its map that it is in."""
+        both = list(zip(old, new, strict=False))
+        if any(a.fitting != b.fitting and not a.fitting.is_plain for a, b in both):
+            # A fitting behind the robot bends otherwise than was known: the robot is as far along
+            # its route as it was, and less sure of its position. How it is turned it knows as
+            # before: the gyro has measured both that and the bend.
+            start, end = self._on_routes(robot, int(self._legs.route[robot]), 0.0)
+            self.localiser.move(robot, start, Pose(start.rotation, end.position))
+            self.localiser.inflate(robot)
+            return
+        here = self.localiser.filter.position[robot, None]
+        part, moved = next((pair for pair in both if pair[0].holds(here, 0.0)), (None, None))
+        if part is not None and moved is not None:
+            port = part.fitting.port_names[0]
+            start, end = part.port(port), moved.port(port)
+            if np.linalg.norm(end.position - start.position) > RELOCALISATION.map_shift:
+                self.localiser.move(robot, start, end)
 
     def shift(self, robot: int, more: float) -> None:
         """See ``Senses``."""
-        self._maps.shift(robot, self.location, more, self.localiser)
+        route = int(self.location.route[robot])
+        self.localiser.move(robot, *self._on_routes(robot, route, more))
+
+    def _on_routes(self, robot: int, route: int, more: float) -> tuple[Pose, Pose]:
+        """The poses of the centreline at a robot's location, and ``more`` m farther on
+        ``route``."""
+        both = np.array([self.location.route[robot], route])
+        along = self.location.distance[robot] + np.array([0.0, more])
+        points, frames = self._legs.routes.poses(both, along, np.zeros(2))
+        return Pose(frames[0], points[0]), Pose(frames[1], points[1])
 
     def doubt(self, robot: int) -> bool:
         """See ``Senses``: it looks for itself."""
@@ -403,18 +462,9 @@ class Onboard:
 
 def _at_rest(state: State) -> Felt:
     """Return what robots feel that have not moved yet."""
-    nothing = np.zeros_like(state["roll"])
-    return Felt(
-        time=state["time"],
-        travel=nothing,
-        belt_speed=nothing,
-        roll=state["roll"],
-        slide=state["slide"],
-        motor_torque=nothing,
-        turned=nothing,
-        angular_velocity=nothing,
-        force=nothing,
-    )
+    known = {name: state[name] for name in ("time", "roll", "slide")}
+    nothing = {field.name: np.zeros_like(state["roll"]) for field in fields(Felt)}
+    return Felt(**nothing | known)
 
 
 def _table(scenario: Scenario) -> SensingTable:
@@ -425,107 +475,3 @@ def _table(scenario: Scenario) -> SensingTable:
         return table
     start = BeginTable(distance_std=0.0, theta5_known=True)
     return table.model_copy(update={"start": start})
-
-
-def _true_walls(scenario: Scenario) -> RayWalls:
-    """Return the walls of the true pipes."""
-    parts, plates = scenario.route.network.parts, scenario.plates
-    if scenario.exploration is not None:
-        parts, plates = scenario.exploration.in_sight()
-    return RayWalls([parts], [plates])
-
-
-def _drawn_from(scenario: Scenario) -> str:
-    """Key of a robot's random numbers: its scenario, apart from the recording of pictures."""
-    text = scenario.model_dump_json(exclude={"record": {"pictures"}})
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-class OwnMaps:
-    """The maps by which n robots know their place, and how estimates move along where they change.
-
-    Args:
-        scenarios: of the robots.
-        legs: of theirs.
-
-    Attributes:
-        walls: of the maps.
-        which: (n,) map of each robot; where they make none all share the true one, less its plates.
-    """
-
-    def __init__(self, scenarios: Sequence[Scenario], legs: Legs) -> None:
-        self._legs, parts = legs, scenarios[0].route.network.parts
-        beliefs = [pilot.belief for pilot in legs.pilots]
-        self._networks = [None if belief is None else belief.network for belief in beliefs]
-        if any(self._networks):
-            maps = [(parts, (), ()) if b is None else b.compared() for b in beliefs]
-            self.which: NDArray[np.intp] = np.arange(len(maps))
-            self.walls = RayWalls(*zip(*maps, strict=True), dirty=False)
-        else:
-            self.which = np.zeros(len(beliefs), np.intp)
-            self.walls = RayWalls([parts], dirty=False)
-
-    def reset(self, rows: NDArray[np.intp]) -> None:
-        """Take the maps with which new pilots of robots ``rows`` (k,) begin."""
-        for robot in rows.tolist():
-            self._renew(robot)
-
-    def _renew(self, robot: int) -> bool:
-        """Compare pictures with a robot's map as it is now; return True if it has changed."""
-        belief = self._legs.pilots[robot].belief
-        if belief is None or belief.network is self._networks[robot]:
-            return False
-        self._networks[robot] = belief.network
-        self.walls.replace(robot, *belief.compared())
-        return True
-
-    def update(self, robot: int, location: Location, localiser: Localiser) -> None:
-        """Take note that a robot at ``location`` may have changed its map. Where the part moves
-        that it is in, its estimate moves along: it knows its pose by what is around it."""
-        before = self._networks[robot]
-        if not self._renew(robot):
-            return
-        after = self._networks[robot]
-        assert before is not None
-        assert after is not None
-        old, new = before.pipes.parts, after.pipes.parts
-        if _bent(old, new):
-            self._turn_with(robot, location, localiser)
-            return
-        here = localiser.filter.position[robot]
-        for part, moved in zip(old, new, strict=False):
-            if part.holds(here[None], 0.0):
-                port = part.fitting.port_names[0]
-                was, is_now = part.port(port), moved.port(port)
-                if np.linalg.norm(is_now.position - was.position) > SETTINGS.map_shift:
-                    localiser.move(robot, was, is_now)
-                return
-
-    def shift(self, robot: int, location: Location, more: float, localiser: Localiser) -> None:
-        """Move the estimate of a robot at ``location`` by ``more`` m along its route."""
-        before, after = self._on_the_route(robot, location, int(location.route[robot]), more)
-        localiser.move(robot, before, after)
-
-    def _turn_with(self, robot: int, location: Location, localiser: Localiser) -> None:
-        """A fitting behind a robot bends otherwise than was known: it is as far along its way as
-        it was, and less sure of its place. How it is turned it knows as before: the gyro has told
-        both that and the bend."""
-        before, after = self._on_the_route(robot, location, int(self._legs.route[robot]), 0.0)
-        localiser.move(robot, before, Pose(before.rotation, after.position))
-        localiser.inflate(robot)
-
-    def _on_the_route(
-        self, robot: int, location: Location, route: int, more: float
-    ) -> tuple[Pose, Pose]:
-        """The poses of the centreline at a robot's ``location``, and ``more`` m farther on
-        ``route``."""
-        both = np.array([location.route[robot], route])
-        along = location.distance[robot] + np.array([0.0, more])
-        points, frames = self._legs.routes.poses(both, along, np.zeros(2))
-        return Pose(frames[0], points[0]), Pose(frames[1], points[1])
-
-
-def _bent(old: Sequence[Part], new: Sequence[Part]) -> bool:
-    """Return True if a fitting other than a plain straight has changed its form."""
-    both = zip(old, new, strict=False)
-    return any(a.fitting != b.fitting and not a.fitting.is_plain for a, b in both)

@@ -59,17 +59,6 @@ class Start:
     roll_torque: Array
 
 
-def _sleeps(model: mujoco.MjModel) -> bool:
-    """Return True if MuJoCo passes over what never moves; each robot then needs an MjData."""
-    return bool(model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP)
-
-
-def _touching_geoms(model: mujoco.MjModel, body: int) -> list[int]:
-    """Geoms of a body that collide: the lugs of a track, or the one line in their place."""
-    first, count = model.body_geomadr[body], model.body_geomnum[body]
-    return [g for g in range(first, first + count) if model.geom_contype[g]]
-
-
 class Plant:
     """n copies of a model, each with its own start, friction, gravity and springs, stepped on
     ``threads`` threads.
@@ -89,7 +78,9 @@ class Plant:
     ):
         self.model, self.robot = model, robot
         self.n = len(start.friction)
-        self._batch = batch.Batch(model, nsim=self.n, nthread=threads, persistent=_sleeps(model))
+        # Where MuJoCo passes over what never moves, each robot needs an MjData.
+        sleeps = bool(model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP)
+        self._batch = batch.Batch(model, nsim=self.n, nthread=threads, persistent=sleeps)
         self._pitch_of_lugs = lug_pitch(robot)
         self._at = _addresses(model)
         self._bind()
@@ -124,10 +115,10 @@ class Plant:
         self._geom_contype, self._body_contype = b.expand("geom_contype"), b.expand("body_contype")
         self._body_conaffinity = b.expand("body_conaffinity")
         self._geom_conaffinity = b.expand("geom_conaffinity")
-        # (3, 2, K) geoms of each track
-        self._lugs = np.array(
-            [[_touching_geoms(model, body) for body in pair] for pair in at.tracks]
-        )
+        # (3, 2, K) geoms of each track that collide: its lugs, or the one line in their place
+        colliding = np.flatnonzero(model.geom_contype)
+        bodies = model.geom_bodyid[colliding]
+        self._lugs = np.array([[colliding[bodies == body] for body in pair] for pair in at.tracks])
         self._belts = at.belts
         self._at_wall = np.ones((self.n, 3, 2), bool)
         self._drive = drive_of(self.robot.drive)
