@@ -127,11 +127,7 @@ class Onboard:
 
     def reset(self, rows: NDArray[np.intp], scenarios: Sequence[Scenario], state: State) -> None:
         """See ``Senses``."""
-        # Whether pictures are recorded does not change what is drawn.
-        texts = [
-            scenario.model_dump_json(exclude={"record": {"pictures"}}) for scenario in scenarios
-        ]
-        key = keys([hashlib.sha256(text.encode()).hexdigest() for text in texts])
+        key = keys([_drawn_from(scenario) for scenario in scenarios])
         gravity = each(scenarios, "gravity").astype(float)
         torque = np.array([scenario.robot.motor.torque_limit for scenario in scenarios])
         position, rotation = self._first_pose(rows, scenarios, key)
@@ -475,3 +471,9 @@ def _table(scenario: Scenario) -> SensingTable:
         return table
     start = BeginTable(distance_std=0.0, theta5_known=True)
     return table.model_copy(update={"start": start})
+
+
+def _drawn_from(scenario: Scenario) -> str:
+    """Key of a robot's random numbers: its scenario, apart from the recording of pictures."""
+    text = scenario.model_dump_json(exclude={"record": {"pictures"}})
+    return hashlib.sha256(text.encode()).hexdigest()
