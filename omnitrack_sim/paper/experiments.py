@@ -53,10 +53,15 @@ ELBOW_DRIVES: dict[str, dict[str, Any]] = {
 
 
 def scenarios(quick: bool) -> dict[str, list[Scenario]]:
-    """All runs by name. ``quick`` takes fewer orientations and trials; the physics is the same."""
+    """Return all runs by name. ``quick`` takes fewer orientations and trials of the same
+    physics."""
     lists = {name: [load_scenario(f"paper/{name}")] for name in SINGLE}
     lists["vertical_climb"] = [load_scenario("vertical_climb")]
-    lists |= _elbows_and_tees(quick) | _straight_pipes(quick) | _motors()
+    lists |= _elbows_and_tees(quick) | _straight_pipes(quick)
+    # The published motor in the shipped scenarios.
+    names = ("vertical_climb", "elbow", "elbow_short", "tee_turn", "tee_straight")
+    pololu = {"robot.motor": "pololu_1000_hpcb"}
+    lists["pololu"] = [override(load_scenario(name), pololu) for name in names]
     return {name: [override(each, PRIMITIVES) for each in group] for name, group in lists.items()}
 
 
@@ -101,21 +106,26 @@ def _elbows(theta5_deg: np.ndarray) -> dict[str, list[Scenario]]:
 
 def _straight_pipes(quick: bool) -> dict[str, list[Scenario]]:
     """Rolling on the spot, and climbing with more and less preload."""
-    holonomic = load_scenario("paper/holonomic_alignment")
+    holonomic, climb = load_scenario("paper/holonomic_alignment"), load_scenario("vertical_climb")
     angles = np.arange(-60, 60, 20 if quick else 5)
     return {
         "holonomic": _orientations(holonomic, angles, {}),
         "rolling_upright": [holonomic],
         "rolling_flat": [override(holonomic, {"world.gravity": [-9.81, 0.0, 0.0]})],
-        "preload": _preloads(load_scenario("vertical_climb")),
+        "preload": [
+            override(
+                climb,
+                {
+                    "world.friction": friction,
+                    "robot.preload": factor * least_preload(climb.robot, friction),
+                    # Enough for a start-up and the second in which the climb is judged.
+                    "run.time_limit": 3.0,
+                },
+            )
+            for friction in FRICTIONS
+            for factor in PRELOAD_FACTORS
+        ],
     }
-
-
-def _motors() -> dict[str, list[Scenario]]:
-    """The published motor in the shipped scenarios."""
-    pololu = {"robot.motor": "pololu_1000_hpcb"}
-    names = ("vertical_climb", "elbow", "elbow_short", "tee_turn", "tee_straight")
-    return {"pololu": [override(load_scenario(name), pololu) for name in names]}
 
 
 def run_all(
@@ -164,20 +174,3 @@ def _orientations(
 def least_preload(robot: Robot, friction: float) -> float:
     """Least preload of a module, N, at which friction can hold the robot's weight: m g / (3 mu)."""
     return robot.mass * GRAVITY / (3 * friction)
-
-
-def _preloads(base: Scenario) -> list[Scenario]:
-    """A vertical climb with preloads around the least one."""
-    return [
-        override(
-            base,
-            {
-                "world.friction": friction,
-                "robot.preload": factor * least_preload(base.robot, friction),
-                # Enough for a start-up and the second in which the climb is judged.
-                "run.time_limit": 3.0,
-            },
-        )
-        for friction in FRICTIONS
-        for factor in PRELOAD_FACTORS
-    ]

@@ -30,13 +30,15 @@ from omnitrack_sim.robots.omnitrack.tee_contact import (
     turn_path,
     wall_distance,
 )
-from omnitrack_sim.show.plots.style import ALARM, GREY, INK, styled
+from omnitrack_sim.show.plots.style import ALARM, GREY, INK, new_figure, page, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
 SECTOR_COLOUR = "#f2d16b"
+COLOURS: tuple[Any, ...] = (*MODULE_COLOURS, "#8a5aa5", "#7a7f87", "#b5703c")
+"""Colours of the modules, of which a robot of another design may have more than three."""
 _CIRCLE = np.linspace(0, 2 * np.pi, 361)
 _MM = 1e3
 
@@ -66,8 +68,6 @@ def plot_singularity(
         >>> figure.get_size_inches().tolist()
         [4.6, 4.4]
     """
-    from omnitrack_sim.show.plots.style import page
-
     check_is(TurnCase, "case", case)
     if figure != "all" and figure not in FIGURES:
         raise InputError(Fault("figure", f"is {figure!r}", ("all", *FIGURES), figure))
@@ -75,26 +75,19 @@ def plot_singularity(
 
 
 def _drawn(case: TurnCase, figure: str) -> Figure:
-    from omnitrack_sim.show.plots.style import new_figure
-
-    if figure == "all":
-        return _page(case)
-    size, fill = FIGURES[figure]
-    drawn = new_figure(size, layout="constrained")
-    fill(drawn, case)
-    return drawn
-
-
-def _page(case: TurnCase) -> Figure:
-    from omnitrack_sim.show.plots.style import new_figure
-
-    page = new_figure((15, 9.2), layout="constrained")
-    top, bottom = np.asarray(page.subfigures(2, 1), object)
+    """A figure, or a page with all of them."""
+    if figure != "all":
+        size, fill = FIGURES[figure]
+        drawn = new_figure(size, layout="constrained")
+        fill(drawn, case)
+        return drawn
+    drawn = new_figure((15, 9.2), layout="constrained")
+    top, bottom = np.asarray(drawn.subfigures(2, 1), object)
     rows = (top.subfigures(1, 2), bottom.subfigures(1, 3, width_ratios=(0.9, 1, 1.1)))
     places = [place for row in rows for place in np.ravel(np.asarray(row, object))]
     for place, (_, fill) in zip(places, FIGURES.values(), strict=True):
         fill(place, case)
-    return page
+    return drawn
 
 
 def _sections(figure: Figure | SubFigure, case: TurnCase) -> None:
@@ -180,7 +173,7 @@ def _orientations(figure: Figure | SubFigure, case: TurnCase) -> None:
         angles = theta5 + 2 * np.pi * np.arange(case.modules) / case.modules
         walls = wall_distance(there, angles, case.pipe_radius, case.contact_length)[0] * _MM
         for k, (angle, wall) in enumerate(zip(angles, walls, strict=True)):
-            _draw_module(axis, angle, wall, reach, _module_colour(k))
+            _draw_module(axis, angle, wall, reach, COLOURS[k % len(COLOURS)])
         _turning_arrow(axis, reach)
         axis.set_xlim(-1.06 * section.max(), 1.62 * reach)
         missing = walls.max() - reach
@@ -210,10 +203,6 @@ def _draw_module(axis: Axes, angle: float, wall: float, reach: float, colour: An
         axis.plot(*np.outer(outward, [reach, min(wall, 2.6 * reach)]), color=ALARM, lw=3)
 
 
-def _module_colour(k: int) -> Any:
-    return (*MODULE_COLOURS, "#8a5aa5", "#7a7f87", "#b5703c")[k % 6]
-
-
 def _sector(figure: Figure | SubFigure, case: TurnCase) -> None:
     """Fig. 9: the region on the circle at the end of the turn, with the best orientation."""
     axis = figure.subplots()
@@ -232,16 +221,13 @@ def _sector(figure: Figure | SubFigure, case: TurnCase) -> None:
         )
     axis.plot(radius * np.cos(_CIRCLE), radius * np.sin(_CIRCLE), color=GREY, lw=2)
     for k in range(case.modules):
-        angle = case.best + 2 * np.pi * k / case.modules
+        angle, colour = case.best + 2 * np.pi * k / case.modules, COLOURS[k % len(COLOURS)]
         for side in (-margin, margin):
             line = np.outer([np.cos(angle + side), np.sin(angle + side)], [0, radius])
-            axis.plot(*line, color=_module_colour(k), lw=0.8, ls=(0, (3, 2)))
-        axis.plot(
-            *np.outer([np.cos(angle), np.sin(angle)], [0, radius]), color=_module_colour(k), lw=2
-        )
-        axis.plot(
-            *(radius * np.array([np.cos(angle), np.sin(angle)])), "o", color=_module_colour(k), ms=9
-        )
+            axis.plot(*line, color=colour, lw=0.8, ls=(0, (3, 2)))
+        middle = np.outer([np.cos(angle), np.sin(angle)], [0, radius])
+        axis.plot(*middle, color=colour, lw=2)
+        axis.plot(*middle[:, 1], "o", color=colour, ms=9)
     _turning_arrow(axis, radius)
     failure = 100 * float(failure_rate(case.sector, case.modules))
     text = f"±{np.degrees(margin):.2f}° of theta5 safe, failure rate {failure:.2f} %"
