@@ -17,8 +17,8 @@ import omnitrack_sim as ot
 from omnitrack_sim.robots.omnitrack.looks import add_pipe_insides
 from omnitrack_sim.show.viewer.keys import DRIVE, help_lines
 from omnitrack_sim.show.viewer.pace import FRAME, LATE_FRAME, MOST_OVERDUE, Pace
-from omnitrack_sim.show.viewer.player import LiveRun, SavedRun
-from omnitrack_sim.show.viewer.window import covers_robot, region_of
+from omnitrack_sim.show.viewer.player import LiveRun, SavedRun, region_of
+from omnitrack_sim.show.viewer.window import covers_robot
 
 SAVED = ("result.json", "scenario.json", "timeline.csv", "trajectory.parquet", "replay.npz")
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion, unit
-from omnitrack_sim.pipes import Assembly, Part, Passage, Route
+from omnitrack_sim.pipes import Assembly, Part, Route
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.omnitrack.looks import (
     FIELD_OF_VIEW,
@@ -141,7 +141,9 @@ def view_directions(trajectory: Trajectory, routes: Sequence[Route], liking: Arr
     """
     liking = unit(liking)
     rows, travel = _nodes(trajectory)
-    choices = np.concatenate([liking[None], _ring_directions()])
+    up, around = (a.ravel() for a in np.meshgrid(_ELEVATIONS, _AZIMUTHS, indexing="ij"))
+    rings = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], -1)
+    choices = np.concatenate([liking[None], rings])
     tangent, plane = _geometry(trajectory, routes, rows)
     along = np.maximum(np.abs(tangent @ choices.T) - _FREE, 0.0) ** 2
     bend = np.where((plane != 0).any(axis=1)[:, None], 1 - (plane @ choices.T) ** 2, 0.0)
@@ -187,12 +189,6 @@ def _depth(part: Part, points: Array) -> Array:
     return np.minimum(part.signed_distance(points)[0], part.extent(points)) + WALL
 
 
-def _ring_directions() -> Array:
-    """Directions (n, 3) on rings of equal elevation."""
-    up, around = (angle.ravel() for angle in np.meshgrid(_ELEVATIONS, _AZIMUTHS, indexing="ij"))
-    return np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], axis=-1)
-
-
 def _nodes(trajectory: Trajectory) -> tuple[NDArray[np.intp], Array]:
     """Rows (N,) about ``SPACING`` of travel apart, and the travel (T,) m of all samples.
 
@@ -224,14 +220,9 @@ def _geometry(
         for passage in route.passages:
             if passage.asks_orientation:
                 here = (distance > passage.s_enter - _NEAR) & (distance < passage.s_leave + _NEAR)
-                plane[on[here]] = _normal(route, passage)
+                entry = route.centreline.at(np.array([passage.s_enter]))[1]
+                plane[on[here]] = unit(cross(entry, passage.turn_direction[None]))
     return tangent, plane
-
-
-def _normal(route: Route, passage: Passage) -> Array:
-    """Normal (3,) of the plane that a bend or tee lies in."""
-    entry = route.centreline.at(np.array([passage.s_enter]))[1]
-    return unit(cross(entry, passage.turn_direction[None]))[0]
 
 
 def _hidden(parts: Sequence[Part], centres: Array, choices: Array) -> Array:
@@ -298,93 +289,96 @@ class Framing(NamedTuple):
     clearness: tuple[float, ...]
 
 
-class FilmCamera(Protocol):
-    """A camera.
+class FilmCamera:
+    """Base of the cameras of films.
+
+    Args:
+        network: the pipes.
+        aspect: width over height of the pictures.
 
     Attributes:
-        stands: whether eye and sun are the same all the time.
-        lamp: whether it brings its own light.
+        stands: eye and sun are the same all the time.
+        lamp: it brings its own light.
         cut: (3,) direction to which pipes are cut open, or zeros where their insides are seen.
+        still_sun: the sun in whose light pipes throw shadows; None where it moves.
     """
 
-    stands: bool
-    lamp: bool
-    cut: Array
+    stands, lamp = False, False
+    cut = np.zeros(3)
+    still_sun: Sun | None = None
+
+    def __init__(self, network: Assembly, aspect: float) -> None:
+        self._parts, self._aspect = network.parts, aspect
+        self._spheres = [_sphere(part.bore_samples()) for part in network.parts]
 
     def shot(self, row: int, centre: Array, quaternion: Array) -> Framing:
-        """How sample ``row`` is seen, with the chassis at ``centre`` (3,) m and ``quaternion``."""
-        ...
+        """Return how sample ``row`` is seen, with the chassis at ``centre`` (3,) m and
+        ``quaternion``."""
+        raise NotImplementedError
 
-    def still_sun(self) -> Sun | None:
-        """The sun in whose light pipes throw shadows."""
-        ...
+    def _visible(self, eye: Eye) -> list[float]:
+        """Return 1 for each part that can come into the picture, 0 for the others."""
+        return [float(eye.sees(*sphere, self._aspect)) for sphere in self._spheres]
 
 
-class SideCamera:
-    """Stands still, before pipes that are cut open towards it."""
+class SideCamera(FilmCamera):
+    """Camera that stands still, before pipes that are cut open towards it.
 
-    stands, lamp = True, False
+    Args:
+        trajectory: the record.
+        network: the pipes.
+        aspect: width over height of the pictures.
+        reach: of the robot about its centre, m.
+        panel: part of the picture's height that panels cover in its lower left corner.
+    """
+
+    stands = True
 
     def __init__(
         self, trajectory: Trajectory, network: Assembly, aspect: float, reach: float, panel: float
-    ):
-        """For pictures of this aspect ratio.
-
-        ``reach``: of the robot about its centre, m; ``panel``: part of the
-        picture's height that panels cover in its lower left corner.
-        """
-        self._network, self._reach = network, reach
-        self.cut = view_direction(network)
-        self._frame = camera_frame(self.cut)
-        seen = _seen_from(trajectory, network)
-        middle, distance = _fit(seen, self._frame, aspect)
-        if _behind_panel(seen, self._frame, middle, distance, aspect, panel):
-            middle, distance = _fit(seen, self._frame, aspect * (1 - _PANEL_WIDE))
-            middle -= _PANEL_WIDE * distance * _HALF * aspect * self._frame[:, 0]
-        far = 2 * distance + float(np.linalg.norm(seen - middle, axis=1).max())
-        self._eye = Eye(
-            middle + distance * self._frame[:, 2],
-            self._frame,
-            np.radians(FIELD_OF_VIEW),
-            0.1 * distance,
-            max(far, _FARTHEST),
-        )
-        right, up, _ = self._frame.T
-        self._towards = over_the_shoulder(self.cut, right, up)
-        eye = self._eye
-        spheres = [_sphere(part.bore_samples()) for part in network.parts]
-        self._clearness = tuple(float(eye.sees(*sphere, aspect)) for sphere in spheres)
-        self._shown = np.concatenate(
-            [p.bore_samples() for p, c in zip(network.parts, self._clearness, strict=True) if c]
-        )
+    ) -> None:
+        super().__init__(network, aspect)
+        self._reach, self.cut = reach, view_direction(network)
+        frame = camera_frame(self.cut)
+        near = _near_path(trajectory, network)
+        middle, distance = _fit(near, frame, aspect)
+        if _behind_panel(near, frame, middle, distance, aspect, panel):
+            middle, distance = _fit(near, frame, aspect * (1 - _PANEL_WIDE))
+            middle -= _PANEL_WIDE * distance * _HALF * aspect * frame[:, 0]
+        far = 2 * distance + float(np.linalg.norm(near - middle, axis=1).max())
+        place, angle = middle + distance * frame[:, 2], np.radians(FIELD_OF_VIEW)
+        self._eye = Eye(place, frame, angle, 0.1 * distance, max(far, _FARTHEST))
+        self._towards = over_the_shoulder(self.cut, frame[:, 0], frame[:, 1])
+        self._clearness = tuple(self._visible(self._eye))
+        parts = zip(network.parts, self._clearness, strict=True)
+        middle, radius = _sphere(np.concatenate([p.bore_samples() for p, seen in parts if seen]))
+        radius += THICKNESS
+        self.still_sun = Sun(self._towards, middle, radius, radius)
 
     def shot(self, row: int, centre: Array, quaternion: Array) -> Framing:
         """See ``FilmCamera``."""
         sun = Sun(self._towards, centre, self._reach, SHADOW_REACH)
         return Framing(self._eye, sun, self._clearness)
 
-    def still_sun(self) -> Sun:
-        """See ``FilmCamera``."""
-        middle, radius = _sphere(self._shown)
-        radius += THICKNESS
-        return Sun(self._towards, middle, radius, radius)
 
+class FollowCamera(FilmCamera):
+    """Camera that keeps with the robot, looks into pipes that are open towards it, and through
+    those that are in the way; the sun goes with it.
 
-class FollowCamera:
-    """Keeps with the robot, looks into pipes that are open towards it, and through those that are
-    in the way. The sun goes with it."""
-
-    stands, lamp = False, False
-    cut = np.zeros(3)
+    Args:
+        trajectory: the record.
+        routes: of each leg.
+        aspect: width over height of the pictures.
+        reach: of the robot about its centre, m.
+    """
 
     def __init__(
         self, trajectory: Trajectory, routes: Sequence[Route], aspect: float, reach: float
-    ):
-        """For pictures of this aspect ratio; ``reach``: of the robot about its centre, m."""
+    ) -> None:
         network = routes[0].network
-        self._parts, self._aspect, self._reach = network.parts, aspect, reach
+        super().__init__(network, aspect)
+        self._reach = reach
         self._back = view_directions(trajectory, routes, follow_direction(network))  # (T, 3)
-        self._spheres = [_sphere(part.bore_samples()) for part in network.parts]
 
     def shot(self, row: int, centre: Array, quaternion: Array) -> Framing:
         """See ``FilmCamera``."""
@@ -396,47 +390,42 @@ class FollowCamera:
         sun = Sun(over_the_shoulder(back, right, up), centre, self._reach, SHADOW_REACH)
         nose = matrix_from_quaternion(quaternion)[:, 2]
         targets = centre + 0.05 * np.array([[0.0], [1.0], [-1.0]]) * nose
-        seen = [eye.sees(*sphere, self._aspect) for sphere in self._spheres]
-        clearness = np.array(seen, float)
+        clearness = np.array(self._visible(eye))
         near = [
             i
             for i, sphere in enumerate(self._spheres)
-            if seen[i] and _meets(sphere, targets, place)
+            if clearness[i] and _meets(sphere, targets, place)
         ]
         covers = in_the_way([self._parts[i] for i in near], place, targets)
         clearness[near] = 1 - (1 - _CLEAR) * covers
         return Framing(eye, sun, tuple(clearness.tolist()))
 
-    def still_sun(self) -> None:
-        """See ``FilmCamera``."""
 
+class OnboardCamera(FilmCamera):
+    """Camera that looks ahead from the robot's nose, in the light of its lamp.
 
-class OnboardCamera:
-    """Looks ahead from the robot's nose, in the light of its lamp."""
+    Args:
+        network: the pipes.
+        aspect: width over height of the pictures.
+        size: scale of the robot.
+    """
 
-    stands, lamp = False, True
-    cut = np.zeros(3)
+    lamp = True
 
-    def __init__(self, network: Assembly, aspect: float, size: float):
-        """For pictures of this aspect ratio; ``size``: scale of the robot."""
-        self._aspect, self._ahead = aspect, size * _ONBOARD_PLACE
-        self._spheres = [_sphere(part.bore_samples()) for part in network.parts]
+    def __init__(self, network: Assembly, aspect: float, size: float) -> None:
+        super().__init__(network, aspect)
+        self._ahead = size * _ONBOARD_PLACE
 
     def shot(self, row: int, centre: Array, quaternion: Array) -> Framing:
         """See ``FilmCamera``."""
         x, y, z = matrix_from_quaternion(quaternion).T
         frame = np.stack([y, x, -z], axis=-1)
-        place = centre + self._ahead * z
-        eye = Eye(place, frame, np.radians(_ONBOARD_ANGLE), 0.01, _FARTHEST)
-        clearness = tuple(float(eye.sees(*sphere, self._aspect)) for sphere in self._spheres)
-        return Framing(eye, None, clearness)
-
-    def still_sun(self) -> None:
-        """See ``FilmCamera``."""
+        eye = Eye(centre + self._ahead * z, frame, np.radians(_ONBOARD_ANGLE), 0.01, _FARTHEST)
+        return Framing(eye, None, tuple(self._visible(eye)))
 
 
-def _seen_from(trajectory: Trajectory, network: Assembly) -> Array:
-    """Points (n, 3) m of the pipes near the robot's way."""
+def _near_path(trajectory: Trajectory, network: Assembly) -> Array:
+    """Points (n, 3) m of the pipes near the robot's path."""
     step = max(1, len(trajectory.time) // 400)
     way = trajectory["position"][::step]
     points = np.concatenate([part.bore_samples() for part in network.parts])

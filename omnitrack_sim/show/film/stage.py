@@ -221,7 +221,7 @@ class Stage:
             size,
             fine=fine,
             lamp=self._camera.lamp,
-            sun=self._camera.still_sun(),
+            sun=self._camera.still_sun,
         )
 
     def _map_of(self, width: int, height: int) -> MapPanel | None:

@@ -290,9 +290,9 @@ class _Mission:
             rows.append(("in its map", line(color=EXPLORED, linewidth=6.0, solid_capstyle="butt")))
         rows += [(m.text, tuple(line(**look) for look in m.looks())) for m in self.marks]
         texts, handles = zip(*rows, strict=True)
-        place = {"loc": "center", "bbox_to_anchor": (0.5, self.legend / self.height)}
-        gaps: dict[str, Any] = {"ncols": len(texts), "columnspacing": 1.8, "handletextpad": 0.4}
-        self.figure.legend(handles, texts, **gaps, **place)
+        look: dict[str, Any] = {"ncols": len(texts), "columnspacing": 1.8, "handletextpad": 0.4}
+        place = (0.5, self.legend / self.height)
+        self.figure.legend(handles, texts, loc="center", bbox_to_anchor=place, **look)
 
     def _draw_time_chart(self) -> None:
         """Draw bands of the parts, tilt and speed over time, with the events at their times."""

@@ -8,7 +8,7 @@ changes something by a step, and one key stops everything.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import Enum, auto
 from typing import NamedTuple
 
@@ -42,19 +42,17 @@ class Do(Enum):
 
 
 class Key(NamedTuple):
-    """A key of the window.
+    """A key of the window, or two that belong together.
 
     Attributes:
-        name: as it is told to users.
-        codes: GLFW's numbers of the keys that do it.
-        do: what it asks for.
-        meaning: the same in words.
+        name: for users; of two keys both names.
+        meaning: what it does, or they do, in words.
+        actions: what is asked for, by GLFW's numbers of the keys.
     """
 
     name: str
-    codes: tuple[int, ...]
-    do: Do
     meaning: str
+    actions: Mapping[int, Do]
 
 
 SPACE, PERIOD, MINUS, EQUAL = 32, 46, 45, 61
@@ -62,56 +60,50 @@ ENTER, BACKSPACE, INSERT, DELETE = 257, 259, 260, 261
 RIGHT, LEFT, DOWN, UP, PAGE_UP, PAGE_DOWN, HOME, END = range(262, 270)
 KEYPAD_MINUS, KEYPAD_PLUS, KEYPAD_ENTER = 333, 334, 335
 
-_TIME = (
-    Key("+  -", (EQUAL, KEYPAD_PLUS), Do.TIME_FASTER, "time runs faster, slower"),
-    Key("", (MINUS, KEYPAD_MINUS), Do.TIME_SLOWER, ""),
-)
-_HELP = Key("Period", (PERIOD,), Do.HELP, "show or hide the keys")
+_FASTER: dict[int, Do] = dict.fromkeys((EQUAL, KEYPAD_PLUS), Do.TIME_FASTER)
+_SLOWER: dict[int, Do] = dict.fromkeys((MINUS, KEYPAD_MINUS), Do.TIME_SLOWER)
+_TIME = Key("+  -", "time runs faster, slower", _FASTER | _SLOWER)
+_HELP = Key("Period", "show or hide the keys", {PERIOD: Do.HELP})
 VIEW = (
-    Key("Space", (SPACE,), Do.PAUSE, "pause, go on"),
-    Key("Right", (RIGHT,), Do.STEP, "one control step"),
-    *_TIME,
-    Key("Home", (HOME,), Do.RESET, "from the start again"),
+    Key("Space", "pause, go on", {SPACE: Do.PAUSE}),
+    Key("Right", "one control step", {RIGHT: Do.STEP}),
+    _TIME,
+    Key("Home", "from the start again", {HOME: Do.RESET}),
     _HELP,
 )
 """Of a scenario that runs under its controller."""
 REPLAY = (
-    Key("Space", (SPACE,), Do.PAUSE, "pause, go on"),
-    Key("Right  Left", (RIGHT,), Do.STEP, "a sample on, back"),
-    Key("", (LEFT,), Do.STEP_BACK, ""),
-    Key("PgUp  PgDn", (PAGE_UP,), Do.LEAP, "a second on, back"),
-    Key("", (PAGE_DOWN,), Do.LEAP_BACK, ""),
-    Key("Home  End", (HOME,), Do.TO_START, "to the start, to the end"),
-    Key("", (END,), Do.TO_END, ""),
-    *_TIME,
+    Key("Space", "pause, go on", {SPACE: Do.PAUSE}),
+    Key("Right  Left", "a sample on, back", {RIGHT: Do.STEP, LEFT: Do.STEP_BACK}),
+    Key("PgUp  PgDn", "a second on, back", {PAGE_UP: Do.LEAP, PAGE_DOWN: Do.LEAP_BACK}),
+    Key("Home  End", "to the start, to the end", {HOME: Do.TO_START, END: Do.TO_END}),
+    _TIME,
     _HELP,
 )
 """Of a saved run."""
 DRIVE = (
-    Key("Up  Down", (UP,), Do.FORWARD, "faster forward, backward"),
-    Key("", (DOWN,), Do.BACK, ""),
-    Key("Left  Right", (LEFT,), Do.LEFT, "turn the nose left, right in the picture"),
-    Key("", (RIGHT,), Do.RIGHT, ""),
-    Key("Home  End", (HOME,), Do.AWAY, "turn it away from you, towards you"),
-    Key("", (END,), Do.TOWARDS, ""),
-    Key("Backspace", (BACKSPACE,), Do.STRAIGHT, "steer no more"),
-    Key("PgUp  PgDn", (PAGE_UP,), Do.ROLL_ON, "roll the modules on, back"),
-    Key("", (PAGE_DOWN,), Do.ROLL_BACK, ""),
-    Key("Space", (SPACE,), Do.STOP, "stop, and take over from the controller"),
-    Key("Enter", (ENTER, KEYPAD_ENTER), Do.HAND_OVER, "hand over to the controller"),
-    Key("Insert", (INSERT,), Do.PAUSE, "pause, go on"),
-    *_TIME,
-    Key("Delete", (DELETE,), Do.FINISH, "end the run, save, close"),
+    Key("Up  Down", "faster forward, backward", {UP: Do.FORWARD, DOWN: Do.BACK}),
+    Key(
+        "Left  Right", "turn the nose left, right in the picture", {LEFT: Do.LEFT, RIGHT: Do.RIGHT}
+    ),
+    Key("Home  End", "turn it away from you, towards you", {HOME: Do.AWAY, END: Do.TOWARDS}),
+    Key("Backspace", "steer no more", {BACKSPACE: Do.STRAIGHT}),
+    Key("PgUp  PgDn", "roll the modules on, back", {PAGE_UP: Do.ROLL_ON, PAGE_DOWN: Do.ROLL_BACK}),
+    Key("Space", "stop, and take over from the controller", {SPACE: Do.STOP}),
+    Key("Enter", "hand over to the controller", dict.fromkeys((ENTER, KEYPAD_ENTER), Do.HAND_OVER)),
+    Key("Insert", "pause, go on", {INSERT: Do.PAUSE}),
+    _TIME,
+    Key("Delete", "end the run, save, close", {DELETE: Do.FINISH}),
     _HELP,
 )
 """Of a robot that is driven by keyboard."""
 
 
 def action_of(keys: Sequence[Key], code: int) -> Do | None:
-    """The action of the key with GLFW's number ``code``; None where it has none."""
-    return next((key.do for key in keys if code in key.codes), None)
+    """Return the action of the key with GLFW's number ``code``; None where it has none."""
+    return next((key.actions[code] for key in keys if code in key.actions), None)
 
 
 def help_lines(keys: Sequence[Key]) -> list[tuple[str, str]]:
-    """Names of the keys and what they do, a line for each or for a pair that belongs together."""
-    return [(key.name, key.meaning) for key in keys if key.name]
+    """Return the names of the keys and what they do, a line for each."""
+    return [(key.name, key.meaning) for key in keys]

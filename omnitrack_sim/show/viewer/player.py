@@ -3,46 +3,120 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from omnitrack_sim.base.bounds import MOST_ORDERS
 from omnitrack_sim.base.rotations import Array, heading, matrix_from_quaternion
-from omnitrack_sim.pipes.route_map import RouteMap
+from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
+from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error, preferred_theta5
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenController
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
+from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.loading import to_drive, with_orders
 from omnitrack_sim.show.playback import show_belts, smooth_belts, sound
 from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Do, Key, action_of, help_lines
 from omnitrack_sim.show.viewer.pace import Pace
 from omnitrack_sim.show.viewer.teleoperation import KeyContext, Teleoperation
-from omnitrack_sim.show.viewer.window import (
-    Lines,
-    Moment,
-    Window,
-    contact_lines,
-    covers_robot,
-    place_lines,
-)
+from omnitrack_sim.show.viewer.window import Lines, Window, covers_robot
 from omnitrack_sim.sim.run import no_load_slips
 from omnitrack_sim.sim.simulation import Simulation
 
 
-class LiveRun:
+class Region(NamedTuple):
+    """Position of theta5 relative to the motion singularity region of a tee turn.
+
+    Attributes:
+        inside: a module will lose the wall, as Section IV of the paper has it.
+        border: rad, angle to the region's nearest border, by whichever way is shorter.
+    """
+
+    inside: bool
+    border: float
+
+
+def region_of(routes: RouteMap, location: Location, reach: float) -> Region | None:
+    """Return the region of the tee turn ahead or at hand; None where there is none."""
+    number = int(location.passage[0])
+    passage = routes.passages[number]
+    if passage is None or passage.manoeuvre != "tee_turn":
+        return None
+    # A right angle, whatever that of the branch: see Aligner.learn.
+    margin = float(safe_margin(sector_angle(routes.corner_radius[number], reach, np.pi / 2)))
+    error = float(orientation_error(location.theta5[0], preferred_theta5("tee_turn")))
+    return Region(abs(error) > margin, abs(abs(error) - margin))
+
+
+class ShownRun:
+    """A run of one robot at one moment, in words and figures.
+
+    Attributes:
+        scenario: of the run.
+        routes: of the run.
+    """
+
+    scenario: Scenario
+    routes: RouteMap
+
+    @property
+    def location(self) -> Location:
+        """Where the robot is, as a batch of one."""
+        raise NotImplementedError
+
+    def value(self, channel: str) -> Array:
+        """Return a channel's value at the moment, (3,) of the modules."""
+        raise NotImplementedError
+
+    def place(self) -> Lines:
+        """Return where the robot is."""
+        location = self.location
+        route, distance = self.routes.routes[int(location.route[0])], float(location.distance[0])
+        passages = route.passages
+        passage = next((p for p in passages if distance < p.s_leave), passages[-1])
+        return [
+            ("in", route.network.parts[passage.index].name),
+            ("travelled", f"{distance:.3f} of {route.centreline.length:.3f} m"),
+            ("tilt", f"{np.degrees(location.tilt[0]):.1f} deg"),
+        ]
+
+    def figures(self) -> Lines:
+        """Return what modules 1 to 3 do at the wall, and how the robot is turned."""
+        region = region_of(self.routes, self.location, self.scenario.robot.reach)
+        text = "no tee turn ahead"
+        if region is not None:
+            side = "INSIDE" if region.inside else "outside"
+            text = f"{side}, border at {np.degrees(region.border):.1f} deg"
+        return [
+            ("module", _three("{:>6d}", (1, 2, 3))),
+            ("slip ratio", _three("{:>z6.2f}", self.value("slip_ratio"))),
+            ("traction, N", _three("{:>z6.1f}", self.value("traction"))),
+            ("normal force, N", _three("{:>z6.1f}", self.value("normal_force"))),
+            ("theta5", f"{np.degrees(self.location.theta5[0]):z.1f} deg"),
+            ("motion singularity", text),
+        ]
+
+
+def _three(form: str, values: Array | tuple[int, int, int]) -> str:
+    return " ".join(form.format(value) for value in values)
+
+
+class LiveRun(ShownRun):
     """A simulation of one robot. It is stepped by ``Simulation.step`` and by nothing else, so what
     is seen is what ``omnitrack run`` computes.
 
     Args:
-        simulation: of one robot. model: of the scene with looks.
+        simulation: of one robot.
+        model: of the scene with looks.
     """
 
     def __init__(self, simulation: Simulation, model: mujoco.MjModel) -> None:
         self.simulation, self._model = simulation, model
-        self._pitch = look_pitch(simulation.scenarios[0].robot)
+        self.scenario, self.routes = simulation.scenarios[0], simulation.legs.routes
         self._travel = np.zeros(3)  # m, of the belts
 
     @property
@@ -55,57 +129,51 @@ class LiveRun:
         """The time after the next step, s; None when the run is over."""
         return self.time + self.simulation.period if self.simulation.active[0] else None
 
+    @property
+    def location(self) -> Location:
+        """See ``ShownRun``."""
+        return self.simulation.location
+
+    def value(self, channel: str) -> Array:
+        """See ``ShownRun``."""
+        return self.simulation.readings[channel][0]
+
     def step(self) -> None:
-        """One control step."""
+        """Take one control step."""
         self.simulation.step()
-        self._travel += self.simulation.readings["belt_speed"][0] * self.simulation.period
+        self._travel += self.value("belt_speed") * self.simulation.period
 
     def qpos(self) -> Array:
-        """Joint positions (nq,) as they are shown."""
+        """Return the joint positions (nq,) as they are shown."""
         qpos = np.array(self.simulation.plant.qpos[0])
-        show_belts(self._model, qpos, self._travel, self._pitch)
+        show_belts(self._model, qpos, self._travel, look_pitch(self.scenario.robot))
         return qpos
 
     def status(self) -> Lines:
-        """Time, phase, outcome, place."""
+        """Return time, phase, outcome and place."""
         ending = self.simulation.endings[0]
         return [
             ("time", f"{self.time:.2f} s"),
             ("phase", self.simulation.phase[0].replace("_", " ")),
             ("outcome", "runs" if ending is None else ending.outcome.value),
-            *place_lines(self._moment()),
+            *self.place(),
         ]
 
-    def figures(self) -> Lines:
-        """What the modules do at the wall."""
-        return contact_lines(self._moment())
 
-    def _moment(self) -> Moment:
-        simulation = self.simulation
-        readings = simulation.readings
-        return Moment(
-            slip_ratio=readings["slip_ratio"][0],
-            traction=readings["traction"][0],
-            normal_force=readings["normal_force"][0],
-            routes=simulation.legs.routes,
-            location=simulation.location,
-            reach=simulation.scenarios[0].robot.reach,
-        )
-
-
-class SavedRun:
+class SavedRun(ShownRun):
     """A saved run, sample by sample.
 
     Attributes:
-        row: the sample that is shown. count: number of samples.
+        row: the sample that is shown.
+        count: number of samples.
     """
 
     def __init__(self, result: Result, model: mujoco.MjModel) -> None:
-        self._result, self.row = result, 0
+        self._result, self.row, self.scenario = result, 0, result.scenario
         self._trajectory = sound(result.trajectory)
         self.count = len(self._trajectory.time)
-        self._qpos = smooth_belts(model, self._trajectory, look_pitch(result.scenario.robot))
-        self._routes = RouteMap(result.routes())
+        self._qpos = smooth_belts(model, self._trajectory, look_pitch(self.scenario.robot))
+        self.routes = RouteMap(result.routes())
 
     @property
     def time(self) -> float:
@@ -118,25 +186,36 @@ class SavedRun:
         last = self.row + 1 >= self.count
         return None if last else float(self._trajectory.time[self.row + 1])
 
+    @property
+    def location(self) -> Location:
+        """See ``ShownRun``."""
+        one = {name: values[self.row : self.row + 1] for name, values in self._trajectory.items()}
+        frame = heading(matrix_from_quaternion(one["quaternion"]), one["gear"].astype(int))
+        leg = one["leg"].astype(np.intp)
+        return self.routes.locate(one["position"], frame, leg, one["distance"])
+
+    def value(self, channel: str) -> Array:
+        """See ``ShownRun``."""
+        return self._trajectory[channel][self.row]
+
     def step(self) -> None:
-        """To the next sample."""
+        """Go on to the next sample."""
         self.leap(1)
 
     def leap(self, samples: int) -> None:
-        """On or back by some samples, as far as there are any."""
+        """Go on or back by some samples, as far as there are any."""
         self.row = min(max(self.row + samples, 0), self.count - 1)
 
     def leap_to(self, time: float) -> None:
-        """To the first sample that is not before ``time`` s, or to the last one."""
-        found = int(np.searchsorted(self._trajectory.time, time - 1e-9))
-        self.row = min(max(found, 0), self.count - 1)
+        """Go to the first sample that is not before ``time`` s, or to the last one."""
+        self.row = min(int(np.searchsorted(self._trajectory.time, time - 1e-9)), self.count - 1)
 
     def qpos(self) -> Array:
-        """Joint positions (nq,) as they are shown."""
+        """Return the joint positions (nq,) as they are shown."""
         return self._qpos[self.row]
 
     def status(self) -> Lines:
-        """Time, phase, outcome, place."""
+        """Return time, phase, outcome and place."""
         trajectory = self._trajectory
         driver = self._result.provenance.get("driven_by")
         return [
@@ -144,27 +223,8 @@ class SavedRun:
             ("phase", trajectory.phases[int(trajectory["phase"][self.row])].replace("_", " ")),
             ("outcome", self._result.outcome.value),
             *([("driven by", str(driver))] if driver is not None else []),
-            *place_lines(self._moment()),
+            *self.place(),
         ]
-
-    def figures(self) -> Lines:
-        """What the modules do at the wall."""
-        return contact_lines(self._moment())
-
-    def _moment(self) -> Moment:
-        one = {name: values[self.row : self.row + 1] for name, values in self._trajectory.items()}
-        frame = heading(matrix_from_quaternion(one["quaternion"]), one["gear"].astype(int))
-        location = self._routes.locate(
-            one["position"], frame, one["leg"].astype(np.intp), one["distance"]
-        )
-        return Moment(
-            slip_ratio=one["slip_ratio"][0],
-            traction=one["traction"][0],
-            normal_force=one["normal_force"][0],
-            routes=self._routes,
-            location=location,
-            reach=self._result.scenario.robot.reach,
-        )
 
 
 DRIVER = "keyboard"
@@ -177,7 +237,9 @@ class Player:
     """Shows a scenario as it runs under its controller.
 
     Args:
-        scenario: what to run. window: open, on this scenario. speed: see ``Pace``.
+        scenario: what to run.
+        window: open, on this scenario.
+        speed: see ``Pace``.
 
     Attributes:
         run: what is shown.
