@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from OpenGL import GL
+from OpenGL.GL.shaders import compileProgram, compileShader
 
 from omnitrack_sim.show.film import shaders
 from omnitrack_sim.show.film.shots import Eye, Sun
@@ -63,17 +64,12 @@ class Program:
     """A program of OpenGL, and its values by name."""
 
     def __init__(self, vertex: str, pixel: str):
-        self.id = GL.glCreateProgram()
-        for kind, source in ((GL.GL_VERTEX_SHADER, vertex), (GL.GL_FRAGMENT_SHADER, pixel)):
-            shader = GL.glCreateShader(kind)
-            GL.glShaderSource(shader, source)
-            GL.glCompileShader(shader)
-            if not GL.glGetShaderiv(shader, GL.GL_COMPILE_STATUS):
-                raise RuntimeError(GL.glGetShaderInfoLog(shader).decode())
-            GL.glAttachShader(self.id, shader)
-        GL.glLinkProgram(self.id)
-        if not GL.glGetProgramiv(self.id, GL.GL_LINK_STATUS):
-            raise RuntimeError(GL.glGetProgramInfoLog(self.id).decode())
+        # Validated by the first picture: before there is one, nothing is bound that it could use.
+        self.id = compileProgram(
+            compileShader(vertex, GL.GL_VERTEX_SHADER),
+            compileShader(pixel, GL.GL_FRAGMENT_SHADER),
+            validate=False,
+        )
         self._places: dict[str, int] = {}
 
     def use(self, **values: int | float | ArrayLike) -> None:
@@ -140,15 +136,9 @@ class Canvas:
         box = (left, top, right, bottom)
         GL.glBlitFramebuffer(*box, *box, GL.GL_COLOR_BUFFER_BIT, GL.GL_NEAREST)
 
-    def read(self, region: PixelRect) -> Image:
-        """The pixels (h, w, 3) of a region."""
-        return self._read(region, GL.GL_RGB, (3,))
-
-    def grey(self, region: PixelRect) -> Image:
-        """The red of the pixels (h, w) of a region."""
-        return self._read(region, GL.GL_RED, ())
-
-    def _read(self, region: PixelRect, form: int, channels: tuple[int, ...]) -> Image:
+    def read(self, region: PixelRect, grey: bool = False) -> Image:
+        """Return the pixels (h, w, 3) of a region; with ``grey`` their red (h, w) alone."""
+        form, channels = (GL.GL_RED, ()) if grey else (GL.GL_RGB, (3,))
         pixels = np.empty((region.height, region.width, *channels), np.uint8)
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._buffer)
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
@@ -211,6 +201,16 @@ def bind(unit: int, texture: int) -> None:
     """Have a texture looked up by this number."""
     GL.glActiveTexture(int(GL.GL_TEXTURE0) + unit)
     GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+
+
+def _test_depths(front: int) -> None:
+    """Paint what is nearest alone, without faces that look away; ``front``: the order of corners
+    of those that do not."""
+    GL.glEnable(GL.GL_DEPTH_TEST)
+    GL.glDepthMask(True)
+    GL.glDepthFunc(GL.GL_LEQUAL)
+    GL.glEnable(GL.GL_CULL_FACE)
+    GL.glFrontFace(front)
 
 
 def _attach(place: int, texture: int) -> None:
@@ -296,7 +296,7 @@ class Painter:
         self._far = ShadowMap(FAR_MAP)
         self._still: dict[str, Any] = {}
         if sun is not None:
-            self._begin_map()
+            _test_depths(GL.GL_CCW)
             self._far.cast(self.pipes, self._depth, view=sun.matrix, pose=_HERE)
             self._still = {"far_view": _TO_TEXELS @ sun.matrix, "far_map": 1}
 
@@ -323,7 +323,7 @@ class Painter:
         rows = poses.reshape(-1, 4)
         shared: dict[str, Any] = {"pose": rows, "view": eye.matrix(self.width / self.height)}
         if sun is not None:
-            self._begin_map()
+            _test_depths(GL.GL_CCW)
             surfaces = [self._casting] if robot else []
             self._near.cast(surfaces, self._depth, view=sun.matrix, pose=rows)
             shared |= {"towards": sun.towards, "up": [0.0, 0.0, 1.0], "back": eye.frame[:, 2]}
@@ -332,13 +332,9 @@ class Painter:
         else:
             shared |= {"eye": eye.position, "ahead": -eye.frame[:, 2]}
         self._drawn.begin(self._around(region, self._scale, 2))
-        GL.glEnable(GL.GL_DEPTH_TEST)
-        GL.glDepthMask(True)
-        GL.glDepthFunc(GL.GL_LEQUAL)
+        _test_depths(GL.GL_CW)  # rows come from the top
         GL.glClearColor(*((0.0, 0.0, 0.0) if self._lamp else GROUND), 1.0)
         GL.glClear(int(GL.GL_COLOR_BUFFER_BIT) | int(GL.GL_DEPTH_BUFFER_BIT))
-        GL.glFrontFace(GL.GL_CW)  # rows come from the top
-        GL.glEnable(GL.GL_CULL_FACE)
         bind(0, self._near.depths)
         bind(1, self._far.depths)
         if robot:
@@ -373,7 +369,10 @@ class Painter:
         self._smoothed.copy(self._drawn, around)
         self._smooth_edges(around)
         if self._scale > 1:
-            self._pass(self._smoothed, self._reduced, self._reduce, region)
+            self._reduced.begin(region)
+            bind(0, self._smoothed.colours)
+            self._reduce.use(drawn=0, pixel=[1 / self.width, 1 / self.height])
+            self._fill()
         return self._reduced.read(region)
 
     def _smooth_edges(self, region: PixelRect) -> None:
@@ -386,18 +385,13 @@ class Painter:
         pixel = [1 / self._drawn.width, 1 / self._drawn.height]
         self._edges.use(drawn=0, pixel=pixel)
         self._fill()
-        rows, columns = np.nonzero(self._contrast.grey(blocks) >= 255 * shaders.LEAST_CONTRAST - 1)
+        rows, columns = np.nonzero(
+            self._contrast.read(blocks, grey=True) >= 255 * shaders.LEAST_CONTRAST - 1
+        )
         self._smoothed.begin(region)
         self._smooth.use(drawn=0, pixel=pixel)
         GL.glPointSize(size)
         self._points.draw(np.stack([columns + left, rows + top], axis=-1))
-
-    def _pass(self, source: Canvas, target: Canvas, program: Program, region: PixelRect) -> None:
-        """Paint a region of one canvas from another one."""
-        target.begin(region)
-        bind(0, source.colours)
-        program.use(drawn=0, pixel=[1 / target.width, 1 / target.height])
-        self._fill()
 
     def _around(self, region: PixelRect, scale: int, margins: int) -> PixelRect:
         """A region in the pixels painted, with margins."""
@@ -410,10 +404,3 @@ class Painter:
     def _fill(self) -> None:
         GL.glBindVertexArray(self._screen)
         GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
-
-    def _begin_map(self) -> None:
-        GL.glEnable(GL.GL_DEPTH_TEST)
-        GL.glDepthMask(True)
-        GL.glDepthFunc(GL.GL_LEQUAL)
-        GL.glEnable(GL.GL_CULL_FACE)
-        GL.glFrontFace(GL.GL_CCW)

@@ -1,4 +1,4 @@
-"""What may be asked for in pictures and films."""
+"""Films, single frames and strips of stills of recorded runs."""
 
 from __future__ import annotations
 
@@ -29,11 +29,6 @@ from omnitrack_sim.show.film.overlay import font
 if TYPE_CHECKING:
     from omnitrack_sim.results.result import Result
     from omnitrack_sim.show.film.stage import Stage
-if TYPE_CHECKING:
-    from omnitrack_sim.results.result import Result
-if TYPE_CHECKING:
-    from omnitrack_sim.results.result import Result
-
 
 CAMERAS = ("side", "follow", "onboard")
 """``side`` shows the pipes on the way, ``follow`` stays with the robot, ``onboard`` looks ahead."""
@@ -128,38 +123,38 @@ def film(path: str | Path, width: int, height: int, fps: int) -> Iterator[Append
             part, "w", plugin="pyav", extension=f".{format}", container=format, options=options
         ) as file,
     ):
-        begin = {"mp4": _begin_mp4, "webm": _begin_webm, "gif": _begin_gif}[format]
-        begin(file, width, height, fps)
+        if format == "gif":
+            _begin_gif(file, width, height, fps)
+        else:
+            _begin_stream(file, format, fps)
         yield file.write_frame
 
 
-def _begin_mp4(file: Any, width: int, height: int, fps: int) -> None:
-    file.init_video_stream("libx264", fps=fps, pixel_format="yuv420p")
-    # imageio has no parameter for the encoder's options. Its own take three times as long; a plain
-    # search takes a third less than that of the preset. x264 must not look ahead: its macroblock
-    # tree, which needs that, reads memory that nobody has written, and the file would have other
-    # bytes now and then. Without the tree CRF 25 is as sharp as 20 with it, in 8 % more bytes.
-    plain = "subme=1:me=dia:weightp=0:bframes=1:b-adapt=0"
-    blind = "no-mbtree=1:rc-lookahead=0:scenecut=0"
-    options = {"crf": "25", "preset": "veryfast", "x264-params": f"{plain}:{blind}"}
-    file._video_stream.options = options
-    _fix_threads(file)
+# imageio has no parameter for the encoder's options. Its own take three times as long; a plain
+# search takes a third less than that of the preset. x264 must not look ahead: its macroblock tree,
+# which needs that, reads memory that nobody has written, and the file would have other bytes now
+# and then. Without the tree CRF 25 is as sharp as 20 with it, in 8 % more bytes.
+_X264 = "subme=1:me=dia:weightp=0:bframes=1:b-adapt=0:no-mbtree=1:rc-lookahead=0:scenecut=0"
+_ENCODERS = {
+    "mp4": ("libx264", {"crf": "25", "preset": "veryfast", "x264-params": _X264}),
+    "webm": (
+        "libvpx-vp9",
+        {"crf": "32", "deadline": "realtime", "cpu-used": "6", "row-mt": "1"},
+    ),
+}
 
 
-def _begin_webm(file: Any, width: int, height: int, fps: int) -> None:
-    file.init_video_stream("libvpx-vp9", fps=fps, pixel_format="yuv420p")
+def _begin_stream(file: Any, format: str, fps: int) -> None:
+    codec, options = _ENCODERS[format]
+    file.init_video_stream(codec, fps=fps, pixel_format="yuv420p")
     stream = file._video_stream
-    stream.bit_rate = 0  # constant quality, which "crf" says
-    stream.options = {"crf": "32", "deadline": "realtime", "cpu-used": "6", "row-mt": "1"}
-    _fix_threads(file)
-
-
-def _fix_threads(file: Any) -> None:
-    """Encode in so many threads on every machine, as the bytes of a film follow from their number,
-    which would else be that of the processors."""
-    context = file._video_stream.codec_context
-    # Whole frames side by side: slices of one frame would be a larger file.
-    context.thread_count, context.thread_type = _THREADS, "FRAME"
+    stream.options = options
+    if format == "webm":
+        stream.bit_rate = 0  # constant quality, which "crf" says
+    # The bytes of a film follow from the number of threads, which would else be that of the
+    # processors. Whole frames side by side: slices of one frame would be a larger file.
+    stream.codec_context.thread_count = _THREADS
+    stream.codec_context.thread_type = "FRAME"
 
 
 def _begin_gif(file: Any, width: int, height: int, fps: int) -> None:
@@ -167,11 +162,8 @@ def _begin_gif(file: Any, width: int, height: int, fps: int) -> None:
     file.init_video_stream("gif", fps=fps, pixel_format="rgb24")
     stream = file._video_stream  # what the filters take in; without a size they cannot begin
     stream.width, stream.height = width, height
-    nodes = {
-        "both": ("split", ""),
-        "colours": ("palettegen", "stats_mode=single"),
-        "coloured": ("paletteuse", "new=1"),
-    }
+    nodes = {"both": ("split", ""), "colours": ("palettegen", "stats_mode=single")}
+    nodes["coloured"] = ("paletteuse", "new=1")
     edges = [
         ("video_in", "both", 0, 0),
         ("both", "coloured", 0, 0),
@@ -185,7 +177,7 @@ def _begin_gif(file: Any, width: int, height: int, fps: int) -> None:
 
 _AHEAD = 3
 """Pictures for each process that may be under way."""
-_stages: list[Stage] = []  # of a worker: the one that it paints, once it has been asked to
+_stages: list[Stage] = []  # of a worker: the one that it paints, once there is a picture to paint
 
 
 def painted(
@@ -215,49 +207,37 @@ def painted(
         with Stage(result, size, camera, **options) as stage:
             yield from map(stage.picture, times)
         return
-    try:
-        yield from _spread(result, times, size, camera, options, min(processes, len(times)))
-    except BrokenProcessPool:
-        raise RenderError("a process that painted died; ask for fewer processes") from None
-
-
-def _spread(
-    result: Result,
-    times: Sequence[float],
-    size: tuple[int, int],
-    camera: str,
-    options: Mapping[str, Any],
-    processes: int,
-) -> Iterator[Image]:
-    """As ``painted``, by worker processes."""
+    processes, waiting = min(processes, len(times)), deque[Future[Image]]()
+    # Tables of fittings are classes made while files are read, which cannot be pickled.
+    scenario = result.scenario.model_dump(mode="json", exclude_none=True)
+    rest = replace(result, scenario=None)  # type: ignore[arg-type]
     with TemporaryDirectory(prefix="omnitrack-film-") as folder, LocalPool(processes) as pool:
-        asked = Path(folder) / "asked"
-        # Tables of fittings are classes made while files are read, which cannot be pickled.
-        scenario = result.scenario.model_dump(mode="json", exclude_none=True)
-        rest = replace(result, scenario=None)  # type: ignore[arg-type]
-        asked.write_bytes(pickle.dumps((scenario, rest, size, camera, dict(options))))
-        under_way: deque[Future[Image]] = deque()
+        order = Path(folder) / "order"
+        order.write_bytes(pickle.dumps((scenario, rest, size, camera, dict(options))))
         try:
             for time in times:
-                if len(under_way) == _AHEAD * processes:
-                    yield under_way.popleft().result()
-                under_way.append(pool.submit(_paint, asked, time))
-            while under_way:
-                yield under_way.popleft().result()
-        except BaseException:  # as well where no further picture is wanted
+                if len(waiting) == _AHEAD * processes:
+                    yield waiting.popleft().result()
+                waiting.append(pool.submit(_paint, order, time))
+            while waiting:
+                yield waiting.popleft().result()
+        except BaseException as error:  # as well where no further picture is wanted
             pool.shutdown(wait=False, cancel_futures=True)
+            if isinstance(error, BrokenProcessPool):
+                problem = "a process that painted died; ask for fewer processes"
+                raise RenderError(problem) from None
             raise
 
 
-def _paint(asked: Path, time: float) -> Image:
-    """One picture, in a worker, which keeps its stage."""
+def _paint(order: Path, time: float) -> Image:
+    """Paint one picture in a worker, which keeps its stage."""
     if not _stages:
         # Software OpenGL takes a thread for each processor, and so does each of these processes.
         os.environ.setdefault("LP_NUM_THREADS", "1")
         from omnitrack_sim.scenario import Scenario
         from omnitrack_sim.show.film.stage import Stage
 
-        scenario, rest, size, camera, options = pickle.loads(asked.read_bytes())
+        scenario, rest, size, camera, options = pickle.loads(order.read_bytes())
         result = replace(rest, scenario=Scenario.model_validate(scenario))
         _stages.append(Stage(result, size, camera, **options))
     return _stages[0].picture(time)

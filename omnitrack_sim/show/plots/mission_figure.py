@@ -349,9 +349,14 @@ class _Mission:
         order = [words for words in dict.fromkeys([*SHADES, *shades]) if words in shades]
         look = {"edgecolor": GREY, "linewidth": 0.4}
         handles = [Patch(facecolor=shades[words], label=words, **look) for words in order]
-        gaps = {"borderpad": 0.1, "borderaxespad": 0.3, "columnspacing": 1.6, "fontsize": 6.5}
-        place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
-        strip.legend(handles=handles, ncols=len(handles), **place, **gaps)
+        gaps: dict[str, Any] = {
+            "borderpad": 0.1,
+            "borderaxespad": 0.3,
+            "columnspacing": 1.6,
+            "fontsize": 6.5,
+        }
+        gaps |= {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
+        strip.legend(handles=handles, ncols=len(handles), **gaps)
 
     def _name_band(
         self, strip: Axes, name: str, across: tuple[float, float], up: tuple[float, float]
