@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.autonomy.pose_filter import POSE, wall_slopes
+from omnitrack_sim.autonomy.pose_filter import POSE
 from omnitrack_sim.base.rotations import Array, cross, orthonormal, skew, turned_by
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
 from omnitrack_sim.senses.optics import LIT, NORMAL, RANGE, Mount, Walls
@@ -143,7 +143,9 @@ def of_arms(
     slope = np.abs((gradient * rotation[:, None, :, 2]).sum(axis=-1))
     std_sloped = std + robot.contact_length / 2 * slope
     weight = held * huber(distance / std_sloped) / std_sloped**2
-    return normal(wall_slopes(gradient, lever), -distance, weight)
+    # Jacobian of the distances to the pose (n, 3, 6): of the position, then of the rotation.
+    slopes = np.concatenate([gradient, cross(lever, gradient)], axis=-1)
+    return normal(slopes, -distance, weight)
 
 
 def of_gravity(

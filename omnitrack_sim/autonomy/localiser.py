@@ -321,7 +321,7 @@ class Localiser:
             return
         turns, few = self._turns, LOCALISER.few_places
         axis = self.filter.rotation[robots, :, 2]
-        std = self.filter.std_along(self.filter.rotation[:, :, 2])[robots]
+        std = self.filter.std(PLACE, self.filter.rotation[:, :, 2])[robots]
         steps = LOCALISER.reach * std[:, None] * np.linspace(-1.0, 1.0, few)  # (m, p)
         prior = 0.5 * (steps / std[:, None])[:, None] ** 2  # (m, 1, p), the same for all turns
         every = np.tile(turns, (len(robots), 1))
@@ -373,7 +373,7 @@ class Localiser:
         """
         axis, std = self.filter.least_certain()
         forward = self.filter.rotation[:, :, 2]
-        turn_std = self.filter.std_about(forward)
+        turn_std = self.filter.std(TURN, forward)
         large = (std > LOCALISER.least_place_std) | (turn_std > LOCALISER.least_turn_std)
         robots = np.flatnonzero(large & ~self.unknown & rested)
         if len(robots) == 0:

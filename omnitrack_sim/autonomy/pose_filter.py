@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import (
     Array,
-    cross,
     orthonormal,
     set_rows,
     skew,
@@ -159,11 +158,6 @@ class PoseFilter:
         # Rounding would make it asymmetric in the long run.
         covariance = (covariance + np.swapaxes(covariance, 1, 2)) / 2
         self.covariance = np.where(touched[..., None], covariance, self.covariance)
-        self.shift(change, pivot)
-        return change
-
-    def shift(self, change: Array, pivot: Array) -> None:
-        """Move the estimate by errors (n, 10); see ``correct``."""
         turn, moves = turned_by(change[:, TURN]), np.any(change != 0, axis=1)[:, None]
         since = self.position - pivot
         position = pivot + change[:, PLACE] + (turn @ since[..., None])[..., 0]
@@ -172,6 +166,7 @@ class PoseFilter:
         self.rotation = np.where(moves[..., None], rotation, self.rotation)
         self.bias = self.bias + change[:, BIAS]
         self.slip = self.slip + change[:, SLIP]
+        return change
 
     def put(
         self, rows: NDArray[np.intp], position: Array, rotation: Array, covariance: Array
@@ -193,19 +188,17 @@ class PoseFilter:
         self.rotation = with_rows(self.rotation, rows, rotation)
         self.covariance = whole
 
-    def std_about(self, axis: Array) -> Array:
-        """Standard deviation (n,) rad of the rotation about unit vectors (n, 3), world frame."""
-        return np.sqrt(np.maximum(spread_along(self.covariance[:, TURN, TURN], axis), 0.0))
+    def std(self, block: slice, axis: Array) -> Array:
+        """Standard deviation (n,) of the position, m, along unit vectors (n, 3), world frame, or of
+        the rotation, rad, about them: ``block`` is PLACE or TURN."""
+        variance = (outer(axis, axis) * self.covariance[:, block, block]).sum(axis=(1, 2))
+        return np.sqrt(np.maximum(variance, 0.0))
 
     def least_certain(self) -> tuple[Array, Array]:
         """Direction (n, 3), world frame, of largest uncertainty of the position, and the standard
         deviation (n,) m along it."""
         values, vectors = np.linalg.eigh(self.covariance[:, PLACE, PLACE])
         return vectors[:, :, 2], np.sqrt(np.maximum(values[:, 2], 0.0))
-
-    def std_along(self, axis: Array) -> Array:
-        """Standard deviation (n,) m of the position along unit vectors (n, 3), world frame."""
-        return np.sqrt(np.maximum(spread_along(self.covariance[:, PLACE, PLACE], axis), 0.0))
 
 
 def initial_covariance(table: SensingTable, direction: Array) -> Array:
@@ -242,21 +235,6 @@ def standing_covariance(
     return covariance
 
 
-def wall_slopes(gradient: Array, lever: Array) -> Array:
-    """Jacobian (n, k, 6) of the distance of points of a robot from the wall to its pose.
-
-    Args:
-        gradient: (n, k, 3) of the distance there, world frame.
-        lever: (n, k, 3) m, from the robot's centre to the point, world frame.
-    """
-    return np.concatenate([gradient, cross(lever, gradient)], axis=-1)
-
-
 def outer(a: Array, b: Array) -> Array:
     """Products (n, 3, 3) of vectors (n, 3)."""
     return a[:, :, None] * b[:, None, :]
-
-
-def spread_along(covariance: Array, axis: Array) -> Array:
-    """Variance (n,) along unit vectors (n, 3)."""
-    return (outer(axis, axis) * covariance).sum(axis=(1, 2))

@@ -132,17 +132,11 @@ class Metric:
     in_tables: bool = True
 
 
-def _touching(run: Run) -> NDArray[np.float64]:
-    return (run.trajectory["contact_count"].sum(axis=-1) > 0).astype(float)
-
-
-def _at_limit(run: Run) -> NDArray[np.bool_]:
+def _at_limit(run: Run) -> NDArray[np.float64]:
+    """Ones (T, 3) for belts at their torque limits, else zeros."""
     # Not quite the limit, which a motor that the servo holds there misses by a little.
-    return np.abs(run.trajectory["motor_torque"]) >= AT_LIMIT * run.belt_limits
-
-
-def _stalled(run: Run) -> NDArray[np.float64]:
-    return (_at_limit(run) & (np.abs(run.trajectory["belt_speed"]) < STALL_SPEED)).astype(float)
+    torque = np.abs(run.trajectory["motor_torque"])
+    return (torque >= AT_LIMIT * run.belt_limits).astype(float)
 
 
 def _torque_change(run: Run) -> list[float]:
@@ -240,7 +234,7 @@ METRICS: tuple[Metric, ...] = (
         "contact_fraction",
         "1",
         "part of the time in which at least one lug of the module touches the wall, 0 to 1",
-        lambda r: r.mean(_touching(r)).tolist(),
+        lambda r: r.mean((r.trajectory["contact_count"].sum(axis=-1) > 0).astype(float)).tolist(),
         per_module=True,
     ),
     Metric(
@@ -286,14 +280,16 @@ METRICS: tuple[Metric, ...] = (
         "whether the belt stands or runs; the limit is the most that the motors can give this "
         "belt: `torque_limit` with a motor for each, else that times the drive's size times the "
         "sum of the sizes of the belt's gears",
-        lambda r: r.integral(_at_limit(r).astype(float)).tolist(),
+        lambda r: r.integral(_at_limit(r)).tolist(),
         per_module=True,
     ),
     Metric(
         "stall_time_s",
         "s",
         f"the part of `time_at_limit_s` with a belt slower than {1e3 * STALL_SPEED:.0f} mm/s",
-        lambda r: r.integral(_stalled(r)).tolist(),
+        lambda r: r.integral(
+            _at_limit(r) * (np.abs(r.trajectory["belt_speed"]) < STALL_SPEED)
+        ).tolist(),
         per_module=True,
     ),
     Metric(
@@ -373,22 +369,17 @@ KNOWN = 0.35
 """Standard deviation of theta5, rad, up to which the robot claims to know it."""
 
 
-def _travelled(run: Run) -> float:
-    """Length of the path of the robot's centre, m."""
-    # Over positions, not arc lengths, which jump from leg to leg.
-    steps = np.diff(run.trajectory.channels["position"], axis=0)
-    return float(np.sqrt((steps**2).sum(axis=-1)).sum())
-
-
 def _position_error(run: Run) -> np.ndarray:
     channels = run.trajectory.channels
     return np.linalg.norm(channels["position_estimate"] - channels["position"], axis=-1)
 
 
 def _localisation_error(run: Run) -> float:
-    # Dead reckoning errs in proportion to the path, so the error is stated as a part of it.
-    way = _travelled(run)
-    return float(np.percentile(_position_error(run), 95) / way) if way > 0 else float("nan")
+    # Dead reckoning errs in proportion to the path, so the error is stated as a part of it: over
+    # positions, not arc lengths, which jump from leg to leg.
+    steps = np.diff(run.trajectory["position"], axis=0)
+    path = float(np.sqrt((steps**2).sum(axis=-1)).sum())
+    return float(np.percentile(_position_error(run), 95) / path) if path > 0 else float("nan")
 
 
 def _theta5_error(run: Run) -> float:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.camera_sight import CameraSight
 from omnitrack_sim.autonomy.localiser import Localiser
+from omnitrack_sim.autonomy.pose_filter import PLACE, TURN
 from omnitrack_sim.autonomy.relocalisation import Guarded, Search
 from omnitrack_sim.autonomy.sight import Ahead, Look, is_right
 from omnitrack_sim.base.rotations import (
@@ -129,7 +130,7 @@ class Onboard:
         """See ``Senses``."""
         key = keys([_drawn_from(scenario) for scenario in scenarios])
         gravity = each(scenarios, "gravity").astype(float)
-        torque = np.array([scenario.robot.motor.torque_limit for scenario in scenarios])
+        torque = each(scenarios, "torque_limit")
         position, rotation = self._first_pose(rows, scenarios, key)
         self.eyes.reset(rows, key)
         self._proprioception.reset(rows, key, gravity, torque, state)
@@ -173,7 +174,7 @@ class Onboard:
     @property
     def distance_std(self) -> Array:
         """See ``Senses``."""
-        return self.localiser.filter.std_along(self.location.tangent)
+        return self.localiser.filter.std(PLACE, self.location.tangent)
 
     def read(self, state: State, active: NDArray[np.bool_]) -> None:
         """See ``Senses``: read the sensors at this moment and bring the estimate up to it. Robots
@@ -254,16 +255,16 @@ class Onboard:
         frames = heading(self.readings["rotation"], legs.gear)
         location = legs.routes.locate(self.readings["position"], frames, legs.route, self._near())
         axis = location.frame[:, :, 2]
-        about = pose.std_about(axis)
+        about = pose.std(TURN, axis)
         # Root mean square over the two directions across the axis.
-        first, second = (pose.std_about(location.frame[:, :, i]) ** 2 for i in (0, 1))
+        first, second = (pose.std(TURN, location.frame[:, :, i]) ** 2 for i in (0, 1))
         across = np.sqrt((first + second) / 2)
         # Nothing is known of the turn about the axis: half a turn either way.
         theta5_std = np.where(self.localiser.unknown, np.pi, about)
         sure = theta5_std <= np.radians(self._table.filter.sure_deg)
         self.location = replace(
             location,
-            distance_std=pose.std_along(location.tangent),
+            distance_std=pose.std(PLACE, location.tangent),
             theta5_std=theta5_std,
             sure=sure & ~self.localiser.inconsistent,
             tilt_std=across,

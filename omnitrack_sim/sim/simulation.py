@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -28,7 +28,7 @@ from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.model import METRIC_NAMES, refuse_taken
 from omnitrack_sim.senses import SENSORS, Sensor
-from omnitrack_sim.sim.builder import settings_of, start_of
+from omnitrack_sim.sim.builder import each, settings_of, start_of
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.monitor import Monitor, Verdict
 from omnitrack_sim.sim.plant import Plant, Start
@@ -133,8 +133,8 @@ class Simulation:
             else make_plant(first, start, threads)
         )
         drive, motor = drive_of(first.robot.drive), first.robot.motor
-        limits = _torque_limits(self.scenarios)
-        self.motors = SpeedLoop(drive, motor, limits, first.robot.lug_radius, self.n)
+        torque = each(self.scenarios, "torque_limit")
+        self.motors = SpeedLoop(drive, motor, torque, first.robot.lug_radius, self.n)
         self._readings = self.plant.read()
         self._check_shapes(sensors)
         make_senses = _senses_of(first) if senses is None else senses
@@ -163,7 +163,7 @@ class Simulation:
             self.legs.routes,
             first.robot,
             first.monitor,
-            np.array([s.start.distance for s in self.scenarios]),
+            each(self.scenarios, "distance"),
             settings.cruise_speed,
             np.array([s.time_limit_s for s in self.scenarios]),
             self.period,
@@ -206,10 +206,9 @@ class Simulation:
         start = start_of(scenarios, routes, route)
         settings, notes = settings_of(scenarios, routes, route)
         self.plant.reset(rows, start)
-        self.motors.reset(rows, _torque_limits(scenarios))
-        distance = np.array([s.start.distance for s in scenarios])
+        self.motors.reset(rows, each(scenarios, "torque_limit"))
         limits = np.array([s.time_limit_s for s in scenarios])
-        self.monitor.reset(rows, distance, settings.cruise_speed, limits)
+        self.monitor.reset(rows, each(scenarios, "distance"), settings.cruise_speed, limits)
         self._readings = self.plant.read()
         self.senses.reset(rows, scenarios, self._readings)
         self._begin(rows, start, notes)
@@ -324,10 +323,9 @@ class Simulation:
         phase = self._phase if phase is None else phase
         # Robots whose run is over keep what they were asked last.
         if np.count_nonzero(self.active) < self.n:
-            each, active = self.active[:, None], self.active
-            speed = np.where(each, speed, self._belt_command)
-            roll = np.where(each, roll, self._roll_command)
-            phase = np.where(active, phase, self._phase)
+            speed = np.where(self.active[:, None], speed, self._belt_command)
+            roll = np.where(self.active[:, None], roll, self._roll_command)
+            phase = np.where(self.active, phase, self._phase)
         # Copies: whoever made the command may write into its arrays again.
         self._belt_command, self._roll_command = speed.copy(), roll.copy()
         self._phase = phase.copy()
@@ -601,27 +599,18 @@ class Recorder:
                 self._blocks[name].append(np.array(values))
                 values.clear()
 
-    def trajectories(self, end_time: Array) -> list[Trajectory]:
-        """One trajectory a robot, up to ``end_time`` (n,) s."""
+    def trajectories(self, end_time: Array) -> Iterator[Trajectory]:
+        """Yield one trajectory a robot, up to ``end_time`` (n,) s."""
         self._put_together()
         stacked = {name: np.concatenate(blocks) for name, blocks in self._blocks.items()}
         time, qpos = stacked.pop("time"), stacked.pop("qpos")  # (T, n), (T, n, nq)
-        trajectories = []
         for i, end in enumerate(end_time):
             # A robot whose run has ended stands still in time: keep the samples up to the first
             # one at the end.
             # 1e-9 s: times are sums of steps, and rounded.
             count = int(np.searchsorted(time[:, i], end - 1e-9)) + 1
             channels = {name: values[:count, i] for name, values in stacked.items()}
-            trajectories.append(
-                Trajectory(time[:count, i], channels, self.phases, qpos[:count, i], self.schema)
-            )
-        return trajectories
-
-
-def _torque_limits(scenarios: Sequence[Scenario]) -> Array:
-    """Torque limits (n,) N m of the crawler motors."""
-    return np.array([scenario.robot.motor.torque_limit for scenario in scenarios])
+            yield Trajectory(time[:count, i], channels, self.phases, qpos[:count, i], self.schema)
 
 
 def _senses_of(scenario: Scenario) -> MakeSenses:
