@@ -158,11 +158,10 @@ def test_map_of_a_robot_that_explores_grows_with_what_it_sees():
     distance = result.trajectory["distance"]
     assert distance[far[beyond.index]] + 0.07 == pytest.approx(bent.s_leave, abs=0.03)
     grey = np.full((720, 1280, 3), 90, np.uint8)
-    goals = result.goal_points(), result.plate_rims()
     drawn = []
     for rows in (found, None):
         frame = grey.copy()
-        MapPanel(result.trajectory, routes, *goals, 1280, 720, rows).write(frame, 0)
+        MapPanel(result, result.trajectory, (1280, 720), rows).write(frame, 0)
         drawn.append(int((np.abs(frame.astype(int) - [120, 131, 144]).sum(axis=-1) < 20).sum()))
     assert 0 < drawn[0] < 0.7 * drawn[1]
 
@@ -171,9 +170,7 @@ def test_map_shows_the_way_driven_so_far():
     """The way grows, its colour tells tail first from nose first, and the rest of the frame stays
     as it is."""
     result = two_legs_result()
-    inset = MapPanel(
-        result.trajectory, result.routes(), result.goal_points(), result.plate_rims(), 1280, 720
-    )
+    inset = MapPanel(result, result.trajectory, (1280, 720))
     grey = np.full((720, 1280, 3), 90, np.uint8)
     frames = []
     for row in (0, 900, len(result.trajectory.time) - 1):

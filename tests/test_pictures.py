@@ -223,9 +223,7 @@ def test_the_map_marks_where_the_robot_takes_itself_to_be():
         channels["position_estimate"] = channels["position"] + [0.0, 0.0, beside]
         schema = {channel.name: channel for channel in (*RECORDED.values(), ESTIMATES[0])}
         trajectory = replace(result.trajectory, channels=channels, schema=schema)
-        inset = MapPanel(
-            trajectory, result.routes(), result.goal_points(), result.plate_rims(), 1280, 720
-        )
+        inset = MapPanel(result, trajectory, (1280, 720))
         frame = np.full((720, 1280, 3), 90, np.uint8)
         inset.write(frame, 900)
         blue = (frame[..., 2] > 200) & (frame[..., 0] < 150)

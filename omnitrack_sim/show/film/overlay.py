@@ -15,10 +15,11 @@ from PIL import Image, ImageDraw, ImageFont
 
 from omnitrack_sim.autonomy.sight import SIGHT
 from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
-from omnitrack_sim.pipes import Assembly, Route
+from omnitrack_sim.pipes import Route
 from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.pictures import Pictures
+from omnitrack_sim.results.result import Result
 from omnitrack_sim.show.projection import axis_lines, clearest
 
 LEFT, WIDTH, HEIGHT = 18, 337, 224
@@ -162,11 +163,11 @@ class CameraPanel(_Panel):
         """A picture as wide as a tile; a camera takes fewer pictures than a film has frames."""
         if index in self._tiles:
             return self._tiles[index]
-        levels_ = levels(self._pictures[index], self._pictures.unit)
+        pixels = self._palette[levels(self._pictures[index], self._pictures.unit)]
         size = self._px(_TILE)
         smaller = size < self._pictures.size
         grain = Image.Resampling.BOX if smaller else Image.Resampling.NEAREST
-        return Image.fromarray(self._palette[levels_]).resize((size, size), grain)
+        return Image.fromarray(pixels).resize((size, size), grain)
 
 
 def palette(unit: str) -> NDArray[np.uint8]:
@@ -191,37 +192,33 @@ def levels(picture: Array, unit: str) -> NDArray[np.uint8]:
 class MapPanel(_Panel):
     """A map of all pipes in the upper right corner: the travelled path, the robot, its goals.
 
-    The pipes are drawn once, or again whenever an exploring robot knows more of them.
+    The pipes are drawn once, or again whenever an exploring robot knows more of them; of the path,
+    what is new. All is drawn on a large map, and reduced for smooth lines.
 
     Args:
-        trajectory: the record.
-        routes: of each leg.
-        goals: (G, 3) m, world frame.
-        plates: (P, k, 3) m, world frame, rims of plates that close a pipe.
-        width: of the frames, pixels.
-        height: of the frames, pixels.
+        result: the run.
+        trajectory: its record.
+        size: width and height of the frames, pixels.
         known_from: for each part the sample from which on it is on the map; none: all from the
             first one.
     """
 
     def __init__(
         self,
+        result: Result,
         trajectory: Trajectory,
-        routes: Sequence[Route],
-        goals: Array,
-        plates: Array,
-        width: int,
-        height: int,
+        size: tuple[int, int],
         known_from: NDArray[np.intp] | None = None,
     ) -> None:
-        super().__init__(width, height)
+        super().__init__(*size)
         self.unit = _FINER * self.scale  # pixels of the large map
-        network = routes[0].network
-        self.trajectory, self.view = trajectory, clearest(network)
-        self._fit(network, width, height)
-        parts = len(network.parts)
+        self.trajectory, self._pipes = trajectory, result.routes()[0].network
+        self.view = clearest(self._pipes)
+        self._fit(*size)
+        parts = len(self._pipes.parts)
         self._known_from = np.zeros(parts, np.intp) if known_from is None else known_from
-        self._drawn, self._on_map = (network, goals, plates), np.zeros(parts, bool)
+        self._plates = [self._pixels(rim) for rim in result.plate_rims()]
+        self._goals = self._pixels(result.goal_points())
         self._show_parts(0)
         step = np.abs(np.diff(trajectory["distance"], prepend=trajectory["distance"][0]))
         marks = np.floor(np.cumsum(np.where(np.isfinite(step), step, 0.0)) / 0.01)
@@ -233,12 +230,12 @@ class MapPanel(_Panel):
         self._estimates = self._pixels(estimate)
         self._errors = np.linalg.norm(estimate - trajectory["position"], axis=-1)
 
-    def _fit(self, network: Assembly, width: int, height: int) -> None:
+    def _fit(self, width: int, height: int) -> None:
         """Choose the size of the map and its scale."""
-        axes = [self.view.flat(line) for part in network.parts for line in axis_lines(part)]
-        radius = max(part.fitting.radius for part in network.parts)
-        low = np.min([axis.min(axis=0) for axis in axes], axis=0) - radius
-        high = np.max([axis.max(axis=0) for axis in axes], axis=0) + radius
+        parts = self._pipes.parts
+        axes = np.concatenate([self.view.flat(line) for p in parts for line in axis_lines(p)])
+        radius = max(part.fitting.radius for part in parts)
+        low, high = axes.min(axis=0) - radius, axes.max(axis=0) + radius
         pad = 14 * self.unit
         room = np.array([0.27 * width, 0.40 * height]) * _FINER - 2 * pad
         self.metre = float((room / (high - low)).min())  # pixels of the large map
@@ -262,9 +259,31 @@ class MapPanel(_Panel):
         corner[:] = np.asarray(image)
 
     def _show_parts(self, row: int) -> None:
-        """Draw the pipes that are on the map at sample ``row``."""
+        """Draw panel, pipes that are on the map at sample ``row``, plates and goals."""
         self._on_map = self._known_from <= row
-        self._background = self._pipes(*self._drawn)
+        self._background = Image.new("RGBA", self.size, (0, 0, 0, 0))
+        draw, unit = ImageDraw.Draw(self._background), self.unit
+        edges = (0, 0, self.size[0] - 1, self.size[1] - 1)
+        draw.rounded_rectangle(edges, round(10 * unit), fill=_PANEL)
+        parts = [p for p, on in zip(self._pipes.parts, self._on_map, strict=True) if on]
+        for radius, ends in self.view.segments(parts):  # from the farthest to the nearest
+            corners = self.offset + self.metre * ends * [1, -1]
+            line = [tuple(corner) for corner in corners.tolist()]
+            thick = max(5 * unit, 2 * self.metre * radius)
+            # The dark edge ends square, so that it shows at crossings only and not where pieces
+            # meet.
+            draw.line(line, fill=_EDGE, width=round(thick + 3 * unit))
+            draw.line(line, fill=_PIPE, width=round(thick))
+            for corner in corners:
+                _disc(draw, corner, thick / 2, fill=_PIPE)
+        for rim in self._plates:
+            line = [tuple(corner) for corner in rim.tolist()]
+            draw.polygon(line, fill=_PLATE)
+            draw.line(line, fill=_PLATE, width=round(3 * unit))
+        angle = np.pi * np.arange(10) / 5
+        star = np.where(np.arange(10) % 2 == 0, 9.0, 4.0) * [np.sin(angle), -np.cos(angle)]
+        for goal in self._goals:
+            _polygon(draw, goal + unit * star.T, _GOAL)
         self._forget_travel()
 
     def _forget_travel(self) -> None:
@@ -276,24 +295,30 @@ class MapPanel(_Panel):
         gear."""
         if count < self._travelled:
             self._forget_travel()
-        if count > self._travelled:
-            draw, first = ImageDraw.Draw(self._large), max(0, self._travelled - 1)
-            for i in range(first, count - 1):
-                self._step(draw, self._rows[i], self._rows[i + 1])
-            self._travelled = count
-            points = self._points[self._rows[first:count]]
-            margin = 4 * self.unit
-            box = self._box(points.min(axis=0) - margin, points.max(axis=0) + margin)
-            if box is not None:  # only what has changed is reduced anew
-                self._small.paste(self._crop(box).reduce(_FINER), box[:2])
+        if count == self._travelled:
+            return
+        rows = self._rows[max(0, self._travelled - 1) : count]
+        points, gear = self._points[rows], self.trajectory["gear"][rows]
+        draw, thick = ImageDraw.Draw(self._large), max(1, round(3.2 * self.unit))
+        for i in range(1, len(rows)):
+            colour = TAIL_FIRST if gear[i] < 0 else NOSE_FIRST
+            ends = points[i - 1 : i + 1]
+            draw.line([tuple(end) for end in ends.tolist()], fill=colour, width=thick)
+            for end in ends:
+                _disc(draw, end, thick / 2 - 0.5, fill=colour)
+        self._travelled = count
+        margin = 4 * self.unit
+        box = self._box(points.min(axis=0) - margin, points.max(axis=0) + margin)
+        if box is not None:  # only what has changed is reduced anew
+            self._small.paste(self._crop(box).reduce(_FINER), box[:2])
 
     def _crop(self, box: tuple[int, int, int, int]) -> Image.Image:
-        """The part of the large map that shows in a box of the small one."""
+        """Return the part of the large map that shows in a box of the small one."""
         left, top, right, bottom = (_FINER * edge for edge in box)
         return self._large.crop((left, top, right, bottom))
 
     def _box(self, low: Array, high: Array) -> tuple[int, int, int, int] | None:
-        """Pixels of the small map that two corners of the large one span; None without any."""
+        """Return the pixels of the small map that two corners of the large one span, if any."""
         size = self._small.size
         left, top = np.floor(low / _FINER).astype(int).clip(0, size).tolist()
         right, bottom = np.ceil(high / _FINER).astype(int).clip(0, size).tolist()
@@ -301,45 +326,7 @@ class MapPanel(_Panel):
 
     def _pixels(self, points: Array) -> Array:
         """Points (n, 3) m in pixels of the large map, (n, 2) to the right and down."""
-        return self._flat_pixels(self.view.flat(points))
-
-    def _flat_pixels(self, points: Array) -> Array:
-        return self.offset + self.metre * points * [1, -1]
-
-    def _pipes(self, network: Assembly, goals: Array, plates: Array) -> Image.Image:
-        """Panel, pipes from the farthest to the nearest, plates, goals."""
-        image = Image.new("RGBA", self.size, (0, 0, 0, 0))
-        draw, unit = ImageDraw.Draw(image), self.unit
-        edges = (0, 0, self.size[0] - 1, self.size[1] - 1)
-        draw.rounded_rectangle(edges, round(10 * unit), fill=_PANEL)
-        parts = [part for part, on in zip(network.parts, self._on_map, strict=True) if on]
-        for radius, ends in self.view.segments(parts):
-            corners = [tuple(end) for end in self._flat_pixels(ends).tolist()]
-            thick = max(5 * unit, 2 * self.metre * radius)
-            # The dark edge ends square, so that it shows at crossings only and not where pieces
-            # meet.
-            draw.line(corners, fill=_EDGE, width=round(thick + 3 * unit))
-            draw.line(corners, fill=_PIPE, width=round(thick))
-            for corner in corners:
-                _disc(draw, np.array(corner), thick / 2, fill=_PIPE)
-        for rim in plates:
-            corners = [tuple(corner) for corner in self._pixels(rim).tolist()]
-            draw.polygon(corners, fill=_PLATE)
-            draw.line(corners, fill=_PLATE, width=round(3 * unit))
-        angle = np.pi * np.arange(10) / 5
-        star = np.where(np.arange(10) % 2 == 0, 9.0, 4.0) * [np.sin(angle), -np.cos(angle)]
-        for goal in self._pixels(goals):
-            _polygon(draw, goal + unit * star.T, _GOAL)
-        return image
-
-    def _step(self, draw: ImageDraw.ImageDraw, row: int, after: int) -> None:
-        """The path from one sample to another one."""
-        ends = self._points[[row, after]]
-        colour = TAIL_FIRST if self.trajectory["gear"][after] < 0 else NOSE_FIRST
-        thick = max(1, round(3.2 * self.unit))
-        draw.line([tuple(end) for end in ends.tolist()], fill=colour, width=thick)
-        for end in ends:
-            _disc(draw, end, thick / 2 - 0.5, fill=colour)
+        return self.offset + self.metre * self.view.flat(points) * [1, -1]
 
     def _robot(self, panel: Image.Image, row: int) -> None:
         """Draw a disc with an arrow towards the nose, short if that points along the line of sight;
@@ -409,10 +396,8 @@ def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     """DejaVu Sans from matplotlib's data; Pillow's own letters if it is not there."""
     from importlib.util import find_spec
 
+    # Found without an import, which would take half a second.
     spec = find_spec("matplotlib")
-    file = spec and spec.origin and Path(spec.origin).parent / "mpl-data/fonts/ttf/DejaVuSans.ttf"
-    return (
-        ImageFont.truetype(str(file), size)
-        if file and file.exists()
-        else ImageFont.load_default(size)
-    )
+    folder = Path(spec.origin if spec and spec.origin else "").parent
+    file = folder / "mpl-data/fonts/ttf/DejaVuSans.ttf"
+    return ImageFont.truetype(str(file), size) if file.exists() else ImageFont.load_default(size)

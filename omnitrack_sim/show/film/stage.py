@@ -90,7 +90,7 @@ class Stage:
         self._status = StatusPanel(*size) if overlay else None
         album = result.album if overlay else None
         self._pictures = None if album is None else CameraPanel(album, *size)
-        self._map = self._map_of(*size) if inset and camera != "side" else None
+        self._map = self._map_of(size) if inset and camera != "side" else None
         self._part_names = self._parts_passed()
         self._still: Image | None = None
 
@@ -224,7 +224,7 @@ class Stage:
             sun=self._camera.still_sun,
         )
 
-    def _map_of(self, width: int, height: int) -> MapPanel | None:
+    def _map_of(self, size: tuple[int, int]) -> MapPanel | None:
         """The map for the corner of the pictures; None where the run is too short to need one."""
         result, routes, known = self._result, self._result.routes(), None
         if not needs_map(routes):
@@ -233,18 +233,15 @@ class Stage:
             robot, by_camera = result.scenario.robot, result.scenario.sensing.kind == "onboard"
             sight = (CAMERA_SIGHT.reach if by_camera else SIGHT.reach) * robot.nominal_bore
             known = known_from(self.trajectory, routes, robot.length / 2, sight)
-        goals, plates = result.goal_points(), result.plate_rims()
-        return MapPanel(self.trajectory, routes, goals, plates, width, height, known)
+        return MapPanel(result, self.trajectory, size, known)
 
     def _parts_passed(self) -> Sequence[str]:
         """For each sample, the name of the part that the robot's centre is in."""
         routes = self._result.routes()
         names = [[route.network.parts[p.index].name for p in route.passages] for route in routes]
-        legs, passages = (
-            self.trajectory["leg"].astype(int),
-            passage_indices(self.trajectory, routes),
-        )
-        return [names[leg][p] for leg, p in zip(legs.tolist(), passages.tolist(), strict=True)]
+        passages = passage_indices(self.trajectory, routes).tolist()
+        legs = self.trajectory["leg"].astype(int).tolist()
+        return [names[leg][passage] for leg, passage in zip(legs, passages, strict=True)]
 
 
 def _open_context(width: int, height: int) -> Any:
