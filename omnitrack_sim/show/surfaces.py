@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
-from functools import cache
 from typing import Self
 
 import mujoco
@@ -21,17 +20,16 @@ from omnitrack_sim.walls.meshes import (
     cut_normal,
     cutaway_mesh,
     inside_mesh,
-    triangles_of,
 )
 
 PIPE, SECTION, JOINT = (0.64, 0.705, 0.775), (0.93, 0.95, 0.97), (0.36, 0.41, 0.47)
 """Red, green, blue of a pipe's wall, of where it is cut, and of the seams between parts."""
 SEAM_WIDTH, SEAM_HEIGHT = 0.005, 0.001
 """Of the weld between two parts, m: along the pipe, and into the bore."""
-_FINE, _ROUND, _THIN, _THIN_RADIUS = (24, 6), (16, 4), (8, 2), 0.005
-"""Faces of a round primitive about its axis, and corners along a quarter circle: where one comes
-near, in films, and in films of one that is thinner than this radius, m."""
-CREASE_DEG = 35.0
+_FINE, _ROUND, _THIN, _THIN_RADIUS = 24, 16, 8, 0.005
+"""Sides of what is round and no mesh: where one comes near, in films, and in films of what is
+thinner than this radius, m."""
+CREASE_DEG = 50.0
 """Angle between neighbouring faces of a mesh from which on the edge is sharp, degrees."""
 _TO_CENTRE = 0.02  # of the way from a corner to its triangle's centre, where its normal is taken
 _SECTIONS_CUT, _SECTIONS_INSIDE = 72, 48  # corners of a pipe's cross-section
@@ -100,14 +98,17 @@ def geom_colour(model: mujoco.MjModel, geom: int) -> Array:
 
 
 def _geom(model: mujoco.MjModel, geom: int, fine: bool) -> Surface:
-    position, normal, faces = _shape(model, geom, fine)
+    # Normals are the mean of the faces that meet at a corner, and apart at an edge that is sharp.
+    # MuJoCo's own are those of another face at many a sharp edge of a mesh.
+    mesh = _solid(model, geom, fine).calculate_normals(0, CREASE_DEG).to_mesh()
+    position, normal = np.split(mesh.vert_properties.astype(float), 2, axis=1)
     rotation = matrix_from_quaternion(model.geom_quat[geom])
     material = int(model.geom_matid[geom])
     gloss = 0.25 if material < 0 else float(model.mat_specular[material])
     return _painted(
         position @ rotation.T + model.geom_pos[geom],
-        normal @ rotation.T,
-        faces,
+        unit(normal) @ rotation.T,
+        mesh.tri_verts,
         (*geom_colour(model, geom).tolist(), gloss),
         int(model.geom_bodyid[geom]),
     )
@@ -127,76 +128,28 @@ def _painted(
     )
 
 
-def _shape(model: mujoco.MjModel, geom: int, fine: bool) -> tuple[Array, Array, Faces]:
-    """Positions, normals and faces of a geom in its own frame."""
-    kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
+def _solid(model: mujoco.MjModel, geom: int, fine: bool) -> Manifold:
+    """Return the solid of a geom in its own frame."""
+    kind, size = mujoco.mjtGeom(model.geom_type[geom]), np.array(model.geom_size[geom], float)
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        return _mesh(model, int(model.geom_dataid[geom]))
-    detail = _FINE if fine else _THIN if size[0] < _THIN_RADIUS else _ROUND
+        mesh = int(model.geom_dataid[geom])
+        vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+        vertices = model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]]
+        faces = model.mesh_face[face : face + model.mesh_facenum[mesh]]
+        return Manifold(Mesh(np.ascontiguousarray(vertices), faces.astype(np.uint32)))
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        position, normal, faces = _unit_box()
-        return position * size, normal, faces
+        return Manifold.cube(2 * size, center=True)
+    around = _FINE if fine else _THIN if size[0] < _THIN_RADIUS else _ROUND
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        position, normal, faces = _unit_cylinder(*detail)
-        return position * size[[0, 0, 1]], normal, faces
-    position, normal, faces = _unit_sphere(*detail)
-    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        ends = np.sign(position[:, 2:]) * [[0.0, 0.0, 1.0]]
-        return size[0] * position + size[1] * ends, normal, faces
-    axes = size if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID else size[[0, 0, 0]]
-    return position * axes, unit(normal / axes), faces
-
-
-def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[Array, Array, Faces]:
-    """Return a mesh with the mean normal of the faces that meet at a vertex, and with a vertex for
-    each side of an edge that is sharper than ``CREASE_DEG``."""
-    vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
-    vertices = model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]]
-    faces = model.mesh_face[face : face + model.mesh_facenum[mesh]].astype(np.uint32)
-    # MuJoCo's own normals are those of another face at many a sharp edge.
-    solid = Manifold(Mesh(np.ascontiguousarray(vertices), faces))
-    smooth = solid.calculate_normals(0, CREASE_DEG).to_mesh()
-    corners = smooth.vert_properties.astype(float)
-    return corners[:, :3], unit(corners[:, 3:]), np.asarray(smooth.tri_verts, np.int32)
-
-
-@cache
-def _unit_box() -> tuple[Array, Array, Faces]:
-    box = triangles_of(Manifold.cube((2.0, 2.0, 2.0), center=True))
-    corners = np.asarray(box.vertices)[box.faces].reshape(-1, 3)
-    return (
-        corners,
-        np.repeat(box.face_normals, 3, axis=0),
-        np.arange(36, dtype=np.int32).reshape(-1, 3),
-    )
-
-
-@cache
-def _unit_sphere(around: int, along: int) -> tuple[Array, Array, Faces]:
-    """Its equator is there twice, so that a capsule can be pulled apart there."""
-    up = np.linspace(0.0, np.pi / 2, along)
-    angle = np.concatenate([-up[::-1] - 1e-9, up + 1e-9])
-    profile = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return _revolved(profile, profile, around)
-
-
-@cache
-def _unit_cylinder(around: int, along: int) -> tuple[Array, Array, Faces]:
-    profile = np.array([[0, -1], [1, -1], [1, -1], [1, 1], [1, 1], [0, 1]], float)
-    normal = np.array([[0, -1], [0, -1], [1, 0], [1, 0], [0, 1], [0, 1]], float)
-    return _revolved(profile, normal, around)
-
-
-def _revolved(profile: Array, normal: Array, around: int) -> tuple[Array, Array, Faces]:
-    """A profile (k, 2) of radius and height, from below, turned about z, with its normals."""
-    angle = np.arange(around) * 2 * np.pi / around
-    turn = np.stack([np.cos(angle), np.sin(angle)], axis=-1)[:, None]
-
-    def turned(values: Array) -> Array:
-        height = np.broadcast_to(values[:, 1], (around, len(values)))
-        return np.concatenate([turn * values[:, :1], height[..., None]], axis=-1).reshape(-1, 3)
-
-    return turned(profile), turned(normal), _strips(around, len(profile), closed=True)
+        return Manifold.cylinder(2 * size[1], size[0], circular_segments=around, center=True)
+    ball = Manifold.sphere(1.0, around)
+    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+        return ball.scale(size)
+    ball = ball.scale(size[[0, 0, 0]])
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return ball
+    ends = [ball.translate((0.0, 0.0, side * size[1])) for side in (-1, 1)]
+    return Manifold.batch_hull(ends)  # a capsule
 
 
 def _strips(rows: int, columns: int, closed: bool) -> Faces:
