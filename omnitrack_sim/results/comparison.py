@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 from collections.abc import Iterator
@@ -93,7 +94,7 @@ class Comparison:
         del first["name"], second["name"]
         return tuple(
             ComparedValue(path, unit_of(path) or "", a, b)
-            for path, a, b in _differing(first, second)
+            for path, a, b in differing(first, second)
         )
 
     @cached_property
@@ -118,8 +119,10 @@ class Comparison:
             }
             for side, run in (("a", self.a), ("b", self.b))
         } | {
-            "values": [_told(one) for one in self.values],
-            "figures": [_told(one) | {"difference": one.difference} for one in self.figures],
+            "values": [dataclasses.asdict(one) for one in self.values],
+            "figures": [
+                dataclasses.asdict(one) | {"difference": one.difference} for one in self.figures
+            ],
         }
 
     def _repr_html_(self) -> str:
@@ -149,7 +152,7 @@ class _Absent:
     """Marker for a value that a scenario does not have."""
 
 
-def _differing(a: Any, b: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
+def differing(a: Any, b: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
     """Yield dotted path and both values where two tables of plain data differ.
 
     Lists of numbers, and lists of tables of different length, differ as a whole.
@@ -157,10 +160,10 @@ def _differing(a: Any, b: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]
     if isinstance(a, dict) and isinstance(b, dict):
         for key in [*a, *(key for key in b if key not in a)]:
             there, here = a.get(key, _Absent), b.get(key, _Absent)
-            yield from _differing(there, here, f"{path}.{key}".lstrip("."))
+            yield from differing(there, here, f"{path}.{key}".lstrip("."))
     elif _tables(a) and _tables(b) and len(a) == len(b):
         for i, (there, here) in enumerate(zip(a, b, strict=True)):
-            yield from _differing(there, here, f"{path}.{i}")
+            yield from differing(there, here, f"{path}.{i}")
     elif a != b:
         there, here = (None if value is _Absent else value for value in (a, b))
         yield path, there, here
@@ -193,10 +196,6 @@ def _unit(name: str) -> str:
         if known in _UNITS:
             return _UNITS[known]
     return ""
-
-
-def _told(one: ComparedValue) -> dict[str, Any]:
-    return {"name": one.name, "unit": one.unit, "a": one.a, "b": one.b}
 
 
 def comparison_html(comparison: Comparison) -> str:

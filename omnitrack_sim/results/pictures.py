@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 import weakref
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,14 +72,6 @@ def coding_of(camera: Camera) -> Coding:
     return Coding(camera.optics.pixels, "m" if camera.lamp is None else "1")
 
 
-class _Source(Protocol):
-    """Storage of pictures."""
-
-    def read(self, first: int, last: int) -> NDArray:
-        """Records of pictures from ``first`` to before ``last``."""
-        ...
-
-
 class Pictures(Sequence[Array]):
     """Sequence of pictures of a robot's cameras, each read on demand.
 
@@ -93,9 +84,11 @@ class Pictures(Sequence[Array]):
         size: rows and columns.
     """
 
-    def __init__(self, coding: Coding, time: Array, end: NDArray[np.int8], source: _Source) -> None:
+    def __init__(
+        self, coding: Coding, time: Array, end: NDArray[np.int8], records: NDArray | _SavedRecords
+    ) -> None:
         self.time, self.end = time, end
-        self._coding, self._source = coding, source
+        self._coding, self._records = coding, records
 
     @property
     def unit(self) -> str:
@@ -127,7 +120,7 @@ class Pictures(Sequence[Array]):
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         place = range(len(self))[index]
-        return self._coding.pixels(self._source.read(place, place + 1)["pixels"][0])
+        return self._coding.pixels(self._records[place : place + 1]["pixels"][0])
 
     def seen_at(self, time: float, end: int) -> int | None:
         """Index of the last picture up to ``time`` s from an end (1 nose, -1 tail).
@@ -146,7 +139,7 @@ class Pictures(Sequence[Array]):
         options = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
         with pq.ParquetWriter(path, schema, **options) as writer:
             for first, last in _groups(len(self), self._coding):
-                part = self._source.read(first, last)
+                part = self._records[first:last]
                 octets = np.ascontiguousarray(part["pixels"])
                 pixels = pa.FixedSizeBinaryArray.from_buffers(
                     schema.field("pixels").type, len(part), [None, pa.py_buffer(octets)]
@@ -178,7 +171,7 @@ def read_pictures(folder: Path, end: float) -> Pictures:
         require(np.isfinite(time).all() and (np.diff(time) > 0).all(), "its times do not increase")
         require(time[-1] <= end + 1e-6, "it has pictures from after the end of the run")
         require(np.isin(ends, (-1, 1)).all(), "it has ends that are neither 1 nor -1")
-        return Pictures(coding, time, ends, _Saved(path.absolute(), coding, rows))
+        return Pictures(coding, time, ends, _SavedRecords(path.absolute(), coding, rows))
 
 
 class Album:
@@ -197,9 +190,9 @@ class Album:
         self._ends: list[NDArray[np.int8]] = []
         self._place = tempfile.gettempdir()
         with told(self._place):
-            descriptor, path = tempfile.mkstemp(prefix="omnitrack-pictures-")
-            os.unlink(path)  # nobody can leave it behind
-        self._file = _File(descriptor)
+            # It has no name, so that nobody can leave it behind; readers have a hold of their own.
+            self._file = tempfile.TemporaryFile()  # noqa: SIM115
+        weakref.finalize(self, self._file.close)
 
     def add(
         self, time: Array, end: NDArray[np.int_], picture: Array, active: NDArray[np.bool_]
@@ -216,7 +209,8 @@ class Album:
         part["time"], part["end"], part["pixels"] = time, end, self._coding.coded(picture)
         with told(self._place):
             # All robots share one interleaved file, so that a batch takes one descriptor.
-            self._file.append(part.tobytes())
+            self._file.write(part.tobytes())
+            self._file.flush()  # a full disk shows here
         # The clock of physics that has diverged begins anew.
         self._counts += active & (time > self._last)
         self._last = np.array(time)
@@ -225,76 +219,36 @@ class Album:
 
     def pictures(self) -> list[Pictures]:
         """Return the pictures of each robot, up to the end of its run."""
-        times, ends = np.array(self._times), np.array(self._ends)
+        shape = (len(self._times), len(self._counts))
+        times, ends = np.reshape(self._times, shape), np.reshape(self._ends, shape)
+        record = self._coding.record
+        # An empty file cannot be mapped. A plain view of the map, unlike the map itself, travels to
+        # another process as the pictures that it shows.
+        file = np.memmap(self._file, record, "r", shape=shape) if self._times else []
+        records = np.asarray(file, record).reshape(shape)
         return [
             Pictures(
-                self._coding,
-                times[:count, robot],
-                ends[:count, robot],
-                _Kept(self._file, self._coding, robot, len(self._counts)),
+                self._coding, times[:count, robot], ends[:count, robot], records[:count, robot]
             )
             for robot, count in enumerate(self._counts.tolist())
         ]
 
 
-class _File:
-    """Unnamed file that is closed when its last reference goes."""
-
-    def __init__(self, descriptor: int) -> None:
-        self.descriptor = descriptor
-        weakref.finalize(self, os.close, descriptor)
-
-    def append(self, octets: bytes) -> None:
-        view = memoryview(octets)
-        while view:
-            # A write may take only a part, as when the disk is nearly full.
-            view = view[os.write(self.descriptor, view) :]
-
-
-class _Kept:
-    """One robot's pictures in the temporary file of all ``n``."""
-
-    def __init__(self, file: _File, coding: Coding, robot: int, n: int) -> None:
-        self._file, self._record, self._robot, self._n = file, coding.record, robot, n
-
-    def read(self, first: int, last: int) -> NDArray:
-        """See ``_Source``."""
-        size = self._record.itemsize
-        places = (size * (i * self._n + self._robot) for i in range(first, last))
-        octets = b"".join(os.pread(self._file.descriptor, size, place) for place in places)
-        return np.frombuffer(octets, self._record)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # A file descriptor means nothing to another process: the pictures themselves travel.
-        count = os.fstat(self._file.descriptor).st_size // (self._record.itemsize * self._n)
-        return _Held, (self.read(0, count),)
-
-
-class _Held:
-    """Pictures in memory, as they are passed to another process."""
-
-    def __init__(self, records: NDArray) -> None:
-        self._records = records
-
-    def read(self, first: int, last: int) -> NDArray:
-        """See ``_Source``."""
-        return self._records[first:last]
-
-
-class _Saved:
-    """Pictures in a run's folder. The part that was read last is kept."""
+class _SavedRecords:
+    """Records of the pictures in a run's folder. The part that was read last is kept."""
 
     def __init__(self, path: Path, coding: Coding, rows: int) -> None:
         self._path, self._coding = path, coding
         self._groups = list(_groups(rows, coding))
         self._at, self._part = -1, np.zeros(0, coding.record)
 
-    def read(self, first: int, last: int) -> NDArray:
-        """See ``_Source``.
+    def __getitem__(self, rows: slice) -> NDArray:
+        """Return the records of these rows, without a step.
 
         Raises:
             OutputError: the file is gone or damaged.
         """
+        first, last, _ = rows.indices(self._groups[-1][1])
         each, parts = _per_group(self._coding), []
         for number in range(first // each, -(-last // each)):
             start, _ = self._groups[number]

@@ -16,9 +16,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.base.errors import Fault, InputError, OutputError
-from omnitrack_sim.base.text import counted
+from omnitrack_sim.base.text import clipped, counted
 from omnitrack_sim.base.writing import check_folder, is_workshop, told, write_file
 from omnitrack_sim.record.metrics import METRICS, Metric
+from omnitrack_sim.results.comparison import differing
+from omnitrack_sim.results.html import LONGEST
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.robots.omnitrack import MODULES
 from omnitrack_sim.scenario import Scenario
@@ -298,7 +300,7 @@ class Folder:
             if there is not None and there["sha256"] != sha256:
                 raise OutputError(
                     f"{self.path}: holds a different {kind.noun}: "
-                    f"{_all_differences(there[kind.noun], data, kind.free)}; choose another folder "
+                    f"{_differences(there[kind.noun], data, kind.free)}; choose another folder "
                     "with --out, or remove this one to begin anew"
                 )
             for name in kind.folders:
@@ -411,35 +413,19 @@ class Folder:
             ) from error
 
 
-def _all_differences(there: Any, ours: Any, free: Sequence[str]) -> str:
+def _differences(there: Any, ours: Any, free: Sequence[str]) -> str:
     """Text of the differences of two tables of plain data, apart from their keys of ``free``."""
     first, second = ({k: v for k, v in table.items() if k not in free} for table in (there, ours))
-    lines = list(_differences(first, second, ""))
+    lines = [
+        f"{path} is {_shown(before)} there and {_shown(now)} here"
+        for path, before, now in differing(first, second)
+    ]
     rest = len(lines) - _MOST_DIFFERENCES
     text = ", ".join(lines[:_MOST_DIFFERENCES]) or "it was made by another version of the program"
     return f"{text} and {rest} more" if rest > 0 else text
 
 
-def _differences(there: Any, ours: Any, path: str) -> Iterator[str]:
-    if isinstance(there, dict) and isinstance(ours, dict):
-        for key in [*there, *(key for key in ours if key not in there)]:
-            pair = there.get(key, _Nothing), ours.get(key, _Nothing)
-            yield from _differences(*pair, f"{path}.{key}".lstrip("."))
-    elif isinstance(there, list) and isinstance(ours, list):
-        for i in range(max(len(there), len(ours))):
-            one, other = (items[i] if i < len(items) else _Nothing for items in (there, ours))
-            yield from _differences(one, other, f"{path}.{i}")
-    elif there != ours:
-        yield f"{path} is {_shown(there)} there and {_shown(ours)} here"
-
-
-class _Nothing:
-    """Marker for a missing key."""
-
-
 def _shown(value: Any) -> str:
-    if value is _Nothing:
-        return "missing"
     if isinstance(value, dict):
         return str(value.get("path") or value.get("name") or "a table")
-    return json.dumps(value)
+    return "missing" if value is None else clipped(json.dumps(value), LONGEST)
