@@ -27,7 +27,7 @@ from omnitrack_sim.show.plots.success import bench_figure
 from omnitrack_sim.trials.batches import ERROR, INVALID
 from omnitrack_sim.trials.bench import DEFAULT, Bench
 from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
-from omnitrack_sim.trials.store import column, made_by, to_csv, to_parquet
+from omnitrack_sim.trials.store import column, made_by, numbers_of, to_csv, to_parquet
 from omnitrack_sim.trials.sweep_run import finish_sweep, sweep_store
 
 if TYPE_CHECKING:
@@ -187,7 +187,7 @@ class EntryTrials:
         """Return the trials of a sweep's table."""
         outcomes = table["outcome"].to_pylist()
         figures = {
-            measure.name: np.mean([_numbers(table, name) for name in measure.columns], axis=0)
+            measure.name: np.mean([numbers_of(table, name) for name in measure.columns], axis=0)
             for measure in MEASURES
         }
         return cls(
@@ -196,10 +196,6 @@ class EntryTrials:
             outcomes,
             figures,
         )
-
-
-def _numbers(table: pa.Table, column: str) -> Array:
-    return np.array([math.nan if v is None else v for v in table[column].to_pylist()], float)
 
 
 def rows_of(trials_of: Mapping[tuple[str, str], EntryTrials]) -> list[dict[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -12,13 +12,14 @@ from concurrent.futures import (
     Future,
     wait,
 )
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.workers import LocalPool, WorkersLost, killed_its_worker
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.trials.batches import ERROR, Batch, Row, failed_row, run_trials
+from omnitrack_sim.trials.store import Store
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -53,18 +54,6 @@ class Status:
 
 Progress = Callable[[Status], None]
 MakeExecutor = Callable[[], Executor]
-
-
-class Store(Protocol):
-    """Keeper of the rows of batches."""
-
-    def read(self, batch: Batch) -> pa.Table | None:
-        """Return the rows of a batch; None where they are not there."""
-        ...
-
-    def write(self, batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
-        """Keep the rows of a batch and return them as a table."""
-        ...
 
 
 Job = tuple[Store, Batch]
@@ -222,20 +211,17 @@ class Pool:
 
 
 @dataclass(eq=False)
-class _Whole:
-    """A batch whose trials may come back one by one."""
-
-    job: Job
-    rows: dict[int, Row] = field(default_factory=dict)
-    made_by: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass(eq=False)
 class _Task:
-    """Something to hand out: a batch, or a single trial of it."""
+    """Something to hand out: a batch, or a single trial of it.
+
+    Attributes:
+        batch: to run.
+        job: that it is part of.
+        deaths: number of workers that it has lost.
+    """
 
     batch: Batch
-    whole: _Whole
+    job: Job
     deaths: int = 0
 
 
@@ -249,14 +235,16 @@ class _Dispatch:
 
     def __init__(
         self,
-        jobs: Iterable[Job],
+        jobs: Sequence[Job],
         pool: Pool,
         keep: Callable[[Job, Sequence[Row], Mapping[str, Any], int], None],
     ):
         self.pool, self.keep = pool, keep
-        self.waiting = deque(_Task(job[1], _Whole(job)) for job in jobs)
+        self.waiting = deque(_Task(job[1], job) for job in jobs)
         self.suspects: deque[_Task] = deque()
         self.flying: dict[Future, _Task] = {}
+        # By identity: batches of two sweeps may be equal.
+        self.rows: dict[int, dict[int, Row]] = {id(batch): {} for _, batch in jobs}
         self.lost = 0
 
     def run(self) -> None:
@@ -312,21 +300,21 @@ class _Dispatch:
     def _bury(self, task: _Task, deaths: int) -> None:
         """Count ``deaths`` of a task's workers, and repeat, split or give up the task."""
         task.deaths += deaths
-        alone = task.batch is not task.whole.job[1]
+        alone = task.batch is not task.job[1]
         if task.deaths < DEATHS:
             (self.suspects if alone else self.waiting).appendleft(task)
         elif alone:
             row = failed_row(task.batch.trials[0].index, ERROR, "the worker died")
-            self._add(task, [row], {})
+            self._add(task, [row], environment())
         else:
             trials = task.batch.trials
-            self.suspects += [_Task(replace(task.batch, trials=(t,)), task.whole) for t in trials]
+            self.suspects += [_Task(replace(task.batch, trials=(t,)), task.job) for t in trials]
 
     def _add(self, task: _Task, rows: Sequence[Row], made_by: Mapping[str, Any]) -> None:
-        whole, trials = task.whole, task.whole.job[1].trials
-        whole.rows |= {row["trial"]: row for row in rows}
-        whole.made_by = made_by or whole.made_by
+        trials = task.job[1].trials
+        known = self.rows[id(task.job[1])]
+        known |= {row["trial"]: row for row in rows}
         # A batch is stored as a whole, also when its trials have come back one by one.
-        if len(whole.rows) == len(trials):
-            ordered = [whole.rows[trial.index] for trial in trials]
-            self.keep(whole.job, ordered, whole.made_by, self.lost)
+        if len(known) == len(trials):
+            ordered = [known[trial.index] for trial in trials]
+            self.keep(task.job, ordered, made_by, self.lost)

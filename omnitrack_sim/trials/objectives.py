@@ -17,6 +17,7 @@ from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack import MODULES
 from omnitrack_sim.trials.batches import ERROR, INVALID
 from omnitrack_sim.trials.search import Measured
+from omnitrack_sim.trials.store import numbers_of
 from omnitrack_sim.trials.study_tables import SUCCESS_RATE, Objective, SearchPlan
 from omnitrack_sim.trials.sweep import Sweep
 
@@ -129,13 +130,9 @@ def figures_of(objective: Objective, table: pa.Table) -> Array:
     """Metric of an objective in each trial; NaN where a trial has none."""
     name, module = objective.metric, objective.module
     if module is None or isinstance(module, int):
-        return _column(table, name if module is None else f"{name}_{module}")
-    each = [_column(table, f"{name}_{i}") for i in range(1, MODULES + 1)]
+        return numbers_of(table, name if module is None else f"{name}_{module}")
+    each = [numbers_of(table, f"{name}_{i}") for i in range(1, MODULES + 1)]
     return _OF_MODULES[module](each, axis=0)
-
-
-def _column(table: pa.Table, name: str) -> Array:
-    return np.array([np.nan if v is None else v for v in table[name].to_pylist()], float)
 
 
 def _aggregate(objective: Objective, figures: Array) -> float:

@@ -15,7 +15,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from omnitrack_sim.base.errors import Fault, InputError, OutputError
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import clipped, counted
 from omnitrack_sim.base.writing import check_folder, is_workshop, told, write_file
 from omnitrack_sim.record.metrics import METRICS, Metric
@@ -191,6 +194,11 @@ def to_json(data: Any) -> bytes:
     return (json.dumps(data, indent=2) + "\n").encode()
 
 
+def numbers_of(table: pa.Table, name: str) -> Array:
+    """Return the numbers in a column of a table; NaN where it has none."""
+    return np.array([np.nan if v is None else v for v in table[name].to_pylist()], float)
+
+
 def made_by(table: pa.Table) -> str:
     """Return what made the rows of a batch (versions, commit), as JSON.
 
@@ -219,8 +227,8 @@ def refuse_all_invalid(table: pa.Table, where: str, which: str, error: type[Inpu
         raise error([fault, *(Fault("", reason) for reason in reasons[:_MOST_REASONS])])
 
 
-class Memory:
-    """Tables of batches, kept as long as the process lives.
+class Store:
+    """Tables of batches, kept as long as the process lives; a ``Folder`` keeps them for good.
 
     Attributes:
         columns: of the tables.
@@ -266,7 +274,7 @@ class FolderKind:
         return f"{self.noun}.json"
 
 
-class Folder:
+class Folder(Store):
     """The folder of one sweep or study.
 
     Attributes:
@@ -292,7 +300,8 @@ class Folder:
         data: Mapping[str, Any],
         columns: TrialColumns,
     ):
-        self.path, self._kind, self.columns = Path(path), kind, columns
+        super().__init__(columns)
+        self.path, self._kind = Path(path), kind
         ours = {"sha256": sha256, kind.noun: data}
         check_folder(self.path, files=(kind.record, *kind.files))
         with told(self.path):

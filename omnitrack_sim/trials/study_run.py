@@ -42,7 +42,7 @@ from omnitrack_sim.trials.store import (
     PARTS,
     Folder,
     FolderKind,
-    Memory,
+    Store,
     TrialColumns,
     column,
     made_by,
@@ -160,9 +160,7 @@ class CandidateTrials:
         engine: runs those that the store lacks.
     """
 
-    def __init__(
-        self, study: Study, sweeps: Sequence[Sweep], store: Folder | Memory, engine: Engine
-    ):
+    def __init__(self, study: Study, sweeps: Sequence[Sweep], store: Store, engine: Engine):
         self._study, self._sweeps, self._store, self._engine = study, sweeps, store, engine
         self._measure = Measure(study, sweeps)
         self.makers: set[str] = set()
@@ -224,7 +222,7 @@ class _StudyRun:
         columns = TrialColumns(base for sweep in study.trials for base in sweep.bases.values())
         data = study.model_dump(mode="json")
         self.folder = None if out is None else Folder(out, STUDY_FOLDER, study.hash, data, columns)
-        store = self.folder or Memory(columns)
+        store = self.folder or Store(columns)
         self.search = CandidateTrials(study, study.trials, store, engine)
         self.check = CandidateTrials(study, study.unseen, store, engine)
         self.ran = 0

@@ -30,7 +30,7 @@ from omnitrack_sim.trials.store import (
     PARTS,
     Folder,
     FolderKind,
-    Memory,
+    Store,
     TrialColumns,
     made_by,
     refuse_all_invalid,
@@ -148,7 +148,7 @@ def run_sweep(
     return SweepResult(sweep, table, engine.status, folder, summary)
 
 
-def sweep_store(sweep: Sweep, out: str | Path | None) -> Folder | Memory:
+def sweep_store(sweep: Sweep, out: str | Path | None) -> Store:
     """Return the store of a sweep's trials: a folder, or memory where there is none.
 
     Raises:
@@ -156,12 +156,12 @@ def sweep_store(sweep: Sweep, out: str | Path | None) -> Folder | Memory:
     """
     columns = TrialColumns(sweep.bases.values(), sweep.trials(), {"sweep_sha256": sweep.hash})
     if out is None:
-        return Memory(columns)
+        return Store(columns)
     return Folder(out, SWEEP_FOLDER, sweep.hash, sweep.model_dump(mode="json"), columns)
 
 
 def finish_sweep(
-    sweep: Sweep, store: Folder | Memory, table: pa.Table, makers: Collection[str]
+    sweep: Sweep, store: Store, table: pa.Table, makers: Collection[str]
 ) -> dict[str, Any]:
     """Return the summary of a sweep; where its store is a folder, write the files of the whole.
 
