@@ -23,11 +23,11 @@ from omnitrack_sim.trials.sweep_run import SweepResult
 
 
 def _status(done, found=0, lost=0, total=10):
-    return Status(total, found, done, lost=lost)
+    return Status(total, found, done, successes=done, lost=lost)
 
 
 def _bar():
-    return trials_bar("sweep [x]", lambda s, pace: (pace, f"{s.done} passed"))
+    return trials_bar("sweep [x]")
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,24 +22,21 @@ Choices = list[tuple[str, str]]
 """Completions, each with a help text that a shell may show beside it."""
 
 
-def scenarios(incomplete: str) -> Choices:
-    """Shipped scenarios, and files."""
-    return _named(shipped_scenarios(), incomplete)
+def _shipped(files: Callable[[], Mapping[str, Path]]) -> Callable[[str], Choices]:
+    """Completion by the names of shipped files, each with the comment at its head, and by files."""
+
+    def complete(incomplete: str) -> Choices:
+        names = [name for name in files() if name.startswith(incomplete)]
+        known = [(name, _short(comment(files()[name]))) for name in names]
+        return known + [(path, "") for path in _files(incomplete)]
+
+    return complete
 
 
-def sweeps(incomplete: str) -> Choices:
-    """Shipped sweeps, and files."""
-    return _named(shipped_sweeps(), incomplete)
-
-
-def studies(incomplete: str) -> Choices:
-    """Shipped studies, and files."""
-    return _named(shipped_studies(), incomplete)
-
-
-def networks(incomplete: str) -> Choices:
-    """Shipped networks, and files."""
-    return _named(shipped_networks(), incomplete)
+scenarios = _shipped(shipped_scenarios)
+sweeps = _shipped(shipped_sweeps)
+studies = _shipped(shipped_studies)
+networks = _shipped(shipped_networks)
 
 
 def policies(incomplete: str) -> Choices:
@@ -70,12 +67,6 @@ def comment(path: Path) -> str:
     lines = path.read_text(encoding="utf-8").splitlines()
     length = next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))
     return " ".join(line.lstrip("# ") for line in lines[:length])
-
-
-def _named(shipped: Mapping[str, Path], incomplete: str) -> Choices:
-    names = {name: path for name, path in shipped.items() if name.startswith(incomplete)}
-    shown = [(name, _short(comment(path))) for name, path in names.items()]
-    return shown + [(path, "") for path in _files(incomplete)]
 
 
 def _short(text: str) -> str:

@@ -69,7 +69,11 @@ def network(
     if as_json:
         print_json(_summary(net, route))
     else:
-        _print_all(net, route, written)
+        _print_network(net)
+        if route is not None:
+            _print_route(route)
+        for path in written:
+            print_saved(path)
 
 
 def _check_outputs(to_file: Path | None, plot: Path | None, export: Path | None) -> None:
@@ -209,14 +213,6 @@ def _print_network(net: Network) -> None:
     ends = ", ".join(f"{end} ({named[end]})" if end in named else end for end in net.open_ends)
     out.print(f"open ends: {plain(ends) or 'none'}", soft_wrap=True)
     out.print(f"{len(net.fittings)} parts, {net.length:.3f} m of axis in all")
-
-
-def _print_all(net: Network, route: Route | None, written: list[Path]) -> None:
-    _print_network(net)
-    if route is not None:
-        _print_route(route)
-    for path in written:
-        print_saved(path)
 
 
 def _sizes(part: NetworkFitting) -> str:

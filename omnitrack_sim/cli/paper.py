@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.cli.common import (
@@ -181,15 +180,7 @@ def _print_singularity(summary: dict[str, Any]) -> None:
         f"best theta5 {summary['best_theta5_deg']:g} deg",
         soft_wrap=True,
     )
-    table = Table(
-        "region",
-        "sector, deg",
-        "margin, deg",
-        "failure rate",
-        "success rate",
-        box=None,
-        padding=(0, 2),
-    )
+    table = table_of("region", "sector, deg", "margin, deg", "failure rate", "success rate")
     for name, rates in summary["definitions"].items():
         table.add_row(name, *_rates(rates), style="bold" if name == summary["definition"] else None)
     table.add_row(f"real, L = {1e3 * real['contact_length_m']:.0f} mm", *_rates(real))

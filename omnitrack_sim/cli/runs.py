@@ -227,7 +227,7 @@ _ROWS = {
 
 
 def _module_table(result: Result) -> Table:
-    table = Table("figure", "unit", *(f"module {i}" for i in (1, 2, 3)), box=None, padding=(0, 2))
+    table = table_of("figure", "unit", *(f"module {i}" for i in (1, 2, 3)))
     for key, (label, unit, digits) in _ROWS.items():
         values = result.metrics[key]
         assert isinstance(values, list)

@@ -102,7 +102,7 @@ def sweep(
             f"{target}: holds no sweep to go on with; leave out --continue to begin one"
         )
     options = worker_options(workers, dask)
-    with trials_bar(f"sweep {loaded.name}", _passed) as report:
+    with trials_bar(f"sweep {loaded.name}") as report:
         result = run_sweep(loaded, out=target, shard=share, progress=report, **options)
     if as_json:
         print_json(result.summary)
@@ -140,7 +140,7 @@ def optimise(
         return
     target = folder or Path("out") / study.name
     options = worker_options(workers, dask)
-    with trials_bar(f"optimise {study.name}", _stage) as report:
+    with trials_bar(f"optimise {study.name}") as report:
         result = run_study(study, out=target, progress=report, **options)
     if as_json:
         print_json(result.summary)
@@ -204,7 +204,7 @@ def bench_control(
     kind = "_quick" if quick else "" if trials is None else f"_{trials}"
     target = folder or Path("out") / f"bench_control{kind}"
     options = worker_options(workers, dask)
-    with trials_bar("bench-control", _passed) as report:
+    with trials_bar("bench-control") as report:
         result = run_bench(bench, out=target, progress=report, **options)
     if as_json:
         print_json(result.rows)
@@ -236,31 +236,17 @@ def worker_options(workers: int | None, dask: str | None) -> WorkerOptions:
     return {"workers": 1, "executor": lambda: DaskPool(dask)}
 
 
-def _passed(status: Status, pace: str) -> tuple[str, ...]:
-    return pace, f"{status.successes} passed"
-
-
-def _stage(status: Status, pace: str) -> tuple[str, ...]:
-    return status.stage, pace
-
-
 @contextmanager
-def trials_bar(
-    title: str, words: Callable[[Status, str], tuple[str, ...]]
-) -> Iterator[Callable[[Status], None]]:
+def trials_bar(title: str) -> Iterator[Callable[[Status], None]]:
     """Show the progress of trials on standard error: a bar, or a line now and then where that is no
     terminal; yields the function that is called with the status.
-
-    Args:
-        title: stands before it.
-        words: what stands behind it, from the status and the pace, which is empty at first.
 
     Raises:
         typer.Exit: with status 130, when Ctrl-C has been pressed.
     """
     last: list[Status] = []
     try:
-        with (_bar if err.is_terminal else _lines)(title, words) as show:
+        with (_bar if err.is_terminal else _lines)(title) as show:
 
             def report(status: Status) -> None:
                 last[:] = [status]
@@ -278,9 +264,7 @@ def trials_bar(
 
 
 @contextmanager
-def _bar(
-    title: str, words: Callable[[Status, str], tuple[str, ...]]
-) -> Iterator[Callable[[Status], None]]:
+def _bar(title: str) -> Iterator[Callable[[Status], None]]:
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -291,16 +275,14 @@ def _bar(
         task = bar.add_task(plain(title), total=None, text="")
 
         def show(status: Status) -> None:
-            text = _behind(status, words, bar.tasks[0].elapsed or 0.0)
+            text = _behind(status, bar.tasks[0].elapsed or 0.0)
             bar.update(task, completed=status.done, total=status.total, text=text)
 
         yield show
 
 
 @contextmanager
-def _lines(
-    title: str, words: Callable[[Status, str], tuple[str, ...]]
-) -> Iterator[Callable[[Status], None]]:
+def _lines(title: str) -> Iterator[Callable[[Status], None]]:
     """Print the number of trials, then the pace when the first are done, and the end."""
     lines = Lines(title, err)
     last: list[Status] = []
@@ -315,7 +297,7 @@ def _lines(
             earlier = f", {many} of them done before" if status.found else ""
             lines.say(f"{counted(status.total, 'trial')}{earlier}")
             return
-        text = _line(status, _behind(status, words, lines.elapsed))
+        text = _line(status, _behind(status, lines.elapsed))
         if not pace_is_known and status.done > status.found:
             pace_is_known = True
             # Work that is over soon needs no forecast.
@@ -325,7 +307,7 @@ def _lines(
 
     yield show
     if last:
-        lines.say(_line(last[0], _behind(last[0], words, 0.0)))
+        lines.say(_line(last[0], _behind(last[0], 0.0)))
 
 
 def _line(status: Status, text: str) -> str:
@@ -333,10 +315,12 @@ def _line(status: Status, text: str) -> str:
     return ", ".join(filter(None, (f"{status.done} of {counted(status.total, 'trial')}", text)))
 
 
-def _behind(status: Status, words: Callable[[Status, str], tuple[str, ...]], elapsed: float) -> str:
+def _behind(status: Status, elapsed: float) -> str:
     """Text after a bar or in a line; without a pace after 0 s."""
+    # The trials of a study that pass say little: it tells its stage.
+    passed = "" if status.stage else f"{status.successes} passed"
     lost = f"workers lost {counted(status.lost, 'time')}" if status.lost else ""
-    return ", ".join(filter(None, (*words(status, _pace(status, elapsed)), lost)))
+    return ", ".join(filter(None, (status.stage, _pace(status, elapsed), passed, lost)))
 
 
 def _pace(status: Status, elapsed: float) -> str:
