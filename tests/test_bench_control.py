@@ -59,9 +59,9 @@ def test_every_entry_can_drive_every_task_by_the_same_draws():
 def test_more_trials_are_so_many_of_each_task():
     """Drawn anew, but for networks, which are counted on."""
     tasks, entries = [TASKS["turn"], TASKS["network"]], [entry_of("feedback")]
-    some, more = (Bench(tasks, entries, trials=trials).sweeps() for trials in (None, 250))
+    some, more = (Bench(tasks, entries, trials=trials).sweeps() for trials in (None, 120))
     assert [sweep.size for sweep in some.values()] == [200, 100]
-    assert [sweep.size for sweep in more.values()] == [250, 250]
+    assert [sweep.size for sweep in more.values()] == [120, 120]
     friction = [s["turn", "feedback"].trials()["world.friction"] for s in (some, more)]
     assert not set(friction[0]) & set(friction[1])
     assert list(more["network", "feedback"].bases)[:100] == list(some["network", "feedback"].bases)

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from commands import omnitrack
 from typer.testing import CliRunner
 
 from omnitrack_sim import load_result, load_scenario
@@ -14,15 +15,16 @@ from omnitrack_sim.cli import app
 SHORT = ["--set", "run.time_limit=0.3"]
 
 
-def omnitrack(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess:
+def process(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a command in a process of its own."""
     command = [sys.executable, "-m", "omnitrack_sim.cli", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=600)
+    return subprocess.run(command, capture_output=True, text=True, timeout=600)
 
 
 @pytest.fixture(scope="module")
 def run_dir(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "straight"
-    done = omnitrack("run", "straight", *SHORT, "--no-video", "--out", str(folder))
+    done = process("run", "straight", *SHORT, "--no-video", "--out", str(folder))
     assert done.returncode == 0, done.stderr
     return folder
 

@@ -243,7 +243,7 @@ def test_a_track_over_the_kinks_of_a_reducer(bore):
     radius = np.array([0.08, 0.08, bore / 2, bore / 2])
     seen = 0
     for joint in (0.2, 0.25):
-        for _ in range(200):
+        for _ in range(80):
             tilt, u = rng.uniform(-0.4, 0.4), rng.uniform(0, 2 * np.pi)
             out = np.array([np.cos(u), np.sin(u), 0])
             direction = np.sin(tilt) * out + [0, 0, np.cos(tilt)]
@@ -276,7 +276,7 @@ def test_a_track_over_the_kinks_of_a_reducer(bore):
             distance, _ = joined_contacts(way, middle + offset * out, direction)
             assert distance.min() == pytest.approx(-1e-4, abs=5e-6)
             seen += 1
-    assert seen > 300
+    assert seen > 100
 
 
 def test_a_small_step_carries_a_track_on_both_sides():

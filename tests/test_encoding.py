@@ -32,7 +32,7 @@ def test_memory_and_processors_make_no_difference(tmp_path, ending):
     """Whatever lies in the memory that the encoder is given, and however many processors there
     are."""
     films = []
-    for number, (fill, processors) in enumerate([(0, 2), (85, 2), (170, 2), (0, 1)]):
+    for number, (fill, processors) in enumerate([(0, 2), (170, 1)]):
         path = tmp_path / f"{number}.{ending}"
         allowed = sorted(os.sched_getaffinity(0))[:processors]
         begin = f"import os; os.sched_setaffinity(0, {allowed})"
@@ -44,4 +44,4 @@ def test_memory_and_processors_make_no_difference(tmp_path, ending):
             env=os.environ | {"MALLOC_PERTURB_": str(fill)},
         )
         films.append(path.read_bytes())
-    assert all(other == films[0] for other in films)
+    assert films[0] == films[1]

@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
+from commands import omnitrack
 from network_samples import narrowed
-from test_cli import omnitrack
 
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.pipes.network import load_network, validate

@@ -13,9 +13,9 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
+from commands import omnitrack
 from documents import page
 from samples import sample_result, sample_trajectory, two_legs_result
-from test_cli import omnitrack
 
 from omnitrack_sim import override, render_replay
 from omnitrack_sim.base.errors import InputError, OutputError, RenderError
