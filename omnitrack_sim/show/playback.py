@@ -1,4 +1,4 @@
-"""What is shown of a recorded run: poses that are sound, belts where they have run to."""
+"""Recorded runs as they are shown: poses that are sound, belts where they have run to."""
 
 from __future__ import annotations
 
@@ -41,8 +41,7 @@ def sound(trajectory: Trajectory) -> Trajectory:
 
 
 def belt_travel(trajectory: Trajectory) -> NDArray[np.float64]:
-    """How far each belt has run since the first sample (T, 3), m: the integral of its recorded
-    speed."""
+    """Travel of each belt since the first sample (T, 3), m: the integral of its recorded speed."""
     speed, step = trajectory["belt_speed"], np.diff(trajectory.time)[:, None]
     run = np.cumsum(step * (speed[1:] + speed[:-1]) / 2, axis=0)
     return np.concatenate([np.zeros((1, speed.shape[1])), run])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -153,17 +153,14 @@ def _stations(line: Centreline, straight: float) -> Array:
 
 def bore_faces(pipes: Assembly) -> Array:
     """Corners (n, 4, 3) m of the faces of all bores, world frame."""
-    return np.concatenate(list(_bore_faces(pipes)))
-
-
-def _bore_faces(pipes: Assembly) -> Iterator[Array]:
-    circle = _circle(np.linspace(0, 2 * np.pi, CORNERS + 1))
+    circle, faces = _circle(np.linspace(0, 2 * np.pi, CORNERS + 1)), []
     for line, first, last in (axis for part in pipes.parts for axis in part.axes):
         s = _stations(line, np.inf)
         ring = np.einsum("sij,kj->ski", line.frame(s), circle)  # (n, CORNERS + 1, 3)
         ring = line.at(s)[0][:, None] + np.linspace(first, last, len(s))[:, None, None] * ring
         corners = np.stack([ring[:-1, :-1], ring[1:, :-1], ring[1:, 1:], ring[:-1, 1:]], axis=-2)
-        yield corners.reshape(-1, 4, 3)
+        faces.append(corners.reshape(-1, 4, 3))
+    return np.concatenate(faces)
 
 
 def port_discs(pipes: Assembly) -> list[Array]:

@@ -52,7 +52,7 @@ _ON_DARK = [tuple(round(255 * (0.12 + 0.88 * part)) for part in c) for c in MODU
 
 
 class _Panel:
-    """What panels in frames of one size share: their scale and their letters."""
+    """Base of panels in frames of one size: scale and background."""
 
     def __init__(self, width: int, height: int) -> None:
         self.scale = min(height / 720, width / 1280)

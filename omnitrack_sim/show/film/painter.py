@@ -1,4 +1,4 @@
-"""What OpenGL keeps: surfaces, programs, canvases and maps of shadows, in a context that is
+"""Surfaces, programs, canvases and shadow maps in the memory of OpenGL, in a context that is
 current."""
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class Program:
 
 
 class Canvas:
-    """What is painted on: colours that can be looked up, and depths where they are asked for."""
+    """Canvas: colours that can be looked up, and depths where they are wanted."""
 
     def __init__(
         self,
@@ -238,7 +238,7 @@ texels: those of the robot are finer than the pixels of a film in its default si
 GROUND = (0.145, 0.168, 0.2)
 """Red, green, blue behind everything outside of a pipe."""
 MARGIN = shaders.REACH
-"""How far what changes in a picture can change pixels beside it, pixels."""
+"""Reach of a change in a picture: pixels beside it that it can change."""
 _TO_TEXELS = np.array([[0.5, 0, 0, 0.5], [0, 0.5, 0, 0.5], [0, 0, 0.5, 0.5], [0, 0, 0, 1]])
 _HERE = np.eye(3, 4)  # the pose of the world, which pipes belong to
 

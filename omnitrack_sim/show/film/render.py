@@ -360,7 +360,7 @@ def render_frames(
 STRIP_FORMATS = ("png", "jpg", "jpeg", "pdf")
 FRAMES, MOST_FRAMES = 6, len(ascii_lowercase)
 BEFORE = 0.3
-"""How long before the first fitting, and after the last, the stills begin and end, s."""
+"""Time before the first fitting, and after the last, at which the stills begin and end, s."""
 _PAPER, _INK, _SOFT = (255, 255, 255), (34, 38, 43), (106, 112, 121)
 _DPI = 200.0  # of a PDF: six stills of 640 pixels are 25 cm wide, in two rows
 

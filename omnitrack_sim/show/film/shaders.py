@@ -1,4 +1,4 @@
-"""How light falls in pictures, as programs for OpenGL 4.0.
+"""Light and smoothing of pictures, as programs for OpenGL 4.0.
 
 Vectors are in the world frame, lengths in m. BODIES stands for the number of bodies. A software
 OpenGL skips no branches, but loops that are over before they begin, and pixels that are discarded:
@@ -198,7 +198,7 @@ void main() {
 }
 """
 REACH = 16
-"""How far away from a pixel the smoothing looks, pixels."""
+"""Distance at which the smoothing still looks for the end of an edge, pixels."""
 
 _EDGES = """\
 #version 400

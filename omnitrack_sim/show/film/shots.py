@@ -71,7 +71,7 @@ class Eye:
         return 0.5 + 0.5 * np.concatenate([ends.min(axis=0), ends.max(axis=0)])
 
     def sees(self, centre: Array, radius: float, aspect: float) -> bool:
-        """Whether a sphere can come into the picture."""
+        """Return True for a sphere that can come into the picture."""
         right, up, back = (centre - self.position) @ self.frame
         half = np.tan(self.angle / 2)
         inside = [-back * half * a - abs(v) for a, v in ((aspect, right), (1.0, up))]
@@ -117,9 +117,9 @@ DISTANCE = 0.68
 SPACING = 0.06
 """Travel between two neighbouring places for which a direction is chosen, m."""
 SUN_UP, SUN_RIGHT = 0.55, -0.40
-"""How far above the viewer, and to the right, the sun stands, in parts of the way to the viewer."""
+"""Height of the sun above the viewer, and offset to the right, over the viewer's distance."""
 WALL = 0.004
-"""How far into its wall a pipe still hides what is behind it, m."""
+"""Depth in its wall up to which a pipe hides what is behind it, m."""
 _ELEVATIONS, _AZIMUTHS = np.radians([-15, 0, 15, 30, 45, 60]), np.radians(np.arange(0, 360, 22.5))
 _NEAR = 0.08  # m before and behind a bend or tee in which the viewer looks across its plane, too
 _SIGHT = np.linspace(0.16, 1.0, 8)  # places on the sight line, 0 at the robot and 1 at the viewer
@@ -170,8 +170,8 @@ def over_the_shoulder(back: Array, right: Array, up: Array) -> Array:
 
 
 def in_the_way(parts: Sequence[Part], eye: Array, targets: Array) -> Array:
-    """How far each part (P,) stands between ``eye`` (3,) m and ``targets`` (k, 3) m: 0 not at all,
-    1 in full.
+    """Share (P,) by which each part hides ``targets`` (k, 3) m from ``eye`` (3,) m: 0 not at all, 1
+    in full.
 
     A part with a target in its bore is not in the way.
     """
@@ -185,7 +185,7 @@ def in_the_way(parts: Sequence[Part], eye: Array, targets: Array) -> Array:
 
 
 def _depth(part: Part, points: Array) -> Array:
-    """How deep ``points`` (..., 3) m lie within the outside of a part, m; negative outside."""
+    """Depth of ``points`` (..., 3) m within the outside of a part, m; negative outside."""
     return np.minimum(part.signed_distance(points)[0], part.extent(points)) + WALL
 
 
@@ -262,9 +262,9 @@ def _cheapest(cost: Array, turn: Array) -> NDArray[np.intp]:
 
 
 AROUND_WAY = 0.3
-"""How far around the robot's way the camera ``side`` shows pipes, m, along a pipe."""
+"""Distance from the robot's path up to which the camera ``side`` shows pipes, m."""
 SHADOW_REACH = 0.17
-"""How far behind the robot it throws a shadow, m."""
+"""Length of the robot's shadow, m."""
 _MARGIN = 1.06
 PANEL = 0.33
 """Of the picture's height: the panel in the lower left corner."""
@@ -276,7 +276,7 @@ _FARTHEST = 30.0  # m seen by the moving cameras
 
 
 class Framing(NamedTuple):
-    """How one sample is seen.
+    """Eye, sun and pipes of one sample.
 
     Attributes:
         eye: from where.
@@ -434,7 +434,7 @@ def _near_path(trajectory: Trajectory, network: Assembly) -> Array:
 
 
 def _meets(sphere: tuple[Array, float], targets: Array, eye: Array) -> bool:
-    """Whether a sphere is touched by a line from one of ``targets`` (k, 3) m to ``eye`` (3,) m."""
+    """Return True if a line from one of ``targets`` (k, 3) m to ``eye`` (3,) m meets a sphere."""
     centre, radius = sphere
     lines = eye - targets
     along = ((centre - targets) * lines).sum(axis=1) / (lines**2).sum(axis=1)
@@ -449,7 +449,7 @@ def _sphere(points: Array) -> tuple[Array, float]:
 
 
 def _fit(points: Array, frame: Array, aspect: float) -> tuple[Array, float]:
-    """What to look at (3,) m, and from how far, m, to have ``points`` in the picture with a small
+    """Point (3,) m to look at, and distance, m, that bring ``points`` into the picture with a small
     margin."""
     half = _HALF
     seen = points @ frame  # right, up, back
@@ -467,8 +467,8 @@ def _fit(points: Array, frame: Array, aspect: float) -> tuple[Array, float]:
 def _behind_panel(
     points: Array, frame: Array, middle: Array, distance: float, aspect: float, high: float
 ) -> bool:
-    """Whether one of ``points`` (n, 3) m would be behind panels in the lower left corner that are
-    ``high``, a part of the picture's height."""
+    """Return True if one of ``points`` (n, 3) m would be behind panels in the lower left corner
+    that are ``high``, a part of the picture's height."""
     right, up, back = ((points - middle) @ frame).T
     half = _HALF * (distance - back)
     left, low = 0.5 + 0.5 * right / (half * aspect), 0.5 + 0.5 * up / half

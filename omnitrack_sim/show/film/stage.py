@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.show.film.painter import Image, Painter, PixelRect
 
 APT_LINE = "sudo apt-get install -y libegl1 libgl1-mesa-dri libopengl0"
-"""What headless rendering needs on Debian and Ubuntu."""
+"""Command that installs the libraries of headless rendering on Debian and Ubuntu."""
 _REACH = 1.1  # of the robot about its centre, over what it is at the start
 
 

@@ -60,7 +60,7 @@ _HEIGHTS = (2.0, 8.0)
 _PATH, _PIPE = 20, 1  # cost of covering a point of the path, or of a pipe
 _SHIFT, _FAR = 3.0, 6.0  # cost of a point (1/72 inch) along the part, and away from it
 _GAPS = np.array([0.7, 2.5, 5.0, 8.0, 13.0])
-"""How far beside its part a name may stand, points."""
+"""Distances at which a name may stand beside its part, points."""
 _TIED = 3.5
 """From which gap on a line ties it to the part, points."""
 _MARGIN = np.array([1.8, 0.3])  # points that are kept free beside a name, and above and below it
@@ -306,7 +306,7 @@ def draw_names(
 
 
 class _Crowd:
-    """What a name may cover in one view: the names that stand there already, pipes and the path."""
+    """Names, pipes and path of one view, which a new name should not cover."""
 
     def __init__(
         self, axis: Axes, columns: list[int], renderer: Any, path: Array, bores: Array, size: float
@@ -372,8 +372,8 @@ class _Crowd:
         return sums.cumsum(axis=0).cumsum(axis=1)
 
     def _cost(self, places: Array, inside: NDArray[np.bool_], half: Array) -> Array:
-        """What names cover (n,), the smaller the better, with their middles at ``places`` (n, 2)
-        pixels, ``inside`` (n,) of their part or not; ``half`` (2,) is half their size, pixels.
+        """Cost (n,) of what names would cover, with their middles at ``places`` (n, 2) pixels,
+        ``inside`` (n,) of their part or not; ``half`` (2,) is half their size, pixels.
 
         By far the worst is to cover another name, then to stick out of the view, then to cover the
         path or a pipe.
@@ -389,7 +389,7 @@ class _Crowd:
         return 1e6 * names + 1e5 * outside + _PATH * path + _PIPE * pipes
 
     def _count(self, sums: Array, low: Array, high: Array) -> Array:
-        """How many of the points of ``_covered`` lie in boxes (n,)."""
+        """Number of the points of ``_covered`` in boxes (n,)."""
         most = np.array(sums.shape) - 1
         corners = np.clip(np.rint([low, high] - self.frame[0]), 0, most).astype(np.intp)
         (left, bottom), (right, top) = corners.transpose(0, 2, 1)

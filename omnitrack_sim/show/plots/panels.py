@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,11 +16,10 @@ from omnitrack_sim.record.channels import (
     Vector,
 )
 from omnitrack_sim.record.metrics import KNOWN
-from omnitrack_sim.show.plots.style import INK, PAGE, TICKS
+from omnitrack_sim.show.plots.style import INK, PAGE, TICKS, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from omnitrack_sim.record.trajectory import Trajectory
 
@@ -55,7 +53,7 @@ _ERRORS_SHOWN = 95.0
 robot claims to know its orientation: before, its band is as wide as a circle."""
 LEFT, RIGHT = 0.42, 0.08
 """Margins of a page of panels, inches."""
-_BELOW = 0.36  # inches below the panels
+_ABOVE, _BELOW = 0.78, 0.36  # inches: title and legends above the panels, times below them
 _BESIDE, _BETWEEN, _HEIGHT = 0.44, 0.27, 0.82  # inches between columns, between rows; of a panel
 _LONGEST_LEGEND = 80
 """Characters of a legend that fit into one line."""
@@ -136,11 +134,6 @@ def limits_of(display: Display, values: NDArray) -> tuple[float, float] | None:
     return (low, high) if high > low else None
 
 
-def has_estimates(trajectory: Trajectory) -> bool:
-    """True for the record of a robot that estimates its own location."""
-    return "distance_estimate" in trajectory.channels
-
-
 def draw_error(axis: Axes, trajectory: Trajectory, name: str) -> None:
     """The error of a channel's estimate over time, above the band of ``BAND`` standard deviations
     to either side."""
@@ -188,40 +181,28 @@ def shade_of(code: int) -> str:
     return PHASE_SHADES[code % len(PHASE_SHADES)]
 
 
-def phases_shown(trajectory: Trajectory) -> list[tuple[str, str]]:
-    """Name and background of each phase that occurred."""
-    codes = sorted(set(trajectory["phase"].astype(int).tolist()))
-    return [(trajectory.phases[code].replace("_", " "), shade_of(code)) for code in codes]
-
-
-@dataclass(frozen=True)
 class PanelGrid:
-    """Rows and columns of panels as wide as a page, each at a known place: to find a layout takes
-    longer than to draw.
+    """A figure as wide as a page with rows and columns of panels, each at a known place: to find a
+    layout takes longer than to draw.
 
-    Attributes:
+    Args:
         rows: how many.
         columns: how many.
-        above: height of title and legends, inches.
     """
 
-    rows: int
-    columns: int
-    above: float = 0.78
+    def __init__(self, rows: int, columns: int) -> None:
+        self.rows, self.columns = rows, columns
+        self.height = _ABOVE + rows * _HEIGHT + (rows - 1) * _BETWEEN + _BELOW  # inches
+        self.figure = new_figure((PAGE, self.height))
 
-    @property
-    def height(self) -> float:
-        """Of the figure, inches."""
-        return self.above + self.rows * _HEIGHT + (self.rows - 1) * _BETWEEN + _BELOW
-
-    def add(self, figure: Figure, row: int, column: int, label: str) -> Axes:
+    def add(self, row: int, column: int, label: str) -> Axes:
         """An empty panel with its label level above its axis, which reads better than upright
         beside it. The last row has the numbers of the times."""
         width = (PAGE - LEFT - RIGHT - (self.columns - 1) * _BESIDE) / self.columns
         left = LEFT + column * (width + _BESIDE)
         bottom = _BELOW + (self.rows - 1 - row) * (_HEIGHT + _BETWEEN)
         box = (left / PAGE, bottom / self.height, width / PAGE, _HEIGHT / self.height)
-        axis = figure.add_axes(box)
+        axis = self.figure.add_axes(box)
         last = row == self.rows - 1
         axis.tick_params(**TICKS)
         axis.tick_params(axis="x", labelbottom=last)
@@ -234,12 +215,12 @@ class PanelGrid:
         axis.yaxis.set_label_coords(0.0, 1.04)
         return axis
 
-    def legend(self, figure: Figure, handles: list, down: float) -> None:
+    def legend(self, handles: list, down: float) -> None:
         """A legend from the left, ``down`` inches below the top, in several lines where it is
         long."""
         names = [handle.get_label() for handle in handles]
         lines = -(-sum(len(name) + 5 for name in names) // _LONGEST_LEGEND)
-        figure.legend(
+        self.figure.legend(
             handles=handles,
             loc="upper left",
             bbox_to_anchor=(LEFT / PAGE, 1 - down / self.height),

@@ -24,21 +24,18 @@ from omnitrack_sim.show.plots.panels import (
     PanelGrid,
     draw_error,
     draw_panel,
-    has_estimates,
     has_modules,
     limits_of,
-    phases_shown,
     shade,
+    shade_of,
     values_of,
 )
 from omnitrack_sim.show.plots.style import (
     COLUMN,
     GREY,
-    PAGE,
     TICKS,
     chart,
     headline,
-    new_figure,
     page,
 )
 
@@ -102,28 +99,27 @@ def plot_summary(
 
 def _summary(result: Result) -> Figure:
     trajectory = result.trajectory
-    errors = ERRORS if has_estimates(trajectory) else {}
+    errors = ERRORS if "distance_estimate" in trajectory.channels else {}
     grid = PanelGrid(rows=len(SUMMARY) + bool(errors), columns=len(SUMMARY[0]))
-    figure = new_figure((PAGE, grid.height))
     # The three panels of belt speeds have one scale, so that modules can be compared.
     speeds = [values_of(trajectory, name) for name in ("belt_speed", "belt_speed_command")]
     speed_limits = limits_of(trajectory.schema["belt_speed"].display, np.stack(speeds))
     for row, panels in enumerate(SUMMARY):
         for column, (channel, module) in enumerate(panels):
             label = trajectory.schema[channel].display.label(module)
-            axis = grid.add(figure, row, column, label)
+            axis = grid.add(row, column, label)
             shade(axis, trajectory)
             draw_panel(axis, trajectory, channel, module)
             if channel == "belt_speed" and speed_limits is not None:
                 axis.set_ylim(*speed_limits)
     for column, (channel, display) in enumerate(errors.items()):
-        axis = grid.add(figure, len(SUMMARY), column, display.label())
+        axis = grid.add(len(SUMMARY), column, display.label())
         shade(axis, trajectory)
         draw_error(axis, trajectory, channel)
-    headline(figure, result.scenario.name, _outcome(result), LEFT, result.success)
-    grid.legend(figure, _line_handles(bool(errors)), 0.28)
-    grid.legend(figure, _phase_handles(trajectory), 0.43)
-    return figure
+    headline(grid.figure, result.scenario.name, _outcome(result), LEFT, result.success)
+    grid.legend(_line_handles(bool(errors)), 0.28)
+    grid.legend(_phase_handles(trajectory), 0.43)
+    return grid.figure
 
 
 def _outcome(result: Result) -> str:
@@ -147,9 +143,10 @@ def _line_handles(estimates: bool) -> list[Any]:
 def _phase_handles(trajectory: Trajectory) -> list[Patch]:
     from matplotlib.patches import Patch
 
+    names = {code: trajectory.phases[code] for code in np.unique(trajectory["phase"].astype(int))}
     return [
-        Patch(fc=colour, ec=GREY, lw=0.4, label=clipped(name, 24))
-        for name, colour in phases_shown(trajectory)
+        Patch(fc=shade_of(code), ec=GREY, lw=0.4, label=clipped(name.replace("_", " "), 24))
+        for code, name in names.items()
     ]
 
 
@@ -204,12 +201,11 @@ def _labels(comparison: Comparison) -> list[str]:
 
 def _comparison(comparison: Comparison, names: list[str]) -> Figure:
     grid, runs = PanelGrid(rows=1 + MODULE_COUNT, columns=3), (comparison.a, comparison.b)
-    figure = new_figure((PAGE, grid.height))
     end = max(float(run.trajectory.time[-1]) for run in runs)
     for column, channels in enumerate(zip(OF_ROBOT, *3 * [OF_MODULES], strict=True)):
         for row, channel in enumerate(channels):
             display = comparison.a.trajectory.schema[channel].display
-            axis = grid.add(figure, row, column, display.label(row or None))
+            axis = grid.add(row, column, display.label(row or None))
             values = [values_of(run.trajectory, channel) for run in runs]
             for run, look, drawn in zip(runs, _RUNS, values, strict=True):
                 line = drawn[:, row - 1] if row else drawn
@@ -222,9 +218,9 @@ def _comparison(comparison: Comparison, names: list[str]) -> Figure:
             if limits is not None:
                 axis.set_ylim(*limits)
     scenarios = dict.fromkeys(run.scenario.name for run in runs)
-    headline(figure, " and ".join(scenarios), comparison.headline, LEFT)
-    grid.legend(figure, _run_handles(runs, names), 0.28)
-    return figure
+    headline(grid.figure, " and ".join(scenarios), comparison.headline, LEFT)
+    grid.legend(_run_handles(runs, names), 0.28)
+    return grid.figure
 
 
 def _run_handles(runs: tuple[Result, Result], names: list[str]) -> list[Any]:

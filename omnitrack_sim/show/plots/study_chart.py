@@ -55,7 +55,7 @@ class ObjectiveAxis:
 
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """What was tried.
+    """Candidates of a study and their values.
 
     Attributes:
         values: (C, m) of the objectives, in the order of the candidates, the start first; infinite
@@ -76,7 +76,7 @@ class Tried:
 
     @property
     def best_label(self) -> str:
-        """What the best one is the best of: with a check it may be beaten in the search."""
+        """Name of the best candidate: with a check it may be beaten in the search."""
         if not len(self.places):
             return "best"
         of = "in the search" if self.values.shape[1] == 1 else "on the front"

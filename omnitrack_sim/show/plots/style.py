@@ -64,8 +64,7 @@ PAPER: dict[Any, Any] = {
     "legend.borderaxespad": 0.0,
     "legend.borderpad": 0.0,
 }
-"""What figures that are as wide as a page or a column have beside ``STYLE``: text that can be read
-there."""
+"""Changes of ``STYLE`` for figures as wide as a page or a column: text that can be read there."""
 TICKS: dict[str, Any] = {"labelsize": 6.5, "length": 2.0, "width": 0.5, "pad": 1.8}
 """Their ticks, for ``tick_params``."""
 _NOT_TOLD = ("Glyph .* missing from font", "constrained_layout not applied")
@@ -78,7 +77,7 @@ class PictureWarning(UserWarning):
 
 
 def attempt(what: str, draw: Callable[[], _Drawn], again: str = "") -> _Drawn | None:
-    """What ``draw`` returns; None, with a ``PictureWarning``, if it raises anything.
+    """Return what ``draw`` returns; None, with a ``PictureWarning``, if it raises anything.
 
     For pictures of what has been computed: whatever is wrong with one, the data are not lost.
 
@@ -97,7 +96,7 @@ def attempt(what: str, draw: Callable[[], _Drawn], again: str = "") -> _Drawn | 
 
 
 def styled(draw: Callable[[], _Drawn], more: Mapping[Any, Any] | None = None) -> _Drawn:
-    """What ``draw`` makes in the package's style, with what ``more`` changes of it."""
+    """Return what ``draw`` makes in the package's style, with what ``more`` changes of it."""
     with style(more):
         return draw()
 
@@ -147,7 +146,7 @@ def _figure_class() -> type[Figure]:
                 super().savefig(fname, **own | options)
 
         def _repr_png_(self) -> bytes:
-            """What notebooks show."""
+            """Return the bitmap that notebooks show."""
             buffer = io.BytesIO()
             self.savefig(buffer, format="png", dpi=_NOTEBOOK_DPI)
             return buffer.getvalue()

@@ -379,7 +379,7 @@ class _Effect:
 
     @property
     def lowest(self) -> float:
-        """Where the scale of the rates begins, %: at 0, or where nearly all pass little below the
+        """Lower end of the scale of the rates, %: 0, or where nearly all pass little below the
         lowest interval, so that differences can be seen."""
         least = self.intervals.min() if len(self.intervals) else 0.0
         return 0.0 if least < NEARLY_ALL else 5 * float(np.floor(least / 5))

@@ -1,4 +1,4 @@
-"""What the replay page knows of a run over time: curves, phases, events, map and pictures."""
+"""Contents of the replay page over time: curves, phases, events, map and pictures."""
 
 from __future__ import annotations
 

@@ -31,13 +31,13 @@ SECTIONS = 96
 NORMAL_STEPS = 127
 """A component of a normal is a whole number up to this, one byte."""
 POSITION_STEP = 1e-5
-"""What positions of bodies are rounded to, m."""
+"""Step of the positions of bodies, m."""
 TURN_STEP = 1 / 32767
-"""What components of quaternions are rounded to: 3e-5 rad, or 3 micrometres at the robot's rim."""
+"""Step of the components of quaternions: 3e-5 rad, or 3 micrometres at the robot's rim."""
 FARTHER = 1.35
-"""How much farther than in films the camera that follows stands: a page can be zoomed."""
+"""Distance of the camera that follows, over that in films: a page can be zoomed."""
 TIME_STEP = 1e-6
-"""What times are rounded to, s."""
+"""Step of the times, s."""
 
 
 class Shapes:
@@ -100,7 +100,7 @@ def robot_table(
 
 
 def _body(model: mujoco.MjModel, name: str, shapes: Shapes) -> dict[str, Any]:
-    """What is seen of a body: one surface, and how many of its vertices have which colour."""
+    """Return the surface of a body, and how many of its vertices have which colour."""
     body = model.body(name).id
     geoms = np.flatnonzero((model.geom_bodyid == body) & (model.geom_group == ROBOT_GROUP))
     if not len(geoms):
@@ -164,8 +164,8 @@ def pipes_table(network: Assembly, model: mujoco.MjModel, shapes: Shapes) -> dic
 
 
 def follow_table(result: Result, trajectory: Trajectory, pack: Pack) -> dict[str, Any]:
-    """Where the camera that keeps with the robot stands: its distance, m, and its direction at
-    each sample, as in films."""
+    """Return distance, m, and direction at each sample of the camera that keeps with the robot, as
+    in films."""
     routes = result.routes()
     directions = view_directions(trajectory, routes, follow_direction(result.pipes))
     distance = FARTHER * DISTANCE * result.scenario.robot.scale

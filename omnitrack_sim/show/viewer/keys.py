@@ -1,4 +1,4 @@
-"""Which key does what, in each of the three windows. Pure: no window is needed here.
+"""Keys of each of the three windows. Pure: no window is needed here.
 
 MuJoCo's window takes letters, digits, ``[ ] , / ; ' ` \\``, Tab, Escape and F1 to F7 for itself,
 and passes every key on besides; all others are free in its passive mode. It tells presses and

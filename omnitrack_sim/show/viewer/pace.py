@@ -50,7 +50,9 @@ class Pace:
         clock: wall time, s.
 
     Attributes:
-        speed: as above. paused: no steps are due. reached: the speed of the last second.
+        speed: as above.
+        paused: no steps are due.
+        reached: the speed of the last second.
         overdue: steps are late.
     """
 
@@ -106,7 +108,7 @@ class Pace:
             self.reached, self._mark = (simulated - before) / (now - wall), (now, simulated)
 
     def draws(self) -> bool:
-        """Whether a picture is due; if so, the next one is due a frame later."""
+        """Return True if a picture is due; the next one is then due a frame later."""
         now = self._clock()
         if now - self._drawn < (LATE_FRAME if self.overdue else FRAME) - _ROUNDING:
             return False
@@ -114,7 +116,7 @@ class Pace:
         return True
 
     def rest(self, run: Playable) -> float:
-        """How long nothing will be due, s; a key may come before."""
+        """Return the time, s, in which nothing will be due; a key may come before."""
         if self.overdue:
             return 0.0
         now = self._clock()

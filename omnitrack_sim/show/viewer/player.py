@@ -1,4 +1,4 @@
-"""What a window shows: a simulation as it runs, or the record of one."""
+"""Players of runs in a window: of a simulation as it runs, of a saved run, of a driven robot."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class ShownRun:
 
     @property
     def location(self) -> Location:
-        """Where the robot is, as a batch of one."""
+        """Location of the robot, as of a batch of one."""
         raise NotImplementedError
 
     def value(self, channel: str) -> Array:
@@ -287,14 +287,14 @@ class Player:
 
     @property
     def shows_keys(self) -> bool:
-        """Whether the panel of the keys is shown: as it was asked for last, and before that where
+        """True if the panel of the keys is shown: as it was asked for last, and before that where
         it does not lie over the robot."""
         if self._help is not None:
             return self._help
         return not covers_robot(help_lines(self.keys), *self.window.size)
 
     def panels(self) -> list[tuple[mujoco.mjtGridPos, Lines]]:
-        """What stands in the corners of the window."""
+        """Return the panels in the corners of the window."""
         keys = help_lines(self.keys)
         return [
             (_CORNER.mjGRID_TOPLEFT, [*self.run.status(), ("speed", self._speed())]),
@@ -366,12 +366,12 @@ class Driver(Player):
 
     @property
     def waits(self) -> bool:
-        """Whether time stands still because no order has been given yet."""
+        """True while time stands still because no order has been given yet."""
         return self.pace.paused and not self.driven
 
     @property
     def simulation(self) -> Simulation:
-        """What is driven."""
+        """Simulation of the driven robot."""
         assert isinstance(self.run, LiveRun)
         return self.run.simulation
 
@@ -408,7 +408,7 @@ class Driver(Player):
 
     @property
     def driven(self) -> bool:
-        """Whether the driver has asked for anything."""
+        """True once the driver has given an order."""
         return bool(self._controller.orders())
 
     def result(self) -> Result:
@@ -426,11 +426,11 @@ class Driver(Player):
         return replace(result, scenario=scenario, provenance=provenance_of(scenario))
 
     def panels(self) -> list[tuple[mujoco.mjtGridPos, Lines]]:
-        """What stands in the corners of the window."""
+        """Return the panels in the corners of the window."""
         return [*super().panels(), (_CORNER.mjGRID_BOTTOMRIGHT, self._orders())]
 
     def _orders(self) -> Lines:
-        """What the driver asks for."""
+        """Return the orders of the driver."""
         if not self.simulation.active[0]:
             return [("the run is over", "Delete saves it and closes")]
         if self.waits:

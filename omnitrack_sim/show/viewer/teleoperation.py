@@ -29,7 +29,9 @@ class KeyContext:
     """The state on which the effect of a key depends, when it is pressed.
 
     Attributes:
-        time: s. nose: (3,) unit vector along the robot. roll_deg: asked of the modules last.
+        time: s.
+        nose: (3,) unit vector along the robot.
+        roll_deg: last commanded roll of the modules.
         towards: (3,) unit vector from the picture to the viewer. All in the world frame.
     """
 
@@ -80,7 +82,7 @@ class Teleoperation:
         return order
 
     def _changes(self, do: Do, pose: KeyContext) -> dict[str, object]:
-        """What a key changes of the order at hand; nothing where the key is none of these."""
+        """Changes of the order at hand by a key; none where the key does not drive."""
         speeds, rolls = {Do.FORWARD: 1, Do.BACK: -1}, {Do.ROLL_ON: 1, Do.ROLL_BACK: -1}
         if do in speeds:
             # Whole steps, so that as many back lead to exactly nothing.
@@ -116,5 +118,5 @@ class Teleoperation:
 
 
 def _same(one: Order, other: Order) -> bool:
-    """Whether two orders ask for the same."""
+    """Return True if two orders ask for the same."""
     return one.model_copy(update={"time": other.time}) == other

@@ -40,8 +40,8 @@ ROBOT = 0.2
 
 
 def covers_robot(lines: Lines, width: int, height: int) -> bool:
-    """Whether a panel in an upper corner of a window of so many pixels lies over the robot, which
-    is in the middle."""
+    """Return True if a panel in an upper corner of a window of so many pixels lies over the robot,
+    which is in the middle."""
     letters = sum(max(len(line[column]) for line in lines) for column in (0, 1))
     beside = LETTER * letters + MARGIN <= width / 2 - ROBOT * height
     above = LINE * len(lines) <= (0.5 - ROBOT) * height
@@ -49,7 +49,7 @@ def covers_robot(lines: Lines, width: int, height: int) -> bool:
 
 
 INSTALL = "pip install 'omnitrack_sim[view]'"
-"""What brings the window's library."""
+"""Command that installs the window's library."""
 SUN = [0.26, 0.25, 0.23]
 """Red, green, blue of the sun, which throws no shadow here and may not outshine the pipes."""
 _BACK = 1.25
@@ -175,7 +175,7 @@ class Window:
 
     @property
     def is_open(self) -> bool:
-        """Whether nobody has closed it."""
+        """True until somebody closes it."""
         return self._handle is not None and self._handle.is_running()
 
     @property
