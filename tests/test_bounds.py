@@ -205,7 +205,7 @@ def test_parts_in_one_place_are_told_up_to_a_bound():
     """A circle of elbows that is driven round fifty times has 2,500 overlaps; the first are
     told."""
     faults = _faults(validate, {"pipes": [{"kind": "elbow"}] * 200}, ScenarioError)
-    assert 1 <= len(faults) <= 2 * bounds.MOST_TOLD
+    assert 1 <= len(faults) <= 2 * bounds.MOST_FAULTS
 
 
 def test_touching_balls_are_those_that_touch():

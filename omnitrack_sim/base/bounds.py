@@ -64,9 +64,9 @@ MOST_BASES = 50
 LARGEST = 1e15
 """Size of a number on an axis of a sweep, and of a bound of a study: what is drawn between two of
 them stays finite."""
-MOST_TOLD = 20
-"""Faults of one kind that are told where each takes time to find, such as parts that run into each
-other: a route that goes round in a circle a hundred times has thousands of them."""
+MOST_FAULTS = 20
+"""Faults of one kind that are looked for where each takes time to find, such as parts that run into
+each other: a route that goes round in a circle a hundred times has thousands of them."""
 FARTHEST = 1e5
 """Distance of a network's place from the origin, m: there a position is still exact to 1e-11 m."""
 

@@ -79,14 +79,8 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     Raises:
         OutputError: ``path`` is a folder or a device, or the disk is full or closed to us.
     """
-    with told(path):
-        target = _file_place(path)
-        with _workshop(target.parent) as shop:
-            yield shop / _NEW
-            _keep(shop / _NEW)
-            os.replace(shop / _NEW, target)
-            # The name of a file is part of its folder, which has to reach the disk, too.
-            _keep(target.parent)
+    with told(path), _whole(_file_place(path)) as new:
+        yield new
 
 
 def write_file(path: str | Path, data: bytes) -> None:
@@ -153,12 +147,22 @@ def whole_folder(directory: str | Path, mark: str) -> Iterator[Path]:
     with told(directory):
         target = _folder_place(directory, mark)
         target.parent.mkdir(parents=True, exist_ok=True)
-        with _workshop(target.parent) as shop:
-            (shop / _NEW).mkdir()
-            yield shop / _NEW
-            for path in (shop / _NEW).rglob("*"):
-                _keep(path)
-            _put(shop, target)
+        with _whole(target) as new:
+            new.mkdir()
+            yield new
+
+
+@contextmanager
+def _whole(target: Path) -> Iterator[Path]:
+    """Yield a path in a workshop; what is there in the end is flushed and replaces ``target``."""
+    with _workshop(target.parent) as shop:
+        new = shop / _NEW
+        yield new
+        for path in (new, *new.rglob("*")):
+            _keep(path)
+        _put(shop, target)
+        # A name is part of the folder above, which has to reach the disk, too.
+        _keep(target.parent)
 
 
 def check_file(path: str | Path) -> None:
@@ -299,10 +303,10 @@ def _workshop(folder: Path) -> Iterator[Path]:
 
 
 def _put(shop: Path, target: Path) -> None:
-    """Move the new folder of a workshop to ``target``, and the earlier one into the workshop."""
+    """Move what a workshop has made to ``target``; an earlier folder goes into the workshop."""
     new, old = shop / _NEW, shop / _OLD / target.name
-    if not target.exists():
-        os.rename(new, target)
+    if not target.is_dir():
+        os.replace(new, target)
         return
     try:
         _exchange(new, target)

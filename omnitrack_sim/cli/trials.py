@@ -89,7 +89,7 @@ def sweep(
 ) -> None:
     """Run a sweep; the same command goes on after an interruption."""
     from omnitrack_sim.trials.sweep import load_sweep
-    from omnitrack_sim.trials.sweep_run import SWEEP_FOLDER, run_sweep
+    from omnitrack_sim.trials.sweep_run import SweepFolder, run_sweep
 
     loaded = with_changes(lambda changes: load_sweep(source, changes), assignments)
     if only_list:
@@ -97,7 +97,7 @@ def sweep(
         return
     share = _share(shard)
     target = folder or Path("out") / loaded.name
-    if go_on and not (target / SWEEP_FOLDER.record).is_file():
+    if go_on and not (target / SweepFolder.record()).is_file():
         raise OutputError(
             f"{target}: holds no sweep to go on with; leave out --continue to begin one"
         )

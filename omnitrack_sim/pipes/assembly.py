@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.bounds import MOST_TOLD
+from omnitrack_sim.base.bounds import MOST_FAULTS
 from omnitrack_sim.base.errors import Fault, GeometryError
 from omnitrack_sim.base.rotations import Array, Pose, length, rotation_about
 from omnitrack_sim.pipes.centreline import Centreline, Segment
@@ -315,7 +315,7 @@ class Assembly:
         return faults
 
     def _overlaps(self) -> list[Fault]:
-        """Parts that share space and are not joined, up to ``MOST_TOLD``."""
+        """Parts that share space and are not joined, up to ``MOST_FAULTS``."""
         joined = {frozenset((i, j)) for (i, _), (j, _) in self.joints}
         pairs: set[tuple[int, int]] = set()
         for i, j, of_i, of_j in _close(self.parts):
@@ -325,7 +325,7 @@ class Assembly:
                 and _share_space(self.parts[i], self.parts[j], of_i, of_j)
             ):
                 pairs.add((i, j))
-                if len(pairs) == MOST_TOLD:
+                if len(pairs) == MOST_FAULTS:
                     break
         names = [part.name for part in self.parts]
         return [
@@ -339,9 +339,10 @@ class Assembly:
         places = np.array([self.parts[i].port(port).position for i, port in ends])
         radii = np.full(len(ends), JOINED / 2)
         pairs = (pair for block in touching(places.reshape(-1, 3), radii) for pair in block)
-        apart = islice((pair for pair in pairs if ends[pair[0]][0] != ends[pair[1]][0]), MOST_TOLD)
+        apart = (pair for pair in pairs if ends[pair[0]][0] != ends[pair[1]][0])
         return [
-            self._closed(ends[first], ends[second]) for first, second in sorted(map(tuple, apart))
+            self._closed(ends[first], ends[second])
+            for first, second in sorted(map(tuple, islice(apart, MOST_FAULTS)))
         ]
 
     def _closed(self, first: tuple[int, str], second: tuple[int, str]) -> Fault:

@@ -126,7 +126,15 @@ class Comparison:
         }
 
     def _repr_html_(self) -> str:
-        return comparison_html(self)
+        head = "".join(
+            f"<p><b>{side}</b> {safe(run.scenario.name)}: {safe(run.outcome.value)} after "
+            f"{run.duration_s:.2f} s</p>"
+            for side, run in (("A", self.a), ("B", self.b))
+        )
+        values = table_html(("value", "unit", "A", "B"), map(value_row, self.values))
+        changed = [figure_row(one) for one in self.figures if one.differs]
+        figures = table_html(("figure", "unit", "A", "B", "B - A"), changed)
+        return f"<div>{head}{values}{figures}</div>"
 
 
 def compare(a: Result | str | os.PathLike[str], b: Result | str | os.PathLike[str]) -> Comparison:
@@ -196,19 +204,6 @@ def _unit(name: str) -> str:
         if known in _UNITS:
             return _UNITS[known]
     return ""
-
-
-def comparison_html(comparison: Comparison) -> str:
-    """HTML of the outcomes, and of the values and metrics that differ."""
-    head = "".join(
-        f"<p><b>{side}</b> {safe(run.scenario.name)}: {safe(run.outcome.value)} after "
-        f"{run.duration_s:.2f} s</p>"
-        for side, run in (("A", comparison.a), ("B", comparison.b))
-    )
-    values = table_html(("value", "unit", "A", "B"), map(value_row, comparison.values))
-    changed = [one for one in comparison.figures if one.differs]
-    heads = ("figure", "unit", "A", "B", "B - A")
-    return f"<div>{head}{values}{table_html(heads, map(figure_row, changed))}</div>"
 
 
 def value_row(one: ComparedValue) -> tuple[str, ...]:

@@ -97,7 +97,18 @@ class Result:
         return f"Result({name!r}: {ended}; {len(self.metrics)} metrics, {record} samples)"
 
     def _repr_html_(self) -> str:
-        return result_html(self)
+        """Return the outcome, headline figures, a small picture and the events, for a notebook."""
+        colour = "#1a7f4b" if self.success else "#c8322b"
+        outcome = safe(self.outcome.value.replace("_", " "))
+        head = (
+            f"<p><b>{safe(self.scenario.name)}</b>: <b style='color:{colour}'>{outcome}</b> after "
+            f"{self.duration_s:.2f} s<br>{safe(self.reason)}</p>"
+        )
+        figures = [_headline(self, *row) for row in _HEADLINE if row[0] in self.metrics]
+        table = table_html(("figure", "unit", "value"), figures)
+        picture = sketch(self.trajectory)
+        beside = f"<div style='display:flex;gap:2em;flex-wrap:wrap'>{table}{picture}</div>"
+        return f"<div>{head}{beside}{_events(self)}</div>"
 
     @property
     def success(self) -> bool:
@@ -412,22 +423,6 @@ def _check_trajectory(result: Result, routes: int) -> None:
         raise ValueError(
             f"it ends at {end:.6f} s, and the run of {RESULT_FILE} at {result.duration_s:.6f} s"
         )
-
-
-def result_html(result: Result) -> str:
-    """HTML of the outcome, headline figures, a small picture and the events of a run."""
-    name, outcome = result.scenario.name, result.outcome.value.replace("_", " ")
-    colour = "#1a7f4b" if result.success else "#c8322b"
-    head = (
-        f"<p><b>{safe(name)}</b>: <b style='color:{colour}'>{safe(outcome)}</b> after "
-        f"{result.duration_s:.2f} s<br>{safe(result.reason)}</p>"
-    )
-    figures = [_headline(result, *row) for row in _HEADLINE if row[0] in result.metrics]
-    table = table_html(("figure", "unit", "value"), figures)
-    beside = (
-        f"<div style='display:flex;gap:2em;flex-wrap:wrap'>{table}{sketch(result.trajectory)}</div>"
-    )
-    return "".join(["<div>", head, beside, _events(result), "</div>"])
 
 
 def _headline(result: Result, key: str, name: str, unit: str, digits: int) -> tuple[str, ...]:

@@ -10,10 +10,9 @@ import contextlib
 import io
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -248,101 +247,86 @@ class Store:
         return self._tables.setdefault(batch.hash, self.columns.table(batch, rows, made_by))
 
 
-@dataclass(frozen=True)
-class FolderKind:
-    """Folders of one kind, of sweeps or of studies.
+class Folder(Store):
+    """The folder of one sweep or study. Each of the two is a subclass, which sets what follows.
 
     Attributes:
-        noun: "sweep" or "study"; its record is the file of that name in JSON.
+        noun: "sweep" or "study"; the record of what was run is the file of that name in JSON.
         files: that it may hold beside the record; the figure is the last one.
         folders: that it holds.
         digits: of the numbers in the names of part files.
         free: keys of the resolved sweep or study that its trials do not depend on.
         packages: whose versions the record names as well.
-    """
-
-    noun: str
-    files: tuple[str, ...]
-    folders: tuple[str, ...]
-    digits: int
-    free: tuple[str, ...]
-    packages: tuple[str, ...] = ()
-
-    @property
-    def record(self) -> str:
-        """Name of the file that says what was run."""
-        return f"{self.noun}.json"
-
-
-class Folder(Store):
-    """The folder of one sweep or study.
-
-    Attributes:
         path: of the folder.
-        columns: of the tables of batches.
 
     Args:
         path: of the folder; it is made where it is missing.
-        kind: what is kept there.
         sha256: of everything that the trials depend on.
         data: the resolved sweep or study as plain data.
-        columns: see above.
+        columns: of the tables of batches.
 
     Raises:
         OutputError: it holds another sweep or study, or other files, or cannot be written.
     """
 
+    noun: ClassVar[str]
+    files: ClassVar[tuple[str, ...]]
+    folders: ClassVar[tuple[str, ...]]
+    digits: ClassVar[int]
+    free: ClassVar[tuple[str, ...]]
+    packages: ClassVar[tuple[str, ...]] = ()
+
     def __init__(
-        self,
-        path: str | Path,
-        kind: FolderKind,
-        sha256: str,
-        data: Mapping[str, Any],
-        columns: TrialColumns,
+        self, path: str | Path, sha256: str, data: Mapping[str, Any], columns: TrialColumns
     ):
         super().__init__(columns)
-        self.path, self._kind = Path(path), kind
-        ours = {"sha256": sha256, kind.noun: data}
-        check_folder(self.path, files=(kind.record, *kind.files))
+        self.path = Path(path)
+        ours = {"sha256": sha256, self.noun: data}
+        check_folder(self.path, files=(self.record(), *self.files))
         with told(self.path):
             there = self._record() if self.path.is_dir() else None
             if there is not None and there["sha256"] != sha256:
                 raise OutputError(
-                    f"{self.path}: holds a different {kind.noun}: "
-                    f"{_differences(there[kind.noun], data, kind.free)}; choose another folder "
+                    f"{self.path}: holds a different {self.noun}: "
+                    f"{_differences(there[self.noun], data, self.free)}; choose another folder "
                     "with --out, or remove this one to begin anew"
                 )
-            for name in kind.folders:
+            for name in self.folders:
                 (self.path / name).mkdir(parents=True, exist_ok=True)
                 check_folder(self.path / name)
-            versions = {name: version(name) for name in kind.packages}
+            versions = {name: version(name) for name in self.packages}
             self._new_record = to_json(ours | environment() | versions)
-            self._renamed = there is not None and there[kind.noun] != data
+            self._renamed = there is not None and there[self.noun] != data
             # The record of an earlier run stays until all is finished: names and groups may have
             # changed.
             if there is None:
-                write_file(self.path / kind.record, self._new_record)
+                write_file(self.path / self.record(), self._new_record)
+
+    @classmethod
+    def record(cls) -> str:
+        """Return the name of the file that says what was run."""
+        return f"{cls.noun}.json"
 
     def _record(self) -> dict[str, Any] | None:
         """Contents of the record; None in a folder that holds nothing yet, or parts only."""
-        kind, file = self._kind, self.path / self._kind.record
+        file = self.path / self.record()
         if not file.is_file():
             names = [path.name for path in self.path.iterdir()]
             # A process may have been killed after it made the folders and before it wrote the
             # record.
-            strange = [n for n in names if n not in kind.folders and not is_workshop(n)]
+            strange = [n for n in names if n not in self.folders and not is_workshop(n)]
             if strange:
                 raise OutputError(
-                    f"{self.path}: holds {strange[0]!r} but no {kind.record}, so it is no "
-                    f"{kind.noun}; choose another folder"
+                    f"{self.path}: holds {strange[0]!r} but no {self.record()}, so it is no "
+                    f"{self.noun}; choose another folder"
                 )
             return None
         try:
             data = json.loads(file.read_text(encoding="utf-8"))
-            return {"sha256": data["sha256"], kind.noun: dict(data[kind.noun])}
+            return {"sha256": data["sha256"], self.noun: dict(data[self.noun])}
         except (ValueError, KeyError, TypeError, RecursionError, MemoryError) as error:
             raise OutputError(
-                f"{file}: is no description of a {kind.noun} ({error}); choose another folder"
+                f"{file}: is no description of a {self.noun} ({error}); choose another folder"
             ) from error
 
     def read(self, batch: Batch) -> pa.Table | None:
@@ -388,7 +372,7 @@ class Folder(Store):
             files: contents by name; None: no such file may remain.
             draw: makes the figure.
         """
-        figure = self._kind.files[-1]
+        figure = self.files[-1]
         as_asked = all(self._holds(name, data) for name, data in files.items())
         if as_asked and not self._renamed and (self.path / figure).is_file():
             return
@@ -397,7 +381,7 @@ class Folder(Store):
         for name, data in files.items():
             self.put(name, data)
         if self._renamed:
-            self.put(self._kind.record, self._new_record)
+            self.put(self.record(), self._new_record)
         picture = attempt(figure, draw)
         if picture is not None:
             self.put(figure, picture)
@@ -407,7 +391,7 @@ class Folder(Store):
         return file.read_bytes() == data if file.is_file() else data is None
 
     def _part(self, batch: Batch) -> Path:
-        number = f"{batch.number:0{self._kind.digits}d}"
+        number = f"{batch.number:0{self.digits}d}"
         return self.path / PARTS / f"{number}-{batch.hash}.parquet"
 
     @contextlib.contextmanager

@@ -41,7 +41,6 @@ from omnitrack_sim.trials.search import (
 from omnitrack_sim.trials.store import (
     PARTS,
     Folder,
-    FolderKind,
     Store,
     TrialColumns,
     column,
@@ -61,9 +60,13 @@ if TYPE_CHECKING:
 HISTORY_FILE, HISTORY_CSV, FRONT_FILE = "history.parquet", "history.csv", "front.csv"
 FINAL_FILE, BEST_FILE, SUMMARY_FILE = "final.csv", "best.toml", "summary.json"
 VALUES = "values"
-STUDY_FOLDER = FolderKind(
-    noun="study",
-    files=(
+
+
+class StudyFolder(Folder):
+    """The folder of a study."""
+
+    noun = "study"
+    files = (
         HISTORY_FILE,
         HISTORY_CSV,
         FRONT_FILE,
@@ -71,12 +74,11 @@ STUDY_FOLDER = FolderKind(
         BEST_FILE,
         SUMMARY_FILE,
         "front.png",
-    ),
-    folders=(PARTS, VALUES),
-    digits=9,
-    free=FOR_THE_RECORD,
-    packages=("cmaes",),
-)
+    )
+    folders = (PARTS, VALUES)
+    digits = 9
+    free = FOR_THE_RECORD
+    packages = ("cmaes",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +223,7 @@ class _StudyRun:
         self.study, self.engine = study, engine
         columns = TrialColumns(base for sweep in study.trials for base in sweep.bases.values())
         data = study.model_dump(mode="json")
-        self.folder = None if out is None else Folder(out, STUDY_FOLDER, study.hash, data, columns)
+        self.folder = None if out is None else StudyFolder(out, study.hash, data, columns)
         store = self.folder or Store(columns)
         self.search = CandidateTrials(study, study.trials, store, engine)
         self.check = CandidateTrials(study, study.unseen, store, engine)

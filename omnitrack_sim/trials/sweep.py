@@ -16,8 +16,8 @@ from pydantic import BaseModel, Field
 from omnitrack_sim.base.bounds import (
     MOST_AXES,
     MOST_BATCH,
+    MOST_FAULTS,
     MOST_SAMPLES,
-    MOST_TOLD,
     MOST_TRIALS,
     MOST_VALUES,
     MOST_WORDS,
@@ -481,7 +481,7 @@ def _misspelt(
         return
     refused = 0
     for i, value in words:
-        if refused >= MOST_TOLD:
+        if refused >= MOST_FAULTS:
             return
         changes = dict.fromkeys(places, value)
         try:

@@ -29,7 +29,6 @@ from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
 from omnitrack_sim.trials.store import (
     PARTS,
     Folder,
-    FolderKind,
     Store,
     TrialColumns,
     made_by,
@@ -46,21 +45,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TABLE_FILE, CSV_FILE, SUMMARY_FILE = "trials.parquet", "trials.csv", "summary.json"
-SWEEP_FOLDER = FolderKind(
-    noun="sweep",
-    files=(TABLE_FILE, CSV_FILE, SUMMARY_FILE, "success_map.png"),
-    folders=(PARTS,),
-    digits=6,
-    free=FOR_THE_RECORD,
-)
-
-
 ALONG = 1 / 3
 """Components of a unit vector along the run axis, from - to + this, that count as across.
 
 Each of the three classes has a third of the sphere.
 """
 CLASSES = ("against the run axis", "across", "along")
+
+
+class SweepFolder(Folder):
+    """The folder of a sweep."""
+
+    noun = "sweep"
+    files = (TABLE_FILE, CSV_FILE, SUMMARY_FILE, "success_map.png")
+    folders = (PARTS,)
+    digits = 6
+    free = FOR_THE_RECORD
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +157,7 @@ def sweep_store(sweep: Sweep, out: str | Path | None) -> Store:
     columns = TrialColumns(sweep.bases.values(), sweep.trials(), {"sweep_sha256": sweep.hash})
     if out is None:
         return Store(columns)
-    return Folder(out, SWEEP_FOLDER, sweep.hash, sweep.model_dump(mode="json"), columns)
+    return SweepFolder(out, sweep.hash, sweep.model_dump(mode="json"), columns)
 
 
 def finish_sweep(
