@@ -84,7 +84,8 @@ class SteeringLoop:
         """The loops of a robot under a controller; arguments as the attributes."""
         # An arm of three pitches with the chassis wholly, or two by half: 3/2 in every direction.
         arms = MODULES / 2
-        stiffness, damping = arms * robot.pitch_stiffness, arms * robot.pitch_damping
+        pitch_stiffness = robot.module_stiffness * (robot.shaft_spacing / 2) ** 2  # N m/rad
+        stiffness, damping = arms * pitch_stiffness, arms * robot.pitch_damping
         radius, length = robot.chassis_radius, robot.chassis_length
         inertia = robot.chassis_mass * (3 * radius**2 + length**2) / 12
         motor = robot.motor

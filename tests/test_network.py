@@ -189,7 +189,7 @@ def test_a_reducer_joins_bores_of_two_sizes():
         "branch to run",
         "straight",
     ]
-    assert np.allclose(way.bore_radius(np.array([0.2, 0.575, 0.8])), [0.06, 0.07, 0.08])
+    assert [p.radius for p in way.passages] == pytest.approx([0.06, 0.06, 0.08, 0.08, 0.08])
     data = narrowed()
     data["joints"][3:] = [joint("c.start", "r.end"), joint("r.start", "d.start")]
     faults = faults_of(data)

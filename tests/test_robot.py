@@ -28,10 +28,8 @@ def test_reach_follows_from_the_published_sector():
 
 
 def test_springs_add_up():
-    """Four springs of 0.5 N/mm make 2 N/mm a module; their spacing makes the pitch stiffness."""
-    robot = Robot()
-    assert robot.module_stiffness == pytest.approx(2000.0)
-    assert robot.pitch_stiffness == pytest.approx(2000.0 * (robot.shaft_spacing / 2) ** 2)
+    """Four springs of 0.5 N/mm make 2 N/mm a module."""
+    assert Robot().module_stiffness == pytest.approx(2000.0)
 
 
 def test_robot_is_frozen_and_refuses_unknown_fields():

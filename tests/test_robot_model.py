@@ -60,13 +60,14 @@ def test_springs_push_outward_and_upright() -> None:
     """Preload in the nominal pipe, stiffness about it, and about the pitch axis; neither feels the
     other, for a spring stands at either end of an arm."""
     free = ROBOT.preload / ROBOT.module_stiffness
+    stiffness = ROBOT.module_stiffness * (ROBOT.shaft_spacing / 2) ** 2  # N m/rad, of the pitch
     for travel in (-0.01, 0.0, 0.005):
         pushed = passive(slide_1=travel)
         assert pushed["slide"] == pytest.approx(ROBOT.module_stiffness * (free - travel))
         assert pushed["pitch"] == pytest.approx(0.0, abs=1e-9)
     for pitch in (-0.03, 0.05):
         tipped = passive(pitch_1=pitch)
-        assert tipped["pitch"] == pytest.approx(-ROBOT.pitch_stiffness * pitch)
+        assert tipped["pitch"] == pytest.approx(-stiffness * pitch)
         assert tipped["slide"] == pytest.approx(ROBOT.preload)
     assert passive(slide_1=2 * free)["slide"] == 0.0  # springs do not pull
 

@@ -12,8 +12,6 @@ from omnitrack_sim.robots.omnitrack.singularity import (
     best_theta5,
     failure_rate,
     is_singular,
-    mitre_ellipse,
-    mitre_intersection,
     reach_from_sector,
     safe_margin,
     section_ellipse,
@@ -138,11 +136,10 @@ def test_best_and_worst_orientation(modules):
     assert is_singular(worst_theta5(modules), 1e-6, modules)
 
 
-def test_intersections_found_by_search_are_the_closed_form():
-    """Walk round the ellipse, bisect where it crosses the circle: the points lie on both and
-    project to the sector."""
+def test_intersections_found_by_search_project_to_the_sector():
+    """Walk round the mitre ellipse and bisect where it crosses the circle of the reach."""
     for rho, turn in ((RHO, np.pi / 2), (0.085, np.pi / 2), (0.09, 1.2), (0.12, 2.0)):
-        a, b = (float(axis) for axis in mitre_ellipse(R, turn))
+        a, b = (float(axis) for axis in section_ellipse(R, turn / 2))
 
         def beyond(t, a=a, b=b, rho=rho):
             return np.hypot(a * np.cos(t), b * np.sin(t)) - rho
@@ -152,13 +149,9 @@ def test_intersections_found_by_search_are_the_closed_form():
             middle = (low + high) / 2
             low, high = (middle, high) if beyond(middle) > 0 else (low, middle)
         x, y = a * np.cos(low), b * np.sin(low)
-        u, v = mitre_intersection(R, rho, turn)
-        assert np.allclose([u, v], [x, y], atol=1e-12)
-        assert (u / a) ** 2 + (v / b) ** 2 == pytest.approx(1, abs=1e-12)
-        assert np.hypot(u, v) == pytest.approx(rho, abs=1e-12)
-        # Along the pipe the point (u, v) of the section falls on (u cos(delta/2), v) of the end
+        # Along the pipe the point (x, y) of the section falls on (x cos(delta/2), y) of the end
         # circle.
-        alpha = np.arctan2(v, u * np.cos(turn / 2))
+        alpha = np.arctan2(y, x * np.cos(turn / 2))
         assert 2 * alpha == pytest.approx(float(sector_angle(R, rho, turn)), abs=1e-9)
 
 
@@ -166,7 +159,7 @@ def test_the_crotch_circle_meets_the_ellipse_where_its_formula_says():
     """Circle of radius rho through the inner vertex (-a, 0): its other meeting points project to
     the crotch sector."""
     rho, turn = 0.104, np.pi / 2
-    a, b = (float(axis) for axis in mitre_ellipse(R, turn))
+    a, b = (float(axis) for axis in section_ellipse(R, turn / 2))
     half_sector = float(sector_angle(R, rho, turn, "crotch")) / 2
     u, v = (
         a * np.cos(half_sector),
@@ -175,17 +168,12 @@ def test_the_crotch_circle_meets_the_ellipse_where_its_formula_says():
     assert np.hypot(u + a - rho, v) == pytest.approx(rho, abs=1e-12)
 
 
-def test_circle_that_misses_the_ellipse_has_no_intersection():
-    """NaN inside and outside."""
-    assert np.isnan(mitre_intersection(R, [0.07, 0.12])).all()
-
-
 def test_sections_of_a_pipe_grow_eccentric_with_tilt():
     """Semi-axes R / cos and R; eccentricity sin(tilt)."""
     tilt = np.radians([0, 20, 45])
     a, b = section_ellipse(R, tilt)
     assert np.allclose(np.sqrt(1 - (b / a) ** 2), np.sin(tilt))
-    assert np.allclose(mitre_ellipse(R), [np.sqrt(2) * R, R])
+    assert np.allclose(section_ellipse(R, np.pi / 4), [np.sqrt(2) * R, R])
 
 
 def test_a_million_orientations_take_under_a_tenth_of_a_second():

@@ -6,7 +6,7 @@ from matplotlib.colors import to_rgb
 
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.paper.plots.region import FIGURES, SECTOR_COLOUR, plot_singularity
-from omnitrack_sim.robots.omnitrack.singularity import TurnCase, mitre_ellipse
+from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 
 CASE = TurnCase()
 
@@ -20,7 +20,7 @@ def test_sections_are_the_ellipses_of_the_cuts():
     _, shapes = _axes("sections")
     widths = [np.abs(line.get_xdata()).max() for line in shapes.lines]
     assert widths[0] == pytest.approx(80)
-    assert widths[-2] == pytest.approx(1e3 * mitre_ellipse(0.08)[0])
+    assert widths[-2] == pytest.approx(80 * np.sqrt(2))
     assert widths[-1] == pytest.approx(96.1)
 
 

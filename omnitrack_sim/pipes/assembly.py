@@ -237,6 +237,15 @@ class Assembly:
     Raises:
         GeometryError: joined bores whose diameters differ by more than ``BORE_TOLERANCE``, or parts
             that run into each other.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> pipes = ot.load_network("fig14").pipes
+        >>> pipes.parts[0]
+        Part(...)
+        >>> distance, gradient = pipes.signed_distance(pipes.parts[0].pose.position)
+        >>> round(float(distance), 6)  # m, from the wall to a point of the axis
+        0.08
     """
 
     parts: tuple[Part, ...]

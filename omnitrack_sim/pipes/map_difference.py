@@ -43,6 +43,13 @@ class MapDifference:
             parts.
         length: m, of all axes of the network that are in the map. length_error: m, of what is wrong
             in them, sizes added up.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> network = ot.load_network("fig14")
+        >>> difference = ot.compare_maps(network, network)
+        >>> difference.same, difference.missing
+        (True, ())
     """
 
     parts: int
@@ -92,6 +99,15 @@ def compare_maps(
 
     Raises:
         NetworkError: there is no such port.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> inlet = {"kind": "straight", "name": "inlet", "length": 0.5}
+        >>> knee = {"kind": "elbow", "name": "knee"}
+        >>> joints = [{"ports": ("inlet.end", "knee.start")}]
+        >>> true = ot.Network(fittings=[inlet, knee], joints=joints)
+        >>> ot.compare_maps(ot.Network(fittings=[inlet]), true).missing
+        ('knee',)
     """
     plates = {true.port(port, f"closed.{i}") for i, port in enumerate(closed)}
     mine, other = _Graph(found, ()), _Graph(true, plates)

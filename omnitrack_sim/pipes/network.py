@@ -192,6 +192,18 @@ class Network(Table):
 
     Raises:
         NetworkError: every fault, with its dotted path.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> network = ot.Network(
+        ...     fittings=[
+        ...         {"kind": "straight", "name": "inlet", "length": 0.5},
+        ...         {"kind": "elbow", "name": "knee"},
+        ...     ],
+        ...     joints=[{"ports": ("inlet.end", "knee.start")}],
+        ... )
+        >>> network.open_ends
+        ('inlet.start', 'knee.end')
     """
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)] = "network"
@@ -429,6 +441,11 @@ def load_network(source: str | Path) -> Network:
     Raises:
         NetworkError: no such file, bad TOML or JSON, or any fault in it; every fault is listed with
             its path in the file.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> ot.load_network("fig14").open_ends[0]
+        'riser.start'
     """
     return validate(network_data(source))
 

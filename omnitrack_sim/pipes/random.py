@@ -59,6 +59,11 @@ def random_network(
 
     Raises:
         NetworkError: the arguments make no sense, or no network of that size was found.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> len(ot.random_network(7, fittings=5).fittings)
+        5
     """
     low, high = (fittings, fittings) if isinstance(fittings, int) else fittings
     supply = _Supply(lengths, mean_radii, tee_share, inner_diameter, diameters or (), reducer_share)

@@ -252,24 +252,6 @@ class Route:
         before = (p for p in self.passages[index::-1] if p.asks_orientation)
         return next((p.span[1] for p in before), -inf)
 
-    def bore_radius(self, s: Array) -> Array:
-        """Return the bore radius (n,) m at arc lengths (n,) m along the centreline; beyond its ends
-        that at the ends.
-
-        Linear between the ports of each fitting; at a joint of two bores either of them.
-        """
-        # Between equal arc lengths (a joint of two bores) np.interp takes either value.
-        return np.interp(s, *self._bore)
-
-    @cached_property
-    def _bore(self) -> tuple[Array, Array]:
-        """Arc lengths (k,) m of all ports passed, and the bore radii there, m."""
-        ports = [
-            end for p in self.passages for end in ((p, p.enter, p.s_enter), (p, p.leave, p.s_leave))
-        ]
-        radii = [p.part.fitting.port_radius(port) for p, port, _ in ports]
-        return np.array([s for _, _, s in ports]), np.array(radii)
-
 
 def route(steps: Sequence[Step], start: Pose | None = None, arcs: Arcs = ARCS) -> Route:
     """Join fittings one after the other and lay the centreline through them.

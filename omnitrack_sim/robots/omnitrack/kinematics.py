@@ -249,18 +249,6 @@ def elbow_speeds(
     )
 
 
-def elbow_paths(
-    elbow_angle: ArrayLike, theta5: ArrayLike, mean_radius: ArrayLike, module_distance: ArrayLike
-) -> Array:
-    """Lengths (..., 3) m of the modules' paths through an elbow of ``elbow_angle`` rad.
-
-    The angle times ``elbow_radii``.
-    """
-    return np.asarray(elbow_angle, float)[..., None] * elbow_radii(
-        theta5, mean_radius, module_distance
-    )
-
-
 def turn_from_roll(roll: ArrayLike, lug_radius: ArrayLike, pipe_radius: ArrayLike) -> Array:
     """Turn (...,) rad of the robot about its z axis when all modules roll without slip.
 

@@ -369,12 +369,6 @@ class Robot(QuantityModel):
         return self.spring_stiffness * self.springs_per_module
 
     @property
-    def pitch_stiffness(self) -> float:
-        """Pitch stiffness of one arm while all its springs are loaded, N m/rad: k (spacing /
-        2)^2."""
-        return self.module_stiffness * (self.shaft_spacing / 2) ** 2
-
-    @property
     def slide_range(self) -> tuple[float, float]:
         """Travel of an arm from the nominal pipe radius, m, outward positive."""
         return -self.slide_travel_inward, self.reach - self.nominal_pipe_radius

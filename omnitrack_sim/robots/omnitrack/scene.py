@@ -38,7 +38,7 @@ def build_scene(
         wall_tolerance: m, largest distance of the walls from the exact surface on all but tees.
         staves: number of wall pieces around a bore, instead of what the tolerance asks for.
         exact: one geom a fitting and a line without gaps a track, for the compiled collider;
-            ``wall_tolerance``, ``staves`` and the robot's ``lugs_per_track`` then mean nothing.
+            ``wall_tolerance`` and ``staves`` then mean nothing.
         looks: add visual geoms, cameras and lights; they change neither mass nor contact.
     """
     spec = new_spec("omnitrack_scene")

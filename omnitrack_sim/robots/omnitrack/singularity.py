@@ -42,14 +42,6 @@ PAPER_SECTOR = np.radians(96.54)
 """Sector of the paper's robot (Section IV)."""
 
 
-def mitre_ellipse(pipe_radius: ArrayLike, turn_angle: ArrayLike = np.pi / 2) -> tuple[Array, Array]:
-    """Semi-axes of the section in the mitre plane.
-
-    In the plane of the turn R / cos(delta/2), and across it R.
-    """
-    return section_ellipse(pipe_radius, _turn_angle(turn_angle) / 2)
-
-
 def section_ellipse(pipe_radius: ArrayLike, tilt: ArrayLike) -> tuple[Array, Array]:
     """Semi-axes R / cos(tilt) and R of a pipe cut by a plane ``tilt`` rad from square (Fig. 7).
 
@@ -65,26 +57,6 @@ def section_ellipse(pipe_radius: ArrayLike, tilt: ArrayLike) -> tuple[Array, Arr
         np.abs(tilt) < np.pi / 2, "tilt", tilt, "must lie between -90 and 90 degrees", angle=True
     )
     return radius / np.cos(tilt), radius.copy()
-
-
-def mitre_intersection(
-    pipe_radius: ArrayLike, reach: ArrayLike, turn_angle: ArrayLike = np.pi / 2
-) -> tuple[Array, Array]:
-    """Intersection of the circle of radius rho with the concentric mitre ellipse.
-
-    (u, v) >= 0, with u in the plane of the turn. u^2 = (rho^2 - R^2) / sin^2(delta/2). The other
-    three points are its mirror images. NaN where the circle lies inside (rho < R) or outside (rho >
-    a).
-    """
-    radius, rho, half = np.broadcast_arrays(
-        _positive(pipe_radius, "pipe_radius"),
-        _positive(reach, "reach"),
-        _turn_angle(turn_angle) / 2,
-    )
-    meets = (rho >= radius) & (rho * np.cos(half) <= radius)
-    # A product instead of a difference of squares: nothing cancels where rho is just above R.
-    u = np.sqrt(np.where(meets, (rho - radius) * (rho + radius), np.nan)) / np.sin(half)
-    return u, np.sqrt(np.maximum(rho * rho - u * u, 0.0))
 
 
 def sector_angle(

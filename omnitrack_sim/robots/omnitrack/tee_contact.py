@@ -80,20 +80,6 @@ def turn_path(bend_radius: float, turn_angle: float = np.pi / 2, poses: int = 72
     return TeePath(pivot - bend_radius * inward, axis, turn_angle)
 
 
-def straight_path(pipe_radius: float, turn_angle: float = np.pi / 2, poses: int = 721) -> TeePath:
-    """Straight over the tee along the axis of the run.
-
-    From 2 R before the axis of the branch to 2 R behind it.
-
-    Raises:
-        InputError: pipe_radius is not positive, or poses below 2.
-    """
-    _require_positive("pipe_radius", pipe_radius)
-    along = np.linspace(-2 * pipe_radius, 2 * pipe_radius, _count("poses", poses))
-    axis = np.array([0.0, 0.0, 1.0])
-    return TeePath(along[:, None] * axis, np.tile(axis, (poses, 1)), turn_angle)
-
-
 @dataclass(frozen=True)
 class ContactMap:
     """Contact of a robot's N modules for M orientations along T poses of a path.
@@ -119,14 +105,6 @@ class ContactMap:
     def keeps_contact(self) -> NDArray[np.bool_]:
         """(M,), orientations in which every module touches throughout the path."""
         return np.asarray(self.touching.all(axis=(0, 2)))
-
-    @property
-    def contact_rate(self) -> float:
-        """Share of the orientations that keep contact.
-
-        It is a success rate if theta5 covers a period evenly.
-        """
-        return float(self.keeps_contact.mean())
 
 
 def contact_map(
