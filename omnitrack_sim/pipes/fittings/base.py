@@ -22,7 +22,7 @@ import numpy as np
 from numba.core.errors import NumbaError
 
 from omnitrack_sim.base.errors import Fault, GeometryError
-from omnitrack_sim.base.rotations import Array, Pose, cross
+from omnitrack_sim.base.rotations import Array, Pose, cross, unit
 from omnitrack_sim.base.table import Size, Table, Unit
 from omnitrack_sim.pipes.compiled import Wall, distances
 from omnitrack_sim.pipes.native import SIGNATURES, c_function
@@ -387,3 +387,112 @@ class Axial(Fitting):
         """See ``Fitting``."""
         r = self.largest_radius
         return np.array([-r, -r, 0.0]), np.array([r, r, self.length])
+
+
+class Branched(Fitting):
+    """A run of ``run_length`` m along z, centred at the origin, with a branch that leaves it there
+    towards +x and ends ``branch_length`` m from the run's axis."""
+
+    port_names: ClassVar[tuple[str, ...]] = ("run_start", "run_end", "branch")
+    default_way: ClassVar[tuple[str, str]] = ("run_start", "branch")
+    run_length: float
+    branch_length: float
+
+    @property
+    @abstractmethod
+    def branch_angle(self) -> float:
+        """Angle between the branch and the run towards ``run_end``, rad."""
+
+    @property
+    @abstractmethod
+    def branch_axis(self) -> Array:
+        """Unit vector (3,) along the branch, outward."""
+
+    @property
+    def branch_radius(self) -> float:
+        """Bore radius of the branch, m."""
+        return self.port_radius("branch")
+
+    @abstractmethod
+    def mouth(self, enter: str) -> tuple[float, float]:
+        """Return the middle and half the length, m, of the opening between run and branch, along
+        the axis from port ``enter`` on."""
+
+    @property
+    def ports(self) -> Mapping[str, Pose]:
+        """``run_start`` at z < 0, ``run_end`` at z > 0, ``branch``; x towards the branch, or along
+        the run."""
+        half, out = self.run_length / 2, self.branch_axis
+        return {
+            "run_start": port_pose(-Z, X, -half * Z),
+            "run_end": port_pose(Z, X, half * Z),
+            "branch": port_pose(out, cross(out, Y), self.branch_length * out),
+        }
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """See ``Fitting``: the run, and the branch from the run's axis."""
+        run = AxisCurve(self.ports["run_start"].position, Z, X, ((self.run_length, 0.0),))
+        branch = AxisCurve(np.zeros(3), self.branch_axis, Y, ((self.branch_length, 0.0),))
+        return (
+            Axis(run, self.radius, self.radius),
+            Axis(branch, self.branch_radius, self.branch_radius),
+        )
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """See ``Fitting``."""
+        run, half = self.radius, self.run_length / 2
+        far, end = self.branch_length * self.branch_axis, self.branch_radius * self.branch_axis
+        high = np.array([max(run, far[0] + end[2]), run, max(half, far[2] + end[0])])
+        return np.array([-run, -run, -half]), high
+
+    def turn_angle(self, enter: str, leave: str) -> float:
+        """Angle, rad, by which the way from port ``enter`` to port ``leave`` turns."""
+        if "branch" not in (enter, leave):
+            return 0.0
+        return self.branch_angle if "run_start" in (enter, leave) else math.pi - self.branch_angle
+
+    def axis_curve(self, enter: str, leave: str, arcs: Arcs) -> AxisCurve:
+        """See ``Fitting``: a line over the run, or line, arc, line between run and branch; the arc
+        is as wide as the two legs leave room for."""
+        start, turn = self.ports[enter], self.turn_angle(enter, leave)
+        tangent, half = -start.rotation[:, 2], self.run_length / 2
+        if turn == 0:
+            return AxisCurve(start.position, tangent, X, ((self.run_length, 0.0),))
+        # The arc depends on the direction: out of a branch a wide one passes more often (`Arcs`).
+        wanted, first, last = (
+            (arcs.turn, half, self.branch_length)
+            if leave == "branch"
+            else (arcs.merge, self.branch_length, half)
+        )
+        # An arc of radius q takes q tan(turn / 2) of either axis; tan(pi / 4) is not quite 1.
+        slope = 1.0 if turn == math.pi / 2 else math.tan(turn / 2)
+        onward = self.ports[leave].rotation[:, 2]
+        normal = unit(onward - tangent * (onward @ tangent))
+        radius = min(wanted, half / slope, self.branch_length / slope)
+        radius = self.clear_of_rim(radius, tangent, normal, turn)
+        cut = radius * slope
+        lines = ((first - cut, 0.0), (radius * turn, 1 / radius), (last - cut, 0.0))
+        segments = tuple(segment for segment in lines if segment[0] > 1e-12)
+        return AxisCurve(start.position, tangent, normal, segments)
+
+    def clear_of_rim(self, radius: float, tangent: Array, normal: Array, turn: float) -> float:
+        """Return ``radius`` m of an arc by ``turn`` rad, or a smaller one that keeps off the rim
+        inside it. Here: as it is."""
+        return radius
+
+    def describe(self, enter: str, leave: str) -> Description:
+        """See ``Fitting``."""
+        opening, turn = self.mouth(enter), self.turn_angle(enter, leave)
+        if turn == 0:
+            return Description("over the run", "tee_straight", opening=opening)
+        into = leave == "branch"
+        return Description(
+            "run to branch" if into else "branch to run",
+            "tee_turn",
+            into_branch=into,
+            out_of_branch=not into,
+            opening=opening,
+            turn_angle=turn,
+        )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
@@ -24,17 +23,12 @@ from omnitrack_sim.pipes.compiled import (
 )
 from omnitrack_sim.pipes.fittings.base import (
     BORE,
-    Arcs,
-    Axis,
-    AxisCurve,
-    Description,
-    Fitting,
+    Branched,
     FittingTable,
     X,
     Y,
     Z,
     check,
-    port_pose,
     positive,
 )
 from omnitrack_sim.pipes.shapes import Kit, Pieces, Ring, Solid, sagitta, stave_count
@@ -165,7 +159,7 @@ def clear(sizes, px, py, pz, ax, ay, az):
 
 
 @dataclass(frozen=True)
-class Tee(Fitting):
+class Tee(Branched):
     """An equal tee: run of ``run_length`` m, branch that ends ``branch_length`` m from the run's
     axis, rim rounded.
 
@@ -182,8 +176,6 @@ class Tee(Fitting):
     fillet_radius: float = 0.005
     inner_diameter: float = BORE
     kind: ClassVar[str] = "tee"
-    port_names: ClassVar[tuple[str, ...]] = ("run_start", "run_end", "branch")
-    default_way: ClassVar[tuple[str, str]] = ("run_start", "branch")
     wall: ClassVar[Wall] = Wall(surface, span, clear)
 
     class Table(FittingTable):
@@ -216,71 +208,23 @@ class Tee(Fitting):
         )
 
     @property
-    def ports(self) -> Mapping[str, Pose]:
-        """``run_start`` at z < 0, ``run_end`` at z > 0, ``branch``; x towards the branch, or along
-        the run."""
-        half = self.run_length / 2
-        return {
-            "run_start": port_pose(-Z, X, -half * Z),
-            "run_end": port_pose(Z, X, half * Z),
-            "branch": port_pose(X, Z, self.branch_length * X),
-        }
-
-    def axis_curve(self, enter: str, leave: str, arcs: Arcs) -> AxisCurve:
-        """See ``Fitting``: a line over the run, or line, arc, line between run and branch."""
-        start = self.ports[enter]
-        tangent, half = -start.rotation[:, 2], self.run_length / 2
-        if "branch" not in (enter, leave):
-            return AxisCurve(start.position, tangent, X, ((self.run_length, 0.0),))
-        # The arc depends on the direction: out of a branch a wide arc passes more often (see
-        # `Arcs`).
-        wanted, first, last = (
-            (arcs.turn, half, self.branch_length)
-            if leave == "branch"
-            else (arcs.merge, self.branch_length, half)
-        )
-        # A right-angled arc takes as much of either axis as its radius is long.
-        radius = min(wanted, half, self.branch_length)
-        normal = self.ports[leave].rotation[:, 2]
-        lines = ((first - radius, 0.0), (radius * math.pi / 2, 1 / radius), (last - radius, 0.0))
-        return AxisCurve(
-            start.position, tangent, normal, tuple(segment for segment in lines if segment[0] > 0)
-        )
+    def branch_angle(self) -> float:
+        """See ``Branched``."""
+        return math.pi / 2
 
     @property
-    def axes(self) -> tuple[Axis, ...]:
-        """See ``Fitting``: the run, and the branch from the run's axis."""
-        run = AxisCurve(self.ports["run_start"].position, Z, X, ((self.run_length, 0.0),))
-        branch = AxisCurve(np.zeros(3), X, Y, ((self.branch_length, 0.0),))
-        return Axis(run, self.radius, self.radius), Axis(branch, self.radius, self.radius)
+    def branch_axis(self) -> Array:
+        """See ``Branched``."""
+        return X
 
-    def describe(self, enter: str, leave: str) -> Description:
-        """See ``Fitting``. The opening is as wide as the branch, about the point where the axes
-        meet."""
-        middle = self.branch_length if enter == "branch" else self.run_length / 2
-        opening = (middle, self.radius)
-        if "branch" not in (enter, leave):
-            return Description("over the run", "tee_straight", opening=opening)
-        into = leave == "branch"
-        return Description(
-            "run to branch" if into else "branch to run",
-            "tee_turn",
-            into_branch=into,
-            out_of_branch=not into,
-            opening=opening,
-            turn_angle=math.pi / 2,
-        )
+    def mouth(self, enter: str) -> tuple[float, float]:
+        """See ``Branched``: as wide as the branch, about the point where the axes meet."""
+        return self.branch_length if enter == "branch" else self.run_length / 2, self.radius
 
     def extent(self, points: Array) -> Array:
         """See ``Fitting``."""
         p = np.asarray(points, float)
         return np.minimum(self.run_length / 2 - np.abs(p[..., 2]), self.branch_length - p[..., 0])
-
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """See ``Fitting``."""
-        r, half = self.radius, self.run_length / 2
-        return np.array([-r, -r, -half]), np.array([self.branch_length, r, half])
 
     @property
     def sizes(self) -> tuple[float, ...]:

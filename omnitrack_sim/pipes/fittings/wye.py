@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
@@ -20,18 +19,11 @@ from omnitrack_sim.base.table import Size, Unit
 from omnitrack_sim.pipes.compiled import Wall
 from omnitrack_sim.pipes.fittings.base import (
     BORE,
-    Arcs,
-    Axis,
-    AxisCurve,
     Bore,
-    Description,
-    Fitting,
+    Branched,
     FittingTable,
-    X,
     Y,
-    Z,
     check,
-    port_pose,
     positive,
 )
 from omnitrack_sim.pipes.fittings.wye_surface import EQUAL, clear, span, surface
@@ -61,7 +53,7 @@ CLEARANCE = 0.5
 
 
 @dataclass(frozen=True)
-class Wye(Fitting):
+class Wye(Branched):
     """A run of ``run_length`` m with a branch that leans by ``angle`` rad from +z and ends
     ``branch_length`` m from the point where the axes meet.
 
@@ -81,8 +73,6 @@ class Wye(Fitting):
     inner_diameter: float = BORE
     branch_diameter: float = BORE
     kind: ClassVar[str] = "wye"
-    port_names: ClassVar[tuple[str, ...]] = ("run_start", "run_end", "branch")
-    default_way: ClassVar[tuple[str, str]] = ("run_start", "branch")
     wall: ClassVar[Wall] = Wall(surface, span, clear)
 
     class Table(FittingTable):
@@ -145,13 +135,13 @@ class Wye(Fitting):
         return (big * cos + small) / sin, (big + small * cos) / sin
 
     @property
-    def branch_radius(self) -> float:
-        """Bore radius of the branch, m."""
-        return self.branch_diameter / 2
+    def branch_angle(self) -> float:
+        """See ``Branched``."""
+        return self.angle
 
     @property
     def branch_axis(self) -> Array:
-        """Unit vector (3,) along the branch, outward."""
+        """See ``Branched``."""
         return np.array([math.sin(self.angle), 0.0, math.cos(self.angle)])
 
     @property
@@ -167,19 +157,7 @@ class Wye(Fitting):
 
     def port_radius(self, port: str) -> float:
         """See ``Fitting``."""
-        return self.branch_radius if port == "branch" else self.radius
-
-    @property
-    def ports(self) -> Mapping[str, Pose]:
-        """``run_start`` at z < 0, ``run_end`` at z > 0, ``branch``; x towards the branch, or along
-        the run."""
-        half, out = self.run_length / 2, self.branch_axis
-        along = np.array([-out[2], 0.0, out[0]])
-        return {
-            "run_start": port_pose(-Z, X, -half * Z),
-            "run_end": port_pose(Z, X, half * Z),
-            "branch": port_pose(out, along, self.branch_length * out),
-        }
+        return self.branch_diameter / 2 if port == "branch" else self.radius
 
     def extent(self, points: Array) -> Array:
         """See ``Fitting``; each leg by its own ports, for the legs of an oblique wye cross the
@@ -196,49 +174,8 @@ class Wye(Fitting):
         in_branch = (t > 0) & (np.hypot(y, w) - self.branch_radius < np.hypot(x, y) - self.radius)
         return np.where(in_branch, self.branch_length - t, self.run_length / 2 - np.abs(z))
 
-    def turn_angle(self, enter: str, leave: str) -> float:
-        """Angle between the axes of ports ``enter`` and ``leave``, rad.
-
-        It is 0 over the run, else the branch's angle or 180 degrees less it.
-        """
-        if "branch" not in (enter, leave):
-            return 0.0
-        return self.angle if "run_start" in (enter, leave) else math.pi - self.angle
-
-    def axis_curve(self, enter: str, leave: str, arcs: Arcs) -> AxisCurve:
-        """See ``Fitting``: a line over the run, or line, arc, line between run and branch.
-
-        The arc is as wide as the two legs and the rim inside the turn leave room for.
-        """
-        start = self.ports[enter]
-        tangent, half = -start.rotation[:, 2], self.run_length / 2
-        turn = self.turn_angle(enter, leave)
-        if turn == 0:
-            return AxisCurve(start.position, tangent, X, ((self.run_length, 0.0),))
-        wanted, first, last = (
-            (arcs.turn, half, self.branch_length)
-            if leave == "branch"
-            else (arcs.merge, self.branch_length, half)
-        )
-        # An arc of radius q takes q tan(turn / 2) of either axis.
-        slope = math.tan(turn / 2)
-        onward = self.ports[leave].rotation[:, 2]
-        normal = unit(onward - tangent * (onward @ tangent))
-        radius = self._clear_of_rim(
-            min(wanted, half / slope, self.branch_length / slope), tangent, normal, turn
-        )
-        cut = radius * slope
-        lines = ((first - cut, 0.0), (radius * turn, 1 / radius), (last - cut, 0.0))
-        return AxisCurve(
-            start.position,
-            tangent,
-            normal,
-            tuple(segment for segment in lines if segment[0] > 1e-12),
-        )
-
-    def _clear_of_rim(self, radius: float, tangent: Array, normal: Array, turn: float) -> float:
-        """``radius`` m of an arc by ``turn`` rad, or the largest that stays ``CLEARANCE`` off the
-        wall inside it."""
+    def clear_of_rim(self, radius: float, tangent: Array, normal: Array, turn: float) -> float:
+        """See ``Branched``: the largest arc that stays ``CLEARANCE`` off the wall inside it."""
         around = np.linspace(0, turn, 97)[:, None]
         # Per metre of radius, from where the axes meet.
         arc = normal * (1 - np.cos(around)) + tangent * (np.sin(around) - math.tan(turn / 2))
@@ -256,9 +193,8 @@ class Wye(Fitting):
             low, high = (middle, high) if is_clear(middle := (low + high) / 2) else (low, middle)
         return low
 
-    def opening(self, enter: str) -> tuple[float, float]:
-        """First and last arc length, m from port ``enter`` along its axis, beside the mouth between
-        run and branch.
+    def mouth(self, enter: str) -> tuple[float, float]:
+        """See ``Branched``.
 
         Along the run the mouth (the sharp edge of the bores) is 2 r / sin a long, about R cot a
         from where the axes meet, towards the side the branch leans to. Out of the branch it begins
@@ -271,43 +207,12 @@ class Wye(Fitting):
             math.cos(self.angle),
         )
         if enter == "branch":
-            return self.branch_length - (run + branch * cos) / sin, self.branch_length + run / sin
-        middle = self.run_length / 2 + (run if enter == "run_start" else -run) * cos / sin
-        return middle - branch / sin, middle + branch / sin
-
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """See ``Fitting``."""
-        run, half = self.radius, self.run_length / 2
-        far, end = self.branch_length * self.branch_axis, self.branch_radius * self.branch_axis
-        high = np.array([max(run, far[0] + end[2]), run, max(half, far[2] + end[0])])
-        return np.array([-run, -run, -half]), high
-
-    @property
-    def axes(self) -> tuple[Axis, ...]:
-        """See ``Fitting``: the run, and the branch from the run's axis."""
-        run = AxisCurve(self.ports["run_start"].position, Z, X, ((self.run_length, 0.0),))
-        branch = AxisCurve(np.zeros(3), self.branch_axis, Y, ((self.branch_length, 0.0),))
-        return (
-            Axis(run, self.radius, self.radius),
-            Axis(branch, self.branch_radius, self.branch_radius),
-        )
-
-    def describe(self, enter: str, leave: str) -> Description:
-        """See ``Fitting``."""
-        first, last = self.opening(enter)
-        opening = ((first + last) / 2, (last - first) / 2)
-        if "branch" not in (enter, leave):
-            return Description("over the run", "tee_straight", opening=opening)
-        into = leave == "branch"
-        return Description(
-            "run to branch" if into else "branch to run",
-            "tee_turn",
-            into_branch=into,
-            out_of_branch=not into,
-            opening=opening,
-            turn_angle=self.turn_angle(enter, leave),
-        )
+            first = self.branch_length - (run + branch * cos) / sin
+            last = self.branch_length + run / sin
+        else:
+            middle = self.run_length / 2 + (run if enter == "run_start" else -run) * cos / sin
+            first, last = middle - branch / sin, middle + branch / sin
+        return (first + last) / 2, (last - first) / 2
 
     def add_walls(self, pieces: Pieces, tolerance: float, staves: int | None) -> None:
         """See ``Fitting``: staves cut back along the rim, strips along it, capsules as the rim."""
