@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
@@ -29,9 +29,10 @@ CLOSES_ANGLE = math.radians(0.1)
 """Angle by which the axes of these two ports may miss being opposite, rad."""
 End = tuple[int, str]
 """A port: index of the part and the port's name."""
+_Port = TypeVar("_Port")
 
 
-def both_ways(joints: Iterable[tuple[End, End]]) -> dict[End, End]:
+def both_ways(joints: Iterable[tuple[_Port, _Port]]) -> dict[_Port, _Port]:
     """Map each port of some joints to the port that it is joined to."""
     return {port: other for a, b in joints for port, other in ((a, b), (b, a))}
 
@@ -87,18 +88,6 @@ def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Po
     if faults:
         raise NetworkError(faults)
     return network
-
-
-def lay_out_unchecked(
-    fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Pose
-) -> Assembly:
-    """Place connected fittings as ``lay_out`` does, without checking that they fit.
-
-    A map that a robot makes may contain errors.
-    """
-    poses, _ = _placed(list(fittings.values()), joints, first)
-    parts = [Part(name, kind, poses[i]) for i, (name, kind) in enumerate(fittings.items())]
-    return Assembly.unchecked(tuple(parts), tuple(joint.ends for joint in joints))
 
 
 def _placed(
@@ -284,8 +273,13 @@ class Network(Table):
         faults = network._naming_faults()
         if faults:
             raise NetworkError(faults)
+        by_name, joined, first = network._to_lay_out()
+        poses, _ = _placed(list(by_name.values()), joined, first)
+        parts = [Part(part, kind, poses[i]) for i, (part, kind) in enumerate(by_name.items())]
         # What ``pipes`` is from now on, in the place of one that is checked.
-        vars(network)["pipes"] = lay_out_unchecked(*network._to_lay_out())
+        vars(network)["pipes"] = Assembly.unchecked(
+            tuple(parts), tuple(joint.ends for joint in joined)
+        )
         return network
 
     @classmethod
@@ -324,8 +318,7 @@ class Network(Table):
     @cached_property
     def joined_to(self) -> dict[str, str]:
         """The port that each port is joined to; open ends are left out."""
-        pairs = (joint.ports for joint in self.joints)
-        return {port: other for a, b in pairs for port, other in ((a, b), (b, a))}
+        return both_ways(joint.ports for joint in self.joints)
 
     @property
     def length(self) -> float:

@@ -130,7 +130,7 @@ class Wye(Branched):
     def least_lengths(self) -> tuple[float, float]:
         """Least half run and branch length, m: how far the rim's fillet reaches along them at the
         crotch."""
-        big, small = self.radius + self.fillet_radius, self.branch_radius + self.fillet_radius
+        big, small = self._edge_radii()
         sin, cos = math.sin(self.angle), math.cos(self.angle)
         return (big * cos + small) / sin, (big + small * cos) / sin
 
@@ -428,7 +428,7 @@ class Wye(Branched):
             return [np.asarray(around + turn, float) for turn in (-np.pi / 2, np.pi / 2)]
         # Where the edge bends sharply, even steps along the hyperbola as well; see
         # ``wye_surface``.
-        big, small = self.radius + self.fillet_radius, self.branch_radius + self.fillet_radius
+        big, small = self._edge_radii()
         # Half axis of the hyperbola (x + w)(x - w) = A² - B² that the edge is when seen along y.
         gap = math.sqrt(big**2 - small**2)
         along = gap / small * np.sinh(np.linspace(-3, 3, 25))

@@ -360,13 +360,6 @@ def held_belt_sign(roll: Array, band: ArrayLike, before: Array) -> Array:
     return np.where(np.abs(cosine) > band, np.sign(cosine), before)
 
 
-class Standing(NamedTuple):
-    """Robots (n,) that stand still to roll, and the events of this step."""
-
-    robots: NDArray[np.bool_]
-    events: Sequence[Event]
-
-
 class Aligner:
     """Roll commands of n robots.
 
@@ -524,8 +517,11 @@ class Aligner:
         self.align_again(robots, passage)
         self._inside = self._inside | robots
 
-    def step(self, observation: Observation, room: Array) -> Standing:
-        """Decide which robots stand, plan a roll where one is due, and move ``roll`` on.
+    def step(
+        self, observation: Observation, room: Array
+    ) -> tuple[NDArray[np.bool_], Sequence[Event]]:
+        """Plan a roll where one is due, and move ``roll`` on; return the robots (n,) that stand
+        still to roll, and the events of this step.
 
         Args:
             observation: of this moment.
@@ -537,11 +533,13 @@ class Aligner:
             self.roll += np.minimum(np.maximum(missing, -self._step), self._step)
         return standing
 
-    def _stand(self, observation: Observation, room: Array) -> Standing:
+    def _stand(
+        self, observation: Observation, room: Array
+    ) -> tuple[NDArray[np.bool_], Sequence[Event]]:
         location, events = observation.location, []
         due = (self.aligned <= location.passage) & (room <= self.robot.standing_room)
         if not np.count_nonzero(due):
-            return Standing(due, ())
+            return due, ()
         # An infinite deadline says that nothing has been tried for this fitting yet.
         new = due & np.isinf(self.deadline)
         self.deadline = np.where(new, observation.time + self._patience, self.deadline)
@@ -566,7 +564,7 @@ class Aligner:
         again = decide & ~finished
         if again.any():
             events = self._plan(np.flatnonzero(again), observation)
-        return Standing(due & ~finished, events)
+        return due & ~finished, events
 
     def _plan(self, robots: NDArray[np.intp], observation: Observation) -> list[Event]:
         """Plan a roll for each of ``robots`` (m,); those without a plan drive on as they are."""

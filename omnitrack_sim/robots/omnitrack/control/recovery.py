@@ -4,7 +4,7 @@ over an opening it rolls where it is."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,13 +35,6 @@ class RecoveryTable(Table):
     """Offset from the centreline beyond which a robot has gone past the branch."""
     back_off: Annotated[Part, Unit("m")] = 0.6
     """Distance at cruise speed after which backing off is given up."""
-
-
-class Backing(NamedTuple):
-    """Robots (n,) that drive backward now, and the events of this step."""
-
-    robots: NDArray[np.bool_]
-    events: Sequence[Event]
 
 
 class Recovery:
@@ -92,8 +85,8 @@ class Recovery:
 
     def step(
         self, observation: Observation, standing: NDArray[np.bool_], room: Array, aligner: Aligner
-    ) -> Backing:
-        """Decide which robots back off.
+    ) -> tuple[NDArray[np.bool_], Sequence[Event]]:
+        """Return the robots (n,) that drive backward now, and the events of this step.
 
         Args:
             observation: of this moment.
@@ -116,7 +109,7 @@ class Recovery:
         self._roll_where_they_hang(location.passage, room, aligner)
         if np.count_nonzero(self.backing):
             self._end(location.distance, aligner)
-        return Backing(self.backing, events)
+        return self.backing, events
 
     def _begin(self, observation: Observation, room: Array) -> list[Event]:
         location, routes = observation.location, self.routes

@@ -154,7 +154,8 @@ class Decisions:
 
     def _lean(self, turned: Array, rests: NDArray[np.bool_]) -> None:
         """Move the roll beside the base's by ``turned`` (n,) rad, and back where the base rests."""
-        reach, step = self.acting.roll_reach, self.setup.robot.roll_rate * self.setup.period
+        reach = np.inf if self.acting.roll_reach is None else self.acting.roll_reach
+        step = self.setup.robot.roll_rate * self.setup.period
         back = -np.minimum(np.maximum(self._offset, -step), step)
         offset = self._offset + np.where(rests, back, turned)
         self._offset = np.minimum(np.maximum(offset, -reach), reach)

@@ -40,31 +40,28 @@ DECISION_PERIOD = 0.05
 springs can turn a robot over in a tee."""
 HEADER = "policy"
 """Name of the entry of JSON, as bytes of UTF-8."""
+Word = Annotated[str, Field(max_length=200)]
 
 
-@dataclass(frozen=True)
-class Acting:
-    """Conversion of decisions to commands.
+class Acting(Table):
+    """Conversion of decisions to commands."""
 
-    Attributes:
-        name: of this conversion.
-        base: the shipped controller to whose command the decision is added; none: it is the
-            command. While the base stands or backs off, the decision counts for nothing.
-        speed: part of the speed limit that an action of 1 stands for.
-        roll_reach: rad, by how much the roll may be off that of the base; infinite without one.
-    """
-
-    name: str
-    base: str | None = None
-    speed: float = 1.0
-    roll_reach: float = math.inf
+    name: Word
+    """Of this conversion."""
+    base: Literal["jacobian", "paper", "equal"] | None = None
+    """The shipped controller to whose command the decision is added; none: it is the command.
+    While the base stands or backs off, the decision counts for nothing."""
+    speed: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Part of the speed limit that an action of 1 stands for."""
+    roll_reach: Annotated[float, Field(ge=0, le=math.pi)] | None = None
+    """By how much the roll may be off that of the base, rad; none: by any angle."""
 
 
-DIRECT = Acting("direct")
+DIRECT = Acting(name="direct")
 # Where walls are slippery and the way leads down, a turn has to be driven otherwise than the base
 # drives it, so belts may do anything. 0.3 rad of roll turn the robot by 6 degrees, half the safe
 # range of theta5.
-RESIDUAL = Acting("residual", base="jacobian", roll_reach=0.3)
+RESIDUAL = Acting(name="residual", base="jacobian", roll_reach=0.3)
 ACTINGS: Mapping[str, Acting] = ByName({acting.name: acting for acting in (DIRECT, RESIDUAL)})
 """Ways to act by name."""
 
@@ -156,10 +153,7 @@ class Mlp:
                 raise ValueError(f"{name} has shape {shape}; widths go from 1 to {MOST_WIDTH}")
 
     def _check_numbers(self) -> None:
-        every = {"mean": self.mean, "std": self.std}
-        every |= {f"weight_{i}": weight for i, weight in enumerate(self.weights)}
-        every |= {f"bias_{i}": bias for i, bias in enumerate(self.biases)}
-        for name, array in every.items():
+        for name, array in self.arrays.items():
             if not np.isfinite(array).all():
                 raise ValueError(f"{name} holds what is not a number, or infinite")
             if np.abs(array).max() > LARGEST_WEIGHT:
@@ -171,6 +165,14 @@ class Mlp:
 
     def __repr__(self) -> str:
         return f"Mlp({'-'.join(map(str, self.widths))}, {self.activation}, {self.output})"
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """Its arrays by their names in a file."""
+        arrays = {"mean": self.mean, "std": self.std}
+        for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            arrays |= {f"weight_{i}": weight, f"bias_{i}": bias}
+        return arrays
 
     @property
     def inputs(self) -> int:
@@ -210,9 +212,6 @@ def _layer(x: Array, weight: Array, bias: Array) -> Array:
     return np.add.reduce(x[:, :, None] * weight, axis=1) + bias
 
 
-Word = Annotated[str, Field(max_length=200)]
-
-
 class FeatureEntry(Table):
     """One feature, as it was when the policy was trained."""
 
@@ -250,26 +249,6 @@ class FeatureEntry(Table):
         return f"{self.name!r} of {numbers} from {self.low:g} to {self.high:g} {self.unit}"
 
 
-class ActingEntry(Table):
-    """Conversion of the policy's decisions to commands, see ``Acting``."""
-
-    name: Word
-    base: Literal["jacobian", "paper", "equal"] | None = None
-    speed: Annotated[float, Field(gt=0, le=1)]
-    roll_reach: Annotated[float, Field(ge=0, le=math.pi)] | None = None
-
-    @classmethod
-    def of(cls, acting: Acting) -> Self:
-        """Describe a way to act."""
-        reach = acting.roll_reach if math.isfinite(acting.roll_reach) else None
-        return cls.model_validate(vars(acting) | {"roll_reach": reach})
-
-    def acting(self) -> Acting:
-        """The way to act."""
-        reach = math.inf if self.roll_reach is None else self.roll_reach
-        return Acting(self.name, self.base, self.speed, reach)
-
-
 class TrainingRecord(Table):
     """Record of a policy's training."""
 
@@ -298,19 +277,16 @@ class Header(Table):
     features: Annotated[tuple[FeatureEntry, ...], Field(min_length=1, max_length=200)]
     actions: tuple[Word, ...]
     decision_period_s: float
-    acting: ActingEntry
+    acting: Acting
     record: TrainingRecord = TrainingRecord()
 
     @model_validator(mode="after")
     def _is_for_these_actions(self) -> Self:
-        _same("actions", self.actions, ACTIONS)
-        _same("decision_period_s", self.decision_period_s, DECISION_PERIOD)
+        for key, now in (("actions", ACTIONS), ("decision_period_s", DECISION_PERIOD)):
+            made_for = getattr(self, key)
+            if made_for != now:
+                raise ValueError(f"{key}: was made for {made_for}, and here it is {now}")
         return self
-
-
-def _same(key: str, given: str | float | Sequence[str], now: str | float | Sequence[str]) -> None:
-    if given != now:
-        raise ValueError(f"{key}: was made for {given}, and here it is {now}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -383,7 +359,7 @@ class Policy:
             features=tuple(FeatureEntry.of(name, feature) for name, feature in known),
             actions=ACTIONS,
             decision_period_s=DECISION_PERIOD,
-            acting=ActingEntry.of(self.acting),
+            acting=self.acting,
             record=self.record,
         )
 
@@ -393,12 +369,9 @@ class Policy:
         Raises:
             OutputError: it cannot be written there.
         """
-        network, text = self.network, strict_json(self.header().model_dump(mode="json"))
-        arrays = {HEADER: np.frombuffer(text.encode(), np.uint8)}
-        arrays |= {"mean": network.mean, "std": network.std}
-        for i, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
-            arrays |= {f"weight_{i}": weight, f"bias_{i}": bias}
-        write_file(path, npz_of(arrays))
+        text = strict_json(self.header().model_dump(mode="json"))
+        header = np.frombuffer(text.encode(), np.uint8)
+        write_file(path, npz_of({HEADER: header, **self.network.arrays}))
 
 
 def named_features(names: str | Sequence[str]) -> tuple[str, ...]:
@@ -488,7 +461,7 @@ def _read(path: Path, changed: int, size: int) -> Policy:
     )
     names = tuple(entry.name for entry in header.features)
     digest = hashlib.sha256(data).hexdigest()
-    return Policy(network, names, header.acting.acting(), header.record, digest)
+    return Policy(network, names, header.acting, header.record, digest)
 
 
 def _arrays(data: bytes) -> dict[str, NDArray]:
