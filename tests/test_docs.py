@@ -27,7 +27,7 @@ from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.record import channels, metrics
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, ESTIMATES
-from omnitrack_sim.robots.omnitrack.control.catalogue import (
+from omnitrack_sim.robots.omnitrack.control.interface import (
     CONTROLLERS,
     controller_of,
     parameters_model,

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.cli import app
-from omnitrack_sim.robots.omnitrack.control.catalogue import controller_of, parameters_model
+from omnitrack_sim.robots.omnitrack.control.interface import controller_of, parameters_model
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.scenario.template import UNSET, WIDTH
 

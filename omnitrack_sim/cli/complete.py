@@ -95,7 +95,7 @@ def _paths() -> Iterator[tuple[str, str]]:
     """Dotted path, and unit and meaning, of every value of a scenario."""
     from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
     from omnitrack_sim.robots.omnitrack import Robot
-    from omnitrack_sim.robots.omnitrack.control.catalogue import controller_of, parameters_model
+    from omnitrack_sim.robots.omnitrack.control.interface import controller_of, parameters_model
     from omnitrack_sim.scenario import Scenario
     from omnitrack_sim.scenario.tables import ControlTable, Pipe
 

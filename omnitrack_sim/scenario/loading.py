@@ -17,8 +17,8 @@ from omnitrack_sim.base.text import finite, shown
 from omnitrack_sim.pipes.network import Network, network_data
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.robots.omnitrack import Robot
-from omnitrack_sim.robots.omnitrack.control.catalogue import controller_of, parameters_model
 from omnitrack_sim.robots.omnitrack.control.driven import KIND, Order
+from omnitrack_sim.robots.omnitrack.control.interface import controller_of, parameters_model
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import ControlTable, RecordTable
 

@@ -36,8 +36,11 @@ from omnitrack_sim.pipes.network import End, Network
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, METRICS, Metric
 from omnitrack_sim.robots.omnitrack import Robot
-from omnitrack_sim.robots.omnitrack.control.catalogue import controller_of, parameters_model
-from omnitrack_sim.robots.omnitrack.control.interface import Controller
+from omnitrack_sim.robots.omnitrack.control.interface import (
+    Controller,
+    controller_of,
+    parameters_model,
+)
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.scenario.tables import (
     ControlTable,

@@ -14,7 +14,7 @@ from omnitrack_sim.base.table import meanings_of, symbol_of
 from omnitrack_sim.base.text import as_toml
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.robots.omnitrack import MOTORS, Motor, Robot
-from omnitrack_sim.robots.omnitrack.control.catalogue import parameters_model
+from omnitrack_sim.robots.omnitrack.control.interface import parameters_model
 from omnitrack_sim.robots.omnitrack.quantity import Quantity, quantity_of
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import Pipe

@@ -69,8 +69,9 @@ def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -
             add_contact_sensor(spec, f"contact_{track}_{number}", f"track_{track}_{number}")
             _add_touch_sensor(spec, robot, f"{track}_{number}")
         add_springs(spec, robot, number)
-        _add_roll_motor(spec, robot, number)
-        _tie_runs(spec, robot, number)
+        add_roll_motor(spec, robot, number)
+        # The lower run of a chain follows the upper one.
+        tie_joints(spec, robot, f"chain_{number}", f"belt_lower_{number}", f"belt_upper_{number}")
         add_motion_sensors(spec, number)
     add_belt_motors(spec, robot)
     return chassis
@@ -247,7 +248,8 @@ def spring_free_length(robot: Robot, preload: float) -> float:
     return preload / robot.module_stiffness
 
 
-def _add_roll_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
+def add_roll_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> mujoco.MjsActuator:
+    """The servo that rolls a module: a position, rad."""
     motor = spec.add_actuator(
         name=f"roll_{number}",
         trntype=mujoco.mjtTrn.mjTRN_JOINT,
@@ -255,14 +257,13 @@ def _add_roll_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
         forcelimited=True,
         forcerange=[-robot.roll_torque, robot.roll_torque],
     )
-    stiffness, inertia = robot.roll_stiffness, robot.rotary_motor.reflected_inertia
-    # Critically damped for the rotor's inertia.
-    motor.set_to_position(kp=stiffness, kv=2 * math.sqrt(stiffness * inertia))
+    motor.set_to_position(kp=robot.roll_stiffness, kv=roll_damping(robot))
+    return motor
 
 
-def _tie_runs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
-    """The lower run of a chain follows the upper one."""
-    tie_joints(spec, robot, f"chain_{number}", f"belt_lower_{number}", f"belt_upper_{number}")
+def roll_damping(robot: Robot) -> float:
+    """Rate gain of a rotary servo, N m s/rad: critically damped for the rotor's inertia."""
+    return 2 * math.sqrt(robot.roll_stiffness * robot.rotary_motor.reflected_inertia)
 
 
 def tie_joints(spec: mujoco.MjSpec, robot: Robot, name: str, follower: str, leader: str) -> None:
@@ -281,8 +282,10 @@ def tie_joints(spec: mujoco.MjSpec, robot: Robot, name: str, follower: str, lead
 
 def add_motion_sensors(spec: mujoco.MjSpec, number: int) -> None:
     """Velocity ``velocity_i`` and angular velocity ``spin_i`` of a module, world axes."""
-    for kind in (mujoco.mjtSensor.mjSENS_FRAMELINVEL, mujoco.mjtSensor.mjSENS_FRAMEANGVEL):
-        name = "velocity" if kind == mujoco.mjtSensor.mjSENS_FRAMELINVEL else "spin"
+    for name, kind in (
+        ("velocity", mujoco.mjtSensor.mjSENS_FRAMELINVEL),
+        ("spin", mujoco.mjtSensor.mjSENS_FRAMEANGVEL),
+    ):
         spec.add_sensor(
             name=f"{name}_{number}",
             type=kind,

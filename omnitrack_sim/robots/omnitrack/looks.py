@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 
 import mujoco
 import numpy as np
@@ -104,7 +105,7 @@ def add_robot_looks(spec: mujoco.MjSpec, robot: Robot, coarse: bool = False) -> 
         _dress_module(spec.body(f"module_{number}"), robot, number)
         for track, flip in zip(TRACKS, ([1, 0, 0, 0], [0, 0, 0, 1]), strict=True):
             body = spec.body(f"track_{track}_{number}") or spec.body(f"module_{number}")
-            _look(body, f"lugs_{track}_{number}", f"{track}_{number}", mesh="lugs", quat=flip)
+            _look(body, f"lugs_{track}_{number}", f"{track}_{number}", meshname="lugs", quat=flip)
     visible = [geom for geom in spec.body("chassis").find_all("geom") if geom.group == ROBOT_GROUP]
     for geom in visible if size != 1 else ():
         for place in ("pos", "size", "fromto"):
@@ -113,85 +114,47 @@ def add_robot_looks(spec: mujoco.MjSpec, robot: Robot, coarse: bool = False) -> 
 
 def _dress_chassis(spec: mujoco.MjSpec, robot: Robot, shaft: float) -> None:
     chassis = spec.body("chassis")
-    _look(chassis, "chassis_core", "abs", mesh="chassis_core")
+    _look(chassis, "chassis_core", "abs", meshname="chassis_core")
     for end, side in (("front", 1.0), ("rear", -1.0)):
-        _look(chassis, f"chassis_{end}", "abs", mesh="chassis_end", pos=[0, 0, side * shaft])
+        _look(chassis, f"chassis_{end}", "abs", meshname="chassis_end", pos=[0, 0, side * shaft])
         for number, angle in enumerate(MODULE_ANGLES, start=1):
             out = np.array([math.cos(angle), math.sin(angle), 0.0])
             across = np.array([-out[1], out[0], 0.0])
             for k, offset in enumerate((0.0095, -0.0095)):
                 root = offset * across + [0, 0, side * shaft]
                 tip = root + (robot.module_distance + 0.012) * out
-                _rod(chassis, f"shaft_{end}_{number}_{k}", "steel", root, tip, 0.0025)
+                _look(
+                    chassis,
+                    f"shaft_{end}_{number}_{k}",
+                    "steel",
+                    "capsule",
+                    fromto=[*root, *tip],
+                    size=[0.0025, 0, 0],
+                )
     nose = shaft + 0.009
-    _rod(
-        chassis,
-        "eye_ring",
-        "dark",
-        [0, 0, nose - 0.004],
-        [0, 0, nose + 0.006],
-        0.0095,
-        cylinder=True,
-    )
-    _look(
-        chassis,
-        "eye",
-        "lens",
-        pos=[0, 0, nose + 0.004],
-        type=mujoco.mjtGeom.mjGEOM_SPHERE,
-        size=[0.0065, 0, 0],
-    )
+    _drum(chassis, "eye_ring", nose - 0.004, nose + 0.006, 0.0095)
+    _look(chassis, "eye", "lens", "sphere", pos=[0, 0, nose + 0.004], size=[0.0065, 0, 0])
 
 
 def _dress_arm(arm: mujoco.MjsBody, robot: Robot, number: int, shaft: float) -> None:
     """Brackets that carry the module at both ends, and the springs that push them out."""
     for end, side in (("front", 1.0), ("rear", -1.0)):
         z = side * shaft
-        _look(
-            arm,
-            f"bracket_{end}_{number}",
-            "abs",
-            pos=[-0.004, 0, z],
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=[0.011, 0.0165, 0.005],
-        )
-        _rod(
-            arm,
-            f"hub_{end}_{number}",
-            "dark",
-            [0, 0, z - side * 0.008],
-            [0, 0, z + side * 0.007],
-            0.008,
-            cylinder=True,
-        )
+        bracket, size = f"bracket_{end}_{number}", [0.011, 0.0165, 0.005]
+        _look(arm, bracket, "abs", "box", pos=[-0.004, 0, z], size=size)
+        _drum(arm, f"hub_{end}_{number}", z - side * 0.008, z + side * 0.007, 0.008)
         for k, offset in enumerate((0.0095, -0.0095)):
-            _look(
-                arm, f"spring_{end}_{number}_{k}", "steel", mesh="spring", pos=[-0.038, offset, z]
-            )
+            place = [-0.038, offset, z]
+            _look(arm, f"spring_{end}_{number}_{k}", "steel", meshname="spring", pos=place)
 
 
 def _dress_module(module: mujoco.MjsBody, robot: Robot, number: int) -> None:
     """Core of the module and the rounded ends of its tracks."""
     half, radius = robot.contact_length / 2, robot.lug_radius - 0.0058
-    _rod(
-        module,
-        f"core_{number}",
-        "dark",
-        [0, 0, -half - 0.004],
-        [0, 0, half + 0.004],
-        radius,
-        cylinder=True,
-    )
+    _drum(module, f"core_{number}", -half - 0.004, half + 0.004, radius)
     for end, side in (("front", 1.0), ("rear", -1.0)):
-        tip = side * (half + 0.004)
-        _look(
-            module,
-            f"cap_{end}_{number}",
-            "dark",
-            pos=[0, 0, tip],
-            type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-            size=[radius, radius, 0.011],
-        )
+        tip, size = [0, 0, side * (half + 0.004)], [radius, radius, 0.011]
+        _look(module, f"cap_{end}_{number}", "dark", "ellipsoid", pos=tip, size=size)
 
 
 def add_pipe_looks(
@@ -309,9 +272,7 @@ def _corners(network: Assembly) -> tuple[Array, Array]:
 def _fit(low: Array, high: Array, frame: Array) -> tuple[Array, float]:
     """Centre (3,) m and camera distance, m, that bring a box into the picture with a small
     margin."""
-    corners = np.array(
-        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-    )
+    corners = np.array(list(product(*zip(low, high, strict=True))))
     middle = (low + high) / 2
     in_view = (corners - middle) @ frame  # (8, 3) right, up, back
     half = math.tan(math.radians(FIELD_OF_VIEW / 2))
@@ -348,19 +309,18 @@ def _add_pipe(spec: mujoco.MjSpec, name: str, mesh: TriangleMesh, part: Part, gr
     """Show ``mesh``, in the frame of a fitting, where that part of the network lies."""
     _add_mesh(spec, name, mesh)
     position, quaternion = part.pose.position, part.pose.quaternion
-    geom = _look(spec.worldbody, name, "pipe", mesh=name, pos=position, quat=quaternion)
+    geom = _look(spec.worldbody, name, "pipe", meshname=name, pos=position, quat=quaternion)
     geom.group = group
 
 
 def _look(
-    body: mujoco.MjsBody, name: str, material: str, mesh: str = "", **fields: object
+    body: mujoco.MjsBody, name: str, material: str, kind: str = "mesh", **fields: object
 ) -> mujoco.MjsGeom:
-    """Add a geom ``look_<name>`` that is only seen."""
-    if mesh:
-        fields |= {"type": mujoco.mjtGeom.mjGEOM_MESH, "meshname": mesh}
+    """Add a geom ``look_<name>`` that is only seen; ``kind`` is MuJoCo's word for its shape."""
     return body.add_geom(
         name=f"look_{name}",
         material=material,
+        type=getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}"),
         group=ROBOT_GROUP,
         contype=0,
         conaffinity=0,
@@ -370,18 +330,10 @@ def _look(
     )
 
 
-def _rod(
-    body: mujoco.MjsBody,
-    name: str,
-    material: str,
-    start: ArrayLike,
-    end: ArrayLike,
-    radius: float,
-    cylinder: bool = False,
-) -> mujoco.MjsGeom:
-    kind = mujoco.mjtGeom.mjGEOM_CYLINDER if cylinder else mujoco.mjtGeom.mjGEOM_CAPSULE
-    ends = [*np.asarray(start, float), *np.asarray(end, float)]
-    return _look(body, name, material, type=kind, fromto=ends, size=[radius, 0, 0])
+def _drum(body: mujoco.MjsBody, name: str, start: float, end: float, radius: float) -> None:
+    """Add a dark cylinder about the z axis of a body, from ``start`` to ``end`` m."""
+    ends = [0, 0, start, 0, 0, end]
+    _look(body, name, "dark", "cylinder", fromto=ends, size=[radius, 0, 0])
 
 
 LUG_ARC_DEG = 164.0

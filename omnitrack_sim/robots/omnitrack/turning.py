@@ -25,12 +25,14 @@ from omnitrack_sim.robots.omnitrack.body import (
     add_contact_sensor,
     add_module,
     add_motion_sensors,
+    add_roll_motor,
     add_springs,
     belt_force,
     belt_inertia,
     contact_of_lugs,
     impedance,
     lug_places,
+    roll_damping,
     set_cylinder_inertia,
     sized,
     tie_joints,
@@ -56,7 +58,15 @@ def add_turning_robot(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
         module = add_module(arm, robot, number)
         _add_lugs(spec, module, robot, number)
         add_springs(spec, robot, number)
-        _add_roll_motor(spec, robot, number)
+        motor = add_roll_motor(spec, robot, number)
+        # Half a turn either way, at no more than the motor's speed.
+        motor.ctrllimited, motor.ctrlrange = True, [-math.pi, math.pi]
+        motor.set_to_pid(
+            kp=robot.roll_stiffness,
+            kv=roll_damping(robot),
+            slewmax=robot.roll_rate,
+            ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_POS),
+        )
         _add_belt_motor(spec, robot, number)
         add_contact_sensor(spec, f"contact_{number}", f"module_{number}")
         add_motion_sensors(spec, number)
@@ -88,26 +98,6 @@ def _add_lugs(spec: mujoco.MjSpec, module: mujoco.MjsBody, robot: Robot, number:
         if index:
             # All lugs follow the first one, so that errors of the ties do not add up along the row.
             tie_joints(spec, robot, f"chain_{name}", name, f"lug_{number}_0")
-
-
-def _add_roll_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
-    """Half a turn either way, at no more than the motor's torque and speed."""
-    motor = spec.add_actuator(
-        name=f"roll_{number}",
-        trntype=mujoco.mjtTrn.mjTRN_JOINT,
-        target=f"roll_{number}",
-        forcelimited=True,
-        forcerange=[-robot.roll_torque, robot.roll_torque],
-        ctrllimited=True,
-        ctrlrange=[-math.pi, math.pi],
-    )
-    stiffness, inertia = robot.roll_stiffness, robot.rotary_motor.reflected_inertia
-    motor.set_to_pid(
-        kp=stiffness,
-        kv=2 * math.sqrt(stiffness * inertia),
-        slewmax=robot.roll_rate,
-        ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_POS),
-    )
 
 
 def _add_belt_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:

@@ -1,7 +1,7 @@
 """From observation to command: routes, tracking, alignment, recovery; pure, over n robots."""
 
-from omnitrack_sim.robots.omnitrack.control.catalogue import CONTROLLERS
 from omnitrack_sim.robots.omnitrack.control.interface import (
+    CONTROLLERS,
     Command,
     Controller,
     ControlSetup,

@@ -25,13 +25,14 @@ from omnitrack_sim.base.rotations import Array, angle_between, cross, unit
 from omnitrack_sim.base.table import Angle, NotNegative, Part, Table, Unit
 from omnitrack_sim.record.events import Driven, Event
 from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable, held_belt_sign
-from omnitrack_sim.robots.omnitrack.control.catalogue import controller_of, parameters_model
 from omnitrack_sim.robots.omnitrack.control.gear import carried_out
 from omnitrack_sim.robots.omnitrack.control.interface import (
     Command,
     Controller,
     ControlSetup,
     Observation,
+    controller_of,
+    parameters_model,
 )
 from omnitrack_sim.robots.omnitrack.control.jacobian import DampingTable
 from omnitrack_sim.robots.omnitrack.control.tracking import TrackingTable, wall_speeds

@@ -1,4 +1,4 @@
-"""Interface of controllers: setup, observation and command, with a leading axis of n robots."""
+"""Interface of controllers of n robots: setup, observation, command; shipped ones by name."""
 
 from __future__ import annotations
 
@@ -9,8 +9,12 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.naming import named
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import did_you_mean, shown
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.events import Event
@@ -227,3 +231,38 @@ class Controller(Protocol):
     def step(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         ...
+
+
+CONTROLLERS = {
+    "jacobian": "omnitrack_sim.robots.omnitrack.control.jacobian:JacobianController",
+    "paper": "omnitrack_sim.paper.open_loop:PaperController",
+    "equal": "omnitrack_sim.paper.open_loop:EqualController",
+    "driven": "omnitrack_sim.robots.omnitrack.control.driven:DrivenController",
+    "policy": "omnitrack_sim.robots.omnitrack.policy.controller:PolicyController",
+}
+"""Shipped controllers, ``module:Class`` by the short name that ``control.kind`` may give. Only the
+one that a scenario names is imported, so a controller may itself name another one."""
+
+
+class NoParameters(Table):
+    """``[control.parameters]`` of a controller that has none."""
+
+
+def controller_of(kind: str) -> type[Controller]:
+    """The controller class that ``control.kind`` names.
+
+    Raises:
+        InputError: there is no such class, or it has no ``step``.
+    """
+    if kind in CONTROLLERS:
+        return named(CONTROLLERS[kind], "control.kind", {})
+    controller = named(kind, "control.kind", CONTROLLERS)
+    if not (isinstance(controller, type) and callable(getattr(controller, "step", None))):
+        problem = f"is {kind!r}, which is no class with a step"
+        raise InputError(Fault("control.kind", problem, (*CONTROLLERS, "module:Object")))
+    return controller
+
+
+def parameters_model(controller: type[Controller]) -> type[BaseModel]:
+    """The model of a controller's ``[control.parameters]``; an empty table where it has none."""
+    return getattr(controller, "Parameters", NoParameters)

@@ -15,9 +15,14 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import FileName, Table
 from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable, held_belt_sign
-from omnitrack_sim.robots.omnitrack.control.catalogue import controller_of, parameters_model
 from omnitrack_sim.robots.omnitrack.control.gear import SWAPPED
-from omnitrack_sim.robots.omnitrack.control.interface import Command, ControlSetup, Observation
+from omnitrack_sim.robots.omnitrack.control.interface import (
+    Command,
+    ControlSetup,
+    Observation,
+    controller_of,
+    parameters_model,
+)
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS, Feature, FeatureInput, FloatRows
 from omnitrack_sim.robots.omnitrack.policy.file import (
