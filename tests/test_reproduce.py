@@ -1,6 +1,8 @@
 """The reproduction: which runs, how claims are measured on them, and the page."""
 
+import ast
 import html.parser
+import inspect
 from functools import partial
 
 import numpy as np
@@ -11,7 +13,7 @@ from samples import sample_result
 from omnitrack_sim import Outcome, override
 from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.paper import claim as readings
-from omnitrack_sim.paper import driving, tees
+from omnitrack_sim.paper import driving, elbows, tees
 from omnitrack_sim.paper import formulas as theory
 from omnitrack_sim.paper import reproduce as command
 from omnitrack_sim.paper.claim import ClaimVerdict
@@ -156,6 +158,19 @@ def test_a_foreign_folder_is_refused_before_anything_runs(tmp_path, monkeypatch)
 
 def fails(runs):
     raise ValueError("no such colour")
+
+
+@pytest.mark.parametrize("module", [theory, driving, elbows, tees])
+def test_claims_name_figures_of_the_page(module):
+    """Each figure that a claim says shows it is drawn."""
+    keywords = [
+        node
+        for node in ast.walk(ast.parse(inspect.getsource(module)))
+        if isinstance(node, ast.keyword) and node.arg == "figures"
+    ]
+    names = {name for keyword in keywords for name in ast.literal_eval(keyword.value)}
+    assert names
+    assert names <= set(command.FIGURES)
 
 
 def test_pictures_that_fail_cost_no_claim(tmp_path, monkeypatch):

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from omnitrack_sim.cli import app
 from omnitrack_sim.paper import formulas as theory
-from omnitrack_sim.paper.claim import ClaimVerdict, Sample, judged, tally
+from omnitrack_sim.paper.claim import ClaimVerdict, Sample, tally, verdict_of
 from omnitrack_sim.paper.reproduce import ReportFigure, page
 
 HOLDS, CONTRADICTION, FAILS, STUDY = ClaimVerdict
@@ -18,7 +18,7 @@ HOLDS, CONTRADICTION, FAILS, STUDY = ClaimVerdict
 
 def test_a_contradiction_takes_another_statement_that_comes_out():
     """Only then; a statement that comes out itself holds whatever else the paper says."""
-    found = [judged(holds, other) for holds, other in product((True, False), repeat=2)]
+    found = [verdict_of(holds, other) for holds, other in product((True, False), repeat=2)]
     assert found == [HOLDS, HOLDS, CONTRADICTION, FAILS]
 
 

@@ -3,8 +3,6 @@ robot never drives on blindly."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,18 +12,6 @@ from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.control.interface import Command
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.senses.settings import SearchTable
-
-
-class Guarded(NamedTuple):
-    """A command that robots may carry out.
-
-    Attributes:
-        command: less what they may not do.
-        given_up: (n,) bool, robots that have searched for their pose in vain.
-    """
-
-    command: Command
-    given_up: NDArray[np.bool_]
 
 
 class Search:
@@ -51,8 +37,11 @@ class Search:
         whole = 2 * self._table.look + back + self._rolling
         set_rows(self, rows, _speed=speed / 2, _back=back, _round=whole, _since=np.nan, _roll=0.0)
 
-    def step(self, command: Command, lost: NDArray[np.bool_], time: Array, roll: Array) -> Guarded:
-        """Return the commands with those of lost robots replaced, and without their events.
+    def step(
+        self, command: Command, lost: NDArray[np.bool_], time: Array, roll: Array
+    ) -> tuple[Command, NDArray[np.bool_]]:
+        """Return the commands with those of lost robots replaced, and without their events, and the
+        robots (n,) that have searched in vain.
 
         Args:
             command: of the controller.
@@ -73,9 +62,9 @@ class Search:
         self._since = np.where(began, time, np.where(lost, self._since, np.nan))
         self._roll = np.where(began[:, None], roll, self._roll)
         if not np.count_nonzero(lost):
-            return Guarded(command, lost)
+            return command, lost
         given_up = time - self._since > self._table.tries * self._round
-        return Guarded(self._searching(command, lost, time, roll), given_up)
+        return self._searching(command, lost, time, roll), given_up
 
     def _searching(
         self, command: Command, lost: NDArray[np.bool_], time: Array, roll: Array

@@ -6,29 +6,12 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.results.result import Result
-
-FigureName = Literal[
-    "fig9_sector",
-    "contact_map_geometry",
-    "success_map",
-    "success_rates",
-    "fig13_as_written",
-    "fig13_feedback",
-    "unrolled_contacts",
-    "forces_along_the_way",
-    "fig10_speeds",
-    "elbow_240",
-    "elbow_90",
-    "success_by_friction",
-    "slippery_turn",
-]
-"""Names of the figures of a reproduction."""
 
 
 class ClaimVerdict(StrEnum):
@@ -41,7 +24,7 @@ class ClaimVerdict(StrEnum):
     """The paper says nothing about it, so there is nothing to judge."""
 
 
-def judged(holds: bool, other_holds: bool = False) -> ClaimVerdict:
+def verdict_of(holds: bool, other_holds: bool = False) -> ClaimVerdict:
     """Return the verdict of a measurement.
 
     Args:
@@ -92,7 +75,7 @@ class Claim:
         why: the reason of the expected verdict, as far as it is known, where the claim is not
             expected to hold.
         note: further observations.
-        figures: those that show it.
+        figures: keys of ``reproduce.FIGURES`` that show it.
         sample: verdicts that the runs of the quick form can decide.
         quick: these are the runs of the quick form.
 
@@ -111,7 +94,7 @@ class Claim:
     expected: ClaimVerdict = ClaimVerdict.HOLDS
     why: str = ""
     note: str = ""
-    figures: tuple[FigureName, ...] = ()
+    figures: tuple[str, ...] = ()
     sample: Sample = Sample.SAME
     quick: bool = False
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from omnitrack_sim.base.rotations import wrap_angle
-from omnitrack_sim.paper.claim import Claim, Sample, judged
+from omnitrack_sim.paper.claim import Claim, Sample, verdict_of
 from omnitrack_sim.paper.experiments import FRICTIONS, PRELOAD_FACTORS, Runs, least_preload
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.results.result import Result
@@ -31,7 +31,7 @@ def climb(runs: Runs) -> Claim:
             f"{GRAVITY * result.scenario.robot.mass:.2f} N"
         ),
         uncertainty="fit after 1 s",
-        verdict=judged(
+        verdict=verdict_of(
             abs(speed - 0.1) < 0.001
             and abs(load / (GRAVITY * result.scenario.robot.mass) - 1) < 0.01
         ),
@@ -55,7 +55,7 @@ def past_180(runs: Runs) -> Claim:
         statement="at 180 degrees of roll a belt of -100 mm/s drives at +100 mm/s, within 1 %",
         measured=f"belt {1e3 * belt:.1f} mm/s, robot {1e3 * speed:.1f} mm/s",
         uncertainty="mean after 1 s",
-        verdict=judged(abs(belt + 0.1) < 0.001 and abs(speed - 0.1) < 0.001),
+        verdict=verdict_of(abs(belt + 0.1) < 0.001 and abs(speed - 0.1) < 0.001),
         how="paper/rolled_past_180",
         note="The sign changes at the no-motion line, 90 degrees, not at 180.",
     )
@@ -79,7 +79,9 @@ def no_motion_line(runs: Runs) -> Claim:
         ),
         measured=f"{1e3 * moved:.2f} mm, both tracks touch {100 * both:.0f} % of the time, "
         f"tilt up to {wobble:.2f} degrees",
-        verdict=judged(moved < 0.005 and both > 0.9 and result.outcome is Outcome.NO_MOTION_LINE),
+        verdict=verdict_of(
+            moved < 0.005 and both > 0.9 and result.outcome is Outcome.NO_MOTION_LINE
+        ),
         how="paper/no_motion_line",
         note="The wobble is small: the model's tracks are alike and rigid.",
     )
@@ -101,7 +103,7 @@ def holonomic(runs: Runs) -> Claim:
         measured=f"{within} of {len(results)}; largest error {np.degrees(errors.max()):.1f} "
         "degrees",
         uncertainty=f"{len(results)} start orientations over 120 degrees",
-        verdict=judged(within == len(results)),
+        verdict=verdict_of(within == len(results)),
         how="paper/holonomic_alignment from -60 to 60 degrees",
         sample=Sample.EVERY,
     )
@@ -129,7 +131,7 @@ def sign_change(runs: Runs) -> Claim:
         statement="mean belt speed changes sign from before to after a roll past the no-motion "
         "line",
         measured=f"{1e3 * before:.1f} to {1e3 * after:.1f} mm/s after a roll of {roll:.0f} degrees",
-        verdict=judged(before * after < 0 and np.cos(np.radians(roll)) < 0),
+        verdict=verdict_of(before * after < 0 and np.cos(np.radians(roll)) < 0),
         how="paper/tee_turn_misaligned",
         figures=("fig13_feedback",),
     )
@@ -156,7 +158,7 @@ def preload(runs: Runs) -> Claim:
         ),
         measured=f"least factor that climbs: {', '.join(factors)}; law: {least}",
         uncertainty=f"preloads of {', '.join(str(f) for f in PRELOAD_FACTORS)} times the law's",
-        verdict=judged((climbed == needed).all()),
+        verdict=verdict_of((climbed == needed).all()),
         how="vertical_climb with preload and friction set",
     )
 
@@ -198,7 +200,7 @@ def motors(runs: Runs) -> Claim:
         measured="torque (90 % quantile of the largest module) over the limit: " + "; ".join(loads),
         uncertainty="one run each",
         # The first run is the climb.
-        verdict=judged(stalled[0] == 0 and max(stalled[1:]) > 0),
+        verdict=verdict_of(stalled[0] == 0 and max(stalled[1:]) > 0),
         how=(
             "vertical_climb, elbow, elbow_short, tee_turn, tee_straight with robot.motor = "
             "pololu_1000_hpcb"

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, judged, largest, rate, slip_of
+from omnitrack_sim.paper.claim import (
+    Claim,
+    ClaimVerdict,
+    Sample,
+    largest,
+    rate,
+    slip_of,
+    verdict_of,
+)
 from omnitrack_sim.paper.experiments import Runs
 
 STRAIGHT = 10.0
@@ -40,7 +48,7 @@ def eq20(runs: Runs) -> Claim:
         f"{STRAIGHT:.0f} degrees at the end, with less slip than equal speeds",
         measured=text,
         uncertainty=f"{total} orientations, median slip of all modules",
-        verdict=judged(straight["paper"] == total and slip["paper"] < slip["equal"]),
+        verdict=verdict_of(straight["paper"] == total and slip["paper"] < slip["equal"]),
         expected=ClaimVerdict.FAILS,
         how="elbow, controllers paper, equal and jacobian",
         why="The turn begins with the head at the bend, 73 mm or 17 degrees before the centre, so "
@@ -65,7 +73,7 @@ def straight_exit(runs: Runs) -> Claim:
         measured=f"largest {worst:.2f} degrees; as written "
         f"{max(largest(r, 'tilt_exit_deg') for r in written):.0f} degrees",
         uncertainty=f"{len(results)} elbows",
-        verdict=judged(worst < 3 and all(r.success for r in results)),
+        verdict=verdict_of(worst < 3 and all(r.success for r in results)),
         how="elbow and elbow_short, default controller; beside it controller paper",
         figures=("elbow_240", "elbow_90"),
         sample=Sample.EVERY,
@@ -83,7 +91,7 @@ def short_elbow(runs: Runs) -> Claim:
         statement="passes the 90 mm elbow from every orientation",
         measured=f"{text}; as written {written}",
         uncertainty="orientations over 120 degrees, gravity along the first pipe",
-        verdict=judged(passed == total),
+        verdict=verdict_of(passed == total),
         how="elbow_short, default controller; beside it controller paper",
         figures=("elbow_90",),
         sample=Sample.EVERY,
@@ -107,7 +115,7 @@ def preferred(runs: Runs) -> Claim:
         measured=f"slip {slips[0]:.0f} against {slips[1]:.0f} mm, largest tilt {tilts[0]:.1f} "
         f"against {tilts[1]:.1f} degrees",
         uncertainty="one run each",
-        verdict=judged(slips[0] < slips[1] and tilts[0] < tilts[1]),
+        verdict=verdict_of(slips[0] < slips[1] and tilts[0] < tilts[1]),
         how="elbow_short with controller paper, theta5 0 and 60 degrees",
         note="Open loop, 10 to 20 degrees beside the preferred orientation is worse than two "
         "modules on the shorter way (figure elbow_90).",
@@ -144,7 +152,7 @@ def differential(runs: Runs) -> Claim:
         "each with less slip (median) than three motors at equal speeds",
         measured=f"{text}; slip in the 240 and the 90 mm elbow: {figures}",
         uncertainty=f"{total // 2} orientations in each elbow, median slip of all modules",
-        verdict=judged(passed == total and less),
+        verdict=verdict_of(passed == total and less),
         how="elbow and elbow_short with robot.drive = differential; beside it three motors",
         note="Other directions of gravity, slippery walls and tees: docs/studies/differential.md.",
         figures=("elbow_240", "elbow_90"),

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
-from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, judged
+from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, verdict_of
 from omnitrack_sim.paper.experiments import Runs
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack import Robot
@@ -48,7 +48,7 @@ def mean_speed(runs: Runs) -> Claim:
         measured=f"{1e3 * climbed:.2f} against {1e3 * mean:.2f} mm/s; cross velocity "
         f"{across:.0e} m/s",
         uncertainty="fit over the climb after 1 s",
-        verdict=judged(abs(climbed / mean - 1) < 0.01 and across < 1e-12),
+        verdict=verdict_of(abs(climbed / mean - 1) < 0.01 and across < 1e-12),
         how="vertical_climb; kinematics.mean_velocity",
     )
 
@@ -80,7 +80,7 @@ def unequal_arms(runs: Runs) -> Claim:
         measured=f"spread {spreads['rolling_flat']:.1f} N flat, {spreads['rolling_upright']:.1f} N "
         f"upright; Eq. 8 leaves {1e3 * scrub:.2f} mm/s across the axis",
         uncertainty="mean over one roll of 165 degrees, one run each",
-        verdict=judged(spreads["rolling_flat"] > spreads["rolling_upright"] + 2.0),
+        verdict=verdict_of(spreads["rolling_flat"] > spreads["rolling_upright"] + 2.0),
         how="paper/holonomic_alignment with gravity along and across the pipe",
     )
 
@@ -144,7 +144,7 @@ def jacobian(runs: Runs) -> Claim:
         measured=f"{1e3 * less_slip:.1f} mm less slip, {1e3 * lever:.1f} mm with slip; l "
         f"{1e3 * centre:.1f}, D/2 {1e3 * wall:.1f} mm",
         uncertainty=f"least squares over {len(results)} elbows",
-        verdict=judged(abs(less_slip - centre) < near, abs(less_slip - wall) < near),
+        verdict=verdict_of(abs(less_slip - centre) < near, abs(less_slip - wall) < near),
         expected=ClaimVerdict.CONTRADICTION,
         how="elbows of 240 and 90 mm, all orientations, default controller",
         why="Eq. 18 takes l, Eq. 20 takes D/2, and what comes out is nearer to D/2: tracks touch "
@@ -199,7 +199,7 @@ def _printed(
         statement=f"{printed} {unit} within {_AS_PRINTED}",
         measured=f"{value:.2f} {unit}{beside}",
         uncertainty="exact for the reach, which is calibrated on 96.54 degrees",
-        verdict=judged(abs(value - printed) <= _AS_PRINTED, abs(value - other) <= _AS_PRINTED),
+        verdict=verdict_of(abs(value - printed) <= _AS_PRINTED, abs(value - other) <= _AS_PRINTED),
         expected=expected,
         how="omnitrack singularity",
         why=why,

@@ -17,7 +17,7 @@ import numpy as np
 from omnitrack_sim.base.writing import check_folder, whole_folder, write_file
 from omnitrack_sim.paper import driving, elbows, tees
 from omnitrack_sim.paper import formulas as theory
-from omnitrack_sim.paper.claim import Claim, ClaimVerdict, FigureName, tally
+from omnitrack_sim.paper.claim import Claim, ClaimVerdict, tally
 from omnitrack_sim.paper.experiments import SEED, Runs, run_all, scenarios
 from omnitrack_sim.paper.plots.groups import elbow_figure, rates_figure
 from omnitrack_sim.paper.plots.over_time import (
@@ -148,7 +148,7 @@ def _draw(runs: Runs, folder: Path, format: str) -> dict[str, ReportFigure | Non
     """Write the figures into a folder, and return them and the stills for the page by name; None
     where one cannot be drawn, such as stills without OpenGL."""
 
-    def draw(name: FigureName) -> ReportFigure:
+    def draw(name: str) -> ReportFigure:
         caption, make = FIGURES[name]
         figure, data = make(runs), io.BytesIO()
         save_figure(figure, folder / f"{name}.{format}")
@@ -215,7 +215,7 @@ def preferred(results: Sequence[Result]) -> Result:
     return min(results, key=lambda result: abs(result.scenario.start.theta5_deg))
 
 
-FIGURES: dict[FigureName, tuple[str, Callable[[Runs], Figure]]] = {
+FIGURES: dict[str, tuple[str, Callable[[Runs], Figure]]] = {
     "fig9_sector": (
         "Fig. 9: the singular sector.",
         lambda runs: plot_singularity(TurnCase(), figure="sector"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, judged, largest, rate
+from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, largest, rate, verdict_of
 from omnitrack_sim.paper.experiments import GRAVITIES, Runs
 from omnitrack_sim.paper.plots.over_time import inner_module
 from omnitrack_sim.record.statistics import wilson_interval
@@ -28,7 +28,7 @@ def compression(runs: Runs) -> Claim:
         measured=f"{1e3 * spacing * np.sin(np.radians(turn)):.1f} mm in the turn, "
         f"{1e3 * spacing * np.sin(np.radians(straight)):.2f} mm in the climb",
         uncertainty="largest of the run",
-        verdict=judged(
+        verdict=verdict_of(
             spacing * np.sin(np.radians(turn)) > 1e-3
             and spacing * np.sin(np.radians(straight)) < 5e-4
         ),
@@ -55,7 +55,7 @@ def inner_slip(runs: Runs) -> Claim:
         "the tee turn",
         measured=f"inner over outer: {ratios[0]:.2f} with feedback, {ratios[1]:.2f} as written",
         uncertainty="one run each",
-        verdict=judged(min(ratios) > 1),
+        verdict=verdict_of(min(ratios) > 1),
         how="paper/tee_turn_misaligned, paper/tee_turn_as_written",
         figures=("fig13_as_written", "forces_along_the_way"),
     )
@@ -75,7 +75,7 @@ def unaligned(runs: Runs) -> Claim:
         "either end",
         measured=f"feedback {text}; as written {written}",
         uncertainty="even steps over 120 degrees, one run each",
-        verdict=judged(passed / total > 0.1955 and passed < total),
+        verdict=verdict_of(passed / total > 0.1955 and passed < total),
         how="tee_turn, align = false, controllers jacobian and paper",
         note=f"Interval {100 * low:.0f} to {100 * high:.0f} %. At the reach of 96.1 mm the "
         "definitions say: ellipse 19.55 %, strip 6 %, crotch 0, real geometry 21 %. Springs tilt "
@@ -102,7 +102,7 @@ def towards_worst(runs: Runs) -> Claim:
         measured=f"{100 * near:.0f} % within 30 degrees, {100 * far:.0f} % beyond; at 60 degrees "
         f"{'passes' if passed[off == 60].any() else 'fails'}",
         uncertainty=f"{len(results)} orientations",
-        verdict=judged(near > far and not passed[off == 60].any()),
+        verdict=verdict_of(near > far and not passed[off == 60].any()),
         how="tee_turn, align = false",
         figures=("success_map",),
         sample=Sample.AVERAGE,
@@ -127,7 +127,7 @@ def falls_into_place(runs: Runs) -> Claim:
         "the wall",
         measured=f"{text} of those in the region; {back} of the {passed} end on three modules",
         uncertainty="even steps of orientation",
-        verdict=judged(0 < passed < total and back == passed),
+        verdict=verdict_of(0 < passed < total and back == passed),
         how="tee_turn, align = false, theta5 in the singular range",
         figures=("success_map",),
         sample=Sample.AVERAGE,
@@ -146,7 +146,7 @@ def aligned(runs: Runs) -> Claim:
         "gravity in six ways",
         measured=text,
         uncertainty="Wilson interval",
-        verdict=judged(passed == total),
+        verdict=verdict_of(passed == total),
         how="tee_turn with alignment; seed 7",
         figures=("success_rates", "success_by_friction"),
         sample=Sample.EVERY,
@@ -210,7 +210,7 @@ def climb_then_turn(runs: Runs) -> Claim:
         statement="reaches the goal, tilt at the end under 3 degrees",
         measured=f"{result.outcome.value} after {result.duration_s:.1f} s, "
         f"tilt {largest(result, 'tilt_exit_deg'):.2f} degrees",
-        verdict=judged(result.success and largest(result, "tilt_exit_deg") < 3),
+        verdict=verdict_of(result.success and largest(result, "tilt_exit_deg") < 3),
         how="paper/orient_climb_turn",
     )
 
@@ -232,7 +232,7 @@ def straight_over(runs: Runs) -> Claim:
         measured=f"{a:.2f} degrees (gravity {where['aligned']}) against {u:.1f} degrees (gravity "
         f"{where['unaligned']}), {u / a:.0f} times",
         uncertainty="worst of six directions of gravity",
-        verdict=judged(
+        verdict=verdict_of(
             a < 1 and u > 5 * a and all(r.success for r in runs["straight_over_aligned"])
         ),
         how="paper/straight_over_tee_aligned and _unaligned, six gravities",
@@ -266,7 +266,7 @@ def as_written(runs: Runs) -> Claim:
         "outer ones positive",
         measured=f"{result.outcome.value} in {result.duration_s:.1f} s; inner {shaft[inner]:+.2f}, "
         f"outer {outer[0]:+.2f} and {outer[1]:+.2f} rad/s (mean, as seen at the wall)",
-        verdict=judged(result.success and shaft[inner] < 0 < outer.min()),
+        verdict=verdict_of(result.success and shaft[inner] < 0 < outer.min()),
         expected=ClaimVerdict.FAILS,
         how="paper/tee_turn_as_written",
         why="The shafts turn as the paper says. But nothing corrects the heading: the robot comes "

@@ -85,10 +85,9 @@ def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float)
     """Return a visit for each fitting the robot's centre was in, in order of the first entry.
 
     A roll before a fitting, or a retry, begins while the centre may still be in the fitting before.
-    It counts for the
-    fitting ahead that it is for: the first elbow or tee of the leg whose bend or opening the centre
-    has not left. Where there is none, or the centre never came into it on that leg, it counts where
-    the robot stood. Controllers without these phases have none.
+    It counts for the fitting ahead that it is for: the first elbow or tee of the leg whose bend or
+    opening the centre has not left. Where there is none, or the centre never came into it on that
+    leg, it counts where the robot stood. Controllers without these phases have none.
 
     Args:
         trajectory: the record.
@@ -129,7 +128,7 @@ def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float)
 
 
 def passage_indices(trajectory: Trajectory, routes: Sequence[Route]) -> NDArray[np.intp]:
-    """Index of the passage that the robot's centre is in, for each sample (T,).
+    """Return the index of the passage that the robot's centre is in, for each sample (T,).
 
     It counts along the route of the sample's leg. Before the first port plane it is the first
     passage, beyond the last plane the last one. A sample without a distance is taken to be where
@@ -143,14 +142,13 @@ def passage_indices(trajectory: Trajectory, routes: Sequence[Route]) -> NDArray[
     for index, route in enumerate(routes):
         planes = [passage.s_leave for passage in route.passages[:-1]]
         on = leg == index
-        # The end of the last passage is left out, so that a robot beyond it is still in the last
-        # one.
+        # The end of the last passage is left out: a robot beyond it is still in the last one.
         place[on] = np.searchsorted(planes, distance[on], side="right")
     return place
 
 
-def begun(trajectory: Trajectory, phase: str) -> NDArray[np.intp]:
-    """Rows at which a phase begins; none if the controller has no such phase."""
+def phase_starts(trajectory: Trajectory, phase: str) -> NDArray[np.intp]:
+    """Return the rows at which a phase begins; none if the controller has no such phase."""
     if phase not in trajectory.phases:
         return np.zeros(0, np.intp)
     inside = trajectory["phase"].astype(int) == trajectory.phases.index(phase)
@@ -158,7 +156,7 @@ def begun(trajectory: Trajectory, phase: str) -> NDArray[np.intp]:
 
 
 def running_mean(values: NDArray, time: Array, window: float) -> Array:
-    """Centred mean (T, k) over ``window`` s of samples (T, k) at ``time`` (T,) s.
+    """Return the centred mean (T, k) over ``window`` s of samples (T, k) at ``time`` (T,) s.
 
     The window is shorter at both ends.
     """
@@ -242,7 +240,7 @@ def _counts(
     """
     offsets, visited = _offsets(routes), set(group.tolist())
     counts = np.zeros(offsets[-1], np.intp)
-    for row in begun(trajectory, phase).tolist():
+    for row in phase_starts(trajectory, phase).tolist():
         leg = int(trajectory["leg"][row])
         ahead = _ahead(routes[leg], float(trajectory["distance"][row]))
         meant = None if ahead is None else int(offsets[leg]) + ahead

@@ -30,11 +30,14 @@ class Monitor:
     """Watches n robots.
 
     Args:
-        routes: of the robots. robot: its length and weight are units of the limits.
+        routes: of the robots.
+        robot: its length and weight are units of the limits.
         limits: see ``[monitor]`` in docs/reference/scenarios.md.
-        start: (n,) m, where they begin. cruise_speed: (n,) m/s.
-        time_limit: (n,) s. period: s between two looks. sample_period: s between two samples of
-            the averages.
+        start: (n,) m, arc lengths where they begin.
+        cruise_speed: (n,) m/s.
+        time_limit: (n,) s.
+        period: s, between two looks.
+        sample_period: s, between two samples of the averages.
     """
 
     def __init__(
@@ -154,7 +157,8 @@ class Monitor:
 
         Args:
             readings: of the sensors.
-            belt_command: (n, 3) m/s. saturated: (n, 3) motors at their torque limit.
+            belt_command: (n, 3) m/s.
+            saturated: (n, 3) motors at their torque limit.
             due: (n,) robots whose sample it is, at every ``sample_period`` of their runs.
         """
         self._steps += due

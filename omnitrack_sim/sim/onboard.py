@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.autonomy.camera_sight import CameraSight
 from omnitrack_sim.autonomy.localiser import Localiser
 from omnitrack_sim.autonomy.pose_filter import PLACE, TURN
-from omnitrack_sim.autonomy.relocalisation import Guarded, Search
+from omnitrack_sim.autonomy.relocalisation import Search
 from omnitrack_sim.autonomy.sight import Ahead, Look, is_right
 from omnitrack_sim.base.rotations import (
     Array,
@@ -285,7 +285,7 @@ class Onboard:
         self._relocated = []
         return near
 
-    def guard(self, command: Command) -> Guarded:
+    def guard(self, command: Command) -> tuple[Command, NDArray[np.bool_]]:
         """See ``Senses``."""
         roll = seen(self.readings, self._legs.gear, self.channels)["roll"]
         return self._search.step(command, self.lost(), self.readings["time"], roll)

@@ -8,7 +8,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.autonomy.relocalisation import Guarded
 from omnitrack_sim.autonomy.sight import Ahead, Look
 from omnitrack_sim.base.rotations import Array, heading
 from omnitrack_sim.pipes.route_map import Location
@@ -80,9 +79,10 @@ class Senses(Protocol):
         """Set ``location``, whose true value is ``truth``, from the readings."""
         ...
 
-    def guard(self, command: Command) -> Guarded:
-        """Return a command less what robots that do not know their pose may not do."""
-        return Guarded(command, np.zeros(len(self.location.distance), bool))
+    def guard(self, command: Command) -> tuple[Command, NDArray[np.bool_]]:
+        """Return a command less what robots that do not know their pose may not do, and the robots
+        (n,) that have searched for it in vain."""
+        return command, np.zeros(len(self.location.distance), bool)
 
     def look(self, robot: int, back: bool) -> Look:
         """Have a robot look ahead and, with ``back``, the other way too."""

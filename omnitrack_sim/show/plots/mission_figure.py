@@ -18,8 +18,8 @@ from omnitrack_sim.record.timeline import (
     FORCE_WINDOW,
     RETRY_PHASE,
     ROLL_PHASE,
-    begun,
     passage_indices,
+    phase_starts,
     running_mean,
 )
 from omnitrack_sim.record.trajectory import spans
@@ -497,7 +497,7 @@ def marks_of(result: Result) -> list[EventMark]:
     falls = [event.time for event in result.events if isinstance(event, FellOff)]
     last = np.flatnonzero(np.isfinite(trajectory["position"]).all(axis=1))[-1:]
     end = f"end: {result.outcome.value.replace('_', ' ')}"
-    rolls, retries = (begun(trajectory, phase) for phase in (ROLL_PHASE, RETRY_PHASE))
+    rolls, retries = (phase_starts(trajectory, phase) for phase in (ROLL_PHASE, RETRY_PHASE))
     falls = np.minimum(np.searchsorted(trajectory.time, falls), len(trajectory.time) - 1)
     marks = [
         EventMark("modules rolled", "\N{ANTICLOCKWISE OPEN CIRCLE ARROW}", INK, rolls),
