@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from numbers import Real
 from typing import Any, TypeVar
 
@@ -127,3 +127,10 @@ def check_times(where: str, times: object) -> None:
 def _described(value: object) -> str:
     """Short text of a value and its type."""
     return "None" if value is None else f"{shown(value)}, of type {type(value).__name__}"
+
+
+def refuse_taken(where: str, names: list[str], shipped: Collection[str]) -> None:
+    """Refuse names that are among those ``shipped``, or that come twice."""
+    for i, name in enumerate(names):
+        if name in shipped or name in names[:i]:
+            raise InputError(Fault(f"{where}.{i}", f"{name!r} is taken; give it another name"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
@@ -16,7 +16,7 @@ from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
 from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.autonomy.pilots import FixedRoute, Pilot, Planned
 from omnitrack_sim.autonomy.sight import TrueSight
-from omnitrack_sim.base.arguments import check_controller
+from omnitrack_sim.base.arguments import check_controller, refuse_taken
 from omnitrack_sim.base.bounds import MOST_PARTS, MOST_PIECES, MOST_SAMPLES, MOST_STEPS, too_long
 from omnitrack_sim.base.errors import (
     Fault,
@@ -328,13 +328,6 @@ class Scenario(Table):
     def hash(self) -> str:
         """SHA-256 of the resolved scenario, hexadecimal."""
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()
-
-
-def refuse_taken(where: str, names: list[str], shipped: Collection[str]) -> None:
-    """Refuse names that something else has already."""
-    for i, name in enumerate(names):
-        if name in shipped or name in names[:i]:
-            raise InputError(Fault(f"{where}.{i}", f"{name!r} is taken; give it another name"))
 
 
 def _of_kind(where: str, names: tuple[str, ...], kind: type[_Thing]) -> tuple[_Thing, ...]:

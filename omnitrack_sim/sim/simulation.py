@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.pilots import Decision, Pilot
-from omnitrack_sim.base.arguments import check_all, check_is
+from omnitrack_sim.base.arguments import check_all, check_is, refuse_taken
 from omnitrack_sim.base.rotations import Array, heading, set_rows, with_rows
 from omnitrack_sim.base.text import shown
 from omnitrack_sim.pipes.route_map import Location
@@ -26,7 +26,7 @@ from omnitrack_sim.robots.omnitrack.control import Command, Controller, ControlS
 from omnitrack_sim.robots.omnitrack.control.gear import carried_out, seen
 from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.scenario.model import METRIC_NAMES, refuse_taken
+from omnitrack_sim.scenario.model import METRIC_NAMES
 from omnitrack_sim.senses import SENSORS, Sensor
 from omnitrack_sim.sim.builder import each, settings_of, start_of
 from omnitrack_sim.sim.legs import Legs
