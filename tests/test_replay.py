@@ -23,9 +23,8 @@ from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.show.replay.contents import arrow_scales
+from omnitrack_sim.show.replay.contents import STEPS, Pack, arrow_scales
 from omnitrack_sim.show.replay.document import LIBRARY, differences, replay_data
-from omnitrack_sim.show.replay.packing import STEPS, Pack
 from omnitrack_sim.show.surfaces import geoms_surface
 
 

@@ -13,7 +13,7 @@ from omnitrack_sim.base.rotations import wrap_angle
 from omnitrack_sim.record.channels import DISPLAYS, MODULE_COLOURS, MODULE_COUNT
 from omnitrack_sim.record.trajectory import spans
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
-from omnitrack_sim.show.plots.panels import LINES, limits_of, values_of
+from omnitrack_sim.show.plots.run_figures import LINES, limits_of, values_of
 from omnitrack_sim.show.plots.style import GREY, INK, new_figure, styled
 
 if TYPE_CHECKING:

@@ -1,28 +1,103 @@
-"""Contents of the replay page over time: curves, phases, events, map and pictures."""
+"""Contents of the replay page: curves, phases, events, map and pictures over time, the robot, its
+motion, the pipes and the cameras; and tables of numbers packed into one short text."""
 
 from __future__ import annotations
 
 import base64
 import io
 import math
+import zlib
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 from PIL import Image
 
-from omnitrack_sim.pipes import Route
+from omnitrack_sim.base.rotations import Array, Pose
+from omnitrack_sim.pipes import Assembly, Route
+from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.record.events import Note
 from omnitrack_sim.record.timeline import passage_indices
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory, spans
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.result import Result
+from omnitrack_sim.robots.omnitrack import MODULES
+from omnitrack_sim.robots.omnitrack.looks import (
+    FIELD_OF_VIEW,
+    ROBOT_GROUP,
+    follow_direction,
+    look_pitch,
+    view_direction,
+)
 from omnitrack_sim.show.film.overlay import BESIDE, levels, palette
+from omnitrack_sim.show.film.shots import DISTANCE, view_directions
+from omnitrack_sim.show.playback import belt_travel
 from omnitrack_sim.show.plots.mission_figure import SHADES
-from omnitrack_sim.show.plots.panels import shade_of
+from omnitrack_sim.show.plots.run_figures import shade_of
 from omnitrack_sim.show.projection import clearest, needs_map
-from omnitrack_sim.show.replay.packing import Pack, rounded
+from omnitrack_sim.show.surfaces import Surface, cut_pipe, geoms_surface, pipe_inside
+from omnitrack_sim.walls.meshes import THICKNESS, cut_normal
+
+STEPS = 65534
+"""Steps between the lowest and the highest number of a column that is rounded to its own range."""
+
+
+class Pack:
+    """Tables of numbers in one short text, which the page unpacks (page/unpack.js).
+
+    Tables are added one by one; each is told by a value that JSON can hold.
+
+    A table is a list of columns of whole numbers. Of each column the differences from row to row
+    are kept, as whole numbers without a sign (0, -1, 1, -2 ... as 0, 1, 2, 3 ...), first the low
+    bytes of all rows, then the next ones. Neighbouring rows differ little, so most bytes are small
+    and alike, and deflate makes little of them.
+    """
+
+    def __init__(self) -> None:
+        self._data = bytearray()
+
+    def whole(self, values: ArrayLike) -> dict[str, Any]:
+        """Add whole numbers (n,) or (n, k) of at most 47 bits."""
+        table = np.asarray(values, np.int64)
+        table = table.reshape(len(table), -1)
+        change = np.diff(table, axis=0, prepend=0)
+        coded = np.where(change < 0, -2 * change - 1, 2 * change).T  # (k, n)
+        width = max(1, (int(coded.max(initial=0)).bit_length() + 7) // 8)
+        place = {"at": len(self._data), "rows": len(table), "columns": table.shape[1]}
+        for column in coded:
+            octets = np.ascontiguousarray(column, "<i8").view(np.uint8).reshape(-1, 8)
+            self._data += octets[:, :width].T.tobytes()
+        return place | {"bytes": width}
+
+    def steps(self, values: ArrayLike, step: float) -> dict[str, Any]:
+        """Add finite numbers (n,) or (n, k), each rounded to whole ``step``s."""
+        return self.whole(np.rint(np.asarray(values, float) / step)) | {"step": step}
+
+    def ranged(self, values: ArrayLike) -> dict[str, Any]:
+        """Add numbers (n, ...), each column rounded to 1 / ``STEPS`` of its range. What is not
+        finite stays a gap."""
+        table = np.asarray(values, float).reshape(len(np.asarray(values)), -1)
+        there = np.isfinite(table)
+        least = np.where(there, table, np.inf).min(axis=0, initial=np.inf)
+        most = np.where(there, table, -np.inf).max(axis=0, initial=-np.inf)
+        low, high = (np.where(np.isfinite(bound), bound, 0.0) for bound in (least, most))
+        step = np.where(high > low, (high - low) / STEPS, 1.0)
+        rounded = np.rint(np.where(there, table - low, 0.0) / step)
+        place = self.whole(np.where(there, rounded, STEPS + 1))
+        return place | {"low": low.tolist(), "steps": step.tolist(), "gap": STEPS + 1}
+
+    def text(self) -> str:
+        """All tables, deflated, in base64."""
+        return base64.b64encode(zlib.compress(bytes(self._data), 9)).decode("ascii")
+
+
+def rounded(values: ArrayLike, digits: int) -> Any:
+    """Numbers as lists for JSON, with so many digits after the point."""
+    return (np.round(np.asarray(values, float), digits) + 0.0).tolist()  # 0.0, not -0.0
+
 
 FIRST = ("belt_speed", "slip_ratio", "traction", "normal_force", "tilt", "theta5")
 """Channels whose plots are shown before the reader chooses."""
@@ -193,3 +268,149 @@ def _leading(pictures: Pictures, trajectory: Trajectory) -> list[int]:
     period = max(PICTURE_PERIOD, float(np.ptp(pictures.time)) / (MOST_PICTURES - 1))
     slot = np.floor(pictures.time[ahead] / period + 1e-6)
     return ahead[np.diff(slot, prepend=-1.0) > 0].tolist()
+
+
+SECTIONS = 96
+"""Corners of a pipe's cross-section: a reader may come as near as he likes."""
+NORMAL_STEPS = 127
+"""A component of a normal is a whole number up to this, one byte."""
+POSITION_STEP = 1e-5
+"""Step of the positions of bodies, m."""
+TURN_STEP = 1 / 32767
+"""Step of the components of quaternions: 3e-5 rad, or 3 micrometres at the robot's rim."""
+FARTHER = 1.35
+"""Distance of the camera that follows, over that in films: a page can be zoomed."""
+TIME_STEP = 1e-6
+"""Step of the times, s."""
+
+
+class Shapes:
+    """Surfaces in a pack, each once, however many bodies or pipes have it."""
+
+    def __init__(self, pack: Pack) -> None:
+        self.tables: list[dict[str, Any]] = []
+        self._pack = pack
+        self._known: dict[bytes, int] = {}
+
+    def add(self, surface: Surface) -> int:
+        """Return the number of a surface."""
+        normal = np.rint(NORMAL_STEPS * surface.normal).astype(np.int64)
+        key = b"".join(a.tobytes() for a in (surface.position, normal, surface.faces))
+        if key not in self._known:
+            self._known[key] = len(self.tables)
+            self.tables.append(
+                {
+                    "vertices": self._pack.ranged(surface.position),
+                    "normals": self._pack.whole(normal),
+                    "faces": self._pack.whole(surface.faces.ravel()),
+                }
+            )
+        return self._known[key]
+
+
+def robot_table(
+    result: Result, trajectory: Trajectory, model: mujoco.MjModel, pack: Pack, shapes: Shapes
+) -> dict[str, Any]:
+    """The robot of a run and how it moves.
+
+    Bodies but for the tracks have poses over time; a track lies on its module, as far along its
+    axis as its belt has run within half a visible pitch.
+    """
+    robot = result.scenario.robot
+    tracks = [(track, i) for i in range(1, MODULES + 1) for track in TRACKS]
+    carried = {f"track_{track}_{i}": (track, i) for track, i in tracks}
+    names = [model.body(i).name for i in range(1, model.nbody)]
+    moved = [name for name in names if name not in carried]
+    poses = body_poses(model, trajectory, moved)
+    samples = len(poses)
+    bodies = []
+    for name in names:
+        table = _body(model, name, shapes)
+        if name in carried:
+            track, module = carried[name]
+            axis = np.array(model.joint(f"belt_{track}_{module}").axis)
+            table |= {"on": moved.index(f"module_{module}"), "axis": rounded(axis, 6)}
+            table |= {"module": module - 1, "track": TRACKS.index(track)}
+        bodies.append(table)
+    return {
+        "bodies": bodies,
+        "moved": moved,
+        "positions": pack.steps(poses[..., :3].reshape(samples, -1), POSITION_STEP),
+        "turns": pack.steps(poses[..., 3:].reshape(samples, -1), TURN_STEP),
+        "travel": pack.steps(belt_travel(trajectory), POSITION_STEP),
+        "pitch": look_pitch(robot),
+        "scale": robot.scale,
+    }
+
+
+def _body(model: mujoco.MjModel, name: str, shapes: Shapes) -> dict[str, Any]:
+    """Return the surface of a body, and how many of its vertices have which colour."""
+    body = model.body(name).id
+    geoms = np.flatnonzero((model.geom_bodyid == body) & (model.geom_group == ROBOT_GROUP))
+    if not len(geoms):
+        return {"name": name}
+    surface = geoms_surface(model, geoms, fine=True)
+    paint = surface.colour[:, :3]
+    first = np.flatnonzero((np.diff(paint, axis=0, prepend=-1.0) != 0).any(axis=1))
+    counts = np.diff(np.append(first, len(paint))).tolist()
+    colours = [[count, rounded(paint[i], 4)] for i, count in zip(first, counts, strict=True)]
+    return {"name": name, "shape": shapes.add(surface), "colours": colours}
+
+
+def body_poses(model: mujoco.MjModel, trajectory: Trajectory, names: list[str]) -> Array:
+    """Position, m, and quaternion of bodies (T, B, 7) by MuJoCo's kinematics, world frame; no
+    quaternion turns its sign from one sample to the next."""
+    data, rows = mujoco.MjData(model), [model.body(name).id for name in names]
+    poses = np.empty((len(trajectory.time), len(rows), 7))
+    for pose, qpos in zip(poses, trajectory.qpos, strict=True):
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        pose[:, :3], pose[:, 3:] = data.xpos[rows], data.xquat[rows]
+    turns = poses[..., 3:]
+    flips = np.where((turns[1:] * turns[:-1]).sum(axis=-1) < 0, -1.0, 1.0)
+    turns[1:] *= np.cumprod(flips, axis=0)[..., None]
+    return poses
+
+
+def pipes_table(network: Assembly, model: mujoco.MjModel, shapes: Shapes) -> dict[str, Any]:
+    """Each part's half that stays when it is cut open towards the film's viewer, its half cut
+    away, its inside, and where it lies; the plates; the directions of the camera that sees all."""
+    towards = view_direction(network)
+
+    def piece(surface: Surface, pose: Pose) -> dict[str, Any]:
+        place = {"position": rounded(pose.position, 6), "turn": rounded(pose.quaternion, 7)}
+        return {"shape": shapes.add(surface)} | place
+
+    parts = []
+    for part in network.parts:
+        fitting, rotation, samples = part.fitting, part.pose.rotation, part.bore_samples()
+        local = rotation.T @ towards
+        table = {
+            "name": part.name,
+            "kept": piece(cut_pipe(fitting, local, SECTIONS), part.pose),
+            "front": piece(cut_pipe(fitting, local, SECTIONS, keep=False), part.pose),
+            "inside": piece(pipe_inside(fitting, SECTIONS), part.pose),
+            "cut": rounded(rotation @ cut_normal(fitting, local), 6),
+            "low": rounded(samples.min(axis=0) - THICKNESS, 4),
+            "high": rounded(samples.max(axis=0) + THICKNESS, 4),
+        }
+        parts.append(table)
+    world = np.flatnonzero((model.geom_bodyid == 0) & (model.geom_group == ROBOT_GROUP))
+    plates = [geoms_surface(model, [geom], fine=True) for geom in world.tolist()]
+    return {
+        "parts": parts,
+        "plates": [piece(p, Pose()) | {"colour": rounded(p.colour[0, :3], 4)} for p in plates],
+        "pipe": rounded(model.mat("pipe").rgba[:3], 4),
+        "towards": rounded(towards, 6),
+        "back": rounded(follow_direction(network), 6),
+        "fov": FIELD_OF_VIEW,
+    }
+
+
+def follow_table(result: Result, trajectory: Trajectory, pack: Pack) -> dict[str, Any]:
+    """Return distance, m, and direction at each sample of the camera that keeps with the robot, as
+    in films."""
+    routes = result.routes()
+    directions = view_directions(trajectory, routes, follow_direction(result.pipes))
+    distance = FARTHER * DISTANCE * result.scenario.robot.scale
+    return {"distance": distance, "directions": pack.steps(directions, 1e-4)}

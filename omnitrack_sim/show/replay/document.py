@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from omnitrack_sim.base.errors import Fault, InputError
@@ -20,10 +21,10 @@ from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.results.comparison import compare as compare_results
 from omnitrack_sim.results.comparison import value_row
-from omnitrack_sim.results.result import Result
+from omnitrack_sim.results.result import Result, as_result
+from omnitrack_sim.robots.omnitrack.scene import build_looks
 from omnitrack_sim.show.playback import sound
 from omnitrack_sim.show.replay import contents
-from omnitrack_sim.show.replay.packing import Pack
 
 FORMATS = ("html",)
 SAME_POSE = 1e-6
@@ -109,8 +110,6 @@ def render_replay(
         >>> page.html.startswith("<!doctype html>")
         True
     """
-    from omnitrack_sim.results.result import as_result
-
     if path is not None:
         format_of(path, None, "page", FORMATS)
         check_file(path)
@@ -150,13 +149,9 @@ def _part_mismatch(one: Result, other: Result) -> str:
 
 def replay_data(runs: list[Result]) -> dict[str, Any]:
     """Collect the data of the page's runs, of which the first one brings the pipes."""
-    # Imported late: they bring MuJoCo and trimesh, which a check of two runs' pipes needs not.
-    from omnitrack_sim.robots.omnitrack.scene import build_looks
-    from omnitrack_sim.show.replay import geometry
-
-    first, pack = runs[0], Pack()
+    first, pack = runs[0], contents.Pack()
     network, trajectory = first.pipes, sound(first.trajectory)
-    shapes = geometry.Shapes(pack)
+    shapes = contents.Shapes(pack)
     models = [
         build_looks(run.pipes, run.scenario.robot, run.scenario.plates, coarse=False).compile()
         for run in runs
@@ -165,8 +160,8 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
         "runs": [
             _run_table(run, model, pack, shapes) for run, model in zip(runs, models, strict=True)
         ],
-        "pipes": geometry.pipes_table(network, models[0], shapes),
-        "follow": geometry.follow_table(first, trajectory, pack),
+        "pipes": contents.pipes_table(network, models[0], shapes),
+        "follow": contents.follow_table(first, trajectory, pack),
         "map": contents.map_table(first),
         "pictures": contents.pictures_table(first.album, trajectory),
         "panels": contents.panels_table(first.trajectory),
@@ -179,16 +174,16 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
     }
 
 
-def _run_table(result: Result, model: Any, pack: Pack, shapes: Any) -> dict[str, Any]:
+def _run_table(
+    result: Result, model: mujoco.MjModel, pack: contents.Pack, shapes: contents.Shapes
+) -> dict[str, Any]:
     """Collect the data of one run, its robot included."""
-    from omnitrack_sim.show.replay import geometry
-
     trajectory = sound(result.trajectory)
     with np.errstate(invalid="ignore", over="ignore"):  # of physics that has diverged
         return {
             "heading": heading_table(result),
-            "time": pack.steps(trajectory.time, geometry.TIME_STEP),
-            "robot": geometry.robot_table(result, trajectory, model, pack, shapes),
+            "time": pack.steps(trajectory.time, contents.TIME_STEP),
+            "robot": contents.robot_table(result, trajectory, model, pack, shapes),
             "curves": contents.curves_table(trajectory, pack),
             "phases": contents.phases_table(trajectory),
             "fittings": contents.fittings_table(trajectory, result.routes()),
