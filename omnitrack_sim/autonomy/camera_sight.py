@@ -48,7 +48,7 @@ ENDS = {"open end": "open", "closed end": "closed"}
 
 
 class CameraSight:
-    """See ``Sight``; of n robots with cameras at both ends.
+    """Sight of n robots with cameras at both ends.
 
     Args:
         eyes: of the robots.
@@ -65,7 +65,7 @@ class CameraSight:
         self._looks[rows] = 0
 
     def look(self, robot: int, position: Array, frame: Array) -> Ahead | None:
-        """See ``Sight``."""
+        """Return the sighting of one robot; see ``TrueSight.look``."""
         bore = round(self._bore(robot) / CAMERA_SIGHT.bore_step) * CAMERA_SIGHT.bore_step
         number = CAMERA_SIGHT.first_picture + int(self._looks[robot])
         self._looks[robot] += 1

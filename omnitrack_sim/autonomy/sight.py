@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from itertools import permutations
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -113,8 +113,22 @@ class Look(NamedTuple):
     turned: Array
 
 
-class Sight(Protocol):
-    """Sight of the pipe ahead of robots."""
+class TrueSight:
+    """Error-free sight of one network.
+
+    Args:
+        pipes: the network.
+        plates: ports that a plate closes.
+        robot: its length, and the bore that it is made for.
+        arcs: of the centreline in tees, along which distances are measured.
+    """
+
+    def __init__(self, pipes: Assembly, plates: Collection[End], robot: Robot, arcs: Arcs) -> None:
+        self._pipes, self._half, self._arcs = pipes, robot.length / 2, arcs
+        self._reach = SIGHT.reach * robot.nominal_bore
+        self._joined = both_ways(pipes.joints)
+        closed = set(plates)
+        self._closed = closed | {self._joined[end] for end in closed if end in self._joined}
 
     def look(self, robot: int, position: Array, frame: Array) -> Ahead | None:
         """Return the sighting of one robot now; None where it is ambiguous, such as within a bend.
@@ -124,36 +138,6 @@ class Sight(Protocol):
             position: (3,) m, of the robot's centre, world frame, the true one.
             frame: (3, 3) of the robot in its gear, in the world, the true one.
         """
-        ...
-
-
-class TrueSight:
-    """Error-free sight of one network.
-
-    Args:
-        pipes: the network.
-        plates: ports that a plate closes.
-        robot: its length, and the bore that it is made for.
-        arcs: of the centreline in tees, along which distances are measured.
-        reach: m, how far it sees beyond its nose; None: ``RANGE``.
-    """
-
-    def __init__(
-        self,
-        pipes: Assembly,
-        plates: Collection[End],
-        robot: Robot,
-        arcs: Arcs,
-        reach: float | None = None,
-    ) -> None:
-        self._pipes, self._half, self._arcs = pipes, robot.length / 2, arcs
-        self._reach = SIGHT.reach * robot.nominal_bore if reach is None else reach
-        self._joined = both_ways(pipes.joints)
-        closed = set(plates)
-        self._closed = closed | {self._joined[end] for end in closed if end in self._joined}
-
-    def look(self, robot: int, position: Array, frame: Array) -> Ahead | None:
-        """See ``Sight``."""
         nearest = min(self._ports_ahead(position[None], frame[:, 2]), default=None)
         return None if nearest is None else self._from(*nearest[1:], frame)
 

@@ -166,7 +166,7 @@ def both_ways(
     back: bool,
 ) -> tuple[Ahead | None, Ahead | None]:
     """Return what a robot sees ahead and, with ``back``, behind, from where it truly is; ``see`` as
-    ``Sight.look``."""
+    ``TrueSight.look``."""
     position, rotation = truth["position"][robot], truth["rotation"][robot]
     ahead = see(robot, position, frame_ahead(rotation, gear))
     behind = see(robot, position, frame_ahead(rotation, -gear)) if back else None
