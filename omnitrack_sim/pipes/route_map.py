@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,35 +120,25 @@ class RouteMap:
         self.route_of = np.repeat(np.arange(len(self.routes)), self.count)
         spans = [(np.inf, np.inf) if p is None else p.span for p in passages]
         self.start, self.end = np.array(spans).T
-        self.is_turn = np.array([p is not None and p.is_turn for p in passages])
-        self.is_tee_turn = np.array([p is not None and p.manoeuvre == "tee_turn" for p in passages])
-        self.is_straight_over = np.array(
-            [p is not None and p.manoeuvre == "tee_straight" for p in passages]
-        )
-        self.bend_radius = np.array([np.nan if p is None else p.bend_radius for p in passages])
-        self.into_branch = np.array([p is not None and p.description.into_branch for p in passages])
-        self.out_of_branch = np.array(
-            [p is not None and p.description.out_of_branch for p in passages]
-        )
-        at_end = iter(zip(end_directions, last_radius, strict=True))
-        ends = [(p.turn_direction, p.radius) if p is not None else next(at_end) for p in passages]
-        self.directions = np.array([direction for direction, _ in ends])
-        self.radius = np.array([radius for _, radius in ends])
+
+        def each(value: Callable[[Passage], Any], at_end: Any) -> NDArray[Any]:
+            return np.array([at_end if p is None else value(p) for p in passages])
+
+        self.is_turn = each(lambda p: p.is_turn, False)
+        self.is_tee_turn = each(lambda p: p.manoeuvre == "tee_turn", False)
+        self.is_straight_over = each(lambda p: p.manoeuvre == "tee_straight", False)
+        self.into_branch = each(lambda p: p.description.into_branch, False)
+        self.out_of_branch = each(lambda p: p.description.out_of_branch, False)
+        self.bend_radius = each(lambda p: p.bend_radius, np.nan)
+        self.turn = each(lambda p: p.description.turn_angle if p.is_turn else np.pi / 2, np.pi / 2)
+        self.directions = each(lambda p: p.turn_direction, np.zeros(3))
+        self.radius = each(lambda p: p.radius, 0.0)
+        self.corner_radius = each(lambda p: p.corner_radius, 0.0)
+        self.directions[self.last] = end_directions
+        self.radius[self.last] = self.corner_radius[self.last] = last_radius
         # The end entries begin at infinity, where no tangent can be looked up.
         entries = np.where(np.isinf(self.start), 0.0, self.start)
         self.ahead = self.tangents(entries[:, None], self.route_of)[:, 0]
-        self.turn = np.array(
-            [
-                p.description.turn_angle if p is not None and p.is_turn else np.pi / 2
-                for p in passages
-            ]
-        )
-        self.corner_radius = np.array(
-            [
-                p.corner_radius if p is not None else radius
-                for p, (_, radius) in zip(passages, ends, strict=True)
-            ]
-        )
         self._ends = np.full((len(first), int(self.count.max())), np.inf)  # (W, most passages) m
         for route, (begin, count) in enumerate(zip(self.first, self.count, strict=True)):
             self._ends[route, :count] = self.end[begin : begin + count]

@@ -144,3 +144,13 @@ class Ring:
         face = radius - sagitta(radius, math.pi / staves) / 2
         width = (face + THICKNESS) * math.tan(math.pi / staves)
         return cls(2 * np.pi * np.arange(staves) / staves, face, width)
+
+    def add_stave(
+        self, pieces: Pieces, out: Array, along: Array, ends: tuple[float, float], depth: float
+    ) -> None:
+        """Add the stave on the side ``out`` (3,) of an axis ``along`` (3,), between ``ends`` m from
+        the origin and ``depth`` m deep; none where hardly anything is left of it."""
+        start, end = ends
+        if end - start > 1e-5:
+            middle = self.face * out + along * (start + end) / 2
+            pieces.facet(middle, out, along, self.half_width, (end - start) / 2, depth)

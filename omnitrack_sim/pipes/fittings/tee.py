@@ -31,7 +31,7 @@ from omnitrack_sim.pipes.fittings.base import (
     check,
     positive,
 )
-from omnitrack_sim.pipes.shapes import Kit, Pieces, Ring, Solid, sagitta, stave_count
+from omnitrack_sim.pipes.shapes import THICKNESS, Kit, Pieces, Ring, Solid, sagitta, stave_count
 
 RIM_SEGMENTS = 32
 """Capsules along each half of the rim."""
@@ -242,22 +242,19 @@ class Tee(Branched):
         rho = self.radius + self.fillet_radius
         half_angle = math.pi / staves
         run, branch = self.run_length / 2, self.branch_length
-        width = ring.half_width
         for u in ring.azimuths:
             out = np.array([math.cos(u), math.sin(u), 0.0])
             edges = np.cos([u - half_angle, u, u + half_angle])
             if edges.max() <= 1e-9:
-                pieces.facet(ring.face * out, out, Z, width, run)
+                ring.add_stave(pieces, out, Z, (-run, run), THICKNESS)
             else:
                 cut = rho * edges.max()
-                for side in (1, -1):
-                    middle = ring.face * out + side * Z * (run + cut) / 2
-                    pieces.facet(middle, out, Z, width, (run - cut) / 2)
+                for ends in ((cut, run), (-run, -cut)):
+                    ring.add_stave(pieces, out, Z, ends, THICKNESS)
             # Staves of the branch: around the x axis, from the rim to the port.
             out = np.array([0.0, math.sin(u), math.cos(u)])
             cut = rho * np.abs(edges).max()
-            middle = ring.face * out + X * (branch + cut) / 2
-            pieces.facet(middle, out, X, width, (branch - cut) / 2)
+            ring.add_stave(pieces, out, X, (cut, branch), THICKNESS)
         for side in (1.0, -1.0):
             # Where the halves of the rim meet the wall is flat: run and branch share their tangent
             # plane.

@@ -291,15 +291,7 @@ class Wye(Branched):
             # The edge's two heights z at an azimuth of the run; between them is the mouth.
             low, high = ((big * np.cos(around) * cos + side * root) / sin for side in (-1.0, 1.0))
             for a, b in ((-half, low.min()), (high.max(), half)):
-                if b - a > 1e-5:
-                    pieces.facet(
-                        ring.face * out + z * (a + b) / 2,
-                        out,
-                        z,
-                        ring.half_width,
-                        (b - a) / 2,
-                        depth,
-                    )
+                ring.add_stave(pieces, out, z, (a, b), depth)
 
     def _add_branch(self, pieces: Pieces, ring: Ring, depth: float) -> None:
         """Staves of the branch, from the rim to the port."""
@@ -311,16 +303,8 @@ class Wye(Branched):
             out = math.cos(u) * across + math.sin(u) * np.array([0, 1.0, 0])
             around = np.linspace(u - half_angle, u + half_angle, _CUT_SAMPLES)
             x = np.sqrt(np.maximum(big**2 - (small * np.sin(around)) ** 2, 0.0))
-            a, b = ((x - small * np.cos(around) * cos) / sin).max(), self.branch_length
-            if b - a > 1e-5:
-                pieces.facet(
-                    ring.face * out + along * (a + b) / 2,
-                    out,
-                    along,
-                    ring.half_width,
-                    (b - a) / 2,
-                    depth,
-                )
+            start = ((x - small * np.cos(around) * cos) / sin).max()
+            ring.add_stave(pieces, out, along, (start, self.branch_length), depth)
 
     def _add_rim(
         self, pieces: Pieces, q: Array, run_ring: Ring, branch_ring: Ring, depth: float
