@@ -42,6 +42,7 @@ def sound(trajectory: Trajectory) -> Trajectory:
 
 def belt_travel(trajectory: Trajectory) -> NDArray[np.float64]:
     """Travel of each belt since the first sample (T, 3), m: the integral of its recorded speed."""
+    # Trapezia: the speed is recorded at the ends of each step.
     speed, step = trajectory["belt_speed"], np.diff(trajectory.time)[:, None]
     run = np.cumsum(step * (speed[1:] + speed[:-1]) / 2, axis=0)
     return np.concatenate([np.zeros((1, speed.shape[1])), run])

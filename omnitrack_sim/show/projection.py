@@ -90,6 +90,7 @@ def clearest(pipes: Assembly) -> Projection:
     or are seen end on. World z is up."""
     lines = [line for part in pipes.parts for line in axis_lines(part, SPACING)]
     points = np.concatenate(lines)
+    # All pairs are compared, so that their number has to be bounded for networks of any size.
     points = points[:: max(1, len(points) // _MOST_COMPARED)]
     steps = np.concatenate([np.diff(line, axis=0) for line in lines])
     length = np.linalg.norm(steps, axis=1)
@@ -98,6 +99,7 @@ def clearest(pipes: Assembly) -> Projection:
     best, least = Projection(np.eye(3)), np.inf
     for azimuth, elevation in np.radians(_OBLIQUE):
         view = _oblique(azimuth, elevation)
+        # Points of one pipe are near each other in any view: only those apart in space count.
         over = (_distances(view.flat(points)) < width) & (apart > 1.5 * width)
         shown = np.linalg.norm(view.flat(steps), axis=1) / length
         end_on = length @ np.maximum(0.6 - shown, 0.0) / length.sum()

@@ -152,17 +152,6 @@ def _solid(model: mujoco.MjModel, geom: int, fine: bool) -> Manifold:
     return Manifold.batch_hull(ends)  # a capsule
 
 
-def _strips(rows: int, columns: int, closed: bool) -> Faces:
-    """Triangles between neighbouring points of a grid (rows, columns), row after row."""
-    index = np.arange(rows * columns).reshape(rows, columns)
-    if closed:
-        index = np.concatenate([index, index[:1]])
-    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
-    return np.concatenate(
-        [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
-    ).astype(np.int32)
-
-
 def cut_pipe(
     fitting: Fitting, towards: Array, sections: int = _SECTIONS_CUT, keep: bool = True
 ) -> Surface:
@@ -219,8 +208,11 @@ def seam(port: Pose, radius: float, away: Array) -> Surface:
     position = (radius - height) * out + along
     tilt = np.array([-0.7, 0.0, 0.7])[:, None] * [[0.0, 0.0, 1.0]]
     normal = unit((tilt - out).reshape(-1, 3))
-    rows, columns = position.shape[:2]
-    faces = _strips(rows, columns, closed=False)
+    index = np.arange(position[..., 0].size).reshape(position.shape[:2])
+    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    faces = np.concatenate(
+        [np.stack(corners, -1).reshape(-1, 3) for corners in ([a, b, c], [a, c, d])]
+    )
     world = port.apply(position.reshape(-1, 3))
     behind = (world[faces].mean(axis=1) - port.position) @ away <= 0
     turned = faces[behind][:, ::-1]  # seen from within

@@ -40,6 +40,7 @@ _EDGE, _PIPE, _ROBOT = (14, 18, 24), (120, 131, 144), (255, 255, 255)
 _PLATE, _GOAL, _ESTIMATE = (226, 74, 60), (255, 230, 120), (90, 220, 255)
 _FINER = 3  # the map is drawn so many times larger and then reduced, for smooth lines
 _TILE, _GAP = 144, 16  # width of a camera's picture; space around it
+# A power below one spreads the far end of the range, where most of a straight pipe's pixels are.
 _NEAR, _DARKENING = 0.05, 0.6
 """Distance, m, up to which walls are shown at their brightest, as they are in turns; and the power
 of one over the distance by which they darken, which tells far places apart."""
@@ -221,6 +222,7 @@ class MapPanel(_Panel):
         self._goals = self._pixels(result.goal_points())
         self._show_parts(0)
         step = np.abs(np.diff(trajectory["distance"], prepend=trajectory["distance"][0]))
+        # A point a centimetre of travel: more would only take longer to draw.
         marks = np.floor(np.cumsum(np.where(np.isfinite(step), step, 0.0)) / 0.01)
         known = np.isfinite(trajectory["position"]).all(axis=1)
         new_leg = np.diff(trajectory["leg"], prepend=trajectory["leg"][:1]) != 0

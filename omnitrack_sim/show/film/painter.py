@@ -17,7 +17,9 @@ from omnitrack_sim.show.film.shots import Eye, Sun
 from omnitrack_sim.show.surfaces import Surface
 
 _SIZES = (3, 3, 4, 1)  # floats of position, normal, colour, body
-_FILLS_ITS_MAP = (1.5, 4.0)  # slope and units by which depths in a map lie behind
+# Slope and units by which depths in a map lie behind: else a wall would throw dots of shadow on
+# itself where a texel is wider than the pixel that looks it up.
+_FILLS_ITS_MAP = (1.5, 4.0)
 
 Image = NDArray[np.uint8]
 
@@ -349,6 +351,7 @@ class Painter:
         for pipe, share in zip(self.pipes, clearness, strict=True):
             if share >= 1:
                 pipe.draw()
+        # After all that is opaque, and without depths of their own, or one would hide the next.
         part = [(p, share) for p, share in zip(self.pipes, clearness, strict=True) if 0 < share < 1]
         if part:
             GL.glDepthMask(False)
@@ -366,6 +369,7 @@ class Painter:
         GL.glDisable(GL.GL_CULL_FACE)
         GL.glDisable(GL.GL_SCISSOR_TEST)
         around = self._around(region, self._scale, 1)
+        # Pixels that are not smoothed stay as they were drawn.
         self._smoothed.copy(self._drawn, around)
         self._smooth_edges(around)
         if self._scale > 1:

@@ -123,7 +123,9 @@ WALL = 0.004
 _ELEVATIONS, _AZIMUTHS = np.radians([-15, 0, 15, 30, 45, 60]), np.radians(np.arange(0, 360, 22.5))
 _NEAR = 0.08  # m before and behind a bend or tee in which the viewer looks across its plane, too
 _SIGHT = np.linspace(0.16, 1.0, 8)  # places on the sight line, 0 at the robot and 1 at the viewer
-_ALONG, _BEND, _LIKING, _HIDDEN, _TURN = 6.0, 1.0, 0.3, 4.0, 1.5  # weights
+# Weights of the costs: a view along the pipe shows nothing and costs most, then a hidden robot; the
+# direction that is liked only decides between equals.
+_ALONG, _BEND, _LIKING, _HIDDEN, _TURN = 6.0, 1.0, 0.3, 4.0, 1.5
 _FREE = 0.25  # cosine to the pipe's axis below which one looks across it well enough
 
 
@@ -151,6 +153,8 @@ def view_directions(trajectory: Trajectory, routes: Sequence[Route], liking: Arr
     cost = _ALONG * along + _BEND * bend + _HIDDEN * hidden + _LIKING * (1 - choices @ liking)
     turn = np.arccos(np.clip(choices @ choices.T, -1, 1)) ** 2
     chosen = choices[_cheapest(cost, _TURN * turn)]
+    # The choices are steps of up to 22.5 degrees: four passes of a binomial filter turn them into
+    # a pan over some 0.3 m of travel.
     for _ in range(4):
         padded = np.concatenate([chosen[:1], chosen, chosen[-1:]])
         chosen = unit(padded[:-2] + 2 * padded[1:-1] + padded[2:])
@@ -249,6 +253,7 @@ def _cheapest(cost: Array, turn: Array) -> NDArray[np.intp]:
     A choice costs ``cost`` (N, C) at each place, and going on to another one at the next place
     costs ``turn`` (C, C).
     """
+    # Viterbi's algorithm: the cheapest way to each choice, then back from the cheapest end.
     total, came = cost[0], np.zeros(cost.shape, np.intp)
     for i in range(1, len(cost)):
         step = total[:, None] + turn

@@ -427,6 +427,7 @@ def _travel_of(trajectory: Trajectory) -> Iterator[LegTravel]:
         rows = np.flatnonzero(known & (trajectory["leg"] == leg))
         if len(rows) == 0:
             continue
+        # Travel, not distance: a robot that backs off has pieces of their own for each pass.
         travel = np.append(0.0, np.cumsum(np.abs(np.diff(trajectory["distance"][rows]))))
         starts = np.flatnonzero(np.diff(np.floor(travel / BIN), prepend=-1.0))
         count = np.diff(np.append(starts, len(rows)))

@@ -365,6 +365,7 @@ class _Crowd:
         """The points in all pixels of the view below and to the left of a corner of pixels, so that
         those in a box of any size are looked up at its four corners."""
         size = np.ceil(np.ptp(self.frame, axis=0)).astype(int)
+        # Summed once, a box of any size costs four look-ups, and there are hundreds of boxes.
         sums = np.zeros(size + 1)
         pixels = self.axis.transData.transform(points) - self.frame[0]
         inside = pixels[((pixels >= 0) & (pixels < size)).all(axis=1)].astype(int)

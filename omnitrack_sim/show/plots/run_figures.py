@@ -159,6 +159,7 @@ def draw_error(axis: Axes, trajectory: Trajectory, name: str) -> None:
     axis.fill_between(trajectory.time, -band, band, color=BAND_COLOUR, lw=0, zorder=1.5)
     axis.axhline(0.0, color="white", lw=0.6, zorder=1.6)
     axis.plot(trajectory.time, error, color=INK)
+    # Before the robot knows its orientation the band is a full circle wide: it would set the scale.
     largest = np.maximum(np.abs(error), band)
     sure = trajectory["theta5_std"] < KNOWN
     largest = largest[np.isfinite(largest) & (sure if sure.any() else True)]

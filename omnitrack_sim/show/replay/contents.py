@@ -63,6 +63,7 @@ class Pack:
         """Add whole numbers (n,) or (n, k) of at most 47 bits."""
         table = np.asarray(values, np.int64)
         table = table.reshape(len(table), -1)
+        # The sign goes into the lowest bit, so that small changes of either sign are small numbers.
         change = np.diff(table, axis=0, prepend=0)
         coded = np.where(change < 0, -2 * change - 1, 2 * change).T  # (k, n)
         width = max(1, (int(coded.max(initial=0)).bit_length() + 7) // 8)
@@ -367,6 +368,7 @@ def body_poses(model: mujoco.MjModel, trajectory: Trajectory, names: list[str]) 
         mujoco.mj_kinematics(model, data)
         pose[:, :3], pose[:, 3:] = data.xpos[rows], data.xquat[rows]
     turns = poses[..., 3:]
+    # q and -q are the same turn, but the page interpolates between neighbours.
     flips = np.where((turns[1:] * turns[:-1]).sum(axis=-1) < 0, -1.0, 1.0)
     turns[1:] *= np.cumprod(flips, axis=0)[..., None]
     return poses

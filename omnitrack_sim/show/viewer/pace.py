@@ -78,6 +78,7 @@ class Pace:
 
     @staticmethod
     def _log(speed: float) -> float:
+        # The infinite speed is one rung above the fastest finite one.
         return min(math.log2(speed), math.log2(LADDER[-2]) + 1)
 
     def advance(self, run: Playable) -> None:
@@ -95,6 +96,7 @@ class Pace:
             if self._clock() > now + STINT:
                 break
         self.overdue = run.next_time is not None and run.next_time <= due + _ROUNDING
+        # Without this a slow stretch would be followed by a rush.
         if self.overdue and (due - run.time) / self.speed > MOST_OVERDUE:
             self._from = (self._clock(), run.time)
         self._measure(run.time)

@@ -216,6 +216,7 @@ class Window:
         data.qpos[:] = qpos
         mujoco.mj_kinematics(self.model, data)
         mujoco.mj_camlight(self.model, data)
+        # The window's thread moves the camera, too, when the mouse is dragged.
         with handle.lock():
             self._follow(handle.cam)
         handle.set_texts([_text(corner, lines) for corner, lines in panels])
