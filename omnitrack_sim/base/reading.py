@@ -352,7 +352,10 @@ def _tidied(data: Any) -> tuple[Any, list[Fault]]:
             faults.append(Fault(".".join(place), problem))
             return None
         if isinstance(value, Mapping):
-            return {_key(key): tidy(item, (*place, _key(key))) for key, item in value.items()}
+            # Keys, too, have to be texts that can be encoded.
+            keys = [str(key).encode("utf-8", "backslashreplace").decode() for key in value]
+            items = zip(keys, value.values(), strict=True)
+            return {key: tidy(item, (*place, key)) for key, item in items}
         if isinstance(value, list | tuple):
             return [tidy(item, (*place, str(i))) for i, item in enumerate(value)]
         return value
@@ -362,7 +365,8 @@ def _tidied(data: Any) -> tuple[Any, list[Fault]]:
 
 def _oddity(value: Any, depth: int) -> str | None:
     """Problem of a value that is invalid at any place; None for ordinary values."""
-    if isinstance(value, str) and not _is_text(value):
+    # A lone surrogate is half a character, which no encoding can write.
+    if isinstance(value, str) and re.search(r"[\ud800-\udfff]", value):
         return f"is {shown(value)}, which has bytes or halves of characters that are no text"
     if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
         return "is an integer of more than 64 bits"
@@ -371,16 +375,6 @@ def _oddity(value: Any, depth: int) -> str | None:
     if isinstance(value, Mapping | list | tuple) and depth > MOST_LEVELS:
         return _TOO_DEEP
     return None
-
-
-def _is_text(text: str) -> bool:
-    """Return whether a text has no lone surrogates, which no encoding can write."""
-    return text.isascii() or not any("\ud800" <= character <= "\udfff" for character in text)
-
-
-def _key(key: Any) -> str:
-    """Key of a table as text that can be encoded."""
-    return str(key).encode("utf-8", "backslashreplace").decode()
 
 
 def plain_value(value: Any) -> Any:

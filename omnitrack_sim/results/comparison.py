@@ -100,8 +100,10 @@ class Comparison:
     @cached_property
     def figures(self) -> tuple[ComparedValue, ...]:
         """Duration and metrics of both runs, equal ones included."""
+        runs = ({"duration_s": r.duration_s, **r.metrics} for r in (self.a, self.b))
         first, second = (
-            dict(_flat("duration_s", r.duration_s)) | _metrics(r) for r in (self.a, self.b)
+            {name: value for key, own in run.items() for name, value in _flat(key, own)}
+            for run in runs
         )
         names = [*first, *(name for name in second if name not in first)]
         return tuple(
@@ -179,10 +181,6 @@ def differing(a: Any, b: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
 
 def _tables(value: Any) -> bool:
     return isinstance(value, list) and all(isinstance(item, dict) for item in value)
-
-
-def _metrics(run: Result) -> dict[str, Any]:
-    return {name: value for key in run.metrics for name, value in _flat(key, run.metrics[key])}
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:

@@ -148,14 +148,9 @@ def _fields(schema: Mapping[str, Channel]) -> list[pa.Field]:
     fields = [pa.field("time", pa.float64(), metadata={"unit": "s", "meaning": "simulated time"})]
     for channel in schema.values():
         about = {"unit": channel.unit, "meaning": channel.meaning, "frame": channel.frame}
-        fields += [pa.field(column, _kind(channel), metadata=about) for column in channel.columns]
+        kind = pa.int32() if channel.whole else pa.float64()
+        fields += [pa.field(column, kind, metadata=about) for column in channel.columns]
     return fields
-
-
-def _kind(channel: Channel) -> pa.DataType:
-    import pyarrow as pa
-
-    return pa.int32() if channel.whole else pa.float64()
 
 
 _Table = tuple[NDArray[np.float64], dict[str, NDArray], tuple[str, ...], dict[str, Channel]]

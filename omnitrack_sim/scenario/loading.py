@@ -14,7 +14,7 @@ from omnitrack_sim.base.errors import Fault, InputError, NetworkError, ScenarioE
 from omnitrack_sim.base.reading import SCENARIO, beside, checked, is_file, read_file
 from omnitrack_sim.base.table import below, default_of, files_of, index_of, inside, keys_of
 from omnitrack_sim.base.text import finite, shown
-from omnitrack_sim.pipes.network import Network, network_data
+from omnitrack_sim.pipes.network import network_data
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.control.driven import KIND, Order
@@ -36,8 +36,9 @@ def set_value(data: Any, path: str, value: Any) -> Fault | None:
     """
     # Parameters of one controller mean nothing to another.
     if path == "control.kind":
-        # Before the kind is set, since the earlier one decides whether the parameters still apply.
-        _other_controller(data, value)
+        control = data.get("control") if isinstance(data, dict) else None
+        if isinstance(control, dict) and control.get("kind", ControlTable().kind) != value:
+            data["control"] = {**control, "parameters": {}}
     *before, last = path.split(".")
     place, undo = data, None
     for depth, key in enumerate([*before, last]):
@@ -120,13 +121,6 @@ def _parameters_of(kind: Any) -> Any:
         return parameters_model(controller_of(str(ControlTable().kind if kind is None else kind)))
     except InputError:
         return None  # the fault is told elsewhere
-
-
-def _other_controller(data: Any, kind: Any) -> None:
-    """Clear the parameters where another controller is chosen, which has others."""
-    control = data.get("control") if isinstance(data, dict) else None
-    if isinstance(control, dict) and control.get("kind", ControlTable().kind) != kind:
-        data["control"] = {**control, "parameters": {}}
 
 
 def _forget_digest(data: Any, path: str, place: Any) -> None:
@@ -252,17 +246,13 @@ def _with_network(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, A
     if not isinstance(source, str | Mapping):
         return data, []
     try:
-        return {**data, "network": _network(source, folder)}, []
+        is_table = isinstance(source, Mapping)
+        table = source if is_table else network_data(beside(folder, source))
+        return {**data, "network": validate_network(table)}, []
     except NetworkError as error:
         where = "network: " if isinstance(source, str) else "network."
         faults = [fault.at(where + fault.where) for fault in error.faults]
         return {key: value for key, value in data.items() if key != "network"}, faults
-
-
-def _network(source: str | Mapping[str, Any], folder: Path) -> Network:
-    """Network of a scenario: from a table, a file or a shipped one's name."""
-    table = source if isinstance(source, Mapping) else network_data(beside(folder, source))
-    return validate_network(table)
 
 
 def _with_parameters(

@@ -327,7 +327,10 @@ def page(bench: Bench, rows: Sequence[Mapping[str, Any]]) -> str:
         lines += _table_of(["entry", "passed", "95 %", *units, "others"], cells)
         others = [row for row in own if "success_more" in row]
         if others:
-            cells = map(_difference_cells, others)
+            differences = [("success_more", 100.0), *((f"{m.name}_more", 1.0) for m in MEASURES)]
+            cells = [
+                [f"`{row['entry']}`", *(_more(row, *d) for d in differences)] for row in others
+            ]
             lines += _table_of([f"entry less `{DEFAULT}`", "passed, %", *units], cells)
     return "\n".join(lines)
 
@@ -346,13 +349,7 @@ def figures_of(row: Mapping[str, Any]) -> list[str]:
     return [f"{row['passed']} of {row['trials']}", interval, *texts]
 
 
-def _difference_cells(row: Mapping[str, Any]) -> list[str]:
-    """Paired differences, each with its interval."""
-    figures = [_more(row, f"{measure.name}_more") for measure in MEASURES]
-    return [f"`{row['entry']}`", _more(row, "success_more", 100), *figures]
-
-
-def _more(row: Mapping[str, Any], name: str, factor: float = 1.0) -> str:
+def _more(row: Mapping[str, Any], name: str, factor: float) -> str:
     """A paired difference with its interval."""
     ends = [row.get(f"{name}{end}") for end in ("", "_low", "_high")]
     if None in ends:

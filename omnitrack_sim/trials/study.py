@@ -183,7 +183,9 @@ def resolve(
     # Variables start from the first base scenario: several may have different values.
     first = next(iter(next(iter(sweeps.values())).bases.values())).model_dump(mode="json")
     fields["variables"] = tuple(_started(variable, first) for variable in file.variables)
-    fields["objectives"] = tuple(_named(objective) for objective in file.objectives)
+    fields["objectives"] = tuple(
+        one.model_copy(update={"name": one.name or one.metric}) for one in file.objectives
+    )
     return Study(**fields, name=file.name, trials=tuple(sweeps.values()), final=file.final)
 
 
@@ -209,7 +211,10 @@ def _sweeps(
         try:
             sweeps[i] = known[i] = resolve_sweep({"name": name} | dict(table), folder, changes)
         except SweepError as error:
-            faults += [_in_study(fault, i) for fault in error.faults]
+            faults += [
+                fault if fault.where.startswith("--set ") else fault.at(f"trials.{i}.{fault.where}")
+                for fault in error.faults
+            ]
             alone = _of_bases({"name": name} | dict(table), folder, changes)
             if alone is not None:
                 known[i] = alone
@@ -252,13 +257,6 @@ def _sound(kind: type[_Table], tables: Any, most: int) -> dict[int, _Table]:
     return sound
 
 
-def _in_study(fault: Fault, number: int) -> Fault:
-    """Fault of a sweep with its place in the study."""
-    if fault.where.startswith("--set "):
-        return fault
-    return fault.at(f"trials.{number}.{fault.where}")
-
-
 def _started(variable: Variable, base: Mapping[str, Any]) -> Variable:
     """Variable with its start, and whether it takes whole numbers, filled in from a base."""
     present = value_at(base, matches(base, variable.name)[0])
@@ -271,10 +269,6 @@ def _started(variable: Variable, base: Mapping[str, Any]) -> Variable:
         start = variable.value_at(0.5)
     start = round(start) if whole else start
     return variable.model_copy(update={"start": start, "whole": whole})
-
-
-def _named(objective: Objective) -> Objective:
-    return objective.model_copy(update={"name": objective.name or objective.metric})
 
 
 def _fault(item: Mapping[str, Any]) -> Fault | None:
@@ -312,7 +306,11 @@ def _table_faults(
         return [Fault("trials", f"have {len(bases)} base scenarios; at most {MOST_BASES}")]
     faults: list[Fault] = []
     for i, variable in variables.items():
-        own = [*_path_faults(i, variable, bases), *_clashes(i, variables, sweeps)]
+        own = [
+            path_fault(at, path, bases, partial(_misfit, path))
+            for at, path in places_in_file(f"variables.{i}", variable.path)
+        ]
+        own = [*filter(None, own), *_clashes(i, variables, sweeps)]
         faults += own or _bound_faults(i, variables, bases)
     names: list[str] = []
     taken = [variable.name for variable in variables.values()]
@@ -321,14 +319,6 @@ def _table_faults(
         faults += _objective_faults(i, objective, counted, names, taken)
         names.append(objective.name or objective.metric)
     return faults
-
-
-def _path_faults(number: int, variable: Variable, bases: Sequence[Scenario]) -> Iterator[Fault]:
-    """Faults of paths that lead nowhere, or to something that is no number."""
-    for at, path in places_in_file(f"variables.{number}", variable.path):
-        fault = path_fault(at, path, bases, partial(_misfit, path))
-        if fault is not None:
-            yield fault
 
 
 def _misfit(path: str, present: Any) -> str | None:

@@ -231,6 +231,8 @@ class _StudyRun:
 
     def result(self) -> StudyResult:
         """Run search and check, write the files, and return the result."""
+        import pyarrow as pa
+
         study, engine = self.study, self.engine
         engine.begin(study.candidate_count * study.size, "generation 1")
         history = explore(study, self.search, self._after_generation)
@@ -239,13 +241,15 @@ class _StudyRun:
         rows = history if checked is None else checked
         # Judged by the check where there is one: the search favours candidates with lucky draws.
         best = rows[best_of(study, rows)][0]
+        table = history_table(study, history)
         result = StudyResult(
             study=study,
-            table=history_table(study, history),
+            table=table,
             status=engine.status,
             folder=None if self.folder is None else self.folder.path,
             summary=self._summary(history, checked, best),
-            front=front_table(study, history),
+            # Of an empty list pyarrow does not know that it holds places.
+            front=table.take(pa.array(front(study, history), pa.int64())),
             final=final,
             best=study.settings(best.values),
         )
@@ -350,14 +354,6 @@ def _settings(study: Study, candidate: Candidate) -> bytes:
 def history_table(study: Study, rows: History) -> pa.Table:
     """Return one row a candidate: its number, generation and search, values, objectives, limits."""
     return _table(study, _history_columns(study, rows))
-
-
-def front_table(study: Study, rows: History) -> pa.Table:
-    """Return the rows of the candidates on the front, the best of the first objective first."""
-    import pyarrow as pa
-
-    # Of an empty list pyarrow does not know that it holds places.
-    return history_table(study, rows).take(pa.array(front(study, rows), pa.int64()))
 
 
 def final_table(study: Study, rows: History) -> pa.Table:

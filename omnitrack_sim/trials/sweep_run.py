@@ -318,7 +318,10 @@ def spreads(sweep: Sweep) -> list[Spread]:
     for name, values in sweep.trials().items():
         axis = axis_of.get(name)
         if isinstance(axis, DirectionAxis):
-            axes.append(Spread(name, "", _classes(sweep, values), CLASSES))
+            # By the angle to the run axis of the first base.
+            run_axis = direction_of(next(iter(sweep.bases.values())).start.axis)
+            places = np.digitize(direction_of(values) @ run_axis, (-ALONG, ALONG))
+            axes.append(Spread(name, "", [CLASSES[k] for k in places], CLASSES))
         elif (
             # By exact type, since a truth value is an integer to isinstance, and has no place on a
             # scale.
@@ -346,10 +349,3 @@ def turn_case(sweep: Sweep) -> TurnCase | None:
                 bend_radius=scenario.control.tee_turn_radius,
             )
     return None
-
-
-def _classes(sweep: Sweep, vectors: list[list[float]]) -> list[str]:
-    """Class of each vector by its angle to the run axis of the first base."""
-    axis: Array = direction_of(next(iter(sweep.bases.values())).start.axis)
-    component = direction_of(vectors) @ axis
-    return [CLASSES[k] for k in np.digitize(component, (-ALONG, ALONG))]
