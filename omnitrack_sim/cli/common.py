@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 from typer.core import TyperGroup
 
-from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.errors import Fault, InputError, gathered
 from omnitrack_sim.base.text import printable, strict_json
 from omnitrack_sim.cli import complete
 
@@ -118,11 +118,9 @@ def with_changes(
     changes: dict[str, Any] = {}
     faults: list[Fault] = []
     for text in assignments or ():
-        try:
+        with gathered(faults):
             # Later ones win, as options of a command line do.
             changes |= settings_of(text)
-        except InputError as error:
-            faults += error.faults
     try:
         loaded = load(changes)
     except InputError as error:
@@ -215,8 +213,9 @@ def _in_lines(lines: Lines) -> Callable[..., None]:
         # The amount of work is worth a line of its own, and comes before there is any pace.
         if part == 0 and text:
             lines.say(text)
-        words = (f"{100 * part:.0f} %", time_left(part, lines.elapsed))
-        lines.tell(part, ", ".join(filter(None, words)))
+        pace = lines.elapsed / part if part else 0.0
+        left = f", {clock(pace * (1 - part))} left" if part else ""
+        lines.tell(part, f"{100 * part:.0f} %{left}")
 
     return tell
 
@@ -268,8 +267,3 @@ def clock(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{rest:02d}"
-
-
-def time_left(part: float, elapsed: float) -> str:
-    """The time that the rest takes at the pace so far; empty before there is a pace."""
-    return f"{clock(elapsed * (1 - part) / part)} left" if part > 0 else ""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import copy
 import hashlib
 import json
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from omnitrack_sim.base.errors import ScenarioError
+from omnitrack_sim.base.text import finite
 from omnitrack_sim.record.events import BackedOff, FellOff
 from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.results.provenance import environment
@@ -207,7 +207,7 @@ def _row(index: int, result: Result) -> Row:
         "scenario_sha256": result.scenario.hash,
         "outcome": result.outcome.value,
         "success": result.success,
-        "duration_s": _finite(result.duration_s),
+        "duration_s": result.duration_s,
         "reason": result.reason,
         "attempts": 1 + sum(isinstance(event, BackedOff) for event in result.events),
         "falls": sum(isinstance(event, FellOff) for event in result.events),
@@ -217,14 +217,10 @@ def _row(index: int, result: Result) -> Row:
     for metric in (*METRICS, *result.scenario.own_metrics):
         value = result.metrics[metric.name]
         if isinstance(value, list):
-            row |= {f"{metric.name}_{i}": _finite(item) for i, item in enumerate(value, start=1)}
+            row |= {f"{metric.name}_{i}": item for i, item in enumerate(value, start=1)}
         elif metric.in_tables:
             # Tables have one number a cell: metrics that are tables are not in them.
             assert not isinstance(value, dict)
-            row[metric.name] = _finite(value)
-    return row
-
-
-def _finite(value: float) -> float | None:
-    """A number, or None where a diverged run has left no finite one."""
-    return value if math.isfinite(value) else None
+            row[metric.name] = value
+    # A diverged run has left figures that are not finite.
+    return finite(row)

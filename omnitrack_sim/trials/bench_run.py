@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.text import strict_json
+from omnitrack_sim.base.text import finite, strict_json
 from omnitrack_sim.base.writing import check_folder, told, write_file, write_files
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval, wilson_interval
@@ -239,7 +239,7 @@ def _spread(name: str, values: Array) -> dict[str, Any]:
     low, high = mean_interval(values.tolist())
     ends = (float(np.mean(values)) if len(values) else math.nan, low, high)
     keys = (name, f"{name}_low", f"{name}_high")
-    return {k: v if math.isfinite(v) else None for k, v in zip(keys, ends, strict=True)}
+    return finite(dict(zip(keys, ends, strict=True)))
 
 
 def _differences(trials: EntryTrials, default: EntryTrials) -> dict[str, Any]:

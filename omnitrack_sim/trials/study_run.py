@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import json
-import math
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ import numpy as np
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import StudyError
+from omnitrack_sim.base.text import finite
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario.tables import unit_of
 from omnitrack_sim.show.plots.study_chart import ObjectiveAxis, Tried, study_figure
@@ -308,8 +308,7 @@ class _StudyRun:
 
 def _figures(study: Study, measured: Measured) -> dict[str, float | None]:
     """Objectives by name, None where there is no finite value; and how many trials passed."""
-    pairs = zip(study.columns, measured.values, strict=True)
-    figures = {name: value if math.isfinite(value) else None for name, value in pairs}
+    figures = finite(dict(zip(study.columns, measured.values, strict=True)))
     return figures | {"passed": measured.passed, "trials": measured.trials}
 
 
