@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from omnitrack_sim.autonomy.pose_filter import POSE
 from omnitrack_sim.base.rotations import Array, cross, orthonormal, skew, turned_by
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
-from omnitrack_sim.senses.optics import LIT, NORMAL, RANGE, Mount, Walls
+from omnitrack_sim.senses.optics import LIT, NORMAL, RANGE, Mount
 from omnitrack_sim.senses.settings import FilterTable
+from omnitrack_sim.walls.rays import RayWalls
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ _ARMS = np.stack([np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES), np.zeros(3)], ax
 
 def of_arms(
     robot: Robot,
-    walls: Walls,
+    walls: RayWalls,
     which: NDArray[np.intp],
     position: Array,
     rotation: Array,
@@ -274,7 +275,7 @@ class Candidates:
         self,
         table: FilterTable,
         mount: Mount,
-        walls: Walls,
+        walls: RayWalls,
         which: NDArray[np.intp],
         gravity: Array,
     ) -> None:

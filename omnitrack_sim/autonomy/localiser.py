@@ -40,9 +40,10 @@ from omnitrack_sim.base.rotations import (
 )
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, belt_sign
-from omnitrack_sim.senses.optics import Mount, Walls
+from omnitrack_sim.senses.optics import Mount
 from omnitrack_sim.senses.proprioception import Felt
 from omnitrack_sim.senses.settings import SensingTable
+from omnitrack_sim.walls.rays import RayWalls
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ class Localiser:
         table: SensingTable,
         robot: Robot,
         mount: Mount,
-        walls: Walls,
+        walls: RayWalls,
         which: NDArray[np.intp],
         period: float,
     ) -> None:

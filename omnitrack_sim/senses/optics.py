@@ -12,29 +12,10 @@ from omnitrack_sim.base.rotations import Array, heading, set_rows
 from omnitrack_sim.base.table import Part, Table, Unit
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.senses.draws import Keys
+from omnitrack_sim.walls.rays import RayWalls
 
 RANGE, NORMAL, PART, LIT, JOINT, GRAIN = 0, slice(1, 4), 4, 5, 6, 7
-"""Places of what a ray has met, as ``Walls.trace`` returns it."""
-
-
-class Walls(Protocol):
-    """Pipes that rays meet: the true ones for a camera, those of its map for a robot."""
-
-    def trace(
-        self,
-        which: NDArray[np.intp],
-        position: Array,
-        rotation: Array,
-        rays: Array,
-        far: float,
-        lamp: Array | None = None,
-    ) -> Array:
-        """Return what rays meet; see ``walls.rays.RayWalls``."""
-        ...
-
-    def nearest(self, which: NDArray[np.intp], points: Array) -> tuple[Array, Array, Array]:
-        """Return distances of points from the walls; see ``walls.rays.RayWalls``."""
-        ...
+"""Places of what a ray has met, as ``RayWalls.trace`` returns it."""
 
 
 class OpticsTable(Table):
@@ -155,7 +136,7 @@ class Eyes:
         keys: (n,) of the robots' random numbers, set by ``reset``.
     """
 
-    def __init__(self, mount: Mount, walls: Walls, n: int) -> None:
+    def __init__(self, mount: Mount, walls: RayWalls, n: int) -> None:
         self.mount, self._walls = mount, walls
         self.keys: Keys = np.zeros(n, np.uint64)
 

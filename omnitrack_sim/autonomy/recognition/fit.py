@@ -20,7 +20,8 @@ from omnitrack_sim.autonomy.recognition.forms import (
 )
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.base.rotations import Array, Pose
-from omnitrack_sim.senses.optics import JOINT, RANGE, Camera, Walls, rays_of
+from omnitrack_sim.senses.optics import JOINT, RANGE, Camera, rays_of
+from omnitrack_sim.walls.rays import RayWalls
 
 
 class Scale:
@@ -148,7 +149,7 @@ class Fit:
     def __init__(self, camera: Camera, bore: float, walls: WallMaker, scale: Scale) -> None:
         self._camera, self._bore, self._walls, self._scale = camera, bore, walls, scale
         self._rays = rays_of(camera.optics)
-        self._kept: dict[tuple[str | float, ...], Walls] = {}
+        self._kept: dict[tuple[str | float, ...], RayWalls] = {}
 
     def refined(self, start: Tries, views: Views, level: Level, steps: int) -> Tries:
         """Rows after steps of the search; none is worse than it was.
@@ -292,7 +293,7 @@ class Fit:
         visible = np.flatnonzero(least & (less > RECOGNISER.joint_cost))
         return where[visible[np.argsort(-less[visible])]][: RECOGNISER.joints].tolist()
 
-    def _walls_of(self, form: Form, sizes: Array) -> Walls:
+    def _walls_of(self, form: Form, sizes: Array) -> RayWalls:
         """Walls of a form, which are kept: many steps come by the same sizes."""
         values = sizes[: len(form.sizes)].tolist()
         key = (form.name, *values)
@@ -319,7 +320,7 @@ class Fit:
             self._walls_of(at.forms[row], at.sizes[row]), place[0], rotation[0], rays
         )
 
-    def _traced(self, walls: Walls, place: Array, rotation: Array, rays: Array) -> Array:
+    def _traced(self, walls: RayWalls, place: Array, rotation: Array, rays: Array) -> Array:
         far, lamp = self._camera.optics.far, self._camera.lamp
         return walls.trace(np.zeros(len(place), int), place, rotation, rays, far, lamp)
 

@@ -13,7 +13,7 @@ from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.base.rotations import Array, Pose, rotation_about
 from omnitrack_sim.pipes import Elbow, Fitting, Part, Reducer, Straight, Tee, attached
 from omnitrack_sim.pipes.fittings.wye import Wye
-from omnitrack_sim.senses.optics import Walls
+from omnitrack_sim.walls.rays import RayWalls
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ STILL = Pose(np.eye(3), np.zeros(3))
 
 Map = tuple[tuple[Part, ...], tuple[tuple[int, str], ...]]
 """Parts, and the ports of them that a plate closes."""
-WallMaker = Callable[[Sequence[Sequence[Part]], Sequence[Sequence[tuple[int, str]]]], Walls]
+WallMaker = Callable[[Sequence[Sequence[Part]], Sequence[Sequence[tuple[int, str]]]], RayWalls]
 """Makes walls of maps and the ports that plates close, such as ``walls.rays.RayWalls``."""
 
 

@@ -37,7 +37,8 @@ from omnitrack_sim.autonomy.recognition.forms import (
 )
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.base.rotations import Array, Pose
-from omnitrack_sim.senses.optics import Camera, OpticsTable, Walls, rays_of
+from omnitrack_sim.senses.optics import Camera, OpticsTable, rays_of
+from omnitrack_sim.walls.rays import RayWalls
 
 Coarse = NDArray[np.float32]
 
@@ -113,7 +114,9 @@ class Library:
         level = -2 * np.log(weight).sum(axis=1)
         return Entries(which, start, numbers), np.concatenate(images), weight, level
 
-    def _picture(self, walls: Walls, which: NDArray[np.intp], numbers: Array, rays: Array) -> Array:
+    def _picture(
+        self, walls: RayWalls, which: NDArray[np.intp], numbers: Array, rays: Array
+    ) -> Array:
         place, rotation = cameras(numbers, [STILL])
         far, lamp = self._camera.optics.far, self._camera.lamp
         hits = walls.trace(which, place[:, 0], rotation[:, 0], rays, far, lamp)

@@ -23,6 +23,7 @@ from omnitrack_sim.robots.omnitrack.control.interface import (
     controller_of,
     parameters_model,
 )
+from omnitrack_sim.robots.omnitrack.control.jacobian import LegWatch
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS, Feature, FeatureInput, FloatRows
 from omnitrack_sim.robots.omnitrack.policy.file import (
@@ -74,8 +75,8 @@ class Decisions:
         self.action = np.zeros((n, len(ACTIONS)))
         self.roll, self._forward = np.zeros((2, n, 3))
         self._offset = np.zeros(n)  # rad, of the roll from that of the base
-        self._tick, self._leg = np.zeros((2, n), int)
-        self._gear = np.ones(n, int)
+        self._tick = np.zeros(n, int)
+        self._legs = LegWatch(setup)
         self._band = AlignmentTable().no_motion_band
         self._base: Any = None  # a shipped controller, with ``reset``
         self.phases: tuple[str, ...] = ("decide",)
@@ -92,9 +93,7 @@ class Decisions:
         self.action[rows], self.roll[rows] = 0.0, setup.roll[rows]
         self._forward[rows] = belt_sign(setup.roll[rows])
         self._offset[rows], self._tick[rows] = 0.0, 0
-        self._leg = self._leg.copy()  # an observation's own array
-        # No leg so far: the first observation is no change of legs.
-        self._leg[rows] = -1
+        self._legs.reset(rows, setup)
         if self._base is not None:
             self._base.reset(rows, replace(setup, parameters=self._defaults))
 
@@ -167,11 +166,11 @@ class Decisions:
 
     def _follow_legs(self, observation: Observation) -> None:
         """Mirror the state of robots that have been sent on in the other gear."""
-        known = (self._leg >= 0) & (self._leg != observation.leg)
-        turned = known & (self._gear != observation.gear)
-        self._leg, self._gear = observation.leg, observation.gear
-        if not np.count_nonzero(turned):
+        robots = [robot for robot, turned in self._legs.changes(observation) if turned]
+        if not robots:
             return
+        turned = np.zeros(self.setup.n, bool)
+        turned[robots] = True
         each = turned[:, None]
         self.roll = np.where(each, -self.roll[:, SWAPPED], self.roll)
         self._forward = np.where(each, self._forward[:, SWAPPED], self._forward)
