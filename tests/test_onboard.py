@@ -101,6 +101,27 @@ def test_a_robot_drives_the_same_alone_and_among_others():
             assert among[name].tobytes() == alone[name].tobytes(), name
 
 
+def test_noise_belongs_to_seed_and_world():
+    """Name, expectation and time limit change nothing; another controller has the same noise,
+    another seed, start or friction other noise."""
+    base = onboard(run__time_limit=0.2)
+    changes = [
+        {},
+        {"name": "other", "run.expected_outcome": "timed_out", "run.time_limit": 0.3},
+        {"control.kind": "equal"},
+        {"seed": 1},
+        {"start.theta5_deg": 1.0},
+        {"world.friction": 0.8},
+    ]
+    runs = [ot.run(ot.override(base, change)).trajectory.channels for change in changes]
+    estimates = [run["position_estimate"] for run in runs]
+    assert estimates[1][: len(estimates[0])].tobytes() == estimates[0].tobytes()
+    errors = [run["position_estimate"][0] - run["position"][0] for run in runs[2:]]
+    first = estimates[0][0] - runs[0]["position"][0]
+    assert np.abs(errors[0] - first).max() < 1e-9
+    assert min(np.abs(error - first).max() for error in errors[1:]) > 1e-6
+
+
 def test_controllers_see_what_sensors_say_and_no_more():
     """Slip and contact forces are not felt."""
     observation = ot.Simulation([onboard()]).observation

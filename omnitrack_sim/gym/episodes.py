@@ -96,8 +96,7 @@ class EpisodeSampler:
             direction = rng.normal(size=3)
             direction *= GRAVITY / np.linalg.norm(direction)
             values["world.gravity"] = tuple(direction.tolist())
-        # Sensors draw their errors from the whole scenario: the seed makes those of each episode
-        # new.
+        # Sensors draw their errors from seed and world: the seed makes those of each episode new.
         values["seed"] = int(rng.integers(2**63))
         if self.alike:
             return with_values(self._base, values)
