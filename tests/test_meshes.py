@@ -10,7 +10,14 @@ from trimesh import Trimesh
 
 from omnitrack_sim.pipes import Elbow, Reducer, Step, Straight, Tee, route
 from omnitrack_sim.robots.omnitrack.looks import coil, lug_row, triangular_prism
-from omnitrack_sim.walls.meshes import SECTIONS, THICKNESS, cutaway_mesh, fitting_mesh, network_mesh
+from omnitrack_sim.walls.meshes import (
+    SECTIONS,
+    THICKNESS,
+    cutaway_mesh,
+    fitting_mesh,
+    inside_mesh,
+    network_mesh,
+)
 
 FITTINGS = [
     Straight(0.5),
@@ -37,6 +44,25 @@ def test_wall_is_a_solid_with_open_bores(fitting):
     assert mesh.is_winding_consistent
     assert mesh.volume > 0
     assert genus(mesh) == len(fitting.ports) - 1
+
+
+@pytest.mark.parametrize("bore", [0.05, 0.16, 0.3])
+@pytest.mark.parametrize("mean_radii", [0.5, 0.5625, 1.5, 6.0])
+def test_elbows_of_any_angle_are_open_tubes(bore, mean_radii):
+    """From 10 to 180 degrees the wall is one solid of genus 1, its inside an annulus (Euler
+    characteristic 0), and no face lies across a mouth. At the least mean radius the wall has no
+    thickness along its inner line, so that it is a bent sheet of genus 0, with a disc inside."""
+    tube = mean_radii > 0.5
+    for degrees in (10, 22.5, 37, 45, 60, 75, 89.9, 90, 120, 154.3, 180):
+        elbow = Elbow(mean_radii * bore, math.radians(degrees), bore)
+        wall = Trimesh(*fitting_mesh(elbow, sections=48), process=False)
+        inside = Trimesh(*inside_mesh(elbow, sections=48), process=False)
+        assert (wall.is_watertight, wall.body_count, genus(wall)) == (True, 1, tube), degrees
+        assert inside.euler_number == 1 - tube, degrees
+        for port in elbow.ports.values():
+            across = port.inverse().apply(wall.triangles_center)
+            mouth = (np.abs(across[:, 2]) < 1e-4) & (np.hypot(*across.T[:2]) < 0.98 * bore / 2)
+            assert not mouth.any(), degrees
 
 
 @pytest.mark.parametrize("fitting", FITTINGS, ids=str)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -30,6 +30,8 @@ from omnitrack_sim.pipes.shapes import THICKNESS, Kit, Pieces, Ring, Solid, sagi
 
 SIDE_SLIP = 4e-4
 """Distance, m, by which a piece of an elbow's side may leave its row."""
+MOUTH_OVERLAP = 1e-6
+"""Depth, m, from which a bore goes straight on beyond its ports: any deeper it leaves the bend."""
 
 
 @compiled
@@ -209,3 +211,13 @@ class Elbow(Fitting):
     def fill(self, kit: Kit, more: float) -> Solid:
         """See ``Fitting``: a sector of a torus."""
         return kit.bend(self.mean_radius, self.angle, self.radius + more)
+
+    def bore(self, kit: Kit) -> Solid:
+        """See ``Fitting``: a little longer than the wall at both ports."""
+        # A port plane that is turned by the bend's angle is rounded otherwise for the bore than for
+        # the wall; bores that end flush with it leave shreds of a film across the mouth.
+        bore: Any = self.fill(kit, 0.0)
+        for port in self.ports.values():
+            within = Pose(port.rotation, port.position - MOUTH_OVERLAP * port.rotation[:, 2])
+            bore += kit.moved(kit.cylinder(kit.overcut, self.radius), within)
+        return bore
