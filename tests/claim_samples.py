@@ -14,5 +14,6 @@ def sample_claim(
     expected = verdict if expected is None else expected
     fields = {"id": "a_b", "source": "Section V", "paper": "says", "statement": "true if"}
     fields |= {"measured": "1.0 mm", "uncertainty": "one run", "how": "scenario"}
-    why = "" if expected in (ClaimVerdict.HOLDS, ClaimVerdict.STUDY) else "it slips"
+    fails = expected in (ClaimVerdict.CONTRADICTION, ClaimVerdict.FAILS)
+    why = "it slips" if fails else ""
     return Claim(**{**fields, "verdict": verdict, "expected": expected, "why": why, **changes})

@@ -1,6 +1,7 @@
 """The verdicts of a reproduction: how they follow from numbers, and what tells that one changed."""
 
 import json
+from functools import partial
 from itertools import product
 
 import pytest
@@ -12,8 +13,9 @@ from omnitrack_sim.cli import app
 from omnitrack_sim.paper import formulas as theory
 from omnitrack_sim.paper.claim import ClaimVerdict, Sample, tally, verdict_of
 from omnitrack_sim.paper.reproduce import ReportFigure, page
+from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 
-HOLDS, CONTRADICTION, FAILS, STUDY = ClaimVerdict
+HOLDS, CALIBRATED, CONTRADICTION, FAILS, STUDY = ClaimVerdict
 
 
 def test_a_contradiction_takes_another_statement_that_comes_out():
@@ -24,7 +26,7 @@ def test_a_contradiction_takes_another_statement_that_comes_out():
 
 @pytest.mark.parametrize(
     ("sector", "margin", "verdict"),
-    [(96.54, 11.78, CONTRADICTION), (96.54, 11.73, HOLDS), (90.0, 11.78, FAILS)],
+    [(96.54, 11.78, CONTRADICTION), (96.54, 11.73, CALIBRATED), (90.0, 11.78, FAILS)],
     ids=["as printed", "as it should be", "both beside it"],
 )
 def test_the_printed_margin_is_held_against_the_printed_sector(
@@ -35,8 +37,19 @@ def test_the_printed_margin_is_held_against_the_printed_sector(
     monkeypatch.setattr(theory, "_MARGIN", margin)
     found = {claim.id: claim for claim in theory.region({})}
     assert found["singularity_margin"].verdict is verdict
-    assert found["singularity_success_rate"].verdict is HOLDS
+    assert found["singularity_success_rate"].verdict is CALIBRATED
     assert found["singularity_margin"].changed == (verdict is not CONTRADICTION)
+
+
+def test_what_the_reach_was_inferred_from_does_not_hold(monkeypatch):
+    """The reach was inferred from 96.54 degrees, so the sector and both rates come out whatever is
+    true: they are calibrated. With another reach they fail."""
+    names = [f"singularity_{name}" for name in ("sector", "failure_rate", "success_rate")]
+    for reach, verdict in ((0.0961, CALIBRATED), (0.094, FAILS)):
+        monkeypatch.setattr(theory, "TurnCase", partial(TurnCase, reach=reach))
+        found = {claim.id: claim for claim in theory.region({})}
+        assert [found[name].verdict for name in names] == [verdict] * 3
+        assert [found[name].changed for name in names] == [verdict is FAILS] * 3
 
 
 @pytest.mark.parametrize(
@@ -55,7 +68,8 @@ def test_what_does_not_hold_has_a_reason():
     not expected to hold cannot be made without one."""
     assert sample_claim(FAILS).reason == "it slips"
     assert sample_claim(CONTRADICTION).reason == "it slips"
-    assert sample_claim(HOLDS, FAILS).reason == sample_claim(STUDY).reason == ""
+    for claim in (sample_claim(HOLDS, FAILS), sample_claim(STUDY), sample_claim(CALIBRATED)):
+        assert claim.reason == ""
     assert sample_claim(FAILS, HOLDS).reason == "Not known; expected was: holds."
     for verdict in (CONTRADICTION, FAILS):
         with pytest.raises(ValueError, match="gives no reason"):
@@ -112,7 +126,7 @@ def test_the_exit_status_is_0_as_expected_and_1_where_a_verdict_changed(options,
 
 
 def test_the_report_shows_verdicts_reasons_and_counts(monkeypatch):
-    """Of all four kinds."""
+    """Of all kinds."""
     claims = [sample_claim(verdict, id=verdict.name.lower()) for verdict in ClaimVerdict]
     long = sample_claim(HOLDS, id="a_claim_with_a_long_name", measured="1.0 mm " * 60)
     _, text, _ = _printed([*claims, long], monkeypatch)
@@ -120,9 +134,9 @@ def test_the_report_shows_verdicts_reasons_and_counts(monkeypatch):
     text = " ".join(text.split())
     assert "fails: does not come out. it slips" in text
     assert "contradiction: the paper contradicts itself. it slips" in text
-    counts = "holds: 2, the paper contradicts itself: 1, does not come out: 1, study: 1"
-    assert f"{counts}; out/reproduce/report.html" in text
-    assert list(tally(claims).values()) == [1, 1, 1, 1]
+    counts = "holds: 2, calibrated: 1, the paper contradicts itself: 1, does not come out: 1"
+    assert f"{counts}, study: 1; out/reproduce/report.html" in text
+    assert list(tally(claims).values()) == [1, 1, 1, 1, 1]
 
 
 def test_claims_go_to_json(monkeypatch):

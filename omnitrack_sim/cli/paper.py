@@ -221,7 +221,13 @@ def _print_orientation(orientation: dict[str, Any]) -> None:
         )
 
 
-COLOURS = {"HOLDS": "green", "CONTRADICTION": "yellow", "FAILS": "red", "STUDY": "dim"}
+COLOURS = {
+    "HOLDS": "green",
+    "CALIBRATED": "cyan",
+    "CONTRADICTION": "yellow",
+    "FAILS": "red",
+    "STUDY": "dim",
+}
 """Of the verdicts, by name."""
 
 

@@ -18,6 +18,8 @@ class ClaimVerdict(StrEnum):
     """Result of the measurement of a claim."""
 
     HOLDS = "holds"
+    CALIBRATED = "calibrated"
+    """It comes out because a parameter of the robot was chosen so that it does: no evidence."""
     CONTRADICTION = "the paper contradicts itself"
     FAILS = "does not come out"
     STUDY = "study"
@@ -131,7 +133,7 @@ class Claim:
     @property
     def reason(self) -> str:
         """Reason for which the claim does not hold; empty where it does, and of a study."""
-        if self.verdict in (ClaimVerdict.HOLDS, ClaimVerdict.STUDY):
+        if self.verdict not in (ClaimVerdict.CONTRADICTION, ClaimVerdict.FAILS):
             return ""
         # The reason given is that of the expected verdict and of no other.
         known = self.verdict is self.expected

@@ -154,7 +154,8 @@ def jacobian(runs: Runs) -> Claim:
 
 
 def region(runs: Runs) -> list[Claim]:
-    """The numbers of Sections IV and VI."""
+    """The numbers of Sections IV and VI: of one reach, which was inferred from the first of
+    them."""
     case = TurnCase()
     sector, margin, real = np.degrees([case.sector, case.margin, case.real_sector])
     beside = f"; real geometry, L = 90 mm: sector {real:.1f} degrees"
@@ -187,11 +188,12 @@ def _printed(
     printed: float,
     unit: str,
     other: float = np.nan,
-    expected: ClaimVerdict = ClaimVerdict.HOLDS,
+    expected: ClaimVerdict = ClaimVerdict.CALIBRATED,
     why: str = "",
 ) -> Claim:
-    """The claim that a value is what the paper prints. ``other`` is what the paper's other figures
-    give for the same thing."""
+    """The claim that a value of the calibrated reach is what the paper prints. ``other`` is what
+    the paper's other figures give for the same thing."""
+    verdict = verdict_of(abs(value - printed) <= _AS_PRINTED, abs(value - other) <= _AS_PRINTED)
     return Claim(
         id=f"singularity_{name}",
         source=source,
@@ -199,7 +201,8 @@ def _printed(
         statement=f"{printed} {unit} within {_AS_PRINTED}",
         measured=f"{value:.2f} {unit}{beside}",
         uncertainty="exact for the reach, which is calibrated on 96.54 degrees",
-        verdict=verdict_of(abs(value - printed) <= _AS_PRINTED, abs(value - other) <= _AS_PRINTED),
+        # The reach is what 96.54 degrees need: that they and what follows come out proves nothing.
+        verdict=ClaimVerdict.CALIBRATED if verdict is ClaimVerdict.HOLDS else verdict,
         expected=expected,
         how="omnitrack singularity",
         why=why,
