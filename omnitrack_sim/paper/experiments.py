@@ -40,8 +40,8 @@ SINGLE = (
 """Scenarios below ``paper/`` that are run as they are, once each."""
 FEW_LUGS = {"robot.lugs_per_track": 5}
 PRIMITIVES = {"physics.collider": "primitives"}
-"""Walls of all claims: the ones that their figures were measured with, and the only ones in which
-tracks are rows of lugs."""
+"""Walls of all claims. The paper simulates a track as a row of balls, and so do these walls; on
+exact ones it is a smooth line."""
 _UNAIDED: dict[str, Any] = {"control.align": False, "control.retry": False}
 ELBOW_DRIVES: dict[str, dict[str, Any]] = {
     "jacobian": {"control.kind": "jacobian"},

@@ -279,7 +279,9 @@ REMARKS = (
     "Each statement of the paper is turned into something that can be measured in simulation, "
     "with a tolerance. Its verdict follows from the measurement, with the reason as far as it "
     "is known where it does not hold. What is no statement of the paper is a study, without "
-    "verdict.",
+    "verdict; what the robot's reach was inferred from is calibrated. Tracks are rows of lugs on "
+    'walls of primitives (physics.collider = "primitives"), as the paper simulates them; by '
+    "default they are smooth lines on exact walls.",
     "Quick form: fewer orientations and trials than the full reproduction; intervals are wide, "
     "and where it says so the full form may come to another verdict.",
 )
