@@ -167,15 +167,56 @@ def test_the_limit_of_the_belts_is_what_the_motor_holds() -> None:
 def test_a_cruise_speed_that_is_not_driven_is_told(changes: dict, told: str | None) -> None:
     """The note names the smaller cap, its key, and on a straight the robot drives no faster."""
     scenario = scenario_of("elbow", **changes)
-    (note,) = settings_of([scenario], RouteMap([scenario.route]), np.zeros(1, np.intp))[1]
-    assert (note is None) == (told is None)
+    (notes,) = settings_of([scenario], RouteMap([scenario.route]), np.zeros(1, np.intp))[1]
+    assert len(notes) == (told is not None)
     if told is None:
         return
-    assert re.search(told, note or "")
+    (note,) = notes
+    assert re.search(told, note)
     bench = Bench(scenario)
     speed = max(bench.step(0.15, 30.0).belt_speed.max() for _ in range(20))
-    named = float(re.search(r"to ([\d.]+) m/s", note or "").group(1))  # type: ignore[union-attr]
+    named = float(re.search(r"to ([\d.]+) m/s", note).group(1))  # type: ignore[union-attr]
     assert speed == pytest.approx(named, rel=1e-3)
+
+
+def notes_on(name: str, **changes: Any) -> list[str]:
+    """Notes on a shipped scenario with changes."""
+    scenario = ot.load_scenario(name, changes)
+    return settings_of([scenario], RouteMap([scenario.route]), np.zeros(1, np.intp))[1][0]
+
+
+def test_a_robot_made_for_another_bore_is_told() -> None:
+    """The force by which its springs press in this bore, and the scale at which it is made for it,
+    which is told no more; a reducer within the springs' travel is the robot's work."""
+    (tight,) = notes_on("straight", **{"robot.scale": 1.25})
+    robot = ot.Robot(scale=1.25)
+    force = robot.preload + robot.module_stiffness * 0.02
+    assert f"in the bore of 0.16 m the springs press each module with {force:.3g} N" in tight
+    assert "robot.scale = 1 makes" in tight
+    (loose,) = notes_on("straight", **{"robot.scale": 0.86})
+    assert "in the bore of 0.16 m the springs are slack" in loose
+    assert notes_on("straight") == notes_on("reducer") == []
+    fitting = {"robot.scale": 0.625, "pipes.*.inner_diameter": 0.1, "control.cruise_speed": 0.05}
+    assert notes_on("straight", **fitting) == []
+
+
+def test_the_springs_press_with_the_force_of_their_law() -> None:
+    """A robot at rest presses by ``spring_force`` of its bore, weightless, to 1 %."""
+    for scale in (1.0, 1.25):
+        changes = {"robot.scale": scale, "world.gravity": [0, 0, 0], "run.time_limit": 1.0}
+        scenario = ot.load_scenario("straight", changes)
+        force = ot.run(scenario).trajectory["normal_force"][-1]
+        assert force == pytest.approx(scenario.robot.spring_force(0.08), rel=0.01)
+
+
+@pytest.mark.parametrize(("key", "value"), [("wall_tolerance", 1e-3), ("staves", 48)])
+def test_keys_of_walls_of_primitives_are_told_with_exact_walls(key: str, value: float) -> None:
+    """They have no effect there; with primitives they have, and at their defaults nobody means
+    them."""
+    (note,) = notes_on("straight", **{f"physics.{key}": value})
+    assert note.startswith(f"physics.{key} has no effect on exact walls")
+    primitives = {"physics.collider": "primitives"}
+    assert notes_on("straight", **{f"physics.{key}": value}, **primitives) == []
 
 
 def test_a_robot_is_turned_by_its_heading_error_up_to_a_limit() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
@@ -188,6 +188,18 @@ class Scenario(Table):
             looks=looks,
         )
 
+    @cached_property
+    def bores(self) -> dict[End, float]:
+        """Bore radius, m, at each port that the robot passes, or with an unknown map may come into,
+        in order."""
+        line, parts = self.route, self.route.network.parts
+        legs = () if self.planner is None else self.planner.plan()
+        ports = [(p.index, port) for p in line.passages for port in (p.enter, p.leave)]
+        ports += [(i, port) for leg in legs for i, *both in leg.path for port in both]
+        if self.exploration is not None:
+            ports += [(i, port) for i, part in enumerate(parts) for port in part.fitting.port_names]
+        return {(i, port): parts[i].fitting.port_radius(port) for i, port in ports}
+
     def pilot(self, robot: int) -> Pilot:
         """Return a pilot for the run, of robot number ``robot`` of its batch."""
         if self.exploration is not None:
@@ -360,29 +372,17 @@ def faults_of(scenario: Scenario) -> list[Fault]:
     if faults:
         return faults
     try:
-        ports = _ports_passed(scenario)
+        bores = scenario.bores
     except GeometryError as error:
         return list(error.faults)
     except NetworkError as error:
         return [fault.at(f"mission.{fault.where}") for fault in error.faults]
     return [
         *_taken_names(scenario),
-        *_bores_out_of_reach(scenario, ports),
+        *_bores_out_of_reach(scenario, bores),
         *_misplaced(scenario),
         *too_much_work(scenario),
     ]
-
-
-def _ports_passed(scenario: Scenario) -> dict[End, None]:
-    """Ports that the robot passes, or with an unknown map may come into, in order."""
-    line, planner = scenario.route, scenario.planner
-    paths = () if planner is None else [leg.path for leg in planner.plan()]
-    ports = {(p.index, port): None for p in line.passages for port in (p.enter, p.leave)}
-    ports |= {(i, port): None for path in paths for i, *both in path for port in both}
-    if scenario.exploration is not None:
-        parts = enumerate(line.network.parts)
-        ports |= {(i, port): None for i, part in parts for port in part.fitting.port_names}
-    return ports
 
 
 def _taken_names(scenario: Scenario) -> list[Fault]:
@@ -442,19 +442,18 @@ def _impossible_cameras(scenario: Scenario) -> Iterator[Fault]:
             yield Fault(f"sensing.{table.camera}.{key}", problem, choices)
 
 
-def _bores_out_of_reach(scenario: Scenario, ports: Iterable[End]) -> Iterator[Fault]:
-    """The first bore, at the ports that are passed, that the arms do not reach."""
+def _bores_out_of_reach(scenario: Scenario, bores: Mapping[End, float]) -> Iterator[Fault]:
+    """The first bore that the arms do not reach."""
     robot = scenario.robot
     # The arms slide from the nominal pipe between their stops.
     low, high = (robot.nominal_pipe_radius + travel for travel in robot.slide_range)
-    for index, port in ports:
+    for (index, port), radius in bores.items():
         fitting = scenario.route.network.parts[index].fitting
-        radius = fitting.port_radius(port)
         if not low < radius < high:
             where = "pipes" if scenario.pipes else "network.fittings"
             problem = (
-                f"is {2 * radius:.4g} m; the arms reach bores from {2 * low:.4g} to "
-                f"{2 * high:.4g} m (robot.scale makes the robot for other bores)"
+                f"is {2 * radius:.4g} m; the arms reach bores from {2 * low:.4g} to {2 * high:.4g} "
+                f"m (robot.scale = {robot.scale_for(2 * radius):.4g} makes the robot for it)"
             )
             yield Fault(f"{where}.{index}.{fitting.bore_key(port)}", problem)
             return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from omnitrack_sim.robots.omnitrack import MODULES
 from omnitrack_sim.robots.omnitrack.body import spring_free_length
 from omnitrack_sim.robots.omnitrack.control import Settings
 from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.scenario.tables import PhysicsTable
 from omnitrack_sim.sim.plant import Start
 
 EACH: Mapping[str, str] = {
@@ -115,8 +116,8 @@ def start_of(scenarios: Sequence[Scenario], routes: RouteMap, route: NDArray[np.
 
 def settings_of(
     scenarios: Sequence[Scenario], routes: RouteMap, route: NDArray[np.intp]
-) -> tuple[Settings, list[str | None]]:
-    """Control settings of each robot, and a note for each that will not drive at its cruise speed.
+) -> tuple[Settings, list[list[str]]]:
+    """Control settings of each robot, and notes on what it will not do as its scenario says.
 
     The outer module of a bend of radius rho runs at (1 + R / rho) times the robot's speed, so the
     motor's speed limits the cruise speed. Belts are capped at what the motor holds.
@@ -127,7 +128,8 @@ def settings_of(
         # The outer module's way is longer than the centre's by this factor.
         factor = 1 + _sharpest_bend(scenario, routes.routes[w])
         cruise.append(min(scenario.control.cruise_speed, most / factor))
-        notes.append(_speed_note(scenario, most, factor))
+        speed = _speed_note(scenario, most, factor)
+        notes.append([*speed, *_spring_note(scenario), *_idle_note(scenario.physics)])
     settings = Settings(
         cruise_speed=np.array(cruise),
         align=each(scenarios, "align"),
@@ -139,8 +141,8 @@ def settings_of(
     return settings, notes
 
 
-def _speed_note(scenario: Scenario, most: float, factor: float) -> str | None:
-    """Cause that keeps a robot from its cruise speed, and the key that would raise it, or None.
+def _speed_note(scenario: Scenario, most: float, factor: float) -> Iterator[str]:
+    """Cause that keeps a robot from its cruise speed, and the key that would raise it.
 
     Args:
         scenario: of the robot.
@@ -149,20 +151,53 @@ def _speed_note(scenario: Scenario, most: float, factor: float) -> str | None:
     """
     wanted, limit = scenario.control.cruise_speed, scenario.control.speed_limit
     if wanted <= min(limit, most / factor):
-        return None
+        return
     motor = (
         f"motor {scenario.robot.motor.name} (robot.motor) holds {most:.4g} m/s and the outer "
         f"module needs {factor:.2f} times the robot's speed"
     )
     if most / factor <= limit:
-        return f"cruise speed lowered from {wanted:.4g} to {most / factor:.4g} m/s: {motor}"
+        yield f"cruise speed lowered from {wanted:.4g} to {most / factor:.4g} m/s: {motor}"
+        return
     note = (
         f"cruise speed lowered from {wanted:.4g} to {limit:.4g} m/s: control.speed_limit caps the "
         "belts there"
     )
     if wanted * factor > most:
         note += f"; without it {most / factor:.4g} m/s are possible: {motor}"
-    return note
+    yield note
+
+
+def _spring_note(scenario: Scenario) -> Iterator[str]:
+    """Bore for which the robot is not made, though its arms reach it: where the springs press the
+    modules most unlike they do in the nominal bore."""
+    robot = scenario.robot
+    forces = {2 * radius: robot.spring_force(radius) for radius in scenario.bores.values()}
+    narrowest, widest = min(forces), max(forces)
+    # The springs of the standard robot stay within these limits from 147.5 to 166 mm.
+    if forces[narrowest] > 2 * robot.preload:
+        bore = narrowest
+    elif forces[widest] < robot.preload / 2:
+        bore = widest
+    else:
+        return
+    held = f"press each module with {forces[bore]:.3g} N" if forces[bore] else "are slack"
+    yield (
+        f"in the bore of {bore:.4g} m the springs {held}, in the robot's own of "
+        f"{robot.nominal_bore:.4g} m with robot.preload, {robot.preload:.3g} N; robot.scale = "
+        f"{robot.scale_for(bore):.4g} makes the robot for it"
+    )
+
+
+def _idle_note(physics: PhysicsTable) -> Iterator[str]:
+    """Keys of walls of primitives in a run with exact walls."""
+    default = PhysicsTable()
+    for key in ("wall_tolerance", "staves"):
+        if physics.collider == "exact" and getattr(physics, key) != getattr(default, key):
+            yield (
+                f"physics.{key} has no effect on exact walls; it is for physics.collider = "
+                '"primitives"'
+            )
 
 
 def _sharpest_bend(scenario: Scenario, route: Route) -> float:

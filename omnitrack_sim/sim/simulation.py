@@ -222,15 +222,15 @@ class Simulation:
         )
         self._settle(with_rows(np.zeros(self.n, bool), rows, True))
 
-    def _begin(self, rows: NDArray[np.intp], start: Start, notes: Sequence[str | None]) -> None:
-        """Begin the runs of robots ``rows`` (k,) with a remark ``notes`` (k,) on each, and find
+    def _begin(self, rows: NDArray[np.intp], start: Start, notes: Sequence[Sequence[str]]) -> None:
+        """Begin the runs of robots ``rows`` (k,) with remarks ``notes`` (k,) on each, and find
         them."""
         set_rows(self, rows, active=True, end_time=np.nan, _begun=self._tick)
         set_rows(self, rows, _belt_command=0.0, _roll_command=start.roll, _phase=0)
         set_rows(self, rows, _resting=False, _over=False, _given_up=False)
-        for row, note in zip(rows.tolist(), notes, strict=True):
+        for row, words in zip(rows.tolist(), notes, strict=True):
             self.endings[row] = None
-            self.events[row] = [] if note is None else [Note(row, 0.0, note)]
+            self.events[row] = [Note(row, 0.0, each) for each in words]
         self._near = with_rows(self._near, rows, self.legs.near[rows])
         self._locate()
 

@@ -342,6 +342,10 @@ class Robot(QuantityModel):
         """Inner diameter of the pipe that the robot is made for, m."""
         return 2 * self.nominal_pipe_radius
 
+    def scale_for(self, bore: float) -> float:
+        """Return the ``scale`` at which this robot is made for a bore of ``bore`` m."""
+        return self.scale * bore / self.nominal_bore
+
     def own_length(self, length: ArrayLike) -> Array:
         """Return lengths that are given for the paper's pipe, m, in proportion to this robot."""
         # In this order a length such as 30 mm and its part of the bore give the same bits.
@@ -372,6 +376,11 @@ class Robot(QuantityModel):
     def slide_range(self) -> tuple[float, float]:
         """Travel of an arm from the nominal pipe radius, m, outward positive."""
         return -self.slide_travel_inward, self.reach - self.nominal_pipe_radius
+
+    def spring_force(self, radius: float) -> float:
+        """Return the force of a module's springs in a bore of ``radius`` m, N; 0 where they are
+        slack."""
+        return max(0.0, self.preload + self.module_stiffness * (self.nominal_pipe_radius - radius))
 
     @property
     def mass(self) -> float:
