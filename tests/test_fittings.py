@@ -84,6 +84,26 @@ def test_ports_are_frames_that_look_out(fitting):
         assert np.allclose(fitting.signed_distance(rim)[0], 0, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("kind", "lengths"),
+    [(ot.Tee, (0.32, 0.16, 0.005)), (ot.Wye, (0.44, 0.22, 0.005))],
+)
+@pytest.mark.parametrize("bore", [0.1, 0.16, 0.3])
+def test_fittings_with_a_branch_are_similar_in_every_bore(kind, lengths, bore):
+    """Where a file or a caller gives the bore alone all lengths are in proportion to it, the
+    branch's bore too; at 160 mm they are the figures of the documentation."""
+    fitting, scale = kind(inner_diameter=bore), bore / 0.16
+    own = (fitting.run_length, fitting.branch_length, fitting.fillet_radius)
+    assert own == pytest.approx([scale * length for length in lengths])
+    points = inside(kind(), 200, 3)
+    distance = fitting.signed_distance(scale * points)[0]
+    assert distance == pytest.approx(scale * kind().signed_distance(points)[0], abs=1e-9)
+    table = kind.Table(inner_diameter=bore)
+    assert kind.from_table(table) == fitting
+    # At the bore of 160 mm nothing rounds: trajectories are the same to the bit.
+    assert bore != 0.16 or own == lengths
+
+
 def test_axis_curves_lead_from_port_to_port(fitting):
     """Between any two ports the curve starts and ends at them along their axes, and stays in the
     bore; there and back it is as long where both arcs are."""

@@ -158,6 +158,7 @@ def _summary(net: Network, route: Route | None) -> dict[str, Any]:
         "length_m": net.length,
         "parts": [
             part.model_dump(mode="json")
+            | part.fitting().to_table()
             | {
                 "ports": {
                     port: net.joined_to.get(f"{part.name}.{port}")
@@ -223,9 +224,10 @@ def _sizes(part: NetworkFitting) -> str:
     # Twice the radius in mm; equal bores are named once.
     bores = list(dict.fromkeys(2e3 * fitting.port_radius(port) for port in fitting.port_names))
     sizes = [f"D {' to '.join(f'{bore:.4g}' for bore in bores)} mm"]
-    for key, unit in units_of(type(part)).items():
+    table = fitting.to_table()
+    for key, unit in units_of(fitting.Table).items():
         if unit.short is not None:
-            value = getattr(part, key)
+            value = table[key]
             number = f"{1e3 * value:.4g} mm" if unit.symbol == "m" else f"{value:g} {unit.symbol}"
             sizes.append(f"{unit.short} {number}".strip())
     return ", ".join(sizes)

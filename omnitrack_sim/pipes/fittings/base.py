@@ -176,6 +176,8 @@ class Fitting(ABC):
             **{
                 key.removesuffix("_deg"): math.radians(value) if key.endswith("_deg") else value
                 for key, value in values.items()
+                # The class has the default of a key that may be left out.
+                if value is not None
             }
         )
 
@@ -359,6 +361,27 @@ def port_pose(z: Array, x: Array, position: Array) -> Pose:
     """Return a port frame: ``z`` (3,) out of the fitting, ``x`` (3,) across it, ``position`` (3,)
     m."""
     return Pose(np.stack([x, cross(z, x), z], axis=-1), position)
+
+
+@dataclass(frozen=True)
+class Bores:
+    """Default of a size of a fitting that is similar in every bore: ``count`` inner diameters."""
+
+    count: float
+
+
+def in_bores(count: float) -> Any:
+    """Return the default of a field that ``fill_in`` gives ``count`` inner diameters."""
+    return Bores(count)
+
+
+def fill_in(fitting: Fitting) -> None:
+    """Give every size of a fitting that was left out, which has ``in_bores`` as default, its
+    value."""
+    for name, value in list(vars(fitting).items()):
+        if isinstance(value, Bores):
+            # Its class is a frozen dataclass, which is still being made here.
+            object.__setattr__(fitting, name, value.count * fitting.inner_diameter)
 
 
 @dataclass(frozen=True)

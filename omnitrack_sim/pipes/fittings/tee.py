@@ -29,6 +29,8 @@ from omnitrack_sim.pipes.fittings.base import (
     Y,
     Z,
     check,
+    fill_in,
+    in_bores,
     positive,
 )
 from omnitrack_sim.pipes.shapes import THICKNESS, Kit, Pieces, Ring, Solid, sagitta, stave_count
@@ -171,9 +173,9 @@ class Tee(Branched):
         'run to branch'
     """
 
-    run_length: float = 0.32
-    branch_length: float = 0.16
-    fillet_radius: float = 0.005
+    run_length: float = in_bores(2)
+    branch_length: float = in_bores(1)
+    fillet_radius: float = in_bores(1 / 32)
     inner_diameter: float = BORE
     kind: ClassVar[str] = "tee"
     wall: ClassVar[Wall] = Wall(surface, span, clear)
@@ -181,14 +183,15 @@ class Tee(Branched):
     class Table(FittingTable):
         """Keys in files."""
 
-        run_length: Annotated[Size, Unit("m", "run")] = 0.32
-        """Along the run."""
-        branch_length: Annotated[Size, Unit("m", "branch")] = 0.16
-        """From the run's axis."""
-        fillet_radius: Annotated[Size, Unit("m")] = 0.005
-        """Of the rounded rim."""
+        run_length: Annotated[Size | None, Unit("m", "run")] = None
+        """Along the run. Left out: 2 `inner_diameter`, 0.32 m at 160 mm."""
+        branch_length: Annotated[Size | None, Unit("m", "branch")] = None
+        """From the run's axis. Left out: `inner_diameter`."""
+        fillet_radius: Annotated[Size | None, Unit("m")] = None
+        """Of the rounded rim. Left out: 1/32 of `inner_diameter`, 5 mm at 160 mm."""
 
     def __post_init__(self) -> None:
+        fill_in(self)
         least = self.inner_diameter / 2 + max(self.fillet_radius, 0.0)
         check(
             self.kind,

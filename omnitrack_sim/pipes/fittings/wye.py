@@ -19,11 +19,12 @@ from omnitrack_sim.base.table import Size, Unit
 from omnitrack_sim.pipes.compiled import Wall
 from omnitrack_sim.pipes.fittings.base import (
     BORE,
-    Bore,
     Branched,
     FittingTable,
     Y,
     check,
+    fill_in,
+    in_bores,
     positive,
 )
 from omnitrack_sim.pipes.fittings.wye_surface import EQUAL, clear, span, surface
@@ -66,30 +67,33 @@ class Wye(Branched):
         0.05
     """
 
-    run_length: float = 0.44
-    branch_length: float = 0.22
+    run_length: float = in_bores(2.75)
+    branch_length: float = in_bores(1.375)
     angle: float = math.pi / 4
-    fillet_radius: float = 0.005
+    fillet_radius: float = in_bores(1 / 32)
     inner_diameter: float = BORE
-    branch_diameter: float = BORE
+    branch_diameter: float = in_bores(1)
     kind: ClassVar[str] = "wye"
     wall: ClassVar[Wall] = Wall(surface, span, clear)
 
     class Table(FittingTable):
         """Keys in files."""
 
-        run_length: Annotated[Size, Unit("m", "run")] = 0.44
-        """Along the run, at least as long as the rim asks for."""
-        branch_length: Annotated[Size, Unit("m", "branch")] = 0.22
-        """From the run's axis."""
+        run_length: Annotated[Size | None, Unit("m", "run")] = None
+        """Along the run, at least as long as the rim asks for. Left out: 2.75 `inner_diameter`,
+        0.44 m at 160 mm."""
+        branch_length: Annotated[Size | None, Unit("m", "branch")] = None
+        """From the run's axis. Left out: 1.375 `inner_diameter`, 0.22 m at 160 mm."""
         angle_deg: Annotated[float, Field(ge=45, le=90), Unit("deg", "")] = 45.0
         """Between the branch and the run towards `run_end`; 45 to 90."""
-        fillet_radius: Annotated[Size, Unit("m")] = 0.005
-        """Of the rounded rim."""
-        branch_diameter: Bore = BORE
-        """Of the branch, 0.4 to 1 of `inner_diameter`, which is the run's."""
+        fillet_radius: Annotated[Size | None, Unit("m")] = None
+        """Of the rounded rim. Left out: 1/32 of `inner_diameter`, 5 mm at 160 mm."""
+        branch_diameter: Annotated[Size | None, Unit("m")] = None
+        """Of the branch, 0.4 to 1 of `inner_diameter`, which is the run's. Left out:
+        `inner_diameter`."""
 
     def __post_init__(self) -> None:
+        fill_in(self)
         run, branch, fillet = self.inner_diameter, self.branch_diameter, self.fillet_radius
         apart = run - branch
         check(
